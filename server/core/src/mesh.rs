@@ -1,0 +1,55 @@
+//! A triangle soup with shared points: what the core knows of a model's geometry.
+//!
+//! SI metres, glTF axes (Y up, right-handed), counter-clockwise triangles seen from outside.
+
+use glam::{DAffine3, DVec3};
+
+/// Points and triangles. Every index is below `points.len()` and every coordinate is finite:
+/// the reader refuses anything else, so nothing behind it checks again.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TriMesh {
+    /// Shape `[n]`, metres.
+    pub points: Vec<DVec3>,
+    /// Shape `[m][3]`, indices into `points`.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl TriMesh {
+    /// The three corners of triangle `i`.
+    pub fn corners(&self, i: usize) -> [DVec3; 3] {
+        self.triangles[i].map(|v| self.points[v as usize])
+    }
+
+    /// The same mesh seen through `map`; a mirroring map also turns the triangles, so that they
+    /// still face outward.
+    pub fn transformed(&self, map: &DAffine3) -> TriMesh {
+        let mirrored = map.matrix3.determinant() < 0.0;
+        let points = self.points.iter().map(|&p| map.transform_point3(p)).collect();
+        let turn = |[a, b, c]: [u32; 3]| if mirrored { [a, c, b] } else { [a, b, c] };
+        TriMesh { points, triangles: self.triangles.iter().map(|&t| turn(t)).collect() }
+    }
+
+    /// Adds another mesh's triangles to this one.
+    pub fn append(&mut self, other: &TriMesh) {
+        let base = self.points.len() as u32;
+        self.points.extend_from_slice(&other.points);
+        self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + base)));
+    }
+
+    /// Smallest and largest corner of the axis-aligned box around all points.
+    /// Both are NaN-free; an empty mesh gives `(+inf, -inf)`.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        self.points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)))
+    }
+
+    /// Volume enclosed, in m^3: negative for a mesh that is inside out, meaningless for an open one.
+    pub fn signed_volume(&self) -> f64 {
+        let origin = self.bounds().0;
+        (0..self.triangles.len())
+            .map(|i| {
+                let [a, b, c] = self.corners(i).map(|p| p - origin);
+                a.dot(b.cross(c)) / 6.0
+            })
+            .sum()
+    }
+}

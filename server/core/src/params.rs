@@ -1,0 +1,206 @@
+//! Every parameter of a bake: meaning, unit, range, default and why. The one home of defaults.
+//!
+//! Lengths called *relative* are in units of `d`, the median prop diameter (bounding sphere), or of
+//! a prop's thickness where said so; times called *natural* are in units of `t = sqrt(d / g)`. A pile
+//! of 1 cm props and one of 1 m props therefore take the same steps (method.md, Parameters).
+
+/// The parameters of a bake. [`Params::new`] gives an accuracy preset's; every field may be changed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Params {
+    /// Seeds every random choice. Default 1.
+    pub seed: u64,
+    /// The preset that the rest was derived from.
+    pub accuracy: Accuracy,
+    /// Gravity along -Y, m/s^2, 0.01 to 1000. Default 9.81.
+    pub gravity: f64,
+    /// Friction of the ground, 0 to 2. Default 0.7.
+    pub ground_friction: f64,
+    /// Height of the ground, metres. `None`: the control mesh's lowest point.
+    pub ground_height: Option<f64>,
+    pub physics: Physics,
+    pub base: Base,
+    pub fill: Fill,
+    pub release: Release,
+    pub control: Control,
+    pub hold: Hold,
+    pub output: Output,
+}
+
+/// A named, complete set of parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Accuracy {
+    /// Hsu & Keyser's Table 1, literal and in SI.
+    Paper,
+    Draft,
+    Standard,
+    Fine,
+}
+
+/// How the engine steps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Physics {
+    /// One step. Default 0.05 natural times (1/63 s for a prop of 1 m).
+    pub step: Time,
+    /// Solver substeps per step, 1 to 64. More hold higher stacks; cost grows in proportion.
+    pub substeps: u32,
+    /// Contact spring frequency, per natural time. Stiffer sinks less and rattles more.
+    pub contact_frequency: f64,
+    /// Contact spring damping ratio. Below 10, loaded piles creep.
+    pub contact_damping_ratio: f64,
+    pub friction_model: FrictionModel,
+    /// Deviation allowed between a prop's mesh and its collision shape, relative to the prop's
+    /// bounding diameter, 0.001 to 0.5.
+    pub shape_tolerance: f64,
+    /// Convex parts that a nonconvex prop may be split into, 1 to 64.
+    pub max_parts: u32,
+}
+
+/// A duration in one of the two clocks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Time {
+    /// Multiples of sqrt(d / g): follows the props' size.
+    Natural(f64),
+    /// Seconds, whatever the size.
+    Seconds(f64),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrictionModel {
+    /// One friction constraint per contact patch, and a twist.
+    Simplified,
+    /// One friction constraint per contact point.
+    Coulomb,
+}
+
+/// How the control mesh stands on the ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Base {
+    /// Faces within this height above the ground count as the base, as a share of the control mesh's height,
+    /// 0.001 to 0.5. Default 0.02.
+    pub height: f64,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fill {
+    pub method: FillMethod,
+    /// Friction between props while filling, 0 to 2: it decides the density (0 packs densest).
+    pub friction: f64,
+    /// Number of bodies wanted; `None` fills until full.
+    pub count: Option<u32>,
+    /// Upper bound on bodies, 1 to 100000. Reaching it is told.
+    pub max_bodies: u32,
+    /// A round (`insert`) or a batch (`pour`) that adds less than this share of the bodies means full.
+    pub full_below: f64,
+    /// Settling in the closed container after the last prop, natural times.
+    pub settle: f64,
+    /// A body may stick out of the control mesh by this much, relative to d; beyond it is removed.
+    pub protrusion: f64,
+    /// A body may overlap another by this share of the thinner one's thickness; beyond it is removed.
+    pub overlap: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FillMethod {
+    /// Grown at free places inside the closed container.
+    Insert,
+    /// Dropped through the opening (Cho et al. 2007).
+    Pour,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Release {
+    /// Height of a layer, relative to d.
+    pub layer: f64,
+    /// From one layer's release to the next.
+    pub interval: Time,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Control {
+    pub mode: ControlMode,
+    /// Steps of one control cycle, 1 to 1000.
+    pub period: u32,
+    pub selection: ContactSelection,
+    pub friction_reserve: FrictionReserve,
+    pub friction_cone: FrictionCone,
+    /// mu_k / mu_s, 0 to 1. Default 6/7 (Table 1).
+    pub kinetic_ratio: f64,
+    /// Gap up to which two bodies count as touching, as a share of the thinner one's thickness.
+    pub contact_tolerance: f64,
+    pub spread: Spread,
+    pub neighbours: Neighbours,
+    /// A candidate is held only below this speed, in d per natural time.
+    pub speed: f64,
+    /// Linear and angular damping of released bodies that are not held, per natural time.
+    pub damping: f64,
+    /// A nail breaks when the impulse it transmits in 1/240 s exceeds this, N s per kg of the lighter body
+    /// (paper: 5).
+    pub kappa: f64,
+}
+
+/// What is done with the bodies that may be held until the next verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ControlMode {
+    Off,
+    /// The paper's: a breakable constraint between each pair.
+    Nails,
+    /// A held body takes no part in the solver until its next verdict.
+    Hold,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ContactSelection {
+    /// Only contacts whose normal points upward (paper, 3.2).
+    Conservative,
+    All,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrictionReserve {
+    /// The solver's forces are tested against mu_k (Eq. 5, literal).
+    Paper,
+    /// Forces exist that satisfy mu_k.
+    Sharp,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrictionCone {
+    /// The paper's four-sided pyramid (Eq. 2, 4).
+    Pyramid,
+    /// sqrt(ft1^2 + ft2^2) <= mu fn.
+    Cone,
+}
+
+/// How far apart a candidate's contacts must be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Spread {
+    /// Eq. 6 with alpha in m^2, in the order of the contacts.
+    Paper(f64),
+    /// The area of the contacts' convex hull, as a share of the body's own smallest face area
+    /// (the product of its two smallest extents).
+    Relative(f64),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Neighbours {
+    /// A body is held when all that it touches are candidates (S_c a subset of C).
+    All,
+    /// A pair is held when both are candidates.
+    Either,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hold {
+    /// Longest time from the last release until the pile is declared restless, natural times.
+    pub patience: f64,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Output {
+    /// Frames per second, 1 to 1000. Default 24.
+    pub fps: f64,
+    /// Frames after frame 0; `None`: until the pile is at rest.
+    pub frames: Option<u32>,
+    /// Also measure `free_standing_fraction` (a further simulation).
+    pub free_standing: bool,
+}
