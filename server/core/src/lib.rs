@@ -5,4 +5,5 @@
 pub mod mesh;
 pub mod params;
 pub mod pose;
+pub mod region;
 pub mod scene;
