@@ -2,6 +2,7 @@
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
 
+pub mod equilibrium;
 pub mod mesh;
 pub mod params;
 pub mod pose;
