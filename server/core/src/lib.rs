@@ -5,6 +5,7 @@
 pub mod bake;
 pub mod container;
 pub mod fill;
+pub mod equilibrium;
 pub mod mesh;
 pub mod observer;
 pub mod params;
