@@ -4,14 +4,18 @@
 
 pub mod bake;
 pub mod container;
+pub mod control;
 pub mod fill;
 pub mod equilibrium;
+pub mod hold;
 pub mod mesh;
 pub mod observer;
 pub mod params;
 pub mod plan;
 pub mod pose;
+pub mod record;
 pub mod region;
+pub mod release;
 pub mod report;
 pub mod scene;
 pub mod shape;

@@ -113,6 +113,8 @@ pub struct Release {
     pub layer: f64,
     /// From one layer's release to the next.
     pub interval: Time,
+    /// Linear and angular damping of every released body, per natural time. Default 0.
+    pub damping: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -234,7 +236,7 @@ impl Params {
                 protrusion: 0.05,
                 overlap: 0.25,
             },
-            release: Release { layer: 0.5, interval: Time::Natural(1.0) },
+            release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0 },
             control: Control {
                 mode: ControlMode::Hold,
                 period: 5,

@@ -47,6 +47,9 @@ impl Touch {
     }
 }
 
+/// The spatial index holds the boxes of the beginning of the last step: a slow body has not moved farther since.
+const STALE_INDEX: f64 = 0.02;
+
 impl World {
     /// Pairs with a gap of at most `tolerance` times the thinner one's thickness, in order of `(a, b)`. Exact: from the
     /// poses, not from the engine's memory. Walls of a container are not told.
@@ -55,7 +58,7 @@ impl World {
         for a in self.present() {
             let collider = &self.engine.colliders[self.bodies[a].collider];
             let reach = tolerance * self.bodies[a].thickness;
-            let aabb = collider.compute_aabb().loosened(reach as f32);
+            let aabb = collider.compute_aabb().loosened((reach + STALE_INDEX) as f32);
             let mut near: Vec<(Side, ColliderHandle)> =
                 self.query().intersect_aabb_conservative(aabb).filter_map(|(h, c)| Some((self.side(a, c)?, h))).collect();
             near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
@@ -148,6 +151,25 @@ impl World {
     /// Brings the spatial index up to date with bodies that were added, moved or removed since the last step.
     pub fn refresh(&mut self) {
         self.engine.detect_collisions(&(), &());
+    }
+
+    /// Held bodies on which free bodies press with more than `limit` times their own mass (engine units of force).
+    pub fn overloaded(&self, limit: f64) -> Vec<BodyId> {
+        let free = |h: ColliderHandle| {
+            let data = self.engine.colliders[h].user_data;
+            data >= FIRST_BODY && self.bodies[(data - FIRST_BODY) as usize].role == Role::Free
+        };
+        let load = |id: BodyId| -> f64 {
+            let me = self.bodies[id].collider;
+            let pairs = self.engine.narrow_phase.contact_pairs_with(me);
+            pairs
+                .filter(|p| free(if p.collider1 == me { p.collider2 } else { p.collider1 }))
+                .map(|p| p.total_impulse_magnitude() as f64)
+                .sum()
+        };
+        let held = |&id: &BodyId| self.bodies[id].role == Role::Held;
+        let limit = limit * self.step_length();
+        self.present().filter(held).filter(|&id| load(id) > limit * self.bodies[id].mass).collect()
     }
 
     /// Bodies with a role, counted.
