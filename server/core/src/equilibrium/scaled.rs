@@ -16,6 +16,9 @@ const LARGEST_LEVER: f64 = 1e150;
 /// A shorter normal has no direction: its square would underflow.
 const SHORTEST_NORMAL: f64 = 1e-150;
 
+/// A velocity this near to a contact's normal, relatively, has a tangential part of rounding only, without direction.
+const NO_TANGENT: f64 = 1e-14;
+
 /// (force, torque).
 pub(super) type Vec6 = [f64; 6];
 
@@ -207,7 +210,13 @@ impl Scaled {
             Law::Cone => {
                 let tangential = v - along * row.n;
                 let speed = tangential.length();
-                if speed > 0.0 { (along + mu * speed, tangential / speed) } else { (along, DVec3::ZERO) }
+                if speed <= NO_TANGENT * along.abs() {
+                    return (along, DVec3::ZERO);
+                }
+                // The subtraction above leaves a normal part of the size of rounding; relative to a small
+                // tangential part it matters.
+                let t = tangential / speed;
+                (along + mu * speed, t - t.dot(row.n) * row.n)
             }
             Law::Pyramid { sides, corners, .. } => {
                 let (v1, v2) = (v.dot(row.t1), v.dot(row.t2));
