@@ -64,7 +64,8 @@ fn stable(scaled: &Scaled, x: &[f64], forces: &mut Vec<DVec3>) -> Option<Outcome
     forces.clear();
     forces.extend(scaled.rows().iter().zip(x.chunks_exact(3)).map(|(r, f)| f[0] * r.n + f[1] * r.t1 + f[2] * r.t2));
     let residual = scaled.residual_of(forces);
-    (residual <= Tolerances::REFERENCE.residual && scaled.obeys_friction(forces, Tolerances::REFERENCE))
+    (scaled.balances(residual, forces, Tolerances::REFERENCE)
+        && scaled.obeys_friction(forces, Tolerances::REFERENCE))
         .then_some(Outcome::Stable { residual })
 }
 

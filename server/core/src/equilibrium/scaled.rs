@@ -3,7 +3,7 @@
 //! Forces are in mg, lever arms in bounding radii R; a wrench is (force, torque about the centre of mass). This file
 //! knows the friction laws and nothing of how the solvers work.
 
-use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FRICTION_TOLERANCE, Fit, FrictionLaw};
+use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, Fit, FrictionLaw};
 use super::{Problem, ProblemError, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
 use glam::DVec3;
 
@@ -244,6 +244,12 @@ impl Scaled {
             }
         }
         norm(&left)
+    }
+
+    /// Is this residual small enough, for forces of this size?
+    pub fn balances(&self, residual: f64, forces: &[DVec3], t: Tolerances) -> bool {
+        let total: f64 = self.rows.iter().zip(forces).map(|(row, f)| f.dot(row.n).abs()).sum();
+        residual <= t.residual + FORCE_ROUNDING * total
     }
 
     /// Substitutes forces into Eq. 2 to 4.
