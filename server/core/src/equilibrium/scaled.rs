@@ -93,6 +93,7 @@ pub(super) struct Tolerances {
     pub residual: f64,
     pub friction: f64,
     pub certificate: f64,
+    pub excluded_force: f64,
 }
 
 impl Tolerances {
@@ -100,10 +101,15 @@ impl Tolerances {
         residual: STABLE_RESIDUAL,
         friction: FRICTION_TOLERANCE,
         certificate: CERTIFICATE_TOLERANCE,
+        excluded_force: EXCLUDED_FORCE,
     };
-    /// An interior point stops at about 1e-8 of everything.
-    pub const REFERENCE: Tolerances =
-        Tolerances { residual: REFERENCE_RESIDUAL, friction: REFERENCE_RESIDUAL, certificate: REFERENCE_RESIDUAL };
+    /// An interior point stops at about 1e-8 of everything, before its multipliers are scaled to length one.
+    pub const REFERENCE: Tolerances = Tolerances {
+        residual: REFERENCE_RESIDUAL,
+        friction: REFERENCE_RESIDUAL,
+        certificate: 1e-6,
+        excluded_force: 1e2,
+    };
 }
 
 /// A unit wrench that claims to prove instability, and what substitution says of it.
@@ -120,7 +126,7 @@ impl Certificate {
     pub fn proves(&self, t: Tolerances) -> bool {
         self.residual > t.residual
             && self.violation <= t.certificate
-            && self.violation * EXCLUDED_FORCE <= self.residual
+            && self.violation * t.excluded_force <= self.residual
     }
 
     pub fn wrench(&self) -> Wrench {
