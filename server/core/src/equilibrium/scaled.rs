@@ -3,7 +3,7 @@
 //! Forces are in mg, lever arms in bounding radii R; a wrench is (force, torque about the centre of mass). This file
 //! knows the friction laws and nothing of how the solvers work.
 
-use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FRICTION_TOLERANCE, Fit, FrictionLaw};
+use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, Fit, FrictionLaw};
 use super::{Problem, ProblemError, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
 use glam::DVec3;
 
@@ -15,6 +15,9 @@ const LARGEST_LEVER: f64 = 1e150;
 
 /// A shorter normal has no direction: its square would underflow.
 const SHORTEST_NORMAL: f64 = 1e-150;
+
+/// A velocity this near to a contact's normal, relatively, has a tangential part of rounding only, without direction.
+const NO_TANGENT: f64 = 1e-14;
 
 /// (force, torque).
 pub(super) type Vec6 = [f64; 6];
@@ -90,6 +93,7 @@ pub(super) struct Tolerances {
     pub residual: f64,
     pub friction: f64,
     pub certificate: f64,
+    pub excluded_force: f64,
 }
 
 impl Tolerances {
@@ -97,10 +101,15 @@ impl Tolerances {
         residual: STABLE_RESIDUAL,
         friction: FRICTION_TOLERANCE,
         certificate: CERTIFICATE_TOLERANCE,
+        excluded_force: EXCLUDED_FORCE,
     };
-    /// An interior point stops at about 1e-8 of everything.
-    pub const REFERENCE: Tolerances =
-        Tolerances { residual: REFERENCE_RESIDUAL, friction: REFERENCE_RESIDUAL, certificate: REFERENCE_RESIDUAL };
+    /// An interior point stops at about 1e-8 of everything, before its multipliers are scaled to length one.
+    pub const REFERENCE: Tolerances = Tolerances {
+        residual: REFERENCE_RESIDUAL,
+        friction: REFERENCE_RESIDUAL,
+        certificate: 1e-6,
+        excluded_force: 1e2,
+    };
 }
 
 /// A unit wrench that claims to prove instability, and what substitution says of it.
@@ -117,7 +126,7 @@ impl Certificate {
     pub fn proves(&self, t: Tolerances) -> bool {
         self.residual > t.residual
             && self.violation <= t.certificate
-            && self.violation * EXCLUDED_FORCE <= self.residual
+            && self.violation * t.excluded_force <= self.residual
     }
 
     pub fn wrench(&self) -> Wrench {
@@ -207,7 +216,13 @@ impl Scaled {
             Law::Cone => {
                 let tangential = v - along * row.n;
                 let speed = tangential.length();
-                if speed > 0.0 { (along + mu * speed, tangential / speed) } else { (along, DVec3::ZERO) }
+                if speed <= NO_TANGENT * along.abs() {
+                    return (along, DVec3::ZERO);
+                }
+                // The subtraction above leaves a normal part of the size of rounding; relative to a small
+                // tangential part it matters.
+                let t = tangential / speed;
+                (along + mu * speed, t - t.dot(row.n) * row.n)
             }
             Law::Pyramid { sides, corners, .. } => {
                 let (v1, v2) = (v.dot(row.t1), v.dot(row.t2));
@@ -235,6 +250,12 @@ impl Scaled {
             }
         }
         norm(&left)
+    }
+
+    /// Is this residual small enough, for forces of this size?
+    pub fn balances(&self, residual: f64, forces: &[DVec3], t: Tolerances) -> bool {
+        let total: f64 = self.rows.iter().zip(forces).map(|(row, f)| f.dot(row.n).abs()).sum();
+        residual <= t.residual + FORCE_ROUNDING * total
     }
 
     /// Substitutes forces into Eq. 2 to 4.
