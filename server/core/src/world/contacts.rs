@@ -5,6 +5,7 @@ use super::{BodyId, CONTAINER, FIRST_BODY, GROUND, Role, World, to_engine};
 use crate::pose::Pose;
 use crate::shape::Shape;
 use glam::DVec3;
+use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::{
     ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher, PersistentQueryDispatcher, intersection_test,
 };
@@ -136,16 +137,21 @@ impl World {
         }
     }
 
-    /// Whether a shape placed here would overlap a body, scenery or the ground (containers are not asked).
-    pub fn is_free(&self, shape: &Shape, scale: f64, pose: &Pose) -> bool {
+    /// Whether a shape placed here would overlap a body, scenery or the ground (containers are not asked). The spatial
+    /// index does not know bodies inserted since the last [`World::refresh`] or step: they are named in `newest`.
+    pub fn is_free(&self, shape: &Shape, scale: f64, pose: &Pose, newest: &[BodyId]) -> bool {
         let Some((place, solid)) = shape.collider(scale / self.units.length) else { return false };
         let at = to_engine(pose) * place;
         let aabb = solid.compute_aabb(&at);
-        !self.query().intersect_aabb_conservative(aabb).any(|(_, other)| {
-            other.user_data != CONTAINER && {
-                intersection_test(&at, &*solid, other.position(), other.shape()).is_ok_and(|hit| hit.intersecting)
-            }
-        })
+        let overlaps = |other: &Collider| {
+            other.user_data != CONTAINER
+                && intersection_test(&at, &*solid, other.position(), other.shape()).is_ok_and(|hit| hit.intersecting)
+        };
+        let new_overlap = newest.iter().any(|&id| {
+            let other = &self.engine.colliders[self.bodies[id].collider];
+            other.compute_aabb().intersects(&aabb) && overlaps(other)
+        });
+        !new_overlap && !self.query().intersect_aabb_conservative(aabb).any(|(_, other)| overlaps(other))
     }
 
     /// Brings the spatial index up to date with bodies that were added, moved or removed since the last step.
