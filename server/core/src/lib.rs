@@ -2,7 +2,9 @@
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
 
+pub mod asset;
 pub mod mesh;
 pub mod params;
 pub mod pose;
 pub mod scene;
+mod weld;
