@@ -8,6 +8,7 @@ pub mod control;
 pub mod fill;
 pub mod equilibrium;
 pub mod hold;
+pub mod asset;
 pub mod mesh;
 pub mod observer;
 pub mod params;
@@ -49,3 +50,4 @@ pub fn plan(_scene: &Scene, _params: &Params) -> Result<Plan, Error> {
 pub fn bake(_scene: &Scene, _params: &Params, _observer: &mut dyn Observer) -> Result<Bake, Error> {
     Err(Error::Internal("not built yet".into()))
 }
+mod weld;
