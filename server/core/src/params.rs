@@ -5,7 +5,7 @@
 //! of 1 cm props and one of 1 m props therefore take the same steps (method.md, Parameters).
 
 /// The parameters of a bake. [`Params::new`] gives an accuracy preset's; every field may be changed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Params {
     /// Seeds every random choice. Default 1.
     pub seed: u64,
@@ -27,7 +27,7 @@ pub struct Params {
 }
 
 /// A named, complete set of parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub enum Accuracy {
     /// Hsu & Keyser's Table 1, literal and in SI.
     Paper,
@@ -37,7 +37,7 @@ pub enum Accuracy {
 }
 
 /// How the engine steps.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Physics {
     /// One step. Default 0.05 natural times (1/63 s for a prop of 1 m).
     pub step: Time,
@@ -56,7 +56,7 @@ pub struct Physics {
 }
 
 /// A duration in one of the two clocks.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Time {
     /// Multiples of sqrt(d / g): follows the props' size.
     Natural(f64),
@@ -64,7 +64,7 @@ pub enum Time {
     Seconds(f64),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum FrictionModel {
     /// One friction constraint per contact patch, and a twist.
     Simplified,
@@ -73,14 +73,14 @@ pub enum FrictionModel {
 }
 
 /// How the control mesh stands on the ground.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Base {
     /// Faces within this height above the ground count as the base, as a share of the control mesh's height,
     /// 0.001 to 0.5. Default 0.02.
     pub height: f64,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Fill {
     pub method: FillMethod,
     /// Friction between props while filling, 0 to 2: it decides the density (0 packs densest).
@@ -99,7 +99,7 @@ pub struct Fill {
     pub overlap: f64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum FillMethod {
     /// Grown at free places inside the closed container.
     Insert,
@@ -107,7 +107,7 @@ pub enum FillMethod {
     Pour,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Release {
     /// Height of a layer, relative to d.
     pub layer: f64,
@@ -115,7 +115,7 @@ pub struct Release {
     pub interval: Time,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Control {
     pub mode: ControlMode,
     /// Steps of one control cycle, 1 to 1000.
@@ -139,7 +139,7 @@ pub struct Control {
 }
 
 /// What is done with the bodies that may be held until the next verdict.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum ControlMode {
     Off,
     /// The paper's: a breakable constraint between each pair.
@@ -148,14 +148,14 @@ pub enum ControlMode {
     Hold,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum ContactSelection {
     /// Only contacts whose normal points upward (paper, 3.2).
     Conservative,
     All,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum FrictionReserve {
     /// The solver's forces are tested against mu_k (Eq. 5, literal).
     Paper,
@@ -163,7 +163,7 @@ pub enum FrictionReserve {
     Sharp,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum FrictionCone {
     /// The paper's four-sided pyramid (Eq. 2, 4).
     Pyramid,
@@ -172,7 +172,7 @@ pub enum FrictionCone {
 }
 
 /// How far apart a candidate's contacts must be.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Spread {
     /// Eq. 6 with alpha in m^2, in the order of the contacts.
     Paper(f64),
@@ -181,7 +181,7 @@ pub enum Spread {
     Relative(f64),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Neighbours {
     /// A body is held when all that it touches are candidates (S_c a subset of C).
     All,
@@ -189,13 +189,13 @@ pub enum Neighbours {
     Either,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Hold {
     /// Longest time from the last release until the pile is declared restless, natural times.
     pub patience: f64,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Output {
     /// Frames per second, 1 to 1000. Default 24.
     pub fps: f64,
