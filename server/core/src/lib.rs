@@ -17,6 +17,7 @@ pub mod pose;
 pub mod record;
 pub mod region;
 pub mod release;
+pub mod region;
 pub mod report;
 pub mod scene;
 pub mod shape;
