@@ -22,6 +22,11 @@ pub struct Pile<'a> {
     pub top_speed: f64,
     /// Awake bodies, summed over the steps.
     pub active_body_steps: u64,
+    /// Frames recorded when the hold began.
+    pub hold_frame: usize,
+    /// CPU seconds in the control, and in the engine's steps.
+    pub control_seconds: f64,
+    pub step_seconds: f64,
     /// Bodies set aside because their state became non-finite.
     pub lost: Vec<BodyId>,
     damping: f64,
@@ -60,6 +65,9 @@ pub fn turn_over<'a>(
         step: 0,
         top_speed: 0.0,
         active_body_steps: 0,
+        hold_frame: 0,
+        control_seconds: 0.0,
+        step_seconds: 0.0,
         lost: Vec::new(),
         damping: params.release.damping,
     })
@@ -79,6 +87,7 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
             pile.advance(observer, Stage::Release, |pile| pile.step as f64 / total as f64)?;
         }
     }
+    pile.hold_frame = pile.recorder.count();
     Ok(())
 }
 
@@ -101,11 +110,16 @@ impl Pile<'_> {
         stage: Stage,
         fraction: impl Fn(&Pile) -> f64,
     ) -> Result<(), Error> {
+        let begin = observer.cpu_seconds();
         if self.control.is_due(self.step) {
             self.control.cycle(&mut self.world);
         }
+        let controlled = observer.cpu_seconds();
         self.lost.extend(self.world.step());
+        let stepped = observer.cpu_seconds();
         self.control.after_step(&mut self.world);
+        self.control_seconds += controlled - begin + (observer.cpu_seconds() - stepped);
+        self.step_seconds += stepped - controlled;
         self.step += 1;
         self.recorder.step(&self.world);
         self.top_speed = self.world.present().map(|id| self.world.speed(id)).fold(0.0, f64::max);

@@ -70,6 +70,18 @@ impl World {
         touches
     }
 
+    /// Thickness of the thinner one of a pair.
+    pub fn pair_thickness(&self, touch: &Touch) -> f64 {
+        self.thinner(touch.a, touch.b)
+    }
+
+    fn thinner(&self, a: BodyId, b: Side) -> f64 {
+        match b {
+            Side::Body(b) => self.bodies[a].thickness.min(self.bodies[b].thickness),
+            Side::Ground | Side::Scenery => self.bodies[a].thickness,
+        }
+    }
+
     fn query(&self) -> QueryPipeline<'_> {
         self.engine.broad_phase.as_query_pipeline(
             &DefaultQueryDispatcher,
@@ -94,11 +106,7 @@ impl World {
 
     fn touch(&self, a: BodyId, b: Side, other: ColliderHandle, tolerance: f64, out: &mut Vec<Touch>) {
         let (first, second) = (&self.engine.colliders[self.bodies[a].collider], &self.engine.colliders[other]);
-        let thickness = match b {
-            Side::Body(id) => self.bodies[a].thickness.min(self.bodies[id].thickness),
-            _ => self.bodies[a].thickness,
-        };
-        let limit = tolerance * thickness;
+        let limit = tolerance * self.thinner(a, b);
         let pos12 = first.position().inv_mul(second.position());
         let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
         let mut workspace: Option<ContactManifoldsWorkspace> = None;

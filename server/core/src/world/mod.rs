@@ -234,7 +234,7 @@ impl World {
             mass: shape.mass * body.scale.powi(3) / self.units.mass,
             radius: shape.radius * size,
             thickness: shape.thickness() * size,
-            face_area: shape.extents.x * shape.extents.y * size * size,
+            face_area: shape.size.extents.x * shape.size.extents.y * size * size,
             friction: body.friction,
             handle,
             collider,
@@ -260,7 +260,7 @@ impl World {
         body.mass = shape.mass * scale.powi(3) / self.units.mass;
         body.radius = shape.radius * size;
         body.thickness = shape.thickness() * size;
-        body.face_area = shape.extents.x * shape.extents.y * size * size;
+        body.face_area = shape.size.extents.x * shape.size.extents.y * size * size;
     }
 
     pub fn bodies(&self) -> &[WorldBody] {
@@ -270,6 +270,10 @@ impl World {
     /// Bodies that are still there, rising.
     pub fn present(&self) -> impl Iterator<Item = BodyId> + '_ {
         (0..self.bodies.len()).filter(|&i| self.bodies[i].role != Role::Gone)
+    }
+
+    pub fn is_present(&self, id: BodyId) -> bool {
+        self.bodies[id].role != Role::Gone
     }
 
     pub fn remove(&mut self, id: BodyId) {
@@ -312,14 +316,15 @@ impl World {
         self.engine.wake_up_all(true);
     }
 
-    /// Takes all speed from every body.
-    pub fn stop_all(&mut self) {
-        for id in 0..self.bodies.len() {
-            if self.bodies[id].role != Role::Gone {
-                let body = &mut self.engine.bodies[self.bodies[id].handle];
-                body.set_linvel(Vector::ZERO, false);
-                body.set_angvel(Vector::ZERO, false);
-            }
+    /// No nails, nothing held, nothing damped, nobody asleep: physics alone from here on.
+    pub fn let_stand_alone(&mut self) {
+        self.pull_all_nails();
+        for id in self.present().collect::<Vec<_>>() {
+            self.set_role(id, Role::Free);
+            self.set_damping(id, 0.0);
+            let body = &mut self.engine.bodies[self.bodies[id].handle];
+            body.activation_mut().normalized_linear_threshold = -1.0;
+            body.wake_up(true);
         }
     }
 
