@@ -3,6 +3,7 @@
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
 
 pub mod bake;
+pub mod measure;
 pub mod mesh;
 pub mod observer;
 pub mod params;
