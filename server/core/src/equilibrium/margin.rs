@@ -18,13 +18,18 @@
 //! finite on a pyramid, quadratic on a cone. Each projection starts from the previous one's generators. The least t so
 //! far is where the next azimuth starts: most of the eight are settled by one projection.
 
-use super::projection::Projection;
+use super::projection::{Accuracy, Projection};
 use super::scaled::{Scaled, Vec6, dot, join, norm, split};
-use super::{CERTIFICATE_TOLERANCE, STABLE_RESIDUAL};
 use std::f64::consts::FRAC_PI_4;
 
 /// Pushes beyond the body's own weight are not told apart.
 pub const MOST_PUSH: f64 = 1.0;
+
+/// The margin is wanted to about this, in mg: it is a figure to compare, not a proof.
+const MARGIN_ACCURACY: f64 = 1e-5;
+
+/// Of each projection: a tenth of that.
+const ACCURACY: Accuracy = Accuracy { reached: 1e-6, violation: 1e-6, excluded_force: 1e3 };
 
 /// Newton's steps per azimuth; three to five are usual. What is cut off here would only lower the margin further by less
 /// than the last step did.
@@ -43,7 +48,7 @@ pub(super) fn of(scaled: &Scaled, projection: &mut Projection) -> f64 {
         let (s, c) = (FRAC_PI_4 * f64::from(k)).sin_cos();
         let push = join(c * e1 + s * e2, glam::DVec3::ZERO);
         least = ray(scaled, projection, &b, &push, least);
-        if least <= STABLE_RESIDUAL {
+        if least <= MARGIN_ACCURACY {
             return 0.0;
         }
     }
@@ -55,15 +60,15 @@ fn ray(scaled: &Scaled, projection: &mut Projection, b: &Vec6, d: &Vec6, most: f
     let mut t = most;
     for _ in 0..MOST_NEWTON {
         let target = std::array::from_fn(|k| b[k] + t * d[k]);
-        projection.resume(scaled, target);
+        projection.resume(scaled, target, ACCURACY);
         let Some(y) = projection.separator() else { return t };
         let length = norm(&y);
         let slope = dot(&y, d);
-        if length <= STABLE_RESIDUAL || slope <= CERTIFICATE_TOLERANCE * length {
+        if length <= ACCURACY.reached || slope <= MARGIN_ACCURACY * length {
             return t;
         }
         let next = (-dot(&y, b) / slope).clamp(0.0, t);
-        if t - next <= CERTIFICATE_TOLERANCE * t {
+        if t - next <= MARGIN_ACCURACY {
             return next;
         }
         t = next;

@@ -67,7 +67,7 @@ pub use candidate::{Candidacy, CandidateRules, FrictionReserve, Spread};
 pub use scaled::MAX_SIDES;
 
 use glam::DVec3;
-use projection::Projection;
+use projection::{Accuracy, Projection};
 use scaled::{Certificate, Scaled, Tolerances};
 
 /// A body whose forces miss equilibrium by at most this (forces by mg, torques by mgR) is stable; beyond it, unstable.
@@ -336,7 +336,7 @@ impl Analyser {
         let steps = match start {
             Start::Cold => self.projection.run(&self.scaled, target),
             Start::Forces(last) => self.projection.run_from(&self.scaled, target, last),
-            Start::Loaded => self.projection.resume(&self.scaled, target),
+            Start::Loaded => self.projection.resume(&self.scaled, target, Accuracy::default()),
         };
         self.counters.fast_steps += u64::from(steps);
         let outcome = self.certify_projection();

@@ -77,20 +77,40 @@ pub(super) struct Projection {
     r: [[f64; MOST]; MOST],
     /// The part of the target outside their span.
     left: Vec6,
+    accuracy: Accuracy,
+}
+
+/// Where to stop.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Accuracy {
+    /// Left over less than this, the target is reached.
+    pub reached: f64,
+    /// No generator does more work than this with the unit separator...
+    pub violation: f64,
+    /// ... nor more than the residual divided by this.
+    pub excluded_force: f64,
+}
+
+impl Default for Accuracy {
+    fn default() -> Self {
+        Accuracy { reached: REACHED, violation: SHARE * CERTIFICATE_TOLERANCE, excluded_force: EXCLUDED_FORCE / SHARE }
+    }
 }
 
 impl Projection {
     /// Projects `target`; returns the number of steps.
     pub fn run(&mut self, scaled: &Scaled, target: Vec6) -> u32 {
         self.target = target;
+        self.accuracy = Accuracy::default();
         self.count = 0;
         self.iterate(scaled)
     }
 
     /// Projects another target, from the generators that are loaded. They stay valid if the contacts are the same and
     /// friction has not shrunk.
-    pub fn resume(&mut self, scaled: &Scaled, target: Vec6) -> u32 {
+    pub fn resume(&mut self, scaled: &Scaled, target: Vec6, accuracy: Accuracy) -> u32 {
         self.target = target;
+        self.accuracy = accuracy;
         self.solve(None);
         self.iterate(scaled)
     }
@@ -112,7 +132,7 @@ impl Projection {
                 }
             }
         }
-        self.resume(scaled, target)
+        self.resume(scaled, target, Accuracy::default())
     }
 
     fn iterate(&mut self, scaled: &Scaled) -> u32 {
@@ -120,11 +140,11 @@ impl Projection {
         for step in 0..MOST_STEPS {
             self.set_left();
             let left = norm(&self.left);
-            if left <= REACHED || left >= last || self.count == MOST {
+            if left <= self.accuracy.reached || left >= last || self.count == MOST {
                 return step;
             }
             last = left;
-            let allowed = (left / EXCLUDED_FORCE).min(CERTIFICATE_TOLERANCE) * SHARE;
+            let allowed = (left / self.accuracy.excluded_force).min(self.accuracy.violation);
             let Some(best) = self.price(scaled, left * allowed.max(NO_OFFER)) else { return step };
             if !self.enter(best) || !self.solve(Some(self.count - 1)) {
                 return step;
