@@ -57,48 +57,33 @@ fn a_floating_body_and_a_hanging_one() {
     assert_eq!(report.unsupported_fraction(0.1), 0.5);
 }
 
-/// Ten bodies in a column that nothing carries, each resting on the next, above ten that stand: ten weights are missing.
+/// A ball on a frictionless slope leans on a row of ten blocks that slide freely on the ground: one body lacks support.
 #[test]
-fn least_squares_smears_and_the_sum_of_norms_counts() {
-    let (mut bodies, mut contacts) = (Vec::new(), Vec::new());
-    for k in 0..10 {
-        bodies.push(Body { mass: 1.0, center_of_mass: DVec3::new(0.0, k as f64, 0.0), radius: 1.0 });
-        // A chain that hangs from nothing: contacts between the bodies, none with the ground but a light touch of the last.
-        if k > 0 {
-            contacts.extend(face(k, Some(k - 1), [-0.4, 0.4], k as f64 - 0.5, 0.4, 0.5));
-        }
+fn least_squares_smears_and_the_sum_of_norms_finds_the_one() {
+    let slope = 0.5f64.atan();
+    let at = |x: f64, y: f64| DVec3::new(x, y, 0.0);
+    let mut bodies = vec![Body { mass: 1.0, center_of_mass: at(0.0, 0.5), radius: 0.5 }];
+    let mut contacts = vec![Contact {
+        body: 0,
+        other: None,
+        point: at(-0.5 * slope.sin(), 0.5 - 0.5 * slope.cos()),
+        normal: at(slope.sin(), slope.cos()),
+        friction: 0.0,
+    }];
+    for k in 1..=10 {
+        bodies.push(Body { mass: 1.0, center_of_mass: at(k as f64, 0.5), radius: 0.7 });
+        contacts.extend(face(k, None, [k as f64 - 0.5, k as f64 + 0.5], 0.0, 0.5, 0.0));
+        let point = at(k as f64 - 0.5, 0.5);
+        contacts.push(Contact { body: k, other: Some(k - 1), point, normal: DVec3::X, friction: 0.0 });
     }
-    let falling = solve(&bodies, &contacts, Objective::default());
-    assert!((falling.total - 10.0).abs() < 1e-4 && (falling.bound - 10.0).abs() < 1e-4);
-    // Now the lowest is held by a wall's friction that carries nine and a half weights in all.
-    let mut squares_under = 0;
-    for objective in [Objective::LeastSquares, Objective::SumOfNorms { sharpen: 3 }] {
-        let (bodies, contacts) = propped(&bodies, &contacts);
-        let report = solve(&bodies, &contacts, objective);
-        let over = report.imbalance.iter().filter(|e| **e > 0.1).count();
-        match objective {
-            Objective::LeastSquares => squares_under = over,
-            _ => assert!(over >= 1, "{:?}", report.imbalance),
-        }
-        assert!((report.total - 0.5).abs() < 0.05, "{objective:?} {}", report.total);
+    let squares = solve(&bodies, &contacts, Objective::LeastSquares);
+    assert_eq!(squares.unsupported_fraction(0.1), 0.0, "spread over eleven bodies: {:?}", squares.imbalance);
+    assert!(squares.total > 0.49);
+    for sharpen in [0, 2] {
+        let norms = solve(&bodies, &contacts, Objective::SumOfNorms { sharpen });
+        assert_eq!((norms.worst(), norms.unsupported_fraction(0.1)), (Some(0), 1.0 / 11.0), "{:?}", norms.imbalance);
+        assert!((norms.total - slope.sin()).abs() < 1e-5 && (norms.bound - slope.sin()).abs() < 1e-5);
     }
-    assert_eq!(squares_under, 0, "half a weight shared among ten shows nowhere");
-}
-
-/// The column on a prop of 1 kg that can be pressed down with the weight of 9.5 kg only: modelled as a lever whose counterweight
-/// limits the force (a frictionless seesaw with a unit arm on either side).
-fn propped(column: &[Body], contacts: &[Contact]) -> (Vec<Body>, Vec<Contact>) {
-    let (mut bodies, mut contacts) = (column.to_vec(), contacts.to_vec());
-    let seesaw = bodies.len();
-    bodies.push(Body { mass: 1e-3, center_of_mass: DVec3::new(1.0, -0.6, 0.0), radius: 1.0 });
-    bodies.push(Body { mass: 9.5, center_of_mass: DVec3::new(2.0, 0.0, 0.0), radius: 1.0 });
-    let touch = |body, other, x: f64, y: f64| {
-        [-0.4, 0.4].map(|z| Contact { body, other, point: DVec3::new(x, y, z), normal: DVec3::Y, friction: 0.0 })
-    };
-    contacts.extend(touch(0, Some(seesaw), 0.0, -0.5));
-    contacts.extend(touch(seesaw, None, 1.0, -0.7));
-    contacts.extend(touch(seesaw + 1, Some(seesaw), 2.0, -0.5));
-    (bodies, contacts)
 }
 
 /// A half ring of voussoirs of inner radius `1 - t/2` and outer `1 + t/2`, feet on the ground.
@@ -193,7 +178,7 @@ fn bad_piles_are_refused() {
     assert!(empty.stands());
 }
 
-/// A wall of a thousand bricks, every fifth missing above the first course: solved, and quickly enough to be used.
+/// A wall of a thousand bricks whose courses do not end in half bricks.
 #[test]
 fn a_thousand_bodies() {
     let (mut bodies, mut contacts) = (Vec::new(), Vec::new());
@@ -218,13 +203,8 @@ fn a_thousand_bodies() {
         }
     }
     for objective in [Objective::LeastSquares, Objective::SumOfNorms { sharpen: 2 }] {
-        let start = std::time::Instant::now();
         let report = solve(&bodies, &contacts, objective);
-        println!(
-            "{objective:?}: {} bodies, {} contacts, total {:.4}, bound {:.4}, unsupported {:.4}, {:.1} s",
-            bodies.len(), contacts.len(), report.total, report.bound, report.unsupported_fraction(0.1),
-            start.elapsed().as_secs_f64()
-        );
         assert!(report.converged);
+        assert!(report.bound > 0.99 * report.total, "bound {} total {}", report.bound, report.total);
     }
 }
