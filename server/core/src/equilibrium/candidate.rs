@@ -22,11 +22,11 @@
 //! *the area of the convex hull of the contacts, projected onto the plane of the longest chord between two of them and the
 //! contact farthest from that chord.*
 //!
-//! It does not depend on order or on repeated points. For three points it equals Eq. 6; for coplanar points it is the
-//! area of their hull, which is never more than Eq. 6 gives for the hull's corners in turn, plus what repeated and inner
-//! points add to Eq. 6.
+//! It does not depend on the points' order or repetition. For three points it equals Eq. 6; for coplanar points it
+//! is the area of their hull (for the corners of a rectangle in turn, Eq. 6 again). In general neither bounds the other:
+//! a round support of many points has a large hull and slender triangles, repeated zigzags add up in Eq. 6 only.
 
-use super::{Analyser, Options, Outcome, Problem, ProblemError, Solver};
+use super::{Analyser, Options, Outcome, Problem, ProblemError, Solver, Start};
 use glam::{DVec2, DVec3};
 
 /// Contacts nearer to each other than this share of the body's radius support like one. Contact points of a
@@ -121,19 +121,21 @@ impl Analyser {
     /// mu_k first: it implies mu_s, and most bodies that stand pass.
     fn sharp(&mut self, solver: Solver, ratio: f64) -> Option<Candidacy> {
         self.scaled.friction_scale = ratio.clamp(0.0, 1.0);
-        let with_reserve = self.decide(solver);
+        let with_reserve = self.decide(solver, Start::Cold);
         self.scaled.friction_scale = 1.0;
         if let Outcome::Stable { .. } = with_reserve {
             self.count(&with_reserve);
             return None;
         }
-        let outcome = self.decide(solver);
+        // The generators loaded at mu_k lie within mu_s, too.
+        let start = if solver == Solver::Fast { Start::Loaded } else { Start::Cold };
+        let outcome = self.decide(solver, start);
         self.count(&outcome);
         Some(if let Outcome::Stable { .. } = outcome { Candidacy::NoReserve } else { Candidacy::Unstable })
     }
 
     fn paper(&mut self, ratio: f64) -> Option<Candidacy> {
-        let outcome = self.decide(Solver::Clarabel);
+        let outcome = self.decide(Solver::Clarabel, Start::Cold);
         self.count(&outcome);
         if let Outcome::Unstable(_) = outcome {
             return Some(Candidacy::Unstable);

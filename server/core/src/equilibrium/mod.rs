@@ -58,7 +58,7 @@
 
 pub mod candidate;
 pub mod global;
-mod margin;
+pub mod margin;
 mod projection;
 mod reference;
 mod scaled;
@@ -67,7 +67,7 @@ pub use candidate::{Candidacy, CandidateRules, FrictionReserve, Spread};
 pub use scaled::MAX_SIDES;
 
 use glam::DVec3;
-use projection::Projection;
+use projection::{Accuracy, Projection};
 use scaled::{Certificate, Scaled, Tolerances};
 
 /// A body whose forces miss equilibrium by at most this (forces by mg, torques by mgR) is stable; beyond it, unstable.
@@ -260,6 +260,16 @@ enum Outcome {
     Unstable(Certificate),
 }
 
+/// Where the fast solver starts.
+#[derive(Clone, Copy, Debug)]
+enum Start<'a> {
+    Cold,
+    /// From remembered forces, by mg.
+    Forces(&'a [DVec3]),
+    /// From its last answer, for the same contacts.
+    Loaded,
+}
+
 impl Analyser {
     pub fn new() -> Self {
         Self::default()
@@ -268,15 +278,37 @@ impl Analyser {
     /// Is the body in local equilibrium (Eq. 1 to 4)?
     pub fn analyse(&mut self, problem: &Problem, options: &Options) -> Result<Verdict<'_>, ProblemError> {
         self.scaled.set(problem, options.friction_law)?;
-        let outcome = self.decide(options.solver);
+        let outcome = self.decide(options.solver, Start::Cold);
+        Ok(self.verdict(outcome, options))
+    }
+
+    /// As [`Analyser::analyse`], starting from the forces of an earlier verdict: `last[i]` (by mg) belongs to contact i, zero
+    /// for a contact that is new. The verdict is the same whatever they are; near the answer they save time.
+    pub fn analyse_from(
+        &mut self,
+        problem: &Problem,
+        options: &Options,
+        last: &[DVec3],
+    ) -> Result<Verdict<'_>, ProblemError> {
+        self.scaled.set(problem, options.friction_law)?;
+        let outcome = self.decide(options.solver, Start::Forces(last));
+        Ok(self.verdict(outcome, options))
+    }
+
+    fn verdict(&mut self, outcome: Outcome, options: &Options) -> Verdict<'_> {
         self.count(&outcome);
-        Ok(match outcome {
+        match outcome {
             Outcome::Stable { residual } => {
-                let margin = options.margin.then(|| margin::of(&self.scaled, &mut self.projection));
+                let margin = options.margin.then(|| {
+                    if options.solver == Solver::Clarabel {
+                        self.projection.run(&self.scaled, self.scaled.target());
+                    }
+                    margin::of(&self.scaled, &mut self.projection)
+                });
                 Verdict::Stable { forces: &self.forces, residual, margin }
             }
             Outcome::Unstable(c) => Verdict::Unstable { certificate: c.wrench(), residual: c.residual },
-        })
+        }
     }
 
     pub fn counters(&self) -> Counters {
@@ -291,16 +323,21 @@ impl Analyser {
     }
 
     /// The chain of solvers: the one asked for, the other one, the projection as it is.
-    fn decide(&mut self, solver: Solver) -> Outcome {
+    fn decide(&mut self, solver: Solver, start: Start) -> Outcome {
         let first = match solver {
-            Solver::Fast => self.fast().or_else(|| self.clarabel()),
-            Solver::Clarabel => self.clarabel().or_else(|| self.fast()),
+            Solver::Fast => self.fast(start).or_else(|| self.clarabel()),
+            Solver::Clarabel => self.clarabel().or_else(|| self.fast(start)),
         };
         first.unwrap_or_else(|| self.last_resort())
     }
 
-    fn fast(&mut self) -> Option<Outcome> {
-        let steps = self.projection.run(&self.scaled, self.scaled.target());
+    fn fast(&mut self, start: Start) -> Option<Outcome> {
+        let target = self.scaled.target();
+        let steps = match start {
+            Start::Cold => self.projection.run(&self.scaled, target),
+            Start::Forces(last) => self.projection.run_from(&self.scaled, target, last),
+            Start::Loaded => self.projection.resume(&self.scaled, target, Accuracy::default()),
+        };
         self.counters.fast_steps += u64::from(steps);
         let outcome = self.certify_projection();
         if outcome.is_none() {

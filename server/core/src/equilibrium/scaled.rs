@@ -240,6 +240,20 @@ impl Scaled {
         }
     }
 
+    /// `force`, of unit normal component, with its tangential part shortened to what friction allows.
+    pub fn within_friction(&self, row: &Row, force: DVec3) -> DVec3 {
+        let mu = row.mu * self.friction_scale;
+        let tangential = force - row.n;
+        let used = match &self.law {
+            Law::Cone => tangential.length(),
+            Law::Pyramid { sides, faces, apothem, .. } => {
+                let (f1, f2) = (force.dot(row.t1), force.dot(row.t2));
+                faces[..*sides].iter().map(|m| m[0] * f1 + m[1] * f2).fold(0.0, f64::max) / apothem
+            }
+        };
+        if used > mu { row.n + tangential * (mu / used) } else { force }
+    }
+
     /// Substitutes forces (by mg) into Eq. 1: the norm of the wrench left over.
     pub fn residual_of(&self, forces: &[DVec3]) -> f64 {
         let mut left = self.target;

@@ -81,8 +81,13 @@ fn decade(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
 
 /// Case number `seed`. With Y up; [`Case::turned`] and [`Case::in_units`] are applied last.
 pub fn case(seed: u64) -> Case {
-    let rng = &mut rng(seed);
+    let mut rng = rng(seed);
     let n = if rng.random_bool(0.5) { rng.random_range(1..=8) } else { rng.random_range(1..=64) };
+    case_of(&mut rng, n)
+}
+
+/// A case of `n` contacts.
+pub fn case_of(rng: &mut impl Rng, n: usize) -> Case {
     let mut points = points(rng, n);
     let normals = normals(rng, &points);
     let friction = friction(rng, n);
