@@ -7,4 +7,5 @@ pub mod mesh;
 pub mod params;
 pub mod pose;
 pub mod scene;
+pub mod topology;
 mod weld;
