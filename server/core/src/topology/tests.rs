@@ -227,3 +227,23 @@ fn triangles_of_no_area_leave_without_opening_the_surface() {
     assert_eq!(drop_flat(&mut rim), Flat { folded: 0, dropped: 1, left: 0 });
     assert_eq!(rim.triangles, [[0, 1, 3]]);
 }
+
+#[test]
+fn soups_at_random_are_survived() {
+    let mut rng = Pcg64Mcg::seed_from_u64(3);
+    for case in 0..5000 {
+        // Few places, so that points, edges and triangles coincide and lie on lines.
+        let (points, side) = (rng.random_range(3..9), rng.random_range(2..4));
+        let mut place = || DVec3::from([0; 3].map(|_| f64::from(rng.random_range(0..side))));
+        let points: Vec<DVec3> = (0..points).map(|_| place()).collect();
+        let count = rng.random_range(0..30);
+        let triangles = (0..count).map(|_| [0; 3].map(|_| rng.random_range(0..points.len() as u32))).collect();
+        let mesh = TriMesh { points, triangles };
+        let before = inspect(&mesh);
+        let (result, repair) = oriented(&mesh);
+        let after = inspect(&result);
+        assert!(after.triangles <= before.triangles, "case {case}");
+        assert!((after.misoriented_edges == 0) == (repair.unorientable == 0), "case {case}: {after:?} {repair:?}");
+        assert_eq!(weld(&result, 0.0), result, "case {case}");
+    }
+}
