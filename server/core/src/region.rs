@@ -127,16 +127,19 @@ impl Region {
         (hit.squared.sqrt(), hit.place)
     }
 
-    /// Sets `row[i]` to whether `start + i step X` is inside. Points nearer than the surface share one answer, so that
-    /// most are skipped.
+    /// Sets `row[i]` to whether `start + i step X` is inside. Points within the distance to the surface share one answer,
+    /// and so do two such balls that meet: winding numbers are only needed where the surface is passed.
     pub(crate) fn mark_row(&self, start: DVec3, step: f64, row: &mut [u8]) {
         let (mut i, mut guess) = (0, 0);
+        let mut last: Option<u8> = None;
         while i < row.len() {
             let p = start + DVec3::X * (i as f64 * step);
             let (distance, place) = self.distance_near(p, guess);
             guess = place;
+            let inside = last.filter(|_| distance > step).unwrap_or_else(|| self.contains(p) as u8);
             let same = (distance / step).ceil().max(1.0).min((row.len() - i) as f64) as usize;
-            row[i..i + same].fill(self.contains(p) as u8);
+            row[i..i + same].fill(inside);
+            last = Some(inside);
             i += same;
         }
     }
