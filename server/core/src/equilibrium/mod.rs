@@ -325,8 +325,8 @@ impl Analyser {
     /// The chain of solvers: the one asked for, the other one, the projection as it is.
     fn decide(&mut self, solver: Solver, start: Start) -> Outcome {
         let first = match solver {
-            Solver::Fast => self.fast(start).or_else(|| self.clarabel()),
-            Solver::Clarabel => self.clarabel().or_else(|| self.fast(start)),
+            Solver::Fast => self.fast(start).or_else(|| self.clarabel(Tolerances::FALLBACK)),
+            Solver::Clarabel => self.clarabel(Tolerances::REFERENCE).or_else(|| self.fast(start)),
         };
         first.unwrap_or_else(|| self.last_resort())
     }
@@ -358,8 +358,8 @@ impl Analyser {
         certificate.proves(Tolerances::OWN).then_some(Outcome::Unstable(certificate))
     }
 
-    fn clarabel(&mut self) -> Option<Outcome> {
-        let outcome = reference::solve(&self.scaled, &mut self.forces);
+    fn clarabel(&mut self, tolerances: Tolerances) -> Option<Outcome> {
+        let outcome = reference::solve(&self.scaled, tolerances, &mut self.forces);
         if outcome.is_none() {
             self.counters.clarabel_open += 1;
         }

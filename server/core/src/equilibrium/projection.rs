@@ -53,6 +53,10 @@ const WARM_FORCE: f64 = 1e-9;
 /// Remembered generators nearer than this to the span of the others are left to pricing.
 const WARM_RANK: f64 = 1e-6;
 
+/// Steps that may fail to bring the iterate nearer before the projection ends. They are legitimate at the level of
+/// rounding, where a step may only turn the separator.
+const MOST_STALLS: u32 = 12;
+
 /// Far more steps than any problem has needed; beyond, the next solver decides.
 const MOST_STEPS: u32 = 400;
 
@@ -111,7 +115,7 @@ impl Projection {
     pub fn resume(&mut self, scaled: &Scaled, target: Vec6, accuracy: Accuracy) -> u32 {
         self.target = target;
         self.accuracy = accuracy;
-        self.solve(None);
+        self.solve();
         self.iterate(scaled)
     }
 
@@ -136,17 +140,19 @@ impl Projection {
     }
 
     fn iterate(&mut self, scaled: &Scaled) -> u32 {
-        let mut last = f64::INFINITY;
+        let mut least = f64::INFINITY;
+        let mut stalls = 0;
         for step in 0..MOST_STEPS {
             self.set_left();
             let left = norm(&self.left);
-            if left <= self.accuracy.reached || left >= last || self.count == MOST {
+            if left <= self.accuracy.reached || self.count == MOST || stalls > MOST_STALLS {
                 return step;
             }
-            last = left;
+            stalls += u32::from(left >= least);
+            least = left.min(least);
             let allowed = (left / self.accuracy.excluded_force).min(self.accuracy.violation);
             let Some(best) = self.price(scaled, left * allowed.max(NO_OFFER)) else { return step };
-            if !self.enter(best) || !self.solve(Some(self.count - 1)) {
+            if !self.enter(best) || !self.solve_entered() {
                 return step;
             }
         }
@@ -227,39 +233,60 @@ impl Projection {
         true
     }
 
-    /// Least squares over the loaded generators, unloading until all are positive. False if the one just entered would
-    /// leave at once: then rounding has been reached.
-    fn solve(&mut self, entered: Option<usize>) -> bool {
-        let mut newest = entered;
-        loop {
+    /// [`Projection::solve`] after a generator was entered. The first answer is the old one plus a change in proportion to the
+    /// new generator's share of `left`. From scratch, a share of 1e-16 would be rounding of either sign; like this
+    /// the new generator's coefficient is positive whatever its size. False if rounding has been reached all the same.
+    fn solve_entered(&mut self) -> bool {
+        let new = self.count - 1;
+        let mut wanted = [0.0; MOST];
+        wanted[new] = dot(&self.q[new], &self.left);
+        self.back_substitute(&mut wanted);
+        if !(wanted[new] > 0.0) {
+            self.leave(new);
+            return false;
+        }
+        for (w, lambda) in wanted.iter_mut().zip(&self.lambda).take(self.count) {
+            *w += lambda;
+        }
+        if !self.accept(&wanted) {
+            self.solve();
+        }
+        true
+    }
+
+    /// Least squares over the loaded generators, unloading until all are positive.
+    fn solve(&mut self) {
+        while self.count > 0 {
             let wanted = self.least_squares();
-            let mut share = 1.0;
-            let mut leaves = None;
-            for j in 0..self.count {
-                if wanted[j] <= 0.0 {
-                    let s = self.lambda[j] / (self.lambda[j] - wanted[j]);
-                    if leaves.is_none() || s < share {
-                        share = s;
-                        leaves = Some(j);
-                    }
+            if self.accept(&wanted) {
+                return;
+            }
+        }
+    }
+
+    /// Takes the coefficients wanted if all are positive. Otherwise goes as far towards them as all stay non-negative, and
+    /// unloads the one that stops it.
+    fn accept(&mut self, wanted: &[f64; MOST]) -> bool {
+        let mut share = 1.0;
+        let mut leaves = None;
+        for j in 0..self.count {
+            if wanted[j] <= 0.0 {
+                let s = self.lambda[j] / (self.lambda[j] - wanted[j]);
+                if leaves.is_none() || s < share {
+                    share = s;
+                    leaves = Some(j);
                 }
             }
-            let Some(j) = leaves else {
-                self.lambda[..self.count].copy_from_slice(&wanted[..self.count]);
-                return true;
-            };
-            if share == 0.0 && newest == Some(j) {
-                self.leave(j);
-                return false;
-            }
-            for k in 0..self.count {
-                self.lambda[k] = (self.lambda[k] + share * (wanted[k] - self.lambda[k])).max(0.0);
-            }
-            if let Some(n) = newest {
-                newest = if n == j { None } else { Some(n - usize::from(j < n)) };
-            }
-            self.leave(j);
         }
+        let Some(j) = leaves else {
+            self.lambda[..self.count].copy_from_slice(&wanted[..self.count]);
+            return true;
+        };
+        for k in 0..self.count {
+            self.lambda[k] = (self.lambda[k] + share * (wanted[k] - self.lambda[k])).max(0.0);
+        }
+        self.leave(j);
+        false
     }
 
     /// R lambda = Q' target.
@@ -268,6 +295,12 @@ impl Projection {
         for j in 0..self.count {
             x[j] = dot(&self.q[j], &self.target);
         }
+        self.back_substitute(&mut x);
+        x
+    }
+
+    /// x = R^-1 x.
+    fn back_substitute(&self, x: &mut [f64; MOST]) {
         for j in (0..self.count).rev() {
             x[j] /= self.r[j][j];
             let value = x[j];
@@ -275,7 +308,6 @@ impl Projection {
                 *xk -= self.r[j][k] * value;
             }
         }
-        x
     }
 
     /// Takes generator j out of Q R: its column goes, Givens rotations make R triangular again.

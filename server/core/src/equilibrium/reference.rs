@@ -22,7 +22,7 @@ use glam::DVec3;
 const STOP: f64 = 1e-9;
 
 /// Decides with Clarabel. `None`: no decision, or a decision that does not pass substitution.
-pub(super) fn solve(scaled: &Scaled, forces: &mut Vec<DVec3>) -> Option<Outcome> {
+pub(super) fn solve(scaled: &Scaled, tolerances: Tolerances, forces: &mut Vec<DVec3>) -> Option<Outcome> {
     let n = scaled.len();
     if n == 0 {
         return None;
@@ -51,31 +51,30 @@ pub(super) fn solve(scaled: &Scaled, forces: &mut Vec<DVec3>) -> Option<Outcome>
     solver.solve();
     match solver.solution.status {
         SolverStatus::Solved | SolverStatus::AlmostSolved => {
-            stable(scaled, &solver.solution.x, forces)
+            stable(scaled, &solver.solution.x, tolerances, forces)
         }
         SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => {
-            unstable(scaled, &solver.solution.z)
+            unstable(scaled, &solver.solution.z, tolerances)
         }
         _ => None,
     }
 }
 
-fn stable(scaled: &Scaled, x: &[f64], forces: &mut Vec<DVec3>) -> Option<Outcome> {
+fn stable(scaled: &Scaled, x: &[f64], t: Tolerances, forces: &mut Vec<DVec3>) -> Option<Outcome> {
     forces.clear();
     forces.extend(scaled.rows().iter().zip(x.chunks_exact(3)).map(|(r, f)| f[0] * r.n + f[1] * r.t1 + f[2] * r.t2));
     let residual = scaled.residual_of(forces);
-    (scaled.balances(residual, forces, Tolerances::REFERENCE)
-        && scaled.obeys_friction(forces, Tolerances::REFERENCE))
+    (scaled.balances(residual, forces, t) && scaled.obeys_friction(forces, t))
         .then_some(Outcome::Stable { residual })
 }
 
-fn unstable(scaled: &Scaled, multipliers: &[f64]) -> Option<Outcome> {
+fn unstable(scaled: &Scaled, multipliers: &[f64], t: Tolerances) -> Option<Outcome> {
     let y: Vec6 = std::array::from_fn(|k| -multipliers[k]);
     if !(norm(&y) > 0.0 && norm(&y).is_finite()) {
         return None;
     }
     let certificate = scaled.certificate(y);
-    certificate.proves(Tolerances::REFERENCE).then_some(Outcome::Unstable(certificate))
+    certificate.proves(t).then_some(Outcome::Unstable(certificate))
 }
 
 /// (row, column, value).

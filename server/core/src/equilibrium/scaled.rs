@@ -110,6 +110,10 @@ impl Tolerances {
         certificate: 1e-6,
         excluded_force: 1e2,
     };
+    /// The reference called in where the fast solver is open: it may not say "stable" on weaker grounds than the fast
+    /// solver, whose verdicts reach nearer to the boundary than an interior point's.
+    pub const FALLBACK: Tolerances =
+        Tolerances { residual: STABLE_RESIDUAL, friction: FRICTION_TOLERANCE, ..Tolerances::REFERENCE };
 }
 
 /// A unit wrench that claims to prove instability, and what substitution says of it.
@@ -178,7 +182,7 @@ impl Scaled {
         self.rows.reserve(p.contacts.len());
         for (index, c) in p.contacts.iter().enumerate() {
             let r = (c.point - p.center_of_mass) / p.radius;
-            if r.abs().max_element().is_nan() || !(r.abs().max_element() <= LARGEST_LEVER) {
+            if !(r.is_finite() && r.abs().max_element() <= LARGEST_LEVER) {
                 return Err(ProblemError::Point(index));
             }
             let n = direction(c.normal).ok_or(ProblemError::Normal(index))?;
