@@ -256,7 +256,9 @@ pub struct Analyser {
 #[derive(Clone, Copy, Debug)]
 enum Outcome {
     /// `forces` hold the proof.
-    Stable { residual: f64 },
+    Stable {
+        residual: f64,
+    },
     Unstable(Certificate),
 }
 
@@ -351,7 +353,8 @@ impl Analyser {
         self.projection.forces(self.scaled.len(), &mut self.forces);
         let residual = self.scaled.residual_of(&self.forces);
         if self.scaled.balances(residual, &self.forces, Tolerances::OWN)
-            && self.scaled.obeys_friction(&self.forces, Tolerances::OWN) {
+            && self.scaled.obeys_friction(&self.forces, Tolerances::OWN)
+        {
             return Some(Outcome::Stable { residual });
         }
         let certificate = self.scaled.certificate(self.projection.separator()?);

@@ -27,7 +27,7 @@
 //! a direction accurate to 1e-7 only, whereas the twice orthogonalised y remains orthogonal to the loaded
 //! generators to rounding. This is what makes certificates possible down to 1e-10.
 
-use super::scaled::{Row, Scaled, Vec6, dot, norm};
+use super::scaled::{Row, Scaled, TIE, Vec6, dot, norm};
 use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE};
 use glam::DVec3;
 
@@ -42,10 +42,6 @@ const NO_OFFER: f64 = 1e-15;
 
 /// Of the tolerance of a certificate, the share that the solver uses up; the rest is for the substitution's rounding.
 const SHARE: f64 = 0.25;
-
-/// Offers that differ by less count as equal, and the first contact wins: symmetric bodies then get the same forces in
-/// every unit system.
-const TIE: f64 = 1.0 + 1e-9;
 
 /// A remembered force below this share of mg is not worth starting from.
 const WARM_FORCE: f64 = 1e-9;
@@ -271,8 +267,9 @@ impl Projection {
         let mut leaves = None;
         for j in 0..self.count {
             if wanted[j] <= 0.0 {
-                let s = self.lambda[j] / (self.lambda[j] - wanted[j]);
-                if leaves.is_none() || s < share {
+                let way = self.lambda[j] - wanted[j];
+                let s = if way > 0.0 { self.lambda[j] / way } else { 0.0 };
+                if leaves.is_none() || s * TIE < share {
                     share = s;
                     leaves = Some(j);
                 }

@@ -50,9 +50,7 @@ pub(super) fn solve(scaled: &Scaled, tolerances: Tolerances, forces: &mut Vec<DV
     let mut solver = DefaultSolver::new(&p, &vec![0.0; 3 * n], &a, &b, &cones, settings).ok()?;
     solver.solve();
     match solver.solution.status {
-        SolverStatus::Solved | SolverStatus::AlmostSolved => {
-            stable(scaled, &solver.solution.x, tolerances, forces)
-        }
+        SolverStatus::Solved | SolverStatus::AlmostSolved => stable(scaled, &solver.solution.x, tolerances, forces),
         SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => {
             unstable(scaled, &solver.solution.z, tolerances)
         }
@@ -64,8 +62,7 @@ fn stable(scaled: &Scaled, x: &[f64], t: Tolerances, forces: &mut Vec<DVec3>) ->
     forces.clear();
     forces.extend(scaled.rows().iter().zip(x.chunks_exact(3)).map(|(r, f)| f[0] * r.n + f[1] * r.t1 + f[2] * r.t2));
     let residual = scaled.residual_of(forces);
-    (scaled.balances(residual, forces, t) && scaled.obeys_friction(forces, t))
-        .then_some(Outcome::Stable { residual })
+    (scaled.balances(residual, forces, t) && scaled.obeys_friction(forces, t)).then_some(Outcome::Stable { residual })
 }
 
 fn unstable(scaled: &Scaled, multipliers: &[f64], t: Tolerances) -> Option<Outcome> {

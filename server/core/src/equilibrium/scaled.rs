@@ -16,6 +16,10 @@ const LARGEST_LEVER: f64 = 1e150;
 /// A shorter normal has no direction: its square would underflow.
 const SHORTEST_NORMAL: f64 = 1e-150;
 
+/// Choices whose worth differs by less count as equal, and the first wins: rounding, which differs from unit system to
+/// unit system, then does not choose between the two halves of a symmetric body.
+pub(super) const TIE: f64 = 1.0 + 1e-9;
+
 /// A velocity this near to a contact's normal, relatively, has a tangential part of rounding only, without direction.
 const NO_TANGENT: f64 = 1e-14;
 
@@ -60,7 +64,12 @@ impl Row {
 pub(super) enum Law {
     Cone,
     /// Corners and outward face normals in units of mu; a face is `normal . f_t <= apothem mu f_n`.
-    Pyramid { sides: usize, corners: [[f64; 2]; MAX_SIDES as usize], faces: [[f64; 2]; MAX_SIDES as usize], apothem: f64 },
+    Pyramid {
+        sides: usize,
+        corners: [[f64; 2]; MAX_SIDES as usize],
+        faces: [[f64; 2]; MAX_SIDES as usize],
+        apothem: f64,
+    },
 }
 
 impl Law {
@@ -234,10 +243,10 @@ impl Scaled {
                 let mut tangent = DVec3::ZERO;
                 for c in &corners[..*sides] {
                     let work = c[0] * v1 + c[1] * v2;
-                    if work > best {
-                        best = work;
+                    if work > best * TIE {
                         tangent = c[0] * row.t1 + c[1] * row.t2;
                     }
+                    best = best.max(work);
                 }
                 (along + mu * best, tangent)
             }
