@@ -27,7 +27,7 @@
 //! a direction accurate to 1e-7 only, whereas the twice orthogonalised y remains orthogonal to the loaded
 //! generators to rounding. This is what makes certificates possible down to 1e-10.
 
-use super::scaled::{Row, Scaled, TIE, Vec6, dot, norm};
+use super::scaled::{Scaled, TIE, Vec6, dot, norm, split, subtract};
 use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE};
 use glam::DVec3;
 
@@ -175,29 +175,24 @@ impl Projection {
         for _ in 0..2 {
             for q in &self.q[..self.count] {
                 let along = dot(q, &self.left);
-                for k in 0..6 {
-                    self.left[k] -= along * q[k];
-                }
+                subtract(&mut self.left, along, q);
             }
         }
     }
 
     /// The generator that does most work with `left`, if it does more than `threshold`.
     fn price(&self, scaled: &Scaled, threshold: f64) -> Option<Generator> {
-        let velocity = DVec3::new(self.left[0], self.left[1], self.left[2]);
-        let spin = DVec3::new(self.left[3], self.left[4], self.left[5]);
+        let (velocity, spin) = split(&self.left);
         let mut bar = threshold;
-        let mut best: Option<(usize, DVec3)> = None;
-        for (i, row) in scaled.rows().iter().enumerate() {
-            let (work, tangent) = scaled.best_force(row, velocity + spin.cross(row.r));
-            if work > bar {
-                bar = work * TIE;
-                best = Some((i, tangent));
+        let mut best = None;
+        for (contact, row) in scaled.rows().iter().enumerate() {
+            if let Some(work) = scaled.offer(row, velocity + spin.cross(row.r), bar) {
+                bar = bar.max(work * TIE);
+                best = Some((contact, row));
             }
         }
-        best.map(|(contact, tangent)| {
-            let row: &Row = &scaled.rows()[contact];
-            let force = row.n + row.mu * scaled.friction_scale * tangent;
+        best.map(|(contact, row)| {
+            let force = scaled.best_force(row, velocity + spin.cross(row.r));
             Generator { contact, force, wrench: row.wrench(force) }
         })
     }
@@ -211,13 +206,11 @@ impl Projection {
             for (q, c) in self.q[..j].iter().zip(&mut column) {
                 let along = dot(q, &rest);
                 *c += along;
-                for k in 0..6 {
-                    rest[k] -= along * q[k];
-                }
+                subtract(&mut rest, along, q);
             }
         }
         let length = norm(&rest);
-        if !(length > 0.0) {
+        if length == 0.0 {
             return false;
         }
         column[j] = length;
@@ -237,7 +230,7 @@ impl Projection {
         let mut wanted = [0.0; MOST];
         wanted[new] = dot(&self.q[new], &self.left);
         self.back_substitute(&mut wanted);
-        if !(wanted[new] > 0.0) {
+        if wanted[new] <= 0.0 {
             self.leave(new);
             return false;
         }
@@ -265,10 +258,10 @@ impl Projection {
     fn accept(&mut self, wanted: &[f64; MOST]) -> bool {
         let mut share = 1.0;
         let mut leaves = None;
-        for j in 0..self.count {
-            if wanted[j] <= 0.0 {
-                let way = self.lambda[j] - wanted[j];
-                let s = if way > 0.0 { self.lambda[j] / way } else { 0.0 };
+        for (j, (lambda, wanted)) in self.lambda.iter().zip(wanted).take(self.count).enumerate() {
+            if *wanted <= 0.0 {
+                let way = lambda - wanted;
+                let s = if way > 0.0 { lambda / way } else { 0.0 };
                 if leaves.is_none() || s * TIE < share {
                     share = s;
                     leaves = Some(j);
@@ -279,8 +272,8 @@ impl Projection {
             self.lambda[..self.count].copy_from_slice(&wanted[..self.count]);
             return true;
         };
-        for k in 0..self.count {
-            self.lambda[k] = (self.lambda[k] + share * (wanted[k] - self.lambda[k])).max(0.0);
+        for (lambda, wanted) in self.lambda.iter_mut().zip(wanted).take(self.count) {
+            *lambda = (*lambda + share * (wanted - *lambda)).max(0.0);
         }
         self.leave(j);
         false
@@ -289,8 +282,8 @@ impl Projection {
     /// R lambda = Q' target.
     fn least_squares(&self) -> [f64; MOST] {
         let mut x = [0.0; MOST];
-        for j in 0..self.count {
-            x[j] = dot(&self.q[j], &self.target);
+        for (x, q) in x.iter_mut().zip(&self.q).take(self.count) {
+            *x = dot(q, &self.target);
         }
         self.back_substitute(&mut x);
         x
@@ -318,7 +311,8 @@ impl Projection {
         self.count = n - 1;
         for k in j..n - 1 {
             let (a, b) = (self.r[k][k], self.r[k][k + 1]);
-            let h = a.hypot(b);
+            // b > 0: it is the length of what generator k + 1 added to the span.
+            let h = (a * a + b * b).sqrt();
             let (c, s) = (a / h, b / h);
             for column in &mut self.r[k..n - 1] {
                 let (u, v) = (column[k], column[k + 1]);

@@ -11,8 +11,8 @@
 //! The objective is zero: an interior-point method then ends near the middle of the feasible set. If there is no x,
 //! the multiplier of the six equations is Farkas' certificate, minus the separator z of the module's documentation.
 
-use super::scaled::{Law, Scaled, Tolerances, Vec6, norm};
-use super::{Outcome, scaled};
+use super::scaled::{Scaled, Tolerances, Vec6, norm};
+use super::{FrictionLaw, Outcome};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{NonnegativeConeT, SecondOrderConeT, ZeroConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
@@ -88,7 +88,7 @@ fn constraints(scaled: &Scaled) -> (Vec<Triplet>, Vec<Cone>, usize) {
             let w = c.wrench(axis);
             t.extend((0..6).map(|m| (m, 3 * i + k, w[m])));
         }
-        let mu = c.mu * scaled.friction_scale;
+        let mu = scaled.mu(c);
         t.push((row, 3 * i, -1.0));
         cones.push(NonnegativeConeT(1));
         row += 1;
@@ -99,21 +99,22 @@ fn constraints(scaled: &Scaled) -> (Vec<Triplet>, Vec<Cone>, usize) {
                 cones.push(ZeroConeT(2));
                 row += 2;
             }
-            scaled::Law::Cone => {
+            FrictionLaw::Cone => {
                 t.push((row, 3 * i, -mu));
                 t.push((row + 1, 3 * i + 1, -1.0));
                 t.push((row + 2, 3 * i + 2, -1.0));
                 cones.push(SecondOrderConeT(3));
                 row += 3;
             }
-            Law::Pyramid { sides, faces, apothem, .. } => {
-                for m in &faces[..*sides] {
-                    t.push((row, 3 * i, -apothem * mu));
+            FrictionLaw::Pyramid { .. } => {
+                let faces = scaled.polygon().faces();
+                for m in faces {
+                    t.push((row, 3 * i, -scaled.polygon().apothem * mu));
                     t.push((row, 3 * i + 1, m[0]));
                     t.push((row, 3 * i + 2, m[1]));
                     row += 1;
                 }
-                cones.push(NonnegativeConeT(*sides));
+                cones.push(NonnegativeConeT(faces.len()));
             }
         }
     }
