@@ -59,6 +59,7 @@
 pub mod candidate;
 pub mod global;
 pub mod margin;
+mod polish;
 mod projection;
 mod reference;
 mod scaled;
