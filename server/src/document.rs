@@ -14,8 +14,8 @@ pub type Resolver<'a> = dyn Fn(&str) -> Result<Vec<u8>, String> + 'a;
 #[derive(Debug)]
 pub struct Document {
     json: Map<String, Value>,
-    /// One per entry of `buffers`. An entry is `None` if its extension declares it as a stand-in without data.
-    buffers: Vec<Option<Vec<u8>>>,
+    /// One per entry of `buffers`: its bytes, or why there are none. That only matters to who needs them.
+    buffers: Vec<Result<Vec<u8>, String>>,
 }
 
 /// Why a file cannot be used.
@@ -31,6 +31,8 @@ pub enum DocumentError {
     Malformed { kind: &'static str, index: usize, problem: String },
     #[error("node \"{0}\" does not exist")]
     NoSuchNode(String),
+    #[error("holds no mesh")]
+    NoMesh,
 }
 
 impl DocumentError {
@@ -44,31 +46,19 @@ impl Document {
     pub fn parse(bytes: &[u8], resolve: &Resolver) -> Result<Document, DocumentError> {
         let (text, mut bin) = if bytes.starts_with(b"glTF") { split_glb(bytes)? } else { (bytes, None) };
         let json: Map<String, Value> = serde_json::from_slice(text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text))?;
-        let mut document = Document { json, buffers: Vec::new() };
-        for index in 0..document.array("buffers").len() {
+        let read = |(index, entry): (usize, &Value)| {
             let bin = if index == 0 { bin.take() } else { None };
-            let data = document.read_buffer(index, bin, resolve)?;
-            document.buffers.push(data);
-        }
-        Ok(document)
-    }
-
-    fn read_buffer(
-        &self,
-        index: usize,
-        bin: Option<&[u8]>,
-        resolve: &Resolver,
-    ) -> Result<Option<Vec<u8>>, DocumentError> {
-        let entry = self.get("buffers", index)?;
-        let malformed = |problem: String| DocumentError::malformed("buffers", index, problem);
-        match entry.get("uri").and_then(Value::as_str) {
-            Some(uri) if uri.starts_with("data:") => {
-                let (_, data) = decode_data_uri(uri).ok_or_else(|| malformed("damaged data URI".into()))?;
-                Ok(Some(data))
+            match entry.get("uri").and_then(Value::as_str) {
+                Some(uri) if uri.starts_with("data:") => {
+                    decode_data_uri(uri).map(|(_, data)| data).ok_or_else(|| "damaged data URI".into())
+                }
+                Some(uri) => resolve(uri),
+                None => bin.map(<[u8]>::to_vec).ok_or_else(|| "has no data".into()),
             }
-            Some(uri) => resolve(uri).map(Some).map_err(malformed),
-            None => Ok(bin.map(<[u8]>::to_vec)),
-        }
+        };
+        let entries = json.get("buffers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+        let buffers = entries.iter().enumerate().map(read).collect();
+        Ok(Document { json, buffers })
     }
 
     /// The root object.
@@ -92,7 +82,7 @@ impl Document {
         let malformed = |problem: &str| DocumentError::malformed("bufferViews", index, problem);
         let buffer = reference(view, "buffer").ok_or_else(|| malformed("no buffer"))?;
         let entry = self.buffers.get(buffer).ok_or(DocumentError::Missing { kind: "buffers", index: buffer })?;
-        let data = entry.as_ref().ok_or_else(|| malformed("its buffer has no data, only compressed data"))?;
+        let data = entry.as_ref().map_err(|problem| DocumentError::malformed("buffers", buffer, problem))?;
         let start = reference(view, "byteOffset").unwrap_or(0);
         let length = reference(view, "byteLength").ok_or_else(|| malformed("no byteLength"))?;
         let end = start.checked_add(length).ok_or_else(|| malformed("too long"))?;
@@ -105,16 +95,12 @@ impl Document {
         !self.array("buffers").iter().any(uri) && !self.array("images").iter().any(uri)
     }
 
-    /// The nodes at the top of the default scene. Without any scene: all that are nobody's child.
+    /// The nodes listed by the default scene. Without any scene: all that are nobody's child.
     pub fn roots(&self) -> Vec<usize> {
         let scene = reference(&self.json, "scene").unwrap_or(0);
-        let is_child = self.child_flags();
         match self.array("scenes").get(scene).and_then(Value::as_object) {
-            Some(scene) => {
-                let listed = references(scene, "nodes");
-                listed.into_iter().filter(|&n| !is_child.get(n).copied().unwrap_or(true)).collect()
-            }
-            None => (0..is_child.len()).filter(|&n| !is_child[n]).collect(),
+            Some(scene) => references(scene, "nodes"),
+            None => (self.parents().iter().enumerate()).filter(|(_, p)| p.is_none()).map(|(n, _)| n).collect(),
         }
     }
 
@@ -122,18 +108,6 @@ impl Document {
     pub fn node_named(&self, name: &str) -> Result<usize, DocumentError> {
         let named = |node: &Value| node.get("name").and_then(Value::as_str) == Some(name);
         self.array("nodes").iter().position(named).ok_or_else(|| DocumentError::NoSuchNode(name.into()))
-    }
-
-    /// For each node: whether another has it as its child.
-    fn child_flags(&self) -> Vec<bool> {
-        let nodes = self.array("nodes");
-        let mut flags = vec![false; nodes.len()];
-        for child in nodes.iter().filter_map(Value::as_object).flat_map(|n| references(n, "children")) {
-            if let Some(flag) = flags.get_mut(child) {
-                *flag = true;
-            }
-        }
-        flags
     }
 
     /// The parent of each node, the first if several claim it.

@@ -4,8 +4,8 @@
 
 pub mod bake;
 pub mod container;
-pub mod fill;
 pub mod equilibrium;
+pub mod fill;
 pub mod mesh;
 pub mod observer;
 pub mod params;

@@ -69,9 +69,7 @@ impl<'a> File<'a> {
                 }
                 None => {
                     let children = self.place(*source, branch).map_err(wrap)?;
-                    if !children.is_empty() {
-                        node.insert("children".into(), json!(children));
-                    }
+                    node.insert("children".into(), json!(children));
                 }
             }
             if let Some(pose) = bake.frames.first().map(|poses| poses[i]) {
@@ -92,9 +90,7 @@ impl<'a> File<'a> {
         for model in &scene.scenery {
             let (source, branch) = self.open(model, Frame::World)?;
             let nodes = self.place(source, &branch).map_err(|error| ExportError::source(model, error))?;
-            if !nodes.is_empty() {
-                children.push(self.out.push("nodes", json!({ "name": model.name, "children": nodes })));
-            }
+            children.push(self.out.push("nodes", json!({ "name": model.name, "children": nodes })));
         }
         if children.is_empty() {
             return Ok(None);

@@ -2,6 +2,11 @@
 
 use crate::document::{Document, DocumentError, reference, references};
 use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+
+/// Ancestors that the listed nodes of one scene may have in total: real files list nodes that have none, and each of
+/// them may become a node of the result.
+const MOST_ANCESTORS: usize = 1_000_000;
 
 /// A forest of nodes cut out of a source file. Animations, cameras, skins and lights are left behind, and with them
 /// the branches that carry no mesh.
@@ -30,53 +35,72 @@ pub enum Frame {
     World,
 }
 
-/// The nodes of the default scene, or those at and below `chosen`.
+/// The nodes of the default scene, or those at and below `chosen`: at least one with a mesh.
 pub fn branch(document: &Document, chosen: Option<usize>, frame: Frame) -> Result<Branch, DocumentError> {
-    let Some(chosen) = chosen else {
-        return cut(document, &document.roots());
-    };
-    document.get("nodes", chosen)?;
-    let mut branch = cut(document, &[chosen])?;
-    if branch.roots.is_empty() {
-        return Ok(branch);
-    }
-    // The linear part of a product is the product of the linear parts, so the ancestors are kept as a chain of nodes:
-    // that also expresses a shear, which no single node can.
-    if frame == Frame::Origin {
-        drop_translation(&mut branch.nodes[branch.roots[0]].json);
-    }
-    for ancestor in ancestors(document, chosen) {
-        let mut json = transform_of(document.get("nodes", ancestor)?);
+    let listed = chosen.map_or_else(|| document.roots(), |node| vec![node]);
+    // A scene's frame is that of the world.
+    let frame = if chosen.is_some() { frame } else { Frame::World };
+    let parents = document.parents();
+    let mut branch = Branch { nodes: Vec::new(), roots: Vec::new() };
+    let mut seen = vec![false; parents.len()];
+    let starts: BTreeSet<usize> = listed.iter().copied().collect();
+    let mut steps = 0;
+    for root in listed {
+        document.get("nodes", root)?;
+        let above = ancestors(&parents, root);
+        steps += above.len();
+        if steps > MOST_ANCESTORS {
+            return Err(DocumentError::malformed("nodes", root, "is nested too deeply"));
+        }
+        // A scene may list a node twice, or beside one that stands above it: it is found from there.
+        if seen[root] || above.iter().any(|a| starts.contains(a)) {
+            continue;
+        }
+        let Some(mut top) = cut(document, root, &mut seen, &mut branch.nodes)? else { continue };
+        // The linear part of a product is the product of the linear parts, so the ancestors are kept as a chain of
+        // nodes: that also expresses a shear, which no single node can.
         if frame == Frame::Origin {
-            drop_translation(&mut json);
+            drop_translation(&mut branch.nodes[top].json);
         }
-        if !json.is_empty() {
-            branch.nodes.push(BranchNode { json, mesh: None, children: std::mem::take(&mut branch.roots) });
-            branch.roots = vec![branch.nodes.len() - 1];
+        for ancestor in above {
+            let mut json = transform_of(document.get("nodes", ancestor)?);
+            if frame == Frame::Origin {
+                drop_translation(&mut json);
+            }
+            if !json.is_empty() {
+                branch.nodes.push(BranchNode { json, mesh: None, children: vec![top] });
+                top = branch.nodes.len() - 1;
+            }
         }
+        branch.roots.push(top);
+    }
+    if branch.roots.is_empty() {
+        return Err(DocumentError::NoMesh);
     }
     Ok(branch)
 }
 
 /// From the parent upward. Ends at a cycle.
-fn ancestors(document: &Document, node: usize) -> Vec<usize> {
-    let parents = document.parents();
-    let mut seen = vec![false; parents.len()];
+fn ancestors(parents: &[Option<usize>], node: usize) -> Vec<usize> {
     let mut chain = Vec::new();
     let mut at = parents[node];
-    while let Some(parent) = at.filter(|&p| !std::mem::replace(&mut seen[p], true)) {
+    while let Some(parent) = at.filter(|_| chain.len() < parents.len()) {
         chain.push(parent);
         at = parents[parent];
     }
     chain
 }
 
-/// Copies the trees below `roots`, each node once, and prunes what carries no mesh.
-fn cut(document: &Document, roots: &[usize]) -> Result<Branch, DocumentError> {
-    let mut seen = vec![false; document.array("nodes").len()];
-    // Parents before children: (source node, its parent's place in `nodes`).
-    let mut open: Vec<(usize, Option<usize>)> = roots.iter().rev().map(|&r| (r, None)).collect();
-    let mut nodes: Vec<BranchNode> = Vec::new();
+/// Appends the tree below `root`, pruned of what carries no mesh, and gives the root's place if anything is left.
+fn cut(
+    document: &Document,
+    root: usize,
+    seen: &mut [bool],
+    nodes: &mut Vec<BranchNode>,
+) -> Result<Option<usize>, DocumentError> {
+    let first = nodes.len();
+    // Parents before children: (source node, its parent's place).
+    let mut open: Vec<(usize, Option<usize>)> = vec![(root, None)];
     let mut parents: Vec<Option<usize>> = Vec::new();
     while let Some((index, parent)) = open.pop() {
         let source = document.get("nodes", index)?;
@@ -88,20 +112,18 @@ fn cut(document: &Document, roots: &[usize]) -> Result<Branch, DocumentError> {
         parents.push(parent);
         open.extend(references(source, "children").into_iter().rev().map(|c| (c, Some(place))));
     }
-    let mut needed: Vec<bool> = nodes.iter().map(|n| n.mesh.is_some()).collect();
-    for place in (0..nodes.len()).rev() {
+    let mut needed: Vec<bool> = nodes[first..].iter().map(|n| n.mesh.is_some()).collect();
+    for place in (1..needed.len()).rev() {
         if let (true, Some(parent)) = (needed[place], parents[place]) {
-            needed[parent] = true;
+            needed[parent - first] = true;
         }
     }
-    let mut branch = Branch { nodes, roots: Vec::new() };
-    for place in (0..needed.len()).filter(|&p| needed[p]) {
-        match parents[place] {
-            Some(parent) => branch.nodes[parent].children.push(place),
-            None => branch.roots.push(place),
+    for place in (1..needed.len()).filter(|&p| needed[p]) {
+        if let Some(parent) = parents[place] {
+            nodes[parent].children.push(first + place);
         }
     }
-    Ok(branch)
+    Ok(needed[0].then_some(first))
 }
 
 /// What a copied node keeps besides mesh and children.
