@@ -14,6 +14,9 @@ const UNIT_TOLERANCE: f64 = 1e-3;
 /// Names told of when one is not found.
 const MOST_NAMES: usize = 8;
 
+/// Names compared with one that is not found.
+const MOST_COMPARED: usize = 20_000;
+
 /// Likeness (Jaro-Winkler, 1 is equal) from which a name is offered for a mistyped one.
 const NEAR: f64 = 0.8;
 
@@ -93,10 +96,15 @@ impl<'a, 'j> Nodes<'a, 'j> {
                 known.sort_unstable();
                 known.dedup();
                 let likeness = |name: &str| strsim::jaro_winkler(&name.to_lowercase(), &wanted.to_lowercase());
-                // Long names are not compared: the time goes with the product of the lengths.
-                let short = |name: &&&str| name.len() <= 256 && wanted.len() <= 256;
-                let mut near: Vec<(f64, &str)> =
-                    known.iter().filter(short).map(|n| (likeness(n), *n)).filter(|(l, _)| *l >= NEAR).collect();
+                // The time goes with the product of the lengths, so only so many names of usual length are compared.
+                let usual = |name: &&&str| name.len() <= 64 && wanted.len() <= 64;
+                let mut near: Vec<(f64, &str)> = known
+                    .iter()
+                    .filter(usual)
+                    .take(MOST_COMPARED)
+                    .map(|n| (likeness(n), *n))
+                    .filter(|(l, _)| *l >= NEAR)
+                    .collect();
                 near.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(b.1)));
                 let what = ProblemKind::UnknownNode {
                     name: clip(wanted),
@@ -176,13 +184,14 @@ impl<'a, 'j> Nodes<'a, 'j> {
                 at = self.parents[i];
             }
             if let Some(i) = looped {
-                return Err(self.refuse_cycle(i, log));
+                let bottom = self.parents[i].unwrap_or(i);
+                return Err(self.refuse_cycle(i, bottom, log));
             }
             let mut world = at.and_then(|i| known[i]).unwrap_or(DAffine3::IDENTITY);
             let mut good = true;
             for &i in chain.iter().rev() {
                 match self.local(i, log) {
-                    Ok(local) => world = world * local,
+                    Ok(local) => world *= local,
                     Err(reported) => {
                         (good, result) = (false, Err(reported));
                     }
@@ -225,7 +234,7 @@ impl<'a, 'j> Nodes<'a, 'j> {
                 for &child in children.iter().rev() {
                     match self.parents[child] {
                         Some(parent) if parent == index => {}
-                        _ if self.is_above(child, index) => return Err(self.refuse_cycle(index, log)),
+                        _ if self.is_above(child, index) => return Err(self.refuse_cycle(child, index, log)),
                         first => {
                             let first = first.map_or_else(String::new, |p| self.place(p));
                             let what = ProblemKind::TwoParents { first, second: self.place(index) };
@@ -256,18 +265,24 @@ impl<'a, 'j> Nodes<'a, 'j> {
         false
     }
 
-    /// Tells the circle that the chain of parents of `start` runs into.
-    fn refuse_cycle(&self, start: usize, log: &mut Log) -> super::problem::Reported {
-        let mut path = Vec::new();
-        let mut at = Some(start);
-        while let Some(i) = at.filter(|i| !path.contains(i) && path.len() < MOST_NAMES) {
-            path.push(i);
-            at = self.parents[i];
+    /// Tells the circle from `top` down to `bottom`, its descendant, which lists `top` among its children.
+    fn refuse_cycle(&self, top: usize, bottom: usize, log: &mut Log) -> super::problem::Reported {
+        let mut path = vec![bottom];
+        let mut at = bottom;
+        while at != top
+            && path.len() < MOST_NAMES
+            && let Some(parent) = self.parents[at]
+        {
+            path.push(parent);
+            at = parent;
         }
-        // From parent to child, as a reader of the file finds them.
-        let mut names: Vec<String> = path.iter().rev().map(|&i| self.place(i)).collect();
-        names.extend(path.last().map(|&i| self.place(i)));
-        log.refuse(self.place(start), ProblemKind::Cycle { path: names.join(" > ") })
+        let mut names: Vec<String> = path.iter().map(|&i| self.place(i)).collect();
+        if at != top {
+            names.extend(["...".to_owned(), self.place(top)]);
+        }
+        names.reverse();
+        names.push(self.place(top));
+        log.refuse(self.place(top), ProblemKind::Cycle { path: names.join(" > ") })
     }
 
     /// The transform of node `i` relative to its parent.
