@@ -19,7 +19,7 @@ mod remedy;
 mod strip;
 #[cfg(test)]
 mod tests;
-mod uri;
+pub mod uri;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
