@@ -48,6 +48,8 @@ pub struct Inputs<'a> {
     pub params: &'a Params,
     pub plan: Plan,
     pub shapes: &'a [Shape],
+    /// Welded and facing outward.
+    pub control: &'a TriMesh,
     pub container: &'a Container,
     pub filled: &'a Filled,
     pub held: Held,
@@ -72,10 +74,10 @@ pub fn report(
     let progress =
         |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
     observe(observer, &progress(0.0))?;
-    let region = Region::new(&scene.control.mesh);
+    let region = Region::new(inputs.control);
     let props: Vec<TriMesh> = scene.props.iter().map(|p| p.model.mesh.clone()).collect();
     let (start, end) = (placed(&filled.bodies, &frames[0]), placed(&filled.bodies, &frames[frames.len() - 1]));
-    let gauge = Gauge::new(&scene.control.mesh, &region, &measure::Pile { props: &props, bodies: &start });
+    let gauge = Gauge::new(inputs.control, &region, &measure::Pile { props: &props, bodies: &start });
     let first = gauge.measure(&measure::Pile { props: &props, bodies: &start });
     observe(observer, &progress(0.4))?;
     let last = gauge.measure(&measure::Pile { props: &props, bodies: &end });
@@ -269,8 +271,15 @@ fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
 const POOR_FILL: f64 = 0.2;
 
 fn fill_warnings(inputs: &Inputs, first: &ShapeMeasures) -> Vec<String> {
-    let Removed { sticking_out, overlapping, escaped } = inputs.filled.removed;
     let mut warnings = Vec::new();
+    if inputs.container.remeshed {
+        let spacing = inputs.container.distance.spacing() * inputs.plan.prop_diameter;
+        warnings.push(format!(
+            "{}: filled inside a surface around the union of its parts, {spacing:.3} m between samples",
+            inputs.scene.control.name
+        ));
+    }
+    let Removed { sticking_out, overlapping, escaped } = inputs.filled.removed;
     for (count, why) in [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")] {
         if count > 0 {
             warnings.push(format!("{count} bodies that {why} were removed after the fill"));
