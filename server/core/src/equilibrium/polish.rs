@@ -23,14 +23,23 @@ const MOST_ROUNDS: u32 = 6;
 /// Angles that change by less than this have converged: the work of a generator is exact to the square of it.
 const ANGLE: f64 = 1e-8;
 
-/// A contact whose point does not move along its friction force by this share of the separator carries a force inside its
-/// cone, where a direction on the rim means nothing.
+/// A contact whose point moves tangentially by less than this share of the separator sticks: its force lies inside its cone, where
+/// a direction on the rim means nothing.
 const SLIPS: f64 = 1e-6;
 
 /// A step beyond this many radians is no longer Newton's territory.
 const FAR: f64 = 1.0;
 
-/// A generator whose angle may turn.
+/// A generator to be loaded.
+#[derive(Clone, Copy, Debug, Default)]
+struct Load {
+    contact: usize,
+    force: DVec3,
+    /// Its contact slips along the separator: its tangent may turn.
+    slips: bool,
+}
+
+/// A generator whose angle may turn; all zero if it may not.
 #[derive(Clone, Copy, Debug, Default)]
 struct Turn {
     /// mu n x t and mu t, as forces.
@@ -47,13 +56,13 @@ impl Projection {
     /// a place that is no nearer.
     pub(super) fn polish(&mut self, scaled: &Scaled) -> bool {
         let before = self.clone();
-        let (forces, n) = self.merged(scaled);
-        let mut loaded = self.reload(scaled, &forces[..n]);
+        let (mut loads, n) = self.merged(scaled);
+        let mut loaded = self.reload(scaled, &loads[..n]);
         for _ in 0..MOST_ROUNDS {
             if !loaded {
                 break;
             }
-            let Some(change) = self.turn(scaled) else { break };
+            let Some(change) = self.turn(scaled, &mut loads[..n]) else { break };
             loaded = change.is_finite();
             if change < ANGLE {
                 if norm(&self.left) <= norm(&before.left) {
@@ -66,33 +75,38 @@ impl Projection {
         false
     }
 
-    /// One generator per loaded contact: the direction of its force, stretched to the rim of the cone.
-    fn merged(&self, scaled: &Scaled) -> ([(usize, DVec3); MOST], usize) {
-        let mut out = [(0, DVec3::ZERO); MOST];
+    /// What is to be loaded: of a contact that slips, one generator, the direction of its force, stretched to the rim of the
+    /// cone; of a contact that sticks, what it has.
+    fn merged(&self, scaled: &Scaled) -> ([Load; MOST], usize) {
+        let (velocity, spin) = split(&self.left);
+        let still = SLIPS * norm(&self.left);
+        let mut out = [Load::default(); MOST];
         let mut n = 0;
         for (g, lambda) in self.loaded.iter().zip(self.lambda).take(self.count) {
-            match out[..n].iter_mut().find(|o| o.0 == g.contact) {
-                Some(o) => o.1 += lambda * g.force,
-                None => {
-                    out[n] = (g.contact, lambda * g.force);
-                    n += 1;
-                }
+            let row = &scaled.rows()[g.contact];
+            let v = velocity + spin.cross(row.r);
+            let slips = (v - v.dot(row.n) * row.n).length() > still && scaled.mu(row) > 0.0;
+            if slips && let Some(o) = out[..n].iter_mut().find(|o| o.contact == g.contact) {
+                o.force += lambda * g.force;
+                continue;
             }
+            out[n] = Load { contact: g.contact, force: if slips { lambda * g.force } else { g.force }, slips };
+            n += 1;
         }
-        for (contact, force) in &mut out[..n] {
-            let row = &scaled.rows()[*contact];
-            let tangential = *force - force.dot(row.n) * row.n;
-            *force = row.n + scaled.mu(row) * tangential.normalize_or_zero();
+        for load in out[..n].iter_mut().filter(|o| o.slips) {
+            let row = &scaled.rows()[load.contact];
+            let tangential = load.force - load.force.dot(row.n) * row.n;
+            load.force = row.n + scaled.mu(row) * tangential.normalize_or_zero();
         }
         (out, n)
     }
 
     /// Loads exactly these. False if they are dependent or least squares does not load them all.
-    fn reload(&mut self, scaled: &Scaled, forces: &[(usize, DVec3)]) -> bool {
+    fn reload(&mut self, scaled: &Scaled, loads: &[Load]) -> bool {
         self.count = 0;
-        for (contact, force) in forces {
-            let wrench = scaled.rows()[*contact].wrench(*force);
-            if !self.enter(Generator { contact: *contact, force: *force, wrench }) {
+        for load in loads {
+            let wrench = scaled.rows()[load.contact].wrench(load.force);
+            if !self.enter(Generator { contact: load.contact, force: load.force, wrench }) {
                 return false;
             }
         }
@@ -106,46 +120,40 @@ impl Projection {
     }
 
     /// One Newton step. The largest change of an angle; `None` if the step is not to be had.
-    fn turn(&mut self, scaled: &Scaled) -> Option<f64> {
-        let n = self.count;
+    fn turn(&mut self, scaled: &Scaled, loads: &mut [Load]) -> Option<f64> {
         let (velocity, spin) = split(&self.left);
         let mut turns = [Turn::default(); MOST];
-        for (t, (g, lambda)) in turns.iter_mut().zip(self.loaded.iter().zip(self.lambda)).take(n) {
-            let row = &scaled.rows()[g.contact];
-            t.along = g.force - row.n;
+        for (k, (t, load)) in turns.iter_mut().zip(loads.iter()).enumerate().filter(|(_, (_, load))| load.slips) {
+            let row = &scaled.rows()[load.contact];
+            t.along = load.force - row.n;
             t.across = row.n.cross(t.along);
-            let mut swing = row.wrench(t.across).map(|k| lambda * k);
+            let mut swing = row.wrench(t.across).map(|x| self.lambda[k] * x);
             t.gradient = -dot(&self.left, &swing);
-            let slip = (velocity + spin.cross(row.r)).dot(t.along);
-            if slip < SLIPS * norm(&self.left) * t.along.length() {
-                return None;
-            }
-            t.curvature = lambda * slip;
-            for q in &self.q[..n] {
+            t.curvature = self.lambda[k] * (velocity + spin.cross(row.r)).dot(t.along);
+            for q in &self.q[..self.count] {
                 let along = dot(q, &swing);
                 subtract(&mut swing, along, q);
             }
             t.swing = swing;
         }
-        let angles = newton_step(&turns[..n])?;
-        let largest = angles[..n].iter().fold(0.0, |m: f64, a| m.max(a.abs()));
+        let angles = newton_step(&turns[..loads.len()])?;
+        let largest = angles.iter().fold(0.0, |m: f64, a| m.max(a.abs()));
         if largest.is_nan() || largest > FAR {
             return None;
         }
-        let mut forces = [(0, DVec3::ZERO); MOST];
-        for (k, (f, t)) in forces.iter_mut().zip(&turns).take(n).enumerate() {
-            let row = &scaled.rows()[self.loaded[k].contact];
-            let (s, c) = angles[k].sin_cos();
+        for ((load, t), angle) in loads.iter_mut().zip(&turns).zip(angles).filter(|((load, _), _)| load.slips) {
+            let row = &scaled.rows()[load.contact];
+            let (s, c) = angle.sin_cos();
             let turned = c * t.along + s * t.across;
             // Rounding must not add up over the rounds: the tangent stays a tangent of length mu.
             let tangent = (turned - turned.dot(row.n) * row.n).normalize_or_zero();
-            *f = (self.loaded[k].contact, row.n + scaled.mu(row) * tangent);
+            load.force = row.n + scaled.mu(row) * tangent;
         }
-        self.reload(scaled, &forces[..n]).then_some(largest)
+        self.reload(scaled, loads).then_some(largest)
     }
 }
 
-/// Solves hessian x = -gradient by Cholesky's L D L'. A generator without friction has an empty row and does not turn.
+/// Solves hessian x = -gradient by Cholesky's L D L'. A generator that may not turn has an empty row.
 fn newton_step(turns: &[Turn]) -> Option<[f64; MOST]> {
     let n = turns.len();
     let mut h = [[0.0; MOST]; MOST];
