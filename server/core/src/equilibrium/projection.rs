@@ -54,8 +54,7 @@ const WARM_RANK: f64 = 1e-6;
 const MOST_STALLS: u32 = 12;
 
 /// Steps of pricing before Newton's method is tried on the tangents, and from one failure to the next attempt.
-const POLISH_WARM: u32 = 8;
-const POLISH_FROM: u32 = 8;
+const POLISH_FROM: u32 = 6;
 const POLISH_EVERY: u32 = 4;
 
 /// Far more steps than any problem has needed; beyond, the next solver decides.
@@ -143,7 +142,7 @@ impl Projection {
     fn iterate(&mut self, scaled: &Scaled) -> u32 {
         let mut least = f64::INFINITY;
         let mut stalls = 0;
-        let mut polish_at = if self.count > 0 { POLISH_WARM } else { POLISH_FROM };
+        let mut polish_at = POLISH_FROM;
         for step in 0..MOST_STEPS {
             self.set_left();
             let left = norm(&self.left);
