@@ -34,7 +34,7 @@ pub const SLACK: f64 = 1e-3;
 pub const LEAST_PUSH: f64 = 1e-5;
 
 /// The projections only have to tell the two sides of the slack apart.
-const ACCURACY: Accuracy = Accuracy { reached: 1e-6, violation: 1e-6, excluded_force: 1e3 };
+const ACCURACY: Accuracy = Accuracy { reached: 1e-6, violation: 1e-5, excluded_force: 1e2 };
 
 /// Newton's steps per azimuth; two to four are usual. If they do not suffice the push counts as not survived.
 const MOST_NEWTON: u32 = 40;

@@ -61,6 +61,7 @@ pub mod global;
 pub mod margin;
 mod polish;
 mod projection;
+pub mod rank;
 mod reference;
 mod scaled;
 

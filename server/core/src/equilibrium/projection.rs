@@ -54,8 +54,8 @@ const WARM_RANK: f64 = 1e-6;
 const MOST_STALLS: u32 = 12;
 
 /// Steps of pricing before Newton's method is tried on the tangents, and from one failure to the next attempt.
-const POLISH_FROM: u32 = 6;
-const POLISH_EVERY: u32 = 4;
+const POLISH_FROM: u32 = 9;
+const POLISH_EVERY: u32 = 6;
 
 /// Far more steps than any problem has needed; beyond, the next solver decides.
 const MOST_STEPS: u32 = 400;

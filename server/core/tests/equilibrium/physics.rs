@@ -178,6 +178,21 @@ fn repeated_and_collinear_contacts_change_nothing() {
     }
 }
 
+#[test]
+fn the_rank_of_degenerate_contacts_is_told() {
+    let touch = |x: f64, z: f64, friction: f64| Contact { point: DVec3::new(x, 0.0, z), normal: DVec3::Y, friction };
+    let rank = |contacts: &[Contact]| {
+        Analyser::new().rank(&body(contacts.to_vec(), DVec3::Y * 0.3).problem()).expect("a valid case")
+    };
+    assert_eq!(rank(&[]), 0);
+    assert_eq!(rank(&[touch(0.1, 0.0, 0.0)]), 1);
+    assert_eq!(rank(&[touch(0.1, 0.0, 0.5); 3]), 3, "one point, three times");
+    let line: Vec<Contact> = (0..7).map(|k| touch(f64::from(k) / 7.0, 0.0, 0.5)).collect();
+    assert_eq!(rank(&line), 5, "nothing resists turning about the line");
+    assert_eq!(rank(&block(0.0).contacts), 3, "a smooth plane: height, pitch and roll");
+    assert_eq!(rank(&block(0.5).contacts), 6);
+}
+
 /// The centre of mass just inside or outside a support polygon whose geometry is exact, in any attitude and unit.
 #[test]
 fn the_boundary_is_right_from_a_thousandth_to_a_billionth() {
