@@ -1,8 +1,8 @@
 //! How far a stable body is from the edge.
 //!
-//! **The margin is the largest horizontal push at the centre of mass, in units of mg, that the body survives from each of eight
+//! **The margin is the largest horizontal push at the centre of mass, in units of mg, that the body survives from each of six
 //! azimuths**, at most [`MOST_PUSH`]. Zero: on the edge. 0.2: the ground may shake sideways with 0.2 g, or (nearly) tilt
-//! by atan 0.2. The set of pushes that a body survives is convex, so that it survives every azimuth at cos(pi/8) = 0.92
+//! by atan 0.2. The set of pushes that a body survives is convex, so that it survives every azimuth at cos(pi/6) = 0.87
 //! of its margin or more.
 //!
 //! Why this disturbance:
@@ -10,7 +10,7 @@
 //!   hair inside its support needs no friction at all. A horizontal push sees both: a block of half-width w and
 //!   centre height h on friction mu has the margin min(mu, w/h). Engineers know it as the pseudo-static seismic coefficient.
 //! - The worst of *all* wrenches is zero for every body on two contacts, and to find it is a concave minimisation over
-//!   the facets of W. Eight rays cost about as much as two verdicts.
+//!   the facets of W. Six rays cost six to eight verdicts.
 //! - It needs no length other than the lever arms, and does not depend on what else the contacts could carry.
 //!
 //! A ray b + t d leaves the convex cone W at one t. Outside of it the projection's separator z gives a
@@ -18,11 +18,11 @@
 //! finite on a pyramid and quadratic on a cone. The next projection is made a share [`SLACK`] short of t': if its target
 //! lies in W, the exit is bracketed, and the push that was survived is the answer. (On the boundary itself a projection onto
 //! a cone is slowest.) Each projection starts from the previous one's generators, and each azimuth at the least push so far:
-//! most of the eight are settled by one projection.
+//! most of the six are settled by one projection.
 
 use super::projection::{Accuracy, Projection};
 use super::scaled::{Scaled, Vec6, dot, join, norm, split};
-use std::f64::consts::FRAC_PI_4;
+use std::f64::consts::FRAC_PI_3;
 
 /// Pushes beyond the body's own weight are not told apart.
 pub const MOST_PUSH: f64 = 1.0;
@@ -48,8 +48,8 @@ pub(super) fn of(scaled: &Scaled, projection: &mut Projection) -> f64 {
     }
     let (e1, e2) = up.any_orthonormal_pair();
     let mut least = MOST_PUSH;
-    for k in 0..8 {
-        let (s, c) = (FRAC_PI_4 * f64::from(k)).sin_cos();
+    for k in 0..6 {
+        let (s, c) = (FRAC_PI_3 * f64::from(k)).sin_cos();
         let push = join(c * e1 + s * e2, glam::DVec3::ZERO);
         least = ray(scaled, projection, &b, &push, least);
         if least <= LEAST_PUSH {

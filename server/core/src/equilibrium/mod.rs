@@ -59,7 +59,6 @@
 pub mod candidate;
 pub mod global;
 pub mod margin;
-mod polish;
 mod projection;
 pub mod rank;
 mod reference;

@@ -147,9 +147,9 @@ fn the_margin_is_the_push_that_slides_or_tips() {
             Verdict::Unstable { .. } => panic!("a block on a table stands"),
         }
     };
-    // A square's nearest side is at most pi/8 away from one of eight azimuths.
+    // A square's nearest side is at most pi/6 away from one of the six azimuths.
     let slack = 1.0 - 1.01 * margin::SLACK;
-    let within = |m: f64, exact: f64| m >= slack * exact && m <= exact / (PI / 8.0).cos() + 1e-9;
+    let within = |m: f64, exact: f64| m >= slack * exact && m <= exact / (PI / 6.0).cos() + 1e-9;
     assert!((slack * 0.3..0.3 + 1e-6).contains(&margin(0.3, 0.5)), "slides: {}", margin(0.3, 0.5));
     assert!(within(margin(0.9, 1.0), 0.5), "tips: {}", margin(0.9, 1.0));
     assert_eq!(margin(2.0, 0.1), margin::MOST_PUSH);
