@@ -254,6 +254,19 @@ fn units_do_not_matter() {
     }
 }
 
+/// An analyser that has seen a thousand other bodies answers bit for bit like a new one.
+#[test]
+fn what_came_before_does_not_matter() {
+    let options = Options { margin: true, ..cone() };
+    let mut used = Analyser::new();
+    for seed in 0..1000 {
+        let case = generator::case(seed);
+        let mut new = Analyser::new();
+        let (a, b) = (new.analyse(&case.problem(), &options), used.analyse(&case.problem(), &options));
+        assert_eq!(a, b, "seed {seed}");
+    }
+}
+
 #[test]
 fn remembered_forces_change_no_verdict() {
     let rng = &mut rng(3);
