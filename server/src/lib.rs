@@ -1,1 +1,6 @@
+//! Cairn around its core: the wire, files and the command line.
 
+/// The messages of `proto/cairn/v1`.
+pub mod proto {
+    include!(concat!(env!("OUT_DIR"), "/cairn.v1.rs"));
+}
