@@ -3,13 +3,19 @@
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
 
 pub mod bake;
+pub mod container;
+pub mod fill;
+pub mod equilibrium;
 pub mod mesh;
 pub mod observer;
 pub mod params;
 pub mod plan;
 pub mod pose;
+pub mod region;
 pub mod report;
 pub mod scene;
+pub mod shape;
+pub mod world;
 
 use bake::Bake;
 use observer::Observer;

@@ -52,3 +52,11 @@ impl Observer for Silent {
         0.0
     }
 }
+
+/// Tells progress, and turns a cancel into an error.
+pub(crate) fn observe(observer: &mut dyn Observer, progress: &Progress) -> Result<(), crate::Error> {
+    match observer.progress(progress) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(crate::Error::Cancelled),
+    }
+}

@@ -204,3 +204,85 @@ pub struct Output {
     /// Also measure `free_standing_fraction` (a further simulation).
     pub free_standing: bool,
 }
+
+impl Params {
+    /// The preset's complete parameters.
+    pub fn new(accuracy: Accuracy) -> Params {
+        let mut params = Params {
+            seed: 1,
+            accuracy,
+            gravity: 9.81,
+            ground_friction: 0.7,
+            ground_height: None,
+            physics: Physics {
+                step: Time::Natural(0.05),
+                substeps: 8,
+                contact_frequency: 20.0,
+                contact_damping_ratio: 10.0,
+                friction_model: FrictionModel::Simplified,
+                shape_tolerance: 0.04,
+                max_parts: 12,
+            },
+            base: Base { height: 0.02 },
+            fill: Fill {
+                method: FillMethod::Insert,
+                friction: 0.0,
+                count: None,
+                max_bodies: 20_000,
+                full_below: 0.004,
+                settle: 2.2,
+                protrusion: 0.05,
+                overlap: 0.25,
+            },
+            release: Release { layer: 0.5, interval: Time::Natural(1.0) },
+            control: Control {
+                mode: ControlMode::Hold,
+                period: 5,
+                selection: ContactSelection::Conservative,
+                friction_reserve: FrictionReserve::Sharp,
+                friction_cone: FrictionCone::Cone,
+                kinetic_ratio: 6.0 / 7.0,
+                contact_tolerance: 0.05,
+                spread: Spread::Relative(0.05),
+                neighbours: Neighbours::Either,
+                speed: 0.1,
+                damping: 6.4,
+                kappa: 5.0,
+            },
+            hold: Hold { patience: 60.0 },
+            output: Output { fps: 24.0, frames: None, free_standing: false },
+        };
+        match accuracy {
+            Accuracy::Standard => {}
+            Accuracy::Draft => params.physics.substeps = 4,
+            Accuracy::Fine => {
+                params.physics.step = Time::Natural(0.025);
+                params.physics.shape_tolerance = 0.02;
+                params.physics.max_parts = 24;
+                params.control.period = 10;
+            }
+            Accuracy::Paper => {
+                params.physics.step = Time::Seconds(1.0 / 240.0);
+                params.fill.method = FillMethod::Pour;
+                params.fill.friction = 0.7;
+                params.control = Control {
+                    mode: ControlMode::Nails,
+                    period: 20,
+                    friction_reserve: FrictionReserve::Paper,
+                    friction_cone: FrictionCone::Pyramid,
+                    spread: Spread::Paper(0.5),
+                    neighbours: Neighbours::All,
+                    speed: f64::INFINITY,
+                    damping: 0.0,
+                    ..params.control
+                };
+            }
+        }
+        params
+    }
+
+    /// The engine's settings for the fill: half the substeps, since nothing has to balance there.
+    pub fn fill_physics(&self) -> Physics {
+        Physics { substeps: self.physics.substeps.div_ceil(2), ..self.physics.clone() }
+    }
+}

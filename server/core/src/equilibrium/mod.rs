@@ -1,0 +1,336 @@
+//! Local equilibrium of one body, exact and certified: contacts in, a verdict with its proof out.
+//!
+//! # The question
+//!
+//! A body of mass m and centre of mass c touches its surroundings at points p_i with unit normals n_i that point
+//! *into* it. It is in local equilibrium (Hsu & Keyser 2012, section 3.2) if contact forces f_i exist with
+//!
+//! ```text
+//! sum f_i               = -m g        forces       (Eq. 1)
+//! sum (p_i - c) x f_i   = 0           torques      (Eq. 1; the paper prints f x r, the same equation)
+//! |f_i - (f_i.n_i) n_i| <= mu_i f_i.n_i            (Eq. 2 and 4; see *Friction laws*)
+//! f_i.n_i               >= 0          compression  (Eq. 3)
+//! ```
+//!
+//! Divided by mg (forces) and mgR (torques; R the body's bounding radius) the problem has no unit left. With
+//! r_i = (p_i - c)/R, the wrench of a force f at contact i is a = (f, r_i x f), a point of R^6; the wrench wanted is
+//! b = (-g/|g|, 0), of length one. All wrenches that the contacts can exert form a closed convex cone
+//! W = { sum (f_i, r_i x f_i) : f_i in friction cone i }, so that the question is: **is b in W?**
+//!
+//! # The answer is a distance
+//!
+//! The projection of b onto W always exists and is unique. Let y = b - proj(b). By Moreau's decomposition
+//!
+//! ```text
+//! y . a <= 0 for every wrench a in W,      y . b = |y|^2.
+//! ```
+//!
+//! - |y| = 0: the projection's forces balance the body. They are the proof of [`Verdict::Stable`].
+//! - |y| > 0: z = y/|y| is the proof of [`Verdict::Unstable`] (Farkas): as a virtual velocity it does positive work with
+//!   the weight's counter-wrench (z . b > 0) while no contact can do positive work with it. Read as a motion, z is how
+//!   the body starts to fall. |y| is the *residual*: no contact forces come nearer to equilibrium than that.
+//!
+//! Both proofs are checked by substitution into the equations above, by code that shares nothing with the solvers
+//! ([`scaled`]), before a verdict leaves this module. "Undecided" does not exist: the module's answer is a number, the
+//! distance, and the verdict compares it with [`STABLE_RESIDUAL`].
+//!
+//! # Friction laws
+//!
+//! [`FrictionLaw::Cone`] is Coulomb's law. [`FrictionLaw::Pyramid`] replaces the circle |f_t| <= mu f_n by a regular
+//! polygon; the paper's |f_t1|, |f_t2| <= mu f_n is the circumscribed square ([`FrictionLaw::PAPER`]), which overstates
+//! friction along its diagonals by sqrt 2. The first tangent t1 completes n in the manner of Duff et al. (2017): it
+//! depends on n alone.
+//!
+//! # The solvers
+//!
+//! | | pyramid | cone |
+//! | --- | --- | --- |
+//! | [`Solver::Fast`] | projection onto W, generators from a list ([`projection`]) | the same, generators from a formula |
+//! | [`Solver::Clarabel`] | linear program ([`reference`]) | second-order cone program |
+//!
+//! What the fast solver cannot certify, Clarabel decides; what Clarabel leaves open, the fast solver decides; what both
+//! leave open, the fast algorithm in doubled precision decides. [`Counters`] tells how often each was needed.
+//!
+//! # Margin
+//!
+//! See [`margin`].
+
+pub mod candidate;
+pub mod global;
+mod margin;
+mod projection;
+mod reference;
+mod scaled;
+
+pub use candidate::{Candidacy, CandidateRules, FrictionReserve, Spread};
+pub use scaled::MAX_SIDES;
+
+use glam::DVec3;
+use projection::Projection;
+use scaled::{Certificate, Scaled, Tolerances};
+
+/// A body whose forces miss equilibrium by at most this (forces by mg, torques by mgR) is stable; beyond it, unstable.
+///
+/// Ten times below the nearest boundary that a caller may ask about (a centre of mass 1e-9 R outside its support), and
+/// five orders above the rounding of forces of the size of mg.
+pub const STABLE_RESIDUAL: f64 = 1e-10;
+
+/// A certificate z of instability is accepted if, for every contact, no force of unit normal component does more work
+/// with z than this. Exact arithmetic would give zero.
+pub const CERTIFICATE_TOLERANCE: f64 = 1e-9;
+
+/// ... and if it excludes all forces whose normal components sum to less than this many mg. Near the boundary this is
+/// the stricter of the two: the violation v of a certificate with residual r leaves open only forces above r/v.
+pub const EXCLUDED_FORCE: f64 = 1e4;
+
+/// Largest relative excess over the friction law, and largest tension in mg, that the forces of a stable verdict show.
+pub const FRICTION_TOLERANCE: f64 = 1e-9;
+
+/// One contact of the analysed body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Where, in the same frame and unit as the centre of mass.
+    pub point: DVec3,
+    /// Unit normal pointing into the analysed body: a positive normal force pushes the body along it. Normalised
+    /// again here, so that single precision does no harm.
+    pub normal: DVec3,
+    /// Coulomb's coefficient, >= 0.
+    pub friction: f64,
+}
+
+/// One body and what touches it. Any consistent unit system.
+#[derive(Clone, Copy, Debug)]
+pub struct Problem<'a> {
+    pub contacts: &'a [Contact],
+    /// > 0.
+    pub mass: f64,
+    pub center_of_mass: DVec3,
+    /// Bounding radius of the body about its centre of mass, > 0: the length that makes torques comparable to forces.
+    pub radius: f64,
+    /// Acceleration of gravity. Zero is allowed: then nothing has to be balanced.
+    pub gravity: DVec3,
+}
+
+/// What a contact's friction may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrictionLaw {
+    /// Coulomb's cone, exactly.
+    Cone,
+    /// A regular polygon instead of the circle; `sides` from 3 to [`MAX_SIDES`].
+    Pyramid { sides: u32, fit: Fit },
+}
+
+impl FrictionLaw {
+    /// Eq. 2 and 4: |f_t1|, |f_t2| <= mu f_n.
+    pub const PAPER: FrictionLaw = FrictionLaw::Pyramid { sides: 4, fit: Fit::Circumscribed };
+}
+
+/// How a pyramid's polygon lies to the circle of Coulomb's law.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fit {
+    /// Its corners lie on the circle: friction is understated, by up to cos(pi/sides).
+    Inscribed,
+    /// Its sides touch the circle (the paper's, and the default): friction is overstated, by up to 1/cos(pi/sides).
+    #[default]
+    Circumscribed,
+}
+
+/// Who is asked first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Solver {
+    #[default]
+    Fast,
+    /// The interior-point reference. It answers with forces in the middle of what is allowed, to about 1e-8.
+    Clarabel,
+}
+
+/// How to analyse. The default: Coulomb's cone, the fast solver, no margin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    pub friction_law: FrictionLaw,
+    pub solver: Solver,
+    /// Also compute the margin of a stable body. Costs about as much again as the verdict, several times over.
+    pub margin: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { friction_law: FrictionLaw::Cone, solver: Solver::Fast, margin: false }
+    }
+}
+
+/// A force and a torque about the centre of mass; forces by mg, torques by mgR.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wrench {
+    pub force: DVec3,
+    pub torque: DVec3,
+}
+
+/// The answer, with its proof.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Verdict<'a> {
+    /// Forces exist.
+    Stable {
+        /// One force per contact, acting on the body, in units of mg. Where many distributions balance the body, this
+        /// is one of them, with at most six contacts loaded ([`Solver::Fast`]).
+        forces: &'a [DVec3],
+        /// Norm of the wrench that the forces leave unbalanced, by substitution: at most [`STABLE_RESIDUAL`]
+        /// ([`REFERENCE_RESIDUAL`] if Clarabel found the forces).
+        residual: f64,
+        /// See [`margin`]; `None` where not asked for.
+        margin: Option<f64>,
+    },
+    /// No forces exist.
+    Unstable {
+        /// Unit wrench z: z . b > 0, and z . a <= 0 for every wrench a that the contacts can exert. As a twist
+        /// (velocity of the centre of mass, angular velocity times R) it is minus the motion in which the body falls.
+        certificate: Wrench,
+        /// z . b: how far, in mg and mgR, the best forces stay from equilibrium.
+        residual: f64,
+    },
+}
+
+impl Verdict<'_> {
+    pub fn is_stable(&self) -> bool {
+        matches!(self, Verdict::Stable { .. })
+    }
+}
+
+/// As [`STABLE_RESIDUAL`], for forces that Clarabel found: what an interior point reaches.
+pub const REFERENCE_RESIDUAL: f64 = 1e-7;
+
+/// Input that has no physical meaning. Contacts are named by their index.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum ProblemError {
+    #[error("mass {0} is not a positive number")]
+    Mass(f64),
+    #[error("radius {0} is not a positive number")]
+    Radius(f64),
+    #[error("centre of mass is not finite")]
+    CenterOfMass,
+    #[error("gravity is not finite")]
+    Gravity,
+    #[error("contact {0}: point is not finite, or beyond 1e150 radii")]
+    Point(usize),
+    #[error("contact {0}: normal is zero or not finite")]
+    Normal(usize),
+    #[error("contact {index}: friction {friction} is negative or not finite")]
+    Friction { index: usize, friction: f64 },
+    #[error("a pyramid of {0} sides (3 to {MAX_SIDES} are possible)")]
+    Sides(u32),
+}
+
+/// How often each part decided, since the analyser was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    pub stable: u64,
+    pub unstable: u64,
+    /// Steps of the fast solver, over all solves.
+    pub fast_steps: u64,
+    /// The fast solver's answer did not pass substitution.
+    pub fast_open: u64,
+    /// Clarabel gave no decision, or one that did not pass substitution.
+    pub clarabel_open: u64,
+    /// Both were open and doubled precision decided.
+    pub doubled: u64,
+    /// Verdicts that left with a proof weaker than the named tolerances. Zero over all the generated problems.
+    pub uncertified: u64,
+}
+
+/// The solver's workspace. One per thread; after it has seen the largest contact count, the fast solver allocates
+/// nothing.
+#[derive(Debug, Default)]
+pub struct Analyser {
+    scaled: Scaled,
+    projection: Projection,
+    forces: Vec<DVec3>,
+    points: Vec<DVec3>,
+    counters: Counters,
+}
+
+/// What a solve left in the workspace.
+#[derive(Clone, Copy, Debug)]
+enum Outcome {
+    /// `forces` hold the proof.
+    Stable { residual: f64 },
+    Unstable(Certificate),
+}
+
+impl Analyser {
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Is the body in local equilibrium (Eq. 1 to 4)?
+    pub fn analyse(&mut self, problem: &Problem, options: &Options) -> Result<Verdict<'_>, ProblemError> {
+        self.scaled.set(problem, options.friction_law)?;
+        let outcome = self.decide(options.solver);
+        self.count(&outcome);
+        Ok(match outcome {
+            Outcome::Stable { residual } => {
+                let margin = options.margin.then(|| margin::of(&self.scaled, &mut self.projection));
+                Verdict::Stable { forces: &self.forces, residual, margin }
+            }
+            Outcome::Unstable(c) => Verdict::Unstable { certificate: c.wrench(), residual: c.residual },
+        })
+    }
+
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    fn count(&mut self, outcome: &Outcome) {
+        match outcome {
+            Outcome::Stable { .. } => self.counters.stable += 1,
+            Outcome::Unstable(_) => self.counters.unstable += 1,
+        }
+    }
+
+    /// The chain of solvers: the one asked for, the other one, doubled precision.
+    fn decide(&mut self, solver: Solver) -> Outcome {
+        let first = match solver {
+            Solver::Fast => self.fast().or_else(|| self.clarabel()),
+            Solver::Clarabel => self.clarabel().or_else(|| self.fast()),
+        };
+        first.unwrap_or_else(|| self.last_resort())
+    }
+
+    fn fast(&mut self) -> Option<Outcome> {
+        let steps = self.projection.run(&self.scaled, self.scaled.target());
+        self.counters.fast_steps += u64::from(steps);
+        let outcome = self.certify_projection();
+        if outcome.is_none() {
+            self.counters.fast_open += 1;
+        }
+        outcome
+    }
+
+    /// Substitutes the projection's answer: its forces if it is near enough, else its certificate.
+    fn certify_projection(&mut self) -> Option<Outcome> {
+        self.projection.forces(self.scaled.len(), &mut self.forces);
+        let residual = self.scaled.residual_of(&self.forces);
+        if residual <= STABLE_RESIDUAL && self.scaled.obeys_friction(&self.forces, Tolerances::OWN) {
+            return Some(Outcome::Stable { residual });
+        }
+        let certificate = self.scaled.certificate(self.projection.separator()?);
+        certificate.proves(Tolerances::OWN).then_some(Outcome::Unstable(certificate))
+    }
+
+    fn clarabel(&mut self) -> Option<Outcome> {
+        let outcome = reference::solve(&self.scaled, &mut self.forces);
+        if outcome.is_none() {
+            self.counters.clarabel_open += 1;
+        }
+        outcome
+    }
+
+    fn last_resort(&mut self) -> Outcome {
+        self.counters.uncertified += 1;
+        self.projection.forces(self.scaled.len(), &mut self.forces);
+        let residual = self.scaled.residual_of(&self.forces);
+        match self.projection.separator() {
+            Some(y) if residual > STABLE_RESIDUAL => Outcome::Unstable(self.scaled.certificate(y)),
+            _ => Outcome::Stable { residual },
+        }
+    }
+}

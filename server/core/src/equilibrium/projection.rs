@@ -1,0 +1,252 @@
+//! The fast solver: projection of a wrench onto the cone of all wrenches that the contacts can exert.
+//!
+//! # Method
+//!
+//! Lawson & Hanson's non-negative least squares (1974), with generators made when they are needed. The iterate is
+//! sum lambda_j a_j over at most six *loaded* generators a_j (wrenches of forces of unit normal component), all
+//! lambda_j > 0, and is the least-squares answer over their span. One step:
+//!
+//! 1. y = what is left of the target, orthogonal to all loaded generators.
+//! 2. **Price**: seen as a virtual velocity, y moves contact i with v = y_f + y_t x r_i. The force of unit normal component
+//!    that does most work is n_i + mu v_t/|v_t| on Coulomb's cone (in closed form, the whole circle at once), and
+//!    the best corner on a pyramid. The contact that offers most is entered. If none offers positive work, y is
+//!    a separator and the iterate the projection: done.
+//! 3. **Solve** least squares over the loaded generators. Where a lambda turns negative, go only as far as all stay
+//!    non-negative, unload what reached zero, and solve again.
+//!
+//! Each step brings the iterate strictly nearer, so that no set of generators comes twice. On a pyramid there
+//! are finitely many of them, and the method ends with the exact answer. On the cone each new tangent direction
+//! comes from a separator that is exact to second order in the spacing of the tangents, which squares that
+//! spacing: a handful of steps more than the pyramid.
+//!
+//! # Numerics
+//!
+//! The loaded generators are kept as Q R, Q from Gram-Schmidt with one re-orthogonalisation ("twice is enough": orthogonal
+//! to rounding for any condition), R updated by Givens rotations when a generator leaves. y is taken as the part
+//! of the target orthogonal to Q, also twice: near the boundary of stability |y| may be 1e-9, and b - A lambda would be
+//! a direction accurate to 1e-7 only, whereas the twice orthogonalised y remains orthogonal to the loaded
+//! generators to rounding. This is what makes certificates possible down to 1e-10.
+
+use super::scaled::{Row, Scaled, Vec6, dot, norm};
+use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE};
+use glam::DVec3;
+
+/// The span of seven wrenches is the span of six of them.
+const MOST: usize = 6;
+
+/// Left over less than this, the target is reached: a hundred times below [`super::STABLE_RESIDUAL`].
+const REACHED: f64 = 1e-12;
+
+/// Work per unit of separator that is rounding and not an offer.
+const NO_OFFER: f64 = 1e-15;
+
+/// Of the tolerance of a certificate, the share that the solver uses up; the rest is for the substitution's rounding.
+const SHARE: f64 = 0.25;
+
+/// Offers that differ by less count as equal, and the first contact wins: symmetric bodies then get the same forces in
+/// every unit system.
+const TIE: f64 = 1.0 + 1e-9;
+
+/// Far more steps than any problem has needed; beyond, the next solver decides.
+const MOST_STEPS: u32 = 400;
+
+/// A force of unit normal component, and its wrench.
+#[derive(Clone, Copy, Debug, Default)]
+struct Generator {
+    contact: usize,
+    force: DVec3,
+    wrench: Vec6,
+}
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct Projection {
+    target: Vec6,
+    /// Loaded generators: the first `count` of each array.
+    count: usize,
+    loaded: [Generator; MOST],
+    lambda: [f64; MOST],
+    /// Orthonormal columns with the span of the loaded generators.
+    q: [Vec6; MOST],
+    /// `r[j][..=j]`: generator j in terms of q.
+    r: [[f64; MOST]; MOST],
+    /// The part of the target outside their span.
+    left: Vec6,
+}
+
+impl Projection {
+    /// Projects `target`; returns the number of steps.
+    pub fn run(&mut self, scaled: &Scaled, target: Vec6) -> u32 {
+        self.target = target;
+        self.count = 0;
+        self.iterate(scaled)
+    }
+
+    fn iterate(&mut self, scaled: &Scaled) -> u32 {
+        let mut last = f64::INFINITY;
+        for step in 0..MOST_STEPS {
+            self.set_left();
+            let left = norm(&self.left);
+            if left <= REACHED || left >= last || self.count == MOST {
+                return step;
+            }
+            last = left;
+            let allowed = (left / EXCLUDED_FORCE).min(CERTIFICATE_TOLERANCE) * SHARE;
+            let Some(best) = self.price(scaled, left * allowed.max(NO_OFFER)) else { return step };
+            if !self.enter(best) || !self.solve() {
+                return step;
+            }
+        }
+        MOST_STEPS
+    }
+
+    /// Forces per contact of the current iterate.
+    pub fn forces(&self, contacts: usize, out: &mut Vec<DVec3>) {
+        out.clear();
+        out.resize(contacts, DVec3::ZERO);
+        for (g, lambda) in self.loaded.iter().zip(self.lambda).take(self.count) {
+            out[g.contact] += lambda * g.force;
+        }
+    }
+
+    /// The direction that separates the target from all wrenches; `None` if the target is in the span of the
+    /// loaded generators.
+    pub fn separator(&self) -> Option<Vec6> {
+        (norm(&self.left) > 0.0).then_some(self.left)
+    }
+
+    fn set_left(&mut self) {
+        self.left = self.target;
+        for _ in 0..2 {
+            for q in &self.q[..self.count] {
+                let along = dot(q, &self.left);
+                for k in 0..6 {
+                    self.left[k] -= along * q[k];
+                }
+            }
+        }
+    }
+
+    /// The generator that does most work with `left`, if it does more than `threshold`.
+    fn price(&self, scaled: &Scaled, threshold: f64) -> Option<Generator> {
+        let velocity = DVec3::new(self.left[0], self.left[1], self.left[2]);
+        let spin = DVec3::new(self.left[3], self.left[4], self.left[5]);
+        let mut bar = threshold;
+        let mut best: Option<(usize, DVec3)> = None;
+        for (i, row) in scaled.rows().iter().enumerate() {
+            let (work, tangent) = scaled.best_force(row, velocity + spin.cross(row.r));
+            if work > bar {
+                bar = work * TIE;
+                best = Some((i, tangent));
+            }
+        }
+        best.map(|(contact, tangent)| {
+            let row: &Row = &scaled.rows()[contact];
+            let force = row.n + row.mu * scaled.friction_scale * tangent;
+            Generator { contact, force, wrench: row.wrench(force) }
+        })
+    }
+
+    /// Appends a generator to Q R, unloaded. False if it lies in their span.
+    fn enter(&mut self, g: Generator) -> bool {
+        let j = self.count;
+        let mut rest = g.wrench;
+        let mut column = [0.0; MOST];
+        for _ in 0..2 {
+            for (q, c) in self.q[..j].iter().zip(&mut column) {
+                let along = dot(q, &rest);
+                *c += along;
+                for k in 0..6 {
+                    rest[k] -= along * q[k];
+                }
+            }
+        }
+        let length = norm(&rest);
+        if !(length > 0.0) {
+            return false;
+        }
+        column[j] = length;
+        self.q[j] = rest.map(|k| k / length);
+        self.r[j] = column;
+        self.loaded[j] = g;
+        self.lambda[j] = 0.0;
+        self.count += 1;
+        true
+    }
+
+    /// Least squares over the loaded generators, unloading until all are positive. False if the one entered last would
+    /// leave at once: then rounding has been reached.
+    fn solve(&mut self) -> bool {
+        let mut newest = Some(self.count - 1);
+        loop {
+            let wanted = self.least_squares();
+            let mut share = 1.0;
+            let mut leaves = None;
+            for j in 0..self.count {
+                if wanted[j] <= 0.0 {
+                    let s = self.lambda[j] / (self.lambda[j] - wanted[j]);
+                    if leaves.is_none() || s < share {
+                        share = s;
+                        leaves = Some(j);
+                    }
+                }
+            }
+            let Some(j) = leaves else {
+                self.lambda[..self.count].copy_from_slice(&wanted[..self.count]);
+                return true;
+            };
+            if newest == Some(j) && share == 0.0 {
+                self.leave(j);
+                return false;
+            }
+            for k in 0..self.count {
+                self.lambda[k] = (self.lambda[k] + share * (wanted[k] - self.lambda[k])).max(0.0);
+            }
+            if let Some(n) = newest {
+                newest = if n == j { None } else { Some(n - usize::from(j < n)) };
+            }
+            self.leave(j);
+        }
+    }
+
+    /// R lambda = Q' target.
+    fn least_squares(&self) -> [f64; MOST] {
+        let mut x = [0.0; MOST];
+        for j in 0..self.count {
+            x[j] = dot(&self.q[j], &self.target);
+        }
+        for j in (0..self.count).rev() {
+            x[j] /= self.r[j][j];
+            let value = x[j];
+            for (k, xk) in x[..j].iter_mut().enumerate() {
+                *xk -= self.r[j][k] * value;
+            }
+        }
+        x
+    }
+
+    /// Takes generator j out of Q R: its column goes, Givens rotations make R triangular again.
+    fn leave(&mut self, j: usize) {
+        let n = self.count;
+        for k in j + 1..n {
+            self.loaded[k - 1] = self.loaded[k];
+            self.lambda[k - 1] = self.lambda[k];
+            self.r[k - 1] = self.r[k];
+        }
+        self.count = n - 1;
+        for k in j..n - 1 {
+            let (a, b) = (self.r[k][k], self.r[k][k + 1]);
+            let h = a.hypot(b);
+            let (c, s) = (a / h, b / h);
+            for column in &mut self.r[k..n - 1] {
+                let (u, v) = (column[k], column[k + 1]);
+                column[k] = c * u + s * v;
+                column[k + 1] = c * v - s * u;
+            }
+            for m in 0..6 {
+                let (u, v) = (self.q[k][m], self.q[k + 1][m]);
+                self.q[k][m] = c * u + s * v;
+                self.q[k + 1][m] = c * v - s * u;
+            }
+        }
+    }
+}

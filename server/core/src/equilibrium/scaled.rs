@@ -1,0 +1,274 @@
+//! The problem without units, and the substitution checks that every verdict must pass.
+//!
+//! Forces are in mg, lever arms in bounding radii R; a wrench is (force, torque about the centre of mass). This file
+//! knows the friction laws and nothing of how the solvers work.
+
+use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FRICTION_TOLERANCE, Fit, FrictionLaw};
+use super::{Problem, ProblemError, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
+use glam::DVec3;
+
+/// Largest number of sides of a friction pyramid.
+pub const MAX_SIDES: u32 = 64;
+
+/// Lever arms beyond this many radii would overflow when squared.
+const LARGEST_LEVER: f64 = 1e150;
+
+/// A shorter normal has no direction: its square would underflow.
+const SHORTEST_NORMAL: f64 = 1e-150;
+
+/// (force, torque).
+pub(super) type Vec6 = [f64; 6];
+
+pub(super) fn dot(a: &Vec6, b: &Vec6) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+}
+
+pub(super) fn norm(a: &Vec6) -> f64 {
+    dot(a, a).sqrt()
+}
+
+pub(super) fn join(force: DVec3, torque: DVec3) -> Vec6 {
+    [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+}
+
+pub(super) fn split(w: &Vec6) -> (DVec3, DVec3) {
+    (DVec3::new(w[0], w[1], w[2]), DVec3::new(w[3], w[4], w[5]))
+}
+
+/// One contact without units.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Row {
+    /// Lever arm, in R.
+    pub r: DVec3,
+    pub n: DVec3,
+    pub t1: DVec3,
+    pub t2: DVec3,
+    pub mu: f64,
+}
+
+impl Row {
+    pub fn wrench(&self, force: DVec3) -> Vec6 {
+        join(force, self.r.cross(force))
+    }
+}
+
+/// The friction law, with the polygon's corners worked out.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Law {
+    Cone,
+    /// Corners and outward face normals in units of mu; a face is `normal . f_t <= apothem mu f_n`.
+    Pyramid { sides: usize, corners: [[f64; 2]; MAX_SIDES as usize], faces: [[f64; 2]; MAX_SIDES as usize], apothem: f64 },
+}
+
+impl Law {
+    fn new(law: FrictionLaw) -> Result<Law, ProblemError> {
+        let FrictionLaw::Pyramid { sides, fit } = law else { return Ok(Law::Cone) };
+        if !(3..=MAX_SIDES).contains(&sides) {
+            return Err(ProblemError::Sides(sides));
+        }
+        let half = std::f64::consts::PI / f64::from(sides);
+        let (reach, apothem) = match fit {
+            Fit::Inscribed => (1.0, half.cos()),
+            Fit::Circumscribed => (1.0 / half.cos(), 1.0),
+        };
+        let mut corners = [[0.0; 2]; MAX_SIDES as usize];
+        let mut faces = corners;
+        // Face 0 looks along t1, so that four circumscribed sides are the paper's |f_t1|, |f_t2| <= mu f_n.
+        for k in 0..sides as usize {
+            let (s, c) = (2.0 * half * k as f64).sin_cos();
+            faces[k] = [c, s];
+            let (s, c) = (2.0 * half * (k as f64 + 0.5)).sin_cos();
+            corners[k] = [reach * c, reach * s];
+        }
+        Ok(Law::Pyramid { sides: sides as usize, corners, faces, apothem })
+    }
+}
+
+/// How exact a proof must be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tolerances {
+    pub residual: f64,
+    pub friction: f64,
+    pub certificate: f64,
+}
+
+impl Tolerances {
+    pub const OWN: Tolerances = Tolerances {
+        residual: STABLE_RESIDUAL,
+        friction: FRICTION_TOLERANCE,
+        certificate: CERTIFICATE_TOLERANCE,
+    };
+    /// An interior point stops at about 1e-8 of everything.
+    pub const REFERENCE: Tolerances =
+        Tolerances { residual: REFERENCE_RESIDUAL, friction: REFERENCE_RESIDUAL, certificate: REFERENCE_RESIDUAL };
+}
+
+/// A unit wrench that claims to prove instability, and what substitution says of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Certificate {
+    pub z: Vec6,
+    /// z . b.
+    pub residual: f64,
+    /// Largest work that a contact force of unit normal component does with z; <= 0 in exact arithmetic.
+    pub violation: f64,
+}
+
+impl Certificate {
+    pub fn proves(&self, t: Tolerances) -> bool {
+        self.residual > t.residual
+            && self.violation <= t.certificate
+            && self.violation * EXCLUDED_FORCE <= self.residual
+    }
+
+    pub fn wrench(&self) -> Wrench {
+        let (force, torque) = split(&self.z);
+        Wrench { force, torque }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Scaled {
+    rows: Vec<Row>,
+    law: Law,
+    /// What `law` was worked out from.
+    law_of: FrictionLaw,
+    /// Factor on every friction coefficient.
+    pub friction_scale: f64,
+    /// The wrench that the contacts must exert: against gravity, of length one (or zero, without gravity).
+    target: Vec6,
+}
+
+impl Default for Scaled {
+    fn default() -> Self {
+        Scaled { rows: Vec::new(), law: Law::Cone, law_of: FrictionLaw::Cone, friction_scale: 1.0, target: [0.0; 6] }
+    }
+}
+
+impl Scaled {
+    /// Takes the units out, and refuses what has no meaning.
+    pub fn set(&mut self, p: &Problem, law: FrictionLaw) -> Result<(), ProblemError> {
+        if !(p.mass > 0.0 && p.mass.is_finite()) {
+            return Err(ProblemError::Mass(p.mass));
+        }
+        if !(p.radius > 0.0 && p.radius.is_finite()) {
+            return Err(ProblemError::Radius(p.radius));
+        }
+        if !p.center_of_mass.is_finite() {
+            return Err(ProblemError::CenterOfMass);
+        }
+        if !p.gravity.is_finite() {
+            return Err(ProblemError::Gravity);
+        }
+        if self.law_of != law {
+            self.law = Law::new(law)?;
+            self.law_of = law;
+        }
+        self.friction_scale = 1.0;
+        self.target = join(-direction(p.gravity).unwrap_or(DVec3::ZERO), DVec3::ZERO);
+        self.rows.clear();
+        self.rows.reserve(p.contacts.len());
+        for (index, c) in p.contacts.iter().enumerate() {
+            let r = (c.point - p.center_of_mass) / p.radius;
+            if r.abs().max_element().is_nan() || !(r.abs().max_element() <= LARGEST_LEVER) {
+                return Err(ProblemError::Point(index));
+            }
+            let n = direction(c.normal).ok_or(ProblemError::Normal(index))?;
+            if !(c.friction >= 0.0 && c.friction.is_finite()) {
+                return Err(ProblemError::Friction { index, friction: c.friction });
+            }
+            let (t1, t2) = n.any_orthonormal_pair();
+            self.rows.push(Row { r, n, t1, t2, mu: c.friction });
+        }
+        Ok(())
+    }
+
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    pub fn law(&self) -> &Law {
+        &self.law
+    }
+
+    pub fn target(&self) -> Vec6 {
+        self.target
+    }
+
+    /// Of all forces at this contact with normal component one, the work that the best does at virtual velocity `v`,
+    /// and its tangential part in units of mu.
+    pub fn best_force(&self, row: &Row, v: DVec3) -> (f64, DVec3) {
+        let along = v.dot(row.n);
+        let mu = row.mu * self.friction_scale;
+        match &self.law {
+            Law::Cone => {
+                let tangential = v - along * row.n;
+                let speed = tangential.length();
+                if speed > 0.0 { (along + mu * speed, tangential / speed) } else { (along, DVec3::ZERO) }
+            }
+            Law::Pyramid { sides, corners, .. } => {
+                let (v1, v2) = (v.dot(row.t1), v.dot(row.t2));
+                let mut best = 0.0;
+                let mut tangent = DVec3::ZERO;
+                for c in &corners[..*sides] {
+                    let work = c[0] * v1 + c[1] * v2;
+                    if work > best {
+                        best = work;
+                        tangent = c[0] * row.t1 + c[1] * row.t2;
+                    }
+                }
+                (along + mu * best, tangent)
+            }
+        }
+    }
+
+    /// Substitutes forces (by mg) into Eq. 1: the norm of the wrench left over.
+    pub fn residual_of(&self, forces: &[DVec3]) -> f64 {
+        let mut left = self.target;
+        for (row, f) in self.rows.iter().zip(forces) {
+            let w = row.wrench(*f);
+            for k in 0..6 {
+                left[k] -= w[k];
+            }
+        }
+        norm(&left)
+    }
+
+    /// Substitutes forces into Eq. 2 to 4.
+    pub fn obeys_friction(&self, forces: &[DVec3], t: Tolerances) -> bool {
+        self.rows.iter().zip(forces).all(|(row, f)| {
+            let normal = f.dot(row.n);
+            let mu = row.mu * self.friction_scale;
+            let excess = match &self.law {
+                Law::Cone => (*f - normal * row.n).length() - mu * normal,
+                Law::Pyramid { sides, faces, apothem, .. } => {
+                    let (f1, f2) = (f.dot(row.t1), f.dot(row.t2));
+                    let reach = faces[..*sides].iter().map(|m| m[0] * f1 + m[1] * f2).fold(0.0, f64::max);
+                    reach - apothem * mu * normal
+                }
+            };
+            normal >= -t.friction && excess <= t.friction * (1.0 + normal.abs())
+        })
+    }
+
+    /// Substitutes a direction: does it prove that no forces exist?
+    pub fn certificate(&self, y: Vec6) -> Certificate {
+        let scale = 1.0 / norm(&y);
+        let z = y.map(|k| k * scale);
+        let (velocity, spin) = split(&z);
+        let mut violation = f64::NEG_INFINITY;
+        for row in &self.rows {
+            violation = violation.max(self.best_force(row, velocity + spin.cross(row.r)).0);
+        }
+        Certificate { z, residual: dot(&z, &self.target), violation }
+    }
+}
+
+/// Unit vector along `v`, without overflow; `None` if there is none.
+fn direction(v: DVec3) -> Option<DVec3> {
+    let largest = v.abs().max_element();
+    (v.is_finite() && largest > SHORTEST_NORMAL).then(|| (v / largest).normalize())
+}

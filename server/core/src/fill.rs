@@ -1,0 +1,248 @@
+//! Filling the container with props (Cho et al. 2007; paper, 4.1).
+
+mod insert;
+
+use crate::container::Container;
+use crate::observer::{Observer, Progress, Stage, observe};
+use crate::params::{Fill as FillParams, Params};
+use crate::pose::Pose;
+use crate::scene::Scene;
+use crate::shape::{Shape, Solid};
+use crate::world::{BodyId, Insertion, Units, World};
+use crate::Error;
+use glam::{DQuat, DVec3};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+/// A full container. Plain data: a release starts from it as often as one likes.
+#[derive(Clone, Debug)]
+pub struct Filled {
+    pub bodies: Vec<Placed>,
+    pub removed: Removed,
+    pub steps: u64,
+    /// Whether the container was full, rather than a limit reached.
+    pub full: bool,
+}
+
+/// A body where the fill left it.
+#[derive(Clone, Copy, Debug)]
+pub struct Placed {
+    pub prop: usize,
+    pub scale: f64,
+    /// Of the centre of mass, engine units.
+    pub pose: Pose,
+}
+
+/// Bodies that the fill took out again, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Removed {
+    pub sticking_out: usize,
+    pub overlapping: usize,
+    pub escaped: usize,
+}
+
+/// What a fill works with.
+pub(crate) struct Filling<'a> {
+    pub scene: &'a Scene,
+    pub shapes: &'a [Shape],
+    pub params: &'a Params,
+    pub container: &'a Container,
+    pub world: World,
+    pub rng: Pcg64Mcg,
+    pub removed: Removed,
+    /// Bodies that the container is expected to take.
+    pub expected: usize,
+}
+
+/// Share of the volume that props usually fill.
+pub const USUAL_PACKING: f64 = 0.4;
+/// Rounds of removing what sticks out or overlaps and settling again.
+const CLEANUP_ROUNDS: usize = 4;
+/// Settling after each of them, natural times.
+const CLEANUP_SETTLE: f64 = 0.5;
+
+/// Fills the container and lets the props settle in it.
+pub fn run(
+    scene: &Scene,
+    shapes: &[Shape],
+    params: &Params,
+    units: Units,
+    container: &Container,
+    observer: &mut dyn Observer,
+) -> Result<Filled, Error> {
+    let thickness = shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
+    let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
+    let mut world = World::new(units, &params.fill_physics(), thickness / units.length, compounds);
+    world.set_gravity_up(true);
+    let mut filling = Filling {
+        scene,
+        shapes,
+        params,
+        container,
+        world,
+        rng: Pcg64Mcg::seed_from_u64(params.seed),
+        removed: Removed::default(),
+        expected: expected_bodies(scene, shapes, container.volume * units.length.powi(3), &params.fill),
+    };
+    let walls = filling.world.add_container(&container.walls, 0.0).map_err(Error::Internal)?;
+    let floor = filling.world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0);
+    let full = insert::run(&mut filling, observer)?;
+    for id in filling.world.present().collect::<Vec<_>>() {
+        let friction = scene.props[filling.world.bodies()[id].prop].friction;
+        filling.world.set_friction(id, friction);
+    }
+    filling.settle(params.fill.settle, observer)?;
+    filling.clean_up(observer)?;
+    filling.world.remove_wall(walls);
+    filling.world.remove_wall(floor);
+    let bodies = filling.world.present().map(|id| filling.placed(id)).collect();
+    Ok(Filled { bodies, removed: filling.removed, steps: filling.world.steps, full })
+}
+
+/// Bodies that fit into a volume in m^3, by the packing that fills usually reach and the limits given.
+pub fn expected_bodies(scene: &Scene, shapes: &[Shape], volume: f64, fill: &FillParams) -> usize {
+    let total: f64 = scene.props.iter().map(|p| p.weight).sum();
+    let mean: f64 = scene.props.iter().zip(shapes).map(|(p, s)| p.weight / total * s.volume * mean_cube(p.scale)).sum();
+    let fitting = (USUAL_PACKING * volume / mean).ceil().max(1.0);
+    (fitting.min(fill.max_bodies as f64) as usize).min(fill.count.unwrap_or(u32::MAX) as usize).max(1)
+}
+
+/// Mean of s^3 for s even between the two.
+fn mean_cube([lo, hi]: [f64; 2]) -> f64 {
+    (lo + hi) * (lo * lo + hi * hi) / 4.0
+}
+
+impl Filling<'_> {
+    /// A prop by weight, a scale from its range and any orientation.
+    pub fn draw(&mut self) -> (usize, f64, DQuat) {
+        let total: f64 = self.scene.props.iter().map(|p| p.weight).sum();
+        let mut at = self.rng.random_range(0.0..total);
+        let chosen = self.scene.props.iter().position(|p| {
+            at -= p.weight;
+            at < 0.0
+        });
+        let prop = chosen.unwrap_or(self.scene.props.len() - 1);
+        let [lo, hi] = self.scene.props[prop].scale;
+        let scale = lo + (hi - lo) * self.rng.random::<f64>();
+        (prop, scale, random_rotation(&mut self.rng))
+    }
+
+    pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
+        let material = &self.scene.props[prop];
+        let body =
+            Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
+        debug_assert!(material.weight > 0.0);
+        self.world.insert(&self.shapes[prop], &body).map_err(Error::Internal)
+    }
+
+    /// Simulates for a while, natural times.
+    pub fn settle(&mut self, time: f64, observer: &mut dyn Observer) -> Result<(), Error> {
+        let steps = (time / self.world.step_length()).ceil() as usize;
+        for _ in 0..steps {
+            self.world.step();
+            self.tell(observer)?;
+        }
+        Ok(())
+    }
+
+    pub fn tell(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
+        let bodies = self.world.present().count();
+        let fraction = (bodies as f64 / self.expected as f64).min(0.99);
+        let progress = Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
+        observe(observer, &progress)
+    }
+
+    fn placed(&self, id: BodyId) -> Placed {
+        let body = &self.world.bodies()[id];
+        Placed { prop: body.prop, scale: body.scale, pose: self.world.pose(id) }
+    }
+
+    /// How far the farthest corner of a body is outside the container, engine units.
+    pub fn protrusion(&self, id: BodyId) -> f64 {
+        let placed = self.placed(id);
+        corners(&self.shapes[placed.prop], placed.scale / self.world.units.length, &placed.pose)
+            .map(|p| self.container.distance.signed_distance(p).max(self.container.base - p.y))
+            .fold(0.0, f64::max)
+    }
+
+    /// Takes out what left the container.
+    pub fn remove_escaped(&mut self) {
+        for id in self.world.present().collect::<Vec<_>>() {
+            let center = self.world.pose(id).translation;
+            if !(self.container.distance.signed_distance(center) <= 0.0 && center.y > self.container.base) {
+                self.world.remove(id);
+                self.removed.escaped += 1;
+            }
+        }
+    }
+
+    /// Takes out what sticks out or overlaps, until nothing does.
+    fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
+        for _ in 0..CLEANUP_ROUNDS {
+            self.remove_escaped();
+            let out = self.world.present().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
+            self.removed.sticking_out += out.len();
+            out.iter().for_each(|&id| self.world.remove(id));
+            let overlapping = self.remove_overlapping(0);
+            self.removed.overlapping += overlapping;
+            if out.is_empty() && overlapping == 0 {
+                break;
+            }
+            self.settle(CLEANUP_SETTLE, observer)?;
+        }
+        Ok(())
+    }
+
+    /// Takes out bodies from `first` on that overlap another one too deeply: those with most such pairs first.
+    pub fn remove_overlapping(&mut self, first: BodyId) -> usize {
+        self.world.refresh();
+        let limit = self.params.fill.overlap;
+        let too_deep = |w: &World, t: &crate::world::Touch| match t.b {
+            crate::world::Side::Body(b) if b >= first => {
+                let thickness = w.bodies()[t.a].thickness.min(w.bodies()[b].thickness);
+                (t.depth() > limit * thickness).then_some((t.a, b))
+            }
+            _ => None,
+        };
+        let mut pairs: Vec<(BodyId, BodyId)> =
+            self.world.touches(0.0).iter().filter_map(|t| too_deep(&self.world, t)).collect();
+        let mut removed = 0;
+        while !pairs.is_empty() {
+            let mut count = std::collections::BTreeMap::<BodyId, usize>::new();
+            for &(a, b) in &pairs {
+                for id in [a, b].into_iter().filter(|&id| id >= first) {
+                    *count.entry(id).or_default() += 1;
+                }
+            }
+            let Some((&worst, _)) = count.iter().max_by_key(|&(&id, &n)| (n, id)) else { break };
+            self.world.remove(worst);
+            removed += 1;
+            pairs.retain(|&(a, b)| a != worst && b != worst);
+        }
+        removed
+    }
+}
+
+/// The corners of a shape at a pose, `scale` engine units per metre of the prop.
+pub fn corners<'a>(shape: &'a Shape, scale: f64, pose: &Pose) -> Box<dyn Iterator<Item = DVec3> + 'a> {
+    let pose = *pose;
+    match &shape.solid {
+        Solid::Box(b) => Box::new((0..8).map(move |i| {
+            let sign = DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2 & 1)) * 2.0 - 1.0;
+            pose.transform_point((b.center + b.rotation * (b.half * sign)) * scale)
+        })),
+        Solid::Ball { center, radius } => Box::new((0..6).map(move |i| {
+            let axis = DVec3::AXES[i / 2] * if i % 2 == 0 { *radius } else { -*radius };
+            pose.transform_point(*center * scale) + axis * scale
+        })),
+        Solid::Convex(parts) => Box::new(parts.iter().flatten().map(move |&p| pose.transform_point(p * scale))),
+    }
+}
+
+/// Uniform over all rotations (Shoemake 1992).
+pub fn random_rotation(rng: &mut impl Rng) -> DQuat {
+    let (u, v, w): (f64, f64, f64) = (rng.random(), rng.random(), rng.random());
+    let (v, w) = (v * std::f64::consts::TAU, w * std::f64::consts::TAU);
+    let (a, b) = ((1.0 - u).sqrt(), u.sqrt());
+    DQuat::from_xyzw(a * libm::sin(v), a * libm::cos(v), b * libm::sin(w), b * libm::cos(w)).normalize()
+}

@@ -1,0 +1,108 @@
+//! The `insert` fill: props are put at free places inside the closed container at a fraction of their size and grow
+//! there, while upward gravity packs them. Denser and more even than a pour, and it reaches under overhangs.
+
+use super::{Filling, corners};
+use crate::Error;
+use crate::observer::Observer;
+use crate::pose::Pose;
+use crate::world::BodyId;
+use glam::DVec3;
+use rand::RngExt;
+
+/// Size at insertion, as a share of the full size.
+const SEED_SCALE: f64 = 0.4;
+/// Growth happens in this many equal stages ...
+const GROWTH_STAGES: usize = 6;
+/// ... over this time, natural times.
+const GROWTH_TIME: f64 = 0.95;
+/// Largest share of the expected bodies added in a round: more would block each other.
+const ROUND_SHARE: f64 = 0.1;
+/// Places tried for each prop wanted in a round.
+const TRIES_PER_PROP: usize = 40;
+/// Bound on the rounds; a fill takes about 20.
+const MAX_ROUNDS: usize = 200;
+
+/// Runs rounds until one adds next to nothing. Returns whether the container is full.
+pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
+    let fill = filling.params.fill.clone();
+    let limit = fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize;
+    let mut barren = 0;
+    for _ in 0..MAX_ROUNDS {
+        let before = filling.world.present().count();
+        if before >= limit {
+            return Ok(false);
+        }
+        let wanted = ((ROUND_SHARE * filling.expected as f64).ceil() as usize).min(limit - before);
+        let first = filling.world.bodies().len();
+        let seeds = plant(filling, wanted)?;
+        grow(filling, &seeds, observer)?;
+        filling.remove_escaped();
+        filling.remove_overlapping(first);
+        let after = filling.world.present().count();
+        let added = after.saturating_sub(before) as f64;
+        barren = if added < (fill.full_below * after as f64).max(1.0) { barren + 1 } else { 0 };
+        if barren == 2 {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Puts up to `wanted` seeds at free places. Each comes with its full scale.
+fn plant(filling: &mut Filling, wanted: usize) -> Result<Vec<(BodyId, f64)>, Error> {
+    filling.world.refresh();
+    let mut seeds: Vec<(BodyId, f64)> = Vec::new();
+    for _ in 0..wanted * TRIES_PER_PROP {
+        if seeds.len() == wanted {
+            break;
+        }
+        let (prop, scale, rotation) = filling.draw();
+        let shape = &filling.shapes[prop];
+        let size = SEED_SCALE * scale / filling.world.units.length;
+        let Some(translation) = place(filling, shape.thickness() * size / 2.0, shape.radius * size) else { continue };
+        let pose = Pose { translation, rotation };
+        if filling.container.holds(corners(&filling.shapes[prop], size, &pose), 0.0)
+            && filling.world.is_free(&filling.shapes[prop], SEED_SCALE * scale, &pose)
+        {
+            let id = filling.insert(prop, SEED_SCALE * scale, pose)?;
+            filling.world.refresh();
+            seeds.push((id, scale));
+        }
+    }
+    Ok(seeds)
+}
+
+/// A random point inside, pushed inward until a ball of `radius` clears the wall where there is room, and one of
+/// `least` in any case.
+fn place(filling: &mut Filling, least: f64, radius: f64) -> Option<DVec3> {
+    let (low, high) = (filling.container.low, filling.container.high);
+    let distance = &filling.container.distance;
+    let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
+    let mut p = low + (high - low) * share;
+    if distance.signed_distance(p) > 0.0 {
+        return None;
+    }
+    for _ in 0..3 {
+        let short = distance.signed_distance(p) + radius;
+        if short <= 0.0 {
+            break;
+        }
+        p -= distance.gradient(p).normalize_or_zero() * short;
+    }
+    (distance.signed_distance(p) <= -least && p.y - least >= filling.container.base).then_some(p)
+}
+
+/// Lets the seeds grow to their full scale while everything moves.
+fn grow(filling: &mut Filling, seeds: &[(BodyId, f64)], observer: &mut dyn Observer) -> Result<(), Error> {
+    for stage in 1..=GROWTH_STAGES {
+        let share = SEED_SCALE + (1.0 - SEED_SCALE) * stage as f64 / GROWTH_STAGES as f64;
+        for &(id, scale) in seeds {
+            let prop = filling.world.bodies()[id].prop;
+            if filling.world.bodies()[id].role != crate::world::Role::Gone {
+                filling.world.rescale(id, &filling.shapes[prop], share * scale);
+            }
+        }
+        filling.settle(GROWTH_TIME / GROWTH_STAGES as f64, observer)?;
+    }
+    Ok(())
+}

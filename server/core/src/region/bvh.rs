@@ -1,0 +1,280 @@
+//! A box tree over triangles: nearest point and generalised winding number, both in f64.
+//!
+//! The winding number follows Barill et al., "Fast winding numbers for soups and clouds" (2018): a far node is
+//! replaced by its dipole (their Eq. 8) and the next term of the Taylor series (their Eq. 9).
+
+use glam::{DMat3, DVec3};
+
+/// Triangles in a leaf. Fewer make the tree deeper, more make every visit to a leaf dearer.
+const LEAF: usize = 4;
+/// Deep enough for the median split of 2^32 triangles, with two entries per level.
+const STACK: usize = 80;
+
+pub(crate) struct Bvh {
+    nodes: Vec<Node>,
+    /// Shape `[m]`: the mesh's triangle at each place of the tree's order.
+    order: Vec<u32>,
+    /// Shape `[m][3]`, in the tree's order, metres.
+    corners: Vec<[DVec3; 3]>,
+}
+
+struct Node {
+    lo: DVec3,
+    hi: DVec3,
+    /// Leaf: its first triangle. Inner node: its right child; the left one is the next node.
+    first: u32,
+    /// Triangles of a leaf, 0 for an inner node.
+    count: u32,
+    far: Multipole,
+}
+
+/// What a node looks like from afar.
+struct Multipole {
+    area: f64,
+    /// Centre of the area.
+    centre: DVec3,
+    /// No point of the node is farther from `centre`.
+    radius: f64,
+    /// Sum of area times normal, N.
+    normal: DVec3,
+    /// Sum of area times (centroid - centre) (outer product) normal, M.
+    moment: DMat3,
+}
+
+/// The closest point of the surface to a query.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Hit {
+    pub point: DVec3,
+    pub squared: f64,
+    /// Place in the tree's order: a good first guess for a query nearby.
+    pub place: u32,
+}
+
+impl Bvh {
+    /// `triangles`, shape `[m]`, are the corners and the name of each triangle.
+    pub fn new(triangles: Vec<(u32, [DVec3; 3])>) -> Bvh {
+        let mut items: Vec<Item> = triangles.into_iter().map(|(name, t)| Item::new(name, t)).collect();
+        let mut nodes = Vec::with_capacity(items.len());
+        if !items.is_empty() {
+            let count = items.len();
+            split(&mut nodes, &mut items, 0, count);
+        }
+        Bvh {
+            nodes,
+            order: items.iter().map(|i| i.name).collect(),
+            corners: items.into_iter().map(|i| i.corners).collect(),
+        }
+    }
+
+    /// The name of the triangle at a place in the tree's order.
+    pub fn name(&self, place: u32) -> u32 {
+        self.order[place as usize]
+    }
+
+    /// The closest point of any triangle. `guess` is the place of a triangle that is likely near.
+    /// `None` when there is no triangle.
+    pub fn nearest(&self, p: DVec3, guess: u32) -> Option<Hit> {
+        if self.nodes.is_empty() {
+            return None;
+        }
+        let mut best = self.hit(p, guess.min(self.corners.len() as u32 - 1));
+        let mut stack = [(0u32, 0.0f64); STACK];
+        stack[0] = (0, self.nodes[0].squared_distance(p));
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let (at, bound) = stack[depth];
+            if bound >= best.squared {
+                continue;
+            }
+            let node = &self.nodes[at as usize];
+            if node.count > 0 {
+                for place in node.first..node.first + node.count {
+                    let hit = self.hit(p, place);
+                    if hit.squared < best.squared {
+                        best = hit;
+                    }
+                }
+                continue;
+            }
+            let (left, right) = (at + 1, node.first);
+            let a = (left, self.nodes[left as usize].squared_distance(p));
+            let b = (right, self.nodes[right as usize].squared_distance(p));
+            let (near, far) = if a.1 <= b.1 { (a, b) } else { (b, a) };
+            stack[depth] = far;
+            stack[depth + 1] = near;
+            depth += 2;
+        }
+        Some(best)
+    }
+
+    fn hit(&self, p: DVec3, place: u32) -> Hit {
+        let point = closest_on_triangle(p, &self.corners[place as usize]);
+        Hit { point, squared: p.distance_squared(point), place }
+    }
+
+    /// Generalised winding number. A node farther than `accuracy` times its radius is approximated;
+    /// infinity gives the exact sum.
+    pub fn winding_number(&self, p: DVec3, accuracy: f64) -> f64 {
+        if self.nodes.is_empty() {
+            return 0.0;
+        }
+        let mut sum = 0.0;
+        let mut stack = [0u32; STACK];
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let at = stack[depth];
+            let node = &self.nodes[at as usize];
+            let r = node.far.centre - p;
+            // Written so that an infinite accuracy and a zero radius still mean "exact".
+            if r.length() / accuracy > node.far.radius {
+                sum += node.far.solid_angle(r);
+            } else if node.count > 0 {
+                let leaf = node.first as usize..(node.first + node.count) as usize;
+                sum += self.corners[leaf].iter().map(|t| solid_angle(p, t)).sum::<f64>();
+            } else {
+                stack[depth] = node.first;
+                stack[depth + 1] = at + 1;
+                depth += 2;
+            }
+        }
+        sum / (4.0 * std::f64::consts::PI)
+    }
+}
+
+impl Node {
+    fn squared_distance(&self, p: DVec3) -> f64 {
+        (self.lo - p).max(p - self.hi).max(DVec3::ZERO).length_squared()
+    }
+}
+
+impl Multipole {
+    /// Solid angle seen from the origin of `r`, the vector to the centre.
+    fn solid_angle(&self, r: DVec3) -> f64 {
+        let square = r.length_squared();
+        let cube = square * square.sqrt();
+        let m = &self.moment;
+        let trace = m.x_axis.x + m.y_axis.y + m.z_axis.z;
+        (self.normal.dot(r) + trace - 3.0 * r.dot(*m * r) / square) / cube
+    }
+
+    fn of_triangles(items: &[Item], lo: DVec3, hi: DVec3) -> Multipole {
+        let area: f64 = items.iter().map(|i| i.area_normal.length()).sum();
+        let weighted: DVec3 = items.iter().map(|i| i.centroid * i.area_normal.length()).sum();
+        let centre = if area > 0.0 { weighted / area } else { (lo + hi) / 2.0 };
+        let moment = items.iter().fold(DMat3::ZERO, |m, i| m + outer(i.centroid - centre, i.area_normal));
+        let radius =
+            items.iter().flat_map(|i| i.corners).map(|p| p.distance_squared(centre)).fold(0.0, f64::max).sqrt();
+        Multipole { area, centre, radius, normal: items.iter().map(|i| i.area_normal).sum(), moment }
+    }
+
+    fn of_children(a: &Multipole, b: &Multipole, lo: DVec3, hi: DVec3) -> Multipole {
+        let area = a.area + b.area;
+        let centre = if area > 0.0 { (a.centre * a.area + b.centre * b.area) / area } else { (lo + hi) / 2.0 };
+        let moved = |m: &Multipole| m.moment + outer(m.centre - centre, m.normal);
+        let reach = |m: &Multipole| m.centre.distance(centre) + m.radius;
+        let corner = (centre - lo).max(hi - centre).length();
+        Multipole {
+            area,
+            centre,
+            radius: reach(a).max(reach(b)).min(corner),
+            normal: a.normal + b.normal,
+            moment: moved(a) + moved(b),
+        }
+    }
+}
+
+/// A triangle on its way into the tree.
+struct Item {
+    name: u32,
+    corners: [DVec3; 3],
+    centroid: DVec3,
+    area_normal: DVec3,
+}
+
+impl Item {
+    fn new(name: u32, corners: [DVec3; 3]) -> Item {
+        let [a, b, c] = corners;
+        Item { name, corners, centroid: (a + b + c) / 3.0, area_normal: (b - a).cross(c - a) / 2.0 }
+    }
+}
+
+/// Appends the tree of `items`, whose first one has place `first`, and returns its root.
+fn split(nodes: &mut Vec<Node>, items: &mut [Item], first: usize, count: usize) -> usize {
+    let (lo, hi) = bounds(items.iter().flat_map(|i| i.corners));
+    let at = nodes.len();
+    if count <= LEAF {
+        let far = Multipole::of_triangles(items, lo, hi);
+        nodes.push(Node { lo, hi, first: first as u32, count: count as u32, far });
+        return at;
+    }
+    let (clo, chi) = bounds(items.iter().map(|i| i.centroid));
+    let axis = (chi - clo).max_position();
+    let half = count / 2;
+    // The name breaks ties, so that equal input gives an equal tree.
+    let key = |i: &Item| (i.centroid[axis], i.name);
+    items.select_nth_unstable_by(half, |a, b| {
+        let (a, b) = (key(a), key(b));
+        a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
+    });
+    let empty = Multipole::of_triangles(&[], lo, hi);
+    nodes.push(Node { lo, hi, first: 0, count: 0, far: empty });
+    let (left, right) = items.split_at_mut(half);
+    let a = split(nodes, left, first, half);
+    let b = split(nodes, right, first + half, count - half);
+    nodes[at].far = Multipole::of_children(&nodes[a].far, &nodes[b].far, lo, hi);
+    nodes[at].first = b as u32;
+    at
+}
+
+fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
+}
+
+/// The matrix whose product with x is a (b . x).
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+/// Signed solid angle of a triangle (Van Oosterom & Strackee 1983, Eq. 8). Finite everywhere, also on the triangle.
+fn solid_angle(p: DVec3, t: &[DVec3; 3]) -> f64 {
+    let [a, b, c] = t.map(|v| v - p);
+    let (la, lb, lc) = (a.length(), b.length(), c.length());
+    let volume = a.dot(b.cross(c));
+    let denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+    2.0 * volume.atan2(denominator)
+}
+
+/// Ericson, "Real-Time Collision Detection" (2005), 5.1.5; flat triangles fall back to their edges.
+fn closest_on_triangle(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> DVec3 {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return a;
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return b;
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return c;
+    }
+    let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
+    let face = va + vb + vc;
+    if va > 0.0 && vb > 0.0 && vc > 0.0 && face.is_normal() {
+        return a + ab * (vb / face) + ac * (vc / face);
+    }
+    let on_edges = [closest_on_segment(p, a, b), closest_on_segment(p, b, c), closest_on_segment(p, c, a)];
+    let nearer = |x: DVec3, y: DVec3| if p.distance_squared(y) < p.distance_squared(x) { y } else { x };
+    nearer(nearer(on_edges[0], on_edges[1]), on_edges[2])
+}
+
+fn closest_on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
+    let ab = b - a;
+    let square = ab.length_squared();
+    if square > 0.0 { a + ab * ((p - a).dot(ab) / square).clamp(0.0, 1.0) } else { a }
+}

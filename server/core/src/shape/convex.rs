@@ -1,0 +1,195 @@
+//! Convex hulls and approximate convex decomposition, each with its measured distance from the mesh.
+
+use crate::mesh::TriMesh;
+use crate::params::Physics;
+use crate::shape::Solid;
+use glam::DVec3;
+use rapier3d::math::Vector;
+use rapier3d::parry::query::PointQuery;
+use rapier3d::parry::shape::TriMesh as EngineMesh;
+use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
+use rapier3d::parry::transformation::{convex_hull, try_convex_hull, voxelization::FillMode};
+use rapier3d::prelude::SharedShape;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// More corners than this make contact queries slow without being seen: the hull is then spanned by its extreme points
+/// in this many even directions.
+const MAX_HULL_POINTS: usize = 48;
+/// Points sampled on each surface to measure the deviation.
+const DEVIATION_SAMPLES: usize = 600;
+/// Voxels along the longest side for the decomposition: fine enough for parts of a fiftieth of the prop.
+const DECOMPOSITION_RESOLUTION: u32 = 64;
+
+/// One hull where that is close enough to the mesh, else up to `max_parts` convex parts. The second value is the
+/// deviation, m: the largest distance, both ways, between sampled points of mesh and shape.
+pub fn decompose(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
+    let scale = 1.0 / diameter;
+    let origin = mesh.bounds().0;
+    let unit: Vec<Vector> = mesh.points.iter().map(|&p| ((p - origin) * scale).as_vec3()).collect();
+    let back = |points: Vec<Vector>| points.into_iter().map(|p| p.as_dvec3() / scale + origin).collect::<Vec<_>>();
+    let reference = EngineMesh::new(unit.clone(), mesh.triangles.clone());
+    let deviation = |parts: &[Vec<Vector>]| reference.as_ref().map_or(0.0, |r| deviation(r, closed, parts));
+
+    let mut best = vec![reduced(hull_points(&unit))];
+    let mut best_deviation = deviation(&best);
+    if physics.max_parts > 1 && best_deviation > physics.shape_tolerance {
+        for concavity in CONCAVITIES {
+            let Some(parts) = vhacd(&unit, &mesh.triangles, concavity, closed, physics.max_parts) else { continue };
+            let found = deviation(&parts);
+            if found < best_deviation {
+                (best, best_deviation) = (parts, found);
+            }
+            if best_deviation <= physics.shape_tolerance {
+                break;
+            }
+        }
+    }
+    (Solid::Convex(best.into_iter().map(back).collect()), best_deviation * diameter)
+}
+
+/// From coarse to fine: the first that is close enough is the cheapest to simulate.
+const CONCAVITIES: [f32; 3] = [0.06, 0.02, 0.008];
+
+fn vhacd(
+    points: &[Vector],
+    triangles: &[[u32; 3]],
+    concavity: f32,
+    closed: bool,
+    max_parts: u32,
+) -> Option<Vec<Vec<Vector>>> {
+    let params = VHACDParameters {
+        concavity,
+        resolution: DECOMPOSITION_RESOLUTION,
+        fill_mode: if closed { FillMode::FloodFill { detect_cavities: false } } else { FillMode::SurfaceOnly },
+        ..VHACDParameters::default()
+    };
+    // The library panics on some dirty meshes; one hull is then the answer, and the report tells its deviation.
+    let parts = catch_unwind(AssertUnwindSafe(|| {
+        VHACD::decompose(&params, points, triangles, true).compute_exact_convex_hulls(points, triangles)
+    }))
+    .ok()?;
+    let parts: Vec<_> = parts.into_iter().map(|(p, _)| reduced(hull_points(&p))).filter(|p| p.len() >= 4).collect();
+    (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
+}
+
+/// Corners of the hull, or the points themselves where they have none (flat, or fewer than four).
+fn hull_points(points: &[Vector]) -> Vec<Vector> {
+    match catch_unwind(AssertUnwindSafe(|| try_convex_hull(points))) {
+        Ok(Ok((corners, _))) => corners,
+        _ => points.to_vec(),
+    }
+}
+
+/// At most [`MAX_HULL_POINTS`] of the points: the extreme ones in evenly spread directions.
+fn reduced(points: Vec<Vector>) -> Vec<Vector> {
+    if points.len() <= MAX_HULL_POINTS {
+        return points;
+    }
+    let mut kept: Vec<usize> = (0..MAX_HULL_POINTS)
+        .map(|i| {
+            let direction = spherical_fibonacci(i, MAX_HULL_POINTS);
+            let key = |&j: &usize| points[j].dot(direction);
+            (0..points.len()).max_by(|a, b| key(a).total_cmp(&key(b))).unwrap_or(0)
+        })
+        .collect();
+    kept.sort_unstable();
+    kept.dedup();
+    kept.into_iter().map(|i| points[i]).collect()
+}
+
+/// The `i`-th of `n` evenly spread unit vectors.
+fn spherical_fibonacci(i: usize, n: usize) -> Vector {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let z = 1.0 - (2.0 * i as f64 + 1.0) / n as f64;
+    let (sin, cos) = (libm::sin(golden * i as f64), libm::cos(golden * i as f64));
+    let r = (1.0 - z * z).max(0.0).sqrt();
+    DVec3::new(r * cos, r * sin, z).as_vec3()
+}
+
+/// The engine's hull of some points; `None` where they span no volume.
+pub fn engine_hull(points: &[Vector]) -> Option<SharedShape> {
+    catch_unwind(AssertUnwindSafe(|| SharedShape::convex_hull(points))).ok().flatten()
+}
+
+/// The hull of some points as a closed mesh.
+pub fn hull_mesh(points: &[DVec3]) -> TriMesh {
+    let near: Vec<Vector> = points.iter().map(|p| p.as_vec3()).collect();
+    match catch_unwind(AssertUnwindSafe(|| try_convex_hull(&near))) {
+        Ok(Ok((corners, triangles))) => {
+            TriMesh { points: corners.into_iter().map(|p| p.as_dvec3()).collect(), triangles }
+        }
+        _ => TriMesh::default(),
+    }
+}
+
+/// Largest distance between sampled points of the mesh and the parts, and of the parts' outer surface and the mesh;
+/// both in the unit frame.
+fn deviation(mesh: &EngineMesh, closed: bool, parts: &[Vec<Vector>]) -> f64 {
+    let hulls: Vec<(SharedShape, EngineMesh)> = parts
+        .iter()
+        .filter_map(|p| {
+            let hull = engine_hull(p)?;
+            let (points, triangles) = convex_hull(p);
+            Some((hull, EngineMesh::new(points, triangles).ok()?))
+        })
+        .collect();
+    if hulls.is_empty() {
+        return f64::INFINITY;
+    }
+    let to_parts = surface_samples(mesh).into_iter().map(|p| {
+        let near = |h: &(SharedShape, EngineMesh)| h.0.distance_to_local_point(p, true);
+        hulls.iter().map(near).fold(f32::INFINITY, f32::min)
+    });
+    let mut worst = to_parts.fold(0.0, f32::max);
+    for (i, (_, surface)) in hulls.iter().enumerate() {
+        for p in surface_samples(surface) {
+            let buried = hulls.iter().enumerate().any(|(j, h)| j != i && h.0.contains_local_point(p));
+            if !buried {
+                // Outside the mesh only: where a part runs inside a closed mesh it takes no space that is not the prop's.
+                let inside = closed && mesh_contains(mesh, p);
+                worst = worst.max(if inside { 0.0 } else { mesh.distance_to_local_point(p, false) });
+            }
+        }
+    }
+    worst as f64
+}
+
+/// Even-odd test along one fixed skew direction.
+fn mesh_contains(mesh: &EngineMesh, p: Vector) -> bool {
+    let direction = Vector::new(0.5377, 0.7314, 0.4196);
+    let crossings = mesh.triangles().filter(|t| {
+        let (e1, e2, s) = (t.b - t.a, t.c - t.a, p - t.a);
+        let h = direction.cross(e2);
+        let det = e1.dot(h);
+        if det == 0.0 {
+            return false;
+        }
+        let u = s.dot(h) / det;
+        let q = s.cross(e1);
+        let v = direction.dot(q) / det;
+        u >= 0.0 && v >= 0.0 && u + v <= 1.0 && e2.dot(q) / det > 0.0
+    });
+    crossings.count() % 2 == 1
+}
+
+/// Points spread over a surface in proportion to area, deterministic.
+fn surface_samples(mesh: &EngineMesh) -> Vec<Vector> {
+    let areas: Vec<f32> = mesh.triangles().map(|t| (t.b - t.a).cross(t.c - t.a).length()).collect();
+    let total: f32 = areas.iter().sum();
+    let step = total / DEVIATION_SAMPLES as f32;
+    let (mut carried, mut out) = (0.0, mesh.vertices().iter().step_by(1 + mesh.vertices().len() / 400).copied().collect::<Vec<_>>());
+    for (t, area) in mesh.triangles().zip(areas) {
+        carried += area;
+        let n = if step > 0.0 { (carried / step) as usize } else { 0 };
+        carried -= n as f32 * step;
+        for k in 0..n {
+            // The R2 sequence, folded into the triangle.
+            let (mut u, mut v) = ((0.7548777 * (k + 1) as f32).fract(), (0.5698403 * (k + 1) as f32).fract());
+            if u + v > 1.0 {
+                (u, v) = (1.0 - u, 1.0 - v);
+            }
+            out.push(t.a + (t.b - t.a) * u + (t.c - t.a) * v);
+        }
+    }
+    out
+}

@@ -1,0 +1,260 @@
+//! Props as the engine sees them: collision shape, mass properties, and how far the shape is from the mesh.
+//!
+//! A body's frame has its origin in the centre of mass and the prop's own axes; [`Shape::body_pose`] and
+//! [`Shape::prop_pose`] convert. Sizes are those of the prop at scale 1, in metres.
+
+mod convex;
+mod fit;
+mod mass;
+
+use crate::mesh::TriMesh;
+use crate::params::Physics;
+use crate::pose::Pose;
+use crate::report::ShapeReport;
+use crate::scene::Prop;
+use glam::{DMat3, DQuat, DVec3};
+use rapier3d::math::{Pose as EnginePose, Vector};
+use rapier3d::prelude::{MassProperties, SharedShape};
+
+pub use fit::OrientedBox;
+
+/// A prop, ready to be simulated.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    /// Centre of mass in the prop's frame, m.
+    pub center: DVec3,
+    /// m^3.
+    pub volume: f64,
+    /// kg.
+    pub mass: f64,
+    /// Principal moments of inertia about the centre of mass, kg m^2, and the rotation from their axes.
+    pub inertia: (DVec3, DQuat),
+    /// Diameter of the bounding sphere, m.
+    pub diameter: f64,
+    /// Radius of the sphere about the centre of mass that holds the prop, m.
+    pub radius: f64,
+    /// Edges of the tightest box around the prop, rising, m.
+    pub extents: DVec3,
+    pub solid: Solid,
+    pub report: ShapeReport,
+}
+
+/// The collision shape, about the centre of mass, m.
+#[derive(Clone, Debug)]
+pub enum Solid {
+    Box(OrientedBox),
+    Ball { center: DVec3, radius: f64 },
+    /// One or more convex parts, each the hull of its points.
+    Convex(Vec<Vec<DVec3>>),
+}
+
+/// A mesh within this share of its diameter of a box or a ball is simulated as one: invisible, and several times
+/// cheaper than a hull.
+const PRIMITIVE_TOLERANCE: f64 = 0.003;
+/// A mesh whose own volume is below this share of its hull's has no usable inside: a sheet, or an open or inverted mesh.
+const MIN_VOLUME_SHARE: f64 = 0.01;
+/// Flat props are given this thickness, as a share of their diameter.
+const FLAT_THICKNESS: f64 = 0.01;
+
+impl Shape {
+    /// Builds the shape of a prop. `closed`: the mesh encloses a volume.
+    pub fn new(prop: &Prop, closed: bool, physics: &Physics) -> Result<Shape, String> {
+        let mesh = &prop.model.mesh;
+        let (_, sphere_radius) = fit::bounding_sphere(mesh);
+        let diameter = 2.0 * sphere_radius;
+        if !(diameter > 0.0 && diameter.is_finite()) {
+            return Err(format!("{}: the prop has no extent; give it a mesh with area", prop.model.name));
+        }
+        let around = fit::oriented_box(mesh);
+        let (solid, deviation) = collision_solid(mesh, &around, diameter, closed, physics);
+        let own = mass::moments(mesh);
+        let solid_moments = solid.moments();
+        let fallback = mass_fallback(closed, own.volume, solid_moments.volume);
+        let moments = if fallback.is_some() { solid_moments } else { own };
+        if !(moments.volume > 0.0 && moments.volume.is_finite() && moments.inertia.is_finite()) {
+            return Err(format!("{}: no volume could be found for this prop; close the mesh or give it thickness", prop.model.name));
+        }
+        let flat = FLAT_THICKNESS * diameter;
+        let mut extents = (2.0 * around.half).max(DVec3::splat(flat)).to_array();
+        extents.sort_by(f64::total_cmp);
+        let radius = mesh.points.iter().map(|p| p.distance(moments.center)).fold(0.0, f64::max);
+        let (principal, frame) = mass::principal(moments.inertia);
+        // A needle's smallest moment may round to zero, which an engine takes for infinity.
+        let principal = principal.max(DVec3::splat(principal.max_element() * 1e-6));
+        let mass = moments.volume * prop.density;
+        let solid = solid.moved(-moments.center);
+        let report = ShapeReport {
+            prop: prop.model.name.clone(),
+            kind: solid.kind(),
+            parts: solid.parts(),
+            deviation_rel: deviation / diameter,
+            mass,
+            mass_fallback: fallback,
+        };
+        Ok(Shape {
+            center: moments.center,
+            volume: moments.volume,
+            mass,
+            inertia: (principal * prop.density, frame),
+            diameter,
+            radius,
+            extents: DVec3::from_array(extents),
+            solid,
+            report,
+        })
+    }
+
+    /// Smallest extent, m.
+    pub fn thickness(&self) -> f64 {
+        self.extents.x
+    }
+
+    /// The body's pose (origin in the centre of mass) of a prop placed at `pose` with this scale.
+    pub fn body_pose(&self, pose: &Pose, scale: f64) -> Pose {
+        Pose { translation: pose.transform_point(self.center * scale), rotation: pose.rotation }
+    }
+
+    /// The inverse of [`Shape::body_pose`].
+    pub fn prop_pose(&self, body: &Pose, scale: f64) -> Pose {
+        Pose { translation: body.transform_point(-self.center * scale), rotation: body.rotation }
+    }
+
+    /// The engine's shape and its place in the body's frame, `scale` engine units per metre of the prop. `None` where the
+    /// engine finds no volume.
+    pub fn collider(&self, scale: f64) -> Option<(EnginePose, SharedShape)> {
+        match &self.solid {
+            Solid::Box(b) => {
+                let half = (b.half * scale).as_vec3();
+                let cuboid = SharedShape::cuboid(half.x, half.y, half.z);
+                let place = EnginePose::from_parts((b.center * scale).as_vec3(), b.rotation.as_quat());
+                Some((place, cuboid))
+            }
+            Solid::Ball { center, radius } => {
+                let place = EnginePose::from_translation((*center * scale).as_vec3());
+                Some((place, SharedShape::ball((radius * scale) as f32)))
+            }
+            Solid::Convex(parts) => {
+                let hull = |points: &Vec<DVec3>| {
+                    let scaled: Vec<Vector> = points.iter().map(|&p| (p * scale).as_vec3()).collect();
+                    convex::engine_hull(&scaled)
+                };
+                let hulls: Option<Vec<_>> = parts.iter().map(hull).collect();
+                let mut hulls = hulls?;
+                let whole = if hulls.len() == 1 {
+                    hulls.pop()?
+                } else {
+                    SharedShape::compound(hulls.into_iter().map(|h| (EnginePose::IDENTITY, h)).collect())
+                };
+                Some((EnginePose::IDENTITY, whole))
+            }
+        }
+    }
+
+    /// The engine's mass properties for a body at this scale: `length` engine units per metre, `mass` engine units
+    /// per kg.
+    pub fn mass_properties(&self, scale: f64, length: f64, mass: f64) -> MassProperties {
+        let (principal, frame) = self.inertia;
+        let moment = principal * scale.powi(5) * length * length * mass;
+        let kg = self.mass * scale.powi(3) * mass;
+        MassProperties::with_principal_inertia_frame(Vector::ZERO, kg as f32, moment.as_vec3(), frame.as_quat())
+    }
+}
+
+impl Solid {
+    fn kind(&self) -> &'static str {
+        match self {
+            Solid::Box(_) => "box",
+            Solid::Ball { .. } => "ball",
+            Solid::Convex(parts) if parts.len() == 1 => "hull",
+            Solid::Convex(_) => "parts",
+        }
+    }
+
+    /// Convex pieces.
+    pub fn parts(&self) -> usize {
+        match self {
+            Solid::Convex(parts) => parts.len(),
+            _ => 1,
+        }
+    }
+
+    fn moved(self, by: DVec3) -> Solid {
+        match self {
+            Solid::Box(b) => Solid::Box(OrientedBox { center: b.center + by, ..b }),
+            Solid::Ball { center, radius } => Solid::Ball { center: center + by, radius },
+            Solid::Convex(parts) => {
+                Solid::Convex(parts.into_iter().map(|p| p.into_iter().map(|v| v + by).collect()).collect())
+            }
+        }
+    }
+
+    /// Volume, centre and inertia of the collision shape; overlapping parts count twice.
+    fn moments(&self) -> mass::Moments {
+        match self {
+            Solid::Box(b) => {
+                let d = b.half * b.half * 4.0 / 12.0;
+                let local = DMat3::from_diagonal(DVec3::new(d.y + d.z, d.x + d.z, d.x + d.y) * b.volume());
+                let r = DMat3::from_quat(b.rotation);
+                mass::Moments { volume: b.volume(), center: b.center, inertia: r * local * r.transpose() }
+            }
+            Solid::Ball { center, radius } => {
+                let volume = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
+                let inertia = DMat3::from_diagonal(DVec3::splat(0.4 * volume * radius * radius));
+                mass::Moments { volume, center: *center, inertia }
+            }
+            Solid::Convex(parts) => {
+                let mut all = TriMesh::default();
+                for part in parts {
+                    all.append(&convex::hull_mesh(part));
+                }
+                mass::moments(&all)
+            }
+        }
+    }
+}
+
+/// Chooses the cheapest solid that is close enough, and measures how far it is from the mesh, m.
+fn collision_solid(
+    mesh: &TriMesh,
+    around: &OrientedBox,
+    diameter: f64,
+    closed: bool,
+    physics: &Physics,
+) -> (Solid, f64) {
+    let primitive = PRIMITIVE_TOLERANCE * diameter;
+    let flat = FLAT_THICKNESS * diameter;
+    if around.half.min_element() * 2.0 < flat {
+        // A sheet: its box, given some thickness.
+        let b = OrientedBox { half: around.half.max(DVec3::splat(flat / 2.0)), ..*around };
+        return (Solid::Box(b), flat / 2.0);
+    }
+    let volume = mass::moments(mesh).volume;
+    let filled = |v: f64| !closed || (volume / v - 1.0).abs() < 0.05;
+    let box_deviation = around.deviation(mesh);
+    if closed && box_deviation < primitive && filled(around.volume()) {
+        return (Solid::Box(*around), box_deviation);
+    }
+    let (center, radius) = fit::bounding_sphere(mesh);
+    // A faceted ball lies inside its sphere: the collision ball has the mesh's own volume.
+    let ball_radius = (volume.abs() * 0.75 / std::f64::consts::PI).cbrt();
+    if closed && radius > 0.0 && ball_radius / radius > BALL_ROUNDNESS && mesh.triangles.len() >= BALL_TRIANGLES {
+        let deviation = fit::ball_deviation(mesh, center, ball_radius);
+        return (Solid::Ball { center, radius: ball_radius }, deviation);
+    }
+    convex::decompose(mesh, diameter, closed, physics)
+}
+
+/// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume)...
+const BALL_ROUNDNESS: f64 = 0.97;
+/// ... and has at least this many faces: dice and gems with fewer should not roll like balls.
+const BALL_TRIANGLES: usize = 80;
+
+fn mass_fallback(closed: bool, own: f64, solid: f64) -> Option<String> {
+    if !closed {
+        return Some("the mesh is open: mass and inertia are those of its collision shape".into());
+    }
+    if own < MIN_VOLUME_SHARE * solid {
+        return Some("the mesh encloses next to no volume: mass and inertia are those of its collision shape".into());
+    }
+    None
+}

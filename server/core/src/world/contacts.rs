@@ -1,0 +1,157 @@
+//! Contacts between bodies, computed afresh from the poses: the engine's own are recycled, clustered and predicted, and
+//! may be gone between two bodies that it does not move.
+
+use super::{BodyId, CONTAINER, FIRST_BODY, GROUND, Role, World, to_engine};
+use crate::pose::Pose;
+use crate::shape::Shape;
+use glam::DVec3;
+use rapier3d::parry::query::{
+    ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher, PersistentQueryDispatcher, intersection_test,
+};
+use rapier3d::prelude::*;
+
+/// What a body touches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Side {
+    Body(BodyId),
+    Ground,
+    Scenery,
+}
+
+/// Two things that touch.
+#[derive(Clone, Debug)]
+pub struct Touch {
+    pub a: BodyId,
+    /// A body behind `a` in the order, or what stands still.
+    pub b: Side,
+    /// Friction coefficient of the pair: the mean of both.
+    pub friction: f64,
+    pub points: Vec<TouchPoint>,
+}
+
+/// One point of a contact, engine units.
+#[derive(Clone, Copy, Debug)]
+pub struct TouchPoint {
+    /// Halfway between the two surfaces.
+    pub point: DVec3,
+    /// Unit, into `a`.
+    pub normal: DVec3,
+    /// Negative where they overlap.
+    pub gap: f64,
+}
+
+impl Touch {
+    /// Largest overlap of the pair, 0 where there is none.
+    pub fn depth(&self) -> f64 {
+        self.points.iter().map(|p| -p.gap).fold(0.0, f64::max)
+    }
+}
+
+impl World {
+    /// Pairs with a gap of at most `tolerance` times the thinner one's thickness, in order of `(a, b)`. Exact: from the
+    /// poses, not from the engine's memory. Walls of a container are not told.
+    pub fn touches(&self, tolerance: f64) -> Vec<Touch> {
+        let mut touches = Vec::new();
+        for a in self.present() {
+            let collider = &self.engine.colliders[self.bodies[a].collider];
+            let reach = tolerance * self.bodies[a].thickness;
+            let aabb = collider.compute_aabb().loosened(reach as f32);
+            let mut near: Vec<(Side, ColliderHandle)> =
+                self.query().intersect_aabb_conservative(aabb).filter_map(|(h, c)| Some((self.side(a, c)?, h))).collect();
+            near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
+            for (b, other) in near {
+                self.touch(a, b, other, tolerance, &mut touches);
+            }
+        }
+        touches
+    }
+
+    fn query(&self) -> QueryPipeline<'_> {
+        self.engine.broad_phase.as_query_pipeline(
+            &DefaultQueryDispatcher,
+            &self.engine.bodies,
+            &self.engine.colliders,
+            QueryFilter::default(),
+        )
+    }
+
+    /// What a collider is to body `a`; `None` for itself, for a body already visited and for a container.
+    fn side(&self, a: BodyId, collider: &Collider) -> Option<Side> {
+        match collider.user_data {
+            CONTAINER => None,
+            GROUND => Some(Side::Ground),
+            data if data >= FIRST_BODY => {
+                let id = (data - FIRST_BODY) as usize;
+                (id > a).then_some(Side::Body(id))
+            }
+            _ => Some(Side::Scenery),
+        }
+    }
+
+    fn touch(&self, a: BodyId, b: Side, other: ColliderHandle, tolerance: f64, out: &mut Vec<Touch>) {
+        let (first, second) = (&self.engine.colliders[self.bodies[a].collider], &self.engine.colliders[other]);
+        let thickness = match b {
+            Side::Body(id) => self.bodies[a].thickness.min(self.bodies[id].thickness),
+            _ => self.bodies[a].thickness,
+        };
+        let limit = tolerance * thickness;
+        let pos12 = first.position().inv_mul(second.position());
+        let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
+        let mut workspace: Option<ContactManifoldsWorkspace> = None;
+        let found = DefaultQueryDispatcher.contact_manifolds(
+            &pos12,
+            first.shape(),
+            second.shape(),
+            limit as f32,
+            &mut manifolds,
+            &mut workspace,
+        );
+        if found.is_err() {
+            return;
+        }
+        let mut points = Vec::new();
+        for m in &manifolds {
+            let (pos1, pos2) = match &m.subshape_poses {
+                Some(_) => (m.subshape_pos1().copied().unwrap_or_default(), m.subshape_pos2().copied().unwrap_or_default()),
+                None => Default::default(),
+            };
+            let normal = -(first.position().rotation * (pos1.rotation * m.local_n1));
+            for c in &m.points {
+                let gap = c.dist as f64;
+                let p1 = first.position().transform_point(pos1.transform_point(c.local_p1));
+                let p2 = second.position().transform_point(pos2.transform_point(c.local_p2));
+                let finite = p1.is_finite() && p2.is_finite() && normal.is_finite() && normal.length_squared() > 0.25;
+                if gap <= limit && finite {
+                    let point = (p1.as_dvec3() + p2.as_dvec3()) / 2.0;
+                    points.push(TouchPoint { point, normal: normal.as_dvec3().normalize(), gap });
+                }
+            }
+        }
+        if !points.is_empty() {
+            let friction = (first.friction() as f64 + second.friction() as f64) / 2.0;
+            out.push(Touch { a, b, friction, points });
+        }
+    }
+
+    /// Whether a shape placed here would overlap a body, scenery or the ground (containers are not asked).
+    pub fn is_free(&self, shape: &Shape, scale: f64, pose: &Pose) -> bool {
+        let Some((place, solid)) = shape.collider(scale / self.units.length) else { return false };
+        let at = to_engine(pose) * place;
+        let aabb = solid.compute_aabb(&at);
+        !self.query().intersect_aabb_conservative(aabb).any(|(_, other)| {
+            other.user_data != CONTAINER && {
+                intersection_test(&at, &*solid, other.position(), other.shape()).is_ok_and(|hit| hit.intersecting)
+            }
+        })
+    }
+
+    /// Brings the spatial index up to date with bodies that were added, moved or removed since the last step.
+    pub fn refresh(&mut self) {
+        self.engine.detect_collisions(&(), &());
+    }
+
+    /// Bodies with a role, counted.
+    pub fn count(&self, role: Role) -> usize {
+        self.bodies.iter().filter(|b| b.role == role).count()
+    }
+}

@@ -1,0 +1,101 @@
+//! Nails: breakable constraints between two bodies (paper, 3.3).
+
+use super::{BodyId, World};
+use glam::DVec3;
+use rapier3d::prelude::*;
+use std::collections::BTreeMap;
+
+/// A nail's number, in the order of driving; never reused.
+pub type NailId = u64;
+
+/// All nails, in order.
+#[derive(Default)]
+pub struct Nails {
+    next: NailId,
+    driven: BTreeMap<NailId, Nail>,
+}
+
+struct Nail {
+    handle: ImpulseJointHandle,
+    a: BodyId,
+    b: BodyId,
+    /// Mean force so far, engine units: the static load, which must not break the nail.
+    mean_force: f64,
+}
+
+/// A nail is a spring this stiff (per natural time, damping ratio 1): the engine's rigid default spikes by three orders
+/// of magnitude over the load and breaks nails that carry nothing.
+const NAIL_FREQUENCY: f64 = 64.0;
+/// Weight of the newest force in the running mean.
+const MEAN_WEIGHT: f64 = 0.1;
+/// A nail breaks above its limit plus this many times its running mean: a big pile's static load alone passes the
+/// paper's limit.
+const STATIC_FACTOR: f64 = 4.0;
+
+impl Nails {
+    /// Drops the nails of a body that leaves the world; the engine removes its joints itself.
+    pub fn forget(&mut self, id: BodyId) {
+        self.driven.retain(|_, n| n.a != id && n.b != id);
+    }
+}
+
+impl World {
+    /// Pins two bodies together at a point: no relative translation, rotation about `axis` only.
+    pub fn drive_nail(&mut self, a: BodyId, b: BodyId, point: DVec3, axis: DVec3) -> NailId {
+        let (ha, hb) = (self.bodies[a].handle, self.bodies[b].handle);
+        let (pa, pb) = (*self.engine.bodies[ha].position(), *self.engine.bodies[hb].position());
+        let (p, n) = (point.as_vec3(), axis.as_vec3());
+        let softness = SpringCoefficients { natural_frequency: NAIL_FREQUENCY as f32, damping_ratio: 1.0 };
+        let joint = RevoluteJointBuilder::new(Vector::X)
+            .local_anchor1(pa.inverse_transform_point(p))
+            .local_anchor2(pb.inverse_transform_point(p))
+            .softness(softness);
+        let mut joint: GenericJoint = joint.build().into();
+        joint.set_local_axis1(pa.inverse_transform_vector(n));
+        joint.set_local_axis2(pb.inverse_transform_vector(n));
+        let frame = |pose: &Pose, local: &Pose| pose.rotation * local.rotation;
+        // The two frames agree about the axis only up to a turn: take the second from the first, so that the nail
+        // starts without strain.
+        joint.local_frame2.rotation = pb.rotation.inverse() * frame(&pa, &joint.local_frame1);
+        let handle = self.engine.impulse_joints.insert(ha, hb, joint, false);
+        let id = self.nails.next;
+        self.nails.next += 1;
+        self.nails.driven.insert(id, Nail { handle, a, b, mean_force: 0.0 });
+        id
+    }
+
+    pub fn pull_all_nails(&mut self) {
+        for (_, nail) in std::mem::take(&mut self.nails.driven) {
+            self.engine.impulse_joints.remove(nail.handle, false);
+        }
+    }
+
+    pub fn nail_count(&self) -> usize {
+        self.nails.driven.len()
+    }
+
+    /// Removes the nails whose force exceeds `limit` (per unit of the lighter body's mass) and returns how many, with
+    /// the largest force per weight of the lighter body among those that hold.
+    pub fn break_nails(&mut self, limit: f64) -> (usize, f64) {
+        let substep = self.step_length() / self.engine.integration_parameters.num_solver_iterations as f64;
+        let (mut broken, mut largest) = (Vec::new(), 0.0f64);
+        for (&id, nail) in &mut self.nails.driven {
+            let Some(joint) = self.engine.impulse_joints.get(nail.handle) else { continue };
+            let impulse = (0..3).map(|i| (joint.impulses[i] as f64).powi(2)).sum::<f64>().sqrt();
+            let force = impulse / substep;
+            let lighter = self.bodies[nail.a].mass.min(self.bodies[nail.b].mass);
+            if force > limit * lighter + STATIC_FACTOR * nail.mean_force {
+                broken.push(id);
+            } else {
+                nail.mean_force += MEAN_WEIGHT * (force - nail.mean_force);
+                largest = largest.max(force / lighter);
+            }
+        }
+        for id in &broken {
+            if let Some(nail) = self.nails.driven.remove(id) {
+                self.engine.impulse_joints.remove(nail.handle, true);
+            }
+        }
+        (broken.len(), largest)
+    }
+}
