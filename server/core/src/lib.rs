@@ -6,6 +6,7 @@ pub mod bake;
 pub mod container;
 pub mod fill;
 pub mod equilibrium;
+pub mod asset;
 pub mod mesh;
 pub mod observer;
 pub mod params;
@@ -45,3 +46,4 @@ pub fn plan(_scene: &Scene, _params: &Params) -> Result<Plan, Error> {
 pub fn bake(_scene: &Scene, _params: &Params, _observer: &mut dyn Observer) -> Result<Bake, Error> {
     Err(Error::Internal("not built yet".into()))
 }
+mod weld;

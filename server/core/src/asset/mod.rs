@@ -1,0 +1,206 @@
+//! glTF 2.0 and GLB bytes in, one mesh out.
+//!
+//! Reads what carries geometry and nothing else: a missing picture or a broken animation does not matter. Everything
+//! that stands in the way is told at once, with its place and a remedy. No input panics, leaves the file's folder, or
+//! takes more time and memory than the [`Limits`] say: every count is held against the bytes that are there before
+//! it is used.
+//!
+//! The `gltf` crate is not used for this: it panics on hostile input, and its types refuse a whole file for a fault in
+//! a texture. It serves the tests as a second opinion.
+
+mod accessor;
+mod buffer;
+mod container;
+mod geometry;
+mod json;
+mod node;
+mod problem;
+mod remedy;
+mod strip;
+mod uri;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use glam::DMat3;
+
+use crate::mesh::TriMesh;
+use accessor::Accessors;
+use buffer::Buffers;
+use geometry::{Builder, Built};
+use json::Json;
+use node::Nodes;
+use problem::{Checked, Log};
+pub use problem::{Problem, ProblemKind};
+
+/// Bounds on the work that one file may cause.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes of the file and its buffers together. Default 1 GiB.
+    pub bytes: u64,
+    /// Triangles of the result, every instance counted. Default 10 million, at most 1 thousand million.
+    pub triangles: u64,
+    /// Nodes of the file, and instances of one node's mesh. Default 200 thousand.
+    pub nodes: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Limits {
+        Limits { bytes: 1 << 30, triangles: 10_000_000, nodes: 200_000 }
+    }
+}
+
+/// Above this many triangles, their corners could not be numbered in 32 bits.
+const MOST_TRIANGLES: u64 = 1_000_000_000;
+
+/// A file to read.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// What messages call the file.
+    pub name: &'a str,
+    /// The file itself: `.gltf` or `.glb`, told apart by content.
+    pub bytes: &'a [u8],
+    /// The name of one node, to read it and all below it (`Brick` of `kit.glb#Brick`).
+    pub node: Option<&'a str>,
+    /// Gives the bytes of an external buffer, or why not. The path is relative to the glTF's folder, `/` between its
+    /// parts, and does not lead out of it: no root, drive, scheme, `..` or backslash.
+    pub resolve: &'a dyn Fn(&str) -> Result<Vec<u8>, String>,
+    pub limits: Limits,
+}
+
+/// What a file holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Asset {
+    /// Metres, glTF axes; equal points are one point, and no triangle has two equal corners. At least one triangle.
+    ///
+    /// A whole file stands in its scene's frame. A chosen node stands in a frame with the node's own origin and the
+    /// world's axes: the rotation and scale of all that is above the node are applied, the translation is not.
+    pub mesh: TriMesh,
+    /// The linear part (rotation, scale, shear) of the chosen node's world transform, already applied to `mesh`.
+    /// Identity for a whole file.
+    pub linear: DMat3,
+    /// Number of the chosen node in the file.
+    pub root: Option<usize>,
+    /// Triangles left out because two of their corners are equal.
+    pub degenerate: usize,
+    /// What was read otherwise than it stands in the file, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Reads `source`, or tells everything that is wrong with it.
+pub fn read(source: &Source<'_>) -> Result<Asset, Vec<Problem>> {
+    let mut log = Log::new(source.name);
+    // A fault of this reader must cost one file, not the process. None is known.
+    let read = catch_unwind(AssertUnwindSafe(|| read_with(source, &mut log)));
+    match read {
+        Ok(Ok(asset)) if !log.any() => return Ok(asset),
+        Ok(_) => {}
+        Err(panic) => {
+            let message = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
+            let message = message.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+            log.refuse("", ProblemKind::Internal { message });
+        }
+    }
+    Err(log.into_problems())
+}
+
+fn read_with(source: &Source<'_>, log: &mut Log) -> Checked<Asset> {
+    let limits = source.limits;
+    let size = source.bytes.len() as u64;
+    if size > limits.bytes {
+        return Err(log.refuse("", ProblemKind::Limit { what: "bytes", found: size, limit: limits.bytes }));
+    }
+    let container = container::open(source.bytes, log)?;
+    let root = json::parse(container.json).map_err(|message| log.refuse("", ProblemKind::Json { message }))?;
+    check_version(&root, log)?;
+
+    let most_triangles = limits.triangles.min(MOST_TRIANGLES);
+    let buffers = Buffers::new(&root, container.bin, source.resolve, limits.bytes, size);
+    let accessors = Accessors::new(&root, buffers, 3 * most_triangles);
+    let mut builder = Builder {
+        root: &root,
+        accessors,
+        quantized: declares(&root, "extensionsUsed", "KHR_mesh_quantization")
+            || declares(&root, "extensionsRequired", "KHR_mesh_quantization"),
+        most_triangles,
+        most_instances: limits.nodes as u64,
+        extensions: Default::default(),
+    };
+    let mut nodes = Nodes::new(&root, limits.nodes, log)?;
+    let placement = nodes.place_all(&root, source.node, log)?;
+    let Built { mesh, degenerate, why_empty } = builder.build(&nodes, &placement.placed, log)?;
+    check_extensions(&root, &builder, log);
+    if degenerate > 0 {
+        log.note(
+            "triangles with two equal corners are left out",
+            &format!("{degenerate} of {}", degenerate + mesh.triangles.len()),
+        );
+    }
+    if mesh.triangles.is_empty() && !log.any() {
+        let all = (degenerate > 0).then(|| format!("every triangle ({degenerate}) has two equal corners"));
+        return Err(log.refuse("", ProblemKind::NoTriangles { why: all.or(why_empty) }));
+    }
+    let notes = log.notes();
+    Ok(Asset { mesh, linear: placement.linear, root: placement.root, degenerate, notes })
+}
+
+/// glTF 2.x is read, unless the file says that it needs a later minor version.
+fn check_version(root: &Json<'_>, log: &mut Log) -> Checked<()> {
+    let asset = root.get("asset");
+    let Some(version) = asset.and_then(|a| a.get("version")) else {
+        // Every JSON file without this is something else, except for very old glTF.
+        let what = if asset.is_some() || root.get("nodes").is_some() || root.get("meshes").is_some() {
+            return Err(log.refuse("/asset/version", ProblemKind::Missing));
+        } else {
+            ProblemKind::NotGltf { seems: "some other JSON" }
+        };
+        return Err(log.refuse("", what));
+    };
+    let needed = asset.and_then(|a| a.get("minVersion"));
+    let major = |text: &str| text.split('.').next().and_then(|n| n.parse::<u32>().ok());
+    let found = version.text().unwrap_or_default();
+    if major(found) != Some(2) {
+        let version = version.text().map_or_else(|| version.describe(), problem::clip);
+        return Err(log.refuse("/asset/version", ProblemKind::Version { version }));
+    }
+    match needed.and_then(Json::text) {
+        Some(text) if text != "2.0" => {
+            Err(log.refuse("/asset/minVersion", ProblemKind::Version { version: problem::clip(text) }))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn declares(root: &Json<'_>, list: &str, name: &str) -> bool {
+    root.get(list).and_then(Json::items).is_some_and(|items| items.iter().any(|item| item.text() == Some(name)))
+}
+
+/// Extensions that are read, that leave geometry as it is, or that were judged where they stand.
+fn is_harmless(name: &str) -> bool {
+    const JUDGED: [&str; 6] = [
+        "KHR_mesh_quantization",
+        "KHR_draco_mesh_compression",
+        "EXT_meshopt_compression",
+        "KHR_meshopt_compression",
+        "EXT_mesh_gpu_instancing",
+        "KHR_node_visibility",
+    ];
+    const PARTS: [&str; 6] = ["_materials_", "_texture_", "_lights_", "_animation_", "_xmp", "_physics_"];
+    JUDGED.contains(&name) || PARTS.iter().any(|part| name.contains(part))
+}
+
+/// A required extension that is not read refuses the file only if something that carries geometry uses it.
+fn check_extensions(root: &Json<'_>, builder: &Builder<'_, '_>, log: &mut Log) {
+    let accessors = &builder.accessors;
+    let required = root.get("extensionsRequired").and_then(Json::items).unwrap_or(&[]);
+    for name in required.iter().filter_map(Json::text).filter(|name| !is_harmless(name)) {
+        let met = builder.extensions.iter().chain(&accessors.extensions).chain(&accessors.buffers.extensions);
+        if met.into_iter().any(|e| e == name) {
+            log.refuse("/extensionsRequired", ProblemKind::Extension { name: problem::clip(name) });
+        } else {
+            log.note(
+                "it requires an extension that is not read, but nothing with geometry uses it",
+                "/extensionsRequired",
+            );
+        }
+    }
+}

@@ -1,0 +1,314 @@
+//! The hierarchy: which nodes are read, and where each stands.
+//!
+//! Every node is visited once, at the place that its chain of parents gives it, also when a scene lists it beside its
+//! parent. Walks keep their own stack: a chain of a hundred thousand nodes is a valid file.
+
+use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
+
+use super::json::Json;
+use super::problem::{Checked, Log, ProblemKind, clip};
+
+/// A quaternion whose length is further from 1 is told of; exporters round to single precision.
+const UNIT_TOLERANCE: f64 = 1e-3;
+
+/// Names told of when one is not found.
+const MOST_NAMES: usize = 8;
+
+/// Likeness (Jaro-Winkler, 1 is equal) from which a name is offered for a mistyped one.
+const NEAR: f64 = 0.8;
+
+/// A node that is read, and where it stands in the frame of the result.
+pub(super) struct Placed {
+    pub index: usize,
+    pub map: DAffine3,
+}
+
+/// What was asked for.
+pub(super) struct Placement {
+    pub placed: Vec<Placed>,
+    /// The chosen node.
+    pub root: Option<usize>,
+    /// The linear part of its world transform.
+    pub linear: DMat3,
+}
+
+/// All nodes of a file, with the first parent of each.
+pub(super) struct Nodes<'a, 'j> {
+    pub items: &'j [Json<'a>],
+    parents: Vec<Option<usize>>,
+    /// Transforms relative to the parent, once asked for.
+    locals: Vec<Option<Checked<DAffine3>>>,
+}
+
+impl<'a, 'j> Nodes<'a, 'j> {
+    pub fn new(root: &'j Json<'a>, limit: usize, log: &mut Log) -> Checked<Self> {
+        let items = root.list_at("nodes", "", log)?;
+        if items.len() > limit {
+            let what = ProblemKind::Limit { what: "nodes", found: items.len() as u64, limit: limit as u64 };
+            return Err(log.refuse("/nodes", what));
+        }
+        let mut parents = vec![None; items.len()];
+        for (parent, node) in items.iter().enumerate() {
+            // Faults in the list are told when the node is visited.
+            for child in node.get("children").and_then(Json::items).unwrap_or(&[]) {
+                let child = child.number().filter(|&x| x >= 0.0 && x < items.len() as f64).map(|x| x as usize);
+                if let Some(child) = child {
+                    parents[child].get_or_insert(parent);
+                }
+            }
+        }
+        Ok(Nodes { items, parents, locals: vec![None; items.len()] })
+    }
+
+    /// What messages call node `i`.
+    pub fn place(&self, i: usize) -> String {
+        match self.items[i].get("name").and_then(Json::text) {
+            Some(name) if !name.is_empty() => format!("node `{}`", clip(name)),
+            _ => format!("node {i}"),
+        }
+    }
+
+    /// Everything below the node called `wanted`, or the default scene.
+    pub fn place_all(&mut self, root: &'j Json<'a>, wanted: Option<&str>, log: &mut Log) -> Checked<Placement> {
+        let Some(wanted) = wanted else {
+            let roots = self.scene_roots(root, log)?;
+            let worlds = self.worlds(&roots, log)?;
+            let placed = self.descend(roots.into_iter().zip(worlds).collect(), log)?;
+            return Ok(Placement { placed, root: None, linear: DMat3::IDENTITY });
+        };
+        let chosen = self.find(wanted, log)?;
+        let world = self.worlds(&[chosen], log)?.into_iter().next().unwrap_or(DAffine3::IDENTITY);
+        let linear = world.matrix3;
+        let placed = self.descend(vec![(chosen, DAffine3::from_mat3(linear))], log)?;
+        Ok(Placement { placed, root: Some(chosen), linear })
+    }
+
+    fn find(&self, wanted: &str, log: &mut Log) -> Checked<usize> {
+        let names = || self.items.iter().map(|node| node.get("name").and_then(Json::text));
+        let found: Vec<usize> = names().enumerate().filter(|(_, name)| *name == Some(wanted)).map(|(i, _)| i).collect();
+        match found[..] {
+            [only] => Ok(only),
+            [] => {
+                let mut known: Vec<&str> = names().flatten().filter(|name| !name.is_empty()).collect();
+                known.sort_unstable();
+                known.dedup();
+                let likeness = |name: &str| strsim::jaro_winkler(&name.to_lowercase(), &wanted.to_lowercase());
+                // Long names are not compared: the time goes with the product of the lengths.
+                let short = |name: &&&str| name.len() <= 256 && wanted.len() <= 256;
+                let mut near: Vec<(f64, &str)> =
+                    known.iter().filter(short).map(|n| (likeness(n), *n)).filter(|(l, _)| *l >= NEAR).collect();
+                near.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(b.1)));
+                let what = ProblemKind::UnknownNode {
+                    name: clip(wanted),
+                    near: near.iter().take(3).map(|(_, n)| clip(n)).collect(),
+                    known: known.iter().take(MOST_NAMES).map(|n| clip(n)).collect(),
+                };
+                Err(log.refuse("/nodes", what))
+            }
+            _ => Err(log.refuse("/nodes", ProblemKind::AmbiguousNode { name: clip(wanted), nodes: found })),
+        }
+    }
+
+    /// The roots of the default scene; of the first, if none is the default; or all roots, if there is no scene.
+    fn scene_roots(&self, root: &'j Json<'a>, log: &mut Log) -> Checked<Vec<usize>> {
+        let scenes = root.list_at("scenes", "", log)?;
+        let chosen = root.natural_at("scene", "", log)?;
+        let index = chosen.unwrap_or(0);
+        if scenes.is_empty() && chosen.is_none() {
+            log.note("the file has no scene: all its nodes are read", "");
+            let mut roots: Vec<usize> = (0..self.items.len()).filter(|&i| self.parents[i].is_none()).collect();
+            if roots.is_empty() && !self.items.is_empty() {
+                roots.push(0); // only cycles: the walk will tell which
+            }
+            return Ok(roots);
+        }
+        if scenes.len() > 1 {
+            log.note("the file has several scenes: only the default one is read", "");
+        }
+        let Some(scene) = usize::try_from(index).ok().and_then(|i| scenes.get(i)) else {
+            return Err(log.refuse("/scene", ProblemKind::Reference { what: "scene", index, count: scenes.len() }));
+        };
+        let path = format!("/scenes/{index}");
+        let list = scene.list_at("nodes", &path, log)?;
+        self.indices(list, &format!("{path}/nodes"), log)
+    }
+
+    /// A list of node numbers, all good.
+    fn indices(&self, list: &[Json<'a>], path: &str, log: &mut Log) -> Checked<Vec<usize>> {
+        let count = self.items.len();
+        let mut good = Ok(Vec::with_capacity(list.len()));
+        for (k, item) in list.iter().enumerate() {
+            match item.natural() {
+                Some(index) if index < count as u64 => {
+                    if let Ok(indices) = &mut good {
+                        indices.push(index as usize);
+                    }
+                }
+                Some(index) => {
+                    let what = ProblemKind::Reference { what: "node", index, count };
+                    good = Err(log.refuse(format!("{path}/{k}"), what));
+                }
+                None => {
+                    let what = ProblemKind::Type { expected: "the number of a node", found: item.describe() };
+                    good = Err(log.refuse(format!("{path}/{k}"), what));
+                }
+            }
+        }
+        good
+    }
+
+    /// World transforms of `starts`, through all their parents. Each node is worked out once.
+    fn worlds(&mut self, starts: &[usize], log: &mut Log) -> Checked<Vec<DAffine3>> {
+        let mut known: Vec<Option<DAffine3>> = vec![None; self.items.len()];
+        let mut on_chain = vec![false; self.items.len()];
+        let mut result = Ok(Vec::new());
+        for &start in starts {
+            let mut chain = Vec::new();
+            let mut at = Some(start);
+            let mut looped = None;
+            while let Some(i) = at.filter(|&i| known[i].is_none()) {
+                if on_chain[i] {
+                    looped = Some(i);
+                    break;
+                }
+                on_chain[i] = true;
+                chain.push(i);
+                at = self.parents[i];
+            }
+            if let Some(i) = looped {
+                return Err(self.refuse_cycle(i, log));
+            }
+            let mut world = at.and_then(|i| known[i]).unwrap_or(DAffine3::IDENTITY);
+            let mut good = true;
+            for &i in chain.iter().rev() {
+                match self.local(i, log) {
+                    Ok(local) => world = world * local,
+                    Err(reported) => {
+                        (good, result) = (false, Err(reported));
+                    }
+                }
+                known[i] = Some(world);
+                on_chain[i] = false;
+            }
+            if good && let Ok(worlds) = &mut result {
+                worlds.push(world);
+            }
+        }
+        result
+    }
+
+    /// Every node at and below `starts`, in the order of the file's lists.
+    fn descend(&mut self, starts: Vec<(usize, DAffine3)>, log: &mut Log) -> Checked<Vec<Placed>> {
+        let mut visited = vec![false; self.items.len()];
+        let mut placed = Vec::new();
+        let mut result = Ok(());
+        // A node that hangs below another start is found from there, with the same transform.
+        for start in starts {
+            let mut stack = vec![start];
+            while let Some((index, map)) = stack.pop() {
+                if std::mem::replace(&mut visited[index], true) {
+                    continue;
+                }
+                if !map.is_finite() {
+                    let fault = "the transforms down to this node multiply to no finite number".to_owned();
+                    result = Err(log.refuse(self.place(index), ProblemKind::Transform { fault }));
+                    continue;
+                }
+                placed.push(Placed { index, map });
+                let path = format!("/nodes/{index}");
+                let list = self.items[index].list_at("children", &path, log);
+                let children = list.and_then(|list| self.indices(list, &format!("{path}/children"), log));
+                let Ok(children) = children else {
+                    result = children.map(|_| ());
+                    continue;
+                };
+                for &child in children.iter().rev() {
+                    match self.parents[child] {
+                        Some(parent) if parent == index => {}
+                        _ if self.is_above(child, index) => return Err(self.refuse_cycle(index, log)),
+                        first => {
+                            let first = first.map_or_else(String::new, |p| self.place(p));
+                            let what = ProblemKind::TwoParents { first, second: self.place(index) };
+                            result = Err(log.refuse(self.place(child), what));
+                            continue;
+                        }
+                    }
+                    match self.local(child, log) {
+                        Ok(local) => stack.push((child, map * local)),
+                        Err(reported) => result = Err(reported),
+                    }
+                }
+            }
+        }
+        result.map(|()| placed)
+    }
+
+    /// Does the chain of parents of `node` lead through `above`? It also ends when it runs in a circle.
+    fn is_above(&self, above: usize, node: usize) -> bool {
+        let mut at = Some(node);
+        for _ in 0..=self.items.len() {
+            match at {
+                None => return false,
+                Some(i) if i == above => return true,
+                Some(i) => at = self.parents[i],
+            }
+        }
+        false
+    }
+
+    /// Tells the circle that the chain of parents of `start` runs into.
+    fn refuse_cycle(&self, start: usize, log: &mut Log) -> super::problem::Reported {
+        let mut path = Vec::new();
+        let mut at = Some(start);
+        while let Some(i) = at.filter(|i| !path.contains(i) && path.len() < MOST_NAMES) {
+            path.push(i);
+            at = self.parents[i];
+        }
+        // From parent to child, as a reader of the file finds them.
+        let mut names: Vec<String> = path.iter().rev().map(|&i| self.place(i)).collect();
+        names.extend(path.last().map(|&i| self.place(i)));
+        log.refuse(self.place(start), ProblemKind::Cycle { path: names.join(" > ") })
+    }
+
+    /// The transform of node `i` relative to its parent.
+    fn local(&mut self, i: usize, log: &mut Log) -> Checked<DAffine3> {
+        if self.locals[i].is_none() {
+            self.locals[i] = Some(read_local(&self.items[i], &format!("/nodes/{i}"), &self.place(i), log));
+        }
+        self.locals[i].unwrap_or(Ok(DAffine3::IDENTITY))
+    }
+}
+
+fn read_local(node: &Json<'_>, path: &str, place: &str, log: &mut Log) -> Checked<DAffine3> {
+    if let Some(m) = node.numbers_at::<16>("matrix", path, log)? {
+        let matrix = DMat4::from_cols_array(&m);
+        if matrix.row(3) != glam::DVec4::W {
+            let fault = "its matrix is not affine: the last row must be 0 0 0 1".to_owned();
+            return Err(log.refuse(place, ProblemKind::Transform { fault }));
+        }
+        return Ok(DAffine3::from_mat4(matrix));
+    }
+    let translation = node.numbers_at::<3>("translation", path, log);
+    let rotation = node.numbers_at::<4>("rotation", path, log);
+    let scale = node.numbers_at::<3>("scale", path, log);
+    let (translation, rotation, scale) = (translation?.unwrap_or([0.0; 3]), rotation?, scale?.unwrap_or([1.0; 3]));
+    let rotation = match rotation {
+        None => DQuat::IDENTITY,
+        Some(q) => unit(q, place, log)?,
+    };
+    Ok(DAffine3::from_scale_rotation_translation(DVec3::from(scale), rotation, DVec3::from(translation)))
+}
+
+/// A quaternion made exactly unit; one of length zero has no direction to keep.
+pub(super) fn unit(q: [f64; 4], place: &str, log: &mut Log) -> Checked<DQuat> {
+    let q = DQuat::from_array(q);
+    let length = q.length();
+    if !length.is_normal() {
+        let fault = format!("its rotation, a quaternion of length {length}, is none");
+        return Err(log.refuse(place, ProblemKind::Transform { fault }));
+    }
+    if (length - 1.0).abs() > UNIT_TOLERANCE {
+        log.note("its rotation is not a unit quaternion: it was normalised", place);
+    }
+    Ok(q.normalize())
+}

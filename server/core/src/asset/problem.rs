@@ -1,0 +1,212 @@
+//! What can be wrong with a file, where it is, and what its owner can do about it.
+//!
+//! A [`Log`] gathers everything that is found; a [`Reported`] in a `Result` says that the reason is already in it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use super::remedy;
+
+/// Problems told of one file; the rest is counted. A broken exporter repeats itself, and nobody reads further.
+const MOST_PROBLEMS: usize = 40;
+
+/// Characters of foreign text (names, URIs, values) repeated in a message.
+const MOST_TEXT: usize = 80;
+
+/// One reason why a file was refused.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// What messages call the file.
+    pub file: String,
+    /// Where in it: a JSON path (`/accessors/3/count`), or the way from the node down
+    /// (``node 4 `Brick`, mesh 0, primitive 1, accessor 3 (POSITION)``). Empty for the file as a whole.
+    pub place: String,
+    pub what: ProblemKind,
+    /// A sentence: what to do about it.
+    pub remedy: String,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: ", self.file)?;
+        if !self.place.is_empty() {
+            write!(f, "{}: ", self.place)?;
+        }
+        write!(f, "{}. {}", self.what, self.remedy)
+    }
+}
+
+impl std::error::Error for Problem {}
+
+/// The kinds of problems, with the values that make them.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ProblemKind {
+    // The file as a whole.
+    #[error("the file is empty")]
+    EmptyFile,
+    #[error("this is not glTF; it looks like {seems}")]
+    NotGltf { seems: &'static str },
+    #[error("the JSON cannot be read: {message}")]
+    Json { message: String },
+    #[error("the GLB container is broken: {fault}")]
+    Glb { fault: String },
+    #[error("glTF version {version:?} is not read, only 2.0")]
+    Version { version: String },
+    #[error("it requires the extension {name}, which is not read")]
+    Extension { name: String },
+    #[error("{what}: {found} is more than the limit of {limit}")]
+    Limit { what: &'static str, found: u64, limit: u64 },
+    #[error("it holds no triangles{}", .why.as_ref().map(|w| format!(": {w}")).unwrap_or_default())]
+    NoTriangles { why: Option<String> },
+
+    // The JSON document.
+    #[error("a required property is missing")]
+    Missing,
+    #[error("expected {expected}, found {found}")]
+    Type { expected: &'static str, found: String },
+    #[error("there is no {what} {index}; the file has {count}")]
+    Reference { what: &'static str, index: u64, count: usize },
+
+    // Nodes.
+    #[error("nodes contain themselves: {path}")]
+    Cycle { path: String },
+    #[error("the node has two parents, {first} and {second}")]
+    TwoParents { first: String, second: String },
+    #[error("{fault}")]
+    Transform { fault: String },
+    #[error("no node is called `{name}`{}", near_or_known(.near, .known))]
+    UnknownNode { name: String, near: Vec<String>, known: Vec<String> },
+    #[error("{} nodes are called `{name}` (nodes {})", .nodes.len(), list(.nodes))]
+    AmbiguousNode { name: String, nodes: Vec<usize> },
+
+    // Buffers, views and accessors.
+    #[error("the URI {uri:?} is refused: {why}")]
+    Uri { uri: String, why: &'static str },
+    #[error("the data URI cannot be decoded: {why}")]
+    DataUri { why: String },
+    #[error("the external buffer {uri:?} cannot be read: {why}")]
+    External { uri: String, why: String },
+    #[error("the buffer has no data")]
+    NoData,
+    #[error("the buffer should have {declared} bytes but has {found}")]
+    ShortBuffer { declared: u64, found: u64 },
+    #[error("bytes {start} to {end} are wanted of {available} ({what})")]
+    OutOfBytes { what: &'static str, start: u64, end: u64, available: u64 },
+    #[error("{what} cannot hold {found}; it must be {expected}")]
+    Format { what: &'static str, found: String, expected: &'static str },
+    #[error("the stride of {stride} bytes is smaller than an element of {element} bytes")]
+    Stride { stride: u64, element: u64 },
+    #[error("{fault}")]
+    Sparse { fault: String },
+
+    // Geometry.
+    #[error("index {position} points at vertex {vertex}, but there are {vertices}")]
+    Index { position: u64, vertex: u64, vertices: u64 },
+    #[error("vertex {vertex} is at {value}, which is not a place")]
+    NotFinite { vertex: u64, value: String },
+    #[error("vertex {vertex} ends up at {value} m, further than {limit:e} m from the origin")]
+    TooFar { vertex: u64, value: String, limit: f64 },
+    #[error("and {count} more problems")]
+    More { count: usize },
+    #[error("an internal error stopped the reader: {message}")]
+    Internal { message: String },
+}
+
+fn near_or_known(near: &[String], known: &[String]) -> String {
+    let quoted = |names: &[String]| names.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ");
+    match (near.is_empty(), known.is_empty()) {
+        (false, _) => format!("; near it: {}", quoted(near)),
+        (true, false) => format!("; there are: {}", quoted(known)),
+        (true, true) => "; no node has a name".to_owned(),
+    }
+}
+
+fn list(nodes: &[usize]) -> String {
+    let mut text = nodes.iter().take(8).map(usize::to_string).collect::<Vec<_>>().join(", ");
+    if nodes.len() > 8 {
+        text.push_str(", ...");
+    }
+    text
+}
+
+/// Foreign text made fit for a message: one line, of bounded length.
+pub(super) fn clip(text: &str) -> String {
+    let clean = |c: char| if c.is_control() { '\u{fffd}' } else { c };
+    let mut out: String = text.chars().take(MOST_TEXT).map(clean).collect();
+    if text.chars().nth(MOST_TEXT).is_some() {
+        out.push_str("...");
+    }
+    out
+}
+
+/// The reason stands in the log already.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reported;
+
+pub(super) type Checked<T> = Result<T, Reported>;
+
+/// Everything found in one file so far.
+pub(super) struct Log {
+    file: String,
+    /// Extensions told of already: one that every primitive uses is one reason.
+    extensions: BTreeSet<String>,
+    problems: Vec<Problem>,
+    more: usize,
+    notes: BTreeMap<&'static str, (usize, String)>,
+}
+
+impl Log {
+    pub fn new(file: &str) -> Log {
+        Log {
+            file: file.to_owned(),
+            extensions: BTreeSet::new(),
+            problems: Vec::new(),
+            more: 0,
+            notes: BTreeMap::new(),
+        }
+    }
+
+    pub fn refuse(&mut self, place: impl Into<String>, what: ProblemKind) -> Reported {
+        if let ProblemKind::Extension { name } = &what
+            && !self.extensions.insert(name.clone())
+        {
+            return Reported;
+        }
+        if self.problems.len() < MOST_PROBLEMS {
+            let remedy = remedy::of(&what);
+            self.problems.push(Problem { file: self.file.clone(), place: place.into(), what, remedy });
+        } else {
+            self.more += 1;
+        }
+        Reported
+    }
+
+    /// Remembers something that was read otherwise than it stands there. The same `what` is told once,
+    /// with the first place and how often.
+    pub fn note(&mut self, what: &'static str, place: &str) {
+        self.notes.entry(what).or_insert_with(|| (0, place.to_owned())).0 += 1;
+    }
+
+    pub fn any(&self) -> bool {
+        !self.problems.is_empty()
+    }
+
+    /// The notes in the order of their text, one sentence each.
+    pub fn notes(&self) -> Vec<String> {
+        let told = |(what, (count, place)): (&&str, &(usize, String))| match (count, place.is_empty()) {
+            (_, true) => (*what).to_owned(),
+            (1, false) => format!("{place}: {what}"),
+            (n, false) => format!("{place} and {} more: {what}", n - 1),
+        };
+        self.notes.iter().map(told).collect()
+    }
+
+    pub fn into_problems(mut self) -> Vec<Problem> {
+        if self.more > 0 {
+            let what = ProblemKind::More { count: self.more };
+            let remedy = remedy::of(&what);
+            self.problems.push(Problem { file: self.file.clone(), place: String::new(), what, remedy });
+        }
+        self.problems
+    }
+}

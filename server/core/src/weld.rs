@@ -1,0 +1,81 @@
+//! Points that are one point: bit-exact welding, in the order of first appearance.
+
+use glam::DVec3;
+
+const FREE: u32 = u32::MAX;
+
+/// A set of points that gives each a number. An open table of indices keeps it at 8 bytes a point beside the
+/// points themselves, and its numbers depend on nothing but the order of insertion.
+#[derive(Default)]
+pub(crate) struct Welder {
+    points: Vec<DVec3>,
+    table: Vec<u32>,
+}
+
+impl Welder {
+    /// The number of `point`; -0 and 0 are one.
+    pub fn insert(&mut self, point: DVec3) -> u32 {
+        let point = point + 0.0;
+        if 2 * (self.points.len() + 1) > self.table.len() {
+            self.grow();
+        }
+        let slot = self.slot(point);
+        if self.table[slot] == FREE {
+            assert!(self.points.len() < FREE as usize, "more points than a u32 can number");
+            self.table[slot] = self.points.len() as u32;
+            self.points.push(point);
+        }
+        self.table[slot]
+    }
+
+    pub fn into_points(self) -> Vec<DVec3> {
+        self.points
+    }
+
+    /// Where `point` is, or the free place where it would go.
+    fn slot(&self, point: DVec3) -> usize {
+        let mask = self.table.len() - 1;
+        let mut slot = hash(point) as usize & mask;
+        loop {
+            match self.table[slot] {
+                FREE => return slot,
+                index if self.points[index as usize] == point => return slot,
+                _ => slot = (slot + 1) & mask,
+            }
+        }
+    }
+
+    fn grow(&mut self) {
+        self.table = vec![FREE; (2 * self.table.len()).max(64)];
+        for index in 0..self.points.len() {
+            let slot = self.slot(self.points[index]);
+            self.table[slot] = index as u32;
+        }
+    }
+}
+
+/// Mixes the bits of three coordinates (the finaliser of SplitMix64 after each).
+fn hash(point: DVec3) -> u64 {
+    point.to_array().iter().fold(0, |state: u64, x| {
+        let mut z = (state ^ x.to_bits()).wrapping_add(0x9e37_79b9_7f4a_7c15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_points_get_one_number_in_order_of_appearance() {
+        let mut welder = Welder::default();
+        for i in 0..1000 {
+            assert_eq!(welder.insert(DVec3::new(f64::from(i) * 0.1, 1.0, 0.0)), i as u32);
+        }
+        assert_eq!(welder.insert(DVec3::new(0.0, 1.0, -0.0)), 0);
+        assert_eq!(welder.insert(DVec3::new(f64::from(7) * 0.1, 1.0, 0.0)), 7);
+        assert_eq!(welder.into_points().len(), 1000);
+    }
+}
