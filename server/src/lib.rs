@@ -4,3 +4,7 @@
 pub mod proto {
     include!(concat!(env!("OUT_DIR"), "/cairn.v1.rs"));
 }
+//! Cairn: bakes piles of props in the shape of a control mesh.
+
+pub mod document;
+pub mod export;

@@ -2,6 +2,7 @@
 
 mod insert;
 
+use crate::Error;
 use crate::container::Container;
 use crate::observer::{Observer, Progress, Stage, observe};
 use crate::params::{Fill as FillParams, Params};
@@ -9,7 +10,6 @@ use crate::pose::Pose;
 use crate::scene::Scene;
 use crate::shape::{Shape, Solid};
 use crate::world::{BodyId, Insertion, Units, World};
-use crate::Error;
 use glam::{DQuat, DVec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -70,7 +70,8 @@ pub fn run(
     container: &Container,
     observer: &mut dyn Observer,
 ) -> Result<Filled, Error> {
-    let thickness = shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
+    let thickness =
+        shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
     let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
     let mut world = World::new(units, &params.fill_physics(), thickness / units.length, compounds);
     world.set_gravity_up(true);
@@ -129,8 +130,7 @@ impl Filling<'_> {
 
     pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
         let material = &self.scene.props[prop];
-        let body =
-            Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
+        let body = Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
         debug_assert!(material.weight > 0.0);
         self.world.insert(&self.shapes[prop], &body).map_err(Error::Internal)
     }
@@ -180,7 +180,11 @@ impl Filling<'_> {
     fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         for _ in 0..CLEANUP_ROUNDS {
             self.remove_escaped();
-            let out = self.world.present().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
+            let out = self
+                .world
+                .present()
+                .filter(|&id| self.protrusion(id) > self.params.fill.protrusion)
+                .collect::<Vec<_>>();
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));
             let overlapping = self.remove_overlapping(0);

@@ -4,9 +4,9 @@
 
 pub mod bake;
 pub mod container;
-pub mod fill;
 pub mod equilibrium;
 pub mod asset;
+pub mod fill;
 pub mod mesh;
 pub mod observer;
 pub mod params;

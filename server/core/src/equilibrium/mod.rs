@@ -252,7 +252,9 @@ pub struct Analyser {
 #[derive(Clone, Copy, Debug)]
 enum Outcome {
     /// `forces` hold the proof.
-    Stable { residual: f64 },
+    Stable {
+        residual: f64,
+    },
     Unstable(Certificate),
 }
 

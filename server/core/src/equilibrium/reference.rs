@@ -51,12 +51,8 @@ pub(super) fn solve(scaled: &Scaled, forces: &mut Vec<DVec3>) -> Option<Outcome>
     let mut solver = DefaultSolver::new(&p, &vec![0.0; 3 * n], &a, &b, &cones, settings).ok()?;
     solver.solve();
     match solver.solution.status {
-        SolverStatus::Solved | SolverStatus::AlmostSolved => {
-            stable(scaled, &solver.solution.x, forces)
-        }
-        SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => {
-            unstable(scaled, &solver.solution.z)
-        }
+        SolverStatus::Solved | SolverStatus::AlmostSolved => stable(scaled, &solver.solution.x, forces),
+        SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => unstable(scaled, &solver.solution.z),
         _ => None,
     }
 }

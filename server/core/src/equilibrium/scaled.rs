@@ -57,7 +57,12 @@ impl Row {
 pub(super) enum Law {
     Cone,
     /// Corners and outward face normals in units of mu; a face is `normal . f_t <= apothem mu f_n`.
-    Pyramid { sides: usize, corners: [[f64; 2]; MAX_SIDES as usize], faces: [[f64; 2]; MAX_SIDES as usize], apothem: f64 },
+    Pyramid {
+        sides: usize,
+        corners: [[f64; 2]; MAX_SIDES as usize],
+        faces: [[f64; 2]; MAX_SIDES as usize],
+        apothem: f64,
+    },
 }
 
 impl Law {
@@ -93,11 +98,8 @@ pub(super) struct Tolerances {
 }
 
 impl Tolerances {
-    pub const OWN: Tolerances = Tolerances {
-        residual: STABLE_RESIDUAL,
-        friction: FRICTION_TOLERANCE,
-        certificate: CERTIFICATE_TOLERANCE,
-    };
+    pub const OWN: Tolerances =
+        Tolerances { residual: STABLE_RESIDUAL, friction: FRICTION_TOLERANCE, certificate: CERTIFICATE_TOLERANCE };
     /// An interior point stops at about 1e-8 of everything.
     pub const REFERENCE: Tolerances =
         Tolerances { residual: REFERENCE_RESIDUAL, friction: REFERENCE_RESIDUAL, certificate: REFERENCE_RESIDUAL };

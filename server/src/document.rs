@@ -1,0 +1,180 @@
+//! A glTF file as it lies on disk: its JSON and its buffers, nothing interpreted.
+//!
+//! The exporter copies from it and the renderer reads from it. Every index, offset and length in the JSON is
+//! untrusted: the accessors here check them, and nothing panics on a hostile file.
+
+use base64::Engine;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use serde_json::{Map, Value};
+
+/// Reads what an external URI (as written in the file, still percent-encoded) refers to.
+pub type Resolver<'a> = dyn Fn(&str) -> Result<Vec<u8>, String> + 'a;
+
+/// A parsed file with all its buffers.
+#[derive(Debug)]
+pub struct Document {
+    json: Map<String, Value>,
+    /// One per entry of `buffers`: its bytes, or why there are none. That only matters to who needs them.
+    buffers: Vec<Result<Vec<u8>, String>>,
+}
+
+/// Why a file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum DocumentError {
+    #[error("not a glTF file: {0}")]
+    Json(#[from] serde_json::Error),
+    #[error("damaged GLB: {0}")]
+    Glb(&'static str),
+    #[error("{kind}[{index}] does not exist")]
+    Missing { kind: &'static str, index: usize },
+    #[error("{kind}[{index}]: {problem}")]
+    Malformed { kind: &'static str, index: usize, problem: String },
+    #[error("node \"{0}\" does not exist")]
+    NoSuchNode(String),
+    #[error("holds no mesh")]
+    NoMesh,
+}
+
+impl DocumentError {
+    pub fn malformed(kind: &'static str, index: usize, problem: impl Into<String>) -> Self {
+        DocumentError::Malformed { kind, index, problem: problem.into() }
+    }
+}
+
+impl Document {
+    /// Parses a `.gltf` or `.glb` and gathers its buffers, from data URIs or through `resolve`.
+    pub fn parse(bytes: &[u8], resolve: &Resolver) -> Result<Document, DocumentError> {
+        let (text, mut bin) = if bytes.starts_with(b"glTF") { split_glb(bytes)? } else { (bytes, None) };
+        let json: Map<String, Value> = serde_json::from_slice(text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text))?;
+        let read = |(index, entry): (usize, &Value)| {
+            let bin = if index == 0 { bin.take() } else { None };
+            match entry.get("uri").and_then(Value::as_str) {
+                Some(uri) if uri.starts_with("data:") => {
+                    decode_data_uri(uri).map(|(_, data)| data).ok_or_else(|| "damaged data URI".into())
+                }
+                Some(uri) => resolve(uri),
+                None => bin.map(<[u8]>::to_vec).ok_or_else(|| "has no data".into()),
+            }
+        };
+        let entries = json.get("buffers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+        let buffers = entries.iter().enumerate().map(read).collect();
+        Ok(Document { json, buffers })
+    }
+
+    /// The root object.
+    pub fn json(&self) -> &Map<String, Value> {
+        &self.json
+    }
+
+    /// A top-level array; empty if there is none.
+    pub fn array(&self, kind: &str) -> &[Value] {
+        self.json.get(kind).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+    }
+
+    /// An entry of a top-level array.
+    pub fn get(&self, kind: &'static str, index: usize) -> Result<&Map<String, Value>, DocumentError> {
+        self.array(kind).get(index).and_then(Value::as_object).ok_or(DocumentError::Missing { kind, index })
+    }
+
+    /// The bytes of a buffer view.
+    pub fn view(&self, index: usize) -> Result<&[u8], DocumentError> {
+        let view = self.get("bufferViews", index)?;
+        let malformed = |problem: &str| DocumentError::malformed("bufferViews", index, problem);
+        let buffer = reference(view, "buffer").ok_or_else(|| malformed("no buffer"))?;
+        let entry = self.buffers.get(buffer).ok_or(DocumentError::Missing { kind: "buffers", index: buffer })?;
+        let data = entry.as_ref().map_err(|problem| DocumentError::malformed("buffers", buffer, problem))?;
+        let start = reference(view, "byteOffset").unwrap_or(0);
+        let length = reference(view, "byteLength").ok_or_else(|| malformed("no byteLength"))?;
+        let end = start.checked_add(length).ok_or_else(|| malformed("too long"))?;
+        data.get(start..end).ok_or_else(|| malformed("reaches beyond its buffer"))
+    }
+
+    /// Whether the file needs no other: no buffer and no image lies outside.
+    pub fn is_self_contained(&self) -> bool {
+        let uri = |entry: &Value| entry.get("uri").and_then(Value::as_str).is_some_and(|u| !u.starts_with("data:"));
+        !self.array("buffers").iter().any(uri) && !self.array("images").iter().any(uri)
+    }
+
+    /// The nodes listed by the default scene. Without any scene: all that are nobody's child.
+    pub fn roots(&self) -> Vec<usize> {
+        let scene = reference(&self.json, "scene").unwrap_or(0);
+        match self.array("scenes").get(scene).and_then(Value::as_object) {
+            Some(scene) => references(scene, "nodes"),
+            None => (self.parents().iter().enumerate()).filter(|(_, p)| p.is_none()).map(|(n, _)| n).collect(),
+        }
+    }
+
+    /// The node of that name, the first if there are several.
+    pub fn node_named(&self, name: &str) -> Result<usize, DocumentError> {
+        let named = |node: &Value| node.get("name").and_then(Value::as_str) == Some(name);
+        self.array("nodes").iter().position(named).ok_or_else(|| DocumentError::NoSuchNode(name.into()))
+    }
+
+    /// The parent of each node, the first if several claim it.
+    pub fn parents(&self) -> Vec<Option<usize>> {
+        let nodes = self.array("nodes");
+        let mut parents = vec![None; nodes.len()];
+        for (parent, node) in nodes.iter().enumerate() {
+            for child in node.as_object().map(|n| references(n, "children")).unwrap_or_default() {
+                if let Some(slot) = parents.get_mut(child) {
+                    slot.get_or_insert(parent);
+                }
+            }
+        }
+        parents
+    }
+}
+
+/// A member that is a non-negative integer.
+pub fn reference(object: &Map<String, Value>, key: &str) -> Option<usize> {
+    object.get(key).and_then(Value::as_u64).and_then(|v| usize::try_from(v).ok())
+}
+
+/// A member that is a list of non-negative integers; anything else in it is passed over.
+pub fn references(object: &Map<String, Value>, key: &str) -> Vec<usize> {
+    let items = object.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    items.iter().filter_map(|v| v.as_u64().and_then(|v| usize::try_from(v).ok())).collect()
+}
+
+/// Media type and bytes of a base64 data URI.
+pub fn decode_data_uri(uri: &str) -> Option<(&str, Vec<u8>)> {
+    // Exporters disagree about the padding at the end.
+    const BASE64: GeneralPurpose = GeneralPurpose::new(
+        &base64::alphabet::STANDARD,
+        GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
+    );
+    let (head, data) = uri.strip_prefix("data:")?.split_once(',')?;
+    let media = head.strip_suffix(";base64")?;
+    Some((media.split(';').next().unwrap_or(""), BASE64.decode(data.trim()).ok()?))
+}
+
+/// The JSON and BIN chunks of a GLB.
+fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), DocumentError> {
+    const JSON: u32 = 0x4E4F_534A;
+    const BIN: u32 = 0x004E_4942;
+    let word = |at: usize| {
+        let word = bytes.get(at..at.checked_add(4)?)?;
+        Some(u32::from_le_bytes(word.try_into().ok()?))
+    };
+    if word(4) != Some(2) {
+        return Err(DocumentError::Glb("only version 2 can be read"));
+    }
+    let length = word(8).ok_or(DocumentError::Glb("cut off in its header"))? as usize;
+    if length > bytes.len() {
+        return Err(DocumentError::Glb("cut off: shorter than its header says"));
+    }
+    let chunk = |at: usize, kind: u32| {
+        let length = word(at)? as usize;
+        let start = at + 8;
+        (word(at + 4)? == kind).then(|| bytes.get(start..start.checked_add(length)?)).flatten()
+    };
+    let json = chunk(12, JSON).ok_or(DocumentError::Glb("its first chunk is no complete JSON"))?;
+    let next = 20 + json.len().next_multiple_of(4);
+    let bin = if next < length {
+        let bin = chunk(next, BIN);
+        Some(bin.ok_or(DocumentError::Glb("its second chunk is no complete binary buffer"))?)
+    } else {
+        None
+    };
+    Ok((json, bin))
+}
