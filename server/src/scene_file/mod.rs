@@ -158,3 +158,21 @@ fn pretty(message: &MessageDescriptor, value: &Value) -> Value {
 fn short(names: &EnumDescriptor, value: &Value) -> Value {
     value.as_str().map_or(value.clone(), |name| Value::String(schema::short_name(names, name)))
 }
+
+/// Values as TOML has them: its floats know no number that JSON cannot hold.
+fn toml_value(value: &Value) -> toml::Value {
+    match value {
+        Value::Null => unreachable!("an unset field is left out"),
+        Value::Bool(boolean) => toml::Value::Boolean(*boolean),
+        Value::Number(number) => match number.as_i64() {
+            Some(integer) => toml::Value::Integer(integer),
+            None => toml::Value::Float(number.as_f64().expect("a number that is no integer is a double")),
+        },
+        Value::String(text) => match text::to_f64(value).filter(|number| !number.is_finite()) {
+            Some(number) => toml::Value::Float(number),
+            None => toml::Value::String(text.clone()),
+        },
+        Value::Array(list) => toml::Value::Array(list.iter().map(toml_value).collect()),
+        Value::Object(map) => toml::Value::Table(map.iter().map(|(name, value)| (name.clone(), toml_value(value))).collect()),
+    }
+}
