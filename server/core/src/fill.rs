@@ -2,14 +2,14 @@
 
 mod insert;
 
-use crate::Error;
 use crate::container::Container;
 use crate::observer::{Observer, Progress, Stage, observe};
 use crate::params::{Fill as FillParams, Params};
 use crate::pose::Pose;
 use crate::scene::Scene;
-use crate::shape::{Shape, Solid};
+use crate::shape::{Shape, Size, Solid};
 use crate::world::{BodyId, Insertion, Units, World};
+use crate::Error;
 use glam::{DQuat, DVec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -70,8 +70,9 @@ pub fn run(
     container: &Container,
     observer: &mut dyn Observer,
 ) -> Result<Filled, Error> {
-    let thickness =
-        shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
+    let thickness = shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
+    let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
+    let expected = expected_bodies(scene, &sizes, container.volume * units.length.powi(3), &params.fill);
     let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
     let mut world = World::new(units, &params.fill_physics(), thickness / units.length, compounds);
     world.set_gravity_up(true);
@@ -83,7 +84,7 @@ pub fn run(
         world,
         rng: Pcg64Mcg::seed_from_u64(params.seed),
         removed: Removed::default(),
-        expected: expected_bodies(scene, shapes, container.volume * units.length.powi(3), &params.fill),
+        expected,
     };
     let walls = filling.world.add_container(&container.walls, 0.0).map_err(Error::Internal)?;
     let floor = filling.world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0);
@@ -101,9 +102,9 @@ pub fn run(
 }
 
 /// Bodies that fit into a volume in m^3, by the packing that fills usually reach and the limits given.
-pub fn expected_bodies(scene: &Scene, shapes: &[Shape], volume: f64, fill: &FillParams) -> usize {
+pub fn expected_bodies(scene: &Scene, sizes: &[Size], volume: f64, fill: &FillParams) -> usize {
     let total: f64 = scene.props.iter().map(|p| p.weight).sum();
-    let mean: f64 = scene.props.iter().zip(shapes).map(|(p, s)| p.weight / total * s.volume * mean_cube(p.scale)).sum();
+    let mean: f64 = scene.props.iter().zip(sizes).map(|(p, s)| p.weight / total * s.volume * mean_cube(p.scale)).sum();
     let fitting = (USUAL_PACKING * volume / mean).ceil().max(1.0);
     (fitting.min(fill.max_bodies as f64) as usize).min(fill.count.unwrap_or(u32::MAX) as usize).max(1)
 }
@@ -129,9 +130,8 @@ impl Filling<'_> {
     }
 
     pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
-        let material = &self.scene.props[prop];
-        let body = Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
-        debug_assert!(material.weight > 0.0);
+        let body =
+            Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
         self.world.insert(&self.shapes[prop], &body).map_err(Error::Internal)
     }
 
@@ -180,11 +180,7 @@ impl Filling<'_> {
     fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         for _ in 0..CLEANUP_ROUNDS {
             self.remove_escaped();
-            let out = self
-                .world
-                .present()
-                .filter(|&id| self.protrusion(id) > self.params.fill.protrusion)
-                .collect::<Vec<_>>();
+            let out = self.world.present().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));
             let overlapping = self.remove_overlapping(0);
@@ -203,8 +199,7 @@ impl Filling<'_> {
         let limit = self.params.fill.overlap;
         let too_deep = |w: &World, t: &crate::world::Touch| match t.b {
             crate::world::Side::Body(b) if b >= first => {
-                let thickness = w.bodies()[t.a].thickness.min(w.bodies()[b].thickness);
-                (t.depth() > limit * thickness).then_some((t.a, b))
+                (t.depth() > limit * w.pair_thickness(t)).then_some((t.a, b))
             }
             _ => None,
         };

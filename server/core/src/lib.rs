@@ -2,27 +2,39 @@
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
 
-pub mod bake;
-pub mod container;
-pub mod equilibrium;
 pub mod asset;
+pub mod bake;
+pub mod check;
+pub mod container;
+pub mod control;
+pub mod equilibrium;
+pub mod figures;
 pub mod fill;
+pub mod hold;
+pub mod measure;
 pub mod mesh;
 pub mod observer;
 pub mod params;
 pub mod plan;
 pub mod pose;
+pub mod record;
 pub mod region;
+pub mod release;
 pub mod report;
 pub mod scene;
 pub mod shape;
+mod weld;
 pub mod world;
 
-use bake::Bake;
-use observer::Observer;
+use bake::{Bake, Body};
+use container::Container;
+use control::Control;
+use observer::{Observer, Stage};
 use params::Params;
 use plan::Plan;
 use scene::Scene;
+use shape::Shape;
+use world::Units;
 
 /// Why a scene cannot be baked, or a bake did not finish.
 #[derive(Debug, thiserror::Error)]
@@ -38,12 +50,52 @@ pub enum Error {
 }
 
 /// Checks the scene and tells what would be simulated; simulates nothing.
-pub fn plan(_scene: &Scene, _params: &Params) -> Result<Plan, Error> {
-    Err(Error::Internal("not built yet".into()))
+pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
+    let checked = check::run(scene, params).map_err(Error::Invalid)?;
+    Ok(plan::of(scene, params, &checked))
 }
 
-/// Fills, turns over, releases and holds: the whole method.
-pub fn bake(_scene: &Scene, _params: &Params, _observer: &mut dyn Observer) -> Result<Bake, Error> {
-    Err(Error::Internal("not built yet".into()))
+/// The method: shapes, fill, turn over, release, hold.
+pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<Bake, Error> {
+    let checked = check::run(scene, params).map_err(Error::Invalid)?;
+    let plan = plan::of(scene, params, &checked);
+    let mut clock = figures::Clock::new(observer);
+
+    let shapes = shape::run(scene, params, &checked, observer)?;
+    let units = Units::new(checked.diameter, median_mass(scene, &shapes), params.gravity);
+    let container = Container::new(&scene.control.mesh, units.length, checked.ground);
+    clock.lap(Stage::Shape, observer);
+
+    let filled = fill::run(scene, &shapes, params, units, &container, observer)?;
+    if filled.bodies.is_empty() {
+        return Err(Error::Invalid(vec![format!(
+            "{}: not one prop found room inside; make the control mesh larger, or the props smaller",
+            scene.control.name
+        )]));
+    }
+    clock.lap(Stage::Fill, observer);
+
+    let control = Control::new(&params.control, params.gravity, params.seed, &container.distance);
+    let mut pile = release::turn_over(scene, &shapes, params, units, &filled.bodies, checked.ground, control)?;
+    release::run(&mut pile, params, observer)?;
+    clock.lap(Stage::Release, observer);
+
+    let held = hold::run(&mut pile, params, observer)?;
+    clock.lap(Stage::Hold, observer);
+
+    let bodies = filled.bodies.iter().map(|b| Body { prop: b.prop, scale: b.scale }).collect();
+    let frames = figures::prop_frames(&pile, &shapes, &filled.bodies);
+    let figures = figures::Inputs { scene, params, plan, shapes: &shapes, container: &container, filled: &filled, held };
+    let mut report = figures::report(&figures, &mut pile, &frames, observer)?;
+    clock.lap(Stage::Measure, observer);
+    report.seconds = clock.into_seconds();
+    Ok(Bake { fps: params.output.fps, bodies, frames, report })
 }
-mod weld;
+
+/// The mass of the prop in the middle, kg: the engine's unit.
+fn median_mass(scene: &Scene, shapes: &[Shape]) -> f64 {
+    let middle = |[lo, hi]: [f64; 2]| ((lo + hi) / 2.0).powi(3);
+    let mut masses: Vec<f64> = scene.props.iter().zip(shapes).map(|(p, s)| s.mass * middle(p.scale)).collect();
+    masses.sort_by(f64::total_cmp);
+    masses[masses.len() / 2]
+}

@@ -52,4 +52,13 @@ impl TriMesh {
             })
             .sum()
     }
+
+    /// The same mesh, its triangles turned around if it is inside out as a whole.
+    pub fn outward(&self) -> std::borrow::Cow<'_, TriMesh> {
+        if self.signed_volume() >= 0.0 {
+            return std::borrow::Cow::Borrowed(self);
+        }
+        let triangles = self.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
+        std::borrow::Cow::Owned(TriMesh { points: self.points.clone(), triangles })
+    }
 }

@@ -48,6 +48,7 @@ pub struct Region {
     bounds: (DVec3, DVec3),
     volume: f64,
     inside_out: bool,
+    open: bool,
 }
 
 impl Region {
@@ -62,8 +63,8 @@ impl Region {
         let bounds = used.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
         let all = Bvh::new(triangles.clone());
         let surface = surface_triangles(&all, &triangles, bounds.0.distance(bounds.1));
-        let volume = solid_volume(&all, bounds, enclosed.abs());
-        Region { all, surface, bounds, volume, inside_out }
+        let (volume, open) = solid_volume(&all, bounds, enclosed.abs());
+        Region { all, surface, bounds, volume, inside_out, open }
     }
 
     /// Generalised winding number: 1 inside a closed outward mesh, 0 outside, 2 where two parts overlap.
@@ -107,6 +108,11 @@ impl Region {
         self.inside_out
     }
 
+    /// Whether the mesh has holes large enough to matter: winding numbers far from an integer were met.
+    pub fn is_open(&self) -> bool {
+        self.open
+    }
+
     /// A point drawn uniformly from the solid. `None` when it fills next to nothing of its box.
     pub fn sample_inside(&self, rng: &mut impl Rng) -> Option<DVec3> {
         let (lo, hi) = self.bounds;
@@ -119,6 +125,20 @@ impl Region {
     fn distance_near(&self, p: DVec3, guess: u32) -> (f64, u32) {
         let hit = self.surface().nearest(p, guess).expect("a region has a triangle");
         (hit.squared.sqrt(), hit.place)
+    }
+
+    /// Sets `row[i]` to whether `start + i step X` is inside. Points nearer than the surface share one answer, so that
+    /// most are skipped.
+    pub(crate) fn mark_row(&self, start: DVec3, step: f64, row: &mut [u8]) {
+        let (mut i, mut guess) = (0, 0);
+        while i < row.len() {
+            let p = start + DVec3::X * (i as f64 * step);
+            let (distance, place) = self.distance_near(p, guess);
+            guess = place;
+            let same = (distance / step).ceil().max(1.0).min((row.len() - i) as f64) as usize;
+            row[i..i + same].fill(self.contains(p) as u8);
+            i += same;
+        }
     }
 
     fn surface(&self) -> &Bvh {
@@ -164,9 +184,10 @@ fn bounds_solid(all: &Bvh, &[a, b, c]: &[DVec3; 3], diagonal: f64) -> bool {
     (0..n).any(|i| (0..n - i).any(|j| differs(a + (b - a) * part(i) + (c - a) * part(j))))
 }
 
-/// Volume of the solid. The enclosed volume counts each point as often as the mesh winds around it: what a sampled
-/// grid says was counted too often (or with the wrong sign) is taken off. A simple mesh keeps its exact volume.
-fn solid_volume(all: &Bvh, (lo, hi): (DVec3, DVec3), enclosed: f64) -> f64 {
+/// Volume of the solid, and whether the mesh is open. The enclosed volume counts each point as often as the mesh winds
+/// around it: what a sampled grid says was counted too often (or with the wrong sign) is taken off. A simple mesh keeps
+/// its exact volume; that of an open one is sampled as a whole.
+fn solid_volume(all: &Bvh, (lo, hi): (DVec3, DVec3), enclosed: f64) -> (f64, bool) {
     let block = (hi - lo) / VOLUME_BLOCKS as f64;
     let tallies: Vec<(f64, f64, bool)> = (0..VOLUME_BLOCKS.pow(3))
         .into_par_iter()
@@ -189,9 +210,9 @@ fn solid_volume(all: &Bvh, (lo, hi): (DVec3, DVec3), enclosed: f64) -> f64 {
         })
         .collect();
     if tallies.iter().any(|t| t.2) {
-        tallies.iter().map(|t| t.0).sum()
+        (tallies.iter().map(|t| t.0).sum(), true)
     } else {
-        (enclosed - tallies.iter().map(|t| t.1).sum::<f64>()).max(0.0)
+        ((enclosed - tallies.iter().map(|t| t.1).sum::<f64>()).max(0.0), false)
     }
 }
 

@@ -22,11 +22,11 @@
 //! *the area of the convex hull of the contacts, projected onto the plane of the longest chord between two of them and the
 //! contact farthest from that chord.*
 //!
-//! It does not depend on order or on repeated points. For three points it equals Eq. 6; for coplanar points it is the
-//! area of their hull, which is never more than Eq. 6 gives for the hull's corners in turn, plus what repeated and inner
-//! points add to Eq. 6.
+//! It does not depend on the points' order or repetition. For three points it equals Eq. 6; for coplanar points it
+//! is the area of their hull (for the corners of a rectangle in turn, Eq. 6 again). In general neither bounds the other:
+//! a round support of many points has a large hull and slender triangles, repeated zigzags add up in Eq. 6 only.
 
-use super::{Analyser, Options, Outcome, Problem, ProblemError, Solver};
+use super::{Analyser, Options, Outcome, Problem, ProblemError, Solver, Start};
 use glam::{DVec2, DVec3};
 
 /// Contacts nearer to each other than this share of the body's radius support like one. Contact points of a
@@ -121,19 +121,21 @@ impl Analyser {
     /// mu_k first: it implies mu_s, and most bodies that stand pass.
     fn sharp(&mut self, solver: Solver, ratio: f64) -> Option<Candidacy> {
         self.scaled.friction_scale = ratio.clamp(0.0, 1.0);
-        let with_reserve = self.decide(solver);
+        let with_reserve = self.decide(solver, Start::Cold);
         self.scaled.friction_scale = 1.0;
         if let Outcome::Stable { .. } = with_reserve {
             self.count(&with_reserve);
             return None;
         }
-        let outcome = self.decide(solver);
+        // The generators loaded at mu_k lie within mu_s, too.
+        let start = if solver == Solver::Fast { Start::Loaded } else { Start::Cold };
+        let outcome = self.decide(solver, start);
         self.count(&outcome);
         Some(if let Outcome::Stable { .. } = outcome { Candidacy::NoReserve } else { Candidacy::Unstable })
     }
 
     fn paper(&mut self, ratio: f64) -> Option<Candidacy> {
-        let outcome = self.decide(Solver::Clarabel);
+        let outcome = self.decide(Solver::Clarabel, Start::Cold);
         self.count(&outcome);
         if let Outcome::Unstable(_) = outcome {
             return Some(Candidacy::Unstable);
@@ -149,7 +151,11 @@ impl Analyser {
 
 /// Eq. 6, in the order given, in the problem's unit of area.
 pub fn triangles(problem: &Problem) -> f64 {
-    problem.contacts.windows(3).map(|w| (w[2].point - w[1].point).cross(w[2].point - w[0].point).length() / 2.0).sum()
+    problem
+        .contacts
+        .windows(3)
+        .map(|w| (w[2].point - w[1].point).cross(w[2].point - w[0].point).length() / 2.0)
+        .sum()
 }
 
 /// Gathers the distinct points, and counts them. The first of a cluster stands for it.
@@ -173,10 +179,9 @@ pub fn hull_area(points: &mut [DVec3]) -> f64 {
     };
     let Some(along) = (b - a).try_normalize() else { return 0.0 };
     let offset = |p: DVec3| (p - a) - (p - a).dot(along) * along;
-    let far = points
-        .iter()
-        .map(|p| offset(*p))
-        .fold(DVec3::ZERO, |m, o| if o.length_squared() > m.length_squared() { o } else { m });
+    let far = points.iter().map(|p| offset(*p)).fold(DVec3::ZERO, |m, o| {
+        if o.length_squared() > m.length_squared() { o } else { m }
+    });
     let Some(across) = far.try_normalize() else { return 0.0 };
     // In the plane, x and y in the unused components' place; the points are not needed afterwards.
     for p in points.iter_mut() {
@@ -188,10 +193,7 @@ pub fn hull_area(points: &mut [DVec3]) -> f64 {
 }
 
 fn pairs(points: &[DVec3]) -> impl Iterator<Item = ((DVec3, DVec3), f64)> {
-    points
-        .iter()
-        .enumerate()
-        .flat_map(move |(i, a)| points[i + 1..].iter().map(move |b| ((*a, *b), a.distance_squared(*b))))
+    points.iter().enumerate().flat_map(move |(i, a)| points[i + 1..].iter().map(move |b| ((*a, *b), a.distance_squared(*b))))
 }
 
 /// Twice Andrew's monotone chain, without storing the hull: each chain jumps from a corner to the next by the least slope.

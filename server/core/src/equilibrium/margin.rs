@@ -1,5 +1,77 @@
-use super::projection::Projection;
-use super::scaled::Scaled;
-pub(super) fn of(_s: &Scaled, _p: &mut Projection) -> f64 {
-    0.0
+//! How far a stable body is from the edge.
+//!
+//! **The margin is the largest horizontal push at the centre of mass, in units of mg, that the body survives from each of eight
+//! azimuths**, at most [`MOST_PUSH`]. Zero: on the edge. 0.2: the ground may shake sideways with 0.2 g, or (nearly) tilt
+//! by atan 0.2. The set of pushes that a body survives is convex, so that it survives every azimuth at cos(pi/8) = 0.92
+//! of its margin or more.
+//!
+//! Why this disturbance:
+//! - Friction alone (by what factor may it shrink?) does not see tipping: a block with its centre of mass a
+//!   hair inside its support needs no friction at all. A horizontal push sees both: a block of half-width w and
+//!   centre height h on friction mu has the margin min(mu, w/h). Engineers know it as the pseudo-static seismic coefficient.
+//! - The worst of *all* wrenches is zero for every body on two contacts, and to find it is a concave minimisation over
+//!   the facets of W. Eight rays cost about as much as two verdicts.
+//! - It needs no length other than the lever arms, and does not depend on what else the contacts could carry.
+//!
+//! A ray b + t d leaves the convex cone W at one t. Outside of it the projection's separator z gives a
+//! half-space z . x <= 0 that holds W, and the ray leaves that at t' = -(z . b)/(z . d) < t: Newton's method, from above, monotone;
+//! finite on a pyramid, quadratic on a cone. Each projection starts from the previous one's generators. The least t so
+//! far is where the next azimuth starts: most of the eight are settled by one projection.
+
+use super::projection::{Accuracy, Projection};
+use super::scaled::{Scaled, Vec6, dot, join, norm, split};
+use std::f64::consts::FRAC_PI_4;
+
+/// Pushes beyond the body's own weight are not told apart.
+pub const MOST_PUSH: f64 = 1.0;
+
+/// The margin is wanted to about this, in mg: it is a figure to compare, not a proof.
+const MARGIN_ACCURACY: f64 = 1e-5;
+
+/// Of each projection: a tenth of that.
+const ACCURACY: Accuracy = Accuracy { reached: 1e-6, violation: 1e-6, excluded_force: 1e3 };
+
+/// Newton's steps per azimuth; three to five are usual. What is cut off here would only lower the margin further by less
+/// than the last step did.
+const MOST_NEWTON: u32 = 30;
+
+/// The margin of a stable body. Leaves other generators in the projection.
+pub(super) fn of(scaled: &Scaled, projection: &mut Projection) -> f64 {
+    let b = scaled.target();
+    let (up, _) = split(&b);
+    if up.length_squared() == 0.0 {
+        return MOST_PUSH;
+    }
+    let (e1, e2) = up.any_orthonormal_pair();
+    let mut least = MOST_PUSH;
+    for k in 0..8 {
+        let (s, c) = (FRAC_PI_4 * f64::from(k)).sin_cos();
+        let push = join(c * e1 + s * e2, glam::DVec3::ZERO);
+        least = ray(scaled, projection, &b, &push, least);
+        if least <= MARGIN_ACCURACY {
+            return 0.0;
+        }
+    }
+    least
+}
+
+/// The largest t <= `most` with b + t d in W.
+fn ray(scaled: &Scaled, projection: &mut Projection, b: &Vec6, d: &Vec6, most: f64) -> f64 {
+    let mut t = most;
+    for _ in 0..MOST_NEWTON {
+        let target = std::array::from_fn(|k| b[k] + t * d[k]);
+        projection.resume(scaled, target, ACCURACY);
+        let Some(y) = projection.separator() else { return t };
+        let length = norm(&y);
+        let slope = dot(&y, d);
+        if length <= ACCURACY.reached || slope <= MARGIN_ACCURACY * length {
+            return t;
+        }
+        let next = (-dot(&y, b) / slope).clamp(0.0, t);
+        if t - next <= MARGIN_ACCURACY {
+            return next;
+        }
+        t = next;
+    }
+    t
 }

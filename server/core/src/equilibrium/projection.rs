@@ -47,6 +47,12 @@ const SHARE: f64 = 0.25;
 /// every unit system.
 const TIE: f64 = 1.0 + 1e-9;
 
+/// A remembered force below this share of mg is not worth starting from.
+const WARM_FORCE: f64 = 1e-9;
+
+/// Remembered generators nearer than this to the span of the others are left to pricing.
+const WARM_RANK: f64 = 1e-6;
+
 /// Far more steps than any problem has needed; beyond, the next solver decides.
 const MOST_STEPS: u32 = 400;
 
@@ -71,14 +77,62 @@ pub(super) struct Projection {
     r: [[f64; MOST]; MOST],
     /// The part of the target outside their span.
     left: Vec6,
+    accuracy: Accuracy,
+}
+
+/// Where to stop.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Accuracy {
+    /// Left over less than this, the target is reached.
+    pub reached: f64,
+    /// No generator does more work than this with the unit separator...
+    pub violation: f64,
+    /// ... nor more than the residual divided by this.
+    pub excluded_force: f64,
+}
+
+impl Default for Accuracy {
+    fn default() -> Self {
+        Accuracy { reached: REACHED, violation: SHARE * CERTIFICATE_TOLERANCE, excluded_force: EXCLUDED_FORCE / SHARE }
+    }
 }
 
 impl Projection {
     /// Projects `target`; returns the number of steps.
     pub fn run(&mut self, scaled: &Scaled, target: Vec6) -> u32 {
         self.target = target;
+        self.accuracy = Accuracy::default();
         self.count = 0;
         self.iterate(scaled)
+    }
+
+    /// Projects another target, from the generators that are loaded. They stay valid if the contacts are the same and
+    /// friction has not shrunk.
+    pub fn resume(&mut self, scaled: &Scaled, target: Vec6, accuracy: Accuracy) -> u32 {
+        self.target = target;
+        self.accuracy = accuracy;
+        self.solve(None);
+        self.iterate(scaled)
+    }
+
+    /// Projects `target`, from forces that were near the answer for similar contacts (in mg; zero where unknown).
+    pub fn run_from(&mut self, scaled: &Scaled, target: Vec6, forces: &[DVec3]) -> u32 {
+        self.count = 0;
+        for (contact, (row, f)) in scaled.rows().iter().zip(forces).enumerate() {
+            let normal = f.dot(row.n);
+            if !(normal > WARM_FORCE && f.is_finite()) || self.count == MOST {
+                continue;
+            }
+            let force = scaled.within_friction(row, *f / normal);
+            if self.enter(Generator { contact, force, wrench: row.wrench(force) }) {
+                let j = self.count - 1;
+                self.lambda[j] = normal;
+                if self.r[j][j] < WARM_RANK {
+                    self.count = j;
+                }
+            }
+        }
+        self.resume(scaled, target, Accuracy::default())
     }
 
     fn iterate(&mut self, scaled: &Scaled) -> u32 {
@@ -86,13 +140,13 @@ impl Projection {
         for step in 0..MOST_STEPS {
             self.set_left();
             let left = norm(&self.left);
-            if left <= REACHED || left >= last || self.count == MOST {
+            if left <= self.accuracy.reached || left >= last || self.count == MOST {
                 return step;
             }
             last = left;
-            let allowed = (left / EXCLUDED_FORCE).min(CERTIFICATE_TOLERANCE) * SHARE;
+            let allowed = (left / self.accuracy.excluded_force).min(self.accuracy.violation);
             let Some(best) = self.price(scaled, left * allowed.max(NO_OFFER)) else { return step };
-            if !self.enter(best) || !self.solve() {
+            if !self.enter(best) || !self.solve(Some(self.count - 1)) {
                 return step;
             }
         }
@@ -173,10 +227,10 @@ impl Projection {
         true
     }
 
-    /// Least squares over the loaded generators, unloading until all are positive. False if the one entered last would
+    /// Least squares over the loaded generators, unloading until all are positive. False if the one just entered would
     /// leave at once: then rounding has been reached.
-    fn solve(&mut self) -> bool {
-        let mut newest = Some(self.count - 1);
+    fn solve(&mut self, entered: Option<usize>) -> bool {
+        let mut newest = entered;
         loop {
             let wanted = self.least_squares();
             let mut share = 1.0;
@@ -194,7 +248,7 @@ impl Projection {
                 self.lambda[..self.count].copy_from_slice(&wanted[..self.count]);
                 return true;
             };
-            if newest == Some(j) && share == 0.0 {
+            if share == 0.0 && newest == Some(j) {
                 self.leave(j);
                 return false;
             }

@@ -27,8 +27,7 @@ pub(super) fn solve(scaled: &Scaled, forces: &mut Vec<DVec3>) -> Option<Outcome>
     if n == 0 {
         return None;
     }
-    let (rows, cones) = constraints(scaled);
-    let height = 6 + rows.iter().fold(0, |most, &(row, ..)| most.max(row + 1 - 6));
+    let (rows, cones, height) = constraints(scaled);
     let mut b = vec![0.0; height];
     b[..6].copy_from_slice(&scaled.target());
     let a = CscMatrix::new_from_triplets(
@@ -51,8 +50,12 @@ pub(super) fn solve(scaled: &Scaled, forces: &mut Vec<DVec3>) -> Option<Outcome>
     let mut solver = DefaultSolver::new(&p, &vec![0.0; 3 * n], &a, &b, &cones, settings).ok()?;
     solver.solve();
     match solver.solution.status {
-        SolverStatus::Solved | SolverStatus::AlmostSolved => stable(scaled, &solver.solution.x, forces),
-        SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => unstable(scaled, &solver.solution.z),
+        SolverStatus::Solved | SolverStatus::AlmostSolved => {
+            stable(scaled, &solver.solution.x, forces)
+        }
+        SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => {
+            unstable(scaled, &solver.solution.z)
+        }
         _ => None,
     }
 }
@@ -61,7 +64,8 @@ fn stable(scaled: &Scaled, x: &[f64], forces: &mut Vec<DVec3>) -> Option<Outcome
     forces.clear();
     forces.extend(scaled.rows().iter().zip(x.chunks_exact(3)).map(|(r, f)| f[0] * r.n + f[1] * r.t1 + f[2] * r.t2));
     let residual = scaled.residual_of(forces);
-    (residual <= Tolerances::REFERENCE.residual && scaled.obeys_friction(forces, Tolerances::REFERENCE))
+    (scaled.balances(residual, forces, Tolerances::REFERENCE)
+        && scaled.obeys_friction(forces, Tolerances::REFERENCE))
         .then_some(Outcome::Stable { residual })
 }
 
@@ -78,8 +82,8 @@ fn unstable(scaled: &Scaled, multipliers: &[f64]) -> Option<Outcome> {
 type Triplet = (usize, usize, f64);
 type Cone = clarabel::solver::SupportedConeT<f64>;
 
-/// Clarabel's form: A x + s = b, s in the cones.
-fn constraints(scaled: &Scaled) -> (Vec<Triplet>, Vec<Cone>) {
+/// Clarabel's form, A x + s = b with s in the cones: A, the cones, and the number of rows.
+fn constraints(scaled: &Scaled) -> (Vec<Triplet>, Vec<Cone>, usize) {
     let mut t: Vec<Triplet> = Vec::new();
     let mut cones: Vec<Cone> = vec![ZeroConeT(6)];
     let mut row = 6;
@@ -117,5 +121,5 @@ fn constraints(scaled: &Scaled) -> (Vec<Triplet>, Vec<Cone>) {
             }
         }
     }
-    (t, cones)
+    (t, cones, row)
 }

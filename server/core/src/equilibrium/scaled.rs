@@ -3,7 +3,7 @@
 //! Forces are in mg, lever arms in bounding radii R; a wrench is (force, torque about the centre of mass). This file
 //! knows the friction laws and nothing of how the solvers work.
 
-use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FRICTION_TOLERANCE, Fit, FrictionLaw};
+use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, Fit, FrictionLaw};
 use super::{Problem, ProblemError, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
 use glam::DVec3;
 
@@ -15,6 +15,9 @@ const LARGEST_LEVER: f64 = 1e150;
 
 /// A shorter normal has no direction: its square would underflow.
 const SHORTEST_NORMAL: f64 = 1e-150;
+
+/// A velocity this near to a contact's normal, relatively, has a tangential part of rounding only, without direction.
+const NO_TANGENT: f64 = 1e-14;
 
 /// (force, torque).
 pub(super) type Vec6 = [f64; 6];
@@ -57,12 +60,7 @@ impl Row {
 pub(super) enum Law {
     Cone,
     /// Corners and outward face normals in units of mu; a face is `normal . f_t <= apothem mu f_n`.
-    Pyramid {
-        sides: usize,
-        corners: [[f64; 2]; MAX_SIDES as usize],
-        faces: [[f64; 2]; MAX_SIDES as usize],
-        apothem: f64,
-    },
+    Pyramid { sides: usize, corners: [[f64; 2]; MAX_SIDES as usize], faces: [[f64; 2]; MAX_SIDES as usize], apothem: f64 },
 }
 
 impl Law {
@@ -95,14 +93,23 @@ pub(super) struct Tolerances {
     pub residual: f64,
     pub friction: f64,
     pub certificate: f64,
+    pub excluded_force: f64,
 }
 
 impl Tolerances {
-    pub const OWN: Tolerances =
-        Tolerances { residual: STABLE_RESIDUAL, friction: FRICTION_TOLERANCE, certificate: CERTIFICATE_TOLERANCE };
-    /// An interior point stops at about 1e-8 of everything.
-    pub const REFERENCE: Tolerances =
-        Tolerances { residual: REFERENCE_RESIDUAL, friction: REFERENCE_RESIDUAL, certificate: REFERENCE_RESIDUAL };
+    pub const OWN: Tolerances = Tolerances {
+        residual: STABLE_RESIDUAL,
+        friction: FRICTION_TOLERANCE,
+        certificate: CERTIFICATE_TOLERANCE,
+        excluded_force: EXCLUDED_FORCE,
+    };
+    /// An interior point stops at about 1e-8 of everything, before its multipliers are scaled to length one.
+    pub const REFERENCE: Tolerances = Tolerances {
+        residual: REFERENCE_RESIDUAL,
+        friction: REFERENCE_RESIDUAL,
+        certificate: 1e-6,
+        excluded_force: 1e2,
+    };
 }
 
 /// A unit wrench that claims to prove instability, and what substitution says of it.
@@ -119,7 +126,7 @@ impl Certificate {
     pub fn proves(&self, t: Tolerances) -> bool {
         self.residual > t.residual
             && self.violation <= t.certificate
-            && self.violation * EXCLUDED_FORCE <= self.residual
+            && self.violation * t.excluded_force <= self.residual
     }
 
     pub fn wrench(&self) -> Wrench {
@@ -209,7 +216,13 @@ impl Scaled {
             Law::Cone => {
                 let tangential = v - along * row.n;
                 let speed = tangential.length();
-                if speed > 0.0 { (along + mu * speed, tangential / speed) } else { (along, DVec3::ZERO) }
+                if speed <= NO_TANGENT * along.abs() {
+                    return (along, DVec3::ZERO);
+                }
+                // The subtraction above leaves a normal part of the size of rounding; relative to a small
+                // tangential part it matters.
+                let t = tangential / speed;
+                (along + mu * speed, t - t.dot(row.n) * row.n)
             }
             Law::Pyramid { sides, corners, .. } => {
                 let (v1, v2) = (v.dot(row.t1), v.dot(row.t2));
@@ -227,6 +240,20 @@ impl Scaled {
         }
     }
 
+    /// `force`, of unit normal component, with its tangential part shortened to what friction allows.
+    pub fn within_friction(&self, row: &Row, force: DVec3) -> DVec3 {
+        let mu = row.mu * self.friction_scale;
+        let tangential = force - row.n;
+        let used = match &self.law {
+            Law::Cone => tangential.length(),
+            Law::Pyramid { sides, faces, apothem, .. } => {
+                let (f1, f2) = (force.dot(row.t1), force.dot(row.t2));
+                faces[..*sides].iter().map(|m| m[0] * f1 + m[1] * f2).fold(0.0, f64::max) / apothem
+            }
+        };
+        if used > mu { row.n + tangential * (mu / used) } else { force }
+    }
+
     /// Substitutes forces (by mg) into Eq. 1: the norm of the wrench left over.
     pub fn residual_of(&self, forces: &[DVec3]) -> f64 {
         let mut left = self.target;
@@ -237,6 +264,12 @@ impl Scaled {
             }
         }
         norm(&left)
+    }
+
+    /// Is this residual small enough, for forces of this size?
+    pub fn balances(&self, residual: f64, forces: &[DVec3], t: Tolerances) -> bool {
+        let total: f64 = self.rows.iter().zip(forces).map(|(row, f)| f.dot(row.n).abs()).sum();
+        residual <= t.residual + FORCE_ROUNDING * total
     }
 
     /// Substitutes forces into Eq. 2 to 4.

@@ -52,6 +52,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
 fn plant(filling: &mut Filling, wanted: usize) -> Result<Vec<(BodyId, f64)>, Error> {
     filling.world.refresh();
     let mut seeds: Vec<(BodyId, f64)> = Vec::new();
+    let mut planted = Vec::new();
     for _ in 0..wanted * TRIES_PER_PROP {
         if seeds.len() == wanted {
             break;
@@ -62,10 +63,10 @@ fn plant(filling: &mut Filling, wanted: usize) -> Result<Vec<(BodyId, f64)>, Err
         let Some(translation) = place(filling, shape.thickness() * size / 2.0, shape.radius * size) else { continue };
         let pose = Pose { translation, rotation };
         if filling.container.holds(corners(&filling.shapes[prop], size, &pose), 0.0)
-            && filling.world.is_free(&filling.shapes[prop], SEED_SCALE * scale, &pose)
+            && filling.world.is_free(&filling.shapes[prop], SEED_SCALE * scale, &pose, &planted)
         {
             let id = filling.insert(prop, SEED_SCALE * scale, pose)?;
-            filling.world.refresh();
+            planted.push(id);
             seeds.push((id, scale));
         }
     }

@@ -7,16 +7,65 @@ mod convex;
 mod fit;
 mod mass;
 
+use crate::Error;
+use crate::check::Checked;
 use crate::mesh::TriMesh;
-use crate::params::Physics;
+use crate::observer::{Observer, Progress, Stage, observe};
+use crate::params::{Params, Physics};
 use crate::pose::Pose;
 use crate::report::ShapeReport;
-use crate::scene::Prop;
+use crate::scene::{Prop, Scene};
 use glam::{DMat3, DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::{MassProperties, SharedShape};
 
 pub use fit::OrientedBox;
+
+/// What is known of a prop without building its collision shape; at scale 1.
+#[derive(Clone, Copy, Debug)]
+pub struct Size {
+    /// Of the bounding sphere, m.
+    pub diameter: f64,
+    /// Edges of the tightest box around the prop, rising, m.
+    pub extents: DVec3,
+    /// m^3; of an open mesh, half its box: an estimate.
+    pub volume: f64,
+    /// The mesh encloses a volume.
+    pub closed: bool,
+}
+
+impl Size {
+    pub fn of(mesh: &TriMesh) -> Size {
+        if mesh.triangles.is_empty() {
+            return Size { diameter: 0.0, extents: DVec3::ZERO, volume: 0.0, closed: false };
+        }
+        let diameter = 2.0 * fit::bounding_sphere(mesh).1;
+        let around = fit::oriented_box(mesh);
+        let mut extents = (2.0 * around.half).max(DVec3::splat(FLAT_THICKNESS * diameter)).to_array();
+        extents.sort_by(f64::total_cmp);
+        let own = mesh.signed_volume();
+        let bulk = extents.iter().product::<f64>();
+        let closed = mesh.boundary_edges() == 0 && own.abs() > MIN_VOLUME_SHARE * bulk;
+        let volume = if closed { own.abs() } else { bulk / 2.0 };
+        Size { diameter, extents: DVec3::from_array(extents), volume, closed }
+    }
+}
+
+/// The collision shapes of all props.
+pub fn run(
+    scene: &Scene,
+    params: &Params,
+    checked: &Checked,
+    observer: &mut dyn Observer,
+) -> Result<Vec<Shape>, Error> {
+    let mut shapes = Vec::new();
+    for (i, (prop, size)) in scene.props.iter().zip(&checked.sizes).enumerate() {
+        let fraction = i as f64 / scene.props.len() as f64;
+        observe(observer, &Progress { stage: Stage::Shape, fraction, bodies: 0, released: 0, at_rest: 0, nails: 0 })?;
+        shapes.push(Shape::new(prop, *size, &params.physics).map_err(|problem| Error::Invalid(vec![problem]))?);
+    }
+    Ok(shapes)
+}
 
 /// A prop, ready to be simulated.
 #[derive(Clone, Debug)]
@@ -29,12 +78,9 @@ pub struct Shape {
     pub mass: f64,
     /// Principal moments of inertia about the centre of mass, kg m^2, and the rotation from their axes.
     pub inertia: (DVec3, DQuat),
-    /// Diameter of the bounding sphere, m.
-    pub diameter: f64,
     /// Radius of the sphere about the centre of mass that holds the prop, m.
     pub radius: f64,
-    /// Edges of the tightest box around the prop, rising, m.
-    pub extents: DVec3,
+    pub size: Size,
     pub solid: Solid,
     pub report: ShapeReport,
 }
@@ -43,10 +89,7 @@ pub struct Shape {
 #[derive(Clone, Debug)]
 pub enum Solid {
     Box(OrientedBox),
-    Ball {
-        center: DVec3,
-        radius: f64,
-    },
+    Ball { center: DVec3, radius: f64 },
     /// One or more convex parts, each the hull of its points.
     Convex(Vec<Vec<DVec3>>),
 }
@@ -60,14 +103,11 @@ const MIN_VOLUME_SHARE: f64 = 0.01;
 const FLAT_THICKNESS: f64 = 0.01;
 
 impl Shape {
-    /// Builds the shape of a prop. `closed`: the mesh encloses a volume.
-    pub fn new(prop: &Prop, closed: bool, physics: &Physics) -> Result<Shape, String> {
-        let mesh = &prop.model.mesh;
-        let (_, sphere_radius) = fit::bounding_sphere(mesh);
-        let diameter = 2.0 * sphere_radius;
-        if !(diameter > 0.0 && diameter.is_finite()) {
-            return Err(format!("{}: the prop has no extent; give it a mesh with area", prop.model.name));
-        }
+    /// Builds the shape of a prop.
+    pub fn new(prop: &Prop, size: Size, physics: &Physics) -> Result<Shape, String> {
+        // An inside-out prop is its outward twin.
+        let mesh = &prop.model.mesh.outward();
+        let Size { diameter, closed, .. } = size;
         let around = fit::oriented_box(mesh);
         let (solid, deviation) = collision_solid(mesh, &around, diameter, closed, physics);
         let own = mass::moments(mesh);
@@ -75,14 +115,8 @@ impl Shape {
         let fallback = mass_fallback(closed, own.volume, solid_moments.volume);
         let moments = if fallback.is_some() { solid_moments } else { own };
         if !(moments.volume > 0.0 && moments.volume.is_finite() && moments.inertia.is_finite()) {
-            return Err(format!(
-                "{}: no volume could be found for this prop; close the mesh or give it thickness",
-                prop.model.name
-            ));
+            return Err(format!("{}: no volume could be found for this prop; close the mesh or give it thickness", prop.model.name));
         }
-        let flat = FLAT_THICKNESS * diameter;
-        let mut extents = (2.0 * around.half).max(DVec3::splat(flat)).to_array();
-        extents.sort_by(f64::total_cmp);
         let radius = mesh.points.iter().map(|p| p.distance(moments.center)).fold(0.0, f64::max);
         let (principal, frame) = mass::principal(moments.inertia);
         // A needle's smallest moment may round to zero, which an engine takes for infinity.
@@ -102,9 +136,8 @@ impl Shape {
             volume: moments.volume,
             mass,
             inertia: (principal * prop.density, frame),
-            diameter,
             radius,
-            extents: DVec3::from_array(extents),
+            size,
             solid,
             report,
         })
@@ -112,7 +145,7 @@ impl Shape {
 
     /// Smallest extent, m.
     pub fn thickness(&self) -> f64 {
-        self.extents.x
+        self.size.extents.x
     }
 
     /// The body's pose (origin in the centre of mass) of a prop placed at `pose` with this scale.

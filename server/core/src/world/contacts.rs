@@ -5,6 +5,7 @@ use super::{BodyId, CONTAINER, FIRST_BODY, GROUND, Role, World, to_engine};
 use crate::pose::Pose;
 use crate::shape::Shape;
 use glam::DVec3;
+use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::{
     ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher, PersistentQueryDispatcher, intersection_test,
 };
@@ -47,6 +48,9 @@ impl Touch {
     }
 }
 
+/// The spatial index holds the boxes of the beginning of the last step: a slow body has not moved farther since.
+const STALE_INDEX: f64 = 0.02;
+
 impl World {
     /// Pairs with a gap of at most `tolerance` times the thinner one's thickness, in order of `(a, b)`. Exact: from the
     /// poses, not from the engine's memory. Walls of a container are not told.
@@ -55,18 +59,27 @@ impl World {
         for a in self.present() {
             let collider = &self.engine.colliders[self.bodies[a].collider];
             let reach = tolerance * self.bodies[a].thickness;
-            let aabb = collider.compute_aabb().loosened(reach as f32);
-            let mut near: Vec<(Side, ColliderHandle)> = self
-                .query()
-                .intersect_aabb_conservative(aabb)
-                .filter_map(|(h, c)| Some((self.side(a, c)?, h)))
-                .collect();
+            let aabb = collider.compute_aabb().loosened((reach + STALE_INDEX) as f32);
+            let mut near: Vec<(Side, ColliderHandle)> =
+                self.query().intersect_aabb_conservative(aabb).filter_map(|(h, c)| Some((self.side(a, c)?, h))).collect();
             near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
             for (b, other) in near {
                 self.touch(a, b, other, tolerance, &mut touches);
             }
         }
         touches
+    }
+
+    /// Thickness of the thinner one of a pair.
+    pub fn pair_thickness(&self, touch: &Touch) -> f64 {
+        self.thinner(touch.a, touch.b)
+    }
+
+    fn thinner(&self, a: BodyId, b: Side) -> f64 {
+        match b {
+            Side::Body(b) => self.bodies[a].thickness.min(self.bodies[b].thickness),
+            Side::Ground | Side::Scenery => self.bodies[a].thickness,
+        }
     }
 
     fn query(&self) -> QueryPipeline<'_> {
@@ -93,11 +106,7 @@ impl World {
 
     fn touch(&self, a: BodyId, b: Side, other: ColliderHandle, tolerance: f64, out: &mut Vec<Touch>) {
         let (first, second) = (&self.engine.colliders[self.bodies[a].collider], &self.engine.colliders[other]);
-        let thickness = match b {
-            Side::Body(id) => self.bodies[a].thickness.min(self.bodies[id].thickness),
-            _ => self.bodies[a].thickness,
-        };
-        let limit = tolerance * thickness;
+        let limit = tolerance * self.thinner(a, b);
         let pos12 = first.position().inv_mul(second.position());
         let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
         let mut workspace: Option<ContactManifoldsWorkspace> = None;
@@ -115,9 +124,7 @@ impl World {
         let mut points = Vec::new();
         for m in &manifolds {
             let (pos1, pos2) = match &m.subshape_poses {
-                Some(_) => {
-                    (m.subshape_pos1().copied().unwrap_or_default(), m.subshape_pos2().copied().unwrap_or_default())
-                }
+                Some(_) => (m.subshape_pos1().copied().unwrap_or_default(), m.subshape_pos2().copied().unwrap_or_default()),
                 None => Default::default(),
             };
             let normal = -(first.position().rotation * (pos1.rotation * m.local_n1));
@@ -138,21 +145,45 @@ impl World {
         }
     }
 
-    /// Whether a shape placed here would overlap a body, scenery or the ground (containers are not asked).
-    pub fn is_free(&self, shape: &Shape, scale: f64, pose: &Pose) -> bool {
+    /// Whether a shape placed here would overlap a body, scenery or the ground (containers are not asked). The spatial
+    /// index does not know bodies inserted since the last [`World::refresh`] or step: they are named in `newest`.
+    pub fn is_free(&self, shape: &Shape, scale: f64, pose: &Pose, newest: &[BodyId]) -> bool {
         let Some((place, solid)) = shape.collider(scale / self.units.length) else { return false };
         let at = to_engine(pose) * place;
         let aabb = solid.compute_aabb(&at);
-        !self.query().intersect_aabb_conservative(aabb).any(|(_, other)| {
-            other.user_data != CONTAINER && {
-                intersection_test(&at, &*solid, other.position(), other.shape()).is_ok_and(|hit| hit.intersecting)
-            }
-        })
+        let overlaps = |other: &Collider| {
+            other.user_data != CONTAINER
+                && intersection_test(&at, &*solid, other.position(), other.shape()).is_ok_and(|hit| hit.intersecting)
+        };
+        let new_overlap = newest.iter().any(|&id| {
+            let other = &self.engine.colliders[self.bodies[id].collider];
+            other.compute_aabb().intersects(&aabb) && overlaps(other)
+        });
+        !new_overlap && !self.query().intersect_aabb_conservative(aabb).any(|(_, other)| overlaps(other))
     }
 
     /// Brings the spatial index up to date with bodies that were added, moved or removed since the last step.
     pub fn refresh(&mut self) {
         self.engine.detect_collisions(&(), &());
+    }
+
+    /// Held bodies on which free bodies press with more than `limit` times their own mass (engine units of force).
+    pub fn overloaded(&self, limit: f64) -> Vec<BodyId> {
+        let free = |h: ColliderHandle| {
+            let data = self.engine.colliders[h].user_data;
+            data >= FIRST_BODY && self.bodies[(data - FIRST_BODY) as usize].role == Role::Free
+        };
+        let load = |id: BodyId| -> f64 {
+            let me = self.bodies[id].collider;
+            let pairs = self.engine.narrow_phase.contact_pairs_with(me);
+            pairs
+                .filter(|p| free(if p.collider1 == me { p.collider2 } else { p.collider1 }))
+                .map(|p| p.total_impulse_magnitude() as f64)
+                .sum()
+        };
+        let held = |&id: &BodyId| self.bodies[id].role == Role::Held;
+        let limit = limit * self.step_length();
+        self.present().filter(held).filter(|&id| load(id) > limit * self.bodies[id].mass).collect()
     }
 
     /// Bodies with a role, counted.

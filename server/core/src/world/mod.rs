@@ -13,8 +13,8 @@ use crate::pose::Pose;
 use crate::shape::Shape;
 use glam::{DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
-use rapier3d::na::Unit;
 use rapier3d::parry::shape::TriMeshFlags;
+use rapier3d::na::Unit;
 use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
@@ -174,8 +174,7 @@ impl World {
 
     /// Walls that keep bodies in: a mesh whose triangles face where the bodies are. SI.
     pub fn add_container(&mut self, mesh: &TriMesh, friction: f64) -> Result<ColliderHandle, String> {
-        let flags =
-            TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES | TriMeshFlags::DELETE_DEGENERATE_TRIANGLES;
+        let flags = TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES | TriMeshFlags::DELETE_DEGENERATE_TRIANGLES;
         self.add_mesh(mesh, friction, flags, CONTAINER)
     }
 
@@ -198,13 +197,7 @@ impl World {
         }
     }
 
-    fn add_mesh(
-        &mut self,
-        mesh: &TriMesh,
-        friction: f64,
-        flags: TriMeshFlags,
-        what: u128,
-    ) -> Result<ColliderHandle, String> {
+    fn add_mesh(&mut self, mesh: &TriMesh, friction: f64, flags: TriMeshFlags, what: u128) -> Result<ColliderHandle, String> {
         let points = mesh.points.iter().map(|&p| (p / self.units.length).as_vec3()).collect();
         let collider = ColliderBuilder::trimesh_with_flags(points, mesh.triangles.clone(), flags)
             .map_err(|e| format!("the engine refuses the mesh: {e}"))?;
@@ -241,7 +234,7 @@ impl World {
             mass: shape.mass * body.scale.powi(3) / self.units.mass,
             radius: shape.radius * size,
             thickness: shape.thickness() * size,
-            face_area: shape.extents.x * shape.extents.y * size * size,
+            face_area: shape.size.extents.x * shape.size.extents.y * size * size,
             friction: body.friction,
             handle,
             collider,
@@ -267,7 +260,7 @@ impl World {
         body.mass = shape.mass * scale.powi(3) / self.units.mass;
         body.radius = shape.radius * size;
         body.thickness = shape.thickness() * size;
-        body.face_area = shape.extents.x * shape.extents.y * size * size;
+        body.face_area = shape.size.extents.x * shape.size.extents.y * size * size;
     }
 
     pub fn bodies(&self) -> &[WorldBody] {
@@ -277,6 +270,10 @@ impl World {
     /// Bodies that are still there, rising.
     pub fn present(&self) -> impl Iterator<Item = BodyId> + '_ {
         (0..self.bodies.len()).filter(|&i| self.bodies[i].role != Role::Gone)
+    }
+
+    pub fn is_present(&self, id: BodyId) -> bool {
+        self.bodies[id].role != Role::Gone
     }
 
     pub fn remove(&mut self, id: BodyId) {
@@ -319,14 +316,15 @@ impl World {
         self.engine.wake_up_all(true);
     }
 
-    /// Takes all speed from every body.
-    pub fn stop_all(&mut self) {
-        for id in 0..self.bodies.len() {
-            if self.bodies[id].role != Role::Gone {
-                let body = &mut self.engine.bodies[self.bodies[id].handle];
-                body.set_linvel(Vector::ZERO, false);
-                body.set_angvel(Vector::ZERO, false);
-            }
+    /// No nails, nothing held, nothing damped, nobody asleep: physics alone from here on.
+    pub fn let_stand_alone(&mut self) {
+        self.pull_all_nails();
+        for id in self.present().collect::<Vec<_>>() {
+            self.set_role(id, Role::Free);
+            self.set_damping(id, 0.0);
+            let body = &mut self.engine.bodies[self.bodies[id].handle];
+            body.activation_mut().normalized_linear_threshold = -1.0;
+            body.wake_up(true);
         }
     }
 
@@ -363,9 +361,8 @@ impl World {
         self.engine.step();
         self.steps += 1;
         let broken = self.engine.quarantine().bodies().to_vec();
-        let ids: Vec<BodyId> = (0..self.bodies.len())
-            .filter(|&i| self.bodies[i].role != Role::Gone && broken.contains(&self.bodies[i].handle))
-            .collect();
+        let ids: Vec<BodyId> =
+            (0..self.bodies.len()).filter(|&i| self.bodies[i].role != Role::Gone && broken.contains(&self.bodies[i].handle)).collect();
         for &id in &ids {
             self.remove(id);
         }

@@ -13,12 +13,14 @@ pub type NailId = u64;
 pub struct Nails {
     next: NailId,
     driven: BTreeMap<NailId, Nail>,
+    anchor: Option<RigidBodyHandle>,
 }
 
 struct Nail {
     handle: ImpulseJointHandle,
     a: BodyId,
-    b: BodyId,
+    /// `None`: the ground or scenery.
+    b: Option<BodyId>,
     /// Mean force so far, engine units: the static load, which must not break the nail.
     mean_force: f64,
 }
@@ -35,14 +37,19 @@ const STATIC_FACTOR: f64 = 4.0;
 impl Nails {
     /// Drops the nails of a body that leaves the world; the engine removes its joints itself.
     pub fn forget(&mut self, id: BodyId) {
-        self.driven.retain(|_, n| n.a != id && n.b != id);
+        self.driven.retain(|_, n| n.a != id && n.b != Some(id));
     }
 }
 
 impl World {
-    /// Pins two bodies together at a point: no relative translation, rotation about `axis` only.
-    pub fn drive_nail(&mut self, a: BodyId, b: BodyId, point: DVec3, axis: DVec3) -> NailId {
-        let (ha, hb) = (self.bodies[a].handle, self.bodies[b].handle);
+    /// Pins two bodies together at a point, or one (`b` is `None`) to what stands still: no relative translation,
+    /// rotation about `axis` only.
+    pub fn drive_nail(&mut self, a: BodyId, b: Option<BodyId>, point: DVec3, axis: DVec3) -> NailId {
+        let ha = self.bodies[a].handle;
+        let hb = match b {
+            Some(b) => self.bodies[b].handle,
+            None => self.anchor(),
+        };
         let (pa, pb) = (*self.engine.bodies[ha].position(), *self.engine.bodies[hb].position());
         let (p, n) = (point.as_vec3(), axis.as_vec3());
         let softness = SpringCoefficients { natural_frequency: NAIL_FREQUENCY as f32, damping_ratio: 1.0 };
@@ -64,6 +71,11 @@ impl World {
         id
     }
 
+    /// The body that nails to the ground and to scenery hold on to.
+    fn anchor(&mut self) -> RigidBodyHandle {
+        *self.nails.anchor.get_or_insert_with(|| self.engine.insert_body(RigidBodyBuilder::fixed()))
+    }
+
     pub fn pull_all_nails(&mut self) {
         for (_, nail) in std::mem::take(&mut self.nails.driven) {
             self.engine.impulse_joints.remove(nail.handle, false);
@@ -83,7 +95,7 @@ impl World {
             let Some(joint) = self.engine.impulse_joints.get(nail.handle) else { continue };
             let impulse = (0..3).map(|i| (joint.impulses[i] as f64).powi(2)).sum::<f64>().sqrt();
             let force = impulse / substep;
-            let lighter = self.bodies[nail.a].mass.min(self.bodies[nail.b].mass);
+            let lighter = nail.b.map_or(f64::INFINITY, |b| self.bodies[b].mass).min(self.bodies[nail.a].mass);
             if force > limit * lighter + STATIC_FACTOR * nail.mean_force {
                 broken.push(id);
             } else {

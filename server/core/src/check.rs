@@ -1,0 +1,155 @@
+//! Everything that can be said about a scene before anything runs: all problems at once, and the sizes that the rest
+//! is measured in.
+
+use crate::mesh::TriMesh;
+use crate::params::Params;
+use crate::scene::{Prop, Scene};
+use crate::shape::Size;
+
+/// What checking found out.
+#[derive(Clone, Debug)]
+pub struct Checked {
+    /// d: the median prop diameter (bounding sphere, scaled, by weight), m.
+    pub diameter: f64,
+    /// Height of the ground, m.
+    pub ground: f64,
+    /// Volume of the control mesh, m^3.
+    pub volume: f64,
+    /// One per prop.
+    pub sizes: Vec<Size>,
+    pub warnings: Vec<String>,
+}
+
+/// Checks scene and parameters.
+pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<String>> {
+    let mut problems = params.problems();
+    let mut warnings = Vec::new();
+    control(scene, &mut problems);
+    if scene.props.is_empty() {
+        problems.push("props: none given; name at least one prop, such as a stick or a book".into());
+    }
+    for (i, prop) in scene.props.iter().enumerate() {
+        prop_values(i, prop, &mut problems);
+    }
+    for (i, model) in scene.statics.iter().enumerate() {
+        range(&format!("statics[{i}].friction"), model.friction, 0.0, 2.0, &mut problems);
+        if model.model.mesh.triangles.is_empty() {
+            problems.push(format!("{}: static geometry without triangles; remove it or give it a mesh", model.model.name));
+        }
+    }
+    let sizes: Vec<Size> = scene.props.iter().map(|p| Size::of(&p.model.mesh)).collect();
+    for (prop, size) in scene.props.iter().zip(&sizes) {
+        prop_mesh(scene, prop, size, &mut problems, &mut warnings);
+    }
+    if !problems.is_empty() {
+        return Err(problems);
+    }
+    let mesh = &scene.control.mesh;
+    let low = mesh.bounds().0.y;
+    let ground = params.ground_height.unwrap_or(low);
+    if ground > low {
+        warnings.push(format!(
+            "{}: {:.3} m of it lie below the ground and stay empty",
+            scene.control.name,
+            ground - low
+        ));
+    }
+    Ok(Checked { diameter: median_diameter(scene, &sizes), ground, volume: mesh.signed_volume().abs(), sizes, warnings })
+}
+
+fn control(scene: &Scene, problems: &mut Vec<String>) {
+    let (name, mesh) = (&scene.control.name, &scene.control.mesh);
+    if mesh.triangles.is_empty() {
+        problems.push(format!("{name}: the control mesh has no triangles; model the pile's rough shape as a closed mesh"));
+        return;
+    }
+    let open = mesh.boundary_edges();
+    if open > 0 {
+        problems.push(format!(
+            "{name}: the control mesh is open: {open} edges belong to one face only; fill its holes (in Blender: Mesh, \
+             Clean Up, Fill Holes)"
+        ));
+    }
+    let (lo, hi) = mesh.bounds();
+    let size = hi - lo;
+    if mesh.signed_volume().abs() < MIN_CONTROL_FILL * size.x * size.y * size.z || size.min_element() <= 0.0 {
+        problems.push(format!("{name}: the control mesh encloses next to no volume; give it thickness"));
+    }
+}
+
+/// A control mesh that fills less of its own box than this has no inside to speak of.
+const MIN_CONTROL_FILL: f64 = 1e-4;
+
+fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<String>) {
+    let name = |field: &str| format!("props[{i}].{field} ({})", prop.model.name);
+    range(&name("weight"), prop.weight, f64::MIN_POSITIVE, 1e9, problems);
+    range(&name("friction"), prop.friction, 0.0, 2.0, problems);
+    range(&name("density"), prop.density, 1e-3, 1e6, problems);
+    range(&name("restitution"), prop.restitution, 0.0, 1.0, problems);
+    range(&name("scale.min"), prop.scale[0], 1e-6, 1e6, problems);
+    range(&name("scale.max"), prop.scale[1], 1e-6, 1e6, problems);
+    if prop.scale[0] > prop.scale[1] {
+        problems.push(format!("{}: the smallest scale {} is above the largest {}", name("scale"), prop.scale[0], prop.scale[1]));
+    }
+}
+
+fn range(name: &str, value: f64, lo: f64, hi: f64, problems: &mut Vec<String>) {
+    if !(lo..=hi).contains(&value) {
+        let lo = if lo == f64::MIN_POSITIVE { "above 0".into() } else { format!("from {lo}") };
+        problems.push(format!("{name}: {value} is out of range; give a value {lo} to {hi}"));
+    }
+}
+
+fn prop_mesh(scene: &Scene, prop: &Prop, size: &Size, problems: &mut Vec<String>, warnings: &mut Vec<String>) {
+    let name = &prop.model.name;
+    if prop.model.mesh.triangles.is_empty() || !(size.diameter > 0.0) {
+        problems.push(format!("{name}: the prop has no triangles with area; give it a mesh"));
+        return;
+    }
+    if !size.closed {
+        warnings.push(format!("{name}: the mesh is open, so that its mass is taken from its collision shape"));
+    }
+    let (lo, hi) = scene.control.mesh.bounds();
+    let mut room = (hi - lo).to_array();
+    room.sort_by(f64::total_cmp);
+    let prop_extents = size.extents * prop.scale[1];
+    if (0..3).any(|k| prop_extents[k] > room[k]) {
+        problems.push(format!(
+            "{name}: at {:.3} x {:.3} x {:.3} m the prop is larger than the control mesh ({:.3} x {:.3} x {:.3} m); scale one of \
+             them, and check that both files are in metres",
+            prop_extents.x, prop_extents.y, prop_extents.z, room[0], room[1], room[2]
+        ));
+    }
+}
+
+/// By weight, at the middle of each scale range.
+fn median_diameter(scene: &Scene, sizes: &[Size]) -> f64 {
+    let mut all: Vec<(f64, f64)> = scene
+        .props
+        .iter()
+        .zip(sizes)
+        .map(|(p, s)| (s.diameter * (p.scale[0] + p.scale[1]) / 2.0, p.weight))
+        .collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = all.iter().map(|a| a.1).sum::<f64>() / 2.0;
+    let mut sum = 0.0;
+    let middle = all.iter().find(|a| {
+        sum += a.1;
+        sum >= half
+    });
+    middle.or(all.last()).map_or(1.0, |a| a.0)
+}
+
+impl TriMesh {
+    /// Edges that one face only uses, or several in the same direction: 0 for a closed, consistently turned mesh.
+    pub fn boundary_edges(&self) -> usize {
+        let mut edges: Vec<(u32, u32, i32)> = self
+            .triangles
+            .iter()
+            .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
+            .map(|(a, b)| if a < b { (a, b, 1) } else { (b, a, -1) })
+            .collect();
+        edges.sort_unstable();
+        edges.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)).filter(|e| e.iter().map(|e| e.2).sum::<i32>() != 0).count()
+    }
+}

@@ -1,0 +1,256 @@
+//! The control cycle (paper, 3): local equilibrium analysis, candidates, and what is held until the next cycle.
+
+use crate::equilibrium::{
+    Analyser, Candidacy, CandidateRules, Contact, FrictionLaw, FrictionReserve, Options, Problem, Solver, Spread,
+};
+use crate::params::{self, ContactSelection, Control as ControlParams, ControlMode, FrictionCone, Neighbours};
+use crate::region::DistanceGrid;
+use crate::world::{BodyId, Role, Side, Touch, World};
+use glam::DVec3;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+/// What the control has done so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally {
+    pub cycles: u64,
+    /// Local analyses.
+    pub analyses: u64,
+    pub stable: u64,
+    pub unstable: u64,
+    pub candidates: u64,
+    pub nails_driven: u64,
+    pub nails_broken: u64,
+    pub nails_peak: u64,
+    /// Held bodies let go within a cycle because the load on them exceeded kappa.
+    pub holds_broken: u64,
+    pub held_peak: u64,
+    /// Largest force of a nail that held, in weights of the lighter body.
+    pub nail_load_max: f64,
+}
+
+/// The control and its memory: which bodies were certified in the latest cycle.
+pub struct Control<'a> {
+    params: &'a ControlParams,
+    /// Force per mass at which a nail breaks, in weights.
+    break_limit: f64,
+    /// Bodies whose centre of mass is outside are never controlled.
+    region: &'a DistanceGrid,
+    analyser: Analyser,
+    rng: Pcg64Mcg,
+    pub tally: Tally,
+    /// Shape `[body]`: passed the latest analysis and candidate rules.
+    certified: Vec<bool>,
+}
+
+/// The paper's kappa is an impulse per kg over this time (s): its step.
+const KAPPA_TIME: f64 = 1.0 / 240.0;
+/// A centre of mass this far outside the region (in d) still counts as inside, as in `inside_fraction`.
+const REGION_TOLERANCE: f64 = 0.1;
+
+impl<'a> Control<'a> {
+    /// `region` in engine units.
+    pub fn new(params: &'a ControlParams, gravity: f64, seed: u64, region: &'a DistanceGrid) -> Control<'a> {
+        Control {
+            params,
+            break_limit: params.kappa / KAPPA_TIME / gravity,
+            region,
+            analyser: Analyser::new(),
+            rng: Pcg64Mcg::seed_from_u64(seed),
+            tally: Tally::default(),
+            certified: Vec::new(),
+        }
+    }
+
+    pub fn is_on(&self) -> bool {
+        self.params.mode != ControlMode::Off
+    }
+
+    /// Whether a cycle is due before this step of the release.
+    pub fn is_due(&self, step: u64) -> bool {
+        self.is_on() && step.is_multiple_of(u64::from(self.params.period))
+    }
+
+    /// Bodies that passed the latest cycle.
+    pub fn certified(&self) -> &[bool] {
+        &self.certified
+    }
+
+    /// One cycle: everything that was held is judged anew.
+    pub fn cycle(&mut self, world: &mut World) {
+        self.tally.cycles += 1;
+        world.pull_all_nails();
+        let touches = world.touches(self.params.contact_tolerance);
+        self.certified = self.candidates(world, &touches);
+        match self.params.mode {
+            ControlMode::Off => {}
+            ControlMode::Nails => self.nail(world, &touches),
+            ControlMode::Hold => self.hold(world, &touches),
+        }
+        self.damp(world);
+    }
+
+    /// After each step: what carries more than kappa allows lets go.
+    pub fn after_step(&mut self, world: &mut World) {
+        match self.params.mode {
+            ControlMode::Off => {}
+            ControlMode::Nails => {
+                let (broken, load) = world.break_nails(self.break_limit);
+                self.tally.nails_broken += broken as u64;
+                self.tally.nail_load_max = self.tally.nail_load_max.max(load);
+            }
+            ControlMode::Hold => {
+                for id in world.overloaded(self.break_limit) {
+                    world.set_role(id, Role::Free);
+                    self.tally.holds_broken += 1;
+                }
+            }
+        }
+    }
+
+    /// Section 3.1 to 3.3: which bodies may be held. Shape `[body]`.
+    fn candidates(&mut self, world: &World, touches: &[Touch]) -> Vec<bool> {
+        let contacts = self.contacts(world, touches);
+        let mut passed = vec![false; world.bodies().len()];
+        for (id, contacts) in contacts.iter().enumerate() {
+            let body = &world.bodies()[id];
+            let released = matches!(body.role, Role::Free | Role::Held);
+            let slow = body.role == Role::Held || world.speed(id) < self.params.speed;
+            if !released || !slow || contacts.is_empty() || !self.is_inside(world, id) {
+                continue;
+            }
+            let problem = Problem {
+                contacts,
+                mass: 1.0,
+                center_of_mass: world.pose(id).translation,
+                radius: body.radius,
+                gravity: DVec3::NEG_Y,
+            };
+            passed[id] = self.judge(&problem, body.face_area, world.units.length);
+        }
+        passed
+    }
+
+    fn is_inside(&self, world: &World, id: BodyId) -> bool {
+        self.region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE
+    }
+
+    /// The selected contacts of each body. Shape `[body][contact]`, engine units.
+    fn contacts(&self, world: &World, touches: &[Touch]) -> Vec<Vec<Contact>> {
+        let mut contacts = vec![Vec::new(); world.bodies().len()];
+        let supports = |side: Side| match side {
+            // A body that waits may be touched, but supports nothing: it will be gone from there.
+            Side::Body(id) => world.bodies()[id].role != Role::Waiting,
+            Side::Ground | Side::Scenery => true,
+        };
+        let selected = |normal: DVec3| self.params.selection == ContactSelection::All || normal.y > 0.0;
+        for t in touches {
+            for p in &t.points {
+                if supports(t.b) && selected(p.normal) {
+                    contacts[t.a].push(Contact { point: p.point, normal: p.normal, friction: t.friction });
+                }
+                if let Side::Body(b) = t.b
+                    && supports(Side::Body(t.a))
+                    && selected(-p.normal)
+                {
+                    contacts[b].push(Contact { point: p.point, normal: -p.normal, friction: t.friction });
+                }
+            }
+        }
+        contacts
+    }
+
+    /// Analysis and candidate rules for one body.
+    fn judge(&mut self, problem: &Problem, face_area: f64, length: f64) -> bool {
+        let friction_law = match self.params.friction_cone {
+            FrictionCone::Pyramid => FrictionLaw::PAPER,
+            FrictionCone::Cone => FrictionLaw::Cone,
+        };
+        let reserve = match self.params.friction_reserve {
+            params::FrictionReserve::Paper => FrictionReserve::Paper,
+            params::FrictionReserve::Sharp => FrictionReserve::Sharp,
+        };
+        let spread = match self.params.spread {
+            params::Spread::Paper(alpha) => Spread::Paper(alpha / (length * length)),
+            params::Spread::Relative(share) => Spread::Relative { share, area: face_area },
+        };
+        let rules = CandidateRules { reserve, kinetic_ratio: self.params.kinetic_ratio, spread, contacts: 3 };
+        let options = Options { friction_law, solver: Solver::Fast, margin: false };
+        self.tally.analyses += 1;
+        // The contacts come from finite poses and the parameters are validated: an error would be a fault of ours, and
+        // then nothing is held.
+        let Ok(candidacy) = self.analyser.candidate(problem, &options, &rules) else {
+            debug_assert!(false, "contacts of a checked world");
+            return false;
+        };
+        if candidacy.is_stable() {
+            self.tally.stable += 1;
+        } else {
+            self.tally.unstable += 1;
+        }
+        let passed = candidacy == Candidacy::Candidate;
+        self.tally.candidates += u64::from(passed);
+        passed
+    }
+
+    /// Whether everything that each body touches is a candidate, too (S_c a subset of C).
+    fn surrounded(&self, world: &World, touches: &[Touch]) -> Vec<bool> {
+        let mut all = self.certified.clone();
+        for t in touches {
+            if let Side::Body(b) = t.b {
+                for (x, y) in [(t.a, b), (b, t.a)] {
+                    all[x] &= self.certified[y];
+                }
+            }
+        }
+        debug_assert_eq!(all.len(), world.bodies().len());
+        all
+    }
+
+    fn nail(&mut self, world: &mut World, touches: &[Touch]) {
+        let closed = match self.params.neighbours {
+            Neighbours::All => self.surrounded(world, touches),
+            Neighbours::Either => self.certified.clone(),
+        };
+        for t in touches {
+            let (nailed, other) = match t.b {
+                Side::Body(b) => (self.certified[t.a] && self.certified[b] && (closed[t.a] || closed[b]), Some(b)),
+                Side::Ground | Side::Scenery => (closed[t.a], None),
+            };
+            if nailed {
+                let p = &t.points[self.rng.random_range(0..t.points.len())];
+                world.drive_nail(t.a, other, p.point, p.normal);
+                self.tally.nails_driven += 1;
+            }
+        }
+        self.tally.nails_peak = self.tally.nails_peak.max(world.nail_count() as u64);
+    }
+
+    fn hold(&mut self, world: &mut World, touches: &[Touch]) {
+        let held = match self.params.neighbours {
+            Neighbours::All => self.surrounded(world, touches),
+            Neighbours::Either => self.certified.clone(),
+        };
+        for (id, &hold) in held.iter().enumerate() {
+            match world.bodies()[id].role {
+                Role::Free | Role::Held => world.set_role(id, if hold { Role::Held } else { Role::Free }),
+                Role::Waiting | Role::Gone => {}
+            }
+        }
+        self.tally.held_peak = self.tally.held_peak.max(world.count(Role::Held) as u64);
+    }
+
+    /// Slow bodies that are not certified lose speed, so that near contacts close gently and rest can be certified;
+    /// a falling body falls.
+    fn damp(&self, world: &mut World) {
+        if self.params.damping == 0.0 {
+            return;
+        }
+        for id in 0..world.bodies().len() {
+            if world.bodies()[id].role == Role::Free && self.is_inside(world, id) {
+                let slow = world.speed(id) < self.params.speed;
+                world.set_damping(id, if slow { self.params.damping } else { 0.0 });
+            }
+        }
+    }
+}

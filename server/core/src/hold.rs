@@ -1,0 +1,47 @@
+//! Hold: the control goes on until the pile is at rest, or to the last frame.
+
+use crate::Error;
+use crate::observer::{Observer, Stage};
+use crate::params::Params;
+use crate::release::Pile;
+
+/// A body slower than this is at rest, in d per natural time, that is in units of sqrt(g d): 1 %.
+pub const REST_SPEED: f64 = 0.01;
+/// The pile is at rest once every body has been for this long, natural times.
+const REST_TIME: f64 = 1.0;
+
+/// How the hold ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Held {
+    /// Every body came to rest; nothing moves after that.
+    pub at_rest: bool,
+    /// Largest speed of any body since the pile has been calm, or in the last step if it never was; d per natural time.
+    pub resting_speed_max: f64,
+}
+
+/// Steps until rest, patience or the last frame ends it. A pile at rest is not simulated any further: its bodies are
+/// certified or asleep, and each further cycle would find the same.
+pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Result<Held, Error> {
+    let step = pile.world.step_length();
+    let patience = (params.hold.patience / step).ceil() as u64;
+    let rest_steps = (REST_TIME / step).ceil() as u64;
+    let begin = pile.step;
+    let (mut calm, mut top_speed) = (0, 0.0f64);
+    while calm < rest_steps {
+        let ended = match params.output.frames {
+            Some(n) => pile.recorder.count() >= n as usize,
+            None => pile.step - begin >= patience,
+        };
+        if ended {
+            break;
+        }
+        pile.advance(observer, Stage::Hold, |pile| ((pile.step - begin) as f64 / patience as f64).min(0.99))?;
+        (calm, top_speed) = if pile.top_speed < REST_SPEED { (calm + 1, top_speed.max(pile.top_speed)) } else { (0, 0.0) };
+    }
+    let at_rest = calm >= rest_steps;
+    if let Some(n) = params.output.frames {
+        pile.recorder.hold((n as usize).saturating_sub(pile.recorder.count()));
+        pile.recorder.frames.truncate(n as usize + 1);
+    }
+    Ok(Held { at_rest, resting_speed_max: top_speed.max(pile.top_speed) })
+}

@@ -1,0 +1,154 @@
+//! How large a prop is: its bounding sphere and its smallest extent, from the points that its triangles use.
+
+use crate::mesh::TriMesh;
+use glam::DVec3;
+
+/// A point outside the ball by less than this share of its radius is on it.
+const BALL_TOLERANCE: f64 = 1e-9;
+/// Rounds of the bounding sphere: ten or so suffice; the bound only guards against cycling on rounding errors.
+const BALL_ROUNDS: usize = 200;
+/// Directions on the half sphere in which widths are looked at, before the best one is refined.
+const DIRECTIONS: usize = 512;
+/// At most this many face normals join them.
+const NORMALS: usize = 1024;
+/// Each refinement halves the turn: the last is 0.1 rad / 2^12, where a width changes by less than 1e-9 of the size.
+const REFINEMENTS: usize = 12;
+
+/// Centre and radius of the smallest ball around the points that the triangles use; a radius of 0 without any.
+///
+/// A ball of at most four points is kept; the farthest point joins them, and the smallest ball of those (at most
+/// five) takes over, until nothing is outside. Each ball is larger than the last, so this ends, at the exact one.
+pub fn bounding_sphere(mesh: &TriMesh) -> (DVec3, f64) {
+    let points = used_points(mesh);
+    let Some(&first) = points.first() else { return (DVec3::ZERO, 0.0) };
+    let mut support = vec![first];
+    let mut ball = (first, 0.0);
+    for _ in 0..BALL_ROUNDS {
+        let farthest =
+            points.iter().copied().max_by(|a, b| ball.0.distance_squared(*a).total_cmp(&ball.0.distance_squared(*b)));
+        let Some(p) = farthest.filter(|p| ball.0.distance(*p) > ball.1 * (1.0 + BALL_TOLERANCE)) else { break };
+        support.push(p);
+        (ball, support) = smallest_ball(&support);
+    }
+    // Covers what rounding has left outside.
+    let radius = points.iter().map(|p| ball.0.distance(*p)).fold(0.0, f64::max);
+    (ball.0, radius)
+}
+
+/// Smallest width of the mesh over all directions, metres: of its thinnest oriented slab, so that a stick's is its
+/// thickness, however it lies in its frame. Looked for along face normals, the axes, and a fixed set of directions
+/// whose best is refined; on shapes whose true minimum lies between, it is within about 1 % above.
+pub fn smallest_extent(mesh: &TriMesh) -> f64 {
+    let points = used_points(mesh);
+    if points.is_empty() {
+        return 0.0;
+    }
+    let spread: Vec<DVec3> = (0..DIRECTIONS).map(half_sphere).chain(DVec3::AXES).collect();
+    let extremes = extreme_points(&points, &spread);
+    let width = |d: DVec3| {
+        let (lo, hi) = extremes
+            .iter()
+            .map(|p| p.dot(d))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h)));
+        hi - lo
+    };
+    let stride = mesh.triangles.len().div_ceil(NORMALS).max(1);
+    let normals = (0..mesh.triangles.len()).step_by(stride).filter_map(|i| {
+        let [a, b, c] = mesh.corners(i);
+        (b - a).cross(c - a).try_normalize()
+    });
+    let first = (DVec3::X, f64::INFINITY);
+    let mut best = normals.chain(spread.iter().copied()).map(|d| (d, width(d))).fold(first, narrower);
+    let mut turn = 0.1;
+    for _ in 0..REFINEMENTS {
+        let (u, v) = best.0.any_orthonormal_pair();
+        let around = (0..8).map(|k| {
+            let (sin, cos) = (k as f64 * std::f64::consts::FRAC_PI_4).sin_cos();
+            (best.0 + (u * cos + v * sin) * turn).normalize()
+        });
+        best = around.map(|d| (d, width(d))).fold(best, narrower);
+        turn /= 2.0;
+    }
+    best.1
+}
+
+/// The value below which a share of the sorted values lies, between ranks linearly. 0 without values.
+pub fn percentile(values: &[f64], share: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
+    let rank = share.clamp(0.0, 1.0) * last as f64;
+    let low = rank.floor() as usize;
+    let high = (low + 1).min(last);
+    sorted[low] + (sorted[high] - sorted[low]) * (rank - low as f64)
+}
+
+fn narrower(a: (DVec3, f64), b: (DVec3, f64)) -> (DVec3, f64) {
+    if b.1 < a.1 { b } else { a }
+}
+
+/// The points that triangles use: a file may carry others.
+fn used_points(mesh: &TriMesh) -> Vec<DVec3> {
+    let mut used = vec![false; mesh.points.len()];
+    mesh.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
+    mesh.points.iter().zip(used).filter(|(_, used)| *used).map(|(&p, _)| p).collect()
+}
+
+/// All points if they are few, else those that are farthest along one of the directions.
+fn extreme_points(points: &[DVec3], directions: &[DVec3]) -> Vec<DVec3> {
+    if points.len() <= 2 * directions.len() {
+        return points.to_vec();
+    }
+    let farthest = |d: DVec3| points.iter().copied().max_by(|a, b| a.dot(d).total_cmp(&b.dot(d)));
+    directions.iter().flat_map(|&d| [farthest(d), farthest(-d)]).flatten().collect()
+}
+
+/// Evenly spread directions on the upper half sphere (Fibonacci's spiral).
+fn half_sphere(i: usize) -> DVec3 {
+    let y = (i as f64 + 0.5) / DIRECTIONS as f64;
+    let turn = i as f64 * std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let r = (1.0 - y * y).sqrt();
+    DVec3::new(r * turn.cos(), y, r * turn.sin())
+}
+
+/// Smallest ball of up to five points, and those (at most four) that define it.
+fn smallest_ball(points: &[DVec3]) -> ((DVec3, f64), Vec<DVec3>) {
+    let mut best: Option<((DVec3, f64), Vec<DVec3>)> = None;
+    for chosen in 1u32..1 << points.len() {
+        if chosen.count_ones() > 4 {
+            continue;
+        }
+        let subset: Vec<DVec3> = (0..points.len()).filter(|i| chosen >> i & 1 == 1).map(|i| points[i]).collect();
+        let Some((centre, radius)) = circumsphere(&subset) else { continue };
+        let holds = points.iter().all(|p| centre.distance(*p) <= radius * (1.0 + BALL_TOLERANCE));
+        if holds && best.as_ref().is_none_or(|b| radius < b.0.1) {
+            best = Some(((centre, radius), subset));
+        }
+    }
+    best.unwrap_or_else(|| {
+        // Only rounding gets here (nearly coincident points): a ball that is good enough.
+        let centre = points.iter().sum::<DVec3>() / points.len() as f64;
+        let radius = points.iter().map(|p| centre.distance(*p)).fold(0.0, f64::max);
+        ((centre, radius), points[..points.len().min(4)].to_vec())
+    })
+}
+
+/// The smallest ball with all of up to four points on its surface. `None` when they are degenerate.
+fn circumsphere(points: &[DVec3]) -> Option<(DVec3, f64)> {
+    let origin = points[0];
+    let edges: Vec<DVec3> = points[1..].iter().map(|&p| p - origin).collect();
+    let offset = match edges[..] {
+        [] => DVec3::ZERO,
+        [a] => a / 2.0,
+        [a, b] => {
+            let n = a.cross(b);
+            (n.cross(a) * b.length_squared() + b.cross(n) * a.length_squared()) / (2.0 * n.length_squared())
+        }
+        [a, b, c] => {
+            let (aa, bb, cc) = (a.length_squared(), b.length_squared(), c.length_squared());
+            (b.cross(c) * aa + c.cross(a) * bb + a.cross(b) * cc) / (2.0 * a.dot(b.cross(c)))
+        }
+        _ => unreachable!("a ball is defined by at most four points"),
+    };
+    offset.is_finite().then(|| (origin + offset, offset.length()))
+}

@@ -1,0 +1,139 @@
+//! The figures that say how good a pile is: its shape against the control mesh, its contacts, its motion.
+//!
+//! Every length is in metres, heights are along Y, and `d` is the median diameter of the bodies (bounding sphere of
+//! the prop, scaled). A figure never stands alone where it could mislead: the structs carry the caveats.
+
+mod contact;
+mod extent;
+mod gauge;
+mod pictures;
+mod raster;
+mod solid;
+#[cfg(test)]
+mod tests;
+mod voxels;
+
+pub use contact::{Contact, Overlap, Penetration, Side, drift_p95_rel, hanging, penetration};
+pub use extent::{bounding_sphere, percentile, smallest_extent};
+pub use gauge::Gauge;
+pub use solid::Source;
+
+use crate::mesh::TriMesh;
+use crate::pose::Pose;
+use serde::Serialize;
+
+/// Bodies where they lie: a prop's points are scaled, then posed.
+#[derive(Clone, Copy, Debug)]
+pub struct Pile<'a> {
+    /// Each in its own frame, with at least one triangle and more than a single point.
+    pub props: &'a [TriMesh],
+    /// Index into `props`, uniform scale > 0, and the pose of the prop's own frame.
+    pub bodies: &'a [(usize, f64, Pose)],
+}
+
+/// The figures of a pile's shape, and what they rest on.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ShapeMeasures {
+    pub bodies: usize,
+    /// d, metres.
+    pub prop_diameter: f64,
+    /// Share of the bodies' volume whose centre of mass lies inside the control mesh, or within d/10 of it.
+    pub inside_fraction: f64,
+    pub shape_iou: ShapeIou,
+    /// 95th percentile of the height of the bodies' volume above the control mesh's base / its height.
+    pub height_p95_rel: f64,
+    /// The same for the solid control mesh.
+    pub height_p95_rel_solid: f64,
+    /// Largest distance of a body's vertex outside the control mesh / d.
+    pub protrusion_rel: f64,
+    /// Mean IoU of the silhouettes from 8 azimuths.
+    pub silhouette_iou: f64,
+    /// RMS of the difference of the top surfaces, over the control mesh's footprint / d. Where no body is below the
+    /// sky, the pile's top is the control mesh's base.
+    pub height_rms_rel: f64,
+    /// Volume of the bodies' parts inside the control mesh / its volume.
+    pub fill_fraction: f64,
+    /// Of the control mesh, m^3.
+    pub control_volume: f64,
+    /// One per prop, in their order; `None` for a prop that no body uses.
+    pub solids: Vec<Option<PropSolid>>,
+}
+
+/// The volume IoU, and the grid that it was taken on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ShapeIou {
+    pub value: f64,
+    /// What the solid control mesh itself scores on this grid with the same closing: below 1 where the closing
+    /// fills corners of the control mesh that no prop fits into.
+    pub solid: f64,
+    /// Edge of a cell, metres.
+    pub cell: f64,
+    /// The edge that the definition asks for, metres.
+    pub wanted_cell: f64,
+    /// Whether the grid is coarser than that, to bound memory and time.
+    pub capped: bool,
+    /// Bodies that lie wholly or partly beyond the grid; what is beyond counts by its volume.
+    pub beyond: usize,
+}
+
+/// What a prop's volume rests on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PropSolid {
+    pub source: Source,
+    /// At scale 1, m^3.
+    pub volume: f64,
+    /// Whether its own cells are coarser than wanted, to bound memory and time.
+    pub capped: bool,
+}
+
+impl ShapeMeasures {
+    /// The figures by name.
+    pub fn figures(&self) -> [(&'static str, f64); 10] {
+        [
+            ("inside_fraction", self.inside_fraction),
+            ("shape_iou", self.shape_iou.value),
+            ("shape_iou_solid", self.shape_iou.solid),
+            ("height_p95_rel", self.height_p95_rel),
+            ("height_p95_rel_solid", self.height_p95_rel_solid),
+            ("protrusion_rel", self.protrusion_rel),
+            ("silhouette_iou", self.silhouette_iou),
+            ("height_rms_rel", self.height_rms_rel),
+            ("fill_fraction", self.fill_fraction),
+            ("prop_diameter", self.prop_diameter),
+        ]
+    }
+
+    /// What a reader of the figures must know, in sentences; empty when all is as defined.
+    pub fn caveats(&self) -> Vec<String> {
+        let mut caveats = Vec::new();
+        let iou = &self.shape_iou;
+        if iou.capped {
+            caveats.push(format!(
+                "shape_iou was taken on cells of {:.3e} m instead of {:.3e} m, to bound memory and time",
+                iou.cell, iou.wanted_cell
+            ));
+        }
+        if iou.beyond > 0 {
+            caveats.push(format!("{} bodies lie beyond the grid of shape_iou: counted by volume", iou.beyond));
+        }
+        for (i, solid) in self.solids.iter().enumerate() {
+            let Some(solid) = solid else { continue };
+            match solid.source {
+                Source::Closed => {}
+                Source::Capped => caveats.push(format!("prop {i} is open: its holes count as capped")),
+                Source::Hull => caveats.push(format!("prop {i} encloses next to nothing: its convex hull counts")),
+                Source::Plate => caveats.push(format!("prop {i} is flat: a plate of 2 % of its diameter counts")),
+            }
+            if solid.capped {
+                caveats.push(format!("prop {i} is too fine for its grid: its cells are coarser than wanted"));
+            }
+        }
+        caveats
+    }
+}
+
+/// `kept_shape`: the IoU at the end of the hold over the one right after turning over. `None` when that was 0.
+pub fn kept_shape(turned_over: &ShapeMeasures, end: &ShapeMeasures) -> Option<f64> {
+    let start = turned_over.shape_iou.value;
+    (start > 0.0).then(|| end.shape_iou.value / start)
+}

@@ -1,0 +1,80 @@
+//! Pictures of triangles in parallel projection: silhouettes from the side, heights from above.
+
+use glam::DVec2;
+
+/// A rectangle of square pixels; pixel `[i, j]` has its centre at `lo + (i + 1/2, j + 1/2) pixel`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame {
+    pub lo: DVec2,
+    /// Metres.
+    pub pixel: f64,
+    pub width: usize,
+    pub height: usize,
+}
+
+impl Frame {
+    /// The pixels of the given size that cover a rectangle.
+    pub fn covering(lo: DVec2, hi: DVec2, pixel: f64) -> Frame {
+        let count = ((hi - lo) / pixel).ceil().max(DVec2::ONE);
+        Frame { lo, pixel, width: count.x as usize, height: count.y as usize }
+    }
+
+    pub fn len(&self) -> usize {
+        self.width * self.height
+    }
+
+    /// Calls `visit(index, point)` for every pixel whose centre lies in the triangle; what is outside the frame is
+    /// left out.
+    pub fn cover(&self, triangle: [DVec2; 3], mut visit: impl FnMut(usize, DVec2)) {
+        let [a, b, c] = triangle.map(|p| (p - self.lo) / self.pixel - 0.5);
+        let (lo, hi) = (a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
+        for j in steps(lo, hi, self.height) {
+            let y = j as f64;
+            let mut span = (f64::INFINITY, f64::NEG_INFINITY);
+            for (p, q) in [(a, b), (b, c), (c, a)] {
+                if (p.y <= y) != (q.y <= y) {
+                    let x = p.x + (q.x - p.x) * ((y - p.y) / (q.y - p.y));
+                    span = (span.0.min(x), span.1.max(x));
+                }
+            }
+            for i in steps(span.0, span.1, self.width) {
+                let centre = self.lo + (DVec2::new(i as f64, y) + 0.5) * self.pixel;
+                visit(j * self.width + i, centre);
+            }
+        }
+    }
+}
+
+/// The whole numbers from `lo` to `hi` that are below `n`.
+fn steps(lo: f64, hi: f64, n: usize) -> std::ops::Range<usize> {
+    let first = lo.ceil().max(0.0);
+    let end = (hi.floor() + 1.0).min(n as f64);
+    if first < end { first as usize..end as usize } else { 0..0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn triangles_that_share_an_edge_leave_no_crack() {
+        let frame = Frame::covering(DVec2::ZERO, DVec2::splat(10.0), 0.1);
+        let corners = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0), (3.7, 6.1)].map(|(x, y)| DVec2::new(x, y));
+        let mut hits = vec![0; frame.len()];
+        for k in 0..4 {
+            frame.cover([corners[k], corners[(k + 1) % 4], corners[4]], |i, _| hits[i] += 1);
+        }
+        assert!(hits.iter().all(|&h| h >= 1));
+        assert_eq!(frame.len(), 10_000);
+    }
+
+    #[test]
+    fn what_is_outside_is_left_out() {
+        let frame = Frame::covering(DVec2::ZERO, DVec2::ONE, 0.25);
+        let mut count = 0;
+        frame.cover([DVec2::new(-9.0, -9.0), DVec2::new(9.0, -9.0), DVec2::new(0.0, 30.0)], |_, _| count += 1);
+        assert_eq!(count, 16);
+        frame.cover([DVec2::new(5.0, 0.0), DVec2::new(9.0, 0.0), DVec2::new(5.0, 3.0)], |_, _| count += 1);
+        assert_eq!(count, 16);
+    }
+}

@@ -1,0 +1,8 @@
+//! The local and the global equilibrium analysis against exact physics, against Clarabel, and against bad input.
+
+mod agreement;
+mod candidates;
+mod generator;
+mod global;
+mod input;
+mod physics;
