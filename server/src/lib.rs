@@ -3,8 +3,11 @@
 pub mod document;
 pub mod export;
 pub mod files;
+pub mod from_proto;
+pub mod job;
 pub mod problem;
 pub mod scene_file;
+pub mod to_proto;
 
 /// The messages of `proto/cairn/v1`.
 pub mod proto {

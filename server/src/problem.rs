@@ -3,12 +3,14 @@
 use std::fmt;
 
 /// One thing wrong with the input: where it is, what it is, and what to do about it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Problem {
     /// A file, with a line, a node or a field where known; or a flag.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub place: String,
     pub what: String,
-    /// What the user can do, as a phrase.
+    /// What the user can do about it: a sentence, or nothing.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub remedy: String,
 }
 
@@ -20,8 +22,26 @@ impl Problem {
 
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{}: {}", self.place, self.what)?;
-        if self.remedy.is_empty() { Ok(()) } else { write!(f, "; {}", self.remedy) }
+        if !self.place.is_empty() {
+            write!(f, "{}: ", self.place)?;
+        }
+        f.write_str(&self.what)?;
+        if self.remedy.is_empty() { Ok(()) } else { write!(f, ". {}", self.remedy) }
+    }
+}
+
+/// The core tells place, fault and remedy in one sentence.
+impl From<String> for Problem {
+    fn from(sentence: String) -> Problem {
+        Problem::new("", sentence, "")
+    }
+}
+
+impl From<cairn_core::asset::Problem> for Problem {
+    fn from(problem: cairn_core::asset::Problem) -> Problem {
+        let place =
+            if problem.place.is_empty() { problem.file } else { format!("{}: {}", problem.file, problem.place) };
+        Problem::new(place, problem.what.to_string(), problem.remedy)
     }
 }
 

@@ -46,7 +46,7 @@ impl<'a> Checker<'a> {
                 continue;
             };
             if let Some(other) = rival(&field, &checked) {
-                self.report(&path, format!("`{path}` and `{other}` exclude each other"), "set one of them");
+                self.report(&path, format!("`{path}` and `{other}` exclude each other"), "Set one of them.");
                 continue;
             }
             if value.is_null() {
@@ -112,8 +112,8 @@ impl<'a> Checker<'a> {
         }
         let choices = schema::choices(names);
         let remedy = match nearest(given, choices.iter().map(String::as_str)) {
-            Some(meant) => format!("did you mean `{meant}`? Possible: {}", choices.join(", ")),
-            None => format!("possible: {}", choices.join(", ")),
+            Some(meant) => format!("Did you mean `{meant}`? Possible: {}.", choices.join(", ")),
+            None => format!("Possible: {}.", choices.join(", ")),
         };
         self.report(path, format!("`{path}` cannot be `{given}`"), remedy);
         None
@@ -121,7 +121,7 @@ impl<'a> Checker<'a> {
 
     fn mistyped(&mut self, path: &str, value: &Value, wanted: &str) -> Option<Value> {
         let what = format!("{} is {}", if path.is_empty() { "the scene".into() } else { format!("`{path}`") }, describe(value));
-        self.report(path, what, format!("it must be {wanted}"));
+        self.report(path, what, format!("It must be {wanted}."));
         None
     }
 }

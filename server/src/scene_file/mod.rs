@@ -37,18 +37,18 @@ impl SceneTree {
             Some("toml") => text::parse_toml,
             Some("json") => text::parse_json,
             Some("glb" | "gltf") => {
-                return Err(one("a mesh, not a scene file", "give it by --control, --prop or --static"));
+                return Err(one("a mesh, not a scene file", "Give it by --control, --prop or --static."));
             }
-            _ => return Err(one("not a scene file", "a scene file's name ends in .toml or .json")),
+            _ => return Err(one("not a scene file", "A scene file's name ends in .toml or .json.")),
         };
         let bytes = files::read(path).map_err(|problem| vec![problem])?;
-        let text = std::str::from_utf8(&bytes).map_err(|_| one("not a text", "save it as UTF-8"))?;
+        let text = std::str::from_utf8(&bytes).map_err(|_| one("not a text", "Save it as UTF-8."))?;
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let parsed = parse(text).map_err(|errors| {
             let place = |line: Option<usize>| line.map_or(name.clone(), |line| format!("{name}:{line}"));
             errors
                 .into_iter()
-                .map(|error| Problem::new(place(error.line), error.message, "correct the file's syntax"))
+                .map(|error| Problem::new(place(error.line), error.message, "Correct the file's syntax."))
                 .collect::<Vec<_>>()
         })?;
 

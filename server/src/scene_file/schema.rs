@@ -33,13 +33,13 @@ pub fn shorthand(message: &MessageDescriptor) -> Option<FieldDescriptor> {
 pub fn suggest(message: &MessageDescriptor, name: &str) -> String {
     let fields: Vec<FieldDescriptor> = message.fields().collect();
     if let Some(meant) = nearest(name, fields.iter().map(|field| field.name())) {
-        return format!("did you mean `{meant}`?");
+        return format!("Did you mean `{meant}`?");
     }
     let elsewhere: Vec<String> = paths(&scene(), "").into_iter().filter(|path| path.rsplit('.').next() == Some(name)).collect();
     if !elsewhere.is_empty() {
-        return format!("did you mean `{}`?", elsewhere.join("` or `"));
+        return format!("Did you mean `{}`?", elsewhere.join("` or `"));
     }
-    format!("known here: {}", fields.iter().map(|field| field.name()).collect::<Vec<_>>().join(", "))
+    format!("Known here: {}.", fields.iter().map(|field| field.name()).collect::<Vec<_>>().join(", "))
 }
 
 /// Every field of the schema, as a dotted path; a list's elements have no index.

@@ -18,7 +18,7 @@ pub fn set(tree: &mut Value, assignment: &str) -> Result<(), Vec<Problem>> {
     let place = format!("--set {assignment}");
     let fail = |what: &str, remedy: String| vec![Problem::new(place.clone(), what, remedy)];
     let Some((path, given)) = assignment.split_once('=') else {
-        return Err(fail("no value", "write path=value, for example fill.count=200".into()));
+        return Err(fail("no value", "Write path=value, for example fill.count=200.".into()));
     };
     let mut steps = resolve(path.trim()).map_err(|(what, remedy)| fail(&what, remedy))?;
     let (mut field, mut is_element) = target(&steps);
@@ -41,7 +41,7 @@ pub fn set(tree: &mut Value, assignment: &str) -> Result<(), Vec<Problem>> {
     if !checker.problems.is_empty() {
         return Err(checker.problems);
     }
-    put(tree, &steps, checked).map_err(|count| fail(&format!("the list has {count} elements"), "they are counted from 0".into()))
+    put(tree, &steps, checked).map_err(|count| fail(&format!("the list has {count} elements"), "They are counted from 0.".into()))
 }
 
 /// The value as text where the field holds text or a name, else in TOML's notation.
@@ -64,7 +64,7 @@ fn resolve(path: &str) -> Result<Vec<Step>, (String, String)> {
     for name in path.split('.') {
         if let Some(field) = list.take() {
             let index = name.parse().map_err(|_| {
-                (format!("`{}` is a list", field.name()), format!("name one by its number, from 0: {}.0", field.name()))
+                (format!("`{}` is a list", field.name()), format!("Name one by its number, counted from 0: {}.0.", field.name()))
             })?;
             steps.push(Step::Element(index));
             continue;
