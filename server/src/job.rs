@@ -2,7 +2,7 @@
 
 use crate::export::{ExportScene, SourceModel};
 use crate::problem::Problem;
-use crate::{files, from_proto, proto};
+use crate::{files, from_proto, proto, to_proto};
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::mesh::TriMesh;
 use cairn_core::params::{Accuracy, Params};
@@ -72,10 +72,17 @@ impl Job {
         let read: Vec<_> = scene.statics.iter().enumerate().map(|(i, model)| reader.scenery(i, model)).collect();
         let (statics, static_models) = read.into_iter().unzip();
         if !reader.problems.is_empty() {
+            // The core would check these, but is not reached.
+            reader.problems.extend(params.problems().into_iter().map(Problem::from));
             return Err(reader.problems);
         }
         let scene = Scene { control, props: prop_models, statics: static_models };
         Ok(Job { scene, params, notes: reader.notes, props, statics, files: reader.files })
+    }
+
+    /// The files that the scene reads.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        self.files.keys().cloned().collect()
     }
 
     /// The models in their original files.
@@ -95,6 +102,29 @@ impl Job {
             }
         };
         references.iter().map(source).collect()
+    }
+}
+
+/// A scene with every parameter and every prop's value set: baked again, it gives the same.
+pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
+    let prop = |prop: &proto::Prop| proto::Prop {
+        path: prop.path.clone(),
+        weight: prop.weight.or(Some(from_proto::PROP_WEIGHT)),
+        friction: prop.friction.or(Some(from_proto::FRICTION)),
+        density: prop.density.or(Some(from_proto::PROP_DENSITY)),
+        restitution: prop.restitution.or(Some(from_proto::PROP_RESTITUTION)),
+        scale_min: prop.scale_min.or(Some(from_proto::PROP_SCALE)),
+        scale_max: prop.scale_max.or(Some(from_proto::PROP_SCALE)),
+    };
+    let scenery = |model: &proto::StaticModel| proto::StaticModel {
+        path: model.path.clone(),
+        friction: model.friction.or(Some(from_proto::FRICTION)),
+    };
+    proto::Scene {
+        control_mesh: scene.control_mesh.clone(),
+        props: scene.props.iter().map(prop).collect(),
+        statics: scene.statics.iter().map(scenery).collect(),
+        ..to_proto::params(params)
     }
 }
 
@@ -202,14 +232,13 @@ impl Reader {
 
     fn prop(&mut self, index: usize, prop: &proto::Prop) -> (Reference, Prop) {
         let (reference, model) = self.model(&format!("props.{index}"), &prop.path);
-        let scale_min = prop.scale_min.or(prop.scale_max).unwrap_or(from_proto::PROP_SCALE);
         let prop = Prop {
             model,
             weight: prop.weight.unwrap_or(from_proto::PROP_WEIGHT),
             friction: prop.friction.unwrap_or(from_proto::FRICTION),
             density: prop.density.unwrap_or(from_proto::PROP_DENSITY),
             restitution: prop.restitution.unwrap_or(from_proto::PROP_RESTITUTION),
-            scale: [scale_min, prop.scale_max.unwrap_or(scale_min)],
+            scale: [prop.scale_min, prop.scale_max].map(|scale| scale.unwrap_or(from_proto::PROP_SCALE)),
         };
         (reference, prop)
     }

@@ -1,5 +1,6 @@
 //! Cairn around its core: the wire, files and the command line.
 
+pub mod cli;
 pub mod document;
 pub mod export;
 pub mod files;

@@ -13,6 +13,7 @@ use prost::Message;
 use prost_reflect::{DynamicMessage, EnumDescriptor, Kind, MessageDescriptor, SerializeOptions};
 use serde_json::{Map, Value};
 use std::path::Path;
+pub use text::from_f64 as number;
 
 /// A scene as written, held against the schema. Paths in it are relative to the current directory.
 #[derive(Clone, Debug)]
@@ -107,15 +108,17 @@ impl SceneTree {
 
     /// The scene file in TOML.
     pub fn to_toml(&self) -> String {
-        let pretty = pretty(&schema::scene(), &self.values);
-        let table = toml_value(&pretty);
-        toml::to_string_pretty(&table).expect("text, numbers and groups have a TOML form")
+        toml::to_string_pretty(&toml_value(&self.to_value())).expect("text, numbers and groups have a TOML form")
+    }
+
+    /// The scene file's values, in the schema's order.
+    pub fn to_value(&self) -> Value {
+        pretty(&schema::scene(), &self.values)
     }
 
     /// The scene file in JSON.
     pub fn to_json(&self) -> String {
-        let pretty = pretty(&schema::scene(), &self.values);
-        let mut text = serde_json::to_string_pretty(&pretty).expect("values have a JSON form");
+        let mut text = serde_json::to_string_pretty(&self.to_value()).expect("values have a JSON form");
         text.push('\n');
         text
     }
