@@ -3,11 +3,11 @@
 //! The exporter copies from it and the renderer reads from it. Every index, offset and length in the JSON is
 //! untrusted: the accessors here check them, and nothing panics on a hostile file.
 
-use base64::Engine;
-use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use cairn_core::asset::uri;
 use serde_json::{Map, Value};
 
-/// Reads what an external URI (as written in the file, still percent-encoded) refers to.
+/// Gives the bytes of an external file, or why not. The path is relative to the glTF's folder, `/` between its parts,
+/// and does not lead out of it: no root, drive, scheme, `..` or backslash.
 pub type Resolver<'a> = dyn Fn(&str) -> Result<Vec<u8>, String> + 'a;
 
 /// A parsed file with all its buffers.
@@ -49,10 +49,7 @@ impl Document {
         let read = |(index, entry): (usize, &Value)| {
             let bin = if index == 0 { bin.take() } else { None };
             match entry.get("uri").and_then(Value::as_str) {
-                Some(uri) if uri.starts_with("data:") => {
-                    decode_data_uri(uri).map(|(_, data)| data).ok_or_else(|| "damaged data URI".into())
-                }
-                Some(uri) => resolve(uri),
+                Some(uri) => fetch(uri, resolve),
                 None => bin.map(<[u8]>::to_vec).ok_or_else(|| "has no data".into()),
             }
         };
@@ -91,8 +88,8 @@ impl Document {
 
     /// Whether the file needs no other: no buffer and no image lies outside.
     pub fn is_self_contained(&self) -> bool {
-        let uri = |entry: &Value| entry.get("uri").and_then(Value::as_str).is_some_and(|u| !u.starts_with("data:"));
-        !self.array("buffers").iter().any(uri) && !self.array("images").iter().any(uri)
+        let outside = |entry: &Value| entry.get("uri").and_then(Value::as_str).is_some_and(|u| !uri::is_data(u));
+        !self.array("buffers").iter().any(outside) && !self.array("images").iter().any(outside)
     }
 
     /// The nodes listed by the default scene. Without any scene: all that are nobody's child.
@@ -136,16 +133,12 @@ pub fn references(object: &Map<String, Value>, key: &str) -> Vec<usize> {
     items.iter().filter_map(|v| v.as_u64().and_then(|v| usize::try_from(v).ok())).collect()
 }
 
-/// Media type and bytes of a base64 data URI.
-pub fn decode_data_uri(uri: &str) -> Option<(&str, Vec<u8>)> {
-    // Exporters disagree about the padding at the end.
-    const BASE64: GeneralPurpose = GeneralPurpose::new(
-        &base64::alphabet::STANDARD,
-        GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
-    );
-    let (head, data) = uri.strip_prefix("data:")?.split_once(',')?;
-    let media = head.strip_suffix(";base64")?;
-    Some((media.split(';').next().unwrap_or(""), BASE64.decode(data.trim()).ok()?))
+/// The bytes that a URI stands for: its own data, or a file below the glTF's folder.
+pub fn fetch(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, String> {
+    if uri::is_data(uri) {
+        return uri::decode_data(uri);
+    }
+    resolve(&uri::relative_path(uri).map_err(|why| format!("{uri}: {why}"))?)
 }
 
 /// The JSON and BIN chunks of a GLB.

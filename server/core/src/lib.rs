@@ -23,6 +23,7 @@ pub mod release;
 pub mod report;
 pub mod scene;
 pub mod shape;
+pub mod topology;
 mod weld;
 pub mod world;
 

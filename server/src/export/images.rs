@@ -1,13 +1,12 @@
 //! Images outside the buffers of a source file.
 
-use crate::document::{Resolver, decode_data_uri};
+use crate::document::{Resolver, fetch};
 use serde_json::{Map, Value};
 
 /// Media type and bytes of an image that is to be embedded: a data URI, or a file that the resolver can reach. `None`
 /// leaves the image as it is: a missing picture never spoils a pile.
 pub fn external(image: &Map<String, Value>, resolve: &Resolver) -> Option<(&'static str, Vec<u8>)> {
-    let uri = image.get("uri")?.as_str()?;
-    let bytes = if uri.starts_with("data:") { decode_data_uri(uri)?.1 } else { resolve(uri).ok()? };
+    let bytes = fetch(image.get("uri")?.as_str()?, resolve).ok()?;
     Some((media_type(&bytes)?, bytes))
 }
 

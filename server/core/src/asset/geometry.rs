@@ -249,7 +249,7 @@ fn lay(primitive: &Primitive<'_>, maps: &[DAffine3], welder: &mut Welder, built:
                     continue;
                 }
                 let point = map.transform_point3(positions.vector(u64::from(vertex)));
-                if !(point.abs().max_element() <= FARTHEST) {
+                if !point.is_finite() || point.abs().max_element() > FARTHEST {
                     let (vertex, value) = (u64::from(vertex), point.to_string());
                     log.refuse(place.clone(), ProblemKind::TooFar { vertex, value, limit: FARTHEST });
                     return;

@@ -97,7 +97,7 @@ impl<'a> Json<'a> {
         const EXACT: f64 = 9_007_199_254_740_992.0; // 2^53: above, a real no longer tells integers apart
         match *self {
             Json::Int(n) => Some(n),
-            Json::Real(x) if x >= 0.0 && x <= EXACT && x.fract() == 0.0 => Some(x as u64),
+            Json::Real(x) if (0.0..=EXACT).contains(&x) && x.fract() == 0.0 => Some(x as u64),
             _ => None,
         }
     }
@@ -108,7 +108,7 @@ impl<'a> Json<'a> {
             Json::Null => "null".to_owned(),
             Json::Bool(b) => b.to_string(),
             Json::Int(n) => n.to_string(),
-            Json::Real(x) => x.to_string(),
+            Json::Real(x) => format!("{x:?}"),
             Json::Text(text) => format!("{:?}", clip(text)),
             Json::List(items) => format!("a list of {}", items.len()),
             Json::Object(_) => "an object".to_owned(),

@@ -17,13 +17,16 @@ mod node;
 mod problem;
 mod remedy;
 mod strip;
-mod uri;
+#[cfg(test)]
+mod tests;
+pub mod uri;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::DMat3;
 
 use crate::mesh::TriMesh;
+use crate::topology::{drop_flat, weld};
 use accessor::Accessors;
 use buffer::Buffers;
 use geometry::{Builder, Built};
@@ -70,7 +73,9 @@ pub struct Source<'a> {
 /// What a file holds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Asset {
-    /// Metres, glTF axes; equal points are one point, and no triangle has two equal corners. At least one triangle.
+    /// Metres, glTF axes. Equal points are one point, every point is used, and there is at least one triangle. None has
+    /// two equal corners; one whose corners lie on a line is merged with its neighbour, where that does not tear the
+    /// surface.
     ///
     /// A whole file stands in its scene's frame. A chosen node stands in a frame with the node's own origin and the
     /// world's axes: the rotation and scale of all that is above the node are applied, the translation is not.
@@ -80,7 +85,7 @@ pub struct Asset {
     pub linear: DMat3,
     /// Number of the chosen node in the file.
     pub root: Option<usize>,
-    /// Triangles left out because two of their corners are equal.
+    /// Triangles left out because they have no area.
     pub degenerate: usize,
     /// What was read otherwise than it stands in the file, one sentence each.
     pub notes: Vec<String>,
@@ -127,16 +132,23 @@ fn read_with(source: &Source<'_>, log: &mut Log) -> Checked<Asset> {
     };
     let mut nodes = Nodes::new(&root, limits.nodes, log)?;
     let placement = nodes.place_all(&root, source.node, log)?;
-    let Built { mesh, degenerate, why_empty } = builder.build(&nodes, &placement.placed, log)?;
+    let Built { mut mesh, mut degenerate, why_empty } = builder.build(&nodes, &placement.placed, log)?;
     check_extensions(&root, &builder, log);
+    let flat = drop_flat(&mut mesh);
+    degenerate += flat.dropped;
     if degenerate > 0 {
-        log.note(
-            "triangles with two equal corners are left out",
-            &format!("{degenerate} of {}", degenerate + mesh.triangles.len()),
-        );
+        let all = degenerate + mesh.triangles.len();
+        log.note("triangles of no area are left out", &format!("{degenerate} of {all}"));
+        mesh = weld(&mesh, 0.0); // their points go too
+    }
+    if flat.folded > 0 {
+        log.note("triangles of no area are merged with those beside them", &flat.folded.to_string());
+    }
+    if flat.left > 0 {
+        log.note("triangles of no area could not be taken away and stay", &flat.left.to_string());
     }
     if mesh.triangles.is_empty() && !log.any() {
-        let all = (degenerate > 0).then(|| format!("every triangle ({degenerate}) has two equal corners"));
+        let all = (degenerate > 0).then(|| format!("every triangle ({degenerate}) has no area"));
         return Err(log.refuse("", ProblemKind::NoTriangles { why: all.or(why_empty) }));
     }
     let notes = log.notes();

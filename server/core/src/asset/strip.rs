@@ -40,7 +40,7 @@ pub(super) fn triangles(
         Err(log.refuse(place, what))
     };
     if mode == Mode::Triangles {
-        if corners % 3 != 0 {
+        if !corners.is_multiple_of(3) {
             log.note("the number of its corners is not a multiple of three: the last ones are left out", place);
         }
         for first in (0..corners - corners % 3).step_by(3) {

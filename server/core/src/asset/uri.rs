@@ -13,12 +13,12 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
 );
 
 /// Is it a `data:` URI?
-pub(super) fn is_data(uri: &str) -> bool {
+pub fn is_data(uri: &str) -> bool {
     uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"))
 }
 
 /// The bytes of a data URI, of any media type, in base64 or percent-encoded.
-pub(super) fn decode_data(uri: &str) -> Result<Vec<u8>, String> {
+pub fn decode_data(uri: &str) -> Result<Vec<u8>, String> {
     let (head, body) = uri.split_once(',').ok_or("there is no comma before the data")?;
     let base64 = head.rsplit(';').next().is_some_and(|last| last.trim().eq_ignore_ascii_case("base64"));
     let body = if body.contains('%') {
@@ -39,7 +39,7 @@ pub(super) fn decode_data(uri: &str) -> Result<Vec<u8>, String> {
 ///
 /// Percent-encoding is undone once, so that `my%20bin` works; but whoever encodes a dot, a slash, a backslash or a
 /// colon wants to get past this check. Colons are refused wherever they stand: schemes, drives, alternate streams.
-pub(super) fn relative_path(uri: &str) -> Result<String, &'static str> {
+pub fn relative_path(uri: &str) -> Result<String, &'static str> {
     if encodes_path_syntax(uri) {
         return Err("it hides a dot, slash, backslash or colon by %-encoding");
     }

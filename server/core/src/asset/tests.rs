@@ -1,0 +1,6 @@
+//! The reader on small files built here.
+
+mod fuzz;
+mod model;
+mod reads;
+mod refuses;
