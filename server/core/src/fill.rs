@@ -88,11 +88,14 @@ pub fn run(
     };
     let walls = filling.world.add_container(&container.walls, 0.0).map_err(Error::Internal)?;
     let floor = filling.world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0);
+    insert::run(&mut filling, observer)?;
+    filling.use_real_friction();
+    // Turned over with the container still around it, the pile closes its gaps under its own weight; what becomes free
+    // at the top is filled once more.
+    filling.world.set_gravity_up(false);
+    filling.settle(params.fill.settle, observer)?;
     let full = insert::run(&mut filling, observer)?;
-    for id in filling.world.present().collect::<Vec<_>>() {
-        let friction = scene.props[filling.world.bodies()[id].prop].friction;
-        filling.world.set_friction(id, friction);
-    }
+    filling.use_real_friction();
     filling.settle(params.fill.settle, observer)?;
     filling.clean_up(observer)?;
     filling.world.remove_wall(walls);
@@ -133,6 +136,14 @@ impl Filling<'_> {
         let body =
             Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
         self.world.insert(&self.shapes[prop], &body).map_err(Error::Internal)
+    }
+
+    /// Ends the friction of the fill.
+    fn use_real_friction(&mut self) {
+        for id in self.world.present().collect::<Vec<_>>() {
+            let friction = self.scene.props[self.world.bodies()[id].prop].friction;
+            self.world.set_friction(id, friction);
+        }
     }
 
     /// Simulates for a while, natural times.

@@ -8,6 +8,7 @@
 
 mod bvh;
 mod grid;
+mod ray;
 #[cfg(test)]
 mod tests;
 
@@ -36,47 +37,51 @@ const SAMPLE_TRIES: usize = 10_000;
 const VOLUME_BLOCKS: usize = 10;
 /// ...of this many samples along each axis, where the surface runs through the block.
 const VOLUME_SAMPLES: usize = 4;
-/// A winding number farther than this from an integer tells an open mesh: above the approximation's error.
-const FRACTIONAL: f64 = 0.05;
 
 /// The solid of a mesh, prepared for queries. SI metres, in the frame of the mesh.
 pub struct Region {
-    /// All triangles, turned outward.
-    all: Bvh,
+    all: Winding,
     /// The triangles that bound the solid, unless those are all.
     surface: Option<Bvh>,
     bounds: (DVec3, DVec3),
     volume: f64,
     inside_out: bool,
-    open: bool,
+}
+
+/// All triangles, turned outward.
+struct Winding {
+    tree: Bvh,
+    /// Whether every winding number is whole.
+    closed: bool,
 }
 
 impl Region {
     /// The mesh must have a triangle.
     pub fn new(mesh: &TriMesh) -> Region {
         assert!(!mesh.triangles.is_empty(), "a region needs a triangle");
-        let enclosed = enclosed_volume(mesh);
+        let used = mesh.triangles.iter().flatten().map(|&v| mesh.points[v as usize]);
+        let bounds = used.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+        let (mesh, closed) = ray::welded(mesh, bounds.0.distance(bounds.1));
+        let enclosed = enclosed_volume(&mesh);
         let inside_out = enclosed < 0.0;
         let turn = |[a, b, c]: [DVec3; 3]| if inside_out { [a, c, b] } else { [a, b, c] };
         let triangles: Vec<_> = (0..mesh.triangles.len()).map(|i| (i as u32, turn(mesh.corners(i)))).collect();
-        let used = mesh.triangles.iter().flatten().map(|&v| mesh.points[v as usize]);
-        let bounds = used.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
-        let all = Bvh::new(triangles.clone());
+        let all = Winding { tree: Bvh::new(triangles.clone()), closed };
         let surface = surface_triangles(&all, &triangles, bounds.0.distance(bounds.1));
-        let (volume, open) = solid_volume(&all, bounds, enclosed.abs());
-        Region { all, surface, bounds, volume, inside_out, open }
+        let volume = solid_volume(&all, bounds, enclosed.abs());
+        Region { all, surface, bounds, volume, inside_out }
     }
 
     /// Generalised winding number: 1 inside a closed outward mesh, 0 outside, 2 where two parts overlap.
     pub fn winding_number(&self, p: DVec3) -> f64 {
-        self.all.winding_number(p, WINDING_ACCURACY)
+        self.all.tree.winding_number(p, WINDING_ACCURACY)
     }
 
     /// Whether the point belongs to the solid.
     pub fn contains(&self, p: DVec3) -> bool {
         // Outside the box no winding number of a closed mesh exceeds one half, and an open one's caps stay inside it.
         let (lo, hi) = self.bounds;
-        p.cmpge(lo).all() && p.cmple(hi).all() && self.winding_number(p) > INSIDE
+        p.cmpge(lo).all() && p.cmple(hi).all() && self.all.at(p) > INSIDE
     }
 
     /// The closest point of the solid's surface, its distance in metres, and the mesh's triangle that it lies on.
@@ -108,9 +113,10 @@ impl Region {
         self.inside_out
     }
 
-    /// Whether the mesh has holes large enough to matter: winding numbers far from an integer were met.
+    /// Whether the mesh has holes: some edge is not shared by triangles on both sides, as often in one direction as in
+    /// the other. The solid is then capped where its winding number passes one half, and a signed distance jumps there.
     pub fn is_open(&self) -> bool {
-        self.open
+        !self.all.closed
     }
 
     /// A point drawn uniformly from the solid. `None` when it fills next to nothing of its box.
@@ -127,22 +133,34 @@ impl Region {
         (hit.squared.sqrt(), hit.place)
     }
 
-    /// Sets `row[i]` to whether `start + i step X` is inside. Points nearer than the surface share one answer, so that
-    /// most are skipped.
+    /// Sets `row[i]` to whether `start + i step X` is inside. Points within the distance to the surface share one answer,
+    /// and so do two such balls that meet: winding numbers are only needed where the surface is passed.
     pub(crate) fn mark_row(&self, start: DVec3, step: f64, row: &mut [u8]) {
         let (mut i, mut guess) = (0, 0);
+        let mut last: Option<u8> = None;
         while i < row.len() {
             let p = start + DVec3::X * (i as f64 * step);
             let (distance, place) = self.distance_near(p, guess);
             guess = place;
-            let same = (distance / step).ceil().max(1.0).min((row.len() - i) as f64) as usize;
-            row[i..i + same].fill(self.contains(p) as u8);
+            let inside = last.filter(|_| distance > step && self.all.closed).unwrap_or_else(|| self.contains(p) as u8);
+            let same = if self.all.closed { (distance / step).ceil().max(1.0) } else { 1.0 };
+            let same = same.min((row.len() - i) as f64) as usize;
+            row[i..i + same].fill(inside);
+            last = Some(inside);
             i += same;
         }
     }
 
     fn surface(&self) -> &Bvh {
-        self.surface.as_ref().unwrap_or(&self.all)
+        self.surface.as_ref().unwrap_or(&self.all.tree)
+    }
+}
+
+impl Winding {
+    /// The winding number: exact for a closed mesh, approximated for an open one.
+    fn at(&self, p: DVec3) -> f64 {
+        let exact = if self.closed { ray::crossings(&self.tree, p) } else { None };
+        exact.map_or_else(|| self.tree.winding_number(p, WINDING_ACCURACY), f64::from)
     }
 }
 
@@ -158,7 +176,7 @@ fn enclosed_volume(mesh: &TriMesh) -> f64 {
 
 /// The tree of the triangles with the solid on exactly one side, or `None` when those are all
 /// (or none: then nothing is solid, and any distance is better than no answer).
-fn surface_triangles(all: &Bvh, triangles: &[(u32, [DVec3; 3])], diagonal: f64) -> Option<Bvh> {
+fn surface_triangles(all: &Winding, triangles: &[(u32, [DVec3; 3])], diagonal: f64) -> Option<Bvh> {
     let bounding: Vec<bool> = triangles.par_iter().map(|(_, t)| bounds_solid(all, t, diagonal)).collect();
     let kept = bounding.iter().filter(|&&b| b).count();
     if kept == 0 || kept == triangles.len() {
@@ -169,10 +187,10 @@ fn surface_triangles(all: &Bvh, triangles: &[(u32, [DVec3; 3])], diagonal: f64) 
 
 /// Whether the two sides of a triangle differ anywhere, judged at its centroid and then on a lattice. A flat triangle
 /// (without a normal) bounds nothing.
-fn bounds_solid(all: &Bvh, &[a, b, c]: &[DVec3; 3], diagonal: f64) -> bool {
+fn bounds_solid(all: &Winding, &[a, b, c]: &[DVec3; 3], diagonal: f64) -> bool {
     let Some(normal) = (b - a).cross(c - a).try_normalize() else { return false };
     let offset = normal * (diagonal * SIDE_OFFSET);
-    let inside = |p: DVec3| all.winding_number(p, WINDING_ACCURACY) > INSIDE;
+    let inside = |p: DVec3| all.at(p) > INSIDE;
     let differs = |p: DVec3| inside(p + offset) != inside(p - offset);
     if differs((a + b + c) / 3.0) {
         return true;
@@ -184,36 +202,30 @@ fn bounds_solid(all: &Bvh, &[a, b, c]: &[DVec3; 3], diagonal: f64) -> bool {
     (0..n).any(|i| (0..n - i).any(|j| differs(a + (b - a) * part(i) + (c - a) * part(j))))
 }
 
-/// Volume of the solid, and whether the mesh is open. The enclosed volume counts each point as often as the mesh winds
-/// around it: what a sampled grid says was counted too often (or with the wrong sign) is taken off. A simple mesh keeps
-/// its exact volume; that of an open one is sampled as a whole.
-fn solid_volume(all: &Bvh, (lo, hi): (DVec3, DVec3), enclosed: f64) -> (f64, bool) {
+/// Volume of the solid. What a closed mesh encloses counts each point as often as the mesh winds around it: what a
+/// sampled grid says was counted too often (or with the wrong sign) is taken off, and a simple mesh keeps its exact
+/// volume. That of an open mesh is sampled as a whole.
+fn solid_volume(all: &Winding, (lo, hi): (DVec3, DVec3), enclosed: f64) -> f64 {
     let block = (hi - lo) / VOLUME_BLOCKS as f64;
-    let tallies: Vec<(f64, f64, bool)> = (0..VOLUME_BLOCKS.pow(3))
+    let tallies: Vec<f64> = (0..VOLUME_BLOCKS.pow(3))
         .into_par_iter()
         .map(|i| {
             let corner = lo + block * DVec3::from_array(lattice(i, VOLUME_BLOCKS));
             let centre = corner + block / 2.0;
-            let distance = all.nearest(centre, 0).map_or(f64::INFINITY, |h| h.squared.sqrt());
-            let n = if distance > block.length() / 2.0 { 1 } else { VOLUME_SAMPLES };
+            let distance = all.tree.nearest(centre, 0).map_or(f64::INFINITY, |h| h.squared.sqrt());
+            let uniform = all.closed && distance > block.length() / 2.0;
+            let n = if uniform { 1 } else { VOLUME_SAMPLES };
             let cell = block / n as f64;
-            let (mut solid, mut excess, mut open) = (0.0, 0.0, false);
-            for s in 0..n.pow(3) {
-                let w = all.winding_number(corner + cell * (DVec3::from_array(lattice(s, n)) + 0.5), WINDING_ACCURACY);
+            let tally = (0..n.pow(3)).map(|s| {
+                let w = all.at(corner + cell * (DVec3::from_array(lattice(s, n)) + 0.5));
                 let inside = if w > INSIDE { 1.0 } else { 0.0 };
-                solid += inside;
-                excess += w.round() - inside;
-                open |= (w - w.round()).abs() > FRACTIONAL;
-            }
-            let volume = cell.x * cell.y * cell.z;
-            (solid * volume, excess * volume, open)
+                if all.closed { w - inside } else { inside }
+            });
+            tally.sum::<f64>() * cell.element_product()
         })
         .collect();
-    if tallies.iter().any(|t| t.2) {
-        (tallies.iter().map(|t| t.0).sum(), true)
-    } else {
-        ((enclosed - tallies.iter().map(|t| t.1).sum::<f64>()).max(0.0), false)
-    }
+    let tallied: f64 = tallies.iter().sum();
+    if all.closed { (enclosed - tallied).max(0.0) } else { tallied }
 }
 
 fn lattice(i: usize, n: usize) -> [f64; 3] {

@@ -6,6 +6,8 @@
 mod double;
 mod flat;
 mod orient;
+#[cfg(test)]
+mod tests;
 
 use std::collections::HashMap;
 
@@ -76,22 +78,30 @@ pub fn inspect(mesh: &TriMesh) -> Topology {
 
 /// One point for all that are equal, or nearer than `tolerance` times the diagonal to the first of their kind; triangles
 /// left with two equal corners, and points left without triangles, go. With `tolerance` 0, only bit-equal points (and 0
-/// and -0) are one.
+/// and -0) are one. The order of points and triangles stays, so a mesh without fault comes back as it is.
 ///
 /// A point joins the first point within reach, not the nearest, so that the result does not depend on chance; a row of
 /// points each within reach of the next does not collapse into one.
 pub fn weld(mesh: &TriMesh, tolerance: f64) -> TriMesh {
     let reach = tolerance * diagonal(mesh);
-    let merged: Vec<DVec3> = if reach > 0.0 { snap(&mesh.points, reach) } else { mesh.points.clone() };
+    let merged = if reach > 0.0 { snap(&mesh.points, reach) } else { Vec::new() };
     let mut welder = Welder::default();
-    let mut triangles = Vec::with_capacity(mesh.triangles.len());
-    for triangle in &mesh.triangles {
-        let corners = triangle.map(|v| merged[v as usize]);
-        if corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0] {
-            triangles.push(corners.map(|p| welder.insert(p)));
-        }
-    }
-    TriMesh { points: welder.into_points(), triangles }
+    let places = if reach > 0.0 { &merged } else { &mesh.points };
+    let numbers: Vec<u32> = places.iter().map(|&p| welder.insert(p)).collect();
+    let points = welder.into_points();
+    let mut triangles: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(|v| numbers[v as usize])).collect();
+    triangles.retain(|&[a, b, c]| a != b && b != c && c != a);
+
+    let mut used = vec![false; points.len()];
+    triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
+    let before = |count: &mut u32, &used: &bool| {
+        *count += u32::from(used);
+        Some(count.saturating_sub(1))
+    };
+    let numbers: Vec<u32> = used.iter().scan(0, before).collect();
+    triangles.iter_mut().for_each(|t| *t = t.map(|v| numbers[v as usize]));
+    let points = points.into_iter().zip(used).filter_map(|(p, used)| used.then_some(p)).collect();
+    TriMesh { points, triangles }
 }
 
 /// Each point moved onto the first one within `reach` of it.

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use cairn_core::asset::{self, Asset, Limits, Problem, ProblemKind, Source};
+use cairn_core::mesh::TriMesh;
 use cairn_core::topology::{WELD_TOLERANCE, inspect, oriented, weld};
 
 struct Entry {
@@ -158,4 +159,73 @@ fn topology_agrees_with_the_manifest() {
         println!("WRONG {w}");
     }
     assert!(wrong.is_empty(), "{} of {seen}", wrong.len());
+}
+
+/// All triangles of a file's default scene as the `gltf` crate reads it, if it does; it neither reads nor survives every
+/// file that is read here.
+fn second_opinion(path: &Path) -> Option<TriMesh> {
+    let beside = path.parent()?;
+    let file = gltf::Gltf::from_slice(&std::fs::read(path).ok()?).ok()?;
+    let bytes = |buffer: gltf::Buffer| match buffer.source() {
+        gltf::buffer::Source::Bin => file.blob.clone(),
+        gltf::buffer::Source::Uri(uri) => std::fs::read(beside.join(uri)).ok(),
+    };
+    let buffers: Vec<Vec<u8>> = file.buffers().map(bytes).collect::<Option<_>>()?;
+    let mut mesh = TriMesh::default();
+    let scene = file.default_scene().or_else(|| file.scenes().next())?;
+    let mut stack: Vec<(gltf::Node, glam::DAffine3)> = scene.nodes().map(|n| (n, glam::DAffine3::IDENTITY)).collect();
+    while let Some((node, above)) = stack.pop() {
+        let local = glam::Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
+        let world = above * glam::DAffine3::from_mat4(local);
+        stack.extend(node.children().map(|child| (child, world)));
+        for primitive in node.mesh().into_iter().flat_map(|m| m.primitives().collect::<Vec<_>>()) {
+            if primitive.mode() != gltf::mesh::Mode::Triangles {
+                return None;
+            }
+            let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(Vec::as_slice));
+            let points: Vec<_> = reader.read_positions()?.map(|p| glam::Vec3::from(p).as_dvec3()).collect();
+            let indices: Vec<u32> = match reader.read_indices() {
+                Some(indices) => indices.into_u32().collect(),
+                None => (0..points.len() as u32).collect(),
+            };
+            let triangles = indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+            mesh.append(&TriMesh { points, triangles }.transformed(&world));
+        }
+    }
+    Some(mesh)
+}
+
+#[test]
+fn meshes_agree_with_a_second_reader() {
+    let Some((folder, entries)) = collection() else { return };
+    let mut compared = 0;
+    for entry in entries.iter().filter(|e| ["object", "control", "reader"].contains(&e.kind.as_str())) {
+        let Ok(asset) = read(&folder, &entry.name) else { continue };
+        // Roots that are children too are counted twice there.
+        let path = folder.join(&entry.name);
+        let Ok(Some(other)) = std::panic::catch_unwind(|| second_opinion(&path)) else { continue };
+        if other.triangles.len() != asset.mesh.triangles.len() + asset.degenerate {
+            println!(
+                "{}: {} triangles, the other has {}",
+                entry.name,
+                asset.mesh.triangles.len(),
+                other.triangles.len()
+            );
+            continue;
+        }
+        compared += 1;
+        let (ours, theirs) = (inspect(&asset.mesh), inspect(&other));
+        let (low, high) = asset.mesh.bounds();
+        let (other_low, other_high) = weld(&other, 0.0).bounds();
+        // The other multiplies its transforms in single precision.
+        let near = 1e-5 * (ours.diagonal + low.abs().max_element());
+        assert!(low.distance(other_low) < near && high.distance(other_high) < near, "{}", entry.name);
+        assert!((ours.area - theirs.area).abs() <= 1e-5 * ours.area, "{}", entry.name);
+        if ours.is_watertight() {
+            let off = (ours.signed_volume - theirs.signed_volume).abs();
+            assert!(off <= 1e-5 * ours.diagonal.powi(3), "{}: {off}", entry.name);
+        }
+    }
+    println!("{compared} files compared");
+    assert!(compared > 0);
 }

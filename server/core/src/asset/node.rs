@@ -40,7 +40,7 @@ pub(super) struct Nodes<'a, 'j> {
     pub items: &'j [Json<'a>],
     parents: Vec<Option<usize>>,
     /// Transforms relative to the parent, once asked for.
-    locals: Vec<Option<Checked<DAffine3>>>,
+    locals: Vec<Option<DAffine3>>,
 }
 
 impl<'a, 'j> Nodes<'a, 'j> {
@@ -72,17 +72,18 @@ impl<'a, 'j> Nodes<'a, 'j> {
     }
 
     /// Everything below the node called `wanted`, or the default scene.
+    ///
+    /// What is wrong is in the log and has a stand-in here, so that the meshes below are looked at all the same.
     pub fn place_all(&mut self, root: &'j Json<'a>, wanted: Option<&str>, log: &mut Log) -> Checked<Placement> {
         let Some(wanted) = wanted else {
             let roots = self.scene_roots(root, log)?;
-            let worlds = self.worlds(&roots, log)?;
-            let placed = self.descend(roots.into_iter().zip(worlds).collect(), log)?;
+            let worlds = self.worlds(&roots, log);
+            let placed = self.descend(roots.into_iter().zip(worlds).collect(), log);
             return Ok(Placement { placed, root: None, linear: DMat3::IDENTITY });
         };
         let chosen = self.find(wanted, log)?;
-        let world = self.worlds(&[chosen], log)?.into_iter().next().unwrap_or(DAffine3::IDENTITY);
-        let linear = world.matrix3;
-        let placed = self.descend(vec![(chosen, DAffine3::from_mat3(linear))], log)?;
+        let linear = self.worlds(&[chosen], log).first().map_or(DMat3::IDENTITY, |world| world.matrix3);
+        let placed = self.descend(vec![(chosen, DAffine3::from_mat3(linear))], log);
         Ok(Placement { placed, root: Some(chosen), linear })
     }
 
@@ -138,118 +139,93 @@ impl<'a, 'j> Nodes<'a, 'j> {
         };
         let path = format!("/scenes/{index}");
         let list = scene.list_at("nodes", &path, log)?;
-        self.indices(list, &format!("{path}/nodes"), log)
+        Ok(self.indices(list, &format!("{path}/nodes"), log))
     }
 
-    /// A list of node numbers, all good.
-    fn indices(&self, list: &[Json<'a>], path: &str, log: &mut Log) -> Checked<Vec<usize>> {
+    /// The good ones of a list of node numbers.
+    fn indices(&self, list: &[Json<'a>], path: &str, log: &mut Log) -> Vec<usize> {
         let count = self.items.len();
-        let mut good = Ok(Vec::with_capacity(list.len()));
+        let mut good = Vec::with_capacity(list.len());
         for (k, item) in list.iter().enumerate() {
-            match item.natural() {
+            let what = match item.natural() {
                 Some(index) if index < count as u64 => {
-                    if let Ok(indices) = &mut good {
-                        indices.push(index as usize);
-                    }
+                    good.push(index as usize);
+                    continue;
                 }
-                Some(index) => {
-                    let what = ProblemKind::Reference { what: "node", index, count };
-                    good = Err(log.refuse(format!("{path}/{k}"), what));
-                }
-                None => {
-                    let what = ProblemKind::Type { expected: "the number of a node", found: item.describe() };
-                    good = Err(log.refuse(format!("{path}/{k}"), what));
-                }
-            }
+                Some(index) => ProblemKind::Reference { what: "node", index, count },
+                None => ProblemKind::Type { expected: "the number of a node", found: item.describe() },
+            };
+            log.refuse(format!("{path}/{k}"), what);
         }
         good
     }
 
     /// World transforms of `starts`, through all their parents. Each node is worked out once.
-    fn worlds(&mut self, starts: &[usize], log: &mut Log) -> Checked<Vec<DAffine3>> {
+    fn worlds(&mut self, starts: &[usize], log: &mut Log) -> Vec<DAffine3> {
         let mut known: Vec<Option<DAffine3>> = vec![None; self.items.len()];
         let mut on_chain = vec![false; self.items.len()];
-        let mut result = Ok(Vec::new());
+        let mut result = Vec::with_capacity(starts.len());
         for &start in starts {
             let mut chain = Vec::new();
             let mut at = Some(start);
-            let mut looped = None;
             while let Some(i) = at.filter(|&i| known[i].is_none()) {
-                if on_chain[i] {
-                    looped = Some(i);
+                if std::mem::replace(&mut on_chain[i], true) {
+                    self.refuse_cycle(i, self.parents[i].unwrap_or(i), log);
                     break;
                 }
-                on_chain[i] = true;
                 chain.push(i);
                 at = self.parents[i];
             }
-            if let Some(i) = looped {
-                let bottom = self.parents[i].unwrap_or(i);
-                return Err(self.refuse_cycle(i, bottom, log));
-            }
             let mut world = at.and_then(|i| known[i]).unwrap_or(DAffine3::IDENTITY);
-            let mut good = true;
             for &i in chain.iter().rev() {
-                match self.local(i, log) {
-                    Ok(local) => world *= local,
-                    Err(reported) => {
-                        (good, result) = (false, Err(reported));
-                    }
-                }
+                world *= self.local(i, log);
                 known[i] = Some(world);
-                on_chain[i] = false;
             }
-            if good && let Ok(worlds) = &mut result {
-                worlds.push(world);
-            }
+            result.push(world);
         }
         result
     }
 
     /// Every node at and below `starts`, in the order of the file's lists.
-    fn descend(&mut self, starts: Vec<(usize, DAffine3)>, log: &mut Log) -> Checked<Vec<Placed>> {
+    fn descend(&mut self, starts: Vec<(usize, DAffine3)>, log: &mut Log) -> Vec<Placed> {
         let mut visited = vec![false; self.items.len()];
         let mut placed = Vec::new();
-        let mut result = Ok(());
         // A node that hangs below another start is found from there, with the same transform.
         for start in starts {
             let mut stack = vec![start];
-            while let Some((index, map)) = stack.pop() {
+            while let Some((index, mut map)) = stack.pop() {
                 if std::mem::replace(&mut visited[index], true) {
                     continue;
                 }
                 if !map.is_finite() {
                     let fault = "the transforms down to this node multiply to no finite number".to_owned();
-                    result = Err(log.refuse(self.place(index), ProblemKind::Transform { fault }));
-                    continue;
+                    log.refuse(self.place(index), ProblemKind::Transform { fault });
+                    map = DAffine3::IDENTITY;
                 }
                 placed.push(Placed { index, map });
                 let path = format!("/nodes/{index}");
-                let list = self.items[index].list_at("children", &path, log);
-                let children = list.and_then(|list| self.indices(list, &format!("{path}/children"), log));
-                let Ok(children) = children else {
-                    result = children.map(|_| ());
-                    continue;
-                };
-                for &child in children.iter().rev() {
-                    match self.parents[child] {
-                        Some(parent) if parent == index => {}
-                        _ if self.is_above(child, index) => return Err(self.refuse_cycle(child, index, log)),
-                        first => {
-                            let first = first.map_or_else(String::new, |p| self.place(p));
-                            let what = ProblemKind::TwoParents { first, second: self.place(index) };
-                            result = Err(log.refuse(self.place(child), what));
-                            continue;
-                        }
-                    }
-                    match self.local(child, log) {
-                        Ok(local) => stack.push((child, map * local)),
-                        Err(reported) => result = Err(reported),
+                let list = self.items[index].list_at("children", &path, log).unwrap_or(&[]);
+                for child in self.indices(list, &format!("{path}/children"), log).into_iter().rev() {
+                    if self.parents[child] == Some(index) {
+                        stack.push((child, map * self.local(child, log)));
+                    } else if !log.is_full() {
+                        self.refuse_child(child, index, log);
                     }
                 }
             }
         }
-        result.map(|()| placed)
+        placed
+    }
+
+    /// A child that has another parent is part of a circle, or has two.
+    fn refuse_child(&self, child: usize, index: usize, log: &mut Log) {
+        if self.is_above(child, index) {
+            self.refuse_cycle(child, index, log);
+        } else {
+            let first = self.parents[child].map_or_else(String::new, |p| self.place(p));
+            let what = ProblemKind::TwoParents { first, second: self.place(index) };
+            log.refuse(self.place(child), what);
+        }
     }
 
     /// Does the chain of parents of `node` lead through `above`? It also ends when it runs in a circle.
@@ -266,7 +242,7 @@ impl<'a, 'j> Nodes<'a, 'j> {
     }
 
     /// Tells the circle from `top` down to `bottom`, its descendant, which lists `top` among its children.
-    fn refuse_cycle(&self, top: usize, bottom: usize, log: &mut Log) -> super::problem::Reported {
+    fn refuse_cycle(&self, top: usize, bottom: usize, log: &mut Log) {
         let mut path = vec![bottom];
         let mut at = bottom;
         while at != top
@@ -282,15 +258,16 @@ impl<'a, 'j> Nodes<'a, 'j> {
         }
         names.reverse();
         names.push(self.place(top));
-        log.refuse(self.place(top), ProblemKind::Cycle { path: names.join(" > ") })
+        log.refuse(self.place(top), ProblemKind::Cycle { path: names.join(" > ") });
     }
 
     /// The transform of node `i` relative to its parent.
-    fn local(&mut self, i: usize, log: &mut Log) -> Checked<DAffine3> {
-        if self.locals[i].is_none() {
-            self.locals[i] = Some(read_local(&self.items[i], &format!("/nodes/{i}"), &self.place(i), log));
+    fn local(&mut self, i: usize, log: &mut Log) -> DAffine3 {
+        if let Some(known) = self.locals[i] {
+            return known;
         }
-        self.locals[i].unwrap_or(Ok(DAffine3::IDENTITY))
+        let read = read_local(&self.items[i], &format!("/nodes/{i}"), &self.place(i), log);
+        *self.locals[i].insert(read.unwrap_or(DAffine3::IDENTITY))
     }
 }
 

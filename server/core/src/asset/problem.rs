@@ -191,6 +191,11 @@ impl Log {
         !self.problems.is_empty()
     }
 
+    /// Further problems are only counted.
+    pub fn is_full(&self) -> bool {
+        self.problems.len() >= MOST_PROBLEMS
+    }
+
     /// The notes in the order of their text, one sentence each.
     pub fn notes(&self) -> Vec<String> {
         let told = |(what, (count, place)): (&&str, &(usize, String))| match (count, place.is_empty()) {

@@ -151,11 +151,7 @@ impl Analyser {
 
 /// Eq. 6, in the order given, in the problem's unit of area.
 pub fn triangles(problem: &Problem) -> f64 {
-    problem
-        .contacts
-        .windows(3)
-        .map(|w| (w[2].point - w[1].point).cross(w[2].point - w[0].point).length() / 2.0)
-        .sum()
+    problem.contacts.windows(3).map(|w| (w[2].point - w[1].point).cross(w[2].point - w[0].point).length() / 2.0).sum()
 }
 
 /// Gathers the distinct points, and counts them. The first of a cluster stands for it.
@@ -179,9 +175,10 @@ pub fn hull_area(points: &mut [DVec3]) -> f64 {
     };
     let Some(along) = (b - a).try_normalize() else { return 0.0 };
     let offset = |p: DVec3| (p - a) - (p - a).dot(along) * along;
-    let far = points.iter().map(|p| offset(*p)).fold(DVec3::ZERO, |m, o| {
-        if o.length_squared() > m.length_squared() { o } else { m }
-    });
+    let far = points
+        .iter()
+        .map(|p| offset(*p))
+        .fold(DVec3::ZERO, |m, o| if o.length_squared() > m.length_squared() { o } else { m });
     let Some(across) = far.try_normalize() else { return 0.0 };
     // In the plane, x and y in the unused components' place; the points are not needed afterwards.
     for p in points.iter_mut() {
@@ -193,7 +190,10 @@ pub fn hull_area(points: &mut [DVec3]) -> f64 {
 }
 
 fn pairs(points: &[DVec3]) -> impl Iterator<Item = ((DVec3, DVec3), f64)> {
-    points.iter().enumerate().flat_map(move |(i, a)| points[i + 1..].iter().map(move |b| ((*a, *b), a.distance_squared(*b))))
+    points
+        .iter()
+        .enumerate()
+        .flat_map(move |(i, a)| points[i + 1..].iter().map(move |b| ((*a, *b), a.distance_squared(*b))))
 }
 
 /// Twice Andrew's monotone chain, without storing the hull: each chain jumps from a corner to the next by the least slope.

@@ -304,8 +304,7 @@ impl<'a> Program<'a> {
             }
             forces.push(link.unit * force);
         }
-        let imbalance: Vec<f64> =
-            left.iter().map(|(f, t)| (f.length_squared() + t.length_squared()).sqrt()).collect();
+        let imbalance: Vec<f64> = left.iter().map(|(f, t)| (f.length_squared() + t.length_squared()).sqrt()).collect();
         let total = imbalance.iter().sum();
         Report { bound: self.bound(z, normal_forces).clamp(0.0, total), imbalance, forces, total, converged }
     }

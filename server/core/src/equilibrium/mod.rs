@@ -59,6 +59,7 @@
 pub mod candidate;
 pub mod global;
 pub mod margin;
+mod polish;
 mod projection;
 mod reference;
 mod scaled;
@@ -256,7 +257,9 @@ pub struct Analyser {
 #[derive(Clone, Copy, Debug)]
 enum Outcome {
     /// `forces` hold the proof.
-    Stable { residual: f64 },
+    Stable {
+        residual: f64,
+    },
     Unstable(Certificate),
 }
 
@@ -325,8 +328,8 @@ impl Analyser {
     /// The chain of solvers: the one asked for, the other one, the projection as it is.
     fn decide(&mut self, solver: Solver, start: Start) -> Outcome {
         let first = match solver {
-            Solver::Fast => self.fast(start).or_else(|| self.clarabel()),
-            Solver::Clarabel => self.clarabel().or_else(|| self.fast(start)),
+            Solver::Fast => self.fast(start).or_else(|| self.clarabel(Tolerances::FALLBACK)),
+            Solver::Clarabel => self.clarabel(Tolerances::REFERENCE).or_else(|| self.fast(start)),
         };
         first.unwrap_or_else(|| self.last_resort())
     }
@@ -351,15 +354,16 @@ impl Analyser {
         self.projection.forces(self.scaled.len(), &mut self.forces);
         let residual = self.scaled.residual_of(&self.forces);
         if self.scaled.balances(residual, &self.forces, Tolerances::OWN)
-            && self.scaled.obeys_friction(&self.forces, Tolerances::OWN) {
+            && self.scaled.obeys_friction(&self.forces, Tolerances::OWN)
+        {
             return Some(Outcome::Stable { residual });
         }
         let certificate = self.scaled.certificate(self.projection.separator()?);
         certificate.proves(Tolerances::OWN).then_some(Outcome::Unstable(certificate))
     }
 
-    fn clarabel(&mut self) -> Option<Outcome> {
-        let outcome = reference::solve(&self.scaled, &mut self.forces);
+    fn clarabel(&mut self, tolerances: Tolerances) -> Option<Outcome> {
+        let outcome = reference::solve(&self.scaled, tolerances, &mut self.forces);
         if outcome.is_none() {
             self.counters.clarabel_open += 1;
         }

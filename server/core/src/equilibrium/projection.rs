@@ -27,12 +27,12 @@
 //! a direction accurate to 1e-7 only, whereas the twice orthogonalised y remains orthogonal to the loaded
 //! generators to rounding. This is what makes certificates possible down to 1e-10.
 
-use super::scaled::{Row, Scaled, Vec6, dot, norm};
-use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE};
+use super::scaled::{Scaled, TIE, Vec6, dot, norm, split, subtract};
+use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FrictionLaw};
 use glam::DVec3;
 
 /// The span of seven wrenches is the span of six of them.
-const MOST: usize = 6;
+pub(super) const MOST: usize = 6;
 
 /// Left over less than this, the target is reached: a hundred times below [`super::STABLE_RESIDUAL`].
 const REACHED: f64 = 1e-12;
@@ -43,40 +43,44 @@ const NO_OFFER: f64 = 1e-15;
 /// Of the tolerance of a certificate, the share that the solver uses up; the rest is for the substitution's rounding.
 const SHARE: f64 = 0.25;
 
-/// Offers that differ by less count as equal, and the first contact wins: symmetric bodies then get the same forces in
-/// every unit system.
-const TIE: f64 = 1.0 + 1e-9;
-
 /// A remembered force below this share of mg is not worth starting from.
 const WARM_FORCE: f64 = 1e-9;
 
 /// Remembered generators nearer than this to the span of the others are left to pricing.
 const WARM_RANK: f64 = 1e-6;
 
+/// Steps that may fail to bring the iterate nearer before the projection ends. They are legitimate at the level of
+/// rounding, where a step may only turn the separator.
+const MOST_STALLS: u32 = 12;
+
+/// Steps of pricing before Newton's method is tried on the tangents, and from one failure to the next attempt.
+const POLISH_FROM: u32 = 6;
+const POLISH_EVERY: u32 = 4;
+
 /// Far more steps than any problem has needed; beyond, the next solver decides.
 const MOST_STEPS: u32 = 400;
 
 /// A force of unit normal component, and its wrench.
 #[derive(Clone, Copy, Debug, Default)]
-struct Generator {
-    contact: usize,
-    force: DVec3,
-    wrench: Vec6,
+pub(super) struct Generator {
+    pub contact: usize,
+    pub force: DVec3,
+    pub wrench: Vec6,
 }
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Projection {
     target: Vec6,
     /// Loaded generators: the first `count` of each array.
-    count: usize,
-    loaded: [Generator; MOST],
-    lambda: [f64; MOST],
+    pub(super) count: usize,
+    pub(super) loaded: [Generator; MOST],
+    pub(super) lambda: [f64; MOST],
     /// Orthonormal columns with the span of the loaded generators.
-    q: [Vec6; MOST],
+    pub(super) q: [Vec6; MOST],
     /// `r[j][..=j]`: generator j in terms of q.
     r: [[f64; MOST]; MOST],
     /// The part of the target outside their span.
-    left: Vec6,
+    pub(super) left: Vec6,
     accuracy: Accuracy,
 }
 
@@ -111,7 +115,7 @@ impl Projection {
     pub fn resume(&mut self, scaled: &Scaled, target: Vec6, accuracy: Accuracy) -> u32 {
         self.target = target;
         self.accuracy = accuracy;
-        self.solve(None);
+        self.solve();
         self.iterate(scaled)
     }
 
@@ -136,18 +140,25 @@ impl Projection {
     }
 
     fn iterate(&mut self, scaled: &Scaled) -> u32 {
-        let mut last = f64::INFINITY;
+        let mut least = f64::INFINITY;
+        let mut stalls = 0;
+        let mut polish_at = POLISH_FROM;
         for step in 0..MOST_STEPS {
             self.set_left();
             let left = norm(&self.left);
-            if left <= self.accuracy.reached || left >= last || self.count == MOST {
+            if left <= self.accuracy.reached || self.count == MOST || stalls > MOST_STALLS {
                 return step;
             }
-            last = left;
+            stalls += u32::from(left >= least);
+            least = left.min(least);
             let allowed = (left / self.accuracy.excluded_force).min(self.accuracy.violation);
             let Some(best) = self.price(scaled, left * allowed.max(NO_OFFER)) else { return step };
-            if !self.enter(best) || !self.solve(Some(self.count - 1)) {
+            if !self.enter(best) || !self.solve_entered() {
                 return step;
+            }
+            if step >= polish_at && scaled.law() == FrictionLaw::Cone {
+                self.set_left();
+                polish_at = step + if self.polish(scaled) { 1 } else { POLISH_EVERY };
             }
         }
         MOST_STEPS
@@ -168,40 +179,35 @@ impl Projection {
         (norm(&self.left) > 0.0).then_some(self.left)
     }
 
-    fn set_left(&mut self) {
+    pub(super) fn set_left(&mut self) {
         self.left = self.target;
         for _ in 0..2 {
             for q in &self.q[..self.count] {
                 let along = dot(q, &self.left);
-                for k in 0..6 {
-                    self.left[k] -= along * q[k];
-                }
+                subtract(&mut self.left, along, q);
             }
         }
     }
 
     /// The generator that does most work with `left`, if it does more than `threshold`.
     fn price(&self, scaled: &Scaled, threshold: f64) -> Option<Generator> {
-        let velocity = DVec3::new(self.left[0], self.left[1], self.left[2]);
-        let spin = DVec3::new(self.left[3], self.left[4], self.left[5]);
+        let (velocity, spin) = split(&self.left);
         let mut bar = threshold;
-        let mut best: Option<(usize, DVec3)> = None;
-        for (i, row) in scaled.rows().iter().enumerate() {
-            let (work, tangent) = scaled.best_force(row, velocity + spin.cross(row.r));
-            if work > bar {
-                bar = work * TIE;
-                best = Some((i, tangent));
+        let mut best = None;
+        for (contact, row) in scaled.rows().iter().enumerate() {
+            if let Some(work) = scaled.offer(row, velocity + spin.cross(row.r), bar) {
+                bar = bar.max(work * TIE);
+                best = Some((contact, row));
             }
         }
-        best.map(|(contact, tangent)| {
-            let row: &Row = &scaled.rows()[contact];
-            let force = row.n + row.mu * scaled.friction_scale * tangent;
+        best.map(|(contact, row)| {
+            let force = scaled.best_force(row, velocity + spin.cross(row.r));
             Generator { contact, force, wrench: row.wrench(force) }
         })
     }
 
     /// Appends a generator to Q R, unloaded. False if it lies in their span.
-    fn enter(&mut self, g: Generator) -> bool {
+    pub(super) fn enter(&mut self, g: Generator) -> bool {
         let j = self.count;
         let mut rest = g.wrench;
         let mut column = [0.0; MOST];
@@ -209,13 +215,11 @@ impl Projection {
             for (q, c) in self.q[..j].iter().zip(&mut column) {
                 let along = dot(q, &rest);
                 *c += along;
-                for k in 0..6 {
-                    rest[k] -= along * q[k];
-                }
+                subtract(&mut rest, along, q);
             }
         }
         let length = norm(&rest);
-        if !(length > 0.0) {
+        if length == 0.0 {
             return false;
         }
         column[j] = length;
@@ -227,47 +231,75 @@ impl Projection {
         true
     }
 
-    /// Least squares over the loaded generators, unloading until all are positive. False if the one just entered would
-    /// leave at once: then rounding has been reached.
-    fn solve(&mut self, entered: Option<usize>) -> bool {
-        let mut newest = entered;
-        loop {
+    /// [`Projection::solve`] after a generator was entered. The first answer is the old one plus a change in proportion to the
+    /// new generator's share of `left`. From scratch, a share of 1e-16 would be rounding of either sign; like this
+    /// the new generator's coefficient is positive whatever its size. False if rounding has been reached all the same.
+    fn solve_entered(&mut self) -> bool {
+        let new = self.count - 1;
+        let mut wanted = [0.0; MOST];
+        wanted[new] = dot(&self.q[new], &self.left);
+        self.back_substitute(&mut wanted);
+        if wanted[new] <= 0.0 {
+            self.leave(new);
+            return false;
+        }
+        for (w, lambda) in wanted.iter_mut().zip(&self.lambda).take(self.count) {
+            *w += lambda;
+        }
+        if !self.accept(&wanted) {
+            self.solve();
+        }
+        true
+    }
+
+    /// Least squares over the loaded generators, unloading until all are positive.
+    fn solve(&mut self) {
+        while self.count > 0 {
             let wanted = self.least_squares();
-            let mut share = 1.0;
-            let mut leaves = None;
-            for j in 0..self.count {
-                if wanted[j] <= 0.0 {
-                    let s = self.lambda[j] / (self.lambda[j] - wanted[j]);
-                    if leaves.is_none() || s < share {
-                        share = s;
-                        leaves = Some(j);
-                    }
-                }
+            if self.accept(&wanted) {
+                return;
             }
-            let Some(j) = leaves else {
-                self.lambda[..self.count].copy_from_slice(&wanted[..self.count]);
-                return true;
-            };
-            if share == 0.0 && newest == Some(j) {
-                self.leave(j);
-                return false;
-            }
-            for k in 0..self.count {
-                self.lambda[k] = (self.lambda[k] + share * (wanted[k] - self.lambda[k])).max(0.0);
-            }
-            if let Some(n) = newest {
-                newest = if n == j { None } else { Some(n - usize::from(j < n)) };
-            }
-            self.leave(j);
         }
     }
 
-    /// R lambda = Q' target.
-    fn least_squares(&self) -> [f64; MOST] {
-        let mut x = [0.0; MOST];
-        for j in 0..self.count {
-            x[j] = dot(&self.q[j], &self.target);
+    /// Takes the coefficients wanted if all are positive. Otherwise goes as far towards them as all stay non-negative, and
+    /// unloads the one that stops it.
+    fn accept(&mut self, wanted: &[f64; MOST]) -> bool {
+        let mut share = 1.0;
+        let mut leaves = None;
+        for (j, (lambda, wanted)) in self.lambda.iter().zip(wanted).take(self.count).enumerate() {
+            if *wanted <= 0.0 {
+                let way = lambda - wanted;
+                let s = if way > 0.0 { lambda / way } else { 0.0 };
+                if leaves.is_none() || s * TIE < share {
+                    share = s;
+                    leaves = Some(j);
+                }
+            }
         }
+        let Some(j) = leaves else {
+            self.lambda[..self.count].copy_from_slice(&wanted[..self.count]);
+            return true;
+        };
+        for (lambda, wanted) in self.lambda.iter_mut().zip(wanted).take(self.count) {
+            *lambda = (*lambda + share * (wanted - *lambda)).max(0.0);
+        }
+        self.leave(j);
+        false
+    }
+
+    /// R lambda = Q' target.
+    pub(super) fn least_squares(&self) -> [f64; MOST] {
+        let mut x = [0.0; MOST];
+        for (x, q) in x.iter_mut().zip(&self.q).take(self.count) {
+            *x = dot(q, &self.target);
+        }
+        self.back_substitute(&mut x);
+        x
+    }
+
+    /// x = R^-1 x.
+    fn back_substitute(&self, x: &mut [f64; MOST]) {
         for j in (0..self.count).rev() {
             x[j] /= self.r[j][j];
             let value = x[j];
@@ -275,7 +307,6 @@ impl Projection {
                 *xk -= self.r[j][k] * value;
             }
         }
-        x
     }
 
     /// Takes generator j out of Q R: its column goes, Givens rotations make R triangular again.
@@ -289,7 +320,8 @@ impl Projection {
         self.count = n - 1;
         for k in j..n - 1 {
             let (a, b) = (self.r[k][k], self.r[k][k + 1]);
-            let h = a.hypot(b);
+            // b > 0: it is the length of what generator k + 1 added to the span.
+            let h = (a * a + b * b).sqrt();
             let (c, s) = (a / h, b / h);
             for column in &mut self.r[k..n - 1] {
                 let (u, v) = (column[k], column[k + 1]);

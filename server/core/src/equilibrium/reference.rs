@@ -11,8 +11,8 @@
 //! The objective is zero: an interior-point method then ends near the middle of the feasible set. If there is no x,
 //! the multiplier of the six equations is Farkas' certificate, minus the separator z of the module's documentation.
 
-use super::scaled::{Law, Scaled, Tolerances, Vec6, norm};
-use super::{Outcome, scaled};
+use super::scaled::{Scaled, Tolerances, Vec6, norm};
+use super::{FrictionLaw, Outcome};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{NonnegativeConeT, SecondOrderConeT, ZeroConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
@@ -22,7 +22,7 @@ use glam::DVec3;
 const STOP: f64 = 1e-9;
 
 /// Decides with Clarabel. `None`: no decision, or a decision that does not pass substitution.
-pub(super) fn solve(scaled: &Scaled, forces: &mut Vec<DVec3>) -> Option<Outcome> {
+pub(super) fn solve(scaled: &Scaled, tolerances: Tolerances, forces: &mut Vec<DVec3>) -> Option<Outcome> {
     let n = scaled.len();
     if n == 0 {
         return None;
@@ -50,32 +50,28 @@ pub(super) fn solve(scaled: &Scaled, forces: &mut Vec<DVec3>) -> Option<Outcome>
     let mut solver = DefaultSolver::new(&p, &vec![0.0; 3 * n], &a, &b, &cones, settings).ok()?;
     solver.solve();
     match solver.solution.status {
-        SolverStatus::Solved | SolverStatus::AlmostSolved => {
-            stable(scaled, &solver.solution.x, forces)
-        }
+        SolverStatus::Solved | SolverStatus::AlmostSolved => stable(scaled, &solver.solution.x, tolerances, forces),
         SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => {
-            unstable(scaled, &solver.solution.z)
+            unstable(scaled, &solver.solution.z, tolerances)
         }
         _ => None,
     }
 }
 
-fn stable(scaled: &Scaled, x: &[f64], forces: &mut Vec<DVec3>) -> Option<Outcome> {
+fn stable(scaled: &Scaled, x: &[f64], t: Tolerances, forces: &mut Vec<DVec3>) -> Option<Outcome> {
     forces.clear();
     forces.extend(scaled.rows().iter().zip(x.chunks_exact(3)).map(|(r, f)| f[0] * r.n + f[1] * r.t1 + f[2] * r.t2));
     let residual = scaled.residual_of(forces);
-    (scaled.balances(residual, forces, Tolerances::REFERENCE)
-        && scaled.obeys_friction(forces, Tolerances::REFERENCE))
-        .then_some(Outcome::Stable { residual })
+    (scaled.balances(residual, forces, t) && scaled.obeys_friction(forces, t)).then_some(Outcome::Stable { residual })
 }
 
-fn unstable(scaled: &Scaled, multipliers: &[f64]) -> Option<Outcome> {
+fn unstable(scaled: &Scaled, multipliers: &[f64], t: Tolerances) -> Option<Outcome> {
     let y: Vec6 = std::array::from_fn(|k| -multipliers[k]);
     if !(norm(&y) > 0.0 && norm(&y).is_finite()) {
         return None;
     }
     let certificate = scaled.certificate(y);
-    certificate.proves(Tolerances::REFERENCE).then_some(Outcome::Unstable(certificate))
+    certificate.proves(t).then_some(Outcome::Unstable(certificate))
 }
 
 /// (row, column, value).
@@ -92,7 +88,7 @@ fn constraints(scaled: &Scaled) -> (Vec<Triplet>, Vec<Cone>, usize) {
             let w = c.wrench(axis);
             t.extend((0..6).map(|m| (m, 3 * i + k, w[m])));
         }
-        let mu = c.mu * scaled.friction_scale;
+        let mu = scaled.mu(c);
         t.push((row, 3 * i, -1.0));
         cones.push(NonnegativeConeT(1));
         row += 1;
@@ -103,21 +99,22 @@ fn constraints(scaled: &Scaled) -> (Vec<Triplet>, Vec<Cone>, usize) {
                 cones.push(ZeroConeT(2));
                 row += 2;
             }
-            scaled::Law::Cone => {
+            FrictionLaw::Cone => {
                 t.push((row, 3 * i, -mu));
                 t.push((row + 1, 3 * i + 1, -1.0));
                 t.push((row + 2, 3 * i + 2, -1.0));
                 cones.push(SecondOrderConeT(3));
                 row += 3;
             }
-            Law::Pyramid { sides, faces, apothem, .. } => {
-                for m in &faces[..*sides] {
-                    t.push((row, 3 * i, -apothem * mu));
+            FrictionLaw::Pyramid { .. } => {
+                let faces = scaled.polygon().faces();
+                for m in faces {
+                    t.push((row, 3 * i, -scaled.polygon().apothem * mu));
                     t.push((row, 3 * i + 1, m[0]));
                     t.push((row, 3 * i + 2, m[1]));
                     row += 1;
                 }
-                cones.push(NonnegativeConeT(*sides));
+                cones.push(NonnegativeConeT(faces.len()));
             }
         }
     }

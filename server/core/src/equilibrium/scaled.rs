@@ -16,6 +16,10 @@ const LARGEST_LEVER: f64 = 1e150;
 /// A shorter normal has no direction: its square would underflow.
 const SHORTEST_NORMAL: f64 = 1e-150;
 
+/// Choices whose worth differs by less count as equal, and the first wins: rounding, which differs from unit system to
+/// unit system, then does not choose between the two halves of a symmetric body.
+pub(super) const TIE: f64 = 1.0 + 1e-9;
+
 /// A velocity this near to a contact's normal, relatively, has a tangential part of rounding only, without direction.
 const NO_TANGENT: f64 = 1e-14;
 
@@ -24,6 +28,13 @@ pub(super) type Vec6 = [f64; 6];
 
 pub(super) fn dot(a: &Vec6, b: &Vec6) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+}
+
+/// a -= along b.
+pub(super) fn subtract(a: &mut Vec6, along: f64, b: &Vec6) {
+    for (a, b) in a.iter_mut().zip(b) {
+        *a -= along * b;
+    }
 }
 
 pub(super) fn norm(a: &Vec6) -> f64 {
@@ -55,35 +66,52 @@ impl Row {
     }
 }
 
-/// The friction law, with the polygon's corners worked out.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Law {
-    Cone,
-    /// Corners and outward face normals in units of mu; a face is `normal . f_t <= apothem mu f_n`.
-    Pyramid { sides: usize, corners: [[f64; 2]; MAX_SIDES as usize], faces: [[f64; 2]; MAX_SIDES as usize], apothem: f64 },
+/// The friction polygon of a pyramid, in units of mu f_n: corners, and faces `normal . f_t <= apothem`.
+#[derive(Clone, Debug)]
+pub(super) struct Polygon {
+    sides: usize,
+    corners: [[f64; 2]; MAX_SIDES as usize],
+    faces: [[f64; 2]; MAX_SIDES as usize],
+    pub apothem: f64,
 }
 
-impl Law {
-    fn new(law: FrictionLaw) -> Result<Law, ProblemError> {
-        let FrictionLaw::Pyramid { sides, fit } = law else { return Ok(Law::Cone) };
-        if !(3..=MAX_SIDES).contains(&sides) {
-            return Err(ProblemError::Sides(sides));
-        }
+impl Polygon {
+    /// Without sides, until a pyramid is asked for.
+    const NONE: Polygon = Polygon {
+        sides: 0,
+        corners: [[0.0; 2]; MAX_SIDES as usize],
+        faces: [[0.0; 2]; MAX_SIDES as usize],
+        apothem: 1.0,
+    };
+
+    fn set(&mut self, sides: u32, fit: Fit) {
+        self.sides = sides as usize;
         let half = std::f64::consts::PI / f64::from(sides);
-        let (reach, apothem) = match fit {
-            Fit::Inscribed => (1.0, half.cos()),
-            Fit::Circumscribed => (1.0 / half.cos(), 1.0),
+        let reach = match fit {
+            Fit::Inscribed => 1.0,
+            Fit::Circumscribed => 1.0 / half.cos(),
         };
-        let mut corners = [[0.0; 2]; MAX_SIDES as usize];
-        let mut faces = corners;
+        self.apothem = reach * half.cos();
         // Face 0 looks along t1, so that four circumscribed sides are the paper's |f_t1|, |f_t2| <= mu f_n.
-        for k in 0..sides as usize {
+        for k in 0..self.sides {
             let (s, c) = (2.0 * half * k as f64).sin_cos();
-            faces[k] = [c, s];
+            self.faces[k] = [c, s];
             let (s, c) = (2.0 * half * (k as f64 + 0.5)).sin_cos();
-            corners[k] = [reach * c, reach * s];
+            self.corners[k] = [reach * c, reach * s];
         }
-        Ok(Law::Pyramid { sides: sides as usize, corners, faces, apothem })
+    }
+
+    fn corners(&self) -> &[[f64; 2]] {
+        &self.corners[..self.sides]
+    }
+
+    pub fn faces(&self) -> &[[f64; 2]] {
+        &self.faces[..self.sides]
+    }
+
+    /// What mu f_n must be at least for this tangential force.
+    fn uses(&self, f1: f64, f2: f64) -> f64 {
+        self.faces().iter().map(|m| m[0] * f1 + m[1] * f2).fold(0.0, f64::max) / self.apothem
     }
 }
 
@@ -110,6 +138,10 @@ impl Tolerances {
         certificate: 1e-6,
         excluded_force: 1e2,
     };
+    /// The reference called in where the fast solver is open: it may not say "stable" on weaker grounds than the fast
+    /// solver, whose verdicts reach nearer to the boundary than an interior point's.
+    pub const FALLBACK: Tolerances =
+        Tolerances { residual: STABLE_RESIDUAL, friction: FRICTION_TOLERANCE, ..Tolerances::REFERENCE };
 }
 
 /// A unit wrench that claims to prove instability, and what substitution says of it.
@@ -138,9 +170,8 @@ impl Certificate {
 #[derive(Clone, Debug)]
 pub(super) struct Scaled {
     rows: Vec<Row>,
-    law: Law,
-    /// What `law` was worked out from.
-    law_of: FrictionLaw,
+    law: FrictionLaw,
+    polygon: Polygon,
     /// Factor on every friction coefficient.
     pub friction_scale: f64,
     /// The wrench that the contacts must exert: against gravity, of length one (or zero, without gravity).
@@ -149,7 +180,13 @@ pub(super) struct Scaled {
 
 impl Default for Scaled {
     fn default() -> Self {
-        Scaled { rows: Vec::new(), law: Law::Cone, law_of: FrictionLaw::Cone, friction_scale: 1.0, target: [0.0; 6] }
+        Scaled {
+            rows: Vec::new(),
+            law: FrictionLaw::Cone,
+            polygon: Polygon::NONE,
+            friction_scale: 1.0,
+            target: [0.0; 6],
+        }
     }
 }
 
@@ -168,17 +205,14 @@ impl Scaled {
         if !p.gravity.is_finite() {
             return Err(ProblemError::Gravity);
         }
-        if self.law_of != law {
-            self.law = Law::new(law)?;
-            self.law_of = law;
-        }
+        self.set_law(law)?;
         self.friction_scale = 1.0;
         self.target = join(-direction(p.gravity).unwrap_or(DVec3::ZERO), DVec3::ZERO);
         self.rows.clear();
         self.rows.reserve(p.contacts.len());
         for (index, c) in p.contacts.iter().enumerate() {
             let r = (c.point - p.center_of_mass) / p.radius;
-            if r.abs().max_element().is_nan() || !(r.abs().max_element() <= LARGEST_LEVER) {
+            if !(r.is_finite() && r.abs().max_element() <= LARGEST_LEVER) {
                 return Err(ProblemError::Point(index));
             }
             let n = direction(c.normal).ok_or(ProblemError::Normal(index))?;
@@ -191,6 +225,19 @@ impl Scaled {
         Ok(())
     }
 
+    fn set_law(&mut self, law: FrictionLaw) -> Result<(), ProblemError> {
+        if let FrictionLaw::Pyramid { sides, fit } = law
+            && self.law != law
+        {
+            if !(3..=MAX_SIDES).contains(&sides) {
+                return Err(ProblemError::Sides(sides));
+            }
+            self.polygon.set(sides, fit);
+        }
+        self.law = law;
+        Ok(())
+    }
+
     pub fn len(&self) -> usize {
         self.rows.len()
     }
@@ -199,57 +246,77 @@ impl Scaled {
         &self.rows
     }
 
-    pub fn law(&self) -> &Law {
-        &self.law
+    pub fn law(&self) -> FrictionLaw {
+        self.law
+    }
+
+    pub fn polygon(&self) -> &Polygon {
+        &self.polygon
+    }
+
+    /// The friction coefficient that counts.
+    pub fn mu(&self, row: &Row) -> f64 {
+        row.mu * self.friction_scale
     }
 
     pub fn target(&self) -> Vec6 {
         self.target
     }
 
-    /// Of all forces at this contact with normal component one, the work that the best does at virtual velocity `v`,
-    /// and its tangential part in units of mu.
-    pub fn best_force(&self, row: &Row, v: DVec3) -> (f64, DVec3) {
+    /// Of all forces at this contact with normal component one, the work that the best does at virtual velocity `v`; `None`
+    /// if that is no more than `bar`.
+    pub fn offer(&self, row: &Row, v: DVec3, bar: f64) -> Option<f64> {
         let along = v.dot(row.n);
-        let mu = row.mu * self.friction_scale;
-        match &self.law {
-            Law::Cone => {
-                let tangential = v - along * row.n;
-                let speed = tangential.length();
-                if speed <= NO_TANGENT * along.abs() {
-                    return (along, DVec3::ZERO);
-                }
-                // The subtraction above leaves a normal part of the size of rounding; relative to a small
-                // tangential part it matters.
-                let t = tangential / speed;
-                (along + mu * speed, t - t.dot(row.n) * row.n)
+        let mu = self.mu(row);
+        let missing = bar - along;
+        if self.law == FrictionLaw::Cone {
+            let speed2 = (v - along * row.n).length_squared();
+            // Most contacts are settled without the root.
+            if missing >= 0.0 && mu * mu * speed2 <= missing * missing {
+                return None;
             }
-            Law::Pyramid { sides, corners, .. } => {
-                let (v1, v2) = (v.dot(row.t1), v.dot(row.t2));
-                let mut best = 0.0;
-                let mut tangent = DVec3::ZERO;
-                for c in &corners[..*sides] {
-                    let work = c[0] * v1 + c[1] * v2;
-                    if work > best {
-                        best = work;
-                        tangent = c[0] * row.t1 + c[1] * row.t2;
-                    }
-                }
-                (along + mu * best, tangent)
+            return Some(along + mu * speed2.sqrt());
+        }
+        let (v1, v2) = (v.dot(row.t1), v.dot(row.t2));
+        let most = self.polygon.corners().iter().map(|c| c[0] * v1 + c[1] * v2).fold(0.0, f64::max);
+        (mu * most > missing).then_some(along + mu * most)
+    }
+
+    /// The force that does the work of [`Scaled::offer`].
+    pub fn best_force(&self, row: &Row, v: DVec3) -> DVec3 {
+        let mu = self.mu(row);
+        if self.law == FrictionLaw::Cone {
+            let along = v.dot(row.n);
+            let tangential = v - along * row.n;
+            let speed = tangential.length();
+            if speed <= NO_TANGENT * along.abs() {
+                return row.n;
+            }
+            // The subtraction above leaves a normal part of the size of rounding; relative to a small tangential part it
+            // matters.
+            let t = tangential / speed;
+            return row.n + mu * (t - t.dot(row.n) * row.n);
+        }
+        let (v1, v2) = (v.dot(row.t1), v.dot(row.t2));
+        let mut best = 0.0;
+        let mut tangent = DVec3::ZERO;
+        for c in self.polygon.corners() {
+            let work = c[0] * v1 + c[1] * v2;
+            if work > best * TIE {
+                best = work;
+                tangent = c[0] * row.t1 + c[1] * row.t2;
             }
         }
+        row.n + mu * tangent
     }
 
     /// `force`, of unit normal component, with its tangential part shortened to what friction allows.
     pub fn within_friction(&self, row: &Row, force: DVec3) -> DVec3 {
-        let mu = row.mu * self.friction_scale;
+        let mu = self.mu(row);
         let tangential = force - row.n;
-        let used = match &self.law {
-            Law::Cone => tangential.length(),
-            Law::Pyramid { sides, faces, apothem, .. } => {
-                let (f1, f2) = (force.dot(row.t1), force.dot(row.t2));
-                faces[..*sides].iter().map(|m| m[0] * f1 + m[1] * f2).fold(0.0, f64::max) / apothem
-            }
+        let used = match self.law {
+            FrictionLaw::Cone => tangential.length(),
+            FrictionLaw::Pyramid { .. } => self.polygon.uses(force.dot(row.t1), force.dot(row.t2)),
         };
         if used > mu { row.n + tangential * (mu / used) } else { force }
     }
@@ -259,9 +326,7 @@ impl Scaled {
         let mut left = self.target;
         for (row, f) in self.rows.iter().zip(forces) {
             let w = row.wrench(*f);
-            for k in 0..6 {
-                left[k] -= w[k];
-            }
+            subtract(&mut left, 1.0, &w);
         }
         norm(&left)
     }
@@ -276,15 +341,12 @@ impl Scaled {
     pub fn obeys_friction(&self, forces: &[DVec3], t: Tolerances) -> bool {
         self.rows.iter().zip(forces).all(|(row, f)| {
             let normal = f.dot(row.n);
-            let mu = row.mu * self.friction_scale;
-            let excess = match &self.law {
-                Law::Cone => (*f - normal * row.n).length() - mu * normal,
-                Law::Pyramid { sides, faces, apothem, .. } => {
-                    let (f1, f2) = (f.dot(row.t1), f.dot(row.t2));
-                    let reach = faces[..*sides].iter().map(|m| m[0] * f1 + m[1] * f2).fold(0.0, f64::max);
-                    reach - apothem * mu * normal
-                }
+            let mu = self.mu(row);
+            let used = match self.law {
+                FrictionLaw::Cone => (*f - normal * row.n).length(),
+                FrictionLaw::Pyramid { .. } => self.polygon.uses(f.dot(row.t1), f.dot(row.t2)),
             };
+            let excess = used - mu * normal;
             normal >= -t.friction && excess <= t.friction * (1.0 + normal.abs())
         })
     }
@@ -296,7 +358,8 @@ impl Scaled {
         let (velocity, spin) = split(&z);
         let mut violation = f64::NEG_INFINITY;
         for row in &self.rows {
-            violation = violation.max(self.best_force(row, velocity + spin.cross(row.r)).0);
+            let work = self.offer(row, velocity + spin.cross(row.r), f64::NEG_INFINITY);
+            violation = violation.max(work.unwrap_or(f64::NEG_INFINITY));
         }
         Certificate { z, residual: dot(&z, &self.target), violation }
     }

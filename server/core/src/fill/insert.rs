@@ -6,7 +6,7 @@ use crate::Error;
 use crate::observer::Observer;
 use crate::pose::Pose;
 use crate::world::BodyId;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rand::RngExt;
 
 /// Size at insertion, as a share of the full size.
@@ -58,11 +58,9 @@ fn plant(filling: &mut Filling, wanted: usize) -> Result<Vec<(BodyId, f64)>, Err
             break;
         }
         let (prop, scale, rotation) = filling.draw();
-        let shape = &filling.shapes[prop];
         let size = SEED_SCALE * scale / filling.world.units.length;
-        let Some(translation) = place(filling, shape.thickness() * size / 2.0, shape.radius * size) else { continue };
-        let pose = Pose { translation, rotation };
-        if filling.container.holds(corners(&filling.shapes[prop], size, &pose), 0.0)
+        let Some(pose) = place(filling, prop, size, rotation) else { continue };
+        if filling.container.holds(corners(&filling.shapes[prop], size, &pose), 0.1 * filling.shapes[prop].thickness() * size)
             && filling.world.is_free(&filling.shapes[prop], SEED_SCALE * scale, &pose, &planted)
         {
             let id = filling.insert(prop, SEED_SCALE * scale, pose)?;
@@ -73,25 +71,40 @@ fn plant(filling: &mut Filling, wanted: usize) -> Result<Vec<(BodyId, f64)>, Err
     Ok(seeds)
 }
 
-/// A random point inside, pushed inward until a ball of `radius` clears the wall where there is room, and one of
-/// `least` in any case.
-fn place(filling: &mut Filling, least: f64, radius: f64) -> Option<DVec3> {
+/// A random place inside. Half of the props are laid flat against the wall, where gaps show and where others would not
+/// fit; the rest are pushed inward until they clear it.
+fn place(filling: &mut Filling, prop: usize, size: f64, rotation: DQuat) -> Option<Pose> {
     let (low, high) = (filling.container.low, filling.container.high);
     let distance = &filling.container.distance;
     let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
+    let flat = filling.rng.random_bool(WALL_SHARE);
     let mut p = low + (high - low) * share;
     if distance.signed_distance(p) > 0.0 {
         return None;
     }
+    let shape = &filling.shapes[prop];
+    let least = shape.thickness() * size / 2.0;
+    let wanted = if flat { least } else { shape.radius * size };
     for _ in 0..3 {
-        let short = distance.signed_distance(p) + radius;
-        if short <= 0.0 {
+        let short = distance.signed_distance(p) + wanted;
+        if !flat && short <= 0.0 {
             break;
         }
         p -= distance.gradient(p).normalize_or_zero() * short;
     }
-    (distance.signed_distance(p) <= -least && p.y - least >= filling.container.base).then_some(p)
+    if distance.signed_distance(p) > -0.9 * least || p.y < filling.container.base + 0.9 * least {
+        return None;
+    }
+    let out = distance.gradient(p).try_normalize();
+    let rotation = match out {
+        Some(out) if flat => DQuat::from_rotation_arc(rotation * shape.thin_axis, out) * rotation,
+        _ => rotation,
+    };
+    Some(Pose { translation: p, rotation })
 }
+
+/// Share of the places tried that are flat against the wall.
+const WALL_SHARE: f64 = 0.5;
 
 /// Lets the seeds grow to their full scale while everything moves.
 fn grow(filling: &mut Filling, seeds: &[(BodyId, f64)], observer: &mut dyn Observer) -> Result<(), Error> {

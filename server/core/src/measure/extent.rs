@@ -7,6 +7,8 @@ use glam::DVec3;
 const BALL_TOLERANCE: f64 = 1e-9;
 /// Rounds of the bounding sphere: ten or so suffice; the bound only guards against cycling on rounding errors.
 const BALL_ROUNDS: usize = 200;
+/// Points in a cluster: about the square root of a large prop's, so that neither the clusters nor their points are many.
+const CLUSTER: usize = 64;
 /// Directions on the half sphere in which widths are looked at, before the best one is refined.
 const DIRECTIONS: usize = 512;
 /// At most this many face normals join them.
@@ -88,10 +90,38 @@ fn narrower(a: (DVec3, f64), b: (DVec3, f64)) -> (DVec3, f64) {
 }
 
 /// The points that triangles use: a file may carry others.
-fn used_points(mesh: &TriMesh) -> Vec<DVec3> {
+pub(super) fn used_points(mesh: &TriMesh) -> Vec<DVec3> {
     let mut used = vec![false; mesh.points.len()];
     mesh.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
     mesh.points.iter().zip(used).filter(|(_, used)| *used).map(|(&p, _)| p).collect()
+}
+
+/// Neighbouring points, and a ball around them.
+pub(super) struct Cluster {
+    pub centre: DVec3,
+    pub radius: f64,
+    pub points: Vec<DVec3>,
+}
+
+/// The points that triangles use, halved across their longest extent until no group is above [`CLUSTER`].
+pub(super) fn clusters(mesh: &TriMesh) -> Vec<Cluster> {
+    let mut done = Vec::new();
+    let mut groups = vec![used_points(mesh)];
+    while let Some(mut points) = groups.pop() {
+        let bounds = |(lo, hi): (DVec3, DVec3), p: &DVec3| (lo.min(*p), hi.max(*p));
+        let (lo, hi) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), bounds);
+        if points.len() > CLUSTER {
+            let axis = (hi - lo).max_position();
+            points.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
+            groups.push(points.split_off(points.len() / 2));
+            groups.push(points);
+        } else if !points.is_empty() {
+            let centre = (lo + hi) / 2.0;
+            let radius = points.iter().map(|p| p.distance(centre)).fold(0.0, f64::max);
+            done.push(Cluster { centre, radius, points });
+        }
+    }
+    done
 }
 
 /// All points if they are few, else those that are farthest along one of the directions.
@@ -99,8 +129,22 @@ fn extreme_points(points: &[DVec3], directions: &[DVec3]) -> Vec<DVec3> {
     if points.len() <= 2 * directions.len() {
         return points.to_vec();
     }
-    let farthest = |d: DVec3| points.iter().copied().max_by(|a, b| a.dot(d).total_cmp(&b.dot(d)));
-    directions.iter().flat_map(|&d| [farthest(d), farthest(-d)]).flatten().collect()
+    let mut extremes = Vec::with_capacity(2 * directions.len());
+    for &d in directions {
+        let mut ends = [(f64::INFINITY, 0), (f64::NEG_INFINITY, 0)];
+        for (i, height) in points.iter().map(|p| p.dot(d)).enumerate() {
+            if height < ends[0].0 {
+                ends[0] = (height, i);
+            }
+            if height > ends[1].0 {
+                ends[1] = (height, i);
+            }
+        }
+        extremes.extend(ends.map(|e| e.1));
+    }
+    extremes.sort_unstable();
+    extremes.dedup();
+    extremes.into_iter().map(|i| points[i]).collect()
 }
 
 /// Evenly spread directions on the upper half sphere (Fibonacci's spiral).

@@ -4,7 +4,7 @@
 //! Time and memory are bounded: grids are capped and say so. The same pile gives the same bits for any number of
 //! threads: work is split by rows and bodies, and sums run in their order.
 
-use super::extent::percentile;
+use super::extent::{Cluster, clusters, percentile};
 use super::solid::{Outline, Solid};
 use super::voxels::{Block, Lattice};
 use super::{Pile, PropSolid, ShapeIou, ShapeMeasures, pictures};
@@ -41,6 +41,8 @@ pub struct Gauge<'a> {
     region: &'a Region,
     props: &'a [TriMesh],
     solids: Vec<Option<Solid>>,
+    /// Shape `[prop][cluster]`: the points that the prop's triangles use.
+    clusters: Vec<Vec<Cluster>>,
     /// d, metres.
     pub(super) diameter: f64,
     wanted_cell: f64,
@@ -83,6 +85,7 @@ impl<'a> Gauge<'a> {
             region,
             props: pile.props,
             solids: outlines.par_iter().enumerate().map(solid).collect(),
+            clusters: pile.props.par_iter().map(clusters).collect(),
             diameter,
             wanted_cell,
             lattice,
@@ -308,20 +311,31 @@ impl<'a> Gauge<'a> {
         (self.diameter / 2.0 / self.lattice.cell).ceil() as i64 + 1
     }
 
+    /// Metres. A signed distance changes by no more than the way: a cluster whose ball cannot reach farther out than
+    /// what is known already is skipped, and the most promising one goes first.
     fn protrusion(&self, body: &(usize, f64, Pose)) -> f64 {
         let solid = self.solid(body);
-        let centre = placed(body, solid.centre);
-        // A signed distance changes by no more than the way: what cannot exceed the largest so far is skipped.
-        let mut known = (centre, self.region.signed_distance(centre));
-        let mut largest = 0.0f64;
-        if known.1 + solid.reach * body.1 <= 0.0 {
+        if self.region.signed_distance(placed(body, solid.centre)) + solid.reach * body.1 <= 0.0 {
             return 0.0;
         }
-        for &v in self.props[body.0].triangles.iter().flatten() {
-            let p = placed(body, self.props[body.0].points[v as usize]);
-            if known.1 + p.distance(known.0) > largest {
-                known = (p, self.region.signed_distance(p));
-                largest = largest.max(known.1);
+        let clusters = self.clusters[body.0].iter().map(|c| {
+            let reach = self.region.signed_distance(placed(body, c.centre)) + c.radius * body.1;
+            (reach, c)
+        });
+        let mut clusters: Vec<(f64, &Cluster)> = clusters.collect();
+        clusters.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut largest = 0.0f64;
+        for (reach, cluster) in clusters {
+            if reach <= largest {
+                break;
+            }
+            let mut known = (placed(body, cluster.centre), f64::INFINITY);
+            for &v in &cluster.points {
+                let p = placed(body, v);
+                if known.1 + p.distance(known.0) > largest {
+                    known = (p, self.region.signed_distance(p));
+                    largest = largest.max(known.1);
+                }
             }
         }
         largest
@@ -333,8 +347,19 @@ impl<'a> Gauge<'a> {
         if distance.abs() >= solid.reach * body.1 {
             return if distance < 0.0 { 1.0 } else { 0.0 };
         }
-        let inside = solid.samples.iter().filter(|&&p| self.region.contains(placed(body, p))).count();
+        let inside = solid.samples.iter().filter(|&&p| self.is_inside(placed(body, p))).count();
         inside as f64 / solid.samples.len() as f64
+    }
+
+    /// Where the control mesh's eight cells around a point agree, so does the point; elsewhere its winding number tells.
+    fn is_inside(&self, p: DVec3) -> bool {
+        let [x, y, z] = self.lattice.cell_of(p - self.lattice.cell / 2.0);
+        let full = (0..8).filter(|i| self.control_cells.get([x + (i & 1), y + (i >> 1 & 1), z + (i >> 2)])).count();
+        match full {
+            0 => false,
+            8 => true,
+            _ => self.region.contains(p),
+        }
     }
 
     fn volume(&self, body: &(usize, f64, Pose)) -> f64 {

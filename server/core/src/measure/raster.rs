@@ -28,7 +28,12 @@ impl Frame {
     pub fn cover(&self, triangle: [DVec2; 3], mut visit: impl FnMut(usize, DVec2)) {
         let [a, b, c] = triangle.map(|p| (p - self.lo) / self.pixel - 0.5);
         let (lo, hi) = (a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
-        for j in steps(lo, hi, self.height) {
+        let rows = steps(lo, hi, self.height);
+        // Most triangles of a fine mesh lie between pixel centres.
+        if rows.is_empty() || steps(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x), self.width).is_empty() {
+            return;
+        }
+        for j in rows {
             let y = j as f64;
             let mut span = (f64::INFINITY, f64::NEG_INFINITY);
             for (p, q) in [(a, b), (b, c), (c, a)] {

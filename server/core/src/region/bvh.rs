@@ -113,6 +113,31 @@ impl Bvh {
         Hit { point, squared: p.distance_squared(point), place }
     }
 
+    /// Visits every triangle in boxes that `enter` lets pass, until `triangle` returns false; whether it never did.
+    pub fn visit(&self, enter: impl Fn(DVec3, DVec3) -> bool, mut triangle: impl FnMut([DVec3; 3]) -> bool) -> bool {
+        let mut stack = [0u32; STACK];
+        let mut depth = usize::from(!self.nodes.is_empty());
+        while depth > 0 {
+            depth -= 1;
+            let at = stack[depth];
+            let node = &self.nodes[at as usize];
+            if !enter(node.lo, node.hi) {
+                continue;
+            }
+            if node.count == 0 {
+                stack[depth] = node.first;
+                stack[depth + 1] = at + 1;
+                depth += 2;
+                continue;
+            }
+            let leaf = node.first as usize..(node.first + node.count) as usize;
+            if !self.corners[leaf].iter().all(|&t| triangle(t)) {
+                return false;
+            }
+        }
+        true
+    }
+
     /// Generalised winding number. A node farther than `accuracy` times its radius is approximated;
     /// infinity gives the exact sum.
     pub fn winding_number(&self, p: DVec3, accuracy: f64) -> f64 {

@@ -108,7 +108,7 @@ fn fill_row(region: &Region, start: DVec3, h: f64, values: &mut [f64]) {
         let (distance, place) = region.distance_near(p, guess);
         guess = place;
         let inside = match last {
-            Some(v) if v.abs() > h => v < 0.0,
+            Some(v) if v.abs() > h && !region.is_open() => v < 0.0,
             _ => region.contains(p),
         };
         *value = if inside { -distance } else { distance };

@@ -55,9 +55,9 @@ fn the_winding_number_agrees_with_the_exact_sum() {
     let region = Region::new(&torus(1.0, 0.4, 60));
     assert!((region.volume() - 2.0 * PI * PI * 0.16).abs() < 0.02);
     for p in random_points(2000, 1.6) {
-        let exact = region.all.winding_number(p, f64::INFINITY);
+        let exact = region.all.tree.winding_number(p, f64::INFINITY);
         assert!((region.winding_number(p) - exact).abs() < 0.03, "{p}");
-        assert!((exact - exact.round()).abs() < 1e-9);
+        assert!((exact - exact.round()).abs() < 1e-9 && region.all.at(p) == exact.round());
         let ring = DVec3::new(p.x, 0.0, p.z).length() - 1.0;
         let distance = ring.hypot(p.y) - 0.4;
         assert!((region.signed_distance(p) - distance).abs() < 0.01, "{p}");
@@ -93,8 +93,43 @@ fn a_hole_is_capped() {
     let mut mesh = cuboid([0.0; 3], [1.0; 3]);
     mesh.triangles.truncate(10);
     let region = Region::new(&mesh);
+    assert!(region.is_open());
     assert!(region.contains(DVec3::new(0.5, 0.5, 0.3)) && !region.contains(DVec3::new(0.5, 0.5, 1.2)));
     assert!(region.volume() > 0.7 && region.volume() < 1.0 + 1e-9, "{}", region.volume());
+}
+
+#[test]
+fn cracks_of_rounding_are_no_holes() {
+    // Every triangle with its own corners, each moved a little.
+    let whole = torus(1.0, 0.4, 30);
+    let mut jitter = random_points(3 * whole.triangles.len(), 1e-8).into_iter();
+    let mut soup = TriMesh::default();
+    for i in 0..whole.triangles.len() {
+        let base = soup.points.len() as u32;
+        soup.points.extend(whole.corners(i).map(|p| p + jitter.next().unwrap()));
+        soup.triangles.push([base, base + 1, base + 2]);
+    }
+    let region = Region::new(&soup);
+    assert!(!region.is_open() && (region.volume() - Region::new(&whole).volume()).abs() < 1e-6);
+    soup.triangles.pop();
+    assert!(Region::new(&soup).is_open());
+}
+
+#[test]
+fn rays_through_edges_and_corners_count_once() {
+    // Points below the corners and edges of a cube, along every ray that may be used.
+    let region = Region::new(&cuboid([0.0; 3], [1.0; 3]));
+    assert!(!region.is_open());
+    for (x, y) in ray::SLOPES {
+        for i in 0..9 {
+            let target = DVec3::new((i % 3) as f64 / 2.0, (i / 3) as f64 / 2.0, 1.0);
+            for depth in [0.25, 0.5, 2.0] {
+                let p = target - DVec3::new(x, y, 1.0) * depth;
+                let strictly = p.cmpgt(DVec3::ZERO).all() && p.cmplt(DVec3::ONE).all();
+                assert_eq!(region.contains(p), strictly, "{p}");
+            }
+        }
+    }
 }
 
 #[test]

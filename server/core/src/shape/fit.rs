@@ -18,6 +18,11 @@ impl OrientedBox {
         8.0 * self.half.x * self.half.y * self.half.z
     }
 
+    /// The axis along the shortest edge.
+    pub fn thin_axis(&self) -> DVec3 {
+        self.rotation * DVec3::AXES[self.half.min_position()]
+    }
+
     /// Largest distance of a mesh corner to the box's surface, m.
     pub fn deviation(&self, mesh: &TriMesh) -> f64 {
         let back = self.rotation.inverse();

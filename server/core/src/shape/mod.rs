@@ -81,6 +81,8 @@ pub struct Shape {
     /// Radius of the sphere about the centre of mass that holds the prop, m.
     pub radius: f64,
     pub size: Size,
+    /// The direction in which the prop is thinnest, in the body's frame; unit.
+    pub thin_axis: DVec3,
     pub solid: Solid,
     pub report: ShapeReport,
 }
@@ -138,6 +140,7 @@ impl Shape {
             inertia: (principal * prop.density, frame),
             radius,
             size,
+            thin_axis: around.thin_axis(),
             solid,
             report,
         })

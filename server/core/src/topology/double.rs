@@ -15,7 +15,7 @@ use crate::mesh::TriMesh;
 pub(super) fn drop_doubles(mesh: &mut TriMesh, repair: &mut Repair) {
     let mut keep = vec![true; mesh.triangles.len()];
     let pairs = pairs(&mesh.triangles, &mut keep);
-    if pairs.is_empty() {
+    if pairs.is_empty() && keep.iter().all(|&k| k) {
         return;
     }
     let mut kept = keep.iter();

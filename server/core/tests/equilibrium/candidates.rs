@@ -91,7 +91,7 @@ fn spread_does_not_depend_on_order() {
     let points = [[0.0, 0.0], [1.0, 0.0], [1.0, 1e-9], [0.0, 1.0]].map(|[x, z]| DVec3::new(x, 0.0, z));
     let contacts = points.map(|point| Contact { point, normal: DVec3::Y, friction: 0.7 });
     // In this order Eq. 6 still sees the last triangle; in the next it does not.
-    let mut order = vec![contacts[0], contacts[3], contacts[1], contacts[2]];
+    let mut order = [contacts[0], contacts[3], contacts[1], contacts[2]];
     let rng = &mut rng(2);
     let mut previous: Option<f64> = None;
     for _ in 0..50 {

@@ -45,12 +45,7 @@ impl Case {
             .iter()
             .map(|c| Contact { point: q * c.point, normal: q * c.normal, friction: c.friction })
             .collect();
-        Case {
-            contacts,
-            center_of_mass: q * self.center_of_mass,
-            gravity: q * self.gravity,
-            ..*self
-        }
+        Case { contacts, center_of_mass: q * self.center_of_mass, gravity: q * self.gravity, ..*self }
     }
 }
 
@@ -97,9 +92,7 @@ pub fn case_of(rng: &mut impl Rng, n: usize) -> Case {
             points[i] = points[i / 3 * 3];
         }
     }
-    let contacts = (0..n)
-        .map(|i| Contact { point: points[i], normal: normals[i], friction: friction[i] })
-        .collect();
+    let contacts = (0..n).map(|i| Contact { point: points[i], normal: normals[i], friction: friction[i] }).collect();
     let offset = if rng.random_bool(0.5) { DVec3::ZERO } else { unit(rng) * rng.random_range(0.0..0.3) };
     let case = Case { contacts, mass: 1.0, center_of_mass: offset, radius: 1.0, gravity: DVec3::new(0.0, -1.0, 0.0) };
     let (length, mass, acceleration) = (decade(rng, -6.0, 3.0), decade(rng, -6.0, 6.0), decade(rng, -2.0, 3.0));

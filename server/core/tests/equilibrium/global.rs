@@ -140,7 +140,13 @@ fn wedge(alpha: f64, mu: f64, ground: f64, block: f64) -> bool {
         for z in [-0.3, 0.3] {
             // The wedge's faces lean by alpha: their normals (into the wedge) point inward and up.
             let point = DVec3::new(side * 0.2, 0.9, z);
-            contacts.push(Contact { body: 0, other: Some(body), point, normal: DVec3::new(-side * c, s, 0.0), friction: mu });
+            contacts.push(Contact {
+                body: 0,
+                other: Some(body),
+                point,
+                normal: DVec3::new(-side * c, s, 0.0),
+                friction: mu,
+            });
         }
         let x = if side < 0.0 { [-10.0, -0.2] } else { [0.2, 10.0] };
         contacts.extend(face(body, None, x, 0.0, 0.3, ground));
@@ -174,7 +180,8 @@ fn bad_piles_are_refused() {
     assert_eq!(run(body, Contact { friction: f64::INFINITY, ..contact }, GRAVITY), Err(PileError::Contact(0)));
     assert_eq!(run(body, Contact { other: Some(0), ..contact }, GRAVITY), Err(PileError::Index(0)));
     assert_eq!(run(body, Contact { body: 3, ..contact }, GRAVITY), Err(PileError::Index(0)));
-    let empty = analyse(&Pile { bodies: &[], contacts: &[], gravity: GRAVITY }, Objective::default()).expect("an empty pile");
+    let empty =
+        analyse(&Pile { bodies: &[], contacts: &[], gravity: GRAVITY }, Objective::default()).expect("an empty pile");
     assert!(empty.stands());
 }
 

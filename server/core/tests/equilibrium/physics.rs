@@ -162,7 +162,8 @@ fn repeated_and_collinear_contacts_change_nothing() {
         let once = generator::case(seed);
         let mut thrice = once.clone();
         thrice.contacts = once.contacts.iter().flat_map(|c| [*c; 3]).collect();
-        let options = Options { friction_law: if seed % 2 == 0 { FrictionLaw::Cone } else { FrictionLaw::PAPER }, ..cone() };
+        let options =
+            Options { friction_law: if seed % 2 == 0 { FrictionLaw::Cone } else { FrictionLaw::PAPER }, ..cone() };
         assert_eq!(stable(&once, &options), stable(&thrice, &options), "seed {seed}");
     }
     // Points along an edge: only the outer two matter.

@@ -317,6 +317,12 @@ fn everything_wrong_is_told_at_once() {
         .set("/accessors/3", json!({ "bufferView": 9, "componentType": 5125, "count": 3, "type": "SCALAR" }));
     let problems = model.read().expect_err("much is wrong");
     assert_eq!(problems.len(), 3, "{problems:#?}");
+    // Faults of nodes do not hide those of meshes.
+    let model = model.set("/nodes/0/rotation", json!([0, 0, 0, 0])).set("/nodes/1/children", json!([1, 99]));
+    let text = told(model.read());
+    for part in ["length 0", "there is no node 99", "contain themselves", "there is no mesh 7", "no buffer view 9"] {
+        assert!(text.contains(part), "{part:?} is not said in: {text}");
+    }
     // The same fault is told once, and not without end.
     let nodes: Vec<_> = (0..1000).map(|i| json!({ "mesh": 100 + i })).collect();
     let model = tetrahedron().set("/nodes", json!(nodes)).set("/scenes/0/nodes", json!((0..1000).collect::<Vec<_>>()));
