@@ -1,4 +1,17 @@
-//! Cairn: bakes piles of props in the shape of a control mesh.
+//! Cairn around its core: the wire, files and the command line.
 
+pub mod cli;
 pub mod document;
 pub mod export;
+pub mod render;
+pub mod files;
+pub mod from_proto;
+pub mod job;
+pub mod problem;
+pub mod scene_file;
+pub mod to_proto;
+
+/// The messages of `proto/cairn/v1`.
+pub mod proto {
+    include!(concat!(env!("OUT_DIR"), "/cairn.v1.rs"));
+}

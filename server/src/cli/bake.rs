@@ -1,0 +1,97 @@
+//! `cairn bake`: the main job.
+
+use super::progress::{Mode, Reporter};
+use super::scene_args::SceneArgs;
+use super::{Failure, interrupt, output, report, summary, tell};
+use crate::export;
+use crate::job::{Job, effective};
+use crate::problem::Problem;
+use crate::scene_file::SceneTree;
+use anstyle::AnsiColor;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Fill a shape with props and write their motion
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  cairn bake --control dome.glb --prop stick.glb -o pile.glb
+  cairn bake pile.toml -o pile.glb --seed 7 --report report.json
+  cairn bake pile.toml -o fallen.glb --set control=off
+
+The first frame is the pile right after turning over. A result appears complete or not at all; Ctrl-C leaves nothing
+behind.")]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+
+    /// Result: .glb (animation), .json or .csv (tables of transforms)
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+
+    /// Also write how good the pile is and how it was made, as JSON
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+
+    /// How progress is told, on stderr
+    #[arg(long, value_enum, default_value_t = Mode::Auto)]
+    progress: Mode,
+
+    /// Tell nothing but errors
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let began = Instant::now();
+    interrupt::listen();
+    export::check_destination(&args.output)?;
+    let scene = args.scene.tree()?.to_message();
+    let job = Job::read(&scene).map_err(Failure::Input)?;
+    check_outputs(args, &job)?;
+
+    let mut reporter = Reporter::new(if args.quiet { Mode::None } else { args.progress });
+    let baked = cairn_core::bake(&job.scene, &job.params, &mut reporter);
+    reporter.finish(baked.is_ok());
+    let bake = baked?;
+
+    let told = args.report.as_ref().map(|path| {
+        let scene = SceneTree::from_message(&effective(&scene, &job.params));
+        (path, report::json(&bake, &scene, &job.notes, &args.output))
+    });
+    {
+        let _complete = interrupt::shield();
+        if interrupt::asked() {
+            return Err(Failure::Cancelled);
+        }
+        export::write(&args.output, &bake, &job.export_scene())?;
+    }
+    if let Some((path, report)) = told {
+        output::write(path, &format!("{report:#}\n"))?;
+    }
+
+    if !args.quiet {
+        for warning in job.notes.iter().chain(&bake.report.warnings) {
+            tell("warning", AnsiColor::Yellow, warning);
+        }
+        for line in summary::lines(&bake.report, began.elapsed().as_secs_f64(), &args.output) {
+            anstream::eprintln!("{line}");
+        }
+    }
+    Ok(())
+}
+
+/// Both files can be written: asked before the long part.
+fn check_outputs(args: &Args, job: &Job) -> Result<(), Failure> {
+    let mut inputs = job.inputs();
+    inputs.extend(args.scene.scene.clone());
+    output::check(&args.output, &inputs)?;
+    if let Some(report) = &args.report {
+        output::check(report, &inputs)?;
+        if *report == args.output {
+            let problem = Problem::new(report.display().to_string(), "the report would replace the result", "Name another file.");
+            return Err(Failure::Usage(vec![problem]));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,69 @@
+//! `cairn check`: everything that is wrong with a scene, and what a bake would do.
+
+use super::scene_args::SceneArgs;
+use super::{Failure, print};
+use crate::job::Job;
+use crate::problem::Problem;
+use cairn_core::plan::Plan;
+use serde_json::json;
+use std::fmt::Write;
+
+/// Tell everything that is wrong with a scene, and what a bake would do
+///
+/// Reads the scene and all its files, and simulates nothing.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  cairn check pile.toml
+  cairn check --control dome.glb --prop stick.glb --json")]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+
+    /// JSON instead of text: {\"ok\", \"problems\", \"notes\", \"plan\"}
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let result = plan(&args.scene);
+    if args.json {
+        let told = match &result {
+            Ok((plan, notes)) => json!({ "ok": true, "problems": [], "notes": notes, "plan": plan }),
+            Err(Failure::Usage(problems) | Failure::Input(problems)) => {
+                json!({ "ok": false, "problems": problems, "notes": [], "plan": null })
+            }
+            Err(other) => {
+                let problems: Vec<Problem> = other.messages().into_iter().map(Problem::from).collect();
+                json!({ "ok": false, "problems": problems, "notes": [], "plan": null })
+            }
+        };
+        print(&format!("{told:#}\n"))?;
+    } else if let Ok((plan, notes)) = &result {
+        print(&describe(plan, notes))?;
+    }
+    result.map(|_| ())
+}
+
+fn plan(scene: &SceneArgs) -> Result<(Plan, Vec<String>), Failure> {
+    let job = Job::read(&scene.tree()?.to_message()).map_err(Failure::Input)?;
+    let plan = cairn_core::plan(&job.scene, &job.params)?;
+    Ok((plan, job.notes))
+}
+
+/// The plan for a person.
+fn describe(plan: &Plan, notes: &[String]) -> String {
+    let mut text = String::from("The scene can be baked.\n");
+    let mut line = |name: &str, value: String| writeln!(text, "  {name:<16}{value}").expect("a string takes all");
+    line("bodies", format!("about {}", plan.expected_bodies));
+    line("steps", format!("about {}", plan.expected_steps));
+    line("prop diameter", format!("{:.3} m", plan.prop_diameter));
+    line("natural time", format!("{:.3} s", plan.natural_time));
+    for effect in &plan.effects {
+        line(effect.name, format!("{}: {}", if effect.on { "on" } else { "off" }, effect.reason));
+    }
+    for note in notes.iter().chain(&plan.warnings) {
+        line("note", note.clone());
+    }
+    text
+}

@@ -1,0 +1,21 @@
+//! Turns a panic, which is always our fault, into a failure that says so.
+
+use super::Failure;
+use std::panic::{AssertUnwindSafe, catch_unwind, set_hook};
+use std::sync::{Mutex, PoisonError};
+
+/// Where the last panic happened. The core survives some of its libraries' panics, so that nothing is printed here.
+static LAST: Mutex<Option<String>> = Mutex::new(None);
+
+/// Runs a command; a panic in it becomes [`Failure::Internal`].
+pub fn contain(command: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
+    set_hook(Box::new(|info| {
+        let payload = info.payload_as_str().unwrap_or("no message");
+        let location = info.location().map(|place| format!(" at {}:{}", place.file(), place.line())).unwrap_or_default();
+        *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(format!("{payload}{location}"));
+    }));
+    catch_unwind(AssertUnwindSafe(command)).unwrap_or_else(|_| {
+        let last = LAST.lock().unwrap_or_else(PoisonError::into_inner).take();
+        Err(Failure::Internal(last.unwrap_or_default()))
+    })
+}

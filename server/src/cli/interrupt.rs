@@ -1,0 +1,44 @@
+//! Ctrl-C: asks the bake to end; if it does not listen in time, ends the process.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+static ASKED: AtomicBool = AtomicBool::new(false);
+/// Held while a file appears under its final name: the process does not end meanwhile.
+static WRITING: Mutex<()> = Mutex::new(());
+
+/// How long a bake has to end by itself. A step takes far less; a geometry library may not come back for minutes.
+const PATIENCE: Duration = Duration::from_millis(1500);
+
+/// From here on, Ctrl-C is ours.
+pub fn listen() {
+    let handler = || {
+        if !ASKED.swap(true, Ordering::SeqCst) {
+            std::thread::spawn(|| {
+                std::thread::sleep(PATIENCE);
+                end();
+            });
+        } else {
+            end();
+        }
+    };
+    // Without a handler Ctrl-C still ends the process, if less politely.
+    let _ = ctrlc::set_handler(handler);
+}
+
+/// Whether the user wants to end.
+pub fn asked() -> bool {
+    ASKED.load(Ordering::SeqCst)
+}
+
+/// Keeps the process alive until the guard is dropped.
+pub fn shield() -> MutexGuard<'static, ()> {
+    WRITING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn end() {
+    let _nothing_is_half_written = shield();
+    eprintln!("\nerror: cancelled");
+    std::process::exit(130);
+}

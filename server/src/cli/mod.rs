@@ -1,0 +1,90 @@
+//! The command line: one file per command, and what they share.
+
+mod bake;
+mod check;
+mod failure;
+mod fault;
+mod interrupt;
+mod machine;
+mod output;
+mod progress;
+mod report;
+mod scene;
+mod scene_args;
+mod summary;
+
+use anstream::eprintln;
+use anstyle::{AnsiColor, Style};
+use clap::{Parser, Subcommand};
+pub use failure::Failure;
+use std::process::ExitCode;
+
+/// The version as `--version` and reports tell it.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Bakes piles of props in the shape of a mesh.
+///
+/// You model the rough shape of a pile as a closed mesh and pick the props that it is made of. Cairn fills the shape
+/// with props by physics, stands it up, lets go from the bottom to the top while it keeps the shape, and writes the
+/// motion of every prop.
+#[derive(Parser)]
+#[command(version, after_help = EXAMPLES, disable_help_subcommand = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Bake(bake::Args),
+    Check(check::Args),
+    Scene(scene::Args),
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  cairn bake --control dome.glb --prop stick.glb -o pile.glb
+        Fills dome.glb with sticks and writes an animation that any glTF viewer plays.
+  cairn bake --control dome.glb --prop stick.glb --prop book.glb:0.3 -o pile.glb
+        The same, with three books to ten sticks.
+  cairn scene --control dome.glb --prop stick.glb > pile.toml
+        Writes the same as a scene file, to keep and to edit.
+  cairn check pile.toml
+        Tells everything that is wrong with a scene, and what a bake would do.
+
+Exit codes: 0 done, 2 wrong usage, 65 wrong input, 70 a fault in Cairn, 75 not written (try again), 130 cancelled.";
+
+/// Runs the command that the process was started with.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = fault::contain(|| match cli.command {
+        Command::Bake(args) => bake::run(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Scene(args) => scene::run(&args),
+    });
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            for message in failure.messages() {
+                tell("error", AnsiColor::Red, &message);
+            }
+            failure.exit_code()
+        }
+    }
+}
+
+/// A line on stderr: `error: ...`.
+fn tell(kind: &str, color: AnsiColor, message: &str) {
+    let style = Style::new().bold().fg_color(Some(color.into()));
+    eprintln!("{style}{kind}:{style:#} {message}");
+}
+
+/// Prints what was asked for on stdout. A reader that has gone away is no error.
+fn print(text: &str) -> Result<(), Failure> {
+    use std::io::{ErrorKind, Write};
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::write("the standard output".as_ref(), error)),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,158 @@
+//! How far a bake is, told on stderr; and its cancel and clock.
+
+use super::{interrupt, machine};
+use cairn_core::observer::{Observer, Progress, Stage};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+/// How progress is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Mode {
+    /// A bar on a terminal, else plain lines
+    Auto,
+    /// A line every second
+    Plain,
+    /// One JSON object per line, up to ten in a second
+    Json,
+    /// Nothing
+    None,
+}
+
+/// Watches a bake for the command line.
+pub struct Reporter {
+    show: Show,
+    stage: Option<Stage>,
+    stage_began: Instant,
+    told: Option<Instant>,
+}
+
+enum Show {
+    Bar(ProgressBar),
+    Plain,
+    Json,
+    Nothing,
+}
+
+impl Reporter {
+    pub fn new(mode: Mode) -> Reporter {
+        let show = match mode {
+            Mode::Auto if std::io::stderr().is_terminal() => Show::Bar(new_bar()),
+            Mode::Auto | Mode::Plain => Show::Plain,
+            Mode::Json => Show::Json,
+            Mode::None => Show::Nothing,
+        };
+        Reporter { show, stage: None, stage_began: Instant::now(), told: None }
+    }
+
+    fn tell(&mut self, progress: &Progress) {
+        let began = self.stage != Some(progress.stage);
+        if began {
+            self.stage = Some(progress.stage);
+            self.stage_began = Instant::now();
+        }
+        let pause = self.told.map_or(Duration::MAX, |told| told.elapsed());
+        match &self.show {
+            Show::Bar(bar) => {
+                if began {
+                    // The stage before stays on the screen as a full line.
+                    if bar.position() > 0 {
+                        bar.set_position(BAR_LENGTH);
+                        bar.abandon();
+                    }
+                    let bar = new_bar();
+                    bar.set_prefix(name(progress.stage));
+                    self.show = Show::Bar(bar);
+                }
+                let Show::Bar(bar) = &self.show else { return };
+                bar.set_message(counts(progress));
+                bar.set_position((progress.fraction * BAR_LENGTH as f64) as u64);
+            }
+            Show::Plain if pause >= Duration::from_secs(1) => {
+                let percent = progress.fraction * 100.0;
+                let left = self.seconds_left(progress).map(|left| format!(", {left:.0} s left")).unwrap_or_default();
+                eprintln!("{}: {percent:.0} %, {}{left}", name(progress.stage), counts(progress));
+                self.told = Some(Instant::now());
+            }
+            Show::Json if began || pause >= Duration::from_millis(100) => {
+                let line = serde_json::json!({
+                    "stage": progress.stage,
+                    "fraction": progress.fraction,
+                    "bodies": progress.bodies,
+                    "released": progress.released,
+                    "at_rest": progress.at_rest,
+                    "nails": progress.nails,
+                    "seconds_left": self.seconds_left(progress),
+                });
+                eprintln!("{line}");
+                self.told = Some(Instant::now());
+            }
+            Show::Plain | Show::Json | Show::Nothing => {}
+        }
+    }
+
+    /// Left in this stage, from its pace so far.
+    fn seconds_left(&self, progress: &Progress) -> Option<f64> {
+        /// Before this much is done, a stage's pace says little.
+        const TELLING: f64 = 0.02;
+        let spent = self.stage_began.elapsed().as_secs_f64();
+        (progress.fraction >= TELLING).then(|| spent / progress.fraction * (1.0 - progress.fraction))
+    }
+
+    /// Takes the bar off the screen, or fills it.
+    pub fn finish(&mut self, done: bool) {
+        if let Show::Bar(bar) = &self.show {
+            if done {
+                bar.set_position(BAR_LENGTH);
+                bar.abandon();
+            } else {
+                bar.finish_and_clear();
+            }
+        }
+    }
+}
+
+impl Observer for Reporter {
+    fn progress(&mut self, progress: &Progress) -> ControlFlow<()> {
+        if interrupt::asked() {
+            return ControlFlow::Break(());
+        }
+        self.tell(progress);
+        ControlFlow::Continue(())
+    }
+
+    fn cpu_seconds(&mut self) -> f64 {
+        machine::cpu_seconds()
+    }
+}
+
+const BAR_LENGTH: u64 = 1000;
+
+fn new_bar() -> ProgressBar {
+    let style = ProgressStyle::with_template("{prefix:>8} {bar:24} {percent:>3} %  {msg}  {elapsed}, {eta} left")
+        .expect("the template is valid");
+    ProgressBar::with_draw_target(Some(BAR_LENGTH), ProgressDrawTarget::stderr()).with_style(style)
+}
+
+fn name(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Shape => "shape",
+        Stage::Fill => "fill",
+        Stage::Release => "release",
+        Stage::Hold => "hold",
+        Stage::Measure => "measure",
+    }
+}
+
+/// What there is so far; a count of which there is nothing is left out.
+fn counts(progress: &Progress) -> String {
+    let mut text = format!("{} bodies", progress.bodies);
+    let further = [(progress.released, "released"), (progress.at_rest, "at rest"), (progress.nails, "nails")];
+    for (count, what) in further {
+        if count > 0 {
+            text += &format!(", {count} {what}");
+        }
+    }
+    text
+}

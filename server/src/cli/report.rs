@@ -1,0 +1,53 @@
+//! `report.json`: the core's figures, what made them, and what they cost.
+
+use super::{VERSION, machine};
+use crate::scene_file::SceneTree;
+use cairn_core::bake::Bake;
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// The report file's content.
+pub fn json(bake: &Bake, scene: &SceneTree, notes: &[String], output: &Path) -> Value {
+    let mut report = Map::new();
+    report.insert("versions".into(), versions());
+    report.insert("output".into(), output.display().to_string().into());
+    report.insert("result_blake3".into(), result_hash(bake).to_hex().as_str().into());
+    let figures = serde_json::to_value(&bake.report).expect("a report has a JSON form");
+    for (name, value) in figures.as_object().into_iter().flatten() {
+        // The effective scene below says the same in the scene file's own terms.
+        if name != "params" {
+            report.insert(name.clone(), value.clone());
+        }
+    }
+    report.insert("notes".into(), json!(notes));
+    report.insert("scene".into(), scene.to_value());
+    report.insert("cpu_seconds".into(), json!(machine::cpu_seconds()));
+    report.insert("peak_memory_bytes".into(), json!(machine::peak_memory()));
+    Value::Object(report)
+}
+
+/// The versions that decide a result.
+fn versions() -> Value {
+    json!({ "cairn": VERSION, "rapier3d": env!("CAIRN_RAPIER3D"), "clarabel": env!("CAIRN_CLARABEL") })
+}
+
+/// Hash of a result: equal for equal bodies and frames, to the last bit, whatever it is written as.
+///
+/// BLAKE3 over little-endian bytes: fps; number of bodies; each body's prop and scale; number of frames; each frame's
+/// poses as translation x, y, z and rotation x, y, z, w. Counts and indices are 64 bit, the rest doubles.
+pub fn result_hash(bake: &Bake) -> blake3::Hash {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&bake.fps.to_le_bytes());
+    hasher.update(&(bake.bodies.len() as u64).to_le_bytes());
+    for body in &bake.bodies {
+        hasher.update(&(body.prop as u64).to_le_bytes());
+        hasher.update(&body.scale.to_le_bytes());
+    }
+    hasher.update(&(bake.frames.len() as u64).to_le_bytes());
+    for pose in bake.frames.iter().flatten() {
+        for number in pose.translation.to_array().into_iter().chain(pose.rotation.to_array()) {
+            hasher.update(&number.to_le_bytes());
+        }
+    }
+    hasher.finalize()
+}

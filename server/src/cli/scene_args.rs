@@ -1,0 +1,130 @@
+//! The arguments that describe a scene: a scene file, flags, or flags over a scene file. The same for every command.
+
+use super::Failure;
+use crate::problem::Problem;
+use crate::scene_file::SceneTree;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+#[derive(clap::Args)]
+pub struct SceneArgs {
+    /// Scene file (.toml or .json); `cairn scene` writes one. The flags below go before what it says
+    pub scene: Option<PathBuf>,
+
+    /// The pile's shape: a closed mesh in a .glb or .gltf file, or one node of it (shapes.glb#Dome)
+    #[arg(long, value_name = "FILE[#NODE]", help_heading = "Scene")]
+    control: Option<String>,
+
+    /// What the pile is made of; repeat it for several. The weight says how often, relative to the others (1 if not
+    /// given)
+    #[arg(long = "prop", value_name = "FILE[#NODE][:WEIGHT]", help_heading = "Scene")]
+    props: Vec<String>,
+
+    /// Scenery that never moves, where it stands in its file; repeat it for several
+    #[arg(long = "static", value_name = "FILE[#NODE]", help_heading = "Scene")]
+    statics: Vec<String>,
+
+    /// How much care is taken; `paper` is the method's original setting, `standard` the default
+    #[arg(long, value_parser = ["paper", "draft", "standard", "fine"], help_heading = "Scene")]
+    accuracy: Option<String>,
+
+    /// Another number gives another pile; the same number the same pile again [default: 1]
+    #[arg(long, value_parser = clap::value_parser!(i64).range(0..), help_heading = "Scene")]
+    seed: Option<i64>,
+
+    /// Frames after the first [default: until the pile is at rest]
+    #[arg(long, value_parser = clap::value_parser!(i32).range(0..), help_heading = "Scene")]
+    frames: Option<i32>,
+
+    /// Frames per second [default: 24]
+    #[arg(long, help_heading = "Scene")]
+    fps: Option<f64>,
+
+    /// Sets any field of the scene, such as fill.count=200, control=off or props.0.density=700; repeat it for several
+    #[arg(long, value_name = "FIELD=VALUE", help_heading = "Scene")]
+    set: Vec<String>,
+}
+
+impl SceneArgs {
+    /// The scene file, then the flags, then `--set`, each over what came before.
+    pub fn tree(&self) -> Result<SceneTree, Failure> {
+        let mut tree = match &self.scene {
+            Some(path) => SceneTree::load(path).map_err(Failure::Input)?,
+            None if self.control.is_none() && self.props.is_empty() && self.set.is_empty() => {
+                let remedy = "Give a scene file, or --control and --prop; see --help for examples.";
+                return Err(Failure::Usage(vec![Problem::new("command line", "no scene is given", remedy)]));
+            }
+            None => SceneTree::default(),
+        };
+        let mut problems = Vec::new();
+        if let Some(control) = &self.control {
+            tree.put("control_mesh", json!({ "path": control }));
+        }
+        if !self.props.is_empty() {
+            let props = self.props.iter().filter_map(|prop| {
+                split_weight(prop).map_err(|problem| problems.push(problem)).ok().map(|(path, weight)| match weight {
+                    Some(weight) => json!({ "path": path, "weight": weight }),
+                    None => json!({ "path": path }),
+                })
+            });
+            let props = props.collect();
+            tree.put("props", Value::Array(props));
+        }
+        if !self.statics.is_empty() {
+            let statics = self.statics.iter().map(|path| json!({ "path": path })).collect();
+            tree.put("statics", Value::Array(statics));
+        }
+        if let Some(seed) = self.seed {
+            tree.put("seed", seed.into());
+        }
+        if let Some(frames) = self.frames {
+            tree.put_in("output", "frames", frames.into());
+        }
+        let accuracy = self.accuracy.iter().map(|accuracy| format!("accuracy={accuracy}"));
+        let fps = self.fps.iter().map(|fps| format!("output.fps={fps:?}"));
+        for assignment in accuracy.chain(fps).chain(self.set.iter().cloned()) {
+            if let Err(found) = tree.set(&assignment) {
+                problems.extend(found);
+            }
+        }
+        if problems.is_empty() { Ok(tree) } else { Err(Failure::Usage(problems)) }
+    }
+}
+
+/// `book.glb:0.3` -> path and weight. What follows the last colon is a weight if it is a number, and must be one if a
+/// whole file name stands before it; a Windows drive (`C:\book.glb`) is neither.
+fn split_weight(prop: &str) -> Result<(&str, Option<Value>), Problem> {
+    let Some((path, weight)) = prop.rsplit_once(':') else { return Ok((prop, None)) };
+    if let Ok(weight) = weight.parse::<f64>() {
+        return Ok((path, Some(crate::scene_file::number(weight))));
+    }
+    let lower = path.to_ascii_lowercase();
+    if [".glb", ".gltf"].iter().any(|extension| lower.ends_with(extension)) {
+        let what = format!("the weight `{weight}` is not a number");
+        return Err(Problem::new(format!("--prop {prop}"), what, "Write a number after the colon: book.glb:0.3."));
+    }
+    Ok((prop, None))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::split_weight;
+    use serde_json::json;
+
+    #[test]
+    fn a_weight_follows_the_last_colon() {
+        assert_eq!(split_weight("book.glb:0.3"), Ok(("book.glb", Some(json!(0.3)))));
+        assert_eq!(split_weight("kit.glb#Brick:2"), Ok(("kit.glb#Brick", Some(json!(2.0)))));
+        assert_eq!(split_weight("book.glb:nan"), Ok(("book.glb", Some(json!("NaN")))));
+        assert_eq!(split_weight("book.glb"), Ok(("book.glb", None)));
+        assert!(split_weight("book.glb:heavy").is_err());
+        assert!(split_weight("book.glb:").is_err());
+    }
+
+    #[test]
+    fn a_drive_is_no_weight() {
+        assert_eq!(split_weight(r"C:\kit\book.glb"), Ok((r"C:\kit\book.glb", None)));
+        assert_eq!(split_weight(r"C:\kit\book.glb:0.3"), Ok((r"C:\kit\book.glb", Some(json!(0.3)))));
+        assert_eq!(split_weight("C:/book.glb#A:b"), Ok(("C:/book.glb#A:b", None)));
+    }
+}

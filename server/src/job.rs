@@ -1,0 +1,262 @@
+//! A scene with every file read: what the core bakes, and what the exporter copies from.
+
+use crate::export::{ExportScene, SourceModel};
+use crate::problem::Problem;
+use crate::{files, from_proto, proto, to_proto};
+use cairn_core::asset::{self, Limits, Source};
+use cairn_core::mesh::TriMesh;
+use cairn_core::params::{Accuracy, Params};
+use cairn_core::scene::{Model, Prop, Scene, StaticModel};
+use percent_encoding::percent_decode_str;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+/// Everything that one bake needs.
+pub struct Job {
+    pub scene: Scene,
+    pub params: Params,
+    /// What was read otherwise than it stands in the files, one sentence each.
+    pub notes: Vec<String>,
+    props: Vec<Reference>,
+    statics: Vec<Reference>,
+    files: BTreeMap<PathBuf, InputFile>,
+}
+
+/// A model as a scene names it: `kit.glb#Brick`.
+struct Reference {
+    name: String,
+    file: PathBuf,
+    node: Option<String>,
+}
+
+impl Reference {
+    fn new(path: &str) -> Reference {
+        let (file, node) = split_node(path);
+        Reference { name: path.to_owned(), file: file.into(), node: node.map(str::to_owned) }
+    }
+}
+
+/// `kit.glb#Brick` -> file and node. A `#` elsewhere belongs to the file's name.
+fn split_node(path: &str) -> (&str, Option<&str>) {
+    let lower = path.to_ascii_lowercase();
+    let ends = [".glb#", ".gltf#"].iter().filter_map(|mark| lower.find(mark).map(|at| at + mark.len()));
+    match ends.min() {
+        Some(end) => (&path[..end - 1], Some(&path[end..])),
+        None => (path, None),
+    }
+}
+
+impl Job {
+    /// Reads all that a scene names, or tells everything that is wrong with it.
+    pub fn read(scene: &proto::Scene) -> Result<Job, Vec<Problem>> {
+        let mut reader = Reader::default();
+        let params = from_proto::params(scene).unwrap_or_else(|problems| {
+            reader.problems.extend(problems);
+            Params::new(Accuracy::Standard)
+        });
+        let control = match &scene.control_mesh {
+            Some(control) => reader.model("control_mesh", &control.path).1,
+            None => {
+                let remedy = "Give one by --control, or as control_mesh in the scene file.";
+                reader.problems.push(Problem::new("control_mesh", "there is no control mesh", remedy));
+                Model { name: String::new(), mesh: TriMesh::default() }
+            }
+        };
+        if scene.props.is_empty() {
+            let remedy = "Give one or more by --prop, or as props in the scene file.";
+            reader.problems.push(Problem::new("props", "there are no props", remedy));
+        }
+        let read: Vec<_> = scene.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
+        let (props, prop_models) = read.into_iter().unzip();
+        let read: Vec<_> = scene.statics.iter().enumerate().map(|(i, model)| reader.scenery(i, model)).collect();
+        let (statics, static_models) = read.into_iter().unzip();
+        if !reader.problems.is_empty() {
+            // The core would check these, but is not reached.
+            reader.problems.extend(params.problems().into_iter().map(Problem::from));
+            return Err(reader.problems);
+        }
+        let scene = Scene { control, props: prop_models, statics: static_models };
+        Ok(Job { scene, params, notes: reader.notes, props, statics, files: reader.files })
+    }
+
+    /// The files that the scene reads.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        self.files.keys().cloned().collect()
+    }
+
+    /// The models in their original files.
+    pub fn export_scene(&self) -> ExportScene<'_> {
+        ExportScene { props: self.sources(&self.props), scenery: self.sources(&self.statics) }
+    }
+
+    fn sources<'a>(&'a self, references: &'a [Reference]) -> Vec<SourceModel<'a>> {
+        let source = |reference: &'a Reference| {
+            let file = &self.files[&reference.file];
+            SourceModel {
+                name: &reference.name,
+                file: &file.name,
+                bytes: &file.bytes,
+                node: reference.node.as_deref(),
+                resolve: &*file.resolve_uri,
+            }
+        };
+        references.iter().map(source).collect()
+    }
+}
+
+/// A scene with every parameter and every prop's value set: baked again, it gives the same.
+pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
+    let prop = |prop: &proto::Prop| proto::Prop {
+        path: prop.path.clone(),
+        weight: prop.weight.or(Some(from_proto::PROP_WEIGHT)),
+        friction: prop.friction.or(Some(from_proto::FRICTION)),
+        density: prop.density.or(Some(from_proto::PROP_DENSITY)),
+        restitution: prop.restitution.or(Some(from_proto::PROP_RESTITUTION)),
+        scale_min: prop.scale_min.or(Some(from_proto::PROP_SCALE)),
+        scale_max: prop.scale_max.or(Some(from_proto::PROP_SCALE)),
+    };
+    let scenery = |model: &proto::StaticModel| proto::StaticModel {
+        path: model.path.clone(),
+        friction: model.friction.or(Some(from_proto::FRICTION)),
+    };
+    proto::Scene {
+        control_mesh: scene.control_mesh.clone(),
+        props: scene.props.iter().map(prop).collect(),
+        statics: scene.statics.iter().map(scenery).collect(),
+        ..to_proto::params(params)
+    }
+}
+
+/// One glTF file in memory.
+struct InputFile {
+    /// What messages call it.
+    name: String,
+    bytes: Vec<u8>,
+    beside: Arc<Beside>,
+    /// Resolves what the file names as it is written there, percent-encoded.
+    resolve_uri: Box<dyn Fn(&str) -> Result<Vec<u8>, String> + Send + Sync>,
+}
+
+impl InputFile {
+    fn read(path: &Path) -> Result<InputFile, Problem> {
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        let beside = Arc::new(Beside { folder, read: Mutex::default() });
+        let for_uri = beside.clone();
+        let resolve_uri = Box::new(move |uri: &str| match percent_decode_str(uri).decode_utf8() {
+            Ok(relative) => for_uri.read(&relative),
+            Err(_) => Err("its name is not text".into()),
+        });
+        Ok(InputFile { name: path.display().to_string(), bytes: files::read(path)?, beside, resolve_uri })
+    }
+}
+
+/// The files beside a glTF file. Kept once read: the export, long after, must find what the bake saw.
+struct Beside {
+    folder: PathBuf,
+    read: Mutex<BTreeMap<String, Vec<u8>>>,
+}
+
+impl Beside {
+    fn read(&self, relative: &str) -> Result<Vec<u8>, String> {
+        let path = files::below(&self.folder, relative).ok_or("it leads out of the file's own folder")?;
+        let mut read = self.read.lock().expect("no reader panics");
+        if let Some(bytes) = read.get(relative) {
+            return Ok(bytes.clone());
+        }
+        let bytes = files::read(&path).map_err(|problem| problem.to_string())?;
+        read.insert(relative.to_owned(), bytes.clone());
+        Ok(bytes)
+    }
+}
+
+/// Reads models and gathers what is wrong with them. Where a model cannot be read, an empty one stands in, and the
+/// problem keeps the job from being made.
+#[derive(Default)]
+struct Reader {
+    files: BTreeMap<PathBuf, InputFile>,
+    /// Files that could not be read: told once, however many models lie in them.
+    missing: BTreeSet<PathBuf>,
+    notes: Vec<String>,
+    problems: Vec<Problem>,
+}
+
+impl Reader {
+    fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {
+        let reference = Reference::new(path);
+        let mesh = self.mesh(field, &reference).unwrap_or_default();
+        let name = reference.name.clone();
+        (reference, Model { name, mesh })
+    }
+
+    fn mesh(&mut self, field: &str, reference: &Reference) -> Option<TriMesh> {
+        if reference.file.as_os_str().is_empty() {
+            self.problems.push(Problem::new(format!("{field}.path"), "it is empty", "Name a .glb or .gltf file."));
+            return None;
+        }
+        if self.missing.contains(&reference.file) {
+            return None;
+        }
+        if !self.files.contains_key(&reference.file) {
+            match InputFile::read(&reference.file) {
+                Ok(file) => {
+                    self.files.insert(reference.file.clone(), file);
+                }
+                Err(mut problem) => {
+                    problem.what = format!("{} ({field})", problem.what);
+                    self.problems.push(problem);
+                    self.missing.insert(reference.file.clone());
+                    return None;
+                }
+            }
+        }
+        let file = &self.files[&reference.file];
+        let source = Source {
+            name: &file.name,
+            bytes: &file.bytes,
+            node: reference.node.as_deref(),
+            resolve: &|relative| file.beside.read(relative),
+            limits: Limits::default(),
+        };
+        match asset::read(&source) {
+            Ok(asset) => {
+                self.notes.extend(asset.notes.into_iter().map(|note| format!("{}: {note}", reference.name)));
+                Some(asset.mesh)
+            }
+            Err(problems) => {
+                self.problems.extend(problems.into_iter().map(Problem::from));
+                None
+            }
+        }
+    }
+
+    fn prop(&mut self, index: usize, prop: &proto::Prop) -> (Reference, Prop) {
+        let (reference, model) = self.model(&format!("props.{index}"), &prop.path);
+        let prop = Prop {
+            model,
+            weight: prop.weight.unwrap_or(from_proto::PROP_WEIGHT),
+            friction: prop.friction.unwrap_or(from_proto::FRICTION),
+            density: prop.density.unwrap_or(from_proto::PROP_DENSITY),
+            restitution: prop.restitution.unwrap_or(from_proto::PROP_RESTITUTION),
+            scale: [prop.scale_min, prop.scale_max].map(|scale| scale.unwrap_or(from_proto::PROP_SCALE)),
+        };
+        (reference, prop)
+    }
+
+    fn scenery(&mut self, index: usize, given: &proto::StaticModel) -> (Reference, StaticModel) {
+        let (reference, model) = self.model(&format!("statics.{index}"), &given.path);
+        (reference, StaticModel { model, friction: given.friction.unwrap_or(from_proto::FRICTION) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::split_node;
+
+    #[test]
+    fn a_node_follows_the_extension() {
+        assert_eq!(split_node("kit.glb#Brick"), ("kit.glb", Some("Brick")));
+        assert_eq!(split_node("a#b/kit.GLTF#Brick #2"), ("a#b/kit.GLTF", Some("Brick #2")));
+        assert_eq!(split_node("a#b/kit.glb"), ("a#b/kit.glb", None));
+    }
+}

@@ -1,0 +1,58 @@
+//! What is wrong with what the user gave us.
+
+use std::fmt;
+
+/// One thing wrong with the input: where it is, what it is, and what to do about it.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Problem {
+    /// A file, with a line, a node or a field where known; or a flag.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub place: String,
+    pub what: String,
+    /// What the user can do about it: a sentence, or nothing.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub remedy: String,
+}
+
+impl Problem {
+    pub fn new(place: impl Into<String>, what: impl Into<String>, remedy: impl Into<String>) -> Problem {
+        Problem { place: place.into(), what: what.into(), remedy: remedy.into() }
+    }
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        if !self.place.is_empty() {
+            write!(f, "{}: ", self.place)?;
+        }
+        f.write_str(&self.what)?;
+        if self.remedy.is_empty() { Ok(()) } else { write!(f, ". {}", self.remedy) }
+    }
+}
+
+/// The core tells place, fault and remedy in one sentence.
+impl From<String> for Problem {
+    fn from(sentence: String) -> Problem {
+        Problem::new("", sentence, "")
+    }
+}
+
+impl From<cairn_core::asset::Problem> for Problem {
+    fn from(problem: cairn_core::asset::Problem) -> Problem {
+        let place =
+            if problem.place.is_empty() { problem.file } else { format!("{}: {}", problem.file, problem.place) };
+        Problem::new(place, problem.what.to_string(), problem.remedy)
+    }
+}
+
+/// The candidate most like `name`, if one is alike enough to be meant.
+pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    /// Share of letters in place: admits two slips in a word of five letters, and no unrelated word.
+    const ALIKE: f64 = 0.6;
+    candidates
+        .into_iter()
+        .map(|candidate| (strsim::normalized_damerau_levenshtein(name, candidate), candidate))
+        .filter(|(alike, _)| *alike >= ALIKE)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, candidate)| candidate)
+}

@@ -1,0 +1,181 @@
+//! Scene files: the JSON or TOML mapping of `cairn.v1.Scene`, read with all problems told, and written.
+
+mod check;
+pub mod schema;
+mod set;
+mod text;
+
+use crate::files;
+use crate::problem::Problem;
+use crate::proto;
+use check::Checker;
+use prost::Message;
+use prost_reflect::{DynamicMessage, EnumDescriptor, Kind, MessageDescriptor, SerializeOptions};
+use serde_json::{Map, Value};
+use std::path::Path;
+pub use text::from_f64 as number;
+
+/// A scene as written, held against the schema. Paths in it are relative to the current directory.
+#[derive(Clone, Debug)]
+pub struct SceneTree {
+    /// Protobuf's JSON mapping in its plainest form: original field names, full enum names, groups written out.
+    values: Value,
+}
+
+impl Default for SceneTree {
+    fn default() -> Self {
+        SceneTree { values: Value::Object(Map::new()) }
+    }
+}
+
+impl SceneTree {
+    /// Reads a `.toml` or `.json` scene file.
+    pub fn load(path: &Path) -> Result<SceneTree, Vec<Problem>> {
+        let name = path.display().to_string();
+        let one = |what: &str, remedy: &str| vec![Problem::new(&name, what, remedy)];
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        let parse = match extension.as_deref() {
+            Some("toml") => text::parse_toml,
+            Some("json") => text::parse_json,
+            Some("glb" | "gltf") => {
+                return Err(one("a mesh, not a scene file", "Give it by --control, --prop or --static."));
+            }
+            _ => return Err(one("not a scene file", "A scene file's name ends in .toml or .json.")),
+        };
+        let bytes = files::read(path).map_err(|problem| vec![problem])?;
+        let text = std::str::from_utf8(&bytes).map_err(|_| one("not a text", "Save it as UTF-8."))?;
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let parsed = parse(text).map_err(|errors| {
+            let place = |line: Option<usize>| line.map_or(name.clone(), |line| format!("{name}:{line}"));
+            errors
+                .into_iter()
+                .map(|error| Problem::new(place(error.line), error.message, "Correct the file's syntax."))
+                .collect::<Vec<_>>()
+        })?;
+
+        let place = |path: &str| parsed.lines.get(path).map_or(name.clone(), |line| format!("{name}:{line}"));
+        let mut checker = Checker::new(&place);
+        let values = checker.message(&schema::scene(), &parsed.value, "");
+        match values {
+            Some(mut values) if checker.problems.is_empty() => {
+                rebase(&mut values, path.parent().unwrap_or(Path::new("")));
+                Ok(SceneTree { values })
+            }
+            _ => Err(checker.problems),
+        }
+    }
+
+    /// The scene of a message: every field that is set.
+    pub fn from_message(scene: &proto::Scene) -> SceneTree {
+        let mut dynamic = DynamicMessage::new(schema::scene());
+        dynamic.transcode_from(scene).expect("the message is of this schema");
+        let options = SerializeOptions::new().stringify_64_bit_integers(false).use_proto_field_name(true);
+        let values = dynamic.serialize_with_options(serde_json::value::Serializer, &options);
+        SceneTree { values: values.expect("every message has a JSON mapping") }
+    }
+
+    pub fn to_message(&self) -> proto::Scene {
+        let dynamic = DynamicMessage::deserialize(schema::scene(), &self.values).expect("the tree was checked");
+        proto::Scene::decode(&dynamic.encode_to_vec()[..]).expect("the bytes are of this schema")
+    }
+
+    /// Changes one field by `path=value`.
+    pub fn set(&mut self, assignment: &str) -> Result<(), Vec<Problem>> {
+        set::set(&mut self.values, assignment)
+    }
+
+    /// Changes a field of the scene itself. The value must be in the tree's plain form.
+    pub fn put(&mut self, field: &str, value: Value) {
+        debug_assert!(schema::field(&schema::scene(), field).is_some());
+        self.group_mut(None).insert(field.to_owned(), value);
+    }
+
+    /// Changes a field of one of the scene's groups. The value must be in the tree's plain form.
+    pub fn put_in(&mut self, group: &str, field: &str, value: Value) {
+        self.group_mut(Some(group)).insert(field.to_owned(), value);
+    }
+
+    fn group_mut(&mut self, group: Option<&str>) -> &mut Map<String, Value> {
+        let scene = self.values.as_object_mut().expect("a scene is an object");
+        match group {
+            None => scene,
+            Some(group) => {
+                let group = scene.entry(group).or_insert_with(|| Value::Object(Map::new()));
+                group.as_object_mut().expect("a group is an object")
+            }
+        }
+    }
+
+    /// The scene file in TOML.
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(&toml_value(&self.to_value())).expect("text, numbers and groups have a TOML form")
+    }
+
+    /// The scene file's values, in the schema's order.
+    pub fn to_value(&self) -> Value {
+        pretty(&schema::scene(), &self.values)
+    }
+
+    /// The scene file in JSON.
+    pub fn to_json(&self) -> String {
+        let mut text = serde_json::to_string_pretty(&self.to_value()).expect("values have a JSON form");
+        text.push('\n');
+        text
+    }
+}
+
+/// Makes the paths of a scene file relative to the current directory.
+fn rebase(scene: &mut Value, folder: &Path) {
+    let join = |model: &mut Value| {
+        if let Some(Value::String(path)) = model.get_mut("path") {
+            *path = folder.join(&*path).to_string_lossy().into_owned();
+        }
+    };
+    if let Some(control) = scene.get_mut("control_mesh") {
+        join(control);
+    }
+    for list in ["props", "statics"] {
+        scene.get_mut(list).and_then(Value::as_array_mut).into_iter().flatten().for_each(join);
+    }
+}
+
+/// The tree in the schema's order, with short enum names.
+fn pretty(message: &MessageDescriptor, value: &Value) -> Value {
+    let mut map = Map::new();
+    for field in message.fields() {
+        let Some(value) = value.get(field.name()) else { continue };
+        let one = |value: &Value| match field.kind() {
+            Kind::Message(group) => pretty(&group, value),
+            Kind::Enum(names) => short(&names, value),
+            _ => value.clone(),
+        };
+        let value = match value {
+            Value::Array(list) => Value::Array(list.iter().map(one).collect()),
+            value => one(value),
+        };
+        map.insert(field.name().to_owned(), value);
+    }
+    Value::Object(map)
+}
+
+fn short(names: &EnumDescriptor, value: &Value) -> Value {
+    value.as_str().map_or(value.clone(), |name| Value::String(schema::short_name(names, name)))
+}
+
+/// Values as TOML has them: its floats know no number that JSON cannot hold.
+fn toml_value(value: &Value) -> toml::Value {
+    match value {
+        Value::Null => unreachable!("an unset field is left out"),
+        Value::Bool(boolean) => toml::Value::Boolean(*boolean),
+        Value::Number(number) => match number.as_i64() {
+            Some(integer) => toml::Value::Integer(integer),
+            None => toml::Value::Float(number.as_f64().expect("a number that is no integer is a double")),
+        },
+        Value::String(text) => match text::to_f64(value).filter(|number| !number.is_finite()) {
+            Some(number) => toml::Value::Float(number),
+            None => toml::Value::String(text.clone()),
+        },
+        Value::Array(list) => toml::Value::Array(list.iter().map(toml_value).collect()),
+        Value::Object(map) => toml::Value::Table(map.iter().map(|(name, value)| (name.clone(), toml_value(value))).collect()),
+    }
+}

@@ -1,0 +1,117 @@
+//! TOML or JSON text -> a tree of plain values, with the lines of its fields where the format's reader tells them.
+
+use serde_json::{Map, Number, Value};
+use std::collections::BTreeMap;
+use toml::de::{DeTable, DeValue};
+
+/// A scene file's text as values: not yet held against the schema.
+#[derive(Debug, Default)]
+pub struct Parsed {
+    pub value: Value,
+    /// Line of each field by its dotted path (`props.0.weight`), counted from 1. JSON's reader tells none.
+    pub lines: BTreeMap<String, usize>,
+}
+
+/// A place in a text that is no TOML or JSON.
+#[derive(Debug, PartialEq)]
+pub struct SyntaxError {
+    pub line: Option<usize>,
+    pub message: String,
+}
+
+pub fn parse_json(text: &str) -> Result<Parsed, Vec<SyntaxError>> {
+    match serde_json::from_str(text) {
+        Ok(value) => Ok(Parsed { value, lines: BTreeMap::new() }),
+        Err(error) => {
+            let whole = error.to_string();
+            let message = whole.rsplit_once(" at line ").map_or(whole.as_str(), |(message, _)| message).to_owned();
+            Err(vec![SyntaxError { line: Some(error.line()), message }])
+        }
+    }
+}
+
+pub fn parse_toml(text: &str) -> Result<Parsed, Vec<SyntaxError>> {
+    let (table, errors) = DeTable::parse_recoverable(text);
+    if !errors.is_empty() {
+        let at = |error: &toml::de::Error| error.span().map(|span| line(text, span.start));
+        return Err(errors
+            .iter()
+            .map(|error| SyntaxError { line: at(error), message: error.message().replace('\n', ", ") })
+            .collect());
+    }
+    let mut lines = BTreeMap::new();
+    let value = from_table(table.get_ref(), text, "", &mut lines);
+    Ok(Parsed { value, lines })
+}
+
+/// One value in TOML's notation, as `--set` takes it.
+pub fn parse_value(text: &str) -> Option<Value> {
+    let value = DeValue::parse(text).ok()?;
+    Some(from_value(value.get_ref(), text, "", &mut BTreeMap::new()))
+}
+
+fn from_table(table: &DeTable, text: &str, path: &str, lines: &mut BTreeMap<String, usize>) -> Value {
+    let mut map = Map::new();
+    // In the order of the text: the table itself is sorted by name.
+    let mut entries: Vec<_> = table.iter().collect();
+    entries.sort_by_key(|(key, _)| key.span().start);
+    for (key, value) in entries {
+        let path = if path.is_empty() { key.get_ref().to_string() } else { format!("{path}.{}", key.get_ref()) };
+        lines.insert(path.clone(), line(text, key.span().start));
+        map.insert(key.get_ref().to_string(), from_value(value.get_ref(), text, &path, lines));
+    }
+    Value::Object(map)
+}
+
+fn from_value(value: &DeValue, text: &str, path: &str, lines: &mut BTreeMap<String, usize>) -> Value {
+    match value {
+        DeValue::String(string) => Value::String(string.to_string()),
+        DeValue::Integer(integer) => match i64::from_str_radix(integer.as_str(), integer.radix()) {
+            Ok(number) => Value::Number(number.into()),
+            Err(_) => Value::String(integer.as_str().to_owned()),
+        },
+        DeValue::Float(float) => match float.as_str().parse::<f64>() {
+            Ok(number) => from_f64(number),
+            Err(_) => Value::String(float.as_str().to_owned()),
+        },
+        DeValue::Boolean(boolean) => Value::Bool(*boolean),
+        DeValue::Datetime(datetime) => Value::String(datetime.to_string()),
+        DeValue::Array(array) => {
+            let elements = array.iter().enumerate().map(|(index, element)| {
+                let path = format!("{path}.{index}");
+                lines.insert(path.clone(), line(text, element.span().start));
+                from_value(element.get_ref(), text, &path, lines)
+            });
+            Value::Array(elements.collect())
+        }
+        DeValue::Table(table) => from_table(table, text, path, lines),
+    }
+}
+
+/// A double as protobuf's JSON mapping writes it: what JSON has no number for is a string.
+pub fn from_f64(number: f64) -> Value {
+    match Number::from_f64(number) {
+        Some(number) => Value::Number(number),
+        None if number.is_nan() => Value::String("NaN".into()),
+        None if number > 0.0 => Value::String("Infinity".into()),
+        None => Value::String("-Infinity".into()),
+    }
+}
+
+/// The inverse of [`from_f64`]; also takes numbers written as text, as the mapping allows.
+pub fn to_f64(value: &Value) -> Option<f64> {
+    match value {
+        Value::Number(number) => number.as_f64(),
+        Value::String(text) => match text.as_str() {
+            "NaN" => Some(f64::NAN),
+            "Infinity" => Some(f64::INFINITY),
+            "-Infinity" => Some(f64::NEG_INFINITY),
+            text => text.parse().ok().filter(|number: &f64| number.is_finite()),
+        },
+        _ => None,
+    }
+}
+
+fn line(text: &str, offset: usize) -> usize {
+    text.as_bytes()[..offset.min(text.len())].iter().filter(|byte| **byte == b'\n').count() + 1
+}

@@ -1,0 +1,136 @@
+//! The core's types -> messages: effective parameters with every field set.
+
+use crate::proto;
+use cairn_core::params::{
+    Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
+    Neighbours, Params, Physics, Spread, Time,
+};
+
+/// A scene of these parameters, without models.
+pub fn params(params: &Params) -> proto::Scene {
+    proto::Scene {
+        accuracy: accuracy(params.accuracy).into(),
+        seed: Some(signed(params.seed)),
+        gravity: Some(params.gravity),
+        ground_friction: Some(params.ground_friction),
+        ground_height: params.ground_height,
+        physics: Some(physics(&params.physics)),
+        base: Some(proto::Base { height: Some(params.base.height) }),
+        fill: Some(fill(params)),
+        release: Some(release(params)),
+        control: Some(control(&params.control)),
+        hold: Some(proto::Hold { patience: Some(params.hold.patience) }),
+        output: Some(proto::Output {
+            fps: Some(params.output.fps),
+            frames: params.output.frames.map(signed),
+            free_standing: Some(params.output.free_standing),
+        }),
+        ..Default::default()
+    }
+}
+
+/// A count as the wire has it. The core's ranges keep counts far below the wire's limits.
+fn signed<U, S: TryFrom<U>>(value: U) -> S {
+    S::try_from(value).unwrap_or_else(|_| panic!("a count in its range fits the wire"))
+}
+
+fn accuracy(accuracy: Accuracy) -> proto::Accuracy {
+    match accuracy {
+        Accuracy::Paper => proto::Accuracy::Paper,
+        Accuracy::Draft => proto::Accuracy::Draft,
+        Accuracy::Standard => proto::Accuracy::Standard,
+        Accuracy::Fine => proto::Accuracy::Fine,
+    }
+}
+
+fn physics(physics: &Physics) -> proto::Physics {
+    use proto::physics::Step;
+    proto::Physics {
+        step: Some(match physics.step {
+            Time::Natural(time) => Step::StepNatural(time),
+            Time::Seconds(time) => Step::StepSeconds(time),
+        }),
+        substeps: Some(signed(physics.substeps)),
+        contact_frequency: Some(physics.contact_frequency),
+        contact_damping_ratio: Some(physics.contact_damping_ratio),
+        friction_model: match physics.friction_model {
+            FrictionModel::Simplified => proto::FrictionModel::Simplified,
+            FrictionModel::Coulomb => proto::FrictionModel::Coulomb,
+        }
+        .into(),
+        shape_tolerance: Some(physics.shape_tolerance),
+        max_parts: Some(signed(physics.max_parts)),
+    }
+}
+
+fn fill(params: &Params) -> proto::Fill {
+    let fill = &params.fill;
+    proto::Fill {
+        method: match fill.method {
+            FillMethod::Insert => proto::FillMethod::Insert,
+            FillMethod::Pour => proto::FillMethod::Pour,
+        }
+        .into(),
+        friction: Some(fill.friction),
+        count: fill.count.map(signed),
+        max_bodies: Some(signed(fill.max_bodies)),
+        full_below: Some(fill.full_below),
+        settle: Some(fill.settle),
+        protrusion: Some(fill.protrusion),
+        overlap: Some(fill.overlap),
+    }
+}
+
+fn release(params: &Params) -> proto::Release {
+    use proto::release::Interval;
+    proto::Release {
+        layer: Some(params.release.layer),
+        interval: Some(match params.release.interval {
+            Time::Natural(time) => Interval::IntervalNatural(time),
+            Time::Seconds(time) => Interval::IntervalSeconds(time),
+        }),
+        damping: Some(params.release.damping),
+    }
+}
+
+fn control(control: &Control) -> proto::Control {
+    use proto::control::Spread as Wire;
+    proto::Control {
+        mode: match control.mode {
+            ControlMode::Off => proto::ControlMode::Off,
+            ControlMode::Nails => proto::ControlMode::Nails,
+            ControlMode::Hold => proto::ControlMode::Hold,
+        }
+        .into(),
+        period: Some(signed(control.period)),
+        selection: match control.selection {
+            ContactSelection::Conservative => proto::ContactSelection::Conservative,
+            ContactSelection::All => proto::ContactSelection::All,
+        }
+        .into(),
+        friction_reserve: match control.friction_reserve {
+            FrictionReserve::Paper => proto::FrictionReserve::Paper,
+            FrictionReserve::Sharp => proto::FrictionReserve::Sharp,
+        }
+        .into(),
+        friction_cone: match control.friction_cone {
+            FrictionCone::Pyramid => proto::FrictionCone::Pyramid,
+            FrictionCone::Cone => proto::FrictionCone::Cone,
+        }
+        .into(),
+        kinetic_ratio: Some(control.kinetic_ratio),
+        contact_tolerance: Some(control.contact_tolerance),
+        spread: Some(match control.spread {
+            Spread::Relative(share) => Wire::SpreadRelative(share),
+            Spread::Paper(area) => Wire::SpreadArea(area),
+        }),
+        neighbours: match control.neighbours {
+            Neighbours::All => proto::Neighbours::All,
+            Neighbours::Either => proto::Neighbours::Either,
+        }
+        .into(),
+        speed: Some(control.speed),
+        damping: Some(control.damping),
+        kappa: Some(control.kappa),
+    }
+}
