@@ -1,0 +1,55 @@
+//! Where results go: checked before any work, complete or not at all.
+
+use crate::desk::Desk;
+
+const SCENE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";
+
+#[test]
+fn places_where_no_file_can_be() {
+    let desk = Desk::new();
+    std::fs::create_dir(desk.path("folder.glb")).unwrap();
+    let before = desk.files();
+    for (output, told) in [
+        ("pile.fbx", ".glb, .json or .csv"),
+        ("pile", ".glb, .json or .csv"),
+        ("folder.glb", "folder.glb"),
+        ("gone/pile.glb", "gone"),
+        ("stick.glb", "the scene reads this file"),
+    ] {
+        desk.line(&format!("bake {SCENE} -o {output}")).fails(2, &[told]);
+        assert_eq!(desk.files(), before);
+    }
+    for (report, told) in [("gone/report.json", "gone"), (".", "folder"), ("pile.json", "replace")] {
+        desk.line(&format!("bake {SCENE} -o pile.json --report {report}")).fails(2, &[told]);
+        assert_eq!(desk.files(), before);
+    }
+}
+
+#[test]
+fn commands_that_say_too_little() {
+    let desk = Desk::new();
+    desk.line("bake -o pile.glb").fails(2, &["no scene is given", "--control and --prop"]);
+    desk.line("bake --control cone.glb --prop stick.glb").fails(2, &["--output <FILE>"]);
+    desk.line("bake --acuracy draft").fails(2, &["--accuracy"]);
+    desk.line("back").fails(2, &["bake"]);
+}
+
+#[test]
+fn help_and_version() {
+    let desk = Desk::new();
+    assert_eq!(desk.line("--version").ok(), format!("cairn {}\n", env!("CARGO_PKG_VERSION")));
+    for command in ["", "bake", "check", "scene"] {
+        let help = desk.line(&format!("{command} --help")).ok();
+        assert!(help.contains("Examples:"), "{help}");
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_fault() {
+    let desk = Desk::new();
+    let mut command = desk.command(&["scene", "--full", "--control", "cone.glb", "--prop", "stick.glb"]);
+    let mut child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let done = child.wait_with_output().unwrap();
+    assert!(done.status.success() && done.stderr.is_empty(), "{done:?}");
+}
