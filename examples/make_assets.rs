@@ -335,7 +335,7 @@ fn wood_grain() -> Vec<u8> {
         let wave = v + 0.25 * u.sin() + 0.1 * (2.0 * u + 1.0).sin();
         let fibre = 0.5 + 0.3 * (3.0 * wave).sin() + 0.15 * (11.0 * v + 0.5 * u.cos()).sin() + 0.05 * (23.0 * v).sin();
         let blend = |dark: f64, light: f64| (dark + (light - dark) * fibre.clamp(0.0, 1.0)) as u8;
-        image::Rgb([blend(150.0, 214.0), blend(98.0, 166.0), blend(56.0, 112.0)])
+        image::Rgb([blend(138.0, 205.0), blend(102.0, 168.0), blend(70.0, 128.0)])
     });
     let mut png = std::io::Cursor::new(Vec::new());
     picture.write_to(&mut png, image::ImageFormat::Png).expect("a picture in memory can be encoded");

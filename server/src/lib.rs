@@ -3,6 +3,7 @@
 pub mod cli;
 pub mod document;
 pub mod export;
+pub mod render;
 pub mod files;
 pub mod from_proto;
 pub mod job;

@@ -1,10 +1,11 @@
 //! Filling the container with props (Cho et al. 2007; paper, 4.1).
 
 mod insert;
+mod pour;
 
 use crate::container::Container;
 use crate::observer::{Observer, Progress, Stage, observe};
-use crate::params::{Fill as FillParams, Params};
+use crate::params::{Fill as FillParams, FillMethod, Params};
 use crate::pose::Pose;
 use crate::scene::Scene;
 use crate::shape::{Shape, Size, Solid};
@@ -86,17 +87,30 @@ pub fn run(
         removed: Removed::default(),
         expected,
     };
-    let walls = filling.world.add_container(&container.walls, 0.0).map_err(Error::Internal)?;
+    let poured = match params.fill.method {
+        FillMethod::Pour => Some(pour::run(&mut filling, observer)?),
+        FillMethod::Insert => None,
+    };
+    let inner = container.walls.scaled(units.length);
+    let walls = filling.world.add_container(&inner, 0.0).map_err(Error::Internal)?;
     let floor = filling.world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0);
-    insert::run(&mut filling, observer)?;
+    if poured.is_none() {
+        insert::run(&mut filling, observer)?;
+    }
     filling.use_real_friction();
     // Turned over with the container still around it, the pile closes its gaps under its own weight; what becomes free
     // at the top is filled once more.
     filling.world.set_gravity_up(false);
     filling.settle(params.fill.settle, observer)?;
-    let full = insert::run(&mut filling, observer)?;
-    filling.use_real_friction();
-    filling.settle(params.fill.settle, observer)?;
+    let full = match poured {
+        Some(full) => full,
+        None => {
+            let full = insert::run(&mut filling, observer)?;
+            filling.use_real_friction();
+            filling.settle(params.fill.settle, observer)?;
+            full
+        }
+    };
     filling.clean_up(observer)?;
     filling.world.remove_wall(walls);
     filling.world.remove_wall(floor);

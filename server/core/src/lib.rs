@@ -64,7 +64,7 @@ pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Resu
 
     let shapes = shape::run(scene, params, &checked, observer)?;
     let units = Units::new(checked.diameter, median_mass(scene, &shapes), params.gravity);
-    let container = Container::new(&scene.control.mesh, units.length, checked.ground);
+    let container = Container::new(&checked.control, &checked.topology, units.length, checked.ground);
     clock.lap(Stage::Shape, observer);
 
     let filled = fill::run(scene, &shapes, params, units, &container, observer)?;
@@ -86,7 +86,7 @@ pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Resu
 
     let bodies = filled.bodies.iter().map(|b| Body { prop: b.prop, scale: b.scale }).collect();
     let frames = figures::prop_frames(&pile, &shapes, &filled.bodies);
-    let figures = figures::Inputs { scene, params, plan, shapes: &shapes, container: &container, filled: &filled, held };
+    let figures = figures::Inputs { scene, params, plan, shapes: &shapes, control: &checked.control, container: &container, filled: &filled, held };
     let mut report = figures::report(&figures, &mut pile, &frames, observer)?;
     clock.lap(Stage::Measure, observer);
     report.seconds = clock.into_seconds();
