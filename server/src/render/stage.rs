@@ -78,6 +78,10 @@ impl<'a> Stage<'a> {
         Stage { instances, tree: Some(tree) }
     }
 
+    pub fn is_empty(&self) -> bool {
+        self.instances.is_empty()
+    }
+
     /// The first thing in the way of a ray, nearer than `reach`.
     pub fn first(&self, origin: Vec3, direction: Vec3, reach: f32) -> Option<Hit<'a>> {
         let tree = self.tree.as_ref()?;
