@@ -33,7 +33,9 @@ fn comment(field: &FieldDescriptor) -> String {
     let file = field.parent_file();
     let source = file.file_descriptor_proto().source_code_info.as_ref().expect("descriptors keep their comments");
     let location = source.location.iter().find(|location| location.path == field.path());
-    location.map(|location| location.leading_comments().split_whitespace().collect::<Vec<_>>().join(" ")).unwrap_or_default()
+    location
+        .map(|location| location.leading_comments().split_whitespace().collect::<Vec<_>>().join(" "))
+        .unwrap_or_default()
 }
 
 /// What follows a word in a comment, up to the end of the sentence.
@@ -103,7 +105,9 @@ fn accepts(path: &str, value: f64) -> bool {
         Err(_) => false,
         Ok(job) => match cairn_core::plan(&job.scene, &job.params) {
             // What is out of range, not what does not fit into the cone.
-            Err(cairn_core::Error::Invalid(problems)) => !problems.iter().any(|problem| problem.contains("out of range")),
+            Err(cairn_core::Error::Invalid(problems)) => {
+                !problems.iter().any(|problem| problem.contains("out of range"))
+            }
             _ => true,
         },
     }

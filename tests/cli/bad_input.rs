@@ -41,7 +41,11 @@ fn a_scene_without_its_parts() {
 fn weights_that_are_none() {
     let desk = Desk::new();
     for weight in ["0", "-1", "nan", "inf", "-inf"] {
-        refused(&desk, &format!("--control cone.glb --prop stick.glb:{weight}"), &["weight", "stick.glb", "out of range"]);
+        refused(
+            &desk,
+            &format!("--control cone.glb --prop stick.glb:{weight}"),
+            &["weight", "stick.glb", "out of range"],
+        );
     }
     desk.line("bake -o pile.glb --control cone.glb --prop stick.glb:much").fails(2, &["much", "not a number"]);
 }

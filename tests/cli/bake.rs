@@ -64,7 +64,8 @@ fn progress_goes_to_stderr_in_the_form_asked_for() {
 fn ctrl_c_leaves_nothing_behind() {
     let desk = Desk::new();
     let before = desk.files();
-    let mut bake = desk.command(&["bake", "--control", "cone.glb", "--prop", "stick.glb", "-o", "pile.glb", "--progress", "json"]);
+    let mut bake =
+        desk.command(&["bake", "--control", "cone.glb", "--prop", "stick.glb", "-o", "pile.glb", "--progress", "json"]);
     let mut bake = bake.stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(bake.stderr.take().unwrap()).lines().map(Result::unwrap);
     assert!(lines.any(|line| line.contains("\"fill\"")));

@@ -89,7 +89,8 @@ fn check_outputs(args: &Args, job: &Job) -> Result<(), Failure> {
     if let Some(report) = &args.report {
         output::check(report, &inputs)?;
         if *report == args.output {
-            let problem = Problem::new(report.display().to_string(), "the report would replace the result", "Name another file.");
+            let problem =
+                Problem::new(report.display().to_string(), "the report would replace the result", "Name another file.");
             return Err(Failure::Usage(vec![problem]));
         }
     }

@@ -7,9 +7,8 @@ use std::path::{Path, PathBuf};
 
 /// Whether a file can appear at this path, and would not replace one of the inputs.
 pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
-    let usage = |what: String, remedy: &str| {
-        Err(Failure::Usage(vec![Problem::new(path.display().to_string(), what, remedy)]))
-    };
+    let usage =
+        |what: String, remedy: &str| Err(Failure::Usage(vec![Problem::new(path.display().to_string(), what, remedy)]));
     if path.is_dir() {
         return usage("a folder, not a file".into(), "Name a file in it.");
     }
