@@ -4,4 +4,5 @@ mod bad_input;
 mod bake;
 mod desk;
 mod outputs;
+mod readme;
 mod scenes;
