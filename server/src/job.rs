@@ -1,5 +1,6 @@
 //! A scene with every file read: what the core bakes, and what the exporter copies from.
 
+use crate::document::Resolver;
 use crate::export::{ExportScene, SourceModel};
 use crate::problem::Problem;
 use crate::{files, from_proto, proto, to_proto};
@@ -133,7 +134,7 @@ struct InputFile {
     name: String,
     bytes: Vec<u8>,
     /// Reads the files beside it.
-    resolve: Box<dyn Fn(&str) -> Result<Vec<u8>, String> + Send + Sync>,
+    resolve: Box<Resolver<'static>>,
 }
 
 impl InputFile {

@@ -23,7 +23,7 @@ impl Desk {
         let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets");
         std::fs::copy(assets.join("cone-small.glb"), desk.path("cone.glb")).unwrap();
         std::fs::copy(assets.join("stick.glb"), desk.path("stick.glb")).unwrap();
-        desk.write("brick.glb", &glb(&box_json(), &box_data([0.3, 0.2, 0.4])));
+        desk.write("brick.glb", glb(&box_json(), &box_data([0.3, 0.2, 0.4])));
         desk
     }
 
@@ -128,9 +128,9 @@ pub fn box_json() -> Value {
 pub fn box_data(size: [f32; 3]) -> Vec<u8> {
     let mut data = Vec::new();
     for corner in 0..8 {
-        for axis in 0..3 {
+        for (axis, length) in size.into_iter().enumerate() {
             let side = if corner >> axis & 1 == 1 { 0.5 } else { -0.5 };
-            data.extend((side * size[axis]).to_le_bytes());
+            data.extend((side * length).to_le_bytes());
         }
     }
     for [a, b, c, d] in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6_u16]] {

@@ -1,6 +1,6 @@
 //! Files that a command writes: checked before any work, written complete or not at all.
 
-use super::{Failure, interrupt};
+use super::Failure;
 use crate::export;
 use crate::problem::Problem;
 use std::path::{Path, PathBuf};
@@ -29,8 +29,7 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes a text, complete or not at all.
-pub fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    let _complete = interrupt::shield();
-    export::write_atomically(path, text.as_bytes()).map_err(|error| Failure::write(path, error))
+/// Writes a file, complete or not at all.
+pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
+    export::write_atomically(path, content).map_err(|error| Failure::write(path, error))
 }
