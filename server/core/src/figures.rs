@@ -140,7 +140,7 @@ fn contact_figures(world: &World) -> Figures {
     let hanging = measure::hanging(&at_rest, &contacts, 1.0).len();
     let overlap = |t: &Touch| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
     let penetration =
-        measure::penetration(&touches.iter().filter(|t| t.depth() > 0.0).map(overlap).collect::<Vec<_>>());
+        measure::penetration(&touches.iter().map(overlap).collect::<Vec<_>>());
     let unsupported = unsupported(world);
     BTreeMap::from([
         ("unsupported_fraction", unsupported.is_finite().then_some(unsupported)),
@@ -255,6 +255,7 @@ fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
         ("bodies_lost", pile.lost.len() as u64),
         ("control_cycles", tally.cycles),
         ("analyses", tally.analyses),
+        ("verdicts_kept", tally.settled),
         ("verdicts_stable", tally.stable),
         ("verdicts_unstable", tally.unstable),
         ("verdicts_undecided", 0),
