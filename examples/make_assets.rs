@@ -21,8 +21,10 @@ fn main() -> std::io::Result<()> {
         ("cone", revolved(&[[1.723, 0.0], [0.0, 1.723 * 2.8]])),
         ("cone-small", revolved(&[[1.132, 0.0], [0.0, 1.132 * 2.8]])),
         ("cylinder", revolved(&[[0.85, 0.0], [0.85, 0.85 * 2.5], [0.0, 0.85 * 2.5]])),
-        ("dome", dome(1.53)),
+        ("dome", dome(1.53, 1.53)),
         ("letter-t", letter_t(1.2)),
+        // For bananas and books.
+        ("mound", dome(0.4, 0.3)),
     ];
     for (name, asset) in assets {
         std::fs::write(folder.join(name).with_extension("glb"), asset.to_glb(name))?;
@@ -114,13 +116,13 @@ fn banana() -> Asset {
     asset
 }
 
-/// Half a ball.
-fn dome(radius: f64) -> Asset {
+/// Half a ball, or half of one that is pressed flat.
+fn dome(radius: f64, height: f64) -> Asset {
     const STEPS: usize = 12;
     let profile: Vec<[f64; 2]> = (0..=STEPS)
         .map(|i| {
             let (sin, cos) = (PI / 2.0 * i as f64 / STEPS as f64).sin_cos();
-            if i == STEPS { [0.0, radius] } else { [radius * cos, radius * sin] }
+            if i == STEPS { [0.0, height] } else { [radius * cos, height * sin] }
         })
         .collect();
     revolved(&profile)

@@ -40,6 +40,7 @@ fn assets_are_closed_outward_small_and_stand_on_the_ground() {
         ("cylinder", 4.82),
         ("dome", 7.5),
         ("letter-t", 8.64),
+        ("mound", 0.1),
     ];
     let mut files: Vec<String> = std::fs::read_dir(&folder)
         .unwrap()

@@ -8,6 +8,7 @@ mod interrupt;
 mod machine;
 mod output;
 mod progress;
+mod render;
 mod report;
 mod scene;
 mod scene_args;
@@ -38,6 +39,7 @@ struct Cli {
 enum Command {
     Bake(bake::Args),
     Check(check::Args),
+    Render(render::Args),
     Scene(scene::Args),
 }
 
@@ -60,6 +62,7 @@ pub fn main() -> ExitCode {
     let result = fault::contain(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Render(args) => render::run(&args),
         Command::Scene(args) => scene::run(&args),
     });
     match result {
@@ -84,7 +87,9 @@ fn print(text: &str) -> Result<(), Failure> {
     use std::io::{ErrorKind, Write};
     let mut stdout = std::io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::write("the standard output".as_ref(), error)),
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(Failure::write("the standard output".as_ref(), error))
+        }
         _ => Ok(()),
     }
 }

@@ -1,85 +1,122 @@
 //! `cairn render`: a still of a baked pile.
 
-use crate::export::{check_folder, write_atomically};
+use super::{Failure, interrupt, output};
+use crate::export::write_atomically;
+use crate::files;
+use crate::problem::Problem;
 use crate::render::{Model, Moment, RenderError, Settings, render};
+use image::{ImageFormat, RgbImage};
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-/// Renders a still of a pile, or of any glTF file.
+/// Take a picture of a pile
 ///
-/// The camera is fitted to the pile. Light and ground are those of a photo studio. The picture needs no graphics card
-/// and is the same on every machine.
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
-pub struct Args {
-    /// The pile: .glb or .gltf.
-    #[arg(value_name = "PILE")]
-    pub pile: PathBuf,
-    /// The picture to write: .png or .jpg.
-    #[arg(short, long, value_name = "FILE")]
-    pub output: PathBuf,
-    /// Which frame, from 0. Default: the end of the animation.
-    #[arg(long, value_name = "N", conflicts_with = "time")]
-    pub frame: Option<u64>,
-    /// Which moment, in seconds.
-    #[arg(long, value_name = "SECONDS")]
-    pub time: Option<f64>,
-    /// Width and height of the picture.
-    #[arg(long, value_name = "WxH", default_value = "1200x900", value_parser = size)]
-    pub size: [u32; 2],
-    /// Where the camera stands around the pile: degrees from +Z towards +X.
-    #[arg(long, value_name = "DEGREES", default_value_t = Settings::default().azimuth, allow_negative_numbers = true)]
-    pub azimuth: f64,
-    /// How far the camera stands above the ground: degrees, -89 to 89.
-    #[arg(long, value_name = "DEGREES", default_value_t = Settings::default().elevation, allow_negative_numbers = true)]
-    pub elevation: f64,
-    /// Rays per pixel: more take longer and leave less grain.
-    #[arg(long, value_name = "N", default_value_t = Settings::default().samples, value_parser = clap::value_parser!(u32).range(1..=65536))]
-    pub samples: u32,
-    /// A mesh to show around the pile as translucent white, such as its control mesh.
-    #[arg(long, value_name = "MESH")]
-    pub control: Option<PathBuf>,
-}
-
-const EXAMPLES: &str = "\
+/// The camera is fitted to the pile, the light and the ground are those of a photo studio. Any animated glTF file can
+/// be shown, not only piles.
+#[derive(clap::Args)]
+#[command(after_help = "\
 Examples:
   cairn render pile.glb -o pile.png
   cairn render pile.glb -o start.png --frame 0 --control dome.glb
-  cairn render pile.glb -o poster.jpg --size 3840x2160 --samples 128 --azimuth 60 --elevation 8";
+  cairn render pile.glb -o poster.png --size 3840x2160 --samples 128 --azimuth 60
 
-/// Renders, and writes the picture as a whole or not at all.
-pub fn run(args: &Args) -> Result<(), RenderError> {
-    let format = picture_format(&args.output)?;
-    let moment = match (args.frame, args.time) {
-        (Some(frame), _) => Moment::Frame(frame),
-        (None, Some(seconds)) => Moment::Seconds(seconds),
-        (None, None) => Moment::End,
-    };
-    let (size, azimuth, elevation, samples) = (args.size, args.azimuth, args.elevation, args.samples);
-    let settings = Settings { moment, size, azimuth, elevation, samples };
+Needs no graphics card, and gives the same picture for any number of threads.")]
+pub struct Args {
+    /// The pile: .glb or .gltf
+    #[arg(value_name = "PILE")]
+    pile: PathBuf,
 
-    let pile = Input::read(&args.pile)?;
-    let control = args.control.as_deref().map(Input::read).transpose()?;
-    let (pile_files, control_files) = (beside(&args.pile), args.control.as_deref().map(beside));
-    let control = control.as_ref().zip(control_files.as_ref()).map(|(input, files)| input.model(files));
-    let picture = render(&pile.model(&pile_files), control.as_ref(), &settings)?;
+    /// Picture to write: .png or .jpg
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
 
-    let write = |error| RenderError::Write { path: args.output.clone(), error };
-    let mut bytes = Cursor::new(Vec::new());
-    picture.write_to(&mut bytes, format).map_err(|error| write(std::io::Error::other(error)))?;
-    write_atomically(&args.output, bytes.get_ref()).map_err(write)
+    /// Frame of the animation, from 0 [default: its end]
+    #[arg(long, value_name = "N", conflicts_with = "time")]
+    frame: Option<u64>,
+
+    /// Moment of the animation, in seconds
+    #[arg(long, value_name = "SECONDS", value_parser = number)]
+    time: Option<f64>,
+
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "1200x900", value_parser = size)]
+    size: [u32; 2],
+
+    /// Where the camera stands around the pile: degrees from +Z towards +X
+    #[arg(long, value_name = "DEGREES", default_value_t = Settings::default().azimuth, value_parser = number,
+        allow_negative_numbers = true)]
+    azimuth: f64,
+
+    /// How high the camera stands: degrees above the horizon, -89 to 89
+    #[arg(long, value_name = "DEGREES", default_value_t = Settings::default().elevation, value_parser = elevation,
+        allow_negative_numbers = true)]
+    elevation: f64,
+
+    /// Rays per pixel, 1 to 65536: more take longer and leave less grain
+    #[arg(long, value_name = "N", default_value_t = Settings::default().samples,
+        value_parser = clap::value_parser!(u32).range(1..=65536))]
+    samples: u32,
+
+    /// Also show this mesh, such as the control mesh, as if made of frosted glass
+    #[arg(long, value_name = "MESH")]
+    control: Option<PathBuf>,
 }
 
-/// A file's name and content.
-struct Input {
+pub fn run(args: &Args) -> Result<(), Failure> {
+    interrupt::listen();
+    let format = picture_format(&args.output)?;
+    let inputs: Vec<PathBuf> = [&args.pile].into_iter().chain(&args.control).cloned().collect();
+    output::check(&args.output, &inputs)?;
+
+    let settings = Settings {
+        moment: match (args.frame, args.time) {
+            (Some(frame), _) => Moment::Frame(frame),
+            (None, Some(seconds)) => Moment::Seconds(seconds),
+            (None, None) => Moment::End,
+        },
+        size: args.size,
+        azimuth: args.azimuth,
+        elevation: args.elevation,
+        samples: args.samples,
+    };
+    let read = |path: &PathBuf| File::read(path.as_path()).map_err(|problem| Failure::Input(vec![problem]));
+    let pile = read(&args.pile)?;
+    let control = args.control.as_ref().map(read).transpose()?;
+    let beside_pile = |name: &str| pile.beside(name);
+    let beside_control = |name: &str| control.as_ref().map_or(Err(String::new()), |c| c.beside(name));
+    let control = control.as_ref().map(|c| c.model(&beside_control));
+    let picture = render(&pile.model(&beside_pile), control.as_ref(), &settings)?;
+    write(&args.output, &picture, format)
+}
+
+/// Whole or not at all.
+fn write(path: &Path, picture: &RgbImage, format: ImageFormat) -> Result<(), Failure> {
+    let mut bytes = Cursor::new(Vec::new());
+    picture.write_to(&mut bytes, format).map_err(|error| Failure::Internal(error.to_string()))?;
+    let _complete = interrupt::shield();
+    if interrupt::asked() {
+        return Err(Failure::Cancelled);
+    }
+    write_atomically(path, bytes.get_ref()).map_err(|error| Failure::write(path, error))
+}
+
+/// A file in memory, and where it came from.
+struct File {
+    path: PathBuf,
     name: String,
     bytes: Vec<u8>,
 }
 
-impl Input {
-    fn read(path: &Path) -> Result<Input, RenderError> {
-        let bytes = std::fs::read(path).map_err(|error| RenderError::Read { path: path.into(), error })?;
-        Ok(Input { name: path.display().to_string(), bytes })
+impl File {
+    fn read(path: &Path) -> Result<File, Problem> {
+        Ok(File { path: path.to_path_buf(), name: path.display().to_string(), bytes: files::read(path)? })
+    }
+
+    /// Another file below the same folder.
+    fn beside(&self, name: &str) -> Result<Vec<u8>, String> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let path = files::below(folder, name).ok_or("leads out of the file's folder")?;
+        files::read(&path).map_err(|problem| problem.to_string())
     }
 
     fn model<'a>(&'a self, resolve: &'a dyn Fn(&str) -> Result<Vec<u8>, String>) -> Model<'a> {
@@ -87,23 +124,35 @@ impl Input {
     }
 }
 
-/// Reads files below the folder of `path`.
-fn beside(path: &Path) -> impl Fn(&str) -> Result<Vec<u8>, String> + use<> {
-    let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
-    move |name| std::fs::read(folder.join(name)).map_err(|error| format!("{name}: {error}"))
+impl From<RenderError> for Failure {
+    fn from(error: RenderError) -> Failure {
+        let problem = vec![error.to_string().into()];
+        match error {
+            RenderError::File { .. } => Failure::Input(problem),
+            RenderError::Settings(_) => Failure::Usage(problem),
+        }
+    }
 }
 
-fn picture_format(path: &Path) -> Result<image::ImageFormat, RenderError> {
-    let format = image::ImageFormat::from_path(path).ok();
-    let format = format.filter(|f| [image::ImageFormat::Png, image::ImageFormat::Jpeg].contains(f));
-    let format = format.ok_or_else(|| RenderError::UnknownFormat(path.into()))?;
-    check_folder(path).map_err(|problem| RenderError::Output(path.into(), problem))?;
-    Ok(format)
+fn picture_format(path: &Path) -> Result<ImageFormat, Failure> {
+    let format = ImageFormat::from_path(path).ok();
+    format.filter(|format| [ImageFormat::Png, ImageFormat::Jpeg].contains(format)).ok_or_else(|| {
+        let place = path.display().to_string();
+        Failure::Usage(vec![Problem::new(place, "not a picture's name", "End it in .png or .jpg.")])
+    })
 }
 
 /// `1200x900`.
 fn size(text: &str) -> Result<[u32; 2], String> {
     let side = |text: &str| text.parse::<u32>().ok().filter(|side| (1..=16384).contains(side));
-    let sides = text.split_once(['x', 'X', '×']).and_then(|(w, h)| Some([side(w)?, side(h)?]));
-    sides.ok_or_else(|| "give width and height in pixels, 1 to 16384 each, such as 1200x900".into())
+    let sides = text.split_once(['x', 'X']).and_then(|(width, height)| Some([side(width)?, side(height)?]));
+    sides.ok_or_else(|| "give width and height, 1 to 16384 each, such as 1200x900".into())
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| "give a number".into())
+}
+
+fn elevation(text: &str) -> Result<f64, String> {
+    number(text).ok().filter(|degrees| degrees.abs() <= 89.0).ok_or_else(|| "give -89 to 89 degrees".into())
 }

@@ -131,3 +131,42 @@ fn overlay<const N: usize>(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn document(accessor: &str) -> Document {
+        // Bytes 0 to 7, then the floats 1 and 2.
+        let json = format!(
+            r#"{{ "accessors": [{accessor}],
+                "bufferViews": [{{ "buffer": 0, "byteLength": 8 }}, {{ "buffer": 0, "byteOffset": 8, "byteLength": 8 }}],
+                "buffers": [{{ "byteLength": 16, "uri": "data:;base64,AAECAwQFBgcAAIA/AAAAQA==" }}] }}"#
+        );
+        Document::parse(json.as_bytes(), &|uri| Err(uri.into())).unwrap()
+    }
+
+    #[test]
+    fn strided_normalised_bytes() {
+        let mut file = document(
+            r#"{ "bufferView": 0, "byteOffset": 1, "componentType": 5121, "type": "VEC2", "count": 3, "normalized": true }"#,
+        );
+        let packed = vectors::<2>(&file, 0).unwrap();
+        assert_eq!(packed, [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]].map(|v| v.map(|x| x / 255.0)));
+        assert_eq!(vectors::<1>(&file, 0).unwrap().len(), 3);
+        assert!(vectors::<3>(&file, 0).is_err());
+        file = document(r#"{ "bufferView": 0, "componentType": 5122, "type": "VEC2", "count": 3 }"#);
+        assert!(vectors::<2>(&file, 0).is_err(), "one element too many");
+    }
+
+    #[test]
+    fn sparse_values_over_nothing() {
+        let file = document(
+            r#"{ "componentType": 5126, "type": "SCALAR", "count": 6, "sparse": { "count": 2,
+                "indices": { "bufferView": 0, "byteOffset": 2, "componentType": 5121 },
+                "values": { "bufferView": 1 } } }"#,
+        );
+        assert_eq!(vectors::<1>(&file, 0).unwrap(), [[0.0], [0.0], [1.0], [2.0], [0.0], [0.0]]);
+        assert_eq!(indices(&file, 0).unwrap(), [0, 0, 1, 2, 0, 0]);
+    }
+}

@@ -112,8 +112,12 @@ pub fn render(model: &Model, control: Option<&Model>, settings: &Settings) -> Re
     // At rest, the pile's lowest point is on the ground.
     let at_rest = loaded.points(&loaded.at_end, loaded.at_end.iter().any(|p| p.in_pile));
     let ground = bounds(&at_rest).0.y.min(bounds(&pile).0.y);
+    let stage = Stage::new(&loaded.library, &loaded.placed, to_stage);
+    if stage.is_empty() {
+        return Err(Problem::Empty.of(model));
+    }
     let shot = Shot {
-        stage: Stage::new(&loaded.library, &loaded.placed, to_stage),
+        stage,
         library: &loaded.library,
         ghost: ghost.as_ref().map(|ghost| Stage::new(&ghost.library, &ghost.placed, to_stage)),
         ground: ((ground - middle.y) / size) as f32,

@@ -13,9 +13,9 @@ use std::f32::consts::TAU;
 
 /// Angular radius of the sun, radians. The true 0.005 gives hard shadows.
 const SUN_RADIUS: f32 = 0.06;
-const SUN: Vec3 = vec3(2.05, 1.93, 1.75);
+const SUN: Vec3 = vec3(1.90, 1.78, 1.60);
 /// Sky straight up, at the horizon, and light from the ground.
-const SKY: [Vec3; 3] = [vec3(1.16, 1.20, 1.28), vec3(0.78, 0.80, 0.84), vec3(0.36, 0.35, 0.34)];
+const SKY: [Vec3; 3] = [vec3(1.04, 1.07, 1.13), vec3(0.70, 0.72, 0.75), vec3(0.34, 0.33, 0.32)];
 /// Light that comes back from a neighbour, as a share of its colour: what a second bounce would bring.
 const BOUNCE: f32 = 0.35;
 /// The paper: in the middle of the picture and in its corners.

@@ -37,7 +37,7 @@ pub struct Hit<'a> {
     pub surface: &'a Surface,
     /// Unit, facing the ray.
     pub facet: Vec3,
-    /// Unit, between the corners' normals where there are some; facing the ray.
+    /// Unit, between the corners' normals where there are some; on the facet's side.
     pub normal: Vec3,
     /// Shares of the three corners.
     pub shares: Vec3,
@@ -76,6 +76,10 @@ impl<'a> Stage<'a> {
         let mut slots: Vec<Option<Instance>> = instances.into_iter().map(Some).collect();
         let instances = tree.primitive_indices.iter().filter_map(|&i| slots[i as usize].take()).collect();
         Stage { instances, tree: Some(tree) }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.instances.is_empty()
     }
 
     /// The first thing in the way of a ray, nearer than `reach`.
@@ -156,13 +160,11 @@ impl<'a> Instance<'a> {
     fn describe(&self, triangle: usize, local: &Ray, distance: f32, direction: Vec3) -> Hit<'a> {
         let (corners, surface) = (&self.mesh.triangles[triangle], &self.mesh.surfaces[triangle]);
         let shares = shares(corners, local);
-        let facing = |normal: Vec3A| {
-            let normal = Vec3::from(self.normals * normal).normalize_or_zero();
-            if normal.dot(direction) > 0.0 { -normal } else { normal }
-        };
-        let facet = facing((corners.v1 - corners.v0).cross(corners.v2 - corners.v0));
+        let world = |normal: Vec3A| Vec3::from(self.normals * normal).normalize_or_zero();
+        let towards = |normal: Vec3, side: Vec3| if normal.dot(side) < 0.0 { -normal } else { normal };
+        let facet = towards(world((corners.v1 - corners.v0).cross(corners.v2 - corners.v0)), -direction);
         let [a, b, c] = surface.normals;
-        let between = facing((a * shares.x + b * shares.y + c * shares.z).into());
+        let between = towards(world((a * shares.x + b * shares.y + c * shares.z).into()), facet);
         let normal = if between == Vec3::ZERO { facet } else { between };
         Hit { distance, surface, facet, normal, shares, number: self.number }
     }

@@ -1,13 +1,10 @@
 //! Bakes written as `.glb` and read back by an independent, validating reader.
 
-mod files;
-mod reader;
-
+use crate::files::{self, bake_of, no_files, textured_cube, tumbling};
+use crate::reader::{drawn_matrix, json_of, pose_error, read_valid, world_matrix, world_matrix_of_path};
 use cairn::export::Format::{Csv, Glb, Json};
 use cairn::export::{ExportError, ExportScene, SourceModel, encode, write};
-use files::{bake_of, no_files, textured_cube, tumbling};
 use glam::{DMat4, DVec3};
-use reader::{drawn_matrix, json_of, pose_error, read_valid, world_matrix, world_matrix_of_path};
 use serde_json::{Value, json};
 
 fn prop<'a>(name: &'a str, bytes: &'a [u8], node: Option<&'a str>) -> SourceModel<'a> {

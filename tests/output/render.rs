@@ -1,0 +1,146 @@
+//! Pictures of results.
+
+use crate::files::{bake_of, kit, kit_json, no_files, textured_cube, tumbling};
+use cairn::export::{ExportScene, Format, SourceModel, encode};
+use cairn::render::{Model, Moment, RenderError, Settings, render};
+use cairn_core::pose::Pose;
+use image::RgbImage;
+use serde_json::{Value, json};
+
+const SMALL: Settings = Settings { moment: Moment::End, size: [64, 48], azimuth: 20.0, elevation: 15.0, samples: 4 };
+
+fn picture(bytes: &[u8], settings: Settings) -> Result<RgbImage, RenderError> {
+    render(&Model { name: "file.glb", bytes, resolve: &no_files }, None, &settings)
+}
+
+fn baked(frames: Vec<Vec<Pose>>) -> Vec<u8> {
+    let (cube, kit) = (textured_cube(), kit());
+    let model = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files };
+    let scene = ExportScene { props: vec![model(&cube), model(&kit)], scenery: vec![] };
+    encode(Format::Glb, &bake_of(&[(0, 1.0), (1, 0.2), (0, 2.0)], frames), &scene).unwrap()
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_picture() {
+    let file = baked(tumbling(3, 5));
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| picture(&file, SMALL).unwrap())
+    };
+    let one = with(1);
+    assert_eq!(one, with(3));
+    assert_eq!(one.dimensions(), (64, 48));
+    let shown = one.pixels().filter(|p| p.0 != one.get_pixel(0, 0).0).count();
+    assert!(shown > 300, "only {shown} picture elements show anything");
+}
+
+#[test]
+fn a_moment_shows_the_poses_of_that_moment() {
+    let frames = tumbling(3, 9);
+    let still = picture(&baked(frames[8..].to_vec()), SMALL).unwrap();
+    let file = baked(frames);
+    for moment in [Moment::End, Moment::Frame(8), Moment::Seconds(8.0 / 24.0), Moment::Seconds(1e9)] {
+        assert_eq!(picture(&file, Settings { moment, ..SMALL }).unwrap(), still, "{moment:?}");
+    }
+    let start = picture(&file, Settings { moment: Moment::Frame(0), ..SMALL }).unwrap();
+    assert_ne!(start, still);
+    let refused = picture(&file, Settings { moment: Moment::Frame(9), ..SMALL }).unwrap_err();
+    assert_eq!(refused.to_string(), "file.glb: has no frame 9; the last one is 8");
+    let refused = picture(&kit(), Settings { moment: Moment::Frame(0), ..SMALL }).unwrap_err();
+    assert!(refused.to_string().contains("choose the moment in seconds"));
+}
+
+#[test]
+fn the_camera_takes_in_the_ghost() {
+    let cone = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cone.glb")).unwrap();
+    let cube = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cube.glb")).unwrap();
+    let model = |bytes| Model { name: "file", bytes, resolve: &no_files };
+    let red = |picture: &RgbImage| {
+        let is_red = |p: &&image::Rgb<u8>| i32::from(p.0[0]) > i32::from(p.0[1]) + 60;
+        picture.pixels().filter(is_red).count()
+    };
+    let bare = picture(&cube, SMALL).unwrap();
+    assert!(red(&bare) > 500, "the cube fills the picture");
+    let within = render(&model(&cube), Some(&model(&cone)), &SMALL).unwrap();
+    assert!(red(&within) < red(&bare) / 10);
+}
+
+#[test]
+fn broken_files_are_refused() {
+    for (pointer, value) in [
+        ("/nodes/1/mesh", json!(9)),
+        ("/nodes/0/children", json!([99])),
+        ("/nodes/0/scale", json!([0, 0, 1e300])),
+        ("/meshes/0/primitives/0/attributes/POSITION", json!(u64::MAX)),
+        ("/meshes/0/primitives/0/attributes", json!(null)),
+        ("/meshes/0/primitives/0/extensions", json!({ "KHR_draco_mesh_compression": {} })),
+        ("/meshes/0/primitives/0/mode", json!(0)),
+        ("/meshes", json!([])),
+        ("/nodes", json!([])),
+        ("/accessors/0/count", json!(1u64 << 62)),
+        ("/accessors/0/byteOffset", json!(u64::MAX)),
+        ("/accessors/0/componentType", json!(1)),
+        ("/accessors/0/type", json!("MAT4")),
+        ("/accessors/0/sparse", json!({ "count": 7 })),
+        ("/accessors/2/count", json!(30)),
+        ("/accessors/2/byteOffset", json!(1)),
+        ("/bufferViews/0/byteLength", json!(1u64 << 62)),
+        ("/bufferViews/0/byteStride", json!(u64::MAX)),
+        (
+            "/animations",
+            json!([{
+                "channels": [{ "sampler": 0, "target": { "node": 1, "path": "rotation" } }],
+                "samplers": [{ "input": 0, "output": 0 }],
+            }]),
+        ),
+    ] {
+        let mut json = kit_json();
+        let (parent, key) = pointer.rsplit_once('/').unwrap();
+        match json.pointer_mut(parent).unwrap() {
+            Value::Array(items) => items[key.parse::<usize>().unwrap()] = value,
+            Value::Object(members) => drop(members.insert(key.into(), value)),
+            _ => panic!("{pointer}"),
+        }
+        let refused = picture(json.to_string().as_bytes(), SMALL);
+        assert!(matches!(refused, Err(RenderError::File { .. })), "{pointer}");
+    }
+    for bytes in [&b""[..], b"glTF", b"{}", b"[1]"] {
+        assert!(picture(bytes, SMALL).is_err());
+    }
+    for settings in [Settings { size: [0, 9], ..SMALL }, Settings { samples: 0, ..SMALL }] {
+        assert!(matches!(picture(&kit(), settings), Err(RenderError::Settings(_))));
+    }
+}
+
+#[test]
+fn lost_and_broken_pictures_do_not_matter() {
+    let plain = {
+        let mut json = kit_json();
+        json["materials"][1]["pbrMetallicRoughness"] = json!({});
+        picture(json.to_string().as_bytes(), SMALL).unwrap()
+    };
+    for image in
+        [json!({ "uri": "lost.png" }), json!({ "uri": "data:,rubbish" }), json!({ "bufferView": 99 }), json!(3)]
+    {
+        let mut json = kit_json();
+        json["images"][1] = image;
+        assert_eq!(picture(json.to_string().as_bytes(), SMALL).unwrap(), plain);
+    }
+    assert_ne!(picture(&kit(), SMALL).unwrap(), plain, "a good picture shows");
+}
+
+#[test]
+fn size_and_place_of_the_world_do_not_matter() {
+    let cube = |scale: f64, offset: f64| {
+        let mut json = kit_json();
+        json["nodes"] = json!([{ "mesh": 0, "scale": [scale, scale, scale], "translation": [offset, offset, 0] }]);
+        picture(json.to_string().as_bytes(), Settings { samples: 16, ..SMALL }).unwrap()
+    };
+    let near = cube(1.0, 0.0);
+    for (scale, offset) in [(1e-6, 0.0), (1e9, 0.0), (0.125, 4096.0)] {
+        let far = cube(scale, offset);
+        let differences =
+            near.pixels().zip(far.pixels()).filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 24));
+        assert!(differences.count() < 10, "scale {scale}, offset {offset}");
+    }
+}
