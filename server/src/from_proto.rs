@@ -157,6 +157,7 @@ fn control(control: &mut Control, given: &proto::Control, counts: &mut Counts) {
     set(&mut control.speed, given.speed);
     set(&mut control.damping, given.damping);
     set(&mut control.kappa, given.kappa);
+    set(&mut control.nails_per_body, given.nails_per_body.map(|n| counts.natural("control.nails_per_body", n)));
 }
 
 fn hold(hold: &mut Hold, given: &proto::Hold) {

@@ -133,5 +133,6 @@ fn control(control: &Control) -> proto::Control {
         speed: Some(control.speed),
         damping: Some(control.damping),
         kappa: Some(control.kappa),
+        nails_per_body: Some(signed(control.nails_per_body)),
     }
 }

@@ -39,7 +39,8 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<String>> {
     for (i, model) in scene.statics.iter().enumerate() {
         range(&format!("statics[{i}].friction"), model.friction, 0.0, 2.0, &mut problems);
         if model.model.mesh.triangles.is_empty() {
-            problems.push(format!("{}: static geometry without triangles; remove it or give it a mesh", model.model.name));
+            problems
+                .push(format!("{}: static geometry without triangles; remove it or give it a mesh", model.model.name));
         }
     }
     let sizes: Vec<Size> = scene.props.iter().map(|p| Size::of(&p.model.mesh)).collect();
@@ -69,7 +70,8 @@ fn control(scene: &Scene, problems: &mut Vec<String>) -> (TriMesh, Topology, Vec
     let (mesh, repair) = topology::oriented(&welded);
     let found = topology::inspect(&mesh);
     if mesh.triangles.is_empty() {
-        problems.push(format!("{name}: the control mesh has no triangles; model the pile's rough shape as a closed mesh"));
+        problems
+            .push(format!("{name}: the control mesh has no triangles; model the pile's rough shape as a closed mesh"));
         return (mesh, found, Vec::new());
     }
     if !found.closed {
@@ -101,7 +103,12 @@ fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<String>) {
     range(&name("scale.min"), prop.scale[0], 1e-6, 1e6, problems);
     range(&name("scale.max"), prop.scale[1], 1e-6, 1e6, problems);
     if prop.scale[0] > prop.scale[1] {
-        problems.push(format!("{}: the smallest scale {} is above the largest {}", name("scale"), prop.scale[0], prop.scale[1]));
+        problems.push(format!(
+            "{}: the smallest scale {} is above the largest {}",
+            name("scale"),
+            prop.scale[0],
+            prop.scale[1]
+        ));
     }
 }
 
@@ -114,7 +121,7 @@ fn range(name: &str, value: f64, lo: f64, hi: f64, problems: &mut Vec<String>) {
 
 fn prop_mesh(scene: &Scene, prop: &Prop, size: &Size, problems: &mut Vec<String>, warnings: &mut Vec<String>) {
     let name = &prop.model.name;
-    if prop.model.mesh.triangles.is_empty() || !(size.diameter > 0.0) {
+    if prop.model.mesh.triangles.is_empty() || size.diameter <= 0.0 {
         problems.push(format!("{name}: the prop has no triangles with area; give it a mesh"));
         return;
     }
@@ -136,12 +143,8 @@ fn prop_mesh(scene: &Scene, prop: &Prop, size: &Size, problems: &mut Vec<String>
 
 /// By weight, at the middle of each scale range.
 fn median_diameter(scene: &Scene, sizes: &[Size]) -> f64 {
-    let mut all: Vec<(f64, f64)> = scene
-        .props
-        .iter()
-        .zip(sizes)
-        .map(|(p, s)| (s.diameter * (p.scale[0] + p.scale[1]) / 2.0, p.weight))
-        .collect();
+    let mut all: Vec<(f64, f64)> =
+        scene.props.iter().zip(sizes).map(|(p, s)| (s.diameter * (p.scale[0] + p.scale[1]) / 2.0, p.weight)).collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = all.iter().map(|a| a.1).sum::<f64>() / 2.0;
     let mut sum = 0.0;

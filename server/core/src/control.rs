@@ -261,12 +261,19 @@ impl<'a> Control<'a> {
             Neighbours::All => self.surrounded(world, touches),
             Neighbours::Either => self.certified.clone(),
         };
+        let most = self.params.nails_per_body;
+        let mut driven = vec![0u32; world.bodies().len()];
         for t in touches {
             let (nailed, other) = match t.b {
                 Side::Body(b) => (self.certified[t.a] && self.certified[b] && (closed[t.a] || closed[b]), Some(b)),
                 Side::Ground | Side::Scenery => (closed[t.a], None),
             };
-            if nailed {
+            let room = driven[t.a] < most && other.is_none_or(|b| driven[b] < most);
+            if nailed && room {
+                driven[t.a] += 1;
+                if let Some(b) = other {
+                    driven[b] += 1;
+                }
                 let p = &t.points[self.rng.random_range(0..t.points.len())];
                 world.drive_nail(t.a, other, p.point, p.normal);
                 self.tally.nails_driven += 1;

@@ -143,8 +143,7 @@ fn contact_figures(world: &World) -> Figures {
     // Engine units: d is 1.
     let hanging = measure::hanging(&at_rest, &contacts, 1.0).len();
     let overlap = |t: &Touch| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
-    let penetration =
-        measure::penetration(&touches.iter().map(overlap).collect::<Vec<_>>());
+    let penetration = measure::penetration(&touches.iter().map(overlap).collect::<Vec<_>>());
     let unsupported = unsupported(world);
     BTreeMap::from([
         ("unsupported_fraction", unsupported.is_finite().then_some(unsupported)),
@@ -285,7 +284,9 @@ fn fill_warnings(inputs: &Inputs, first: &ShapeMeasures) -> Vec<String> {
         ));
     }
     let Removed { sticking_out, overlapping, escaped } = inputs.filled.removed;
-    for (count, why) in [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")] {
+    for (count, why) in
+        [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")]
+    {
         if count > 0 {
             warnings.push(format!("{count} bodies that {why} were removed after the fill"));
         }

@@ -3,6 +3,7 @@
 mod insert;
 mod pour;
 
+use crate::Error;
 use crate::container::Container;
 use crate::observer::{Observer, Progress, Stage, observe};
 use crate::params::{Fill as FillParams, FillMethod, Params};
@@ -10,7 +11,6 @@ use crate::pose::Pose;
 use crate::scene::Scene;
 use crate::shape::{Shape, Size, Solid};
 use crate::world::{BodyId, Insertion, Units, World};
-use crate::Error;
 use glam::{DQuat, DVec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -139,7 +139,8 @@ impl<'a> Filling<'a> {
         units: Units,
         container: &'a Container,
     ) -> Filling<'a> {
-        let thickness = shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
+        let thickness =
+            shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
         let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
         let expected = expected_bodies(scene, &sizes, container.volume * units.length.powi(3), &params.fill);
         let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
@@ -172,8 +173,7 @@ impl<'a> Filling<'a> {
     }
 
     pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
-        let body =
-            Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
+        let body = Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
         self.world.insert(&self.shapes[prop], &body).map_err(Error::Internal)
     }
 
@@ -230,7 +230,11 @@ impl<'a> Filling<'a> {
     fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         for _ in 0..CLEANUP_ROUNDS {
             self.remove_escaped();
-            let out = self.world.present().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
+            let out = self
+                .world
+                .present()
+                .filter(|&id| self.protrusion(id) > self.params.fill.protrusion)
+                .collect::<Vec<_>>();
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));
             let overlapping = self.remove_overlapping(0);
@@ -248,9 +252,7 @@ impl<'a> Filling<'a> {
         self.world.refresh();
         let limit = self.params.fill.overlap;
         let too_deep = |w: &World, t: &crate::world::Touch| match t.b {
-            crate::world::Side::Body(b) if b >= first => {
-                (t.depth() > limit * w.pair_thickness(t)).then_some((t.a, b))
-            }
+            crate::world::Side::Body(b) if b >= first => (t.depth() > limit * w.pair_thickness(t)).then_some((t.a, b)),
             _ => None,
         };
         let mut pairs: Vec<(BodyId, BodyId)> =

@@ -36,7 +36,8 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
             break;
         }
         pile.advance(observer, Stage::Hold, |pile| ((pile.step - begin) as f64 / patience as f64).min(0.99))?;
-        (calm, top_speed) = if pile.top_speed < REST_SPEED { (calm + 1, top_speed.max(pile.top_speed)) } else { (0, 0.0) };
+        (calm, top_speed) =
+            if pile.top_speed < REST_SPEED { (calm + 1, top_speed.max(pile.top_speed)) } else { (0, 0.0) };
     }
     let at_rest = calm >= rest_steps;
     if let Some(n) = params.output.frames {

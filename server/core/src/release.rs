@@ -75,7 +75,8 @@ pub fn turn_over<'a>(
 
 /// Lets the layers go, the lowest first.
 pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Result<(), Error> {
-    let interval = (pile.world.units.duration(params.release.interval) / pile.world.step_length()).round().max(1.0) as u64;
+    let interval =
+        (pile.world.units.duration(params.release.interval) / pile.world.step_length()).round().max(1.0) as u64;
     let layers = layers(&pile.world, params.release.layer);
     let total = layers.len() as u64 * interval;
     for layer in layers {

@@ -177,7 +177,8 @@ fn surface_samples(mesh: &EngineMesh) -> Vec<Vector> {
     let areas: Vec<f32> = mesh.triangles().map(|t| (t.b - t.a).cross(t.c - t.a).length()).collect();
     let total: f32 = areas.iter().sum();
     let step = total / DEVIATION_SAMPLES as f32;
-    let (mut carried, mut out) = (0.0, mesh.vertices().iter().step_by(1 + mesh.vertices().len() / 400).copied().collect::<Vec<_>>());
+    let (mut carried, mut out) =
+        (0.0, mesh.vertices().iter().step_by(1 + mesh.vertices().len() / 400).copied().collect::<Vec<_>>());
     for (t, area) in mesh.triangles().zip(areas) {
         carried += area;
         let n = if step > 0.0 { (carried / step) as usize } else { 0 };

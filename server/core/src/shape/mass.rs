@@ -55,15 +55,11 @@ pub fn principal(m: DMat3) -> (DVec3, DQuat) {
             let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
             let c = 1.0 / (t * t + 1.0).sqrt();
             let s = t * c;
-            for k in 0..3 {
-                (a[p][k], a[q][k]) = (c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]);
-            }
+            rotate_rows(&mut a, p, q, c, s);
             for row in &mut a {
                 (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
             }
-            for k in 0..3 {
-                (v[p][k], v[q][k]) = (c * v[p][k] - s * v[q][k], s * v[p][k] + c * v[q][k]);
-            }
+            rotate_rows(&mut v, p, q, c, s);
         }
     }
     let mut frame = DMat3::from_cols_array_2d(&v);
@@ -71,6 +67,12 @@ pub fn principal(m: DMat3) -> (DVec3, DQuat) {
         frame.z_axis = -frame.z_axis;
     }
     (DVec3::new(a[0][0], a[1][1], a[2][2]), DQuat::from_mat3(&frame).normalize())
+}
+
+fn rotate_rows(m: &mut [[f64; 3]; 3], p: usize, q: usize, c: f64, s: f64) {
+    let (x, y) = (DVec3::from_array(m[p]), DVec3::from_array(m[q]));
+    m[p] = (c * x - s * y).to_array();
+    m[q] = (s * x + c * y).to_array();
 }
 
 /// Each sweep squares the off-diagonal; 12 are far more than f64 needs.

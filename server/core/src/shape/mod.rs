@@ -92,7 +92,10 @@ pub struct Shape {
 #[derive(Clone, Debug)]
 pub enum Solid {
     Box(OrientedBox),
-    Ball { center: DVec3, radius: f64 },
+    Ball {
+        center: DVec3,
+        radius: f64,
+    },
     /// One or more convex parts, each the hull of its points.
     Convex(Vec<Vec<DVec3>>),
 }
@@ -118,7 +121,10 @@ impl Shape {
         let fallback = mass_fallback(closed, own.volume, solid_moments.volume);
         let moments = if fallback.is_some() { solid_moments } else { own };
         if !(moments.volume > 0.0 && moments.volume.is_finite() && moments.inertia.is_finite()) {
-            return Err(format!("{}: no volume could be found for this prop; close the mesh or give it thickness", prop.model.name));
+            return Err(format!(
+                "{}: no volume could be found for this prop; close the mesh or give it thickness",
+                prop.model.name
+            ));
         }
         let radius = mesh.points.iter().map(|p| p.distance(moments.center)).fold(0.0, f64::max);
         let (principal, frame) = mass::principal(moments.inertia);

@@ -67,8 +67,11 @@ impl World {
             let collider = &self.engine.colliders[self.bodies[a].collider];
             let reach = tolerance * self.bodies[a].thickness;
             let aabb = collider.compute_aabb().loosened((reach + STALE_INDEX) as f32);
-            let mut near: Vec<(Side, ColliderHandle)> =
-                self.query().intersect_aabb_conservative(aabb).filter_map(|(h, c)| Some((self.side(a, c)?, h))).collect();
+            let mut near: Vec<(Side, ColliderHandle)> = self
+                .query()
+                .intersect_aabb_conservative(aabb)
+                .filter_map(|(h, c)| Some((self.side(a, c)?, h)))
+                .collect();
             near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
             for (b, other) in near {
                 let unmoved = is_still(a) && !matches!(b, Side::Body(b) if !is_still(b));
@@ -142,7 +145,9 @@ impl World {
         let mut points = Vec::new();
         for m in &manifolds {
             let (pos1, pos2) = match &m.subshape_poses {
-                Some(_) => (m.subshape_pos1().copied().unwrap_or_default(), m.subshape_pos2().copied().unwrap_or_default()),
+                Some(_) => {
+                    (m.subshape_pos1().copied().unwrap_or_default(), m.subshape_pos2().copied().unwrap_or_default())
+                }
                 None => Default::default(),
             };
             let normal = -(first.position().rotation * (pos1.rotation * m.local_n1));

@@ -13,8 +13,8 @@ use crate::pose::Pose;
 use crate::shape::Shape;
 use glam::{DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
-use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::na::Unit;
+use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
@@ -144,6 +144,7 @@ impl World {
         p.contact_softness = softness(physics.contact_frequency);
         p.static_contact_softness = softness(physics.contact_frequency);
         p.length_unit = 1.0;
+        p.warmstart_joints = true;
         p.normalized_prediction_distance = PREDICTION as f32;
         p.normalized_max_corrective_velocity = PUSH_OUT_SPEED as f32;
         p.normalized_max_linear_velocity = MAX_SPEED as f32;
@@ -174,7 +175,8 @@ impl World {
 
     /// Walls that keep bodies in: a mesh whose triangles face where the bodies are. SI.
     pub fn add_container(&mut self, mesh: &TriMesh, friction: f64) -> Result<ColliderHandle, String> {
-        let flags = TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES | TriMeshFlags::DELETE_DEGENERATE_TRIANGLES;
+        let flags =
+            TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES | TriMeshFlags::DELETE_DEGENERATE_TRIANGLES;
         self.add_mesh(mesh, friction, flags, CONTAINER)
     }
 
@@ -197,7 +199,13 @@ impl World {
         }
     }
 
-    fn add_mesh(&mut self, mesh: &TriMesh, friction: f64, flags: TriMeshFlags, what: u128) -> Result<ColliderHandle, String> {
+    fn add_mesh(
+        &mut self,
+        mesh: &TriMesh,
+        friction: f64,
+        flags: TriMeshFlags,
+        what: u128,
+    ) -> Result<ColliderHandle, String> {
         let points = mesh.points.iter().map(|&p| (p / self.units.length).as_vec3()).collect();
         let collider = ColliderBuilder::trimesh_with_flags(points, mesh.triangles.clone(), flags)
             .map_err(|e| format!("the engine refuses the mesh: {e}"))?;
@@ -361,8 +369,9 @@ impl World {
         self.engine.step();
         self.steps += 1;
         let broken = self.engine.quarantine().bodies().to_vec();
-        let ids: Vec<BodyId> =
-            (0..self.bodies.len()).filter(|&i| self.bodies[i].role != Role::Gone && broken.contains(&self.bodies[i].handle)).collect();
+        let ids: Vec<BodyId> = (0..self.bodies.len())
+            .filter(|&i| self.bodies[i].role != Role::Gone && broken.contains(&self.bodies[i].handle))
+            .collect();
         for &id in &ids {
             self.remove(id);
         }

@@ -21,19 +21,11 @@ struct Nail {
     a: BodyId,
     /// `None`: the ground or scenery.
     b: Option<BodyId>,
-    /// Mean force so far, engine units: the static load, which must not break the nail.
-    mean_force: f64,
 }
 
 /// A nail is a spring this stiff (per natural time, damping ratio 1): the engine's rigid default spikes by three orders
 /// of magnitude over the load and breaks nails that carry nothing.
 const NAIL_FREQUENCY: f64 = 64.0;
-/// Weight of the newest force in the running mean.
-const MEAN_WEIGHT: f64 = 0.1;
-/// A nail breaks above its limit plus this many times its running mean: a big pile's static load alone passes the
-/// paper's limit.
-const STATIC_FACTOR: f64 = 4.0;
-
 impl Nails {
     /// Drops the nails of a body that leaves the world; the engine removes its joints itself.
     pub fn forget(&mut self, id: BodyId) {
@@ -67,7 +59,7 @@ impl World {
         let handle = self.engine.impulse_joints.insert(ha, hb, joint, false);
         let id = self.nails.next;
         self.nails.next += 1;
-        self.nails.driven.insert(id, Nail { handle, a, b, mean_force: 0.0 });
+        self.nails.driven.insert(id, Nail { handle, a, b });
         id
     }
 
@@ -91,15 +83,14 @@ impl World {
     pub fn break_nails(&mut self, limit: f64) -> (usize, f64) {
         let substep = self.step_length() / self.engine.integration_parameters.num_solver_iterations as f64;
         let (mut broken, mut largest) = (Vec::new(), 0.0f64);
-        for (&id, nail) in &mut self.nails.driven {
+        for (&id, nail) in &self.nails.driven {
             let Some(joint) = self.engine.impulse_joints.get(nail.handle) else { continue };
             let impulse = (0..3).map(|i| (joint.impulses[i] as f64).powi(2)).sum::<f64>().sqrt();
             let force = impulse / substep;
             let lighter = nail.b.map_or(f64::INFINITY, |b| self.bodies[b].mass).min(self.bodies[nail.a].mass);
-            if force > limit * lighter + STATIC_FACTOR * nail.mean_force {
+            if force > limit * lighter {
                 broken.push(id);
             } else {
-                nail.mean_force += MEAN_WEIGHT * (force - nail.mean_force);
                 largest = largest.max(force / lighter);
             }
         }

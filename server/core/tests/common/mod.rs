@@ -1,0 +1,41 @@
+//! Small scenes, made in code.
+
+use cairn_core::mesh::TriMesh;
+use cairn_core::scene::{Model, Prop, Scene};
+use glam::DVec3;
+
+/// A closed cone on the ground, of this radius and height, with 32 sides.
+pub fn cone(radius: f64, height: f64) -> TriMesh {
+    const SIDES: u32 = 32;
+    let rim = (0..SIDES).map(|k| f64::from(k) / f64::from(SIDES) * std::f64::consts::TAU);
+    let mut points: Vec<DVec3> = rim.map(|a| DVec3::new(radius * a.cos(), 0.0, radius * a.sin())).collect();
+    points.extend([DVec3::ZERO, DVec3::new(0.0, height, 0.0)]);
+    let side = |k: u32| [[k, SIDES + 1, (k + 1) % SIDES], [SIDES, k, (k + 1) % SIDES]];
+    TriMesh { points, triangles: (0..SIDES).flat_map(side).collect() }
+}
+
+/// A stick of 0.5 x 0.06 x 0.06 m about its middle.
+pub fn stick() -> TriMesh {
+    let half = DVec3::new(0.25, 0.03, 0.03);
+    let corner = |i: u32| half * (DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 2.0 - 1.0);
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    TriMesh { points: (0..8).map(corner).collect(), triangles }
+}
+
+/// A scene of one prop.
+pub fn scene(control: TriMesh, prop: TriMesh) -> Scene {
+    let model = |name: &str, mesh| Model { name: name.into(), mesh };
+    Scene {
+        control: model("control", control),
+        props: vec![Prop {
+            model: model("stick", prop),
+            weight: 1.0,
+            friction: 0.7,
+            density: 500.0,
+            restitution: 0.0,
+            scale: [1.0, 1.0],
+        }],
+        statics: Vec::new(),
+    }
+}

@@ -1,0 +1,77 @@
+//! Nails between bodies: they start without strain, carry, and break.
+
+mod common;
+
+use cairn_core::params::{Accuracy, Params};
+use cairn_core::pose::Pose;
+use cairn_core::shape::{Shape, Size};
+use cairn_core::world::{Insertion, Units, World};
+use common::{cone, scene, stick};
+use glam::{DQuat, DVec3};
+
+/// Sticks lying on top of each other, turned this way and that, on the ground; engine units.
+fn stack(count: usize) -> World {
+    let scene = scene(cone(1.0, 1.0), stick());
+    let params = Params::new(Accuracy::Standard);
+    let size = Size::of(&scene.props[0].model.mesh);
+    let shape = Shape::new(&scene.props[0], size, &params.physics).unwrap();
+    let units = Units::new(size.diameter, shape.mass, params.gravity);
+    let thickness = size.extents.x / units.length;
+    let mut world = World::new(units, &params.physics, thickness, false);
+    world.add_ground(0.0, 0.7);
+    for k in 0..count {
+        let pose = Pose {
+            translation: DVec3::new(0.0, (k as f64 + 0.5) * thickness, 0.0),
+            rotation: DQuat::from_rotation_y(1.1 * k as f64),
+        };
+        world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
+    }
+    world.refresh();
+    world
+}
+
+fn nail_all(world: &mut World) -> usize {
+    let touches = world.touches(0.05);
+    for t in &touches {
+        let other = match t.b {
+            cairn_core::world::Side::Body(b) => Some(b),
+            _ => None,
+        };
+        world.drive_nail(t.a, other, t.points[0].point, t.points[0].normal);
+    }
+    touches.len()
+}
+
+#[test]
+fn nails_in_a_stack_at_rest_disturb_nothing() {
+    let mut world = stack(4);
+    for _ in 0..40 {
+        world.step();
+    }
+    for cycle in 0..10 {
+        world.pull_all_nails();
+        assert_eq!(nail_all(&mut world), 4, "cycle {cycle}");
+        for step in 0..5 {
+            world.step();
+            let fastest = world.present().map(|id| world.speed(id)).fold(0.0, f64::max);
+            assert!(fastest < 0.01, "cycle {cycle}, step {step}: {fastest}");
+        }
+    }
+}
+
+#[test]
+fn a_nail_carries_what_would_fall_and_breaks_beyond_its_limit() {
+    let mut world = stack(2);
+    for _ in 0..20 {
+        world.step();
+    }
+    nail_all(&mut world);
+    world.set_gravity_up(true);
+    for _ in 0..20 {
+        world.step();
+        assert_eq!(world.break_nails(122.0).0, 0, "two sticks weigh less than the limit");
+    }
+    assert!(world.speed(1) < 0.2, "the nails hold against upward gravity: {}", world.speed(1));
+    let (broken, _) = world.break_nails(1e-3);
+    assert!(broken > 0, "hanging sticks pull harder than a thousandth of their weight");
+}

@@ -1,0 +1,190 @@
+//! The method end to end on small piles: what a bake promises, whatever the scene.
+
+mod common;
+
+use cairn_core::observer::{Observer, Progress, Silent};
+use cairn_core::params::{Accuracy, ControlMode, FillMethod, Params};
+use cairn_core::world::Role;
+use cairn_core::{bake, control, fill, release};
+use common::{cone, scene, stick};
+use std::ops::ControlFlow;
+
+fn params() -> Params {
+    Params::new(Accuracy::Draft)
+}
+
+#[test]
+fn a_cone_of_sticks_keeps_its_shape_and_comes_to_rest() {
+    let scene = scene(cone(0.9, 2.0), stick());
+    let bake = bake(&scene, &params(), &mut Silent).unwrap();
+    let figure = |name: &str| bake.report.measures[name].unwrap();
+    assert!(bake.bodies.len() > 25, "{} bodies", bake.bodies.len());
+    assert!(figure("fill_fraction") > 0.3, "fill {}", figure("fill_fraction"));
+    assert!(figure("kept_shape") > 0.95, "kept {}", figure("kept_shape"));
+    assert!(figure("protrusion_rel") <= 0.05);
+    assert!(figure("penetration_max_rel") < 0.25);
+    assert!(figure("resting_speed_max_rel") < 0.01);
+    assert_eq!(figure("hanging"), 0.0);
+    assert!(figure("unsupported_fraction") <= 0.05);
+    assert_eq!(figure("inside_fraction"), 1.0);
+    assert!(bake.report.counts["candidates"] > 0);
+}
+
+#[test]
+fn the_same_request_gives_the_same_bits_for_any_number_of_threads() {
+    let scene = scene(cone(0.8, 1.2), stick());
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| bake(&scene, &params(), &mut Silent).unwrap())
+    };
+    let (one, three) = (run(1), run(3));
+    assert_eq!(one.frames, three.frames);
+    assert_eq!(one.bodies, three.bodies);
+    // Times differ; figures made of them are left out.
+    let timeless = |b: &cairn_core::bake::Bake| {
+        let mut m = b.report.measures.clone();
+        m.retain(|name, _| !["control_overhead", "analysis_us_per_body"].contains(name));
+        m
+    };
+    assert_eq!(timeless(&one), timeless(&three));
+}
+
+#[test]
+fn another_seed_gives_another_pile() {
+    let scene = scene(cone(0.8, 1.2), stick());
+    let run = |seed| bake(&scene, &Params { seed, ..params() }, &mut Silent).unwrap();
+    assert_ne!(run(1).frames, run(2).frames);
+}
+
+#[test]
+fn a_scene_a_thousandth_as_large_gives_the_same_pile() {
+    let large = scene(cone(0.8, 1.2), stick());
+    // A power of two changes no digit of any coordinate.
+    let factor = 1.0 / 1024.0;
+    let mut small = large.clone();
+    small.control.mesh = small.control.mesh.scaled(factor);
+    small.props[0].model.mesh = small.props[0].model.mesh.scaled(factor);
+    let (a, b) = (bake(&large, &params(), &mut Silent).unwrap(), bake(&small, &params(), &mut Silent).unwrap());
+    assert_eq!(a.bodies.len(), b.bodies.len());
+    assert_eq!(a.report.counts["steps"], b.report.counts["steps"]);
+    let apart =
+        |(p, q): (&cairn_core::pose::Pose, &cairn_core::pose::Pose)| p.translation.distance(q.translation / factor);
+    let largest = a.frames[0].iter().zip(&b.frames[0]).map(apart).fold(0.0, f64::max);
+    assert!(largest < 1e-5, "the piles differ by {largest} m");
+}
+
+#[test]
+fn whatever_is_held_was_certified_in_its_latest_cycle() {
+    let scene = scene(cone(0.9, 2.0), stick());
+    let params = params();
+    let checked = cairn_core::check::run(&scene, &params).unwrap();
+    let shapes = cairn_core::shape::run(&scene, &params, &checked, &mut Silent).unwrap();
+    let units = cairn_core::world::Units::new(checked.diameter, shapes[0].mass, params.gravity);
+    let container = cairn_core::container::Container::new(&checked.control, &checked.topology, units.length, 0.0);
+    let filled = fill::run(&scene, &shapes, &params, units, &container, &mut Silent).unwrap();
+    let control = control::Control::new(&params.control, params.gravity, params.seed, &container.distance);
+    let mut pile = release::turn_over(&scene, &shapes, &params, units, &filled.bodies, 0.0, control).unwrap();
+    for id in pile.world.present().collect::<Vec<_>>() {
+        pile.control.release(id);
+        pile.world.set_role(id, Role::Free);
+    }
+    let mut held_ever = 0;
+    for _ in 0..200 {
+        pile.advance(&mut Silent, cairn_core::observer::Stage::Hold, |_| 0.0).unwrap();
+        for (id, body) in pile.world.bodies().iter().enumerate() {
+            if body.role == Role::Held {
+                assert!(pile.control.certified()[id], "body {id} is held without a certificate");
+                held_ever += 1;
+            }
+        }
+    }
+    assert!(held_ever > 0);
+}
+
+#[test]
+fn without_control_nothing_is_analysed_held_or_nailed() {
+    let scene = scene(cone(0.8, 1.2), stick());
+    let mut params = params();
+    params.control.mode = ControlMode::Off;
+    let counts = bake(&scene, &params, &mut Silent).unwrap().report.counts;
+    for name in ["control_cycles", "analyses", "candidates", "nails_driven", "held_peak"] {
+        assert_eq!(counts[name], 0, "{name}");
+    }
+}
+
+#[test]
+fn a_nailed_pile_comes_to_rest() {
+    let scene = scene(cone(0.8, 1.2), stick());
+    let mut params = params();
+    params.control.mode = ControlMode::Nails;
+    let bake = bake(&scene, &params, &mut Silent).unwrap();
+    assert!(bake.report.counts["nails_driven"] > 0);
+    assert!(bake.report.measures["resting_speed_max_rel"].unwrap() < 0.01);
+}
+
+#[test]
+fn a_pour_fills_through_the_opening() {
+    let scene = scene(cone(0.9, 2.0), stick());
+    let mut params = params();
+    params.fill.method = FillMethod::Pour;
+    let report = bake(&scene, &params, &mut Silent).unwrap().report;
+    assert!(report.measures["fill_fraction"].unwrap() > 0.12, "fill {:?}", report.measures["fill_fraction"]);
+    assert_eq!(report.measures["inside_fraction"], Some(1.0));
+}
+
+#[test]
+fn frames_do_not_pace_the_physics() {
+    let scene = scene(cone(0.8, 1.2), stick());
+    let run = |fps| {
+        let mut params = params();
+        params.output.fps = fps;
+        bake(&scene, &params, &mut Silent).unwrap()
+    };
+    let (slow, fast) = (run(12.0), run(48.0));
+    assert_eq!(slow.report.counts["steps"], fast.report.counts["steps"]);
+    for (k, frame) in slow.frames.iter().enumerate() {
+        assert_eq!(frame, &fast.frames[4 * k], "frame {k}");
+    }
+}
+
+#[test]
+fn the_number_of_frames_is_what_was_asked_for() {
+    let scene = scene(cone(0.8, 1.2), stick());
+    let mut params = params();
+    params.output.frames = Some(10);
+    assert_eq!(bake(&scene, &params, &mut Silent).unwrap().frames.len(), 11);
+}
+
+#[test]
+fn a_cancel_ends_the_bake_at_the_next_step() {
+    struct After(u32);
+    impl Observer for After {
+        fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+            self.0 = self.0.saturating_sub(1);
+            if self.0 == 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        }
+
+        fn cpu_seconds(&mut self) -> f64 {
+            0.0
+        }
+    }
+    let scene = scene(cone(0.8, 1.2), stick());
+    for calls in [1, 2, 50] {
+        let end = bake(&scene, &params(), &mut After(calls));
+        assert!(matches!(end, Err(cairn_core::Error::Cancelled)), "after {calls} calls");
+    }
+}
+
+#[test]
+fn all_problems_of_a_scene_are_told_at_once() {
+    let mut scene = scene(cone(0.8, 1.2), stick());
+    scene.control.mesh.triangles.pop();
+    scene.props[0].weight = f64::NAN;
+    scene.props[0].model.mesh = scene.props[0].model.mesh.scaled(10.0);
+    let mut params = params();
+    params.physics.substeps = 0;
+    let Err(cairn_core::Error::Invalid(problems)) = cairn_core::plan(&scene, &params) else { panic!("accepted") };
+    for part in ["physics.substeps", "is open", "weight", "larger than the control mesh"] {
+        assert!(problems.iter().any(|p| p.contains(part)), "{part} is missing in {problems:#?}");
+    }
+}
