@@ -1,5 +1,6 @@
 //! A scene with every file read: what the core bakes, and what the exporter copies from.
 
+use crate::document::Resolver;
 use crate::export::{ExportScene, SourceModel};
 use crate::problem::Problem;
 use crate::{files, from_proto, proto, to_proto};
@@ -7,10 +8,9 @@ use cairn_core::asset::{self, Limits, Source};
 use cairn_core::mesh::TriMesh;
 use cairn_core::params::{Accuracy, Params};
 use cairn_core::scene::{Model, Prop, Scene, StaticModel};
-use percent_encoding::percent_decode_str;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::{Mutex, PoisonError};
 
 /// Everything that one bake needs.
 pub struct Job {
@@ -98,7 +98,7 @@ impl Job {
                 file: &file.name,
                 bytes: &file.bytes,
                 node: reference.node.as_deref(),
-                resolve: &*file.resolve_uri,
+                resolve: &*file.resolve,
             }
         };
         references.iter().map(source).collect()
@@ -133,21 +133,16 @@ struct InputFile {
     /// What messages call it.
     name: String,
     bytes: Vec<u8>,
-    beside: Arc<Beside>,
-    /// Resolves what the file names as it is written there, percent-encoded.
-    resolve_uri: Box<dyn Fn(&str) -> Result<Vec<u8>, String> + Send + Sync>,
+    /// Reads the files beside it.
+    resolve: Box<Resolver<'static>>,
 }
 
 impl InputFile {
     fn read(path: &Path) -> Result<InputFile, Problem> {
-        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let beside = Arc::new(Beside { folder, read: Mutex::default() });
-        let for_uri = beside.clone();
-        let resolve_uri = Box::new(move |uri: &str| match percent_decode_str(uri).decode_utf8() {
-            Ok(relative) => for_uri.read(&relative),
-            Err(_) => Err("its name is not text".into()),
-        });
-        Ok(InputFile { name: path.display().to_string(), bytes: files::read(path)?, beside, resolve_uri })
+        let bytes = files::read(path)?;
+        let beside = Beside { folder: path.parent().unwrap_or(Path::new("")).to_owned(), read: Mutex::default() };
+        let resolve = Box::new(move |relative: &str| beside.read(relative));
+        Ok(InputFile { name: path.display().to_string(), bytes, resolve })
     }
 }
 
@@ -160,7 +155,7 @@ struct Beside {
 impl Beside {
     fn read(&self, relative: &str) -> Result<Vec<u8>, String> {
         let path = files::below(&self.folder, relative).ok_or("it leads out of the file's own folder")?;
-        let mut read = self.read.lock().expect("no reader panics");
+        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(bytes) = read.get(relative) {
             return Ok(bytes.clone());
         }
@@ -215,7 +210,7 @@ impl Reader {
             name: &file.name,
             bytes: &file.bytes,
             node: reference.node.as_deref(),
-            resolve: &|relative| file.beside.read(relative),
+            resolve: &*file.resolve,
             limits: Limits::default(),
         };
         match asset::read(&source) {

@@ -3,11 +3,11 @@
 pub mod cli;
 pub mod document;
 pub mod export;
-pub mod render;
 pub mod files;
 pub mod from_proto;
 pub mod job;
 pub mod problem;
+pub mod render;
 pub mod scene_file;
 pub mod to_proto;
 

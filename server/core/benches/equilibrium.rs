@@ -3,8 +3,11 @@
 #[path = "../tests/equilibrium/generator.rs"]
 #[allow(dead_code)]
 mod generator;
+#[path = "../tests/equilibrium/wall.rs"]
+mod wall;
 
-use cairn_core::equilibrium::{Analyser, FrictionLaw, Options, Solver, Verdict};
+use cairn_core::equilibrium::global::{Objective, Pile, analyse};
+use cairn_core::equilibrium::{Analyser, FrictionLaw, Options, Problem, Solver, Verdict};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use generator::{Case, case_of, rng};
 use glam::DVec3;
@@ -95,5 +98,35 @@ fn warm(group: &mut criterion::BenchmarkGroup<'_, criterion::measurement::WallTi
     });
 }
 
-criterion_group!(benches, local);
+/// A wall of bricks: all bricks one by one, and all at once.
+fn global(c: &mut Criterion) {
+    let mut group = c.benchmark_group("wall");
+    group.sample_size(10).measurement_time(Duration::from_secs(5));
+    for courses in [4, 20] {
+        let (bodies, contacts) = wall::wall(courses, 50);
+        let gravity = DVec3::NEG_Y * 9.81;
+        let touching: Vec<_> = (0..bodies.len()).map(|k| wall::contacts_of(k, &contacts)).collect();
+        let mut analyser = Analyser::new();
+        group.bench_function(BenchmarkId::new("local", bodies.len()), |b| {
+            b.iter(|| {
+                let stable = bodies.iter().zip(&touching).filter(|(body, contacts)| {
+                    let (mass, center_of_mass, radius) = (body.mass, body.center_of_mass, body.radius);
+                    let problem = Problem { contacts, mass, center_of_mass, radius, gravity };
+                    analyser.analyse(&problem, &Options::default()).expect("a valid brick").is_stable()
+                });
+                stable.count()
+            })
+        });
+        let pile = Pile { bodies: &bodies, contacts: &contacts, gravity };
+        for (name, objective) in
+            [("least_squares", Objective::LeastSquares), ("sum_of_norms", Objective::SumOfNorms { sharpen: 0 })]
+        {
+            group.bench_function(BenchmarkId::new(name, bodies.len()), |b| {
+                b.iter(|| analyse(&pile, objective).expect("a valid wall").total)
+            });
+        }
+    }
+}
+
+criterion_group!(benches, local, global);
 criterion_main!(benches);

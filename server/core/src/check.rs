@@ -5,6 +5,7 @@ use crate::mesh::TriMesh;
 use crate::params::Params;
 use crate::scene::{Prop, Scene};
 use crate::shape::Size;
+use crate::topology::{self, Topology, WELD_TOLERANCE};
 
 /// What checking found out.
 #[derive(Clone, Debug)]
@@ -13,6 +14,9 @@ pub struct Checked {
     pub diameter: f64,
     /// Height of the ground, m.
     pub ground: f64,
+    /// The control mesh, welded and facing outward.
+    pub control: TriMesh,
+    pub topology: Topology,
     /// Volume of the control mesh, m^3.
     pub volume: f64,
     /// One per prop.
@@ -24,7 +28,8 @@ pub struct Checked {
 pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<String>> {
     let mut problems = params.problems();
     let mut warnings = Vec::new();
-    control(scene, &mut problems);
+    let (control, topology, repairs) = control(scene, &mut problems);
+    warnings.extend(repairs);
     if scene.props.is_empty() {
         problems.push("props: none given; name at least one prop, such as a stick or a book".into());
     }
@@ -44,8 +49,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<String>> {
     if !problems.is_empty() {
         return Err(problems);
     }
-    let mesh = &scene.control.mesh;
-    let low = mesh.bounds().0.y;
+    let low = control.bounds().0.y;
     let ground = params.ground_height.unwrap_or(low);
     if ground > low {
         warnings.push(format!(
@@ -54,27 +58,35 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<String>> {
             ground - low
         ));
     }
-    Ok(Checked { diameter: median_diameter(scene, &sizes), ground, volume: mesh.signed_volume().abs(), sizes, warnings })
+    let volume = control.signed_volume().abs();
+    Ok(Checked { diameter: median_diameter(scene, &sizes), ground, volume, control, topology, sizes, warnings })
 }
 
-fn control(scene: &Scene, problems: &mut Vec<String>) {
-    let (name, mesh) = (&scene.control.name, &scene.control.mesh);
+/// The control mesh as it will be used: welded, its parts facing outward; with what was repaired.
+fn control(scene: &Scene, problems: &mut Vec<String>) -> (TriMesh, Topology, Vec<String>) {
+    let name = &scene.control.name;
+    let welded = topology::weld(&scene.control.mesh, WELD_TOLERANCE);
+    let (mesh, repair) = topology::oriented(&welded);
+    let found = topology::inspect(&mesh);
     if mesh.triangles.is_empty() {
         problems.push(format!("{name}: the control mesh has no triangles; model the pile's rough shape as a closed mesh"));
-        return;
+        return (mesh, found, Vec::new());
     }
-    let open = mesh.boundary_edges();
-    if open > 0 {
+    if !found.closed {
         problems.push(format!(
-            "{name}: the control mesh is open: {open} edges belong to one face only; fill its holes (in Blender: Mesh, \
-             Clean Up, Fill Holes)"
+            "{name}: the control mesh is open: {} edges belong to one face only; fill its holes (in Blender: Mesh, Clean Up, \
+             Fill Holes)",
+            found.boundary_edges
         ));
+        return (mesh, found, Vec::new());
     }
     let (lo, hi) = mesh.bounds();
     let size = hi - lo;
     if mesh.signed_volume().abs() < MIN_CONTROL_FILL * size.x * size.y * size.z || size.min_element() <= 0.0 {
         problems.push(format!("{name}: the control mesh encloses next to no volume; give it thickness"));
     }
+    let told = repair.told().into_iter().map(|t| format!("{name}: {t}")).collect();
+    (mesh, found, told)
 }
 
 /// A control mesh that fills less of its own box than this has no inside to speak of.
@@ -138,18 +150,4 @@ fn median_diameter(scene: &Scene, sizes: &[Size]) -> f64 {
         sum >= half
     });
     middle.or(all.last()).map_or(1.0, |a| a.0)
-}
-
-impl TriMesh {
-    /// Edges that one face only uses, or several in the same direction: 0 for a closed, consistently turned mesh.
-    pub fn boundary_edges(&self) -> usize {
-        let mut edges: Vec<(u32, u32, i32)> = self
-            .triangles
-            .iter()
-            .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
-            .map(|(a, b)| if a < b { (a, b, 1) } else { (b, a, -1) })
-            .collect();
-        edges.sort_unstable();
-        edges.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)).filter(|e| e.iter().map(|e| e.2).sum::<i32>() != 0).count()
-    }
 }

@@ -4,7 +4,10 @@
 
 use crate::mesh::TriMesh;
 use crate::region::{DistanceGrid, Region};
+use crate::topology::Topology;
+use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::{DAffine3, DVec3};
+use ndshape::{RuntimeShape, Shape as _};
 
 /// Walls for the fill, in engine units.
 pub struct Container {
@@ -17,33 +20,76 @@ pub struct Container {
     pub volume: f64,
     pub low: DVec3,
     pub high: DVec3,
+    /// The walls are a surface around the union of the mesh's parts, not the mesh itself.
+    pub remeshed: bool,
 }
 
-/// Nodes of the distance grid along the container's longest side; a prop is checked against it, so that it must be
-/// finer than the props.
+/// Bound on the distance grid, for memory.
 const MAX_GRID_NODES: usize = 2_000_000;
 /// Grid spacing, in diameters of the median prop.
 const GRID_SPACING: f64 = 0.1;
+/// Contacts with finer walls cost more than the props themselves.
+const MAX_WALL_TRIANGLES: usize = 10_000;
+/// Remeshed walls stand this far inside the mesh, in grid spacings: the surface of a grid rounds edges off, outward at
+/// concave ones.
+const REMESH_INSET: f64 = 0.2;
 
 impl Container {
     /// `control` in SI, `length` metres per engine unit.
-    pub fn new(control: &TriMesh, length: f64, ground: f64) -> Container {
+    pub fn new(control: &TriMesh, topology: &Topology, length: f64, ground: f64) -> Container {
         let solid = control.transformed(&DAffine3::from_scale(DVec3::splat(1.0 / length)));
         let region = Region::new(&solid);
         let distance = DistanceGrid::new(&region, GRID_SPACING, MAX_GRID_NODES);
         let (low, high) = solid.bounds();
-        let base = low.y.max(ground / length);
-        let flip = |&[a, b, c]: &[u32; 3]| [a, c, b];
-        let outward = !region.was_inside_out();
-        let walls = TriMesh {
-            triangles: if outward { solid.triangles.iter().map(flip).collect() } else { solid.triangles.clone() },
-            points: solid.points,
-        };
-        Container { walls, distance, base, volume: region.volume(), low, high }
+        let simple = topology.is_watertight() && topology.components == 1;
+        let remeshed = !simple || solid.triangles.len() > MAX_WALL_TRIANGLES;
+        let walls = if remeshed { surface(&distance) } else { inward(&solid, region.was_inside_out()) };
+        Container { walls, distance, base: low.y.max(ground / length), volume: region.volume(), low, high, remeshed }
     }
 
     /// Whether all points lie inside, up to `slack`.
     pub fn holds(&self, mut points: impl Iterator<Item = DVec3>, slack: f64) -> bool {
         points.all(|p| p.y >= self.base - slack && self.distance.signed_distance(p) <= slack)
     }
+
+    /// The walls with an opening where the base was, and a collar below it: faces within `cut` above the base go, and
+    /// the rim that they leave is drawn down by `collar`.
+    pub fn opened(&self, cut: f64, collar: f64) -> TriMesh {
+        let below = |v: u32| self.walls.points[v as usize].y <= self.base + cut;
+        let (removed, kept): (Vec<[u32; 3]>, Vec<[u32; 3]>) =
+            self.walls.triangles.iter().partition(|t| t.iter().all(|&v| below(v)));
+        let edges = |t: &[u32; 3]| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])];
+        let inner: std::collections::BTreeSet<(u32, u32)> = removed.iter().flat_map(edges).collect();
+        let mut open = TriMesh { points: self.walls.points.clone(), triangles: kept };
+        for (a, b) in inner.iter().copied().filter(|&(a, b)| !inner.contains(&(b, a))) {
+            // The removed face ran from a to b; the collar takes its place and faces the same side as the wall above.
+            let n = open.points.len() as u32;
+            for v in [a, b] {
+                let p = open.points[v as usize];
+                open.points.push(DVec3::new(p.x, self.base - collar, p.z));
+            }
+            open.triangles.extend([[a, b, n + 1], [a, n + 1, n]]);
+        }
+        open
+    }
+}
+
+fn inward(solid: &TriMesh, inside_out: bool) -> TriMesh {
+    let flip = |&[a, b, c]: &[u32; 3]| [a, c, b];
+    let triangles = if inside_out { solid.triangles.clone() } else { solid.triangles.iter().map(flip).collect() };
+    TriMesh { points: solid.points.clone(), triangles }
+}
+
+/// The surface of the distance grid (naive surface nets), facing inward.
+fn surface(distance: &DistanceGrid) -> TriMesh {
+    let (origin, size, values) = distance.nodes();
+    let inset = REMESH_INSET * distance.spacing();
+    let field: Vec<f32> = values.iter().map(|&v| (v + inset) as f32).collect();
+    let shape = RuntimeShape::<u32, 3>::new(size.map(|n| n as u32));
+    debug_assert_eq!(shape.size() as usize, field.len());
+    let mut net = SurfaceNetsBuffer::default();
+    surface_nets(&field, &shape, [0; 3], size.map(|n| n as u32 - 1), &mut net);
+    let point = |p: &[f32; 3]| origin + DVec3::from_array(p.map(f64::from)) * distance.spacing();
+    let triangles = net.indices.chunks_exact(3).map(|t| [t[0], t[2], t[1]]).collect();
+    TriMesh { points: net.positions.iter().map(point).collect(), triangles }
 }

@@ -16,6 +16,8 @@ pub struct Tally {
     pub cycles: u64,
     /// Local analyses.
     pub analyses: u64,
+    /// Verdicts kept because nothing that they rest on had changed.
+    pub settled: u64,
     pub stable: u64,
     pub unstable: u64,
     pub candidates: u64,
@@ -41,6 +43,9 @@ pub struct Control<'a> {
     pub tally: Tally,
     /// Shape `[body]`: passed the latest analysis and candidate rules.
     certified: Vec<bool>,
+    /// The touches of the latest cycle, and the bodies that stood still since. Shape `[body]`.
+    touches: Vec<Touch>,
+    still: Vec<bool>,
 }
 
 /// The paper's kappa is an impulse per kg over this time (s): its step.
@@ -59,6 +64,8 @@ impl<'a> Control<'a> {
             rng: Pcg64Mcg::seed_from_u64(seed),
             tally: Tally::default(),
             certified: Vec::new(),
+            touches: Vec::new(),
+            still: Vec::new(),
         }
     }
 
@@ -80,7 +87,7 @@ impl<'a> Control<'a> {
     pub fn cycle(&mut self, world: &mut World) {
         self.tally.cycles += 1;
         world.pull_all_nails();
-        let touches = world.touches(self.params.contact_tolerance);
+        let touches = world.touches_since(self.params.contact_tolerance, &self.touches, &self.still);
         self.certified = self.candidates(world, &touches);
         match self.params.mode {
             ControlMode::Off => {}
@@ -88,6 +95,19 @@ impl<'a> Control<'a> {
             ControlMode::Hold => self.hold(world, &touches),
         }
         self.damp(world);
+        self.touches = touches;
+        self.still = world.bodies().iter().map(|b| matches!(b.role, Role::Held | Role::Waiting)).collect();
+    }
+
+    /// A waiting body is let go: it may move now, and counts as a support.
+    pub fn release(&mut self, id: BodyId) {
+        self.stir(id);
+    }
+
+    fn stir(&mut self, id: BodyId) {
+        if let Some(still) = self.still.get_mut(id) {
+            *still = false;
+        }
     }
 
     /// After each step: what carries more than kappa allows lets go.
@@ -102,17 +122,46 @@ impl<'a> Control<'a> {
             ControlMode::Hold => {
                 for id in world.overloaded(self.break_limit) {
                     world.set_role(id, Role::Free);
+                    self.stir(id);
                     self.tally.holds_broken += 1;
                 }
             }
         }
     }
 
+    /// Bodies that stand still and touch nothing that moved, appeared or began to carry since their last verdict: it
+    /// still holds. Shape `[body]`.
+    fn settled(&self, world: &World, touches: &[Touch]) -> Vec<bool> {
+        let calm = |id: BodyId| self.still.get(id).copied().unwrap_or(false);
+        let held = |id: BodyId| calm(id) && world.bodies()[id].role == Role::Held;
+        let mut settled: Vec<bool> = (0..world.bodies().len()).map(held).collect();
+        for t in touches {
+            if let Side::Body(b) = t.b {
+                settled[t.a] &= calm(b);
+                settled[b] &= calm(t.a);
+            }
+        }
+        for t in &self.touches {
+            // What has gone away carried, too.
+            if let Side::Body(b) = t.b {
+                settled[t.a] &= calm(b) && world.is_present(b);
+                settled[b] &= calm(t.a) && world.is_present(t.a);
+            }
+        }
+        settled
+    }
+
     /// Section 3.1 to 3.3: which bodies may be held. Shape `[body]`.
     fn candidates(&mut self, world: &World, touches: &[Touch]) -> Vec<bool> {
+        let settled = self.settled(world, touches);
         let contacts = self.contacts(world, touches);
         let mut passed = vec![false; world.bodies().len()];
         for (id, contacts) in contacts.iter().enumerate() {
+            if settled[id] {
+                self.tally.settled += 1;
+                passed[id] = self.certified[id];
+                continue;
+            }
             let body = &world.bodies()[id];
             let released = matches!(body.role, Role::Free | Role::Held);
             let slow = body.role == Role::Held || world.speed(id) < self.params.speed;

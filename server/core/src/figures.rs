@@ -2,7 +2,9 @@
 
 use crate::Error;
 use crate::container::Container;
+use crate::equilibrium::global;
 use crate::fill::{Filled, Placed, Removed};
+use crate::free_pour;
 use crate::hold::Held;
 use crate::measure::{self, Contact, Gauge, Overlap, ShapeMeasures};
 use crate::mesh::TriMesh;
@@ -15,7 +17,7 @@ use crate::release::Pile;
 use crate::report::Report;
 use crate::scene::Scene;
 use crate::shape::Shape;
-use crate::world::{Side, Touch, World};
+use crate::world::{BodyId, Side, Touch, World};
 use std::collections::BTreeMap;
 
 /// CPU seconds by stage.
@@ -47,6 +49,8 @@ pub struct Inputs<'a> {
     pub params: &'a Params,
     pub plan: Plan,
     pub shapes: &'a [Shape],
+    /// Welded and facing outward.
+    pub control: &'a TriMesh,
     pub container: &'a Container,
     pub filled: &'a Filled,
     pub held: Held,
@@ -71,10 +75,10 @@ pub fn report(
     let progress =
         |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
     observe(observer, &progress(0.0))?;
-    let region = Region::new(&scene.control.mesh);
+    let region = Region::new(inputs.control);
     let props: Vec<TriMesh> = scene.props.iter().map(|p| p.model.mesh.clone()).collect();
     let (start, end) = (placed(&filled.bodies, &frames[0]), placed(&filled.bodies, &frames[frames.len() - 1]));
-    let gauge = Gauge::new(&scene.control.mesh, &region, &measure::Pile { props: &props, bodies: &start });
+    let gauge = Gauge::new(inputs.control, &region, &measure::Pile { props: &props, bodies: &start });
     let first = gauge.measure(&measure::Pile { props: &props, bodies: &start });
     observe(observer, &progress(0.4))?;
     let last = gauge.measure(&measure::Pile { props: &props, bodies: &end });
@@ -86,6 +90,9 @@ pub fn report(
     measures.extend(control_figures(pile));
     if params.output.free_standing {
         measures.insert("free_standing_fraction", Some(free_standing(pile, observer)?));
+    }
+    if params.output.free_pour {
+        measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
     }
     let mut warnings = inputs.plan.warnings.clone();
     warnings.extend(fill_warnings(inputs, &first));
@@ -137,13 +144,52 @@ fn contact_figures(world: &World) -> Figures {
     let hanging = measure::hanging(&at_rest, &contacts, 1.0).len();
     let overlap = |t: &Touch| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
     let penetration =
-        measure::penetration(&touches.iter().filter(|t| t.depth() > 0.0).map(overlap).collect::<Vec<_>>());
+        measure::penetration(&touches.iter().map(overlap).collect::<Vec<_>>());
+    let unsupported = unsupported(world);
     BTreeMap::from([
+        ("unsupported_fraction", unsupported.is_finite().then_some(unsupported)),
         ("hanging", Some(hanging as f64)),
         ("penetration_max_rel", Some(penetration.max_rel)),
         ("penetration_mean_rel", Some(penetration.mean_rel)),
     ])
 }
+
+/// `unsupported_fraction`: share of the resting bodies that the best global distribution of contact forces leaves
+/// unbalanced by more than a tenth of their weight. All contacts count, up to a gap of [`REAL_CONTACT`].
+fn unsupported(world: &World) -> f64 {
+    let present: Vec<BodyId> = world.present().collect();
+    let index = |id: BodyId| present.binary_search(&id).ok();
+    let body = |&id: &BodyId| {
+        let b = &world.bodies()[id];
+        global::Body { mass: b.mass, center_of_mass: world.pose(id).translation, radius: b.radius }
+    };
+    let bodies: Vec<global::Body> = present.iter().map(body).collect();
+    let touches = world.touches(REAL_CONTACT);
+    let contact = |t: &Touch| {
+        let (body, friction) = (index(t.a)?, t.friction);
+        let other = match t.b {
+            Side::Body(b) => Some(index(b)?),
+            Side::Ground | Side::Scenery => None,
+        };
+        Some((body, other, friction))
+    };
+    let contacts: Vec<global::Contact> = touches
+        .iter()
+        .filter_map(|t| Some((t, contact(t)?)))
+        .flat_map(|(t, (body, other, friction))| {
+            t.points.iter().map(move |p| global::Contact { body, other, point: p.point, normal: p.normal, friction })
+        })
+        .collect();
+    let pile = global::Pile { bodies: &bodies, contacts: &contacts, gravity: glam::DVec3::NEG_Y };
+    let Ok(report) = global::analyse(&pile, global::Objective::SumOfNorms { sharpen: 2 }) else { return f64::NAN };
+    let resting = present.iter().filter(|&&id| world.speed(id) < crate::hold::REST_SPEED).count();
+    let unbalanced = |(&id, &e): (&BodyId, &f64)| world.speed(id) < crate::hold::REST_SPEED && e > UNBALANCED;
+    let count = present.iter().zip(&report.imbalance).filter(|&pair| unbalanced(pair)).count();
+    count as f64 / resting.max(1) as f64
+}
+
+/// mg (measures.md).
+const UNBALANCED: f64 = 0.1;
 
 fn measured(t: &Touch) -> impl Iterator<Item = Contact> + '_ {
     let side = |s: Side| match s {
@@ -213,6 +259,7 @@ fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
         ("bodies_lost", pile.lost.len() as u64),
         ("control_cycles", tally.cycles),
         ("analyses", tally.analyses),
+        ("verdicts_kept", tally.settled),
         ("verdicts_stable", tally.stable),
         ("verdicts_unstable", tally.unstable),
         ("verdicts_undecided", 0),
@@ -229,8 +276,15 @@ fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
 const POOR_FILL: f64 = 0.2;
 
 fn fill_warnings(inputs: &Inputs, first: &ShapeMeasures) -> Vec<String> {
-    let Removed { sticking_out, overlapping, escaped } = inputs.filled.removed;
     let mut warnings = Vec::new();
+    if inputs.container.remeshed {
+        let spacing = inputs.container.distance.spacing() * inputs.plan.prop_diameter;
+        warnings.push(format!(
+            "{}: filled inside a surface around the union of its parts, {spacing:.3} m between samples",
+            inputs.scene.control.name
+        ));
+    }
+    let Removed { sticking_out, overlapping, escaped } = inputs.filled.removed;
     for (count, why) in [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")] {
         if count > 0 {
             warnings.push(format!("{count} bodies that {why} were removed after the fill"));

@@ -10,6 +10,7 @@ pub mod control;
 pub mod equilibrium;
 pub mod figures;
 pub mod fill;
+pub mod free_pour;
 pub mod hold;
 pub mod measure;
 pub mod mesh;
@@ -28,13 +29,16 @@ mod weld;
 pub mod world;
 
 use bake::{Bake, Body};
+use check::Checked;
 use container::Container;
 use control::Control;
+use fill::Filled;
 use observer::{Observer, Stage};
 use params::Params;
 use plan::Plan;
 use scene::Scene;
 use shape::Shape;
+use std::collections::BTreeMap;
 use world::Units;
 
 /// Why a scene cannot be baked, or a bake did not finish.
@@ -58,13 +62,28 @@ pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
 
 /// The method: shapes, fill, turn over, release, hold.
 pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<Bake, Error> {
+    let full = fill_container(scene, params, observer)?;
+    release_pile(scene, params, &full, observer)
+}
+
+/// A full container, ready to be turned over; any number of releases may start from it.
+pub struct FullContainer {
+    checked: Checked,
+    shapes: Vec<Shape>,
+    units: Units,
+    container: Container,
+    filled: Filled,
+    seconds: BTreeMap<Stage, f64>,
+}
+
+/// The first half of [`bake`]: collision shapes, and the fill.
+pub fn fill_container(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<FullContainer, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    let plan = plan::of(scene, params, &checked);
     let mut clock = figures::Clock::new(observer);
 
     let shapes = shape::run(scene, params, &checked, observer)?;
     let units = Units::new(checked.diameter, median_mass(scene, &shapes), params.gravity);
-    let container = Container::new(&scene.control.mesh, units.length, checked.ground);
+    let container = Container::new(&checked.control, &checked.topology, units.length, checked.ground);
     clock.lap(Stage::Shape, observer);
 
     let filled = fill::run(scene, &shapes, params, units, &container, observer)?;
@@ -75,9 +94,22 @@ pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Resu
         )]));
     }
     clock.lap(Stage::Fill, observer);
+    Ok(FullContainer { checked, shapes, units, container, filled, seconds: clock.into_seconds() })
+}
+
+/// The second half of [`bake`]: turn over, release, hold. `params` may differ from the fill's in what comes after it.
+pub fn release_pile(
+    scene: &Scene,
+    params: &Params,
+    full: &FullContainer,
+    observer: &mut dyn Observer,
+) -> Result<Bake, Error> {
+    let FullContainer { checked, shapes, units, container, filled, seconds } = full;
+    let plan = plan::of(scene, params, checked);
+    let mut clock = figures::Clock::new(observer);
 
     let control = Control::new(&params.control, params.gravity, params.seed, &container.distance);
-    let mut pile = release::turn_over(scene, &shapes, params, units, &filled.bodies, checked.ground, control)?;
+    let mut pile = release::turn_over(scene, shapes, params, *units, &filled.bodies, checked.ground, control)?;
     release::run(&mut pile, params, observer)?;
     clock.lap(Stage::Release, observer);
 
@@ -85,11 +117,11 @@ pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Resu
     clock.lap(Stage::Hold, observer);
 
     let bodies = filled.bodies.iter().map(|b| Body { prop: b.prop, scale: b.scale }).collect();
-    let frames = figures::prop_frames(&pile, &shapes, &filled.bodies);
-    let figures = figures::Inputs { scene, params, plan, shapes: &shapes, container: &container, filled: &filled, held };
-    let mut report = figures::report(&figures, &mut pile, &frames, observer)?;
+    let frames = figures::prop_frames(&pile, shapes, &filled.bodies);
+    let inputs = figures::Inputs { scene, params, plan, shapes, control: &checked.control, container, filled, held };
+    let mut report = figures::report(&inputs, &mut pile, &frames, observer)?;
     clock.lap(Stage::Measure, observer);
-    report.seconds = clock.into_seconds();
+    report.seconds = seconds.iter().map(|(&s, &t)| (s, t)).chain(clock.into_seconds()).collect();
     Ok(Bake { fps: params.output.fps, bodies, frames, report })
 }
 

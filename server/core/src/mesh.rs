@@ -29,6 +29,11 @@ impl TriMesh {
         TriMesh { points, triangles: self.triangles.iter().map(|&t| turn(t)).collect() }
     }
 
+    /// The same mesh, larger by `factor`.
+    pub fn scaled(&self, factor: f64) -> TriMesh {
+        self.transformed(&DAffine3::from_scale(DVec3::splat(factor)))
+    }
+
     /// Adds another mesh's triangles to this one.
     pub fn append(&mut self, other: &TriMesh) {
         let base = self.points.len() as u32;

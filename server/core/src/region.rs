@@ -22,7 +22,7 @@ use rayon::prelude::*;
 /// Winding number above which a point belongs to the solid.
 const INSIDE: f64 = 0.5;
 /// Far nodes are those beyond this many of their radii (Barill et al.'s beta). With the second term of the series
-/// the winding number is then right to about 0.02, far from mattering at [`INSIDE`].
+/// the winding number is then right to some hundredths, far from mattering at [`INSIDE`].
 const WINDING_ACCURACY: f64 = 2.0;
 /// Offset from a face at which its two sides are judged, as a share of the mesh's box diagonal: well above f64's
 /// noise, and thinner than any wall that a modeller means.

@@ -80,6 +80,7 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
     let total = layers.len() as u64 * interval;
     for layer in layers {
         for id in layer {
+            pile.control.release(id);
             pile.world.set_role(id, Role::Free);
             pile.world.set_damping(id, pile.damping);
         }

@@ -8,7 +8,7 @@ use crate::job::{Job, effective};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use anstyle::AnsiColor;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Fill a shape with props and write their motion
@@ -45,7 +45,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let began = Instant::now();
     interrupt::listen();
-    export::check_destination(&args.output)?;
+    let format = export::check_destination(&args.output)?;
     let scene = args.scene.tree()?.to_message();
     let job = Job::read(&scene).map_err(Failure::Input)?;
     check_outputs(args, &job)?;
@@ -55,20 +55,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     reporter.finish(baked.is_ok());
     let bake = baked?;
 
-    let told = args.report.as_ref().map(|path| {
+    let result = export::encode(format, &bake, &job.export_scene())?;
+    let report = args.report.as_deref().map(|path| {
         let scene = SceneTree::from_message(&effective(&scene, &job.params));
-        (path, report::json(&bake, &scene, &job.notes, &args.output))
+        (path, format!("{:#}\n", report::json(&bake, &scene, &job.notes, &args.output)))
     });
-    {
-        let _complete = interrupt::shield();
-        if interrupt::asked() {
-            return Err(Failure::Cancelled);
-        }
-        export::write(&args.output, &bake, &job.export_scene())?;
-    }
-    if let Some((path, report)) = told {
-        output::write(path, &format!("{report:#}\n"))?;
-    }
+    write(&args.output, &result, report)?;
 
     if !args.quiet {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
@@ -89,9 +81,27 @@ fn check_outputs(args: &Args, job: &Job) -> Result<(), Failure> {
     if let Some(report) = &args.report {
         output::check(report, &inputs)?;
         if *report == args.output {
-            let problem = Problem::new(report.display().to_string(), "the report would replace the result", "Name another file.");
+            let problem =
+                Problem::new(report.display().to_string(), "the report would replace the result", "Name another file.");
             return Err(Failure::Usage(vec![problem]));
         }
     }
     Ok(())
+}
+
+/// Writes result and report: both or none.
+fn write(output: &Path, result: &[u8], report: Option<(&Path, String)>) -> Result<(), Failure> {
+    let _complete = interrupt::shield();
+    if interrupt::asked() {
+        return Err(Failure::Cancelled);
+    }
+    if let Some((path, text)) = &report {
+        output::write(path, text.as_bytes())?;
+    }
+    output::write(output, result).inspect_err(|_| {
+        if let Some((path, _)) = &report {
+            // A report of a result that is not there would mislead.
+            let _ = std::fs::remove_file(path);
+        }
+    })
 }

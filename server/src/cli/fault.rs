@@ -11,7 +11,8 @@ static LAST: Mutex<Option<String>> = Mutex::new(None);
 pub fn contain(command: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
     set_hook(Box::new(|info| {
         let payload = info.payload_as_str().unwrap_or("no message");
-        let location = info.location().map(|place| format!(" at {}:{}", place.file(), place.line())).unwrap_or_default();
+        let location =
+            info.location().map(|place| format!(" at {}:{}", place.file(), place.line())).unwrap_or_default();
         *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(format!("{payload}{location}"));
     }));
     catch_unwind(AssertUnwindSafe(command)).unwrap_or_else(|_| {

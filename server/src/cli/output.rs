@@ -1,15 +1,14 @@
 //! Files that a command writes: checked before any work, written complete or not at all.
 
-use super::{Failure, interrupt};
+use super::Failure;
 use crate::export;
 use crate::problem::Problem;
 use std::path::{Path, PathBuf};
 
 /// Whether a file can appear at this path, and would not replace one of the inputs.
 pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
-    let usage = |what: String, remedy: &str| {
-        Err(Failure::Usage(vec![Problem::new(path.display().to_string(), what, remedy)]))
-    };
+    let usage =
+        |what: String, remedy: &str| Err(Failure::Usage(vec![Problem::new(path.display().to_string(), what, remedy)]));
     if path.is_dir() {
         return usage("a folder, not a file".into(), "Name a file in it.");
     }
@@ -30,8 +29,7 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes a text, complete or not at all.
-pub fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    let _complete = interrupt::shield();
-    export::write_atomically(path, text.as_bytes()).map_err(|error| Failure::write(path, error))
+/// Writes a file, complete or not at all.
+pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
+    export::write_atomically(path, content).map_err(|error| Failure::write(path, error))
 }

@@ -12,7 +12,11 @@ pub fn lines(report: &Report, seconds: f64, output: &Path) -> Vec<String> {
         lines[0] += &format!(", {} of the control mesh's volume", percent(fill));
     }
     if let (Some(start), Some(kept)) = (measure("shape_iou_start"), measure("kept_shape")) {
-        lines.push(format!("shape: {} like the control mesh after turning over, {} of that kept", percent(start), percent(kept)));
+        lines.push(format!(
+            "shape: {} like the control mesh after turning over, {} of that kept",
+            percent(start),
+            percent(kept)
+        ));
     }
     if let Some(speed) = measure("resting_speed_max") {
         lines.push(format!("at the end the fastest body moves at {speed:.3} m/s"));

@@ -65,7 +65,10 @@ impl<'a> Checker<'a> {
             return self.single(field, value, path);
         }
         let Value::Array(elements) = value else { return self.mistyped(path, value, "a list") };
-        let checked = elements.iter().enumerate().map(|(index, element)| self.single(field, element, &join(path, &index.to_string())));
+        let checked = elements
+            .iter()
+            .enumerate()
+            .map(|(index, element)| self.single(field, element, &join(path, &index.to_string())));
         // All elements are walked before the first failure counts, so that all problems are told.
         let checked: Vec<Option<Value>> = checked.collect();
         checked.into_iter().collect::<Option<Vec<Value>>>().map(Value::Array)
@@ -89,9 +92,9 @@ impl<'a> Checker<'a> {
 
     fn integer(&mut self, value: &Value, path: &str, range: std::ops::RangeInclusive<i64>) -> Option<Value> {
         let whole = match value {
-            Value::Number(number) => {
-                number.as_i64().or_else(|| number.as_f64().filter(|number| is_exact(*number)).map(|number| number as i64))
-            }
+            Value::Number(number) => number
+                .as_i64()
+                .or_else(|| number.as_f64().filter(|number| is_exact(*number)).map(|number| number as i64)),
             Value::String(text) => text.parse().ok(),
             _ => None,
         };
@@ -120,7 +123,11 @@ impl<'a> Checker<'a> {
     }
 
     fn mistyped(&mut self, path: &str, value: &Value, wanted: &str) -> Option<Value> {
-        let what = format!("{} is {}", if path.is_empty() { "the scene".into() } else { format!("`{path}`") }, describe(value));
+        let what = format!(
+            "{} is {}",
+            if path.is_empty() { "the scene".into() } else { format!("`{path}`") },
+            describe(value)
+        );
         self.report(path, what, format!("It must be {wanted}."));
         None
     }
@@ -137,7 +144,8 @@ fn rival(field: &FieldDescriptor, set: &Map<String, Value>) -> Option<String> {
 /// The other fields of which at most one can be set together with this one.
 pub fn alternatives(field: &FieldDescriptor) -> Vec<String> {
     let choice = field.containing_oneof().filter(|choice| !choice.is_synthetic());
-    let names = choice.iter().flat_map(|choice| choice.fields().map(|other| other.name().to_owned()).collect::<Vec<_>>());
+    let names =
+        choice.iter().flat_map(|choice| choice.fields().map(|other| other.name().to_owned()).collect::<Vec<_>>());
     names.filter(|name| name != field.name()).collect()
 }
 

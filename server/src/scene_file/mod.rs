@@ -176,6 +176,8 @@ fn toml_value(value: &Value) -> toml::Value {
             None => toml::Value::String(text.clone()),
         },
         Value::Array(list) => toml::Value::Array(list.iter().map(toml_value).collect()),
-        Value::Object(map) => toml::Value::Table(map.iter().map(|(name, value)| (name.clone(), toml_value(value))).collect()),
+        Value::Object(map) => {
+            toml::Value::Table(map.iter().map(|(name, value)| (name.clone(), toml_value(value))).collect())
+        }
     }
 }

@@ -35,7 +35,8 @@ pub fn suggest(message: &MessageDescriptor, name: &str) -> String {
     if let Some(meant) = nearest(name, fields.iter().map(|field| field.name())) {
         return format!("Did you mean `{meant}`?");
     }
-    let elsewhere: Vec<String> = paths(&scene(), "").into_iter().filter(|path| path.rsplit('.').next() == Some(name)).collect();
+    let elsewhere: Vec<String> =
+        paths(&scene(), "").into_iter().filter(|path| path.rsplit('.').next() == Some(name)).collect();
     if !elsewhere.is_empty() {
         return format!("Did you mean `{}`?", elsewhere.join("` or `"));
     }

@@ -41,7 +41,8 @@ pub fn set(tree: &mut Value, assignment: &str) -> Result<(), Vec<Problem>> {
     if !checker.problems.is_empty() {
         return Err(checker.problems);
     }
-    put(tree, &steps, checked).map_err(|count| fail(&format!("the list has {count} elements"), "They are counted from 0.".into()))
+    put(tree, &steps, checked)
+        .map_err(|count| fail(&format!("the list has {count} elements"), "They are counted from 0.".into()))
 }
 
 /// The value as text where the field holds text or a name, else in TOML's notation.
@@ -64,13 +65,19 @@ fn resolve(path: &str) -> Result<Vec<Step>, (String, String)> {
     for name in path.split('.') {
         if let Some(field) = list.take() {
             let index = name.parse().map_err(|_| {
-                (format!("`{}` is a list", field.name()), format!("Name one by its number, counted from 0: {}.0.", field.name()))
+                (
+                    format!("`{}` is a list", field.name()),
+                    format!("Name one by its number, counted from 0: {}.0.", field.name()),
+                )
             })?;
             steps.push(Step::Element(index));
             continue;
         }
         let Some(message) = group.take() else {
-            return Err((format!("nothing lies below `{}`", path.rsplit_once('.').map_or(path, |(above, _)| above)), String::new()));
+            return Err((
+                format!("nothing lies below `{}`", path.rsplit_once('.').map_or(path, |(above, _)| above)),
+                String::new(),
+            ));
         };
         let field = schema::field(&message, name)
             .ok_or_else(|| (format!("unknown field `{name}`"), schema::suggest(&message, name)))?;
@@ -119,7 +126,12 @@ fn put(tree: &mut Value, steps: &[Step], value: Option<Value>) -> Result<(), usi
             }
             let list = tree.as_array_mut().expect("made so above");
             if rest.is_empty() && value.is_none() {
-                return if *index < list.len() { list.remove(*index); Ok(()) } else { Err(list.len()) };
+                return if *index < list.len() {
+                    list.remove(*index);
+                    Ok(())
+                } else {
+                    Err(list.len())
+                };
             }
             if *index > list.len() {
                 return Err(list.len());

@@ -200,7 +200,7 @@ impl<'a> Program<'a> {
         }
         for (i, b) in pile.bodies.iter().enumerate() {
             let positive = |x: f64| x > 0.0 && x.is_finite();
-            if !(positive(b.mass) && positive(b.radius) && b.center_of_mass.is_finite()) {
+            if !(positive(b.mass) && positive(b.mass * g) && positive(b.radius) && b.center_of_mass.is_finite()) {
                 return Err(PileError::Body(i));
             }
         }
@@ -315,7 +315,7 @@ impl<'a> Program<'a> {
         let multiplier = |c: &[f64]| (-DVec3::from_slice(c), -DVec3::from_slice(&c[3..]));
         let u: Vec<(DVec3, DVec3)> = z[..6 * self.pile.bodies.len()].chunks_exact(6).map(multiplier).collect();
         let largest = u.iter().map(|(f, t)| (f.length_squared() + t.length_squared()).sqrt()).fold(0.0, f64::max);
-        if !(largest > 0.0 && largest.is_finite()) {
+        if !(largest > 0.0 && z.iter().all(|z| z.is_finite())) {
             return 0.0;
         }
         let gravity: f64 = u.iter().map(|(f, _)| f.dot(self.down)).sum();
@@ -347,13 +347,19 @@ fn link(pile: &Pile, g: f64, index: usize, c: &Contact) -> Result<Link, PileErro
         lever: (c.point - pile.bodies[body].center_of_mass) / pile.bodies[body].radius,
         scale: unit / weight(body),
     };
-    let sides = std::iter::once(side(c.body, 1.0)).chain(c.other.map(|o| side(o, -1.0))).collect();
+    let sides: Vec<Side> = std::iter::once(side(c.body, 1.0)).chain(c.other.map(|o| side(o, -1.0))).collect();
+    if sides.iter().any(|s: &Side| !s.lever.is_finite()) {
+        return Err(PileError::Contact(index));
+    }
     let (t1, t2) = normal.any_orthonormal_pair();
     Ok(Link { axes: [normal, t1, t2], mu: c.friction, unit, sides })
 }
 
-/// An interior point may end a rounding outside its cone.
+/// An interior point may end a rounding outside its cone, and a breakdown anywhere: then the contact counts as unloaded.
 fn clip(f: &[f64], mu: f64) -> [f64; 3] {
+    if !f.iter().all(|x| x.is_finite()) {
+        return [0.0; 3];
+    }
     let normal = f[0].max(0.0);
     let tangential = f[1].hypot(f[2]);
     let keep = if tangential > mu * normal { mu * normal / tangential } else { 1.0 };

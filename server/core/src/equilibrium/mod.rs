@@ -14,12 +14,13 @@
 //!
 //! Divided by mg (forces) and mgR (torques; R the body's bounding radius) the problem has no unit left. With
 //! r_i = (p_i - c)/R, the wrench of a force f at contact i is a = (f, r_i x f), a point of R^6; the wrench wanted is
-//! b = (-g/|g|, 0), of length one. All wrenches that the contacts can exert form a closed convex cone
+//! b = (-g/|g|, 0), of length one. All wrenches that the contacts can exert form a convex cone
 //! W = { sum (f_i, r_i x f_i) : f_i in friction cone i }, so that the question is: **is b in W?**
 //!
 //! # The answer is a distance
 //!
-//! The projection of b onto W always exists and is unique. Let y = b - proj(b). By Moreau's decomposition
+//! The projection of b onto W (its closure: a wedge on the verge of jamming needs infinite forces, and no arithmetic tells that
+//! from very large ones) always exists and is unique. Let y = b - proj(b). By Moreau's decomposition
 //!
 //! ```text
 //! y . a <= 0 for every wrench a in W,      y . b = |y|^2.
@@ -30,8 +31,8 @@
 //!   the weight's counter-wrench (z . b > 0) while no contact can do positive work with it. Read as a motion, z is how
 //!   the body starts to fall. |y| is the *residual*: no contact forces come nearer to equilibrium than that.
 //!
-//! Both proofs are checked by substitution into the equations above, by code that shares nothing with the solvers
-//! ([`scaled`]), before a verdict leaves this module. "Undecided" does not exist: the module's answer is a number, the
+//! Both proofs are checked by substitution into the equations above before a verdict leaves this module, by code that knows
+//! the friction laws and nothing of the solvers (`scaled.rs`). "Undecided" does not exist: the module's answer is a number, the
 //! distance, and the verdict compares it with [`STABLE_RESIDUAL`].
 //!
 //! # Friction laws
@@ -45,22 +46,27 @@
 //!
 //! | | pyramid | cone |
 //! | --- | --- | --- |
-//! | [`Solver::Fast`] | projection onto W, generators from a list ([`projection`]) | the same, generators from a formula |
-//! | [`Solver::Clarabel`] | linear program ([`reference`]) | second-order cone program |
+//! | [`Solver::Fast`] | projection onto W, generators from a list (`projection.rs`) | the same, generators from a formula |
+//! | [`Solver::Clarabel`] | linear program (`reference.rs`) | second-order cone program |
 //!
 //! What the fast solver cannot certify, Clarabel decides; what Clarabel leaves open, the fast solver decides; what both
 //! leave open goes out with the fast solver's projection, and is counted as [`Counters::uncertified`]: in a million
 //! generated problems that has not happened once.
 //!
-//! # Margin
+//! # What else is here
 //!
-//! See [`margin`].
+//! [`margin`]: how far a stable body is from the edge. [`candidate`]: which bodies may be held (section 3.3). [`rank`]: how
+//! degenerate a contact set is. [`global`]: the whole pile at once. The local analysis holds a body's neighbours fast and
+//! therefore says nothing of them: every block of an overhanging stack, and every stone of an arch too thin to stand, may be
+//! locally stable while the whole falls. Only [`global`] sees that.
+//!
+//! Nothing here depends on time, on hashing, on threads, or on what an [`Analyser`] was used for before.
 
 pub mod candidate;
 pub mod global;
 pub mod margin;
-mod polish;
 mod projection;
+pub mod rank;
 mod reference;
 mod scaled;
 
@@ -156,7 +162,7 @@ pub enum Solver {
 pub struct Options {
     pub friction_law: FrictionLaw,
     pub solver: Solver,
-    /// Also compute the margin of a stable body. Costs about as much again as the verdict, several times over.
+    /// Also compute the margin of a stable body. Costs four to eight verdicts.
     pub margin: bool,
 }
 

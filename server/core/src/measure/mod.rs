@@ -9,6 +9,7 @@ mod gauge;
 mod pictures;
 mod raster;
 mod solid;
+mod stamp;
 #[cfg(test)]
 mod tests;
 mod voxels;

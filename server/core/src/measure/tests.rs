@@ -104,12 +104,12 @@ fn gaps_between_props_are_not_missing_shape() {
 
 #[test]
 fn a_solid_control_mesh_is_itself() {
-    let pebble = [cuboid([-0.05; 3], [0.05; 3])];
+    let pebble = cuboid([-0.08; 3], [0.08; 3]);
     for (name, control) in
         [("cone", cone(1.0, 2.8)), ("dome", dome(1.0)), ("T", letter_t()), ("torus", torus(1.0, 0.4))]
     {
         // Both as the gauge's own reference, and as a pile of one body that is the control mesh.
-        let props = [pebble[0].clone(), control.clone()];
+        let props = [pebble.clone(), control.clone()];
         let region = Region::new(&control);
         let pebbles = [(0, 1.0, Pose::IDENTITY), (0, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
         let gauge = Gauge::new(&control, &region, &Pile { props: &props, bodies: &pebbles });

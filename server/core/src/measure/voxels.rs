@@ -73,7 +73,8 @@ impl Block {
     /// Dilates by a ball of `radius` cells, then erodes by it: fills gaps narrower than the ball. The full cells must
     /// keep that far from the block's border.
     pub fn close(&mut self, radius: f64) {
-        let square = (radius * radius).min(i32::MAX as f64) as i32;
+        // Squares are whole numbers: one that rounding has put just below the radius's belongs to it.
+        let square = (radius * radius * (1.0 + 1e-9)).min(f64::from(FAR - 1)) as i32;
         // Each transform returns the axes Y and Z swapped; two of them put things back.
         let [nx, ny, nz] = self.size;
         let dilated = distance_transform(&self.cells, self.size, 1);

@@ -49,6 +49,11 @@ impl DistanceGrid {
         DistanceGrid { origin, spacing: h, size, values, capped: h > spacing }
     }
 
+    /// The first node, the nodes along X, Y, Z, and the values, shape `[z][y][x]`, metres.
+    pub fn nodes(&self) -> (DVec3, [usize; 3], &[f64]) {
+        (self.origin, self.size, &self.values)
+    }
+
     /// Metres between nodes.
     pub fn spacing(&self) -> f64 {
         self.spacing

@@ -15,6 +15,9 @@ pub(super) const SLOPES: [(f64, f64); 4] =
     [(0.41134, 0.23371), (-0.29177, 0.37143), (0.13391, -0.45317), (-0.36971, -0.17389)];
 /// Points nearer than this share of the box diagonal may be one point that an exporter has rounded twice.
 const WELD: f64 = 1e-6;
+/// A ray that meets a triangle within this share of its size starts on it: where two parts touch, rounding must not
+/// count one of the two faces alone.
+const ON_FACE: f64 = 1e-12;
 /// A box is entered although rounding says that the ray passes it by this share of the way.
 const BOX_SLACK: f64 = 1e-12;
 
@@ -76,7 +79,7 @@ impl Names {
     }
 }
 
-/// How often the mesh winds around a point. `None` if every ray meets an edge exactly.
+/// How often the mesh winds around a point. `None` if every ray meets an edge exactly, or the point is on a triangle.
 pub(super) fn crossings(tree: &Bvh, p: DVec3) -> Option<i32> {
     SLOPES.iter().find_map(|&slope| cast(tree, p, slope))
 }
@@ -101,7 +104,7 @@ fn cast(tree: &Bvh, p: DVec3, (x, y): (f64, f64)) -> Option<i32> {
 }
 
 /// 1 if the ray from the origin leaves through the triangle's front, -1 if it enters there, 0 if it misses; `None` if
-/// it meets an edge.
+/// it meets an edge or starts on the triangle.
 fn cross(triangle: [DVec3; 3], x: f64, y: f64) -> Option<i32> {
     let [a, b, c] = triangle.map(|v| DVec3::new(v.x - x * v.z, v.y - y * v.z, v.z));
     let (u, v, w) = (c.x * b.y - c.y * b.x, a.x * c.y - a.y * c.x, b.x * a.y - b.y * a.x);
@@ -113,8 +116,12 @@ fn cross(triangle: [DVec3; 3], x: f64, y: f64) -> Option<i32> {
     if u == 0.0 || v == 0.0 || w == 0.0 {
         return None;
     }
-    let ahead = (u * a.z + v * b.z + w * c.z) / (u + v + w) > 0.0;
-    Some(if !ahead {
+    let way = (u * a.z + v * b.z + w * c.z) / (u + v + w);
+    let size = a.abs().max(b.abs()).max(c.abs()).max_element();
+    if way.abs() <= ON_FACE * size {
+        return None;
+    }
+    Some(if way < 0.0 {
         0
     } else if high < 0.0 {
         1

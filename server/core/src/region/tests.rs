@@ -133,6 +133,22 @@ fn rays_through_edges_and_corners_count_once() {
 }
 
 #[test]
+fn the_face_where_two_parts_touch_is_inside() {
+    // The two have different diagonals there, and a part that reaches over both.
+    let mut mesh = cuboid([0.0; 3], [1.0, 0.7, 1.0]);
+    let mut upper = cuboid([0.0, 0.7, 0.0], [1.0, 1.9, 1.0]);
+    upper.triangles[4..6].copy_from_slice(&[[1, 5, 4], [1, 4, 0]]);
+    mesh.append(&upper);
+    let region = Region::new(&mesh);
+    assert!(!region.is_open() && (region.volume() - 1.9).abs() < 1e-9);
+    for p in random_points(500, 0.5) {
+        let p = DVec3::new(p.x + 0.5, 0.7, p.z + 0.5);
+        assert!(region.contains(p), "{p}");
+        assert!(region.signed_distance(p) < 0.0);
+    }
+}
+
+#[test]
 fn degenerate_triangles_do_no_harm() {
     let mut mesh = cuboid([0.0; 3], [1.0; 3]);
     mesh.triangles.extend([[0, 0, 0], [0, 1, 1], [0, 1, 0]]);

@@ -15,6 +15,7 @@ use crate::params::{Params, Physics};
 use crate::pose::Pose;
 use crate::report::ShapeReport;
 use crate::scene::{Prop, Scene};
+use crate::topology;
 use glam::{DMat3, DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::{MassProperties, SharedShape};
@@ -45,7 +46,7 @@ impl Size {
         extents.sort_by(f64::total_cmp);
         let own = mesh.signed_volume();
         let bulk = extents.iter().product::<f64>();
-        let closed = mesh.boundary_edges() == 0 && own.abs() > MIN_VOLUME_SHARE * bulk;
+        let closed = topology::inspect(mesh).is_watertight() && own.abs() > MIN_VOLUME_SHARE * bulk;
         let volume = if closed { own.abs() } else { bulk / 2.0 };
         Size { diameter, extents: DVec3::from_array(extents), volume, closed }
     }

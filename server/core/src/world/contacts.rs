@@ -55,7 +55,14 @@ impl World {
     /// Pairs with a gap of at most `tolerance` times the thinner one's thickness, in order of `(a, b)`. Exact: from the
     /// poses, not from the engine's memory. Walls of a container are not told.
     pub fn touches(&self, tolerance: f64) -> Vec<Touch> {
+        self.touches_since(tolerance, &[], &[])
+    }
+
+    /// The same, where `before` was the answer when the bodies marked in `still` (shape `[body]`) stood where they stand
+    /// now: pairs of which neither has moved are taken from there.
+    pub fn touches_since(&self, tolerance: f64, before: &[Touch], still: &[bool]) -> Vec<Touch> {
         let mut touches = Vec::new();
+        let is_still = |id: BodyId| still.get(id).copied().unwrap_or(false);
         for a in self.present() {
             let collider = &self.engine.colliders[self.bodies[a].collider];
             let reach = tolerance * self.bodies[a].thickness;
@@ -64,7 +71,18 @@ impl World {
                 self.query().intersect_aabb_conservative(aabb).filter_map(|(h, c)| Some((self.side(a, c)?, h))).collect();
             near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
             for (b, other) in near {
-                self.touch(a, b, other, tolerance, &mut touches);
+                let unmoved = is_still(a) && !matches!(b, Side::Body(b) if !is_still(b));
+                if !unmoved {
+                    self.touch(a, b, other, tolerance, &mut touches);
+                }
+            }
+            if is_still(a) {
+                let from = before.partition_point(|t| t.a < a);
+                let mine = before[from..].iter().take_while(|t| t.a == a);
+                let unmoved = |t: &&Touch| !matches!(t.b, Side::Body(b) if !is_still(b) || !self.is_present(b));
+                let begin = touches.partition_point(|t| t.a < a);
+                touches.extend(mine.filter(unmoved).cloned());
+                touches[begin..].sort_by_key(|t| t.b);
             }
         }
         touches

@@ -6,3 +6,4 @@ mod generator;
 mod global;
 mod input;
 mod physics;
+mod wall;

@@ -1,0 +1,146 @@
+//! The acceptance table: sticks in a steep cone, a vertical cylinder and a letter T, with control, without, and without
+//! but with everything damped as strongly; medians over seeds.
+//!
+//!     cargo run --release --example acceptance -- --seeds 5
+
+use cairn_core::observer::{Observer, Progress};
+use cairn_core::params::{Accuracy, ControlMode, Params};
+use cairn_core::report::Report;
+use cairn_core::scene::{Model, Prop, Scene};
+use clap::Parser;
+use std::ops::ControlFlow;
+use std::path::Path;
+
+#[derive(Parser)]
+struct Args {
+    /// Seeds 1 to this are baked.
+    #[arg(long, default_value_t = 5)]
+    seeds: u64,
+    /// Control meshes, below examples/assets.
+    #[arg(long, value_delimiter = ',', default_value = "cone-small,cylinder,letter-t")]
+    shapes: Vec<String>,
+    #[arg(long, default_value = "stick")]
+    prop: String,
+}
+
+/// A column of the table: its heading, the figure's name and its digits.
+const COLUMNS: [(&str, &str, usize); 14] = [
+    ("fill", "fill_fraction", 3),
+    ("IoU at turn-over", "shape_iou_start", 3),
+    ("kept shape", "kept_shape", 3),
+    ("silhouette", "silhouette_iou", 3),
+    ("p95 height before", "height_p95_rel_start", 3),
+    ("after", "height_p95_rel", 3),
+    ("protrusion", "protrusion_rel", 3),
+    ("max penetration", "penetration_max_rel", 3),
+    ("mean", "penetration_mean_rel", 4),
+    ("rest speed", "resting_speed_max_rel", 4),
+    ("hanging", "hanging", 0),
+    ("unsupported", "unsupported_fraction", 3),
+    ("free-standing", "free_standing_fraction", 2),
+    ("analysis / steps", "control_overhead", 2),
+];
+
+fn main() -> Result<(), String> {
+    let args = Args::parse();
+    let headings: Vec<&str> = COLUMNS.iter().map(|c| c.0).collect();
+    println!("| shape | control | bodies | {} | CPU s fill | release, hold |", headings.join(" | "));
+    println!("|{}", " --- |".repeat(COLUMNS.len() + 5));
+    for shape in &args.shapes {
+        let scene = scene(shape, &args.prop)?;
+        let params = |seed| Params { seed, ..Params::new(Accuracy::Standard) };
+        let fill = |seed| cairn_core::fill_container(&scene, &params(seed), &mut Cpu).map_err(|e| e.to_string());
+        let full = (1..=args.seeds).map(fill).collect::<Result<Vec<_>, _>>()?;
+        for (name, change) in variants() {
+            let mut reports = Vec::new();
+            for (seed, full) in (1..).zip(&full) {
+                let mut params = params(seed);
+                params.output.free_standing = true;
+                change(&mut params);
+                let bake = cairn_core::release_pile(&scene, &params, full, &mut Cpu).map_err(|e| e.to_string())?;
+                reports.push(bake.report);
+            }
+            let figure = |&(_, key, digits): &(&str, &str, usize)| {
+                let value = |r: &Report| r.measures.get(key).copied().flatten().unwrap_or(f64::NAN);
+                format!("{:.digits$}", median(&reports, value))
+            };
+            let figures: Vec<String> = COLUMNS.iter().map(figure).collect();
+            let seconds = |names: &[&str]| {
+                let spent = |r: &Report| r.seconds.iter().filter(|s| names.contains(&stage(s.0))).map(|s| s.1).sum();
+                median(&reports, spent)
+            };
+            println!(
+                "| {shape} | {name} | {:.0} | {} | {:.1} | {:.1} |",
+                median(&reports, |r| r.bodies as f64),
+                figures.join(" | "),
+                seconds(&["fill"]),
+                seconds(&["release", "hold"])
+            );
+        }
+    }
+    Ok(())
+}
+
+type Change = fn(&mut Params);
+
+/// With control; without; and without but with every body damped as strongly as the control damps uncertified ones.
+fn variants() -> [(&'static str, Change); 3] {
+    [
+        ("hold", |_| {}),
+        ("off", |p| p.control.mode = ControlMode::Off),
+        ("off, damped", |p| {
+            p.control.mode = ControlMode::Off;
+            p.release.damping = p.control.damping;
+        }),
+    ]
+}
+
+fn stage(stage: &cairn_core::observer::Stage) -> &'static str {
+    use cairn_core::observer::Stage;
+    match stage {
+        Stage::Shape => "shape",
+        Stage::Fill => "fill",
+        Stage::Release => "release",
+        Stage::Hold => "hold",
+        Stage::Measure => "measure",
+    }
+}
+
+fn median(reports: &[Report], value: impl Fn(&Report) -> f64) -> f64 {
+    let mut values: Vec<f64> = reports.iter().map(value).collect();
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn scene(control: &str, prop: &str) -> Result<Scene, String> {
+    let stick =
+        Prop { model: model(prop)?, weight: 1.0, friction: 0.7, density: 500.0, restitution: 0.0, scale: [1.0; 2] };
+    Ok(Scene { control: model(control)?, props: vec![stick], statics: Vec::new() })
+}
+
+fn model(name: &str) -> Result<Model, String> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(name).with_extension("glb");
+    let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let source = cairn_core::asset::Source {
+        name,
+        bytes: &bytes,
+        node: None,
+        resolve: &|uri| Err(format!("{uri}: the examples have no external files")),
+        limits: Default::default(),
+    };
+    let asset = cairn_core::asset::read(&source).map_err(|problems| format!("{problems:?}"))?;
+    Ok(Model { name: name.into(), mesh: asset.mesh })
+}
+
+/// Counts CPU time and cancels nothing.
+struct Cpu;
+
+impl Observer for Cpu {
+    fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn cpu_seconds(&mut self) -> f64 {
+        cpu_time::ProcessTime::now().as_duration().as_secs_f64()
+    }
+}

@@ -1,0 +1,170 @@
+//! The volume IoU: bodies stamped onto the gauge's lattice, closed, and compared with the control mesh's cells.
+
+use super::gauge::{Gauge, placed, ratio};
+use super::voxels::{Block, Lattice};
+use super::{Pile, ShapeIou};
+use crate::pose::Pose;
+use crate::region::Region;
+use glam::DVec3;
+
+/// Cells of the grid around the control mesh: 4 million, about 60 MB while closing.
+const CONTROL_CELLS: f64 = (1 << 22) as f64;
+/// Cells of the grid around a pile, which may spread: 16 million, about 200 MB while closing.
+const PILE_CELLS: f64 = (1 << 24) as f64;
+
+/// First cell, and the one after the last.
+type CellBox = [[i64; 3]; 2];
+
+impl Gauge<'_> {
+    /// Volume IoU of the closed pile and the control mesh.
+    pub fn shape_iou(&self, pile: &Pile) -> ShapeIou {
+        let boxes: Vec<CellBox> = pile.bodies.iter().map(|b| self.body_box(b)).collect();
+        let (clip, block) = self.pile_grid(&boxes);
+        let is_beyond = |b: &CellBox| (0..3).any(|a| b[0][a] < clip[0][a] || b[1][a] > clip[1][a]);
+        let beyond: Vec<_> = boxes.iter().zip(pile.bodies).filter(|(b, _)| is_beyond(b)).map(|(_, b)| b).collect();
+        let lost = beyond.iter().map(|body| {
+            let samples = &self.solid(body).samples;
+            let outside = |p: &DVec3| {
+                let at = self.lattice.cell_of(placed(body, *p));
+                (0..3).any(|a| at[a] < clip[0][a] || at[a] >= clip[1][a])
+            };
+            self.volume(body) * ratio(samples.iter().filter(|p| outside(p)).count() as f64, samples.len() as f64)
+        });
+        let lost: f64 = lost.sum();
+        let stamped = self.stamp(pile, &boxes, clip, block);
+        ShapeIou {
+            value: self.iou(stamped, lost),
+            solid: self.solid_iou,
+            cell: self.lattice.cell,
+            wanted_cell: self.wanted_cell,
+            capped: self.lattice.cell > self.wanted_cell,
+            beyond: beyond.len(),
+        }
+    }
+
+    /// Closes the cells by d/2 and compares them with the control mesh's; `lost` m^3 of the pile are elsewhere.
+    pub(super) fn iou(&self, mut cells: Block, lost: f64) -> f64 {
+        cells.close(self.diameter / 2.0 / self.lattice.cell);
+        let common = cells.common(&self.control_cells) as f64;
+        let lost = lost / self.lattice.cell.powi(3);
+        ratio(common, (cells.count() + self.control_cells.count()) as f64 - common + lost)
+    }
+
+    /// The cells that bodies may fill (the control mesh's box, and as much again on each side as the cap allows), and
+    /// an empty block that holds the bodies within, with room to close them.
+    fn pile_grid(&self, boxes: &[CellBox]) -> (CellBox, Block) {
+        let control = self.cells_of(self.region.bounds());
+        let room = self.closing_room();
+        let mut margin = (0..3).map(|a| control[1][a] - control[0][a]).max().unwrap_or(0);
+        loop {
+            let clip = [control[0].map(|x| x - margin), control[1].map(|x| x + margin)];
+            let (mut lo, mut hi) = (clip[1], clip[0]);
+            for b in boxes.iter().filter(|b| (0..3).all(|a| b[0][a] < clip[1][a] && b[1][a] > clip[0][a])) {
+                for a in 0..3 {
+                    lo[a] = lo[a].min(b[0][a].max(clip[0][a]));
+                    hi[a] = hi[a].max(b[1][a].min(clip[1][a]));
+                }
+            }
+            if (0..3).any(|a| lo[a] >= hi[a]) {
+                return (clip, Block::new(clip[0], clip[0]));
+            }
+            let (lo, hi) = (lo.map(|x| x - room), hi.map(|x| x + room));
+            let cells: f64 = (0..3).map(|a| (hi[a] - lo[a]) as f64).product();
+            if cells <= PILE_CELLS || margin == 0 {
+                return (clip, Block::new(lo, hi));
+            }
+            margin = margin * 4 / 5;
+        }
+    }
+
+    /// Fills the cells of `block` within `clip` whose centres are in a body; `boxes` are the bodies'.
+    fn stamp(&self, pile: &Pile, boxes: &[CellBox], clip: CellBox, mut block: Block) -> Block {
+        let mut layers = vec![Vec::new(); block.size[2]];
+        let first = block.lo[2];
+        for (i, b) in boxes.iter().enumerate() {
+            let last = (first + layers.len() as i64).min(clip[1][2]);
+            for z in b[0][2].max(clip[0][2]).max(first)..b[1][2].min(last) {
+                layers[(z - first) as usize].push(i);
+            }
+        }
+        block.rows_mut(|at, row| {
+            let [x, y, z] = at;
+            if y < clip[0][1] || y >= clip[1][1] {
+                return;
+            }
+            for &i in layers[(z - first) as usize].iter().filter(|&&i| boxes[i][0][1] <= y && y < boxes[i][1][1]) {
+                let from = boxes[i][0][0].max(clip[0][0]).max(x);
+                let to = boxes[i][1][0].min(clip[1][0]).min(x + row.len() as i64);
+                if from < to {
+                    let row = &mut row[(from - x) as usize..(to - x) as usize];
+                    self.stamp_row(&pile.bodies[i], [from, y, z], row);
+                }
+            }
+        });
+        block
+    }
+
+    fn stamp_row(&self, body: &(usize, f64, Pose), at: [i64; 3], row: &mut [u8]) {
+        let solid = self.solid(body);
+        let back = body.2.rotation.inverse();
+        let start = back * (self.lattice.centre(at) - body.2.translation) / body.1;
+        let step = back * DVec3::X * (self.lattice.cell / body.1);
+        // The stretch of the row inside the solid's box: one slab per axis.
+        let (mut first, mut last) = (0.0f64, row.len() as f64 - 1.0);
+        for a in 0..3 {
+            let (lo, hi) = (solid.lo[a], solid.lo[a] + solid.cell[a] * solid.size[a] as f64);
+            let (s, t) = ((lo - start[a]) / step[a], (hi - start[a]) / step[a]);
+            if step[a] == 0.0 {
+                // Along the slab: `contains` decides.
+                continue;
+            }
+            first = first.max(s.min(t));
+            last = last.min(s.max(t));
+        }
+        let (first, last) = (first.ceil().max(0.0), last.floor());
+        if first > last {
+            return;
+        }
+        for (i, cell) in row.iter_mut().enumerate().take(last as usize + 1).skip(first as usize) {
+            if *cell == 0 && solid.contains(start + step * i as f64) {
+                *cell = 1;
+            }
+        }
+    }
+
+    /// The cells that may hold a part of the body.
+    fn body_box(&self, body: &(usize, f64, Pose)) -> CellBox {
+        let solid = self.solid(body);
+        let corner = |i: usize| {
+            let pick = DVec3::from_array([0, 1, 2].map(|a| (i >> a & 1) as f64 * solid.size[a] as f64));
+            placed(body, solid.lo + solid.cell * pick)
+        };
+        let bounds = |(lo, hi): (DVec3, DVec3), p: DVec3| (lo.min(p), hi.max(p));
+        self.cells_of((0..8).map(corner).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), bounds))
+    }
+
+    fn cells_of(&self, (lo, hi): (DVec3, DVec3)) -> CellBox {
+        // Bodies that flew away by light years must not overflow what follows.
+        let bounded = |p: DVec3| self.lattice.cell_of(p).map(|x| x.clamp(-(1 << 40), 1 << 40));
+        [bounded(lo), bounded(hi).map(|x| x + 1)]
+    }
+
+    fn closing_room(&self) -> i64 {
+        (self.diameter / 2.0 / self.lattice.cell).ceil() as i64 + 1
+    }
+}
+
+/// The lattice, and the empty block around the control mesh with room to close it: as fine as wanted, or as the cap
+/// allows.
+pub(super) fn control_grid(region: &Region, wanted_cell: f64, closing: f64) -> (Lattice, Block) {
+    let (lo, hi) = region.bounds();
+    let mut cell = wanted_cell;
+    let padded = |cell: f64| ((hi - lo + 2.0 * closing) / cell).ceil() + 4.0;
+    while padded(cell).element_product() > CONTROL_CELLS {
+        cell *= 1.02;
+    }
+    let lattice = Lattice { origin: lo, cell };
+    let room = (closing / cell).ceil() as i64 + 1;
+    let last = ((hi - lo) / cell).ceil().to_array().map(|n| n as i64);
+    (lattice, Block::new([-room; 3], last.map(|n| n + room)))
+}

@@ -1,0 +1,116 @@
+//! `ARCHITECTURE.md` is true: the files that it names exist, and its invariants hold.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn read(path: impl AsRef<Path>) -> String {
+    fs::read_to_string(root().join(path)).unwrap()
+}
+
+/// All files below a folder whose names end so, relative to the root.
+fn files(folder: &str, ending: &str) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut folders = vec![root().join(folder)];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.to_string_lossy().ends_with(ending) {
+                found.push(path.strip_prefix(root()).unwrap().to_owned());
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// The code of a file, without its comments.
+fn code(path: &Path) -> String {
+    read(path).lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
+}
+
+/// A crate is used where its name stands as a path's first part.
+fn uses(code: &str, name: &str) -> bool {
+    code.match_indices(&format!("{name}::"))
+        .any(|(at, _)| !code[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_'))
+}
+
+#[track_caller]
+fn only_in(name: &str, folder: &str, allowed: &[&str]) {
+    for path in files(folder, ".rs") {
+        let is_allowed = allowed.iter().any(|allowed| path.starts_with(allowed));
+        assert!(is_allowed || !uses(&code(&path), name), "{} uses {name}", path.display());
+    }
+}
+
+#[test]
+fn every_file_named_exists() {
+    let text = read("ARCHITECTURE.md");
+    let mut named = 0;
+    for name in text.split('`').skip(1).step_by(2) {
+        if name.contains('/') && !name.contains([' ', ':', '*']) {
+            assert!(root().join(name).exists(), "ARCHITECTURE.md names `{name}`");
+            named += 1;
+        }
+    }
+    assert!(named > 20, "the code map names files");
+}
+
+#[test]
+fn every_module_is_on_the_map() {
+    let text = read("ARCHITECTURE.md");
+    for folder in ["server/src", "server/core/src"] {
+        for entry in fs::read_dir(root().join(folder)).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.strip_prefix(root()).unwrap().with_extension("");
+            let name = name.to_str().unwrap();
+            assert!(
+                text.contains(&format!("`{name}.rs`")) || text.contains(&format!("`{name}/`")),
+                "{name} is not on the map"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_core_is_pure() {
+    for name in ["tokio", "tonic", "prost", "clap", "std::fs", "std::net", "std::time", "std::env", "std::process"] {
+        for path in files("server/core/src", ".rs") {
+            let is_test = path.to_string_lossy().contains("tests");
+            assert!(is_test || !uses(&code(&path), name), "{} uses {name}", path.display());
+        }
+    }
+    let manifest = read("server/core/Cargo.toml");
+    for name in ["tokio", "tonic", "prost", "clap"] {
+        assert!(!manifest.lines().any(|line| line.starts_with(name)), "the core depends on {name}");
+    }
+}
+
+#[test]
+fn libraries_stay_in_their_place() {
+    // The measures recompute contacts by the geometry library alone, without the engine.
+    only_in(
+        "rapier3d",
+        "server",
+        &["server/core/src/shape", "server/core/src/world", "server/core/src/measure/solid.rs"],
+    );
+    only_in("clarabel", "server", &["server/core/src/equilibrium"]);
+    only_in("prost_reflect", "server/src", &["server/src/scene_file"]);
+    only_in("clap", "server/src", &["server/src/cli"]);
+    only_in("indicatif", "server/src", &["server/src/cli/progress.rs"]);
+}
+
+#[test]
+fn files_stay_readable() {
+    /// Lines; above it, a file wants to be two.
+    const MOST: usize = 500;
+    for path in files("server", ".rs").into_iter().chain(files("tests", ".rs")) {
+        let lines = read(&path).lines().count();
+        assert!(lines <= MOST, "{} has {lines} lines", path.display());
+    }
+}

@@ -1,0 +1,134 @@
+//! Bad input: a message with the place and the remedy, an exit code that tells whose fault it is, and no output file.
+
+use crate::desk::{Desk, box_data, box_json, glb};
+use serde_json::json;
+
+/// Bakes `--control cone.glb` with other arguments and expects exit code 65, these words, and nothing written.
+#[track_caller]
+fn refused(desk: &Desk, args: &str, told: &[&str]) {
+    let before = desk.files();
+    desk.line(&format!("bake -o pile.glb --report report.json {args}")).fails(65, told);
+    assert_eq!(desk.files(), before);
+}
+
+#[test]
+fn files_that_cannot_be_read() {
+    let desk = Desk::new();
+    desk.write("empty.glb", "");
+    std::fs::create_dir(desk.path("folder.glb")).unwrap();
+    refused(&desk, "--control cone.glb --prop stik.glb", &["stik.glb: no such file", "Did you mean stick.glb?"]);
+    refused(&desk, "--control cone.glb --prop no/stick.glb", &["no/stick.glb: no such file", "no folder no"]);
+    refused(&desk, "--control cone.glb --prop empty.glb", &["empty.glb: the file is empty", "Export it again"]);
+    refused(&desk, "--control folder.glb --prop stick.glb", &["folder.glb: a folder", "Name a file in it"]);
+    refused(&desk, "--control cone.glb --prop kit.obj", &["kit.obj"]);
+}
+
+#[test]
+fn all_problems_at_once() {
+    let desk = Desk::new();
+    let args = "--control no.glb --prop brick.glb#Brik --prop gone.glb --static away.glb --set fill.friction=-1";
+    refused(&desk, args, &["no.glb", "brick.glb", "`Brik`", "`Brick`", "gone.glb", "away.glb", "fill.friction"]);
+}
+
+#[test]
+fn a_scene_without_its_parts() {
+    let desk = Desk::new();
+    refused(&desk, "--prop stick.glb", &["no control mesh", "--control"]);
+    refused(&desk, "--control cone.glb", &["no props", "--prop"]);
+}
+
+#[test]
+fn weights_that_are_none() {
+    let desk = Desk::new();
+    for weight in ["0", "-1", "nan", "inf", "-inf"] {
+        refused(
+            &desk,
+            &format!("--control cone.glb --prop stick.glb:{weight}"),
+            &["weight", "stick.glb", "out of range"],
+        );
+    }
+    desk.line("bake -o pile.glb --control cone.glb --prop stick.glb:much").fails(2, &["much", "not a number"]);
+}
+
+#[test]
+fn values_out_of_range() {
+    let desk = Desk::new();
+    let scene = "--control cone.glb --prop stick.glb";
+    for (set, told) in [
+        ("gravity=0", "gravity"),
+        ("gravity=nan", "gravity"),
+        ("physics.step_seconds=0", "physics.step"),
+        ("physics.substeps=-1", "physics.substeps"),
+        ("props.0.scale_min=-1", "scale"),
+        ("props.0.density=0", "density"),
+        ("fill.count=0", "fill.count"),
+        ("output.fps=0", "output.fps"),
+    ] {
+        refused(&desk, &format!("{scene} --set {set}"), &[told]);
+    }
+}
+
+#[test]
+fn a_prop_larger_than_the_control_mesh() {
+    let desk = Desk::new();
+    desk.write("beam.glb", glb(&box_json(), &box_data([0.1, 100.0, 0.1])));
+    refused(&desk, "--control cone.glb --prop beam.glb", &["beam.glb", "larger than the control mesh", "scale one"]);
+}
+
+#[test]
+fn open_and_flat_control_meshes() {
+    let desk = Desk::new();
+    let mut open = box_json();
+    open["accessors"][1]["count"] = json!(30);
+    desk.write("open.glb", glb(&open, &box_data([4.0, 4.0, 4.0])));
+    refused(&desk, "--control open.glb --prop brick.glb", &["open.glb", "open", "fill its holes"]);
+    desk.write("flat.glb", glb(&box_json(), &box_data([4.0, 4.0, 0.0])));
+    refused(&desk, "--control flat.glb --prop brick.glb", &["flat.glb"]);
+}
+
+#[test]
+fn damaged_files() {
+    let desk = Desk::new();
+    let whole = glb(&box_json(), &box_data([0.3, 0.2, 0.4]));
+    desk.write("cut.glb", &whole[..whole.len() - 40]);
+    let mut nan = box_data([0.3, 0.2, 0.4]);
+    nan[0..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    desk.write("nan.glb", glb(&box_json(), &nan));
+    let mut huge = box_json();
+    huge["accessors"][0]["count"] = json!(1_u64 << 62);
+    desk.write("huge.glb", glb(&huge, &box_data([0.3, 0.2, 0.4])));
+    let mut cycle = box_json();
+    cycle["nodes"] = json!([{ "mesh": 0, "children": [1] }, { "children": [0] }]);
+    desk.write("cycle.glb", glb(&cycle, &box_data([0.3, 0.2, 0.4])));
+    desk.write("text.glb", "this is no model");
+    for name in ["cut.glb", "nan.glb", "huge.glb", "cycle.glb", "text.glb"] {
+        refused(&desk, &format!("--control cone.glb --prop {name}"), &[name]);
+    }
+}
+
+#[test]
+fn external_buffers_stay_below_their_folder() {
+    let desk = Desk::new();
+    for uri in ["../brick.bin", "/etc/hostname", "%2e%2e/brick.bin", "file:///etc/hostname", "gone.bin"] {
+        let mut document = box_json();
+        document["buffers"][0]["uri"] = json!(uri);
+        desk.write("far.gltf", document.to_string());
+        refused(&desk, "--control cone.glb --prop far.gltf", &["far.gltf"]);
+    }
+    let mut document = box_json();
+    document["buffers"][0]["uri"] = json!("my%20brick.bin");
+    desk.write("near.gltf", document.to_string());
+    desk.write("my brick.bin", box_data([0.3, 0.2, 0.4]));
+    desk.line("check --control cone.glb --prop near.gltf").ok();
+}
+
+#[test]
+fn check_tells_the_same_as_json() {
+    let desk = Desk::new();
+    let done = desk.line("check --json --control cone.glb --prop stik.glb");
+    assert_eq!(done.code, 65);
+    let told: serde_json::Value = serde_json::from_str(&done.stdout).unwrap();
+    assert_eq!(told["ok"], false);
+    assert_eq!(told["problems"][0]["place"], "stik.glb");
+    assert_eq!(told["problems"][0]["remedy"], "Did you mean stick.glb?");
+}

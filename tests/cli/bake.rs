@@ -1,0 +1,77 @@
+//! Whole bakes, small enough for a test.
+
+use crate::desk::Desk;
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
+
+const SCENE: &str = "--control cone.glb --prop stick.glb:2 --prop brick.glb#Brick --accuracy draft --set fill.count=12";
+
+fn report(desk: &Desk, args: &str) -> Value {
+    desk.line(&format!("bake {SCENE} --report report.json {args}")).ok();
+    serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn every_format_holds_the_same_result() {
+    let desk = Desk::new();
+    let hashes = ["glb", "json", "csv"].map(|format| {
+        let report = report(&desk, &format!("-o pile.{format} --quiet"));
+        assert!(desk.path(&format!("pile.{format}")).metadata().unwrap().len() > 0);
+        report["result_blake3"].as_str().unwrap().to_owned()
+    });
+    assert_eq!(hashes[0].len(), 64);
+    assert!(hashes.iter().all(|hash| *hash == hashes[0]), "{hashes:?}");
+    gltf::Gltf::open(desk.path("pile.glb")).unwrap();
+}
+
+#[test]
+fn the_report_tells_what_made_the_result() {
+    let desk = Desk::new();
+    let first = report(&desk, "-o pile.glb --seed 5");
+    assert_eq!(first["seed"], 5);
+    assert_eq!(first["versions"]["cairn"], env!("CARGO_PKG_VERSION"));
+    assert!(first["versions"]["rapier3d"].is_string() && first["versions"]["clarabel"].is_string());
+    assert!(first["measures"]["kept_shape"].is_number());
+    assert!(first["seconds"]["fill"].is_number() && first["cpu_seconds"].is_number());
+    assert!(first["bodies"].as_u64().unwrap() > 0);
+
+    // Its scene is a scene file that gives the same again.
+    desk.write("again.json", first["scene"].to_string());
+    desk.line("bake again.json -o again.glb --report report.json").ok();
+    let again: Value = serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap();
+    assert_eq!(again["result_blake3"], first["result_blake3"]);
+    assert_eq!(std::fs::read(desk.path("again.glb")).unwrap(), std::fs::read(desk.path("pile.glb")).unwrap());
+    assert_ne!(report(&desk, "-o pile.glb --seed 6")["result_blake3"], first["result_blake3"]);
+}
+
+#[test]
+fn progress_goes_to_stderr_in_the_form_asked_for() {
+    let desk = Desk::new();
+    let done = desk.line(&format!("bake {SCENE} -o pile.glb --progress json"));
+    let lines: Vec<Value> = done.stderr.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    assert!(lines.iter().any(|line| line["stage"] == "fill" && line["fraction"].is_number()), "{}", done.stderr);
+    assert!(done.stderr.contains("pile.glb in"), "{}", done.stderr);
+    assert_eq!(done.ok(), "");
+
+    let done = desk.line(&format!("bake {SCENE} -o pile.glb --quiet"));
+    assert_eq!(done.stderr, "");
+    assert_eq!(done.ok(), "");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_leaves_nothing_behind() {
+    let desk = Desk::new();
+    let before = desk.files();
+    let mut bake =
+        desk.command(&["bake", "--control", "cone.glb", "--prop", "stick.glb", "-o", "pile.glb", "--progress", "json"]);
+    let mut bake = bake.stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(bake.stderr.take().unwrap()).lines().map(Result::unwrap);
+    assert!(lines.any(|line| line.contains("\"fill\"")));
+    let id = bake.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    assert_eq!(bake.wait().unwrap().code(), Some(130));
+    assert!(lines.any(|line| line.contains("cancelled")));
+    assert_eq!(desk.files(), before);
+}

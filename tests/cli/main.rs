@@ -1,0 +1,8 @@
+//! The program `cairn` as its users meet it: arguments in, files, messages and exit codes out.
+
+mod bad_input;
+mod bake;
+mod desk;
+mod outputs;
+mod readme;
+mod scenes;

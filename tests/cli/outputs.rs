@@ -1,0 +1,70 @@
+//! Where results go: checked before any work, complete or not at all.
+
+use crate::desk::Desk;
+
+const SCENE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";
+
+#[test]
+fn places_where_no_file_can_be() {
+    let desk = Desk::new();
+    std::fs::create_dir(desk.path("folder.glb")).unwrap();
+    let before = desk.files();
+    for (output, told) in [
+        ("pile.fbx", ".glb, .json or .csv"),
+        ("pile", ".glb, .json or .csv"),
+        ("folder.glb", "folder.glb"),
+        ("gone/pile.glb", "gone"),
+        ("stick.glb", "the scene reads this file"),
+    ] {
+        desk.line(&format!("bake {SCENE} -o {output}")).fails(2, &[told]);
+        assert_eq!(desk.files(), before);
+    }
+    for (report, told) in [("gone/report.json", "gone"), (".", "folder"), ("pile.json", "replace")] {
+        desk.line(&format!("bake {SCENE} -o pile.json --report {report}")).fails(2, &[told]);
+        assert_eq!(desk.files(), before);
+    }
+}
+
+#[test]
+fn commands_that_say_too_little() {
+    let desk = Desk::new();
+    desk.line("bake -o pile.glb").fails(2, &["no scene is given", "--control and --prop"]);
+    desk.line("bake --control cone.glb --prop stick.glb").fails(2, &["--output <FILE>"]);
+    desk.line("bake --acuracy draft").fails(2, &["--accuracy"]);
+    desk.line("back").fails(2, &["bake"]);
+}
+
+#[test]
+fn help_and_version() {
+    let desk = Desk::new();
+    assert_eq!(desk.line("--version").ok(), format!("cairn {}\n", env!("CARGO_PKG_VERSION")));
+    for command in ["", "bake", "check", "scene"] {
+        let help = desk.line(&format!("{command} --help")).ok();
+        assert!(help.contains("Examples:"), "{help}");
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_fault() {
+    let desk = Desk::new();
+    let mut command = desk.command(&["scene", "--full", "--control", "cone.glb", "--prop", "stick.glb"]);
+    let mut child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let done = child.wait_with_output().unwrap();
+    assert!(done.status.success() && done.stderr.is_empty(), "{done:?}");
+}
+
+/// Files may grow to 10 or 20 kilobytes only, which is enough for the report: what a full disk does, without one.
+#[cfg(unix)]
+#[test]
+fn a_full_disk_leaves_nothing_and_says_try_again() {
+    let desk = Desk::new();
+    let before = desk.files();
+    let program = env!("CARGO_BIN_EXE_cairn");
+    let script = format!("trap '' XFSZ; ulimit -f 20; exec {program} bake {SCENE} --frames 200 --report report.json -o pile.json");
+    let done = std::process::Command::new("sh").args(["-c", &script]).current_dir(desk.path("")).output().unwrap();
+    let told = String::from_utf8(done.stderr).unwrap();
+    assert_eq!(done.status.code(), Some(75), "{told}");
+    assert!(told.contains("pile.json: cannot be written") && told.contains("Make room"), "{told}");
+    assert_eq!(desk.files(), before);
+}

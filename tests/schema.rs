@@ -1,0 +1,163 @@
+//! The comments of `proto/cairn/v1` are true: every `Default: X.` is the value that an unset field gets, and every
+//! `Range: A to B.` is what the core accepts.
+
+use cairn::from_proto;
+use cairn::job::{Job, effective};
+use cairn::proto;
+use cairn::scene_file::{SceneTree, schema};
+use prost_reflect::{FieldDescriptor, Kind, MessageDescriptor};
+use serde_json::Value;
+use std::path::Path;
+
+/// A field that holds a value: its path in a scene with one prop and one static, and its comment.
+struct Field {
+    path: String,
+    comment: String,
+    descriptor: FieldDescriptor,
+}
+
+fn fields(message: &MessageDescriptor, prefix: &str) -> Vec<Field> {
+    let mut found = Vec::new();
+    for descriptor in message.fields() {
+        let path = format!("{prefix}{}", descriptor.name());
+        match descriptor.kind() {
+            Kind::Message(group) if descriptor.is_list() => found.extend(fields(&group, &format!("{path}.0."))),
+            Kind::Message(group) => found.extend(fields(&group, &format!("{path}."))),
+            _ => found.push(Field { path, comment: comment(&descriptor), descriptor }),
+        }
+    }
+    found
+}
+
+fn comment(field: &FieldDescriptor) -> String {
+    let file = field.parent_file();
+    let source = file.file_descriptor_proto().source_code_info.as_ref().expect("descriptors keep their comments");
+    let location = source.location.iter().find(|location| location.path == field.path());
+    location
+        .map(|location| location.leading_comments().split_whitespace().collect::<Vec<_>>().join(" "))
+        .unwrap_or_default()
+}
+
+/// What follows a word in a comment, up to the end of the sentence.
+fn after<'a>(comment: &'a str, word: &str) -> Option<&'a str> {
+    let (_, rest) = comment.split_once(word)?;
+    let end = rest.find(". ").unwrap_or(rest.trim_end_matches('.').len());
+    Some(rest[..end].trim())
+}
+
+fn all_fields() -> Vec<Field> {
+    fields(&schema::scene(), "")
+}
+
+/// A scene of one prop and one static, read from the examples.
+fn scene() -> SceneTree {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets");
+    let mut scene = SceneTree::default();
+    for (field, name) in [("control_mesh", "cone.glb"), ("props.0", "stick.glb"), ("statics.0", "cube.glb")] {
+        scene.set(&format!("{field}={}", assets.join(name).display())).unwrap();
+    }
+    scene
+}
+
+fn at<'a>(scene: &'a Value, path: &str) -> Option<&'a Value> {
+    scene.pointer(&format!("/{}", path.replace('.', "/")))
+}
+
+#[test]
+fn every_field_has_a_comment() {
+    for field in all_fields() {
+        assert!(!field.comment.is_empty(), "{} has no comment", field.path);
+    }
+}
+
+#[test]
+fn the_defaults_told_are_the_defaults() {
+    let message = scene().to_message();
+    let params = from_proto::params(&message).unwrap();
+    let values = SceneTree::from_message(&effective(&message, &params)).to_value();
+    for Field { path, comment, descriptor } in all_fields() {
+        let told = after(&comment, "Default: ");
+        match (at(&values, &path), told) {
+            _ if path.ends_with("path") => assert!(comment.ends_with("Required."), "{path} is required"),
+            (None, None) => assert!(descriptor.containing_oneof().is_some(), "{path} tells no default"),
+            (None, Some(told)) => assert!(told.starts_with("not set"), "{path} has no default, not {told}"),
+            (Some(Value::String(name)), told) => assert_eq!(told, Some(name.as_str()), "{path}"),
+            (Some(Value::Number(number)), told) => {
+                let told: Option<f64> = told.and_then(|told| told.parse().ok());
+                assert_eq!(told, number.as_f64(), "{path}");
+            }
+            (Some(value), told) => assert_eq!(told, Some(value.to_string().as_str()), "{path}"),
+        }
+    }
+}
+
+/// Whether the core takes a scene with this value.
+fn accepts(path: &str, value: f64) -> bool {
+    let mut scene = scene();
+    if path == "props.0.scale_max" || path == "props.0.scale_min" {
+        scene.set(&format!("props.0.scale_min={value:?}")).unwrap();
+        scene.set(&format!("props.0.scale_max={value:?}")).unwrap();
+    }
+    if scene.set(&format!("{path}={value:?}")).is_err() {
+        return false; // more than the wire holds
+    }
+    match Job::read(&scene.to_message()) {
+        Err(_) => false,
+        Ok(job) => match cairn_core::plan(&job.scene, &job.params) {
+            // What is out of range, not what does not fit into the cone.
+            Err(cairn_core::Error::Invalid(problems)) => {
+                !problems.iter().any(|problem| problem.contains("out of range"))
+            }
+            _ => true,
+        },
+    }
+}
+
+#[test]
+fn the_ranges_told_are_the_ranges() {
+    /// Beyond a bound, as a share of it or by itself at 0.
+    fn beyond(bound: f64, sign: f64) -> f64 {
+        bound + sign * if bound == 0.0 { 1e-3 } else { bound.abs() * 0.01 }
+    }
+    for Field { path, comment, descriptor } in all_fields() {
+        if !matches!(descriptor.kind(), Kind::Double | Kind::Int32 | Kind::Int64) {
+            continue;
+        }
+        let range = after(&comment, "Range: ").unwrap_or_else(|| panic!("{path} tells no range"));
+        let whole = !matches!(descriptor.kind(), Kind::Double);
+        let (low, high) = match range.split_once(" to ") {
+            Some((low, high)) => (low, Some(high.parse::<f64>().unwrap())),
+            None => (range, None),
+        };
+        if let Some(excluded) = low.strip_prefix("above ") {
+            assert!(!accepts(&path, excluded.parse().unwrap()), "{path} must be above {excluded}");
+        } else {
+            let low: f64 = low.parse().unwrap();
+            assert!(accepts(&path, low), "{path} may be {low}");
+            let below = if whole { low - 1.0 } else { beyond(low, -1.0) };
+            assert!(!accepts(&path, below), "{path} may not be {below}");
+        }
+        // A double cannot hold the largest 64-bit number.
+        if let Some(high) = high.filter(|_| !matches!(descriptor.kind(), Kind::Int64)) {
+            assert!(accepts(&path, high), "{path} may be {high}");
+            let above = if whole { high + 1.0 } else { beyond(high, 1.0) };
+            assert!(!accepts(&path, above), "{path} may not be {above}");
+        }
+    }
+}
+
+#[test]
+fn parameters_survive_the_way_to_the_wire_and_back() {
+    for accuracy in ["paper", "draft", "standard", "fine"] {
+        let mut scene = SceneTree::default();
+        scene.set(&format!("accuracy={accuracy}")).unwrap();
+        scene.set("fill.count=7").unwrap();
+        scene.set("ground_height=-2").unwrap();
+        let params = from_proto::params(&scene.to_message()).unwrap();
+        let wire = cairn::to_proto::params(&params);
+        let tree = SceneTree::from_message(&wire);
+        assert_eq!(tree.to_message(), wire);
+        assert_eq!(from_proto::params(&wire).unwrap(), params);
+    }
+    assert_eq!(from_proto::params(&proto::Scene::default()).unwrap().seed, 1);
+}
