@@ -2,7 +2,8 @@
 //!
 //! Vertex attributes, morph targets, materials, textures, samplers and extras stay as they came; only indices change.
 //! Left out, because what they refer to is not copied: skin weights, and extensions that are not known to be safe to
-//! move. All binary data ends in one buffer.
+//! move. All binary data ends in one buffer, a buffer view at a time. Images in data URIs and in files that can be
+//! reached are embedded too; an image that cannot be reached keeps its URI.
 
 use super::images;
 use crate::document::{Document, DocumentError, Resolver, reference};

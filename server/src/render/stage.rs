@@ -97,7 +97,9 @@ impl<'a> Stage<'a> {
             }
             let mut inner = RayHit::none();
             let mesh = self.instances[i].mesh;
-            mesh.tree.ray_traverse(local, &mut inner, |ray, t| mesh.triangles[t].intersect(ray));
+            if !mesh.tree.ray_traverse(local, &mut inner, |ray, t| mesh.triangles[t].intersect(ray)) {
+                return f32::INFINITY;
+            }
             let distance = inner.t / stretch;
             if distance < ray.tmax {
                 best = Some((i, inner.primitive_id as usize, local));
@@ -204,4 +206,75 @@ fn corners([low, high]: [DVec3; 2]) -> [DVec3; 8] {
         let pick = |axis: usize| if i >> axis & 1 == 1 { high[axis] } else { low[axis] };
         DVec3::new(pick(0), pick(1), pick(2))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::document::Document;
+    use glam::{DQuat, EulerRot};
+
+    /// Distance along a unit direction to a triangle.
+    fn distance([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
+        let (e1, e2) = (b - a, c - a);
+        let p = direction.cross(e2);
+        let det = e1.dot(p);
+        let offset = origin - a;
+        let q = offset.cross(e1);
+        let (u, v, t) = (offset.dot(p) / det, direction.dot(q) / det, e2.dot(q) / det);
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
+    }
+
+    #[test]
+    fn rays_meet_what_is_first_of_all_triangles() {
+        let bytes = include_bytes!("../../../examples/assets/banana.glb");
+        let resolve = |uri: &str| Err(uri.to_string());
+        let document = Document::parse(bytes, &resolve).unwrap();
+        let wave = |i: usize, k: f64| (i as f64 * k).sin();
+        let placed: Vec<Placed> = (0..40)
+            .map(|i| {
+                let turn = DQuat::from_euler(EulerRot::XYZ, wave(i, 1.1) * 3.0, wave(i, 2.3), wave(i, 0.7) * 3.0);
+                let scale = DVec3::new(2.0 + wave(i, 1.0), 2.0, if i % 3 == 0 { -2.0 } else { 1.0 });
+                let place = DVec3::new(wave(i, 1.7), wave(i, 2.9), wave(i, 0.4)) * 0.5;
+                Placed { mesh: 0, world: DAffine3::from_scale_rotation_translation(scale, turn, place), in_pile: true }
+            })
+            .collect();
+        let library = Library::read(&document, &placed, &resolve).unwrap();
+        let mesh = &library.meshes[&0];
+        let world: Vec<[DVec3; 3]> = placed
+            .iter()
+            .flat_map(|p| {
+                let map = p.world * mesh.from_cube;
+                mesh.triangles.iter().map(move |t| [t.v0, t.v1, t.v2].map(|v| map.transform_point3(v.as_dvec3())))
+            })
+            .collect();
+        let stage = Stage::new(&library, &placed, DAffine3::IDENTITY);
+        let mut met = 0;
+        for i in 0..600 {
+            let origin = DVec3::new(wave(i, 1.3), wave(i, 3.1), wave(i, 0.9)) * 2.0;
+            let towards = DVec3::new(wave(i, 5.3), wave(i, 4.1), wave(i, 2.2)) * 0.4;
+            let direction = (towards - origin).normalize();
+            let (from, to) = (origin.as_vec3(), direction.as_vec3());
+            let expected = world.iter().filter_map(|t| distance(*t, origin, direction)).reduce(f64::min);
+            let found = stage.first(from, to, f32::INFINITY).map(|hit| f64::from(hit.distance));
+            match (expected, found) {
+                (Some(expected), Some(found)) => assert!((expected - found).abs() < 1e-4, "{expected} {found}"),
+                (expected, found) => assert_eq!(expected.is_some(), found.is_some()),
+            }
+            assert_eq!(stage.is_clear(from, to), expected.is_none());
+            if let Some(distance) = expected {
+                met += 1;
+                let mut nearest = f32::INFINITY;
+                stage.all(from, to, f32::INFINITY, |hit| nearest = nearest.min(hit.distance));
+                assert!((f64::from(nearest) - distance).abs() < 1e-4);
+                // A reach that ends before the surface, by more or less than rounding.
+                for share in [0.5, 0.999_999] {
+                    assert!(
+                        stage.first(from, to, (distance * share) as f32).is_none_or(|h| h.distance <= distance as f32)
+                    );
+                }
+            }
+        }
+        assert!(met > 200, "only {met} rays met anything");
+    }
 }
