@@ -12,7 +12,7 @@ use cairn_core::bake::Bake;
 use cairn_core::check;
 use cairn_core::free_pour::free_pour;
 use cairn_core::mesh::TriMesh;
-use cairn_core::observer::{Observer, Progress};
+use cairn_core::observer::{Observer, Progress, Stage};
 use cairn_core::params::{Accuracy, Params};
 use cairn_core::scene::{Model, Prop, Scene};
 use cairn_core::shape;
@@ -30,7 +30,7 @@ const MOST: usize = 300;
 /// Sizes tried for one pair.
 const ATTEMPTS: usize = 4;
 /// More bodies than this tell no more about the size than that it is too small.
-const TRIAL_LIMIT: u32 = 450;
+const TRIAL_LIMIT: u32 = 400;
 /// Share of the volume that props usually fill.
 const PACKING: f64 = 0.42;
 /// The fill must reach this share of a free pour.
@@ -162,16 +162,50 @@ impl Row {
     }
 }
 
-/// The thread's CPU time; never cancels.
-struct Watch(ThreadTime);
+/// CPU seconds that one bake may take.
+const BUDGET: f64 = 400.0;
+
+/// The thread's CPU time. Ends a bake when its budget is spent, or when it is clear that the size is wrong.
+struct Watch {
+    clock: ThreadTime,
+    began: f64,
+    /// Whether the number of bodies matters.
+    counts: bool,
+    stage: Option<Stage>,
+    bodies: usize,
+}
+
+impl Watch {
+    fn new() -> Watch {
+        Watch { clock: ThreadTime::now(), began: 0.0, counts: false, stage: None, bodies: 0 }
+    }
+
+    fn begin(&mut self, counts: bool) {
+        *self = Watch { clock: self.clock, began: self.cpu_seconds(), counts, stage: None, bodies: 0 };
+    }
+
+    fn is_spent(&mut self) -> bool {
+        self.cpu_seconds() - self.began > BUDGET
+    }
+}
 
 impl Observer for Watch {
-    fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
-        ControlFlow::Continue(())
+    fn progress(&mut self, now: &Progress) -> ControlFlow<()> {
+        self.bodies = now.bodies;
+        if self.stage != Some(now.stage) {
+            self.stage = Some(now.stage);
+            eprintln!("{:?}: {} bodies, {:.1} CPU s", now.stage, now.bodies, self.cpu_seconds() - self.began);
+        }
+        let wrong = match now.stage {
+            Stage::Shape | Stage::Measure => false,
+            Stage::Fill => now.bodies >= TRIAL_LIMIT as usize,
+            Stage::Release | Stage::Hold => !(FEWEST..=MOST).contains(&now.bodies),
+        };
+        if (self.counts && wrong) || self.is_spent() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
     fn cpu_seconds(&mut self) -> f64 {
-        self.0.elapsed().as_secs_f64()
+        self.clock.elapsed().as_secs_f64()
     }
 }
 
@@ -189,23 +223,28 @@ fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&
     let mut scene = Scene { control, props: vec![prop], statics: Vec::new() };
     let mut params = Params::new(Accuracy::Standard);
     params.fill.max_bodies = TRIAL_LIMIT;
-    let mut watch = Watch(ThreadTime::now());
+    let mut watch = Watch::new();
     let mut last = None;
     for _ in 0..ATTEMPTS {
         scene.props[0].scale = [scale; 2];
+        eprintln!("{} in {}, scale {scale:.4}", scene.props[0].model.name, scene.control.name);
+        watch.begin(true);
         match cairn_core::bake(&scene, &params, &mut watch) {
             Ok(bake) => {
-                let bodies = bake.bodies.len();
                 last = Some(bake);
-                if (FEWEST..=MOST).contains(&bodies) {
-                    break;
-                }
-                scale *= (bodies as f64 / WANTED).cbrt();
+                break;
+            }
+            Err(cairn_core::Error::Cancelled) if !watch.is_spent() => {
+                scale *= (watch.bodies.max(10) as f64 / WANTED).cbrt();
+            }
+            Err(cairn_core::Error::Cancelled) => {
+                return Row { cells: "| ".repeat(16), verdict: format!("fail: not done within {BUDGET} CPU s") };
             }
             Err(e) => return Row::refused(&e.to_string()),
         }
     }
-    let Some(bake) = last else { return Row::refused("no size was found") };
+    watch.begin(false);
+    let Some(bake) = last else { return Row { cells: "| ".repeat(16), verdict: "fail: no size lets 150 to 300 fit".into() } };
     let reference = *poured.entry(name).or_insert_with(|| reference(&scene, &params, &mut watch));
     judge(&bake, reference)
 }
