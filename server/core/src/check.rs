@@ -59,6 +59,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<String>> {
             ground - low
         ));
     }
+    warnings.extend(base(&scene.control.name, &control, ground, params.base.height));
     let volume = control.signed_volume().abs();
     Ok(Checked { diameter: median_diameter(scene, &sizes), ground, volume, control, topology, sizes, warnings })
 }
@@ -89,6 +90,33 @@ fn control(scene: &Scene, problems: &mut Vec<String>) -> (TriMesh, Topology, Vec
     }
     let told = repair.told().into_iter().map(|t| format!("{name}: {t}")).collect();
     (mesh, found, told)
+}
+
+/// Less of the underside than this on the ground is worth a word.
+const FLAT_BASE: f64 = 0.5;
+
+/// The base is what lies within `height` (a share of the mesh's height) above the ground: a pour's opening is cut there, and
+/// the pile stands on it. Told where most of the underside is higher: a ball, hooves, a hill's hollow underside.
+fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<String> {
+    let cut = ground + height * (mesh.bounds().1.y - ground);
+    let (mut underside, mut base) = (0.0, 0.0);
+    for i in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(i);
+        // Seen from below, m^2.
+        let area = -(b - a).cross(c - a).y / 2.0;
+        if area > 0.0 {
+            underside += area;
+            base += if a.y.max(b.y).max(c.y) <= cut { area } else { 0.0 };
+        }
+    }
+    (base < FLAT_BASE * underside).then(|| {
+        let share = 100.0 * base / underside;
+        let cut = cut - ground;
+        format!(
+            "{name}: only {share:.0} % of its underside lies within {cut:.3} m of the ground and counts as its base (base.height); a \
+             pour enters there, and the pile stands on it"
+        )
+    })
 }
 
 /// A control mesh that fills less of its own box than this has no inside to speak of.

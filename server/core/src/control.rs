@@ -31,6 +31,23 @@ pub struct Tally {
     pub nail_load_max: f64,
 }
 
+/// One body's local equilibrium, as the control poses it; engine units, mass and gravity 1.
+#[derive(Clone, Debug)]
+pub struct LocalProblem {
+    pub contacts: Vec<Contact>,
+    pub center_of_mass: DVec3,
+    pub radius: f64,
+    /// Of the body's smallest face.
+    pub face_area: f64,
+}
+
+impl LocalProblem {
+    pub fn problem(&self) -> Problem<'_> {
+        let LocalProblem { contacts, center_of_mass, radius, .. } = self;
+        Problem { contacts, mass: 1.0, center_of_mass: *center_of_mass, radius: *radius, gravity: DVec3::NEG_Y }
+    }
+}
+
 /// The control and its memory: which bodies were certified in the latest cycle.
 pub struct Control<'a> {
     params: &'a ControlParams,
@@ -81,6 +98,22 @@ impl<'a> Control<'a> {
     /// Bodies that passed the latest cycle.
     pub fn certified(&self) -> &[bool] {
         &self.certified
+    }
+
+    /// The local problems that a cycle would now pose, of all released bodies with contacts: for tools that compare
+    /// solvers on real piles.
+    pub fn local_problems(&self, world: &World) -> Vec<LocalProblem> {
+        let touches = world.touches(self.params.contact_tolerance);
+        let contacts = self.contacts(world, &touches).into_iter().enumerate();
+        let released = |id: BodyId| matches!(world.bodies()[id].role, Role::Free | Role::Held);
+        contacts
+            .filter(|(id, contacts)| released(*id) && !contacts.is_empty())
+            .map(|(id, contacts)| {
+                let body = &world.bodies()[id];
+                let center_of_mass = world.pose(id).translation;
+                LocalProblem { contacts, center_of_mass, radius: body.radius, face_area: body.face_area }
+            })
+            .collect()
     }
 
     /// One cycle: everything that was held is judged anew.
