@@ -61,7 +61,9 @@ fn a_full_disk_leaves_nothing_and_says_try_again() {
     let desk = Desk::new();
     let before = desk.files();
     let program = env!("CARGO_BIN_EXE_cairn");
-    let script = format!("trap '' XFSZ; ulimit -f 20; exec {program} bake {SCENE} --frames 200 --report report.json -o pile.json");
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 20; exec {program} bake {SCENE} --frames 200 --report report.json -o pile.json"
+    );
     let done = std::process::Command::new("sh").args(["-c", &script]).current_dir(desk.path("")).output().unwrap();
     let told = String::from_utf8(done.stderr).unwrap();
     assert_eq!(done.status.code(), Some(75), "{told}");
