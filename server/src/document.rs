@@ -143,8 +143,6 @@ pub fn fetch(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, String> {
 
 /// The JSON and BIN chunks of a GLB.
 fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), DocumentError> {
-    const JSON: u32 = 0x4E4F_534A;
-    const BIN: u32 = 0x004E_4942;
     let word = |at: usize| {
         let word = bytes.get(at..at.checked_add(4)?)?;
         Some(u32::from_le_bytes(word.try_into().ok()?))
@@ -153,21 +151,22 @@ fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), DocumentError> {
         return Err(DocumentError::Glb("only version 2 can be read"));
     }
     let length = word(8).ok_or(DocumentError::Glb("cut off in its header"))? as usize;
-    if length > bytes.len() {
-        return Err(DocumentError::Glb("cut off: shorter than its header says"));
+    let whole = bytes.get(..length).ok_or(DocumentError::Glb("cut off: shorter than its header says"))?;
+    let (mut json, mut bin) = (None, None);
+    let mut at = 12;
+    while at < length {
+        let size = word(at).ok_or(DocumentError::Glb("cut off in the header of a chunk"))? as usize;
+        let end = (at + 8).checked_add(size);
+        let chunk = end.and_then(|end| whole.get(at + 8..end)).ok_or(DocumentError::Glb("cut off in a chunk"))?;
+        match &whole[at + 4..at + 8] {
+            b"JSON" => json = json.or(Some(chunk)),
+            b"BIN\0" => bin = bin.or(Some(chunk)),
+            _ => {}
+        }
+        // Some writers do not pad their chunks: where the next one begins follows from the length alone.
+        at += 8 + size;
     }
-    let chunk = |at: usize, kind: u32| {
-        let length = word(at)? as usize;
-        let start = at + 8;
-        (word(at + 4)? == kind).then(|| bytes.get(start..start.checked_add(length)?)).flatten()
-    };
-    let json = chunk(12, JSON).ok_or(DocumentError::Glb("its first chunk is no complete JSON"))?;
-    let next = 20 + json.len().next_multiple_of(4);
-    let bin = if next < length {
-        let bin = chunk(next, BIN);
-        Some(bin.ok_or(DocumentError::Glb("its second chunk is no complete binary buffer"))?)
-    } else {
-        None
-    };
-    Ok((json, bin))
+    let json = json.ok_or(DocumentError::Glb("has no JSON"))?;
+    let padding = json.iter().rev().take_while(|byte| **byte == 0).count();
+    Ok((&json[..json.len() - padding], bin))
 }

@@ -167,4 +167,5 @@ fn output(output: &mut Output, given: &proto::Output, counts: &mut Counts) {
     set(&mut output.fps, given.fps);
     set(&mut output.frames, given.frames.map(|n| Some(counts.natural("output.frames", n))));
     set(&mut output.free_standing, given.free_standing);
+    set(&mut output.free_pour, given.free_pour);
 }

@@ -24,6 +24,7 @@ pub fn params(params: &Params) -> proto::Scene {
             fps: Some(params.output.fps),
             frames: params.output.frames.map(signed),
             free_standing: Some(params.output.free_standing),
+            free_pour: Some(params.output.free_pour),
         }),
         ..Default::default()
     }

@@ -4,6 +4,7 @@ use crate::Error;
 use crate::container::Container;
 use crate::equilibrium::global;
 use crate::fill::{Filled, Placed, Removed};
+use crate::free_pour;
 use crate::hold::Held;
 use crate::measure::{self, Contact, Gauge, Overlap, ShapeMeasures};
 use crate::mesh::TriMesh;
@@ -89,6 +90,9 @@ pub fn report(
     measures.extend(control_figures(pile));
     if params.output.free_standing {
         measures.insert("free_standing_fraction", Some(free_standing(pile, observer)?));
+    }
+    if params.output.free_pour {
+        measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
     }
     let mut warnings = inputs.plan.warnings.clone();
     warnings.extend(fill_warnings(inputs, &first));

@@ -71,22 +71,7 @@ pub fn run(
     container: &Container,
     observer: &mut dyn Observer,
 ) -> Result<Filled, Error> {
-    let thickness = shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
-    let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
-    let expected = expected_bodies(scene, &sizes, container.volume * units.length.powi(3), &params.fill);
-    let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
-    let mut world = World::new(units, &params.fill_physics(), thickness / units.length, compounds);
-    world.set_gravity_up(true);
-    let mut filling = Filling {
-        scene,
-        shapes,
-        params,
-        container,
-        world,
-        rng: Pcg64Mcg::seed_from_u64(params.seed),
-        removed: Removed::default(),
-        expected,
-    };
+    let mut filling = Filling::new(scene, shapes, params, units, container);
     let poured = match params.fill.method {
         FillMethod::Pour => Some(pour::run(&mut filling, observer)?),
         FillMethod::Insert => None,
@@ -118,6 +103,20 @@ pub fn run(
     Ok(Filled { bodies, removed: filling.removed, steps: filling.world.steps, full })
 }
 
+/// Pours the props through the opening and leaves them as they fell, upside down: no settling, no clean-up.
+pub(crate) fn pour_only(
+    scene: &Scene,
+    shapes: &[Shape],
+    params: &Params,
+    units: Units,
+    container: &Container,
+    observer: &mut dyn Observer,
+) -> Result<Vec<Placed>, Error> {
+    let mut filling = Filling::new(scene, shapes, params, units, container);
+    pour::run(&mut filling, observer)?;
+    Ok(filling.world.present().map(|id| filling.placed(id)).collect())
+}
+
 /// Bodies that fit into a volume in m^3, by the packing that fills usually reach and the limits given.
 pub fn expected_bodies(scene: &Scene, sizes: &[Size], volume: f64, fill: &FillParams) -> usize {
     let total: f64 = scene.props.iter().map(|p| p.weight).sum();
@@ -131,7 +130,33 @@ fn mean_cube([lo, hi]: [f64; 2]) -> f64 {
     (lo + hi) * (lo * lo + hi * hi) / 4.0
 }
 
-impl Filling<'_> {
+impl<'a> Filling<'a> {
+    /// An empty world under upward gravity.
+    fn new(
+        scene: &'a Scene,
+        shapes: &'a [Shape],
+        params: &'a Params,
+        units: Units,
+        container: &'a Container,
+    ) -> Filling<'a> {
+        let thickness = shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
+        let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
+        let expected = expected_bodies(scene, &sizes, container.volume * units.length.powi(3), &params.fill);
+        let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
+        let mut world = World::new(units, &params.fill_physics(), thickness / units.length, compounds);
+        world.set_gravity_up(true);
+        Filling {
+            scene,
+            shapes,
+            params,
+            container,
+            world,
+            rng: Pcg64Mcg::seed_from_u64(params.seed),
+            removed: Removed::default(),
+            expected,
+        }
+    }
+
     /// A prop by weight, a scale from its range and any orientation.
     pub fn draw(&mut self) -> (usize, f64, DQuat) {
         let total: f64 = self.scene.props.iter().map(|p| p.weight).sum();

@@ -10,6 +10,7 @@ pub mod control;
 pub mod equilibrium;
 pub mod figures;
 pub mod fill;
+pub mod free_pour;
 pub mod hold;
 pub mod measure;
 pub mod mesh;

@@ -215,6 +215,8 @@ pub struct Output {
     pub frames: Option<u32>,
     /// Also measure `free_standing_fraction` (a further simulation).
     pub free_standing: bool,
+    /// Also measure `free_pour_fraction`, per prop by weight (a further simulation).
+    pub free_pour: bool,
 }
 
 impl Params {
@@ -262,7 +264,7 @@ impl Params {
                 kappa: 5.0,
             },
             hold: Hold { patience: 60.0 },
-            output: Output { fps: 24.0, frames: None, free_standing: false },
+            output: Output { fps: 24.0, frames: None, free_standing: false, free_pour: false },
         };
         match accuracy {
             Accuracy::Standard => {}

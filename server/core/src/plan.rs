@@ -91,5 +91,6 @@ fn effects(scene: &Scene, params: &Params) -> Vec<Effect> {
         effect("scenery", !scene.statics.is_empty(), &scenery),
         effect("restitution", bouncy, if bouncy { "a prop bounces" } else { "no prop bounces" }),
         effect("free_standing", params.output.free_standing, "only on request: it is a further simulation"),
+        effect("free_pour", params.output.free_pour, "only on request: it is a further simulation"),
     ]
 }

@@ -255,7 +255,11 @@ impl<'a> Source<'a> {
         let Some(index) = reference(object, "source") else { return Ok(()) };
         let new = self.once("images", index, out, |source, image, out| {
             image.remove("extensions");
-            if image.contains_key("bufferView") {
+            if let Some(view) = reference(image, "bufferView") {
+                // Some exporters write types that viewers refuse, such as `image/jpg`.
+                if let Some(media) = images::media_type(source.document.view(view)?) {
+                    image.insert("mimeType".into(), json!(media));
+                }
                 return source.move_view(image, out);
             }
             if let Some((media, bytes)) = images::external(image, source.resolve) {

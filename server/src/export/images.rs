@@ -1,4 +1,4 @@
-//! Images outside the buffers of a source file.
+//! Images of a source file.
 
 use crate::document::{Resolver, fetch};
 use serde_json::{Map, Value};
@@ -11,7 +11,7 @@ pub fn external(image: &Map<String, Value>, resolve: &Resolver) -> Option<(&'sta
 }
 
 /// By the first bytes: names lie.
-fn media_type(bytes: &[u8]) -> Option<&'static str> {
+pub fn media_type(bytes: &[u8]) -> Option<&'static str> {
     const MAGIC: [(&[u8], &str); 4] = [
         (b"\x89PNG\r\n\x1a\n", "image/png"),
         (b"\xff\xd8\xff", "image/jpeg"),

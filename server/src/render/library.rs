@@ -7,8 +7,8 @@ use super::texture::{Material, Picture};
 use crate::document::{Document, DocumentError, Resolver, reference};
 use glam::{DAffine3, DQuat, DVec2, DVec3, Vec2, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
-use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::build_cwbvh;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
 use obvhs::triangle::Triangle;
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ pub struct Mesh {
     pub triangles: Vec<Triangle>,
     /// Beside each triangle.
     pub surfaces: Vec<Surface>,
-    pub tree: CwBvh,
+    pub tree: Bvh2,
     /// Of the moved points.
     pub bounds: [DVec3; 2],
     /// The outermost of the moved points in many directions.
@@ -112,7 +112,7 @@ impl Mesh {
         let moved = |p: DVec3| ((p - centre) / size).as_vec3a();
         let triangles: Vec<Triangle> =
             triangles.into_iter().map(|t| t.map(moved)).map(|[v0, v1, v2]| Triangle { v0, v1, v2 }).collect();
-        let tree = build_cwbvh(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
+        let tree = build_bvh2(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
         let order: Vec<usize> = tree.primitive_indices.iter().map(|&i| i as usize).collect();
         Mesh {
             outline: outline(&triangles),

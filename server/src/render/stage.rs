@@ -8,16 +8,19 @@ use super::nodes::Placed;
 use glam::{Affine3A, DAffine3, DVec3, Mat3A, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
-use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::build_cwbvh;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
 use obvhs::ray::{Ray, RayHit};
 use std::time::Duration;
+
+/// Single precision's error of a place on the stage, generously.
+const ROUNDING: f32 = 1e-5;
 
 /// Instances, and the tree above them.
 pub struct Stage<'a> {
     /// In the order of the tree's leaves.
     instances: Vec<Instance<'a>>,
-    tree: Option<CwBvh>,
+    tree: Option<Bvh2>,
 }
 
 struct Instance<'a> {
@@ -58,13 +61,12 @@ impl<'a> Stage<'a> {
             if mesh.triangles.is_empty() || !map.is_finite() || !volume.is_normal() {
                 continue;
             }
-            let corners = corners(mesh.bounds).map(|p| map.transform_point3(p).as_vec3a());
-            boxes.push(Aabb::from_points(&corners));
+            boxes.push(bounds(mesh, &map));
             let inverse = map.inverse();
             instances.push(Instance {
                 mesh,
                 to_cube: Affine3A::from_mat3_translation(inverse.matrix3.as_mat3(), inverse.translation.as_vec3()),
-                cube_bounds: [mesh.bounds[0] - 1e-5, mesh.bounds[1] + 1e-5].map(|p| p.as_vec3a()),
+                cube_bounds: [mesh.bounds[0].as_vec3a() - ROUNDING, mesh.bounds[1].as_vec3a() + ROUNDING],
                 normals: to_mesh.matrix3.inverse().transpose().as_mat3().into(),
                 number,
             });
@@ -72,7 +74,7 @@ impl<'a> Stage<'a> {
         if boxes.is_empty() {
             return Stage { instances, tree: None };
         }
-        let tree = build_cwbvh(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
+        let tree = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
         let mut slots: Vec<Option<Instance>> = instances.into_iter().map(Some).collect();
         let instances = tree.primitive_indices.iter().filter_map(|&i| slots[i as usize].take()).collect();
         Stage { instances, tree: Some(tree) }
@@ -178,6 +180,22 @@ fn shares(t: &obvhs::triangle::Triangle, ray: &Ray) -> Vec3 {
     let (u, v) = (cross.dot(e2) / det, cross.dot(e1) / det);
     let shares = Vec3::new(1.0 - u - v, u, v);
     if shares.is_finite() { shares } else { Vec3::splat(1.0 / 3.0) }
+}
+
+/// The box around a mesh on the stage: around all its points, where these are not too many to look at for every body.
+fn bounds(mesh: &Mesh, map: &DAffine3) -> Aabb {
+    const MANY: usize = 50_000;
+    if mesh.triangles.len() > MANY {
+        return Aabb::from_points(&corners(mesh.bounds).map(|p| map.transform_point3(p).as_vec3a()));
+    }
+    let single = Affine3A::from_mat3_translation(map.matrix3.as_mat3(), map.translation.as_vec3());
+    let points = mesh.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]).map(|p| single.transform_point3a(p));
+    let mut bounds = Aabb::empty();
+    points.for_each(|point| {
+        bounds.extend(point);
+    });
+    // Rounding must not cut anything off.
+    Aabb::new(bounds.min - ROUNDING, bounds.max + ROUNDING)
 }
 
 /// Of a box.

@@ -120,7 +120,7 @@ impl Analyser {
 
     /// mu_k first: it implies mu_s, and most bodies that stand pass.
     fn sharp(&mut self, solver: Solver, ratio: f64) -> Option<Candidacy> {
-        self.scaled.friction_scale = ratio.clamp(0.0, 1.0);
+        self.scaled.friction_scale = if ratio > 0.0 { ratio.min(1.0) } else { 0.0 };
         let with_reserve = self.decide(solver, Start::Cold);
         self.scaled.friction_scale = 1.0;
         if let Outcome::Stable { .. } = with_reserve {
@@ -166,7 +166,7 @@ fn distinct(problem: &Problem, points: &mut Vec<DVec3>) -> usize {
     points.len()
 }
 
-/// The area of [`Spread::Relative`]. Reorders the points.
+/// The area of [`Spread::Relative`]. Uses the points up.
 pub fn hull_area(points: &mut [DVec3]) -> f64 {
     // By value, so that the choice between equally long chords is the same in every order.
     points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
@@ -180,13 +180,13 @@ pub fn hull_area(points: &mut [DVec3]) -> f64 {
         .map(|p| offset(*p))
         .fold(DVec3::ZERO, |m, o| if o.length_squared() > m.length_squared() { o } else { m });
     let Some(across) = far.try_normalize() else { return 0.0 };
-    // In the plane, x and y in the unused components' place; the points are not needed afterwards.
+    // From here on x and y are coordinates in the plane.
     for p in points.iter_mut() {
         let d = *p - a;
         *p = DVec3::new(d.dot(along), d.dot(across), 0.0);
     }
     points.sort_unstable_by(|p, q| p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)));
-    chain_area(points.iter().map(|p| p.truncate()), points.iter().rev().map(|p| p.truncate()))
+    half_area(points.iter().map(|p| p.truncate())) + half_area(points.iter().rev().map(|p| p.truncate()))
 }
 
 fn pairs(points: &[DVec3]) -> impl Iterator<Item = ((DVec3, DVec3), f64)> {
@@ -196,12 +196,7 @@ fn pairs(points: &[DVec3]) -> impl Iterator<Item = ((DVec3, DVec3), f64)> {
         .flat_map(move |(i, a)| points[i + 1..].iter().map(move |b| ((*a, *b), a.distance_squared(*b))))
 }
 
-/// Twice Andrew's monotone chain, without storing the hull: each chain jumps from a corner to the next by the least slope.
-fn chain_area(lower: impl Iterator<Item = DVec2> + Clone, upper: impl Iterator<Item = DVec2> + Clone) -> f64 {
-    half_area(lower) + half_area(upper)
-}
-
-/// Shoelace sum along the right-hand hull of points that are sorted along x (gift wrapping over the rest).
+/// Shoelace sum along the hull's right-hand side, for points sorted along the way there: gift wrapping, which stores nothing.
 fn half_area(points: impl Iterator<Item = DVec2> + Clone) -> f64 {
     let mut rest = points;
     let Some(mut corner) = rest.next() else { return 0.0 };

@@ -32,7 +32,7 @@
 //!   the body starts to fall. |y| is the *residual*: no contact forces come nearer to equilibrium than that.
 //!
 //! Both proofs are checked by substitution into the equations above before a verdict leaves this module, by code that knows
-//! the friction laws and nothing of the solvers ([`scaled`]). "Undecided" does not exist: the module's answer is a number, the
+//! the friction laws and nothing of the solvers (`scaled.rs`). "Undecided" does not exist: the module's answer is a number, the
 //! distance, and the verdict compares it with [`STABLE_RESIDUAL`].
 //!
 //! # Friction laws
@@ -46,8 +46,8 @@
 //!
 //! | | pyramid | cone |
 //! | --- | --- | --- |
-//! | [`Solver::Fast`] | projection onto W, generators from a list ([`projection`]) | the same, generators from a formula |
-//! | [`Solver::Clarabel`] | linear program ([`reference`]) | second-order cone program |
+//! | [`Solver::Fast`] | projection onto W, generators from a list (`projection.rs`) | the same, generators from a formula |
+//! | [`Solver::Clarabel`] | linear program (`reference.rs`) | second-order cone program |
 //!
 //! What the fast solver cannot certify, Clarabel decides; what Clarabel leaves open, the fast solver decides; what both
 //! leave open goes out with the fast solver's projection, and is counted as [`Counters::uncertified`]: in a million

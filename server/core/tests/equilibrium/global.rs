@@ -216,3 +216,55 @@ fn the_local_analysis_sees_only_neighbours() {
         );
     }
 }
+
+/// Six hundred bodies of masses 1 : 1000 that touch at random, some of them nothing.
+#[test]
+fn a_disordered_pile_has_a_tight_bound() {
+    use crate::generator::{rng, unit};
+    use rand::RngExt;
+    let rng = &mut rng(17);
+    let bodies: Vec<Body> = (0..600)
+        .map(|_| Body {
+            mass: 10f64.powf(rng.random_range(-1.5..1.5)),
+            center_of_mass: DVec3::new(
+                rng.random_range(0.0..6.0),
+                rng.random_range(0.0..6.0),
+                rng.random_range(0.0..6.0),
+            ),
+            radius: 0.5,
+        })
+        .collect();
+    let mut contacts = Vec::new();
+    for (i, a) in bodies.iter().enumerate() {
+        for (j, b) in bodies[..i].iter().enumerate() {
+            let apart = a.center_of_mass - b.center_of_mass;
+            if apart.length() < 0.7 {
+                for _ in 0..2 {
+                    contacts.push(Contact {
+                        body: i,
+                        other: Some(j),
+                        point: b.center_of_mass + apart / 2.0 + 0.2 * unit(rng),
+                        normal: (apart.normalize() + 0.3 * unit(rng)).normalize(),
+                        friction: 0.6,
+                    });
+                }
+            }
+        }
+        if a.center_of_mass.y < 0.5 {
+            let foot = a.center_of_mass.with_y(0.0);
+            let corners = [[-0.2, -0.2], [0.2, -0.1], [0.0, 0.2]].map(|[x, z]| foot + DVec3::new(x, 0.0, z));
+            contacts.extend(corners.map(|point| Contact {
+                body: i,
+                other: None,
+                point,
+                normal: DVec3::Y,
+                friction: 0.6,
+            }));
+        }
+    }
+    let plain = solve(&bodies, &contacts, Objective::SumOfNorms { sharpen: 0 });
+    assert!(plain.converged && plain.total - plain.bound < 1e-3 * plain.total, "{} {}", plain.bound, plain.total);
+    let sharp = solve(&bodies, &contacts, Objective::SumOfNorms { sharpen: 2 });
+    assert!(sharp.converged && sharp.total == plain.total);
+    assert!(sharp.unsupported_fraction(0.1) < plain.unsupported_fraction(0.1));
+}

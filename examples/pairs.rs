@@ -1,0 +1,265 @@
+//! Bakes pairs of props and control meshes drawn from a collection, and judges each:
+//! `cargo run --release --example pairs -- [--pairs 60] [--seed 1] [--only 0..60] [--out table.md]`.
+//!
+//! The collection is a folder with a `MANIFEST.tsv` (name, kind, source, licence, bytes, triangles, watertight, ...):
+//! `CAIRN_DATA`, or `../shared/data` beside the workspace. Drawn are its watertight glTF files of the kinds `object`
+//! and `control`. A prop is scaled so that about 220 fit into the control mesh, first by volume and then, if fewer than
+//! 150 or more than 300 do, by what the fill found. One Markdown row per pair, written as soon as it is known.
+
+use anyhow::{Context, bail};
+use cairn_core::asset::{self, Limits, Source};
+use cairn_core::bake::Bake;
+use cairn_core::check;
+use cairn_core::free_pour::free_pour;
+use cairn_core::mesh::TriMesh;
+use cairn_core::observer::{Observer, Progress};
+use cairn_core::params::{Accuracy, Params};
+use cairn_core::scene::{Model, Prop, Scene};
+use cairn_core::shape;
+use cpu_time::ThreadTime;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Write;
+use std::ops::{ControlFlow, Range};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+const WANTED: f64 = 220.0;
+const FEWEST: usize = 150;
+const MOST: usize = 300;
+/// Sizes tried for one pair.
+const ATTEMPTS: usize = 4;
+/// More bodies than this tell no more about the size than that it is too small.
+const TRIAL_LIMIT: u32 = 450;
+/// Share of the volume that props usually fill.
+const PACKING: f64 = 0.42;
+/// The fill must reach this share of a free pour.
+const LEAST_RATIO: f64 = 0.8;
+/// In units of sqrt(g d).
+const REST_SPEED: f64 = 0.01;
+
+const HEADER: &str = "| # | prop | control | bodies | shape | deviation | fill | free pour | ratio | iou start | kept | \
+protrusion | penetration max | mean | speed | hanging | unsupported | removed out/overlap/escaped | CPU s shape/fill/release+hold | verdict |\n\
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+
+struct Arguments {
+    pairs: usize,
+    seed: u64,
+    only: Range<usize>,
+    out: Option<PathBuf>,
+}
+
+fn main() -> anyhow::Result<()> {
+    let arguments = arguments()?;
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let folder = std::env::var_os("CAIRN_DATA").map_or(beside, PathBuf::from);
+    let (props, controls) = collection(&folder)?;
+    let drawn = draw(&props, &controls, arguments.pairs, arguments.seed);
+    let mut out = arguments.out.map(File::create).transpose()?;
+    let mut tell = |line: &str| -> anyhow::Result<()> {
+        println!("{line}");
+        if let Some(file) = &mut out {
+            writeln!(file, "{line}")?;
+            file.flush()?;
+        }
+        Ok(())
+    };
+    tell(HEADER)?;
+    let mut tally = BTreeMap::<&str, usize>::new();
+    let mut poured = BTreeMap::<&str, Option<f64>>::new();
+    for (i, (prop, control)) in drawn.iter().enumerate().filter(|(i, _)| arguments.only.contains(i)) {
+        let start = ThreadTime::now();
+        let row = catch_unwind(AssertUnwindSafe(|| pair(&folder, prop, control, &mut poured)))
+            .unwrap_or_else(|_| Row { cells: "| | | | | | | | | | | | | | | | ".into(), verdict: "fail: panic".into() });
+        let kind = row.verdict.split(':').next().unwrap_or_default().to_owned();
+        *tally.entry(["pass", "refused", "fail"].into_iter().find(|k| *k == kind).unwrap_or("fail")).or_default() += 1;
+        let seconds = start.elapsed().as_secs_f64();
+        tell(&format!("| {i} | {prop} | {control} {}| {} ({seconds:.0} s) |", row.cells, row.verdict))?;
+    }
+    let count = |kind| tally.get(kind).copied().unwrap_or(0);
+    tell(&format!("\n{} pass, {} refused, {} fail", count("pass"), count("refused"), count("fail")))
+}
+
+fn arguments() -> anyhow::Result<Arguments> {
+    let mut found = Arguments { pairs: 60, seed: 1, only: 0..usize::MAX, out: None };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let value = words.next().with_context(|| format!("{word} needs a value"))?;
+        match word.as_str() {
+            "--pairs" => found.pairs = value.parse()?,
+            "--seed" => found.seed = value.parse()?,
+            "--only" => {
+                let (from, to) = value.split_once("..").context("--only takes a range such as 10..20")?;
+                found.only = from.parse()?..to.parse()?;
+            }
+            "--out" => found.out = Some(value.into()),
+            _ => bail!("{word} is not known; known are --pairs, --seed, --only and --out"),
+        }
+    }
+    Ok(found)
+}
+
+/// Watertight props and control meshes, by name.
+fn collection(folder: &Path) -> anyhow::Result<(Vec<String>, Vec<String>)> {
+    let path = folder.join("MANIFEST.tsv");
+    let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+    let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split('\t').collect()).collect();
+    let of = |kind: &str| {
+        let is_gltf = |name: &str| name.ends_with(".glb") || name.ends_with(".gltf");
+        let fits = |row: &&Vec<&str>| row.len() > 6 && row[1] == kind && row[6] == "yes" && is_gltf(row[0]);
+        let mut names: Vec<String> = rows.iter().filter(fits).map(|row| row[0].to_owned()).collect();
+        names.sort();
+        names
+    };
+    let found = (of("object"), of("control"));
+    if found.0.is_empty() || found.1.is_empty() {
+        bail!("{}: no watertight props or control meshes", path.display());
+    }
+    Ok(found)
+}
+
+/// Different pairs, by SplitMix64 (Steele et al. 2014).
+fn draw<'a>(props: &'a [String], controls: &'a [String], pairs: usize, seed: u64) -> Vec<(&'a str, &'a str)> {
+    let mut state = seed;
+    let mut random = |n: usize| {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) % n as u64) as usize
+    };
+    let mut drawn = Vec::new();
+    while drawn.len() < pairs.min(props.len() * controls.len()) {
+        let pair = (props[random(props.len())].as_str(), controls[random(controls.len())].as_str());
+        if !drawn.contains(&pair) {
+            drawn.push(pair);
+        }
+    }
+    drawn
+}
+
+fn model(folder: &Path, name: &str) -> Result<Model, String> {
+    let path = folder.join(name);
+    let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let beside = path.parent().unwrap_or(folder).to_owned();
+    let resolve = |relative: &str| std::fs::read(beside.join(relative)).map_err(|e| e.to_string());
+    let source = Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() };
+    let problems = |all: Vec<asset::Problem>| all.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    Ok(Model { name: name.to_owned(), mesh: asset::read(&source).map_err(problems)?.mesh })
+}
+
+struct Row {
+    /// All columns between the control mesh and the verdict, each with its bar in front.
+    cells: String,
+    verdict: String,
+}
+
+impl Row {
+    fn refused(reason: &str) -> Row {
+        let cells = "| ".repeat(16);
+        Row { cells, verdict: format!("refused: {}", reason.replace(['|', '\n'], " ")) }
+    }
+}
+
+/// The thread's CPU time; never cancels.
+struct Watch(ThreadTime);
+
+impl Observer for Watch {
+    fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn cpu_seconds(&mut self) -> f64 {
+        self.0.elapsed().as_secs_f64()
+    }
+}
+
+/// Bakes one pair at a size that lets about as many bodies fit as wanted.
+fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&'a str, Option<f64>>) -> Row {
+    let name = prop;
+    let (prop_model, control) = match (model(folder, prop), model(folder, control)) {
+        (Ok(prop), Ok(control)) => (prop, control),
+        (Err(e), _) | (_, Err(e)) => return Row::refused(&e),
+    };
+    let room = volume(&control.mesh);
+    let mut scale = (PACKING * room / WANTED / volume(&prop_model.mesh)).cbrt();
+    let prop = Prop { model: prop_model, weight: 1.0, friction: 0.7, density: 1000.0, restitution: 0.0, scale: [scale; 2] };
+    let mut scene = Scene { control, props: vec![prop], statics: Vec::new() };
+    let mut params = Params::new(Accuracy::Standard);
+    params.fill.max_bodies = TRIAL_LIMIT;
+    let mut watch = Watch(ThreadTime::now());
+    let mut last = None;
+    for _ in 0..ATTEMPTS {
+        scene.props[0].scale = [scale; 2];
+        match cairn_core::bake(&scene, &params, &mut watch) {
+            Ok(bake) => {
+                let bodies = bake.bodies.len();
+                last = Some(bake);
+                if (FEWEST..=MOST).contains(&bodies) {
+                    break;
+                }
+                scale *= (bodies as f64 / WANTED).cbrt();
+            }
+            Err(e) => return Row::refused(&e.to_string()),
+        }
+    }
+    let Some(bake) = last else { return Row::refused("no size was found") };
+    let reference = *poured.entry(name).or_insert_with(|| reference(&scene, &params, &mut watch));
+    judge(&bake, reference)
+}
+
+fn volume(mesh: &TriMesh) -> f64 {
+    mesh.signed_volume().abs()
+}
+
+fn reference(scene: &Scene, params: &Params, watch: &mut Watch) -> Option<f64> {
+    let checked = check::run(scene, params).ok()?;
+    let shapes = shape::run(scene, params, &checked, watch).ok()?;
+    free_pour(&scene.props[0], &shapes[0], params, watch).ok()?
+}
+
+fn judge(bake: &Bake, reference: Option<f64>) -> Row {
+    let report = &bake.report;
+    let measure = |name: &str| report.measures.get(name).copied().flatten().unwrap_or(f64::NAN);
+    let count = |name: &str| report.counts.get(name).copied().unwrap_or(0);
+    let (fill, free) = (measure("fill_fraction"), reference.unwrap_or(f64::NAN));
+    let speed = measure("resting_speed_max_rel");
+    let shape = &report.shapes[0];
+    let seconds: BTreeMap<String, f64> = report.seconds.iter().map(|(s, t)| (format!("{s:?}"), *t)).collect();
+    let stage = |name: &str| seconds.get(name).copied().unwrap_or(0.0);
+    let cells = format!(
+        "| {} | {} {} | {:.3} | {fill:.3} | {free:.3} | {:.2} | {:.3} | {:.3} | {:.3} | {:.2} | {:.4} | {speed:.4} | {} | {:.3} \
+         | {}/{}/{} | {:.1}/{:.1}/{:.1} ",
+        bake.bodies.len(),
+        shape.kind,
+        shape.parts,
+        shape.deviation_rel,
+        fill / free,
+        measure("shape_iou_start"),
+        measure("kept_shape"),
+        measure("protrusion_rel"),
+        measure("penetration_max_rel"),
+        measure("penetration_mean_rel"),
+        measure("hanging"),
+        measure("unsupported_fraction"),
+        count("removed_sticking_out"),
+        count("removed_overlapping"),
+        count("removed_escaped"),
+        stage("Shape"),
+        stage("Fill"),
+        stage("Release") + stage("Hold"),
+    );
+    let finite = bake.frames.iter().flatten().all(|p| p.translation.is_finite() && p.rotation.is_finite());
+    let faults: Vec<&str> = [
+        ("bodies", (FEWEST..=MOST).contains(&bake.bodies.len())),
+        ("moving", speed < REST_SPEED),
+        ("fill", fill >= LEAST_RATIO * free),
+        ("hanging", measure("hanging") == 0.0),
+        ("lost", count("bodies_lost") == 0 && finite),
+    ]
+    .into_iter()
+    .filter_map(|(what, fine)| (!fine).then_some(what))
+    .collect();
+    let verdict = if faults.is_empty() { "pass".into() } else { format!("fail: {}", faults.join(", ")) };
+    Row { cells, verdict }
+}
