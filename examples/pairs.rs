@@ -244,7 +244,9 @@ fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&
         }
     }
     watch.begin(false);
-    let Some(bake) = last else { return Row { cells: "| ".repeat(16), verdict: "fail: no size lets 150 to 300 fit".into() } };
+    let Some(bake) = last else {
+        return Row { cells: "| ".repeat(16), verdict: "fail: no size lets 150 to 300 fit".into() };
+    };
     let reference = *poured.entry(name).or_insert_with(|| reference(&scene, &params, &mut watch));
     judge(&bake, reference)
 }

@@ -46,6 +46,18 @@ fn the_report_tells_what_made_the_result() {
 }
 
 #[test]
+fn the_number_of_threads_changes_nothing() {
+    let desk = Desk::new();
+    let [one, many] = ["1", "5"].map(|threads| {
+        let args: Vec<String> = format!("bake {SCENE} -o pile.csv").split_whitespace().map(str::to_owned).collect();
+        let mut command = desk.command(&args.iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(command.env("RAYON_NUM_THREADS", threads).stderr(Stdio::null()).status().unwrap().success());
+        std::fs::read(desk.path("pile.csv")).unwrap()
+    });
+    assert_eq!(one, many);
+}
+
+#[test]
 fn progress_goes_to_stderr_in_the_form_asked_for() {
     let desk = Desk::new();
     let done = desk.line(&format!("bake {SCENE} -o pile.glb --progress json"));

@@ -2,7 +2,7 @@
 
 use super::progress::{Mode, Reporter};
 use super::scene_args::SceneArgs;
-use super::{Failure, interrupt, output, report, summary, tell};
+use super::{Failure, interrupt, machine, output, report, summary, tell};
 use crate::export;
 use crate::job::{Job, effective};
 use crate::problem::Problem;
@@ -49,16 +49,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let scene = args.scene.tree()?.to_message();
     let job = Job::read(&scene).map_err(Failure::Input)?;
     check_outputs(args, &job)?;
+    let read_seconds = machine::cpu_seconds();
 
     let mut reporter = Reporter::new(if args.quiet { Mode::None } else { args.progress });
     let baked = cairn_core::bake(&job.scene, &job.params, &mut reporter);
     reporter.finish(baked.is_ok());
     let bake = baked?;
 
+    let baked_at = machine::cpu_seconds();
     let result = export::encode(format, &bake, &job.export_scene())?;
+    let around = [("read", read_seconds), ("encode", machine::cpu_seconds() - baked_at)];
     let report = args.report.as_deref().map(|path| {
         let scene = SceneTree::from_message(&effective(&scene, &job.params));
-        (path, format!("{:#}\n", report::json(&bake, &scene, &job.notes, &args.output)))
+        (path, format!("{:#}\n", report::json(&bake, &scene, &job.notes, &args.output, &around, began)))
     });
     write(&args.output, &result, report)?;
 
@@ -66,7 +69,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
             tell("warning", AnsiColor::Yellow, warning);
         }
-        for line in summary::lines(&bake.report, began.elapsed().as_secs_f64(), &args.output) {
+        for line in summary::lines(&bake.report, bake.frames.len(), began.elapsed().as_secs_f64(), &args.output) {
             anstream::eprintln!("{line}");
         }
     }

@@ -20,7 +20,7 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
-    /// JSON instead of text: {\"ok\", \"problems\", \"notes\", \"plan\"}
+    /// JSON instead of text: an object of ok, problems, notes and plan
     #[arg(long)]
     json: bool,
 }

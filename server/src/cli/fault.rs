@@ -20,3 +20,14 @@ pub fn contain(command: impl FnOnce() -> Result<(), Failure>) -> Result<(), Fail
         Err(Failure::Internal(last.unwrap_or_default()))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Failure, contain};
+
+    #[test]
+    fn a_panic_is_our_fault_and_says_where() {
+        let Err(Failure::Internal(what)) = contain(|| panic!("no such {}", "thing")) else { panic!("it is our fault") };
+        assert!(what.starts_with("no such thing at server/src/cli/fault.rs:"), "{what}");
+    }
+}

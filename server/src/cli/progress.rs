@@ -29,7 +29,8 @@ pub struct Reporter {
 }
 
 enum Show {
-    Bar(ProgressBar),
+    /// The running stage's; none before the first.
+    Bar(Option<ProgressBar>),
     Plain,
     Json,
     Nothing,
@@ -38,7 +39,7 @@ enum Show {
 impl Reporter {
     pub fn new(mode: Mode) -> Reporter {
         let show = match mode {
-            Mode::Auto if std::io::stderr().is_terminal() => Show::Bar(new_bar()),
+            Mode::Auto if std::io::stderr().is_terminal() => Show::Bar(None),
             Mode::Auto | Mode::Plain => Show::Plain,
             Mode::Json => Show::Json,
             Mode::None => Show::Nothing,
@@ -53,26 +54,24 @@ impl Reporter {
             self.stage_began = Instant::now();
         }
         let pause = self.told.map_or(Duration::MAX, |told| told.elapsed());
-        match &self.show {
+        match &mut self.show {
             Show::Bar(bar) => {
                 if began {
                     // The stage before stays on the screen as a full line.
-                    if bar.position() > 0 {
-                        bar.set_position(BAR_LENGTH);
-                        bar.abandon();
-                    }
-                    let bar = new_bar();
-                    bar.set_prefix(name(progress.stage));
-                    self.show = Show::Bar(bar);
+                    bar.iter().for_each(fill);
+                    *bar = Some(new_bar(name(progress.stage)));
                 }
-                let Show::Bar(bar) = &self.show else { return };
-                bar.set_message(counts(progress));
-                bar.set_position((progress.fraction * BAR_LENGTH as f64) as u64);
+                if let Some(bar) = bar {
+                    bar.set_message(counts(progress));
+                    bar.set_position((progress.fraction * BAR_LENGTH as f64) as u64);
+                }
             }
             Show::Plain if pause >= Duration::from_secs(1) => {
                 let percent = progress.fraction * 100.0;
-                let left = self.seconds_left(progress).map(|left| format!(", {left:.0} s left")).unwrap_or_default();
-                eprintln!("{}: {percent:.0} %, {}{left}", name(progress.stage), counts(progress));
+                let left = self.seconds_left(progress).map(|left| format!("{left:.0} s left"));
+                let parts =
+                    [Some(format!("{percent:.0} %")), Some(counts(progress)).filter(|text| !text.is_empty()), left];
+                eprintln!("{}: {}", name(progress.stage), parts.into_iter().flatten().collect::<Vec<_>>().join(", "));
                 self.told = Some(Instant::now());
             }
             Show::Json if began || pause >= Duration::from_millis(100) => {
@@ -102,13 +101,8 @@ impl Reporter {
 
     /// Takes the bar off the screen, or fills it.
     pub fn finish(&mut self, done: bool) {
-        if let Show::Bar(bar) = &self.show {
-            if done {
-                bar.set_position(BAR_LENGTH);
-                bar.abandon();
-            } else {
-                bar.finish_and_clear();
-            }
+        if let Show::Bar(Some(bar)) = &self.show {
+            if done { fill(bar) } else { bar.finish_and_clear() }
         }
     }
 }
@@ -129,10 +123,22 @@ impl Observer for Reporter {
 
 const BAR_LENGTH: u64 = 1000;
 
-fn new_bar() -> ProgressBar {
-    let style = ProgressStyle::with_template("{prefix:>8} {bar:24} {percent:>3} %  {msg}  {elapsed}, {eta} left")
-        .expect("the template is valid");
-    ProgressBar::with_draw_target(Some(BAR_LENGTH), ProgressDrawTarget::stderr()).with_style(style)
+fn new_bar(stage: &'static str) -> ProgressBar {
+    ProgressBar::with_draw_target(Some(BAR_LENGTH), ProgressDrawTarget::stderr())
+        .with_style(style("{elapsed}, {eta} left"))
+        .with_prefix(stage)
+}
+
+/// Leaves the bar on the screen as that of a finished stage.
+fn fill(bar: &ProgressBar) {
+    bar.set_style(style("{elapsed}"));
+    bar.set_position(BAR_LENGTH);
+    bar.abandon();
+}
+
+fn style(time: &str) -> ProgressStyle {
+    ProgressStyle::with_template(&format!("{{prefix:>8}} {{bar:24}} {{percent:>3}} %  {{msg}}  {time}"))
+        .expect("the template is valid")
 }
 
 fn name(stage: Stage) -> &'static str {
@@ -147,12 +153,11 @@ fn name(stage: Stage) -> &'static str {
 
 /// What there is so far; a count of which there is nothing is left out.
 fn counts(progress: &Progress) -> String {
-    let mut text = format!("{} bodies", progress.bodies);
-    let further = [(progress.released, "released"), (progress.at_rest, "at rest"), (progress.nails, "nails")];
-    for (count, what) in further {
-        if count > 0 {
-            text += &format!(", {count} {what}");
-        }
-    }
-    text
+    let Progress { bodies, released, at_rest, nails, .. } = *progress;
+    [(bodies, "bodies"), (released, "released"), (at_rest, "at rest"), (nails, "nails")]
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }

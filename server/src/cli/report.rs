@@ -5,9 +5,17 @@ use crate::scene_file::SceneTree;
 use cairn_core::bake::Bake;
 use serde_json::{Map, Value, json};
 use std::path::Path;
+use std::time::Instant;
 
-/// The report file's content.
-pub fn json(bake: &Bake, scene: &SceneTree, notes: &[String], output: &Path) -> Value {
+/// The report file's content. `around` are CPU seconds of what happens around the core's stages.
+pub fn json(
+    bake: &Bake,
+    scene: &SceneTree,
+    notes: &[String],
+    output: &Path,
+    around: &[(&str, f64)],
+    began: Instant,
+) -> Value {
     let mut report = Map::new();
     report.insert("versions".into(), versions());
     report.insert("output".into(), output.display().to_string().into());
@@ -19,8 +27,12 @@ pub fn json(bake: &Bake, scene: &SceneTree, notes: &[String], output: &Path) -> 
             report.insert(name.clone(), value.clone());
         }
     }
+    for (stage, seconds) in around {
+        report["seconds"][stage] = json!(seconds);
+    }
     report.insert("notes".into(), json!(notes));
     report.insert("scene".into(), scene.to_value());
+    report.insert("wall_seconds".into(), json!(began.elapsed().as_secs_f64()));
     report.insert("cpu_seconds".into(), json!(machine::cpu_seconds()));
     report.insert("peak_memory_bytes".into(), json!(machine::peak_memory()));
     Value::Object(report)

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 #[derive(clap::Args)]
 pub struct SceneArgs {
-    /// Scene file (.toml or .json); `cairn scene` writes one. The flags below go before what it says
+    /// Scene file (.toml or .json); `cairn scene` writes one. The flags below override it
     pub scene: Option<PathBuf>,
 
     /// The pile's shape: a closed mesh in a .glb or .gltf file, or one node of it (shapes.glb#Dome)
