@@ -69,8 +69,9 @@ fn main() -> anyhow::Result<()> {
     let mut poured = BTreeMap::<&str, Option<f64>>::new();
     for (i, (prop, control)) in drawn.iter().enumerate().filter(|(i, _)| arguments.only.contains(i)) {
         let start = ThreadTime::now();
-        let row = catch_unwind(AssertUnwindSafe(|| pair(&folder, prop, control, &mut poured)))
-            .unwrap_or_else(|_| Row { cells: "| | | | | | | | | | | | | | | | ".into(), verdict: "fail: panic".into() });
+        let row = catch_unwind(AssertUnwindSafe(|| pair(&folder, prop, control, &mut poured))).unwrap_or_else(|_| {
+            Row { cells: "| | | | | | | | | | | | | | | | ".into(), verdict: "fail: panic".into() }
+        });
         let kind = row.verdict.split(':').next().unwrap_or_default().to_owned();
         *tally.entry(["pass", "refused", "fail"].into_iter().find(|k| *k == kind).unwrap_or("fail")).or_default() += 1;
         let seconds = start.elapsed().as_secs_f64();
@@ -217,7 +218,8 @@ fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&
     };
     let room = volume(&control.mesh);
     let mut scale = (PACKING * room / WANTED / volume(&prop_model.mesh)).cbrt();
-    let prop = Prop { model: prop_model, weight: 1.0, friction: 0.7, density: 1000.0, restitution: 0.0, scale: [scale; 2] };
+    let prop =
+        Prop { model: prop_model, weight: 1.0, friction: 0.7, density: 1000.0, restitution: 0.0, scale: [scale; 2] };
     let mut scene = Scene { control, props: vec![prop], statics: Vec::new() };
     let mut params = Params::new(Accuracy::Standard);
     params.fill.max_bodies = TRIAL_LIMIT;
@@ -242,7 +244,9 @@ fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&
         }
     }
     watch.begin(false);
-    let Some(bake) = last else { return Row { cells: "| ".repeat(16), verdict: "fail: no size lets 150 to 300 fit".into() } };
+    let Some(bake) = last else {
+        return Row { cells: "| ".repeat(16), verdict: "fail: no size lets 150 to 300 fit".into() };
+    };
     let reference = *poured.entry(name).or_insert_with(|| reference(&scene, &params, &mut watch));
     judge(&bake, reference)
 }
