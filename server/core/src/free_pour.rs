@@ -58,13 +58,16 @@ pub fn free_pour(
 
     let poses: Vec<(usize, f64, Pose)> =
         poured.iter().map(|b| (b.prop, b.scale, shape.prop_pose(&units.pose_to_si(&b.pose), b.scale))).collect();
+    if poses.is_empty() {
+        return Ok(None);
+    }
     let (top, margin) = (width * diameter, MARGIN.min(LARGEST_MARGIN * width) * diameter);
     // Poured upward: the floor is the top of the box, and the surface lies this deep below it.
     let depth = depth(&poses, top);
-    let (floor, surface) = (margin.min(LARGEST_MARGIN * depth), margin.min(LARGEST_MARGIN * depth));
+    let clear = margin.min(LARGEST_MARGIN * depth);
     let side = top / 2.0 - margin;
-    let inner = block(DVec3::new(-side, top - depth + surface, -side), DVec3::new(side, top - floor, side));
-    if poses.is_empty() || inner.signed_volume() <= 0.0 {
+    let inner = block(DVec3::new(-side, top - depth + clear, -side), DVec3::new(side, top - clear, side));
+    if inner.signed_volume() <= 0.0 {
         return Ok(None);
     }
     let region = Region::new(&inner);

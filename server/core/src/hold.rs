@@ -10,6 +10,12 @@ pub const REST_SPEED: f64 = 0.01;
 /// The pile is at rest once every body has been for this long, natural times.
 const REST_TIME: f64 = 1.0;
 
+/// Damping against rolling, per natural time: the engine has no rolling resistance, and a ball that has left the pile
+/// would roll on for ever. Most of a rolling body's speed is gone after five natural times.
+const ROLLING_DAMPING: f64 = 0.5;
+/// It sets in after this share of the patience, when the shape is long decided.
+const ROLLING_ONSET: f64 = 0.25;
+
 /// How the hold ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Held {
@@ -34,6 +40,9 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
         };
         if ended {
             break;
+        }
+        if pile.step - begin == (ROLLING_ONSET * patience as f64) as u64 {
+            pile.resist_rolling(ROLLING_DAMPING);
         }
         pile.advance(observer, Stage::Hold, |pile| ((pile.step - begin) as f64 / patience as f64).min(0.99))?;
         (calm, top_speed) =

@@ -105,6 +105,15 @@ fn layers(world: &World, thickness: f64) -> Vec<Vec<BodyId>> {
 }
 
 impl Pile<'_> {
+    /// Damps every released body by this much; the control goes on to choose for those that it judges.
+    pub fn resist_rolling(&mut self, damping: f64) {
+        for id in self.world.present().collect::<Vec<_>>() {
+            if self.world.bodies()[id].role == Role::Free {
+                self.world.set_damping(id, damping.max(self.damping));
+            }
+        }
+    }
+
     /// One step of world and control.
     pub fn advance(
         &mut self,

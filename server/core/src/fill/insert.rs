@@ -22,11 +22,16 @@ const TRIES_PER_PROP: usize = 40;
 /// Bound on the rounds; a fill takes about 20.
 const MAX_ROUNDS: usize = 200;
 
+/// Jammed props trade places: a round adds some and squeezes others out. The container is full, too, when this many
+/// rounds together added less than two barren ones may.
+const STALL_ROUNDS: usize = 4;
+
 /// Runs rounds until one adds next to nothing. Returns whether the container is full.
 pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
     let fill = filling.params.fill.clone();
     let limit = fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize;
     let mut barren = 0;
+    let mut counts = Vec::new();
     for _ in 0..MAX_ROUNDS {
         let before = filling.world.present().count();
         if before >= limit {
@@ -40,8 +45,12 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         filling.remove_overlapping(first);
         let after = filling.world.present().count();
         let added = after.saturating_sub(before) as f64;
-        barren = if added < (fill.full_below * after as f64).max(1.0) { barren + 1 } else { 0 };
-        if barren == 2 {
+        let least = (fill.full_below * after as f64).max(1.0);
+        barren = if added < least { barren + 1 } else { 0 };
+        counts.push(before);
+        let stalled =
+            counts.len().checked_sub(STALL_ROUNDS).is_some_and(|k| (after as f64) < counts[k] as f64 + 2.0 * least);
+        if barren == 2 || stalled {
             return Ok(true);
         }
     }

@@ -15,6 +15,8 @@ const COLLAR: f64 = 3.0;
 const BATCH_TIME: f64 = 4.0;
 /// Places tried in the collar for a batch.
 const TRIES: usize = 400;
+/// The opening is probed at least this deep, in thicknesses of the prop.
+const OPENING_DEPTH: f64 = 1.1;
 /// Bound on the batches.
 const MAX_BATCHES: usize = 400;
 /// Batches in a row that add next to nothing before the container counts as full: one may have jammed in the opening.
@@ -62,7 +64,7 @@ fn inside(filling: &Filling) -> Vec<BodyId> {
 fn drop_batch(filling: &mut Filling, most: usize) -> Result<(), Error> {
     filling.world.refresh();
     let (low, high) = (filling.container.low, filling.container.high);
-    let just_inside = filling.container.base + 2.0 * filling.params.base.height * (high.y - filling.container.base);
+    let just_inside = 2.0 * filling.params.base.height * (high.y - filling.container.base);
     let mut placed: Vec<BodyId> = Vec::new();
     for _ in 0..TRIES {
         if placed.len() == most {
@@ -73,7 +75,9 @@ fn drop_batch(filling: &mut Filling, most: usize) -> Result<(), Error> {
         let radius = filling.shapes[prop].radius * size;
         let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
         let at = low + (high - low) * share;
-        let opening = DVec3::new(at.x, just_inside, at.z);
+        // So deep that the base itself, which is open, does not count as a wall.
+        let depth = just_inside.max(OPENING_DEPTH * filling.shapes[prop].thickness() * size);
+        let opening = DVec3::new(at.x, filling.container.base + depth, at.z);
         // The opening's rim is a wall of the collar: keep clear of it as far as the opening allows.
         if filling.container.distance.signed_distance(opening) > -filling.shapes[prop].thickness() * size {
             continue;
