@@ -70,6 +70,9 @@ const KAPPA_TIME: f64 = 1.0 / 240.0;
 /// A centre of mass this far outside the region (in d) still counts as inside, as in `inside_fraction`.
 const REGION_TOLERANCE: f64 = 0.1;
 
+/// A body held across a wider gap than this, in d, would count as `hanging`, however thick it is.
+const HANGING_GAP: f64 = 1.0 / 200.0;
+
 impl<'a> Control<'a> {
     /// `region` in engine units.
     pub fn new(params: &'a ControlParams, gravity: f64, seed: u64, region: &'a DistanceGrid) -> Control<'a> {
@@ -120,7 +123,9 @@ impl<'a> Control<'a> {
     pub fn cycle(&mut self, world: &mut World) {
         self.tally.cycles += 1;
         world.pull_all_nails();
-        let touches = world.touches_since(self.params.contact_tolerance, &self.touches, &self.still);
+        let mut touches = world.touches_since(self.params.contact_tolerance, &self.touches, &self.still);
+        touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= HANGING_GAP));
+        touches.retain(|t| !t.points.is_empty());
         self.certified = self.candidates(world, &touches);
         match self.params.mode {
             ControlMode::Off => {}

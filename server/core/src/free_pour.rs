@@ -67,7 +67,8 @@ pub fn free_pour(
     let clear = margin.min(LARGEST_MARGIN * depth);
     let side = top / 2.0 - margin;
     let inner = block(DVec3::new(-side, top - depth + clear, -side), DVec3::new(side, top - clear, side));
-    if inner.signed_volume() <= 0.0 {
+    let volume = inner.signed_volume();
+    if volume.is_nan() || volume <= 0.0 {
         return Ok(None);
     }
     let region = Region::new(&inner);

@@ -129,7 +129,9 @@ fn a_pour_fills_through_the_opening() {
     params.fill.method = FillMethod::Pour;
     let report = bake(&scene, &params, &mut Silent).unwrap().report;
     assert!(report.measures["fill_fraction"].unwrap() > 0.12, "fill {:?}", report.measures["fill_fraction"]);
-    assert_eq!(report.measures["inside_fraction"], Some(1.0));
+    assert!(report.measures["protrusion_rel"].unwrap() <= 0.05);
+    // What the container held must stand by itself; the odd stick may slide off a poured pile.
+    assert!(report.measures["inside_fraction"].unwrap() > 0.98);
 }
 
 #[test]

@@ -129,6 +129,8 @@ const MAX_SPEED: f64 = 100.0;
 /// Contacts are kept unchanged until a pair has moved by this share of the smallest thickness: more is fiction at the
 /// time of a verdict, less lets small towers creep.
 const RECYCLE_SHARE: f64 = 0.05;
+/// Nor by more than this: a body would hover above what it seems to rest on.
+const MAX_RECYCLE: f64 = 1.0 / 200.0;
 
 impl World {
     /// An empty world. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
@@ -148,7 +150,7 @@ impl World {
         p.normalized_prediction_distance = PREDICTION as f32;
         p.normalized_max_corrective_velocity = PUSH_OUT_SPEED as f32;
         p.normalized_max_linear_velocity = MAX_SPEED as f32;
-        p.normalized_contact_recycle_distance = (RECYCLE_SHARE * thickness) as f32;
+        p.normalized_contact_recycle_distance = (RECYCLE_SHARE * thickness).min(MAX_RECYCLE) as f32;
         // Clustering picks other points of a compound from step to step, which rocks it for ever.
         p.contact_clustering = !compounds;
         p.friction_model = match physics.friction_model {
