@@ -9,6 +9,7 @@ use crate::world::{BodyId, Role, Side, Touch, World};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use std::collections::BTreeMap;
 
 /// What the control has done so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,6 +27,8 @@ pub struct Tally {
     pub nails_peak: u64,
     /// Held bodies let go within a cycle because the load on them exceeded kappa.
     pub holds_broken: u64,
+    /// Bodies that slid without friction for a cycle, because they were jammed above a gap.
+    pub unjammed: u64,
     pub held_peak: u64,
     /// Largest force of a nail that held, in weights of the lighter body.
     pub nail_load_max: f64,
@@ -63,6 +66,28 @@ pub struct Control<'a> {
     /// The touches of the latest cycle, and the bodies that stood still since. Shape `[body]`.
     touches: Vec<Touch>,
     still: Vec<bool>,
+    /// Bodies whose hold has broken. Ordered, so that nothing depends on the order of a hash map.
+    strained: BTreeMap<BodyId, Strain>,
+}
+
+/// A body whose hold broke under its load is squeezed between its neighbours: holding it again at once would only
+/// break again and rattle for ever. It stays free for a while, each time twice as long, so that the squeeze can ease,
+/// and after the last attempt for good.
+#[derive(Clone, Copy, Debug)]
+struct Strain {
+    breaks: u32,
+    /// The first cycle that may hold it again.
+    free_until: u64,
+}
+
+impl Strain {
+    const ATTEMPTS: u32 = 4;
+
+    fn again(before: Option<&Strain>, cycle: u64) -> Strain {
+        let breaks = before.map_or(1, |s| s.breaks + 1);
+        let free_until = if breaks < Strain::ATTEMPTS { cycle + (1 << breaks) } else { u64::MAX };
+        Strain { breaks, free_until }
+    }
 }
 
 /// The paper's kappa is an impulse per kg over this time (s): its step.
@@ -86,6 +111,7 @@ impl<'a> Control<'a> {
             certified: Vec::new(),
             touches: Vec::new(),
             still: Vec::new(),
+            strained: BTreeMap::new(),
         }
     }
 
@@ -133,6 +159,7 @@ impl<'a> Control<'a> {
             ControlMode::Hold => self.hold(world, &touches),
         }
         self.damp(world);
+        self.unjam(world, &touches);
         self.touches = touches;
         self.still = world.bodies().iter().map(|b| matches!(b.role, Role::Held | Role::Waiting)).collect();
     }
@@ -162,6 +189,8 @@ impl<'a> Control<'a> {
                     world.set_role(id, Role::Free);
                     self.stir(id);
                     self.tally.holds_broken += 1;
+                    let strain = Strain::again(self.strained.get(&id), self.tally.cycles);
+                    self.strained.insert(id, strain);
                 }
             }
         }
@@ -325,13 +354,36 @@ impl<'a> Control<'a> {
             Neighbours::All => self.surrounded(world, touches),
             Neighbours::Either => self.certified.clone(),
         };
-        for (id, &hold) in held.iter().enumerate() {
+        let strained = |id: &BodyId| self.strained.get(id).is_some_and(|s| self.tally.cycles < s.free_until);
+        for (id, hold) in held.iter().enumerate().map(|(id, &hold)| (id, hold && !strained(&id))) {
             match world.bodies()[id].role {
                 Role::Free | Role::Held => world.set_role(id, if hold { Role::Held } else { Role::Free }),
                 Role::Waiting | Role::Gone => {}
             }
         }
         self.tally.held_peak = self.tally.held_peak.max(world.count(Role::Held) as u64);
+    }
+
+    /// A slow body that nothing supports from below is jammed between its sides, as no pile that fell into place would
+    /// have it: the fill squeezed it in there. Without friction it slips down onto what is below.
+    fn unjam(&mut self, world: &mut World, touches: &[Touch]) {
+        let mut supported = vec![false; world.bodies().len()];
+        for t in touches {
+            for p in &t.points {
+                match t.b {
+                    Side::Body(b) if p.normal.y <= 0.0 => supported[b] |= world.bodies()[t.a].role != Role::Waiting,
+                    Side::Body(b) => supported[t.a] |= world.bodies()[b].role != Role::Waiting,
+                    Side::Ground | Side::Scenery => supported[t.a] |= p.normal.y > 0.0,
+                }
+            }
+        }
+        for id in world.present().collect::<Vec<_>>() {
+            let free = world.bodies()[id].role == Role::Free;
+            let slow = free && world.speed(id) < self.params.speed;
+            let jammed = slow && !supported[id] && self.is_inside(world, id);
+            self.tally.unjammed += u64::from(jammed);
+            world.set_slippery(id, jammed);
+        }
     }
 
     /// Slow bodies that are not certified lose speed, so that near contacts close gently and rest can be certified;

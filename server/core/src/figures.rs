@@ -267,6 +267,7 @@ fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
         ("nails_broken", tally.nails_broken),
         ("held_peak", tally.held_peak),
         ("holds_broken", tally.holds_broken),
+        ("unjammed", tally.unjammed),
         ("frames", pile.recorder.frames.len() as u64),
     ])
 }

@@ -163,7 +163,11 @@ impl World {
             }
         }
         if !points.is_empty() {
-            let friction = (first.friction() as f64 + second.friction() as f64) / 2.0;
+            let theirs = match b {
+                Side::Body(b) => self.bodies[b].friction,
+                Side::Ground | Side::Scenery => second.friction() as f64,
+            };
+            let friction = (self.bodies[a].friction + theirs) / 2.0;
             out.push(Touch { a, b, friction, points });
         }
     }

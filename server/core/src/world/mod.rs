@@ -320,6 +320,19 @@ impl World {
         self.engine.colliders[self.bodies[id].collider].set_friction(friction as f32);
     }
 
+    /// Lets a body slide off whatever it touches without friction, or ends that. The material stays what it is, and
+    /// `touches` goes on to tell it.
+    pub fn set_slippery(&mut self, id: BodyId, slippery: bool) {
+        let body = &self.bodies[id];
+        let rule = if slippery { CoefficientCombineRule::Min } else { CoefficientCombineRule::Average };
+        let collider = &mut self.engine.colliders[body.collider];
+        if collider.friction_combine_rule() != rule {
+            collider.set_friction_combine_rule(rule);
+            collider.set_friction(if slippery { 0.0 } else { body.friction as f32 });
+            self.engine.bodies[body.handle].wake_up(true);
+        }
+    }
+
     /// Gravity is 1 downward, or upward while an upright container is filled as if it stood on its head.
     pub fn set_gravity_up(&mut self, up: bool) {
         self.engine.gravity = if up { Vector::Y } else { Vector::NEG_Y };
