@@ -3,6 +3,7 @@
 use crate::equilibrium::{
     Analyser, Candidacy, CandidateRules, Contact, FrictionLaw, FrictionReserve, Options, Problem, Solver, Spread,
 };
+use crate::measure;
 use crate::params::{self, ContactSelection, Control as ControlParams, ControlMode, FrictionCone, Neighbours};
 use crate::region::DistanceGrid;
 use crate::world::{BodyId, Role, Side, Touch, World};
@@ -95,9 +96,6 @@ const KAPPA_TIME: f64 = 1.0 / 240.0;
 /// A centre of mass this far outside the region (in d) still counts as inside, as in `inside_fraction`.
 const REGION_TOLERANCE: f64 = 0.1;
 
-/// A body held across a wider gap than this, in d, would count as `hanging`, however thick it is.
-const HANGING_GAP: f64 = 1.0 / 200.0;
-
 impl<'a> Control<'a> {
     /// `region` in engine units.
     pub fn new(params: &'a ControlParams, gravity: f64, seed: u64, region: &'a DistanceGrid) -> Control<'a> {
@@ -150,16 +148,19 @@ impl<'a> Control<'a> {
         self.tally.cycles += 1;
         world.pull_all_nails();
         let mut touches = world.touches_since(self.params.contact_tolerance, &self.touches, &self.still);
-        touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= HANGING_GAP));
+        // A body held across a wider gap would count as hanging, however thick it is.
+        touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= measure::CARRYING_GAP));
         touches.retain(|t| !t.points.is_empty());
         self.certified = self.candidates(world, &touches);
+        let hanging = self.hanging(world, &touches);
+        hanging.iter().for_each(|&id| self.certified[id] = false);
         match self.params.mode {
             ControlMode::Off => {}
             ControlMode::Nails => self.nail(world, &touches),
             ControlMode::Hold => self.hold(world, &touches),
         }
         self.damp(world);
-        self.unjam(world, &touches);
+        self.unjam(world, &hanging);
         self.touches = touches;
         self.still = world.bodies().iter().map(|b| matches!(b.role, Role::Held | Role::Waiting)).collect();
     }
@@ -364,25 +365,26 @@ impl<'a> Control<'a> {
         self.tally.held_peak = self.tally.held_peak.max(world.count(Role::Held) as u64);
     }
 
-    /// A slow body that nothing supports from below is jammed between its sides, as no pile that fell into place would
-    /// have it: the fill squeezed it in there. Without friction it slips down onto what is below.
-    fn unjam(&mut self, world: &mut World, touches: &[Touch]) {
-        let mut supported = vec![false; world.bodies().len()];
-        for t in touches {
-            for p in &t.points {
-                match t.b {
-                    Side::Body(b) if p.normal.y <= 0.0 => supported[b] |= world.bodies()[t.a].role != Role::Waiting,
-                    Side::Body(b) => supported[t.a] |= world.bodies()[b].role != Role::Waiting,
-                    Side::Ground | Side::Scenery => supported[t.a] |= p.normal.y > 0.0,
-                }
-            }
-        }
+    /// Slow bodies that no chain of contacts from below joins to the ground. They are jammed between their sides, as no
+    /// pile that fell into place would have it: the fill squeezed them in there.
+    fn hanging(&self, world: &World, touches: &[Touch]) -> Vec<BodyId> {
+        let waits = |id: BodyId| world.bodies()[id].role == Role::Waiting;
+        let released = |t: &&Touch| !waits(t.a) && !matches!(t.b, Side::Body(b) if waits(b));
+        let contacts: Vec<_> = touches.iter().filter(released).flat_map(Touch::measured).collect();
+        let slow = |id: BodyId| {
+            let free = world.bodies()[id].role == Role::Free && world.speed(id) < self.params.speed;
+            (free || world.bodies()[id].role == Role::Held) && self.is_inside(world, id)
+        };
+        let slow: Vec<bool> = (0..world.bodies().len()).map(slow).collect();
+        // Engine units: d is 1.
+        measure::hanging(&slow, &contacts, 1.0)
+    }
+
+    /// Without friction what hangs slips down onto what is below.
+    fn unjam(&mut self, world: &mut World, hanging: &[BodyId]) {
+        self.tally.unjammed += hanging.len() as u64;
         for id in world.present().collect::<Vec<_>>() {
-            let free = world.bodies()[id].role == Role::Free;
-            let slow = free && world.speed(id) < self.params.speed;
-            let jammed = slow && !supported[id] && self.is_inside(world, id);
-            self.tally.unjammed += u64::from(jammed);
-            world.set_slippery(id, jammed);
+            world.set_slippery(id, hanging.binary_search(&id).is_ok());
         }
     }
 

@@ -2,6 +2,7 @@
 //! may be gone between two bodies that it does not move.
 
 use super::{BodyId, CONTAINER, FIRST_BODY, GROUND, Role, World, to_engine};
+use crate::measure::{self, Contact};
 use crate::pose::Pose;
 use crate::shape::Shape;
 use glam::DVec3;
@@ -45,6 +46,15 @@ impl Touch {
     /// Largest overlap of the pair, 0 where there is none.
     pub fn depth(&self) -> f64 {
         self.points.iter().map(|p| -p.gap).fold(0.0, f64::max)
+    }
+
+    /// The same for the measures.
+    pub fn measured(&self) -> impl Iterator<Item = Contact> + '_ {
+        let b = match self.b {
+            Side::Body(id) => measure::Side::Body(id),
+            Side::Ground | Side::Scenery => measure::Side::Fixed,
+        };
+        self.points.iter().map(move |p| Contact { a: measure::Side::Body(self.a), b, normal: p.normal, gap: p.gap })
     }
 }
 
