@@ -69,6 +69,8 @@ pub struct Control<'a> {
     still: Vec<bool>,
     /// Bodies whose hold has broken. Ordered, so that nothing depends on the order of a hash map.
     strained: BTreeMap<BodyId, Strain>,
+    /// Set late in the hold: bodies outside the region are damped, too, and fast ones by this much.
+    quiet: Option<f64>,
 }
 
 /// A body whose hold broke under its load is squeezed between its neighbours: holding it again at once would only
@@ -96,6 +98,10 @@ const KAPPA_TIME: f64 = 1.0 / 240.0;
 /// A centre of mass this far outside the region (in d) still counts as inside, as in `inside_fraction`.
 const REGION_TOLERANCE: f64 = 0.1;
 
+/// Late in the hold slow bodies are damped this much more. What lacks support still falls, at 1/20 of d per natural time:
+/// five times what counts as rest.
+const LATE_DAMPING: f64 = 3.0;
+
 impl<'a> Control<'a> {
     /// `region` in engine units.
     pub fn new(params: &'a ControlParams, gravity: f64, seed: u64, region: &'a DistanceGrid) -> Control<'a> {
@@ -110,6 +116,7 @@ impl<'a> Control<'a> {
             touches: Vec::new(),
             still: Vec::new(),
             strained: BTreeMap::new(),
+            quiet: None,
         }
     }
 
@@ -120,6 +127,12 @@ impl<'a> Control<'a> {
     /// Whether a cycle is due before this step of the release.
     pub fn is_due(&self, step: u64) -> bool {
         self.is_on() && step.is_multiple_of(u64::from(self.params.period))
+    }
+
+    /// From now on slow bodies are damped outside the region, too, and more than before; what moves fast is damped by
+    /// `damping`.
+    pub fn quieten(&mut self, damping: f64) {
+        self.quiet = Some(damping);
     }
 
     /// Bodies that passed the latest cycle.
@@ -395,9 +408,10 @@ impl<'a> Control<'a> {
             return;
         }
         for id in 0..world.bodies().len() {
-            if world.bodies()[id].role == Role::Free && self.is_inside(world, id) {
+            if world.bodies()[id].role == Role::Free && (self.quiet.is_some() || self.is_inside(world, id)) {
                 let slow = world.speed(id) < self.params.speed;
-                world.set_damping(id, if slow { self.params.damping } else { 0.0 });
+                let slowly = if self.quiet.is_some() { LATE_DAMPING } else { 1.0 } * self.params.damping;
+                world.set_damping(id, if slow { slowly } else { self.quiet.unwrap_or(0.0) });
             }
         }
     }

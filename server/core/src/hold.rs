@@ -42,7 +42,7 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
             break;
         }
         if pile.step - begin == (ROLLING_ONSET * patience as f64) as u64 {
-            pile.resist_rolling(ROLLING_DAMPING);
+            pile.quieten(ROLLING_DAMPING);
         }
         pile.advance(observer, Stage::Hold, |pile| ((pile.step - begin) as f64 / patience as f64).min(0.99))?;
         (calm, top_speed) =

@@ -105,8 +105,10 @@ fn layers(world: &World, thickness: f64) -> Vec<Vec<BodyId>> {
 }
 
 impl Pile<'_> {
-    /// Damps every released body by this much; the control goes on to choose for those that it judges.
-    pub fn resist_rolling(&mut self, damping: f64) {
+    /// Lets what still rolls or rattles come to rest, anywhere: every released body is damped by this much, and the
+    /// control goes on to choose for those that it judges.
+    pub fn quieten(&mut self, damping: f64) {
+        self.control.quieten(damping);
         for id in self.world.present().collect::<Vec<_>>() {
             if self.world.bodies()[id].role == Role::Free {
                 self.world.set_damping(id, damping.max(self.damping));
