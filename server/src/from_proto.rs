@@ -46,7 +46,8 @@ struct Counts {
 impl Counts {
     fn natural<S: Copy + std::fmt::Display, U: TryFrom<S> + Default>(&mut self, field: &str, value: S) -> U {
         U::try_from(value).unwrap_or_else(|_| {
-            self.problems.push(Problem::new(field, format!("{value} is negative"), "Give 0 or more."));
+            let problem = Problem::new(field, format!("{value} is negative"), "Give 0 or more.");
+            self.problems.push(problem.of_field(field));
             U::default()
         })
     }

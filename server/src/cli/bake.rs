@@ -2,14 +2,12 @@
 
 use super::progress::{Mode, Reporter};
 use super::scene_args::SceneArgs;
-use super::{Failure, interrupt, machine, output, report, summary, tell};
+use super::{Failure, interrupt, output, summary, tell};
 use crate::export;
-use crate::job::{Job, effective};
+use crate::job::{Job, Outcome};
 use crate::problem::Problem;
-use crate::scene_file::SceneTree;
 use anstyle::AnsiColor;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Fill a shape with props and write their motion
 #[derive(clap::Args)]
@@ -43,33 +41,23 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let began = Instant::now();
     interrupt::listen();
     let format = export::check_destination(&args.output)?;
     let scene = args.scene.tree()?.to_message();
     let job = Job::read(&scene).map_err(Failure::Input)?;
     check_outputs(args, &job)?;
-    let read_seconds = machine::cpu_seconds();
 
     let mut reporter = Reporter::new(if args.quiet { Mode::None } else { args.progress });
-    let baked = cairn_core::bake(&job.scene, &job.params, &mut reporter);
-    reporter.finish(baked.is_ok());
-    let bake = baked?;
-
-    let baked_at = machine::cpu_seconds();
-    let result = export::encode(format, &bake, &job.export_scene())?;
-    let around = [("read", read_seconds), ("encode", machine::cpu_seconds() - baked_at)];
-    let report = args.report.as_deref().map(|path| {
-        let scene = SceneTree::from_message(&effective(&scene, &job.params));
-        (path, format!("{:#}\n", report::json(&bake, &scene, &job.notes, &args.output, &around, began)))
-    });
-    write(&args.output, &result, report)?;
+    let done = job.run(format, &args.output.display().to_string(), &mut reporter);
+    reporter.finish(done.is_ok());
+    let Outcome { bake, result, report, seconds, .. } = done?;
+    write(&args.output, &result, args.report.as_deref().map(|path| (path, report)))?;
 
     if !args.quiet {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
             tell("warning", AnsiColor::Yellow, warning);
         }
-        for line in summary::lines(&bake.report, bake.frames.len(), began.elapsed().as_secs_f64(), &args.output) {
+        for line in summary::lines(&bake.report, bake.frames.len(), seconds, &args.output) {
             anstream::eprintln!("{line}");
         }
     }

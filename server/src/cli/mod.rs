@@ -5,23 +5,20 @@ mod check;
 mod failure;
 mod fault;
 mod interrupt;
-mod machine;
 mod output;
 mod progress;
 mod render;
-mod report;
 mod scene;
 mod scene_args;
+mod serve;
 mod summary;
+mod worker;
 
 use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
 use clap::{Parser, Subcommand};
 pub use failure::Failure;
 use std::process::ExitCode;
-
-/// The version as `--version` and reports tell it.
-pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Bakes piles of props in the shape of a mesh.
 ///
@@ -41,6 +38,9 @@ enum Command {
     Check(check::Args),
     Render(render::Args),
     Scene(scene::Args),
+    Serve(serve::Args),
+    #[command(hide = true)]
+    Worker(worker::Args),
 }
 
 const EXAMPLES: &str = "\
@@ -64,6 +64,8 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(args) => scene::run(&args),
+        Command::Serve(args) => serve::run(&args),
+        Command::Worker(args) => worker::run(&args),
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,
