@@ -4,6 +4,7 @@
 
 use crate::problem::Problem;
 use crate::proto;
+use cairn_core::observer::{Progress, Stage};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, Fill, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
     Hold, Neighbours, Output, Params, Physics, Release, Spread, Time,
@@ -35,6 +36,26 @@ pub fn params(scene: &proto::Scene) -> Result<Params, Vec<Problem>> {
     hold(&mut params.hold, &scene.hold.unwrap_or_default());
     output(&mut params.output, &scene.output.unwrap_or_default(), &mut counts);
     if counts.problems.is_empty() { Ok(params) } else { Err(counts.problems) }
+}
+
+/// How a bake that runs elsewhere stands.
+pub fn progress(progress: &proto::Progress) -> Progress {
+    let stage = match progress.stage() {
+        proto::Stage::Unspecified | proto::Stage::Shape => Stage::Shape,
+        proto::Stage::Fill => Stage::Fill,
+        proto::Stage::Release => Stage::Release,
+        proto::Stage::Hold => Stage::Hold,
+        proto::Stage::Measure => Stage::Measure,
+    };
+    let count = |count: i32| usize::try_from(count).unwrap_or(0);
+    Progress {
+        stage,
+        fraction: progress.fraction,
+        bodies: count(progress.body_count),
+        released: count(progress.released_count),
+        at_rest: count(progress.at_rest_count),
+        nails: count(progress.nail_count),
+    }
 }
 
 /// Signed counts on the wire, unsigned ones in the core.

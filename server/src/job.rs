@@ -158,6 +158,14 @@ impl Job {
     }
 }
 
+/// The files that a scene names, without their nodes.
+pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
+    let control = scene.control_mesh.iter().map(|control| &control.path);
+    let props = scene.props.iter().map(|prop| &prop.path);
+    let paths = control.chain(props).chain(scene.statics.iter().map(|model| &model.path));
+    paths.map(|path| Reference::new(path).file).filter(|file| !file.as_os_str().is_empty()).collect()
+}
+
 /// A scene with every parameter and every prop's value set: baked again, it gives the same.
 pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
     let prop = |prop: &proto::Prop| proto::Prop {

@@ -1,6 +1,7 @@
 //! Cairn around its core: the wire, files and the command line.
 
 pub mod cli;
+pub mod client;
 pub mod config;
 mod deadline;
 pub mod document;

@@ -3,12 +3,14 @@
 use crate::config::{Config, LogForm};
 use metrics::{Unit, describe_counter, describe_gauge, describe_histogram};
 use metrics_exporter_prometheus::{BuildError, PrometheusBuilder};
+use std::io::IsTerminal;
 use tracing_subscriber::EnvFilter;
 
 /// Log lines go to stderr from now on; `RUST_LOG` chooses which. Lines about a bake carry its id.
 pub fn log(form: LogForm) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let colours = std::io::stderr().is_terminal();
+    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours);
     // A second server in the same process, as in a test, keeps the first one's.
     let _ = match form {
         LogForm::Text => lines.try_init(),

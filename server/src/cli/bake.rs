@@ -1,6 +1,7 @@
 //! `cairn bake`: the main job.
 
 use super::progress::{Mode, Reporter};
+use super::remote::{self, Access, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
 use crate::export;
@@ -16,6 +17,7 @@ Examples:
   cairn bake --control dome.glb --prop stick.glb -o pile.glb
   cairn bake pile.toml -o pile.glb --seed 7 --report report.json
   cairn bake pile.toml -o fallen.glb --set control=off
+  cairn bake pile.toml -o pile.glb --server farm:50151 --token-file token
 
 The first frame is the pile right after turning over. A result appears complete or not at all; Ctrl-C leaves nothing
 behind.")]
@@ -38,14 +40,28 @@ pub struct Args {
     /// Tell nothing but errors
     #[arg(short, long)]
     quiet: bool,
+
+    /// Bake on a server: HOST:PORT or unix:PATH of a `cairn serve`
+    #[arg(long, value_name = "ADDRESS", help_heading = "Server")]
+    server: Option<String>,
+
+    #[command(flatten)]
+    access: Access,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
     let format = export::check_destination(&args.output)?;
     let scene = args.scene.tree()?.to_message();
+    if let Some(server) = &args.server {
+        let files = remote::Files::read(&scene)?;
+        check_outputs(args, files.paths())?;
+        let (output, report) = (Some(&*args.output), args.report.as_deref());
+        let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
+        return remote::bake(&args.access.at(server)?, scene, files, format, &wanted);
+    }
     let job = Job::read(&scene).map_err(Failure::Input)?;
-    check_outputs(args, &job)?;
+    check_outputs(args, job.inputs())?;
 
     let mut reporter = Reporter::new(if args.quiet { Mode::None } else { args.progress });
     let done = job.run(format, &args.output.display().to_string(), &mut reporter);
@@ -57,7 +73,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
             tell("warning", AnsiColor::Yellow, warning);
         }
-        for line in summary::lines(&bake.report, bake.frames.len(), seconds, &args.output) {
+        let measure = |name: &str| bake.report.measures.get(name).copied().flatten();
+        for line in summary::lines(bake.report.bodies, bake.frames.len(), measure, seconds, &args.output) {
             anstream::eprintln!("{line}");
         }
     }
@@ -65,8 +82,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Both files can be written: asked before the long part.
-fn check_outputs(args: &Args, job: &Job) -> Result<(), Failure> {
-    let mut inputs = job.inputs();
+fn check_outputs(args: &Args, mut inputs: Vec<PathBuf>) -> Result<(), Failure> {
     inputs.extend(args.scene.scene.clone());
     output::check(&args.output, &inputs)?;
     if let Some(report) = &args.report {
@@ -81,7 +97,7 @@ fn check_outputs(args: &Args, job: &Job) -> Result<(), Failure> {
 }
 
 /// Writes result and report: both or none.
-fn write(output: &Path, result: &[u8], report: Option<(&Path, String)>) -> Result<(), Failure> {
+pub fn write(output: &Path, result: &[u8], report: Option<(&Path, String)>) -> Result<(), Failure> {
     let _complete = interrupt::shield();
     if interrupt::asked() {
         return Err(Failure::Cancelled);

@@ -1,17 +1,20 @@
 //! The command line: one file per command, and what they share.
 
 mod bake;
+mod cancel;
 mod check;
 mod failure;
 mod fault;
 mod interrupt;
 mod output;
 mod progress;
+mod remote;
 mod render;
 mod scene;
 mod scene_args;
 mod serve;
 mod summary;
+mod watch;
 mod worker;
 
 use anstream::eprintln;
@@ -35,10 +38,12 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Bake(bake::Args),
+    Cancel(cancel::Args),
     Check(check::Args),
     Render(render::Args),
     Scene(scene::Args),
     Serve(serve::Args),
+    Watch(watch::Args),
     #[command(hide = true)]
     Worker(worker::Args),
 }
@@ -61,10 +66,12 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = fault::contain(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
+        Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Watch(args) => watch::run(&args),
         Command::Worker(args) => worker::run(&args),
     });
     match result {
