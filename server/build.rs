@@ -16,6 +16,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         // Chunks of files are passed on without copies, and maps have one order.
         .bytes(".cairn.v1")
         .btree_map(".cairn.v1")
+        // Sent once; other events are small without it.
+        .boxed(".cairn.v1.BakeEvent.kind.accepted")
         .compile_fds(compiler.file_descriptor_set())?;
 
     println!("cargo:rerun-if-changed=Cargo.lock");

@@ -78,7 +78,8 @@ impl Connection {
             endpoint = endpoint.tls_config(tls).map_err(wrong)?;
         }
         let token = target.token.as_ref().map(|token| format!("Bearer {token}").parse());
-        let token = token.transpose().map_err(|_| Status::unauthenticated("the token holds characters of no header"))?;
+        let token =
+            token.transpose().map_err(|_| Status::unauthenticated("the token holds characters of no header"))?;
         let channel = endpoint.connect().await.map_err(wrong)?;
         let mut service = PileServiceClient::with_interceptor(channel, Token(token));
         service.get_server_info(GetServerInfoRequest { protocol_version: PROTOCOL }).await?;

@@ -95,7 +95,11 @@ mod tests {
         Some(Shown { prop: 1, scale, pose })
     }
 
-    fn messages(delta: &mut FrameDelta, stage: Stage, bodies: &[Option<Shown>]) -> (Option<proto::BodyTable>, proto::Frame) {
+    fn messages(
+        delta: &mut FrameDelta,
+        stage: Stage,
+        bodies: &[Option<Shown>],
+    ) -> (Option<proto::BodyTable>, proto::Frame) {
         let told: Vec<Kind> = delta.next(&Frame { stage, number: 0, time: 0.0, bodies }).collect();
         match &told[..] {
             [Kind::BodyTable(table), Kind::Frame(frame)] => (Some(table.clone()), frame.clone()),

@@ -20,6 +20,12 @@ pub const FRICTION: f64 = 0.7;
 
 /// The parameters of a scene.
 pub fn params(scene: &proto::Scene) -> Result<Params, Vec<Problem>> {
+    let (params, problems) = params_and_problems(scene);
+    if problems.is_empty() { Ok(params) } else { Err(problems) }
+}
+
+/// The parameters of a scene, as far as they can be read, and what cannot.
+pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     let mut counts = Counts::default();
     let mut params = Params::new(accuracy(scene.accuracy()));
     if let Some(seed) = scene.seed {
@@ -35,7 +41,7 @@ pub fn params(scene: &proto::Scene) -> Result<Params, Vec<Problem>> {
     control(&mut params.control, &scene.control.unwrap_or_default(), &mut counts);
     hold(&mut params.hold, &scene.hold.unwrap_or_default());
     output(&mut params.output, &scene.output.unwrap_or_default(), &mut counts);
-    if counts.problems.is_empty() { Ok(params) } else { Err(counts.problems) }
+    (params, counts.problems)
 }
 
 /// How a bake that runs elsewhere stands.

@@ -10,7 +10,7 @@ use cairn_core::asset::{self, Limits, Source};
 use cairn_core::bake::Bake;
 use cairn_core::mesh::TriMesh;
 use cairn_core::observer::Observer;
-use cairn_core::params::{Accuracy, Params};
+use cairn_core::params::Params;
 use cairn_core::scene::{Model, Prop, Scene, StaticModel};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -89,10 +89,8 @@ impl Job {
     pub fn read_with(scene: &proto::Scene, open: Open) -> Result<Job, Vec<Problem>> {
         let began = Instant::now();
         let mut reader = Reader::new(open);
-        let params = from_proto::params(scene).unwrap_or_else(|problems| {
-            reader.problems.extend(problems);
-            Params::new(Accuracy::Standard)
-        });
+        let (params, problems) = from_proto::params_and_problems(scene);
+        reader.problems.extend(problems);
         let control = match &scene.control_mesh {
             Some(control) => reader.model("control_mesh", &control.path).1,
             None => {
@@ -110,13 +108,12 @@ impl Job {
         let (props, prop_models) = read.into_iter().unzip();
         let read: Vec<_> = scene.statics.iter().enumerate().map(|(i, model)| reader.scenery(i, model)).collect();
         let (statics, static_models) = read.into_iter().unzip();
-        if !reader.problems.is_empty() {
-            // The core would check these, but is not reached.
-            reader.problems.extend(params.problems().into_iter().map(Problem::from));
-            return Err(reader.problems);
-        }
         let effective = effective(scene, &params);
         let scene = Scene { control, props: prop_models, statics: static_models };
+        if !reader.problems.is_empty() {
+            reader.check_values(&scene, &params);
+            return Err(reader.problems);
+        }
         Ok(Job { scene, params, notes: reader.notes, effective, began, props, statics, files: reader.files })
     }
 
@@ -243,6 +240,18 @@ impl Reader {
     fn new(open: Open) -> Reader {
         let (files, missing) = Default::default();
         Reader { open, files, missing, notes: Vec::new(), problems: Vec::new() }
+    }
+
+    /// Adds what the core finds wrong with values. What it says of models that could not be read would mislead.
+    fn check_values(&mut self, scene: &Scene, params: &Params) {
+        let Err(found) = cairn_core::check::run(scene, params) else { return };
+        for problem in found {
+            let is_model = problem.field.rsplit('.').next().is_some_and(|last| last.parse::<usize>().is_ok())
+                || ["control_mesh", "props"].contains(&&*problem.field);
+            if !is_model && !self.problems.iter().any(|told| told.field == problem.field) {
+                self.problems.push(problem.into());
+            }
+        }
     }
 
     fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {

@@ -207,7 +207,7 @@ impl Bakes {
         let worker = slot.insert(Worker::start(&self.config, Task::Plan, folder)?);
         let news = tokio::time::timeout(LONGEST, worker.next()).await;
         match news.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
-            Some(News::Planned(accepted)) => Ok(accepted),
+            Some(News::Planned(accepted)) => Ok(*accepted),
             Some(News::Invalid(invalid)) if invalid.only_missing => Err(Fault::AssetsMissing(invalid.problems)),
             Some(News::Invalid(invalid)) => Err(Fault::SceneInvalid(invalid.problems)),
             Some(News::NotWritten(why)) => Err(Fault::StorageLimit(why)),
@@ -329,7 +329,7 @@ async fn accepted_before(log: &std::path::Path) -> Option<proto::Accepted> {
     let bytes = tokio::fs::metadata(log).await.ok()?.len();
     let event = event_log::Reader::open(log).await.ok()?.next(bytes).await.ok()??;
     match event.kind? {
-        proto::bake_event::Kind::Accepted(accepted) if accepted.versions == Some(report::versions()) => Some(accepted),
+        proto::bake_event::Kind::Accepted(accepted) if accepted.versions == Some(report::versions()) => Some(*accepted),
         // Another version would give another result.
         _ => None,
     }

@@ -22,7 +22,7 @@ pub mod scene_file;
 pub mod serve;
 mod service;
 mod status;
-mod store;
+pub mod store;
 mod telemetry;
 pub mod to_proto;
 mod worker;

@@ -171,18 +171,23 @@ fn bind_unix(_: &Path) -> std::io::Result<Listener> {
     Err(std::io::Error::other("this system has no Unix sockets"))
 }
 
+/// Opens the data directory of the settings.
+pub fn open_store(config: &Config) -> Result<Store, ServeError> {
+    Store::open(config).map_err(|error| {
+        let remedy = "Choose another folder by --data, or end the server that uses it.";
+        ServeError::Settings(vec![Problem::new(config.data.display().to_string(), error.to_string(), remedy)])
+    })
+}
+
 /// Serves until `shutdown`, then lets running bakes end within the drain deadline.
 pub async fn run(
     listeners: Vec<Listener>,
     shutdown: impl Future<Output = ()>,
     config: Config,
     secrets: Secrets,
+    store: Store,
 ) -> Result<(), ServeError> {
     let drain = Duration::from_secs(config.drain_seconds);
-    let store = Store::open(&config).map_err(|error| {
-        let remedy = "Choose another folder by --data, or end the server that uses it.";
-        ServeError::Settings(vec![Problem::new(config.data.display().to_string(), error.to_string(), remedy)])
-    })?;
     let bakes = Bakes::new(config, store);
     bakes.restore().map_err(|error| ServeError::Failed(format!("the store cannot be read: {error}")))?;
     let keeper = tokio::spawn(bakes.clone().keep_limits());

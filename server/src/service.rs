@@ -98,10 +98,7 @@ impl PileService for Service {
         }))
     }
 
-    async fn have_assets(
-        &self,
-        request: Request<HaveAssetsRequest>,
-    ) -> Result<Response<HaveAssetsResponse>, Status> {
+    async fn have_assets(&self, request: Request<HaveAssetsRequest>) -> Result<Response<HaveAssetsResponse>, Status> {
         let HaveAssetsRequest { sha256 } = request.into_inner();
         request::check_digests("sha256", &sha256)?;
         let bakes = self.bakes.clone();
@@ -173,10 +170,7 @@ impl PileService for Service {
 
     type WatchBakeStream = Events<WatchBakeResponse>;
 
-    async fn watch_bake(
-        &self,
-        request: Request<WatchBakeRequest>,
-    ) -> Result<Response<Self::WatchBakeStream>, Status> {
+    async fn watch_bake(&self, request: Request<WatchBakeRequest>) -> Result<Response<Self::WatchBakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
         let permit = self.stream_permit()?;
         let WatchBakeRequest { bake_id, from_sequence_number: from, frames } = request.into_inner();

@@ -43,7 +43,9 @@ pub enum Fault {
     Deadline,
     #[error("the bake was cancelled")]
     BakeCancelled,
-    #[error("the bake's process ended unexpectedly: {0}. This is a fault in Cairn, not in your scene; please report it")]
+    #[error(
+        "the bake's process ended unexpectedly: {0}. This is a fault in Cairn, not in your scene; please report it"
+    )]
     BakeCrashed(String),
     #[error("the server ended while this bake ran; ask for it again")]
     ServerRestarted,
@@ -110,7 +112,9 @@ impl Fault {
 
     fn problems(&self) -> &[FieldProblem] {
         match self {
-            Fault::RequestInvalid(problems) | Fault::SceneInvalid(problems) | Fault::AssetsMissing(problems) => problems,
+            Fault::RequestInvalid(problems) | Fault::SceneInvalid(problems) | Fault::AssetsMissing(problems) => {
+                problems
+            }
             _ => &[],
         }
     }

@@ -2,11 +2,11 @@
 
 use crate::problem::Problem;
 use crate::proto;
+use cairn_core::observer::{Progress, Stage};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
     Neighbours, Params, Physics, Spread, Time,
 };
-use cairn_core::observer::{Progress, Stage};
 use cairn_core::plan::{Effect, Plan};
 
 /// A scene of these parameters, without models.
@@ -49,11 +49,8 @@ pub fn stage(stage: Stage) -> proto::Stage {
 }
 
 pub fn plan(plan: &Plan, notes: &[String]) -> proto::Plan {
-    let effect = |effect: &Effect| proto::Effect {
-        name: effect.name.to_owned(),
-        on: effect.on,
-        reason: effect.reason.clone(),
-    };
+    let effect =
+        |effect: &Effect| proto::Effect { name: effect.name.to_owned(), on: effect.on, reason: effect.reason.clone() };
     proto::Plan {
         expected_body_count: signed(plan.expected_bodies),
         expected_step_count: signed(plan.expected_steps),

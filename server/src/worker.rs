@@ -35,8 +35,8 @@ pub struct Told {
 
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum News {
-    #[prost(message, tag = "1")]
-    Planned(proto::Accepted),
+    #[prost(message, boxed, tag = "1")]
+    Planned(Box<proto::Accepted>),
     #[prost(message, tag = "2")]
     Progress(proto::Progress),
     /// Events are there to be read.
@@ -127,11 +127,11 @@ pub fn plan(folder: &Path) -> Result<(), Error> {
     let (spec, job) = read(folder)?;
     let plan = cairn_core::plan(&job.scene, &job.params).map_err(job::Error::from)?;
     debug_assert!(spec.scene.is_some());
-    tell(News::Planned(proto::Accepted {
+    tell(News::Planned(Box::new(proto::Accepted {
         plan: Some(to_proto::plan(&plan, &job.notes)),
         effective_scene: Some(job.effective),
         ..Default::default()
-    }));
+    })));
     Ok(())
 }
 

@@ -349,9 +349,8 @@ impl Params {
             ("output.frames", f64::from(self.output.frames.unwrap_or(0)), 0.0, 100_000.0),
         ];
         let bad = ranges.into_iter().filter(|(_, value, lo, hi)| !(lo..=hi).contains(&value));
-        let told = |(name, value, lo, hi)| {
-            Problem::new(name, format!("{name}: {value} is out of range; give {lo} to {hi}"))
-        };
+        let told =
+            |(name, value, lo, hi)| Problem::new(name, format!("{name}: {value} is out of range; give {lo} to {hi}"));
         let mut problems: Vec<Problem> = bad.map(told).collect();
         if self.control.speed.is_nan() || self.control.speed <= 0.0 {
             let text = format!("control.speed: {} is out of range; give a speed above 0", self.control.speed);

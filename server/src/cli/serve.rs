@@ -150,6 +150,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     runtime.block_on(async {
         let secrets = Secrets::read(&config, token)?;
         let listeners = serve::bind(&config, &secrets).await?;
+        let store = serve::open_store(&config)?;
         telemetry::metrics(&config).map_err(|error| {
             let remedy = "Choose a free port and an address of this machine.";
             Failure::Usage(vec![Problem::new("metrics", error.to_string(), remedy)])
@@ -157,7 +158,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         for listener in &listeners {
             print(&format!("{}\n", listener.address()))?;
         }
-        Ok(serve::run(listeners, asked_to_end(), config, secrets).await?)
+        Ok(serve::run(listeners, asked_to_end(), config, secrets, store).await?)
     })
 }
 

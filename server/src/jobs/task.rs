@@ -97,7 +97,7 @@ impl Bakes {
             Some(spec) => self.accept(&id, &folder, &spec, slot).await?,
             None => accepted_before(&folder.join(EVENTS)).await.ok_or(Fault::ServerRestarted)?,
         };
-        let extent = Writer::create(&folder.join(EVENTS), Kind::Accepted(accepted))?.flush()?;
+        let extent = Writer::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.flush()?;
         entry.now.send_modify(|now| {
             now.accepted = true;
             now.status.set_state(BakeState::Queued);
@@ -176,8 +176,7 @@ impl Bakes {
                 bake.status.summary = Some(summary);
             }
             Err(End::Fault(fault)) => {
-                let state =
-                    if fault == Fault::BakeCancelled { BakeState::Cancelled } else { BakeState::Failed };
+                let state = if fault == Fault::BakeCancelled { BakeState::Cancelled } else { BakeState::Failed };
                 warn!(%fault, "ended without a result");
                 bake.status.end(state, Some(&fault));
             }

@@ -63,10 +63,9 @@ pub fn check_digests(field: &str, digests: &[String]) -> Result<(), Fault> {
     if digests.len() > MAX_ASSETS {
         return Err(Fault::field(field, format!("more than {MAX_ASSETS}; ask in parts")));
     }
-    let wrong = (digests.iter().enumerate()).filter(|(_, digest)| !is_digest(digest)).map(|(index, _)| FieldProblem {
-        field: format!("{field}[{index}]"),
-        description: NO_DIGEST.into(),
-    });
+    let wrong = (digests.iter().enumerate())
+        .filter(|(_, digest)| !is_digest(digest))
+        .map(|(index, _)| FieldProblem { field: format!("{field}[{index}]"), description: NO_DIGEST.into() });
     let wrong: Vec<FieldProblem> = wrong.collect();
     if wrong.is_empty() { Ok(()) } else { Err(Fault::RequestInvalid(wrong)) }
 }
