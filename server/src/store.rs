@@ -207,3 +207,58 @@ impl Kept {
 fn touch(path: &Path) -> Result<()> {
     File::options().append(true).open(path)?.set_modified(SystemTime::now())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::proto::BakeState;
+
+    fn bake(store: &Store, id: &str, bytes: usize, age: u64) {
+        let folder = store.prepare(id, &BakeSpec::default()).unwrap();
+        fs::write(folder.join("result.glb"), vec![0; bytes]).unwrap();
+        let mut status = BakeStatus { bake_id: id.into(), ..Default::default() };
+        status.set_state(BakeState::Succeeded);
+        store.write_status(&status).unwrap();
+        let used = SystemTime::now() - Duration::from_secs(age);
+        File::options().append(true).open(folder.join(STATUS)).unwrap().set_modified(used).unwrap();
+    }
+
+    fn names(store: &Store) -> Vec<String> {
+        let mut names: Vec<String> = store.load().unwrap().into_iter().map(|status| status.bake_id).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn what_was_not_used_for_longest_goes_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Config { data: folder.path().join("data"), store_mib: 3, store_days: 1, ..Config::default() };
+        let store = Store::open(&config).unwrap();
+        for (id, age) in [("new", 0), ("older", 20), ("oldest", 30), ("at work", 40), ("past its days", 90_000)] {
+            bake(&store, id, 1 << 20, age);
+        }
+        let remove = |id: &str| Ok(id != "at work" && store.remove(id).is_ok());
+        let left = store.trim(remove).unwrap();
+        assert_eq!(names(&store), ["at work", "new"]);
+        assert!((2 << 20..3 << 20).contains(&left), "{left}");
+        store.touch("at work");
+        assert_eq!(store.trim(remove).unwrap(), left);
+    }
+
+    #[test]
+    fn a_bake_keeps_its_assets() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Config { data: folder.path().join("data"), store_mib: 0, ..Config::default() };
+        let store = Store::open(&config).unwrap();
+        let mut upload = store.upload().unwrap();
+        upload.write(b"a prop").unwrap();
+        let sha256 = hex(&Sha256::digest(b"a prop"));
+        assert!(store.keep(upload, &sha256).unwrap() && store.has(&sha256));
+        let asset = crate::proto::AssetReference { uri: "prop.glb".into(), sha256: sha256.clone() };
+        let bake = store.prepare("bake", &BakeSpec { assets: vec![asset], ..Default::default() }).unwrap();
+        store.trim(|_| Ok(false)).unwrap();
+        assert!(!store.has(&sha256));
+        assert_eq!(fs::read(bake.join(ASSETS).join(sha256)).unwrap(), b"a prop");
+        assert!(Store::open(&config).is_err(), "one server at a time");
+    }
+}

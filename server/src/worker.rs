@@ -16,6 +16,8 @@ use cairn_core::observer::{Frame, Observer, Progress};
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -99,7 +101,6 @@ fn invalid(problems: Vec<Problem>) -> Error {
 
 /// Tells the server. One that is gone is no longer interested.
 pub fn tell(news: News) {
-    use std::io::Write;
     let mut stdout = std::io::stdout().lock();
     let told = event_log::write_message(&mut stdout, &Told { news: Some(news) }).and_then(|_| stdout.flush());
     if told.is_err() {
@@ -200,9 +201,20 @@ fn open(folder: &Path, spec: &proto::BakeSpec) -> Open {
         let Some(file) = assets.get(path) else {
             return Err(Problem::new(name, "no asset has this uri", "Name it, with its content, in spec.assets."));
         };
-        let bytes = std::fs::read(file).map_err(|_| Problem::new(&name, NOT_UPLOADED, ""))?;
+        let bytes = read_file(file).map_err(|error| match error.kind() {
+            ErrorKind::NotFound => Problem::new(&name, NOT_UPLOADED, ""),
+            _ => Problem::new(&name, format!("cannot be read: {error}"), "Upload it again."),
+        })?;
         if bytes.is_empty() { Err(Problem::new(name, "the file is empty", "Export it again.")) } else { Ok(bytes) }
     })
+}
+
+/// The whole file. Memory that there is not ends the process, as it does everywhere else in a bake.
+fn read_file(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut file = File::open(path)?;
+    let mut bytes = Vec::with_capacity(file.metadata()?.len() as usize);
+    file.read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 fn summary(done: &Outcome, notes: &[String]) -> proto::Summary {

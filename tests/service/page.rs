@@ -16,6 +16,24 @@ fn the_page_is_the_schema() {
     assert!(written == page, "proto/README.md is not that of the schema: UPDATE_PAGE=1 cargo test writes it");
 }
 
+/// Every field, value and call says what it is.
+#[test]
+fn nothing_is_without_a_comment() {
+    for name in ["service", "event"] {
+        let file = schema::pool().get_file_by_name(&format!("cairn/v1/{name}.proto")).unwrap();
+        let fields = file.messages().flat_map(|message| message.fields().collect::<Vec<_>>());
+        let fields = fields.filter(|field| !field.parent_message().is_map_entry());
+        let values = file.enums().flat_map(|of| of.values().collect::<Vec<_>>()).filter(|value| value.number() != 0);
+        let methods = file.services().flat_map(|service| service.methods().collect::<Vec<_>>());
+        let paths = (fields.map(|field| (field.full_name().to_owned(), field.path().to_owned())))
+            .chain(values.map(|value| (value.full_name().to_owned(), value.path().to_owned())))
+            .chain(methods.map(|method| (method.full_name().to_owned(), method.path().to_owned())));
+        for (name, path) in paths {
+            assert!(!comment(&file, &path).is_empty(), "{name} has no comment");
+        }
+    }
+}
+
 fn page() -> String {
     let pool = schema::pool();
     let files = ["service", "event"].map(|name| pool.get_file_by_name(&format!("cairn/v1/{name}.proto")).unwrap());

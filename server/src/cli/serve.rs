@@ -10,6 +10,9 @@ use figment::providers::{Format, Serialized, Toml};
 use serde::Serialize;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tokio::sync::Notify;
 
 /// Serve bakes by gRPC, to pipeline tools and to Blender
 ///
@@ -155,35 +158,32 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let remedy = "Choose a free port and an address of this machine.";
             Failure::Usage(vec![Problem::new("metrics", error.to_string(), remedy)])
         })?;
+        let end = asked_to_end();
         for listener in &listeners {
             print(&format!("{}\n", listener.address()))?;
         }
-        Ok(serve::run(listeners, asked_to_end(), config, secrets, store).await?)
+        Ok(serve::run(listeners, end, config, secrets, store).await?)
     })
 }
 
-/// SIGTERM or Ctrl-C. A second one ends the process.
-async fn asked_to_end() {
-    once_asked().await;
-    tokio::spawn(async {
-        once_asked().await;
-        std::process::exit(130);
+/// Resolves at SIGTERM or Ctrl-C, which are ours from the call on. A second one ends the process.
+fn asked_to_end() -> impl Future<Output = ()> {
+    let asked = Arc::new(Notify::new());
+    let waiting = asked.clone();
+    let handled = ctrlc::set_handler(move || {
+        static ASKED: AtomicBool = AtomicBool::new(false);
+        if ASKED.swap(true, Ordering::SeqCst) {
+            std::process::exit(130);
+        }
+        waiting.notify_one();
     });
-}
-
-async fn once_asked() {
-    #[cfg(unix)]
-    {
-        use tokio::signal::unix::{SignalKind, signal};
-        if let Ok(mut terminate) = signal(SignalKind::terminate()) {
-            tokio::select! {
-                _ = terminate.recv() => {}
-                _ = tokio::signal::ctrl_c() => {}
-            }
-            return;
+    async move {
+        match handled {
+            Ok(()) => asked.notified().await,
+            // Without a handler the signals end the process, if less politely.
+            Err(_) => std::future::pending().await,
         }
     }
-    let _ = tokio::signal::ctrl_c().await;
 }
 
 impl From<ServeError> for Failure {
