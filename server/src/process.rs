@@ -36,7 +36,12 @@ pub struct Worker {
 
 impl Worker {
     pub fn start(config: &Config, task: Task, folder: &Path) -> Result<Worker> {
-        let program = config.worker_program.clone().map_or_else(std::env::current_exe, Ok)?;
+        let program = match &config.worker_program {
+            Some(program) => program.clone(),
+            // Still this version after another one was installed in its place.
+            None if cfg!(target_os = "linux") => "/proc/self/exe".into(),
+            None => std::env::current_exe()?,
+        };
         let mut command = Command::new(program);
         command.arg("worker").arg(match task {
             Task::Plan => "plan",
