@@ -28,7 +28,7 @@ const WANTED: f64 = 220.0;
 const FEWEST: usize = 150;
 const MOST: usize = 300;
 /// Sizes tried for one pair.
-const ATTEMPTS: usize = 4;
+const ATTEMPTS: usize = 8;
 /// More bodies than this tell no more about the size than that it is too small.
 const TRIAL_LIMIT: u32 = 400;
 /// Share of the volume that props usually fill.
@@ -225,6 +225,8 @@ fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&
     params.fill.max_bodies = TRIAL_LIMIT;
     let mut watch = Watch::new();
     let mut last = None;
+    // Sizes of which too many fit, and too few.
+    let (mut small, mut large) = (0.0, f64::INFINITY);
     for _ in 0..ATTEMPTS {
         scene.props[0].scale = [scale; 2];
         eprintln!("{} in {}, scale {scale:.4}", scene.props[0].model.name, scene.control.name);
@@ -235,7 +237,10 @@ fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&
                 break;
             }
             Err(cairn_core::Error::Cancelled) if !watch.is_spent() => {
-                scale *= (watch.bodies.max(10) as f64 / WANTED).cbrt();
+                let side = if watch.bodies > MOST { &mut small } else { &mut large };
+                *side = scale;
+                let guess = scale * (watch.bodies.max(10) as f64 / WANTED).cbrt();
+                scale = if small < guess && guess < large { guess } else { (small * large).sqrt() };
             }
             Err(cairn_core::Error::Cancelled) => {
                 return Row { cells: "| ".repeat(16), verdict: format!("fail: not done within {BUDGET} CPU s") };

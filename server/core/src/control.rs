@@ -3,12 +3,14 @@
 use crate::equilibrium::{
     Analyser, Candidacy, CandidateRules, Contact, FrictionLaw, FrictionReserve, Options, Problem, Solver, Spread,
 };
+use crate::measure;
 use crate::params::{self, ContactSelection, Control as ControlParams, ControlMode, FrictionCone, Neighbours};
 use crate::region::DistanceGrid;
 use crate::world::{BodyId, Role, Side, Touch, World};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use std::collections::BTreeMap;
 
 /// What the control has done so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,6 +28,8 @@ pub struct Tally {
     pub nails_peak: u64,
     /// Held bodies let go within a cycle because the load on them exceeded kappa.
     pub holds_broken: u64,
+    /// Bodies that slid without friction for a cycle, because they were jammed above a gap.
+    pub unjammed: u64,
     pub held_peak: u64,
     /// Largest force of a nail that held, in weights of the lighter body.
     pub nail_load_max: f64,
@@ -63,15 +67,34 @@ pub struct Control<'a> {
     /// The touches of the latest cycle, and the bodies that stood still since. Shape `[body]`.
     touches: Vec<Touch>,
     still: Vec<bool>,
+    /// Bodies whose hold has broken. Ordered, so that nothing depends on the order of a hash map.
+    strained: BTreeMap<BodyId, Strain>,
+}
+
+/// A body whose hold broke under its load is squeezed between its neighbours: holding it again at once would only
+/// break again and rattle for ever. It stays free for a while, each time twice as long, so that the squeeze can ease,
+/// and after the last attempt for good.
+#[derive(Clone, Copy, Debug)]
+struct Strain {
+    breaks: u32,
+    /// The first cycle that may hold it again.
+    free_until: u64,
+}
+
+impl Strain {
+    const ATTEMPTS: u32 = 4;
+
+    fn again(before: Option<&Strain>, cycle: u64) -> Strain {
+        let breaks = before.map_or(1, |s| s.breaks + 1);
+        let free_until = if breaks < Strain::ATTEMPTS { cycle + (1 << breaks) } else { u64::MAX };
+        Strain { breaks, free_until }
+    }
 }
 
 /// The paper's kappa is an impulse per kg over this time (s): its step.
 const KAPPA_TIME: f64 = 1.0 / 240.0;
 /// A centre of mass this far outside the region (in d) still counts as inside, as in `inside_fraction`.
 const REGION_TOLERANCE: f64 = 0.1;
-
-/// A body held across a wider gap than this, in d, would count as `hanging`, however thick it is.
-const HANGING_GAP: f64 = 1.0 / 200.0;
 
 impl<'a> Control<'a> {
     /// `region` in engine units.
@@ -86,6 +109,7 @@ impl<'a> Control<'a> {
             certified: Vec::new(),
             touches: Vec::new(),
             still: Vec::new(),
+            strained: BTreeMap::new(),
         }
     }
 
@@ -124,15 +148,19 @@ impl<'a> Control<'a> {
         self.tally.cycles += 1;
         world.pull_all_nails();
         let mut touches = world.touches_since(self.params.contact_tolerance, &self.touches, &self.still);
-        touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= HANGING_GAP));
+        // A body held across a wider gap would count as hanging, however thick it is.
+        touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= measure::CARRYING_GAP));
         touches.retain(|t| !t.points.is_empty());
         self.certified = self.candidates(world, &touches);
+        let hanging = self.hanging(world, &touches);
+        hanging.iter().for_each(|&id| self.certified[id] = false);
         match self.params.mode {
             ControlMode::Off => {}
             ControlMode::Nails => self.nail(world, &touches),
             ControlMode::Hold => self.hold(world, &touches),
         }
         self.damp(world);
+        self.unjam(world, &hanging);
         self.touches = touches;
         self.still = world.bodies().iter().map(|b| matches!(b.role, Role::Held | Role::Waiting)).collect();
     }
@@ -162,6 +190,8 @@ impl<'a> Control<'a> {
                     world.set_role(id, Role::Free);
                     self.stir(id);
                     self.tally.holds_broken += 1;
+                    let strain = Strain::again(self.strained.get(&id), self.tally.cycles);
+                    self.strained.insert(id, strain);
                 }
             }
         }
@@ -325,13 +355,37 @@ impl<'a> Control<'a> {
             Neighbours::All => self.surrounded(world, touches),
             Neighbours::Either => self.certified.clone(),
         };
-        for (id, &hold) in held.iter().enumerate() {
+        let strained = |id: &BodyId| self.strained.get(id).is_some_and(|s| self.tally.cycles < s.free_until);
+        for (id, hold) in held.iter().enumerate().map(|(id, &hold)| (id, hold && !strained(&id))) {
             match world.bodies()[id].role {
                 Role::Free | Role::Held => world.set_role(id, if hold { Role::Held } else { Role::Free }),
                 Role::Waiting | Role::Gone => {}
             }
         }
         self.tally.held_peak = self.tally.held_peak.max(world.count(Role::Held) as u64);
+    }
+
+    /// Slow bodies that no chain of contacts from below joins to the ground. They are jammed between their sides, as no
+    /// pile that fell into place would have it: the fill squeezed them in there.
+    fn hanging(&self, world: &World, touches: &[Touch]) -> Vec<BodyId> {
+        let waits = |id: BodyId| world.bodies()[id].role == Role::Waiting;
+        let released = |t: &&Touch| !waits(t.a) && !matches!(t.b, Side::Body(b) if waits(b));
+        let contacts: Vec<_> = touches.iter().filter(released).flat_map(Touch::measured).collect();
+        let slow = |id: BodyId| {
+            let free = world.bodies()[id].role == Role::Free && world.speed(id) < self.params.speed;
+            (free || world.bodies()[id].role == Role::Held) && self.is_inside(world, id)
+        };
+        let slow: Vec<bool> = (0..world.bodies().len()).map(slow).collect();
+        // Engine units: d is 1.
+        measure::hanging(&slow, &contacts, 1.0)
+    }
+
+    /// Without friction what hangs slips down onto what is below.
+    fn unjam(&mut self, world: &mut World, hanging: &[BodyId]) {
+        self.tally.unjammed += hanging.len() as u64;
+        for id in world.present().collect::<Vec<_>>() {
+            world.set_slippery(id, hanging.binary_search(&id).is_ok());
+        }
     }
 
     /// Slow bodies that are not certified lose speed, so that near contacts close gently and rest can be certified;

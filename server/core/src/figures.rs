@@ -134,8 +134,8 @@ pub const REAL_CONTACT: f64 = 0.05;
 fn contact_figures(world: &World) -> Figures {
     // `hanging` counts contacts up to d/200, which may be more than the thickness tolerance of thin props.
     let thinnest = world.present().map(|id| world.bodies()[id].thickness).fold(f64::INFINITY, f64::min);
-    let touches = world.touches(REAL_CONTACT.max(1.0 / 200.0 / thinnest));
-    let contacts: Vec<Contact> = touches.iter().flat_map(measured).collect();
+    let touches = world.touches(REAL_CONTACT.max(measure::CARRYING_GAP / thinnest));
+    let contacts: Vec<Contact> = touches.iter().flat_map(Touch::measured).collect();
     let at_rest: Vec<bool> =
         (0..world.bodies().len()).map(|id| world.is_present(id) && world.speed(id) < crate::hold::REST_SPEED).collect();
     // Engine units: d is 1.
@@ -187,14 +187,6 @@ fn unsupported(world: &World) -> f64 {
 
 /// mg (measures.md).
 const UNBALANCED: f64 = 0.1;
-
-fn measured(t: &Touch) -> impl Iterator<Item = Contact> + '_ {
-    let side = |s: Side| match s {
-        Side::Body(id) => measure::Side::Body(id),
-        Side::Ground | Side::Scenery => measure::Side::Fixed,
-    };
-    t.points.iter().map(move |p| Contact { a: measure::Side::Body(t.a), b: side(t.b), normal: p.normal, gap: p.gap })
-}
 
 fn motion_figures(inputs: &Inputs, pile: &Pile) -> Figures {
     let units = pile.world.units;
@@ -265,6 +257,7 @@ fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
         ("nails_broken", tally.nails_broken),
         ("held_peak", tally.held_peak),
         ("holds_broken", tally.holds_broken),
+        ("unjammed", tally.unjammed),
         ("frames", pile.recorder.frames.len() as u64),
     ])
 }

@@ -250,7 +250,7 @@ impl<'a> Filling<'a> {
 
     /// Takes out what sticks out or overlaps, until nothing does.
     fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
-        for _ in 0..CLEANUP_ROUNDS {
+        for round in 0.. {
             self.remove_escaped();
             let out = self
                 .world
@@ -261,7 +261,7 @@ impl<'a> Filling<'a> {
             out.iter().for_each(|&id| self.world.remove(id));
             let overlapping = self.remove_overlapping(0);
             self.removed.overlapping += overlapping;
-            if out.is_empty() && overlapping == 0 {
+            if (out.is_empty() && overlapping == 0) || round == CLEANUP_ROUNDS {
                 break;
             }
             self.settle(CLEANUP_SETTLE, observer)?;

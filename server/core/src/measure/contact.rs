@@ -5,7 +5,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 /// Gap up to which a contact carries, relative to d (the definition of `hanging`).
-const CARRYING_GAP: f64 = 1.0 / 200.0;
+pub const CARRYING_GAP: f64 = 1.0 / 200.0;
 /// A contact points upward if its normal rises by more than this: walls are vertical only up to f32's rounding and
 /// the engine's tolerances. It is a slope of 0.6 degrees, on which no friction holds anything.
 const UPWARD: f64 = 0.01;

@@ -14,7 +14,7 @@ mod stamp;
 mod tests;
 mod voxels;
 
-pub use contact::{Contact, Overlap, Penetration, Side, drift_p95_rel, hanging, penetration};
+pub use contact::{CARRYING_GAP, Contact, Overlap, Penetration, Side, drift_p95_rel, hanging, penetration};
 pub use extent::{bounding_sphere, percentile, smallest_extent};
 pub use gauge::Gauge;
 pub use solid::Source;

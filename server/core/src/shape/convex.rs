@@ -12,9 +12,11 @@ use rapier3d::parry::transformation::{convex_hull, try_convex_hull, voxelization
 use rapier3d::prelude::SharedShape;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// More corners than this make contact queries slow without being seen: the hull is then spanned by its extreme points
-/// in this many even directions.
+/// More corners than this make contact queries slow without being seen.
 const MAX_HULL_POINTS: usize = 48;
+/// A hull leaves out corners that stand out by less than this, in prop diameters: the thickness of a sheet of paper on
+/// a book.
+const HULL_TOLERANCE: f32 = 1.0 / 500.0;
 /// Points sampled on each surface to measure the deviation.
 const DEVIATION_SAMPLES: usize = 600;
 /// Voxels along the longest side for the decomposition: fine enough for parts of a fiftieth of the prop.
@@ -30,7 +32,7 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics)
     let reference = EngineMesh::new(unit.clone(), mesh.triangles.clone());
     let deviation = |parts: &[Vec<Vector>]| reference.as_ref().map_or(0.0, |r| deviation(r, closed, parts));
 
-    let mut best = vec![reduced(hull_points(&unit))];
+    let mut best = vec![domed(reduced(hull_points(&unit)))];
     let mut best_deviation = deviation(&best);
     if physics.max_parts > 1 && best_deviation > physics.shape_tolerance {
         for concavity in CONCAVITIES {
@@ -68,7 +70,8 @@ fn vhacd(
         VHACD::decompose(&params, points, triangles, true).compute_exact_convex_hulls(points, triangles)
     }))
     .ok()?;
-    let parts: Vec<_> = parts.into_iter().map(|(p, _)| reduced(hull_points(&p))).filter(|p| p.len() >= 4).collect();
+    let hull = |(points, _): (Vec<Vector>, _)| domed(reduced(hull_points(&points)));
+    let parts: Vec<_> = parts.into_iter().map(hull).filter(|p| p.len() >= 4).collect();
     (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
 }
 
@@ -80,30 +83,83 @@ fn hull_points(points: &[Vector]) -> Vec<Vector> {
     }
 }
 
-/// At most [`MAX_HULL_POINTS`] of the points: the extreme ones in evenly spread directions.
+/// At most [`MAX_HULL_POINTS`] of a hull's corners: from the extreme ones along the axes on, always the one farthest
+/// from the hull of those before it.
 fn reduced(points: Vec<Vector>) -> Vec<Vector> {
-    if points.len() <= MAX_HULL_POINTS {
-        return points;
-    }
-    let mut kept: Vec<usize> = (0..MAX_HULL_POINTS)
-        .map(|i| {
-            let direction = spherical_fibonacci(i, MAX_HULL_POINTS);
-            let key = |&j: &usize| points[j].dot(direction);
-            (0..points.len()).max_by(|a, b| key(a).total_cmp(&key(b))).unwrap_or(0)
-        })
-        .collect();
+    let extreme = |direction: Vector| {
+        let key = |&i: &usize| points[i].dot(direction);
+        (0..points.len()).max_by(|a, b| key(a).total_cmp(&key(b))).unwrap_or(0)
+    };
+    let axes = [Vector::X, Vector::Y, Vector::Z];
+    let mut kept: Vec<usize> = axes.iter().flat_map(|&a| [extreme(a), extreme(-a)]).collect();
     kept.sort_unstable();
     kept.dedup();
+    while kept.len() < MAX_HULL_POINTS.min(points.len()) {
+        let corners: Vec<Vector> = kept.iter().map(|&i| points[i]).collect();
+        let hull = engine_hull(&corners);
+        let outside = |p: Vector| match &hull {
+            Some(hull) => hull.distance_to_local_point(p, true),
+            // Flat as yet.
+            None => corners.iter().map(|c| c.distance(p)).fold(f32::INFINITY, f32::min),
+        };
+        let far = (0..points.len()).map(|i| (i, outside(points[i]))).max_by(|a, b| a.1.total_cmp(&b.1));
+        match far {
+            Some((i, distance)) if distance > HULL_TOLERANCE => kept.push(i),
+            _ => break,
+        }
+    }
     kept.into_iter().map(|i| points[i]).collect()
 }
 
-/// The `i`-th of `n` evenly spread unit vectors.
-fn spherical_fibonacci(i: usize, n: usize) -> Vector {
-    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    let z = 1.0 - (2.0 * i as f64 + 1.0) / n as f64;
-    let (sin, cos) = (libm::sin(golden * i as f64), libm::cos(golden * i as f64));
-    let r = (1.0 - z * z).max(0.0).sqrt();
-    DVec3::new(r * cos, r * sin, z).as_vec3()
+/// The engine lets a face touch by its first four corners only: a plate with more of them would stand on one side of
+/// its rim and tip through the ground. So a crowded face keeps the four corners that span most of it, and the others
+/// fall away from it at this slope: just more than the engine takes for one plane (0.026).
+const DOME_SLOPE: f32 = 0.03;
+/// What falls away can be a crowded face again, of fewer corners each time.
+const DOME_ROUNDS: usize = 4;
+
+/// The corners of a hull, moved so that no face has more than four of them.
+fn domed(mut points: Vec<Vector>) -> Vec<Vector> {
+    for _ in 0..DOME_ROUNDS {
+        let Some(shape) = engine_hull(&points) else { return points };
+        let Some(hull) = shape.as_convex_polyhedron() else { return points };
+        let mut moved = hull.points().to_vec();
+        for face in hull.faces() {
+            let from = face.first_vertex_or_edge as usize;
+            let corners = &hull.vertices_adj_to_face()[from..from + face.num_vertices_or_edges as usize];
+            if corners.len() > 4 {
+                let corners: Vec<(usize, Vector)> =
+                    corners.iter().map(|&i| (i as usize, hull.points()[i as usize])).collect();
+                for (i, drop) in drops(&corners, face.normal) {
+                    moved[i] -= face.normal * drop;
+                }
+            }
+        }
+        if moved == hull.points() {
+            break;
+        }
+        points = moved;
+    }
+    points
+}
+
+/// How far each corner of a face but the four that span most of it must fall. Shape `[corner]`: index and place.
+fn drops(corners: &[(usize, Vector)], normal: Vector) -> Vec<(usize, f32)> {
+    let farthest = |key: &dyn Fn(Vector) -> f32| {
+        corners.iter().map(|c| c.1).max_by(|a, b| key(*a).total_cmp(&key(*b))).unwrap_or_default()
+    };
+    let first = corners[0].1;
+    let a = farthest(&|p| p.distance_squared(first));
+    let c = farthest(&|p| p.distance_squared(a));
+    let across = normal.cross(c - a);
+    let (b, d) = (farthest(&|p| -(p - a).dot(across)), farthest(&|p| (p - a).dot(across)));
+    let outside = |p: Vector| {
+        let beyond = |(from, to): (Vector, Vector)| {
+            (p - from).dot((to - from).cross(normal).try_normalize().unwrap_or_default())
+        };
+        [(a, b), (b, c), (c, d), (d, a)].into_iter().map(beyond).fold(0.0, f32::max)
+    };
+    corners.iter().map(|&(i, p)| (i, DOME_SLOPE * outside(p))).collect()
 }
 
 /// The engine's hull of some points; `None` where they span no volume.

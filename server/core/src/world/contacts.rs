@@ -2,6 +2,7 @@
 //! may be gone between two bodies that it does not move.
 
 use super::{BodyId, CONTAINER, FIRST_BODY, GROUND, Role, World, to_engine};
+use crate::measure::{self, Contact};
 use crate::pose::Pose;
 use crate::shape::Shape;
 use glam::DVec3;
@@ -45,6 +46,15 @@ impl Touch {
     /// Largest overlap of the pair, 0 where there is none.
     pub fn depth(&self) -> f64 {
         self.points.iter().map(|p| -p.gap).fold(0.0, f64::max)
+    }
+
+    /// The same for the measures.
+    pub fn measured(&self) -> impl Iterator<Item = Contact> + '_ {
+        let b = match self.b {
+            Side::Body(id) => measure::Side::Body(id),
+            Side::Ground | Side::Scenery => measure::Side::Fixed,
+        };
+        self.points.iter().map(move |p| Contact { a: measure::Side::Body(self.a), b, normal: p.normal, gap: p.gap })
     }
 }
 
@@ -163,7 +173,11 @@ impl World {
             }
         }
         if !points.is_empty() {
-            let friction = (first.friction() as f64 + second.friction() as f64) / 2.0;
+            let theirs = match b {
+                Side::Body(b) => self.bodies[b].friction,
+                Side::Ground | Side::Scenery => second.friction() as f64,
+            };
+            let friction = (self.bodies[a].friction + theirs) / 2.0;
             out.push(Touch { a, b, friction, points });
         }
     }

@@ -197,7 +197,7 @@ impl World {
 
     pub fn set_wall_friction(&mut self, wall: ColliderHandle, friction: f64) {
         if let Some(c) = self.engine.colliders.get_mut(wall) {
-            c.set_friction(friction as f32);
+            change_friction(c, friction, CoefficientCombineRule::Average);
         }
     }
 
@@ -317,7 +317,28 @@ impl World {
 
     pub fn set_friction(&mut self, id: BodyId, friction: f64) {
         self.bodies[id].friction = friction;
-        self.engine.colliders[self.bodies[id].collider].set_friction(friction as f32);
+        change_friction(
+            &mut self.engine.colliders[self.bodies[id].collider],
+            friction,
+            CoefficientCombineRule::Average,
+        );
+    }
+
+    /// Lets a body slide off whatever it touches without friction, or ends that. The material stays what it is, and
+    /// `touches` goes on to tell it.
+    pub fn set_slippery(&mut self, id: BodyId, slippery: bool) {
+        let body = &self.bodies[id];
+        let (friction, rule) = match slippery {
+            true => (0.0, CoefficientCombineRule::Min),
+            false => (body.friction, CoefficientCombineRule::Average),
+        };
+        let collider = &mut self.engine.colliders[body.collider];
+        if collider.friction_combine_rule() != rule {
+            change_friction(collider, friction, rule);
+        }
+        if slippery {
+            self.engine.bodies[body.handle].wake_up(true);
+        }
     }
 
     /// Gravity is 1 downward, or upward while an upright container is filled as if it stood on its head.
@@ -379,6 +400,13 @@ impl World {
         }
         ids
     }
+}
+
+/// The engine keeps the friction of contacts that it recycles; giving it the shape anew renews them.
+fn change_friction(collider: &mut Collider, friction: f64, rule: CoefficientCombineRule) {
+    collider.set_friction(friction as f32);
+    collider.set_friction_combine_rule(rule);
+    collider.set_shape(collider.shared_shape().clone());
 }
 
 fn to_engine(pose: &Pose) -> EnginePose {

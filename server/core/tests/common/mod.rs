@@ -1,4 +1,5 @@
-//! Small scenes, made in code.
+//! Small scenes, made in code. No test needs all of them.
+#![allow(dead_code)]
 
 use cairn_core::mesh::TriMesh;
 use cairn_core::scene::{Model, Prop, Scene};
@@ -11,6 +12,21 @@ pub fn cone(radius: f64, height: f64) -> TriMesh {
     let mut points: Vec<DVec3> = rim.map(|a| DVec3::new(radius * a.cos(), 0.0, radius * a.sin())).collect();
     points.extend([DVec3::ZERO, DVec3::new(0.0, height, 0.0)]);
     let side = |k: u32| [[k, SIDES + 1, (k + 1) % SIDES], [SIDES, k, (k + 1) % SIDES]];
+    TriMesh { points, triangles: (0..SIDES).flat_map(side).collect() }
+}
+
+/// A closed disc with 32 corners about the y axis.
+pub fn disc(radius: f64, height: f64) -> TriMesh {
+    const SIDES: u32 = 32;
+    let angle = |k: u32| f64::from(k) / f64::from(SIDES) * std::f64::consts::TAU;
+    let rim = |y: f64| (0..SIDES).map(move |k| DVec3::new(radius * angle(k).cos(), y, radius * angle(k).sin()));
+    let middle = [DVec3::new(0.0, -height / 2.0, 0.0), DVec3::new(0.0, height / 2.0, 0.0)];
+    let points = rim(-height / 2.0).chain(rim(height / 2.0)).chain(middle).collect();
+    let (low, high) = (2 * SIDES, 2 * SIDES + 1);
+    let side = |k: u32| {
+        let (a, b, c, d) = (k, (k + 1) % SIDES, k + SIDES, (k + 1) % SIDES + SIDES);
+        [[a, b, low], [a, c, b], [b, c, d], [c, high, d]]
+    };
     TriMesh { points, triangles: (0..SIDES).flat_map(side).collect() }
 }
 

@@ -1,17 +1,18 @@
-//! Nails between bodies: they start without strain, carry, and break.
+//! The world: props lie flat, and nails start without strain, carry and break.
 
 mod common;
 
+use cairn_core::mesh::TriMesh;
 use cairn_core::params::{Accuracy, Params};
 use cairn_core::pose::Pose;
 use cairn_core::shape::{Shape, Size};
 use cairn_core::world::{Insertion, Units, World};
-use common::{cone, scene, stick};
+use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
 
-/// Sticks lying on top of each other, turned this way and that, on the ground; engine units.
-fn stack(count: usize) -> World {
-    let scene = scene(cone(1.0, 1.0), stick());
+/// A prop, the ground, and the prop's thickness in engine units.
+fn world_of(prop: TriMesh) -> (World, Shape, f64) {
+    let scene = scene(cone(1.0, 1.0), prop);
     let params = Params::new(Accuracy::Standard);
     let size = Size::of(&scene.props[0].model.mesh);
     let shape = Shape::new(&scene.props[0], size, &params.physics).unwrap();
@@ -19,6 +20,12 @@ fn stack(count: usize) -> World {
     let thickness = size.extents.x / units.length;
     let mut world = World::new(units, &params.physics, thickness, false);
     world.add_ground(0.0, 0.7);
+    (world, shape, thickness)
+}
+
+/// Sticks lying on top of each other, turned this way and that, on the ground; engine units.
+fn stack(count: usize) -> World {
+    let (mut world, shape, thickness) = world_of(stick());
     for k in 0..count {
         let pose = Pose {
             translation: DVec3::new(0.0, (k as f64 + 0.5) * thickness, 0.0),
@@ -40,6 +47,28 @@ fn nail_all(world: &mut World) -> usize {
         world.drive_nail(t.a, other, t.points[0].point, t.points[0].normal);
     }
     touches.len()
+}
+
+/// The engine lets a face touch by four of its corners: they must be those that span it.
+#[test]
+fn a_disc_of_many_corners_lies_flat() {
+    let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
+    assert_eq!(shape.report.kind, "hull");
+    assert!(shape.report.deviation_rel < 0.02, "{}", shape.report.deviation_rel);
+    for k in 0..4 {
+        let translation = DVec3::new(2.0 * f64::from(k), 0.6, 0.0);
+        let rotation = DQuat::from_rotation_z(0.3 * f64::from(k)) * DQuat::from_rotation_x(0.2);
+        let pose = Pose { translation, rotation };
+        world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
+    }
+    for _ in 0..400 {
+        world.step();
+    }
+    for id in 0..4 {
+        let height = world.pose(id).translation.y;
+        assert!((height - thickness / 2.0).abs() < 0.1 * thickness, "disc {id} is at {height}");
+        assert_eq!(world.speed(id), 0.0, "disc {id}");
+    }
 }
 
 #[test]
