@@ -56,6 +56,26 @@ impl Access {
     }
 }
 
+/// A bake on a server.
+#[derive(clap::Args)]
+pub struct RemoteBake {
+    /// The bake's id, as `cairn bake --server` tells it
+    id: String,
+
+    /// HOST:PORT or unix:PATH of a `cairn serve`
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50151", help_heading = "Server")]
+    server: String,
+
+    #[command(flatten)]
+    access: Access,
+}
+
+impl RemoteBake {
+    fn target(&self) -> Result<Target, Failure> {
+        self.access.at(&self.server)
+    }
+}
+
 /// What a finished bake is wanted for.
 pub struct Wanted<'a> {
     pub output: Option<&'a Path>,
@@ -139,12 +159,13 @@ pub fn bake(target: &Target, scene: Scene, files: Files, format: Format, wanted:
 }
 
 /// `cairn watch`. Ctrl-C ends the watching only.
-pub fn watch(target: &Target, id: &str, wanted: &Wanted) -> Result<(), Failure> {
+pub fn watch(bake: &RemoteBake, wanted: &Wanted) -> Result<(), Failure> {
+    let target = bake.target()?;
     talk(async {
-        let mut server = Connection::open(target).await?;
+        let mut server = Connection::open(&target).await?;
         let mut told = Told::new(wanted);
         let watched = tokio::select! {
-            watched = server.watch(id, |event| told.event(event.kind)) => watched,
+            watched = server.watch(&bake.id, |event| told.event(event.kind)) => watched,
             () = interrupted() => return Err(Failure::Cancelled),
         };
         told.end(watched, &mut server).await
@@ -152,8 +173,9 @@ pub fn watch(target: &Target, id: &str, wanted: &Wanted) -> Result<(), Failure> 
 }
 
 /// `cairn cancel`.
-pub fn cancel(target: &Target, id: &str) -> Result<(), Failure> {
-    talk(async { Ok(Connection::open(target).await?.cancel(id).await?) })
+pub fn cancel(bake: &RemoteBake) -> Result<(), Failure> {
+    let target = bake.target()?;
+    talk(async { Ok(Connection::open(&target).await?.cancel(&bake.id).await?) })
 }
 
 fn talk<T>(talk: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {

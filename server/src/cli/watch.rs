@@ -1,6 +1,6 @@
 //! `cairn watch`: a bake on a server, from wherever it stands.
 
-use super::remote::{self, Access, Wanted};
+use super::remote::{self, RemoteBake, Wanted};
 use super::{Failure, interrupt, output, progress::Mode};
 use std::path::PathBuf;
 
@@ -13,15 +13,8 @@ Examples:
   cairn watch 6e0f4c... --server farm:50151
   cairn watch 6e0f4c... -o pile.glb")]
 pub struct Args {
-    /// The bake's id, as `cairn bake --server` tells it
-    id: String,
-
-    /// HOST:PORT or unix:PATH of a `cairn serve`
-    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50151", help_heading = "Server")]
-    server: String,
-
     #[command(flatten)]
-    access: Access,
+    bake: RemoteBake,
 
     /// Where the result goes, in the format that the bake was asked for
     #[arg(short, long, value_name = "FILE")]
@@ -47,5 +40,5 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let (output, report) = (args.output.as_deref(), args.report.as_deref());
     let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
-    remote::watch(&args.access.at(&args.server)?, &args.id, &wanted)
+    remote::watch(&args.bake, &wanted)
 }
