@@ -21,7 +21,7 @@ const BAND: f64 = 1e-5;
 fn main() -> anyhow::Result<()> {
     let scene = scene()?;
     let params = Params::new(Accuracy::Standard);
-    let checked = check::run(&scene, &params).map_err(|p| anyhow::anyhow!(p.join("\n")))?;
+    let checked = check::run(&scene, &params).map_err(cairn_core::Error::Invalid)?;
     let shapes = shape::run(&scene, &params, &checked, &mut Silent)?;
     let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
     let container = Container::new(&checked.control, &checked.topology, units.length, checked.ground);

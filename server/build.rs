@@ -1,4 +1,4 @@
-//! Generates the Rust types of `proto/cairn/v1` without protoc, and embeds the descriptors with their comments.
+//! Generates the Rust types and the service of `proto/cairn/v1` without protoc, and embeds the descriptors with their comments.
 
 use std::path::{Path, PathBuf};
 
@@ -9,9 +9,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
     println!("cargo:rerun-if-changed=proto");
     let mut compiler = protox::Compiler::new(["proto"])?;
-    compiler.include_source_info(true).include_imports(true).open_file("cairn/v1/scene.proto")?;
+    compiler.include_source_info(true).include_imports(true).open_file("cairn/v1/service.proto")?;
     std::fs::write(out.join("descriptors.bin"), compiler.encode_file_descriptor_set())?;
-    prost_build::Config::new().out_dir(&out).compile_fds(compiler.file_descriptor_set())?;
+    tonic_prost_build::configure()
+        .out_dir(&out)
+        // Chunks of files are passed on without copies, and maps have one order.
+        .bytes(".cairn.v1")
+        .btree_map(".cairn.v1")
+        // Sent once; other events are small without it.
+        .boxed(".cairn.v1.BakeEvent.kind.accepted")
+        .compile_fds(compiler.file_descriptor_set())?;
 
     println!("cargo:rerun-if-changed=Cargo.lock");
     for name in ENGINES {

@@ -102,6 +102,10 @@ fn libraries_stay_in_their_place() {
     only_in("clarabel", "server", &["server/core/src/equilibrium"]);
     only_in("prost_reflect", "server/src", &["server/src/scene_file"]);
     only_in("clap", "server/src", &["server/src/cli"]);
+    // What bakes does not know who asks.
+    let service = ["serve.rs", "service.rs", "service", "status.rs", "jobs.rs", "client.rs", "deadline.rs", "cli"];
+    only_in("tonic", "server/src", &service.map(|name| format!("server/src/{name}")).each_ref().map(String::as_str));
+    only_in("figment", "server/src", &["server/src/cli/serve.rs"]);
     only_in("indicatif", "server/src", &["server/src/cli/progress.rs"]);
 }
 

@@ -106,7 +106,7 @@ fn accepts(path: &str, value: f64) -> bool {
         Ok(job) => match cairn_core::plan(&job.scene, &job.params) {
             // What is out of range, not what does not fit into the cone.
             Err(cairn_core::Error::Invalid(problems)) => {
-                !problems.iter().any(|problem| problem.contains("out of range"))
+                !problems.iter().any(|problem| problem.text.contains("out of range"))
             }
             _ => true,
         },

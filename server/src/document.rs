@@ -141,6 +141,14 @@ pub fn fetch(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, String> {
     resolve(&uri::relative_path(uri).map_err(|why| format!("{uri}: {why}"))?)
 }
 
+/// The files beside a glTF file that its buffers and images name, as paths relative to its folder.
+pub fn external_files(bytes: &[u8]) -> Result<Vec<String>, DocumentError> {
+    let document = Document::parse(bytes, &|_| Err(String::new()))?;
+    let lists = ["buffers", "images"].iter().filter_map(|list| document.json.get(*list)?.as_array());
+    let uris = lists.flatten().filter_map(|entry| entry.get("uri")?.as_str()).filter(|uri| !uri::is_data(uri));
+    Ok(uris.filter_map(|uri| uri::relative_path(uri).ok()).collect())
+}
+
 /// The JSON and BIN chunks of a GLB.
 fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), DocumentError> {
     let word = |at: usize| {

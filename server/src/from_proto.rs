@@ -4,6 +4,7 @@
 
 use crate::problem::Problem;
 use crate::proto;
+use cairn_core::observer::{Progress, Stage};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, Fill, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
     Hold, Neighbours, Output, Params, Physics, Release, Spread, Time,
@@ -19,6 +20,12 @@ pub const FRICTION: f64 = 0.7;
 
 /// The parameters of a scene.
 pub fn params(scene: &proto::Scene) -> Result<Params, Vec<Problem>> {
+    let (params, problems) = params_and_problems(scene);
+    if problems.is_empty() { Ok(params) } else { Err(problems) }
+}
+
+/// The parameters of a scene, as far as they can be read, and what cannot.
+pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     let mut counts = Counts::default();
     let mut params = Params::new(accuracy(scene.accuracy()));
     if let Some(seed) = scene.seed {
@@ -34,7 +41,27 @@ pub fn params(scene: &proto::Scene) -> Result<Params, Vec<Problem>> {
     control(&mut params.control, &scene.control.unwrap_or_default(), &mut counts);
     hold(&mut params.hold, &scene.hold.unwrap_or_default());
     output(&mut params.output, &scene.output.unwrap_or_default(), &mut counts);
-    if counts.problems.is_empty() { Ok(params) } else { Err(counts.problems) }
+    (params, counts.problems)
+}
+
+/// How a bake that runs elsewhere stands.
+pub fn progress(progress: &proto::Progress) -> Progress {
+    let stage = match progress.stage() {
+        proto::Stage::Unspecified | proto::Stage::Shape => Stage::Shape,
+        proto::Stage::Fill => Stage::Fill,
+        proto::Stage::Release => Stage::Release,
+        proto::Stage::Hold => Stage::Hold,
+        proto::Stage::Measure => Stage::Measure,
+    };
+    let count = |count: i32| usize::try_from(count).unwrap_or(0);
+    Progress {
+        stage,
+        fraction: progress.fraction,
+        bodies: count(progress.body_count),
+        released: count(progress.released_count),
+        at_rest: count(progress.at_rest_count),
+        nails: count(progress.nail_count),
+    }
 }
 
 /// Signed counts on the wire, unsigned ones in the core.
@@ -46,7 +73,8 @@ struct Counts {
 impl Counts {
     fn natural<S: Copy + std::fmt::Display, U: TryFrom<S> + Default>(&mut self, field: &str, value: S) -> U {
         U::try_from(value).unwrap_or_else(|_| {
-            self.problems.push(Problem::new(field, format!("{value} is negative"), "Give 0 or more."));
+            let problem = Problem::new(field, format!("{value} is negative"), "Give 0 or more.");
+            self.problems.push(problem.of_field(field));
             U::default()
         })
     }

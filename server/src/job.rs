@@ -1,16 +1,21 @@
-//! A scene with every file read: what the core bakes, and what the exporter copies from.
+//! A scene with every file read, and its way through the core to the files of the result: the same for the command line
+//! and for the service.
 
 use crate::document::Resolver;
-use crate::export::{ExportScene, SourceModel};
+use crate::export::{self, ExportError, ExportScene, Format, SourceModel};
 use crate::problem::Problem;
-use crate::{files, from_proto, proto, to_proto};
+use crate::scene_file::SceneTree;
+use crate::{files, from_proto, machine, proto, report, to_proto};
 use cairn_core::asset::{self, Limits, Source};
+use cairn_core::bake::Bake;
 use cairn_core::mesh::TriMesh;
-use cairn_core::params::{Accuracy, Params};
+use cairn_core::observer::Observer;
+use cairn_core::params::Params;
 use cairn_core::scene::{Model, Prop, Scene, StaticModel};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 /// Everything that one bake needs.
 pub struct Job {
@@ -18,9 +23,36 @@ pub struct Job {
     pub params: Params,
     /// What was read otherwise than it stands in the files, one sentence each.
     pub notes: Vec<String>,
+    /// The scene with every parameter and every prop's value set: baked again, it gives the same.
+    pub effective: proto::Scene,
+    began: Instant,
     props: Vec<Reference>,
     statics: Vec<Reference>,
     files: BTreeMap<PathBuf, InputFile>,
+}
+
+/// Gives the content of a file that a scene names, or that a file of it names.
+pub type Open = Arc<dyn Fn(&Path) -> Result<Vec<u8>, Problem> + Send + Sync>;
+
+/// A finished bake and its files.
+pub struct Outcome {
+    pub bake: Bake,
+    /// In the format asked for.
+    pub result: Vec<u8>,
+    /// JSON.
+    pub report: String,
+    /// See [`report::result_hash`].
+    pub hash: blake3::Hash,
+    pub seconds: f64,
+}
+
+/// Why there is no outcome.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    #[error(transparent)]
+    Bake(#[from] cairn_core::Error),
+    #[error(transparent)]
+    Export(#[from] ExportError),
 }
 
 /// A model as a scene names it: `kit.glb#Brick`.
@@ -50,34 +82,52 @@ fn split_node(path: &str) -> (&str, Option<&str>) {
 impl Job {
     /// Reads all that a scene names, or tells everything that is wrong with it.
     pub fn read(scene: &proto::Scene) -> Result<Job, Vec<Problem>> {
-        let mut reader = Reader::default();
-        let params = from_proto::params(scene).unwrap_or_else(|problems| {
-            reader.problems.extend(problems);
-            Params::new(Accuracy::Standard)
-        });
+        Job::read_with(scene, Arc::new(files::read))
+    }
+
+    /// The same, with files from elsewhere than the disk.
+    pub fn read_with(scene: &proto::Scene, open: Open) -> Result<Job, Vec<Problem>> {
+        let began = Instant::now();
+        let mut reader = Reader::new(open);
+        let (params, problems) = from_proto::params_and_problems(scene);
+        reader.problems.extend(problems);
         let control = match &scene.control_mesh {
             Some(control) => reader.model("control_mesh", &control.path).1,
             None => {
                 let remedy = "Give one by --control, or as control_mesh in the scene file.";
-                reader.problems.push(Problem::new("control_mesh", "there is no control mesh", remedy));
+                let problem = Problem::new("control_mesh", "there is no control mesh", remedy);
+                reader.problems.push(problem.of_field("control_mesh"));
                 Model { name: String::new(), mesh: TriMesh::default() }
             }
         };
         if scene.props.is_empty() {
             let remedy = "Give one or more by --prop, or as props in the scene file.";
-            reader.problems.push(Problem::new("props", "there are no props", remedy));
+            reader.problems.push(Problem::new("props", "there are no props", remedy).of_field("props"));
         }
         let read: Vec<_> = scene.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
         let (props, prop_models) = read.into_iter().unzip();
         let read: Vec<_> = scene.statics.iter().enumerate().map(|(i, model)| reader.scenery(i, model)).collect();
         let (statics, static_models) = read.into_iter().unzip();
+        let effective = effective(scene, &params);
+        let scene = Scene { control, props: prop_models, statics: static_models };
         if !reader.problems.is_empty() {
-            // The core would check these, but is not reached.
-            reader.problems.extend(params.problems().into_iter().map(Problem::from));
+            reader.check_values(&scene, &params);
             return Err(reader.problems);
         }
-        let scene = Scene { control, props: prop_models, statics: static_models };
-        Ok(Job { scene, params, notes: reader.notes, props, statics, files: reader.files })
+        Ok(Job { scene, params, notes: reader.notes, effective, began, props, statics, files: reader.files })
+    }
+
+    /// The bake, and its files. `output`: what the report calls the result.
+    pub fn run(&self, format: Format, output: &str, observer: &mut dyn Observer) -> Result<Outcome, Error> {
+        let read_seconds = machine::cpu_seconds();
+        let bake = cairn_core::bake(&self.scene, &self.params, observer)?;
+        let baked_at = machine::cpu_seconds();
+        let result = export::encode(format, &bake, &self.export_scene())?;
+        let around = [("read", read_seconds), ("encode", machine::cpu_seconds() - baked_at)];
+        let (hash, seconds) = (report::result_hash(&bake), self.began.elapsed().as_secs_f64());
+        let scene = SceneTree::from_message(&self.effective);
+        let report = format!("{:#}\n", report::json(&bake, hash, &scene, &self.notes, output, &around, seconds));
+        Ok(Outcome { bake, result, report, hash, seconds })
     }
 
     /// The files that the scene reads.
@@ -103,6 +153,14 @@ impl Job {
         };
         references.iter().map(source).collect()
     }
+}
+
+/// The files that a scene names, without their nodes.
+pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
+    let control = scene.control_mesh.iter().map(|control| &control.path);
+    let props = scene.props.iter().map(|prop| &prop.path);
+    let paths = control.chain(props).chain(scene.statics.iter().map(|model| &model.path));
+    paths.map(|path| Reference::new(path).file).filter(|file| !file.as_os_str().is_empty()).collect()
 }
 
 /// A scene with every parameter and every prop's value set: baked again, it gives the same.
@@ -138,9 +196,10 @@ struct InputFile {
 }
 
 impl InputFile {
-    fn read(path: &Path) -> Result<InputFile, Problem> {
-        let bytes = files::read(path)?;
-        let beside = Beside { folder: path.parent().unwrap_or(Path::new("")).to_owned(), read: Mutex::default() };
+    fn read(path: &Path, open: &Open) -> Result<InputFile, Problem> {
+        let bytes = open(path)?;
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        let beside = Beside { folder, open: open.clone(), read: Mutex::default() };
         let resolve = Box::new(move |relative: &str| beside.read(relative));
         Ok(InputFile { name: path.display().to_string(), bytes, resolve })
     }
@@ -149,6 +208,7 @@ impl InputFile {
 /// The files beside a glTF file. Kept once read: the export, long after, must find what the bake saw.
 struct Beside {
     folder: PathBuf,
+    open: Open,
     read: Mutex<BTreeMap<String, Vec<u8>>>,
 }
 
@@ -159,7 +219,7 @@ impl Beside {
         if let Some(bytes) = read.get(relative) {
             return Ok(bytes.clone());
         }
-        let bytes = files::read(&path).map_err(|problem| problem.to_string())?;
+        let bytes = (self.open)(&path).map_err(|problem| problem.to_string())?;
         read.insert(relative.to_owned(), bytes.clone());
         Ok(bytes)
     }
@@ -167,8 +227,8 @@ impl Beside {
 
 /// Reads models and gathers what is wrong with them. Where a model cannot be read, an empty one stands in, and the
 /// problem keeps the job from being made.
-#[derive(Default)]
 struct Reader {
+    open: Open,
     files: BTreeMap<PathBuf, InputFile>,
     /// Files that could not be read: told once, however many models lie in them.
     missing: BTreeSet<PathBuf>,
@@ -177,6 +237,23 @@ struct Reader {
 }
 
 impl Reader {
+    fn new(open: Open) -> Reader {
+        let (files, missing) = Default::default();
+        Reader { open, files, missing, notes: Vec::new(), problems: Vec::new() }
+    }
+
+    /// Adds what the core finds wrong with values. What it says of models that could not be read would mislead.
+    fn check_values(&mut self, scene: &Scene, params: &Params) {
+        let Err(found) = cairn_core::check::run(scene, params) else { return };
+        for problem in found {
+            let is_model = problem.field.rsplit('.').next().is_some_and(|last| last.parse::<usize>().is_ok())
+                || ["control_mesh", "props"].contains(&&*problem.field);
+            if !is_model && !self.problems.iter().any(|told| told.field == problem.field) {
+                self.problems.push(problem.into());
+            }
+        }
+    }
+
     fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {
         let reference = Reference::new(path);
         let mesh = self.mesh(field, &reference).unwrap_or_default();
@@ -186,20 +263,22 @@ impl Reader {
 
     fn mesh(&mut self, field: &str, reference: &Reference) -> Option<TriMesh> {
         if reference.file.as_os_str().is_empty() {
-            self.problems.push(Problem::new(format!("{field}.path"), "it is empty", "Name a .glb or .gltf file."));
+            let field = format!("{field}.path");
+            let problem = Problem::new(&field, "it is empty", "Name a .glb or .gltf file.");
+            self.problems.push(problem.of_field(&field));
             return None;
         }
         if self.missing.contains(&reference.file) {
             return None;
         }
         if !self.files.contains_key(&reference.file) {
-            match InputFile::read(&reference.file) {
+            match InputFile::read(&reference.file, &self.open) {
                 Ok(file) => {
                     self.files.insert(reference.file.clone(), file);
                 }
                 Err(mut problem) => {
                     problem.what = format!("{} ({field})", problem.what);
-                    self.problems.push(problem);
+                    self.problems.push(problem.of_field(&format!("{field}.path")));
                     self.missing.insert(reference.file.clone());
                     return None;
                 }
@@ -219,7 +298,8 @@ impl Reader {
                 Some(asset.mesh)
             }
             Err(problems) => {
-                self.problems.extend(problems.into_iter().map(Problem::from));
+                let field = format!("{field}.path");
+                self.problems.extend(problems.into_iter().map(|problem| Problem::from(problem).of_field(&field)));
                 None
             }
         }

@@ -1,15 +1,34 @@
 //! Cairn around its core: the wire, files and the command line.
 
 pub mod cli;
+pub mod client;
+pub mod config;
+mod deadline;
 pub mod document;
+pub mod event_log;
 pub mod export;
 pub mod files;
+mod frame_delta;
 pub mod from_proto;
 pub mod job;
+pub mod jobs;
+pub mod machine;
+mod pace;
 pub mod problem;
+mod process;
 pub mod render;
+pub mod report;
 pub mod scene_file;
+pub mod serve;
+mod service;
+mod status;
+pub mod store;
+mod telemetry;
 pub mod to_proto;
+mod worker;
+
+/// The version as `--version` and reports tell it.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// The messages of `proto/cairn/v1`.
 pub mod proto {

@@ -5,6 +5,9 @@ use std::fmt;
 /// One thing wrong with the input: where it is, what it is, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Problem {
+    /// The scene's field at fault (`props.0.weight`), where it is one's; known to programs, not told to persons.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub field: String,
     /// A file, with a line, a node or a field where known; or a flag.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub place: String,
@@ -16,7 +19,13 @@ pub struct Problem {
 
 impl Problem {
     pub fn new(place: impl Into<String>, what: impl Into<String>, remedy: impl Into<String>) -> Problem {
-        Problem { place: place.into(), what: what.into(), remedy: remedy.into() }
+        Problem { field: String::new(), place: place.into(), what: what.into(), remedy: remedy.into() }
+    }
+
+    /// The same, known to be this field's fault.
+    pub fn of_field(mut self, field: &str) -> Problem {
+        self.field = field.to_owned();
+        self
     }
 }
 
@@ -31,6 +40,12 @@ impl fmt::Display for Problem {
 }
 
 /// The core tells place, fault and remedy in one sentence.
+impl From<cairn_core::problem::Problem> for Problem {
+    fn from(problem: cairn_core::problem::Problem) -> Problem {
+        Problem::from(problem.text).of_field(&problem.field)
+    }
+}
+
 impl From<String> for Problem {
     fn from(sentence: String) -> Problem {
         Problem::new("", sentence, "")

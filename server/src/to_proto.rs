@@ -1,10 +1,13 @@
-//! The core's types -> messages: effective parameters with every field set.
+//! The core's types -> messages.
 
+use crate::problem::Problem;
 use crate::proto;
+use cairn_core::observer::{Progress, Stage};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
     Neighbours, Params, Physics, Spread, Time,
 };
+use cairn_core::plan::{Effect, Plan};
 
 /// A scene of these parameters, without models.
 pub fn params(params: &Params) -> proto::Scene {
@@ -31,8 +34,66 @@ pub fn params(params: &Params) -> proto::Scene {
 }
 
 /// A count as the wire has it. The core's ranges keep counts far below the wire's limits.
-fn signed<U, S: TryFrom<U>>(value: U) -> S {
+pub fn signed<U, S: TryFrom<U>>(value: U) -> S {
     S::try_from(value).unwrap_or_else(|_| panic!("a count in its range fits the wire"))
+}
+
+pub fn stage(stage: Stage) -> proto::Stage {
+    match stage {
+        Stage::Shape => proto::Stage::Shape,
+        Stage::Fill => proto::Stage::Fill,
+        Stage::Release => proto::Stage::Release,
+        Stage::Hold => proto::Stage::Hold,
+        Stage::Measure => proto::Stage::Measure,
+    }
+}
+
+pub fn plan(plan: &Plan, notes: &[String]) -> proto::Plan {
+    let effect =
+        |effect: &Effect| proto::Effect { name: effect.name.to_owned(), on: effect.on, reason: effect.reason.clone() };
+    proto::Plan {
+        expected_body_count: signed(plan.expected_bodies),
+        expected_step_count: signed(plan.expected_steps),
+        prop_diameter: plan.prop_diameter,
+        natural_time_seconds: plan.natural_time,
+        stages: plan.stages.iter().map(|&s| stage(s).into()).collect(),
+        effects: plan.effects.iter().map(effect).collect(),
+        warnings: notes.iter().chain(&plan.warnings).cloned().collect(),
+    }
+}
+
+pub fn progress(progress: &Progress, remaining_seconds: Option<f64>) -> proto::Progress {
+    proto::Progress {
+        stage: stage(progress.stage).into(),
+        fraction: progress.fraction,
+        body_count: signed(progress.bodies),
+        released_count: signed(progress.released),
+        at_rest_count: signed(progress.at_rest),
+        nail_count: signed(progress.nails),
+        remaining_seconds,
+    }
+}
+
+/// Every accuracy with its parameters.
+pub fn accuracy_presets() -> Vec<proto::AccuracyPreset> {
+    let all = [Accuracy::Paper, Accuracy::Draft, Accuracy::Standard, Accuracy::Fine];
+    let preset = |&of: &Accuracy| proto::AccuracyPreset {
+        accuracy: accuracy(of).into(),
+        parameters: Some(params(&Params::new(of))),
+    };
+    all.iter().map(preset).collect()
+}
+
+/// A problem of a scene, as one of the request that holds it.
+pub fn field_problem(problem: &Problem) -> proto::FieldProblem {
+    let mut field = String::from("spec.scene");
+    for part in problem.field.split('.').filter(|part| !part.is_empty()) {
+        match part.parse::<usize>() {
+            Ok(index) => field += &format!("[{index}]"),
+            Err(_) => field += &format!(".{part}"),
+        }
+    }
+    proto::FieldProblem { field, description: problem.to_string() }
 }
 
 fn accuracy(accuracy: Accuracy) -> proto::Accuracy {

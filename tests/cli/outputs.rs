@@ -38,7 +38,7 @@ fn commands_that_say_too_little() {
 fn help_and_version() {
     let desk = Desk::new();
     assert_eq!(desk.line("--version").ok(), format!("cairn {}\n", env!("CARGO_PKG_VERSION")));
-    for command in ["", "bake", "check", "scene"] {
+    for command in ["", "bake", "check", "scene", "serve", "watch", "cancel"] {
         let help = desk.line(&format!("{command} --help")).ok();
         assert!(help.contains("Examples:"), "{help}");
     }

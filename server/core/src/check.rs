@@ -3,6 +3,7 @@
 
 use crate::mesh::TriMesh;
 use crate::params::Params;
+use crate::problem::Problem;
 use crate::scene::{Prop, Scene};
 use crate::shape::Size;
 use crate::topology::{self, Topology, WELD_TOLERANCE};
@@ -25,27 +26,30 @@ pub struct Checked {
 }
 
 /// Checks scene and parameters.
-pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<String>> {
+pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
     let mut problems = params.problems();
     let mut warnings = Vec::new();
     let (control, topology, repairs) = control(scene, &mut problems);
     warnings.extend(repairs);
     if scene.props.is_empty() {
-        problems.push("props: none given; name at least one prop, such as a stick or a book".into());
+        problems.push(Problem::new("props", "props: none given; name at least one prop, such as a stick or a book"));
     }
     for (i, prop) in scene.props.iter().enumerate() {
         prop_values(i, prop, &mut problems);
     }
     for (i, model) in scene.statics.iter().enumerate() {
-        range(&format!("statics[{i}].friction"), model.friction, 0.0, 2.0, &mut problems);
+        let field = format!("statics.{i}");
+        range(&format!("{field}.friction"), &model.model.name, model.friction, [0.0, 2.0], &mut problems);
         if model.model.mesh.triangles.is_empty() {
-            problems
-                .push(format!("{}: static geometry without triangles; remove it or give it a mesh", model.model.name));
+            let text = format!("{}: static geometry without triangles; remove it or give it a mesh", model.model.name);
+            problems.push(Problem::new(field, text));
         }
     }
     let sizes: Vec<Size> = scene.props.iter().map(|p| Size::of(&p.model.mesh)).collect();
-    for (prop, size) in scene.props.iter().zip(&sizes) {
-        prop_mesh(scene, prop, size, &mut problems, &mut warnings);
+    for (i, (prop, size)) in scene.props.iter().zip(&sizes).enumerate() {
+        if let Err(text) = prop_mesh(scene, prop, size, &mut warnings) {
+            problems.push(Problem::new(format!("props.{i}"), text));
+        }
     }
     if !problems.is_empty() {
         return Err(problems);
@@ -65,18 +69,18 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<String>> {
 }
 
 /// The control mesh as it will be used: welded, its parts facing outward; with what was repaired.
-fn control(scene: &Scene, problems: &mut Vec<String>) -> (TriMesh, Topology, Vec<String>) {
+fn control(scene: &Scene, problems: &mut Vec<Problem>) -> (TriMesh, Topology, Vec<String>) {
     let name = &scene.control.name;
+    let mut told = |text| problems.push(Problem::new("control_mesh", text));
     let welded = topology::weld(&scene.control.mesh, WELD_TOLERANCE);
     let (mesh, repair) = topology::oriented(&welded);
     let found = topology::inspect(&mesh);
     if mesh.triangles.is_empty() {
-        problems
-            .push(format!("{name}: the control mesh has no triangles; model the pile's rough shape as a closed mesh"));
+        told(format!("{name}: the control mesh has no triangles; model the pile's rough shape as a closed mesh"));
         return (mesh, found, Vec::new());
     }
     if !found.closed {
-        problems.push(format!(
+        told(format!(
             "{name}: the control mesh is open: {} edges belong to one face only; fill its holes (in Blender: Mesh, Clean Up, \
              Fill Holes)",
             found.boundary_edges
@@ -86,10 +90,10 @@ fn control(scene: &Scene, problems: &mut Vec<String>) -> (TriMesh, Topology, Vec
     let (lo, hi) = mesh.bounds();
     let size = hi - lo;
     if mesh.signed_volume().abs() < MIN_CONTROL_FILL * size.x * size.y * size.z || size.min_element() <= 0.0 {
-        problems.push(format!("{name}: the control mesh encloses next to no volume; give it thickness"));
+        told(format!("{name}: the control mesh encloses next to no volume; give it thickness"));
     }
-    let told = repair.told().into_iter().map(|t| format!("{name}: {t}")).collect();
-    (mesh, found, told)
+    let repairs = repair.told().into_iter().map(|t| format!("{name}: {t}")).collect();
+    (mesh, found, repairs)
 }
 
 /// Less of the underside than this on the ground is worth a word.
@@ -122,36 +126,38 @@ fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<String> 
 /// A control mesh that fills less of its own box than this has no inside to speak of.
 const MIN_CONTROL_FILL: f64 = 1e-4;
 
-fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<String>) {
-    let name = |field: &str| format!("props[{i}].{field} ({})", prop.model.name);
-    range(&name("weight"), prop.weight, f64::MIN_POSITIVE, 1e9, problems);
-    range(&name("friction"), prop.friction, 0.0, 2.0, problems);
-    range(&name("density"), prop.density, 1e-3, 1e6, problems);
-    range(&name("restitution"), prop.restitution, 0.0, 1.0, problems);
-    range(&name("scale.min"), prop.scale[0], 1e-6, 1e6, problems);
-    range(&name("scale.max"), prop.scale[1], 1e-6, 1e6, problems);
-    if prop.scale[0] > prop.scale[1] {
-        problems.push(format!(
-            "{}: the smallest scale {} is above the largest {}",
-            name("scale"),
-            prop.scale[0],
-            prop.scale[1]
-        ));
+fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<Problem>) {
+    let name = &prop.model.name;
+    let [lo, hi] = prop.scale;
+    for (field, value, bounds) in [
+        ("weight", prop.weight, [f64::MIN_POSITIVE, 1e9]),
+        ("friction", prop.friction, [0.0, 2.0]),
+        ("density", prop.density, [1e-3, 1e6]),
+        ("restitution", prop.restitution, [0.0, 1.0]),
+        ("scale_min", lo, [1e-6, 1e6]),
+        ("scale_max", hi, [1e-6, 1e6]),
+    ] {
+        range(&format!("props.{i}.{field}"), name, value, bounds, problems);
+    }
+    if lo > hi {
+        let field = format!("props.{i}.scale_min");
+        let text = format!("{field} ({name}): the smallest scale {lo} is above the largest {hi}");
+        problems.push(Problem::new(field, text));
     }
 }
 
-fn range(name: &str, value: f64, lo: f64, hi: f64, problems: &mut Vec<String>) {
+fn range(field: &str, name: &str, value: f64, [lo, hi]: [f64; 2], problems: &mut Vec<Problem>) {
     if !(lo..=hi).contains(&value) {
         let lo = if lo == f64::MIN_POSITIVE { "above 0".into() } else { format!("from {lo}") };
-        problems.push(format!("{name}: {value} is out of range; give a value {lo} to {hi}"));
+        let text = format!("{field} ({name}): {value} is out of range; give a value {lo} to {hi}");
+        problems.push(Problem::new(field, text));
     }
 }
 
-fn prop_mesh(scene: &Scene, prop: &Prop, size: &Size, problems: &mut Vec<String>, warnings: &mut Vec<String>) {
+fn prop_mesh(scene: &Scene, prop: &Prop, size: &Size, warnings: &mut Vec<String>) -> Result<(), String> {
     let name = &prop.model.name;
     if prop.model.mesh.triangles.is_empty() || size.diameter <= 0.0 {
-        problems.push(format!("{name}: the prop has no triangles with area; give it a mesh"));
-        return;
+        return Err(format!("{name}: the prop has no triangles with area; give it a mesh"));
     }
     if !size.closed {
         warnings.push(format!("{name}: the mesh is open, so that its mass is taken from its collision shape"));
@@ -161,12 +167,13 @@ fn prop_mesh(scene: &Scene, prop: &Prop, size: &Size, problems: &mut Vec<String>
     room.sort_by(f64::total_cmp);
     let prop_extents = size.extents * prop.scale[1];
     if (0..3).any(|k| prop_extents[k] > room[k]) {
-        problems.push(format!(
+        return Err(format!(
             "{name}: at {:.3} x {:.3} x {:.3} m the prop is larger than the control mesh ({:.3} x {:.3} x {:.3} m); scale one of \
              them, and check that both files are in metres",
             prop_extents.x, prop_extents.y, prop_extents.z, room[0], room[1], room[2]
         ));
     }
+    Ok(())
 }
 
 /// By weight, at the middle of each scale range.

@@ -57,10 +57,8 @@ pub struct Inputs<'a> {
 }
 
 /// The frames in SI, from the props' own frames. Shape `[frame][body]`.
-pub fn prop_frames(pile: &Pile, shapes: &[Shape], bodies: &[Placed]) -> Vec<Vec<Pose>> {
-    let units = pile.world.units;
-    let prop_pose = |(pose, b): (&Pose, &Placed)| shapes[b.prop].prop_pose(&units.pose_to_si(pose), b.scale);
-    pile.recorder.frames.iter().map(|frame| frame.iter().zip(bodies).map(prop_pose).collect()).collect()
+pub fn prop_frames(pile: &Pile) -> Vec<Vec<Pose>> {
+    (0..pile.recorder.frames.len()).map(|number| pile.prop_frame(number).collect()).collect()
 }
 
 /// Measures the pile.

@@ -5,12 +5,12 @@ mod pour;
 
 use crate::Error;
 use crate::container::Container;
-use crate::observer::{Observer, Progress, Stage, observe};
+use crate::observer::{Frame, Observer, Progress, Shown, Stage, observe};
 use crate::params::{Fill as FillParams, FillMethod, Params};
 use crate::pose::Pose;
 use crate::scene::Scene;
 use crate::shape::{Shape, Size, Solid};
-use crate::world::{BodyId, Insertion, Units, World};
+use crate::world::{BodyId, Insertion, Role, Units, World, WorldBody};
 use glam::{DQuat, DVec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -53,6 +53,8 @@ pub(crate) struct Filling<'a> {
     pub removed: Removed,
     /// Bodies that the container is expected to take.
     pub expected: usize,
+    /// Frames shown; `None` where none are to be.
+    shown: Option<usize>,
 }
 
 /// Share of the volume that props usually fill.
@@ -113,6 +115,7 @@ pub(crate) fn pour_only(
     observer: &mut dyn Observer,
 ) -> Result<Vec<Placed>, Error> {
     let mut filling = Filling::new(scene, shapes, params, units, container);
+    filling.shown = None;
     pour::run(&mut filling, observer)?;
     Ok(filling.world.present().map(|id| filling.placed(id)).collect())
 }
@@ -155,6 +158,7 @@ impl<'a> Filling<'a> {
             rng: Pcg64Mcg::seed_from_u64(params.seed),
             removed: Removed::default(),
             expected,
+            shown: Some(0),
         }
     }
 
@@ -190,9 +194,27 @@ impl<'a> Filling<'a> {
         let steps = (time / self.world.step_length()).ceil() as usize;
         for _ in 0..steps {
             self.world.step();
+            self.show(observer);
             self.tell(observer)?;
         }
         Ok(())
+    }
+
+    /// Shows the bodies at the frame rate, at the end of the step that a frame falls into.
+    fn show(&mut self, observer: &mut dyn Observer) {
+        let Some(number) = self.shown.filter(|_| observer.wants_frames()) else { return };
+        let units = self.world.units;
+        let time = self.world.steps as f64 * self.world.step_length() * units.time;
+        if time * self.params.output.fps < number as f64 {
+            return;
+        }
+        let shown = |(id, body): (BodyId, &WorldBody)| {
+            let pose = || self.shapes[body.prop].prop_pose(&units.pose_to_si(&self.world.pose(id)), body.scale);
+            (body.role != Role::Gone).then(|| Shown { prop: body.prop, scale: body.scale, pose: pose() })
+        };
+        let bodies: Vec<Option<Shown>> = self.world.bodies().iter().enumerate().map(shown).collect();
+        observer.frame(&Frame { stage: Stage::Fill, number, time, bodies: &bodies });
+        self.shown = Some(number + 1);
     }
 
     pub fn tell(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {

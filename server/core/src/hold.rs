@@ -52,6 +52,7 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
     if let Some(n) = params.output.frames {
         pile.recorder.hold((n as usize).saturating_sub(pile.recorder.count()));
         pile.recorder.frames.truncate(n as usize + 1);
+        pile.show(observer, Stage::Hold);
     }
     Ok(Held { at_rest, resting_speed_max: top_speed.max(pile.top_speed) })
 }

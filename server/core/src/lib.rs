@@ -18,6 +18,7 @@ pub mod observer;
 pub mod params;
 pub mod plan;
 pub mod pose;
+pub mod problem;
 pub mod record;
 pub mod region;
 pub mod release;
@@ -36,6 +37,7 @@ use fill::Filled;
 use observer::{Observer, Stage};
 use params::Params;
 use plan::Plan;
+use problem::Problem;
 use scene::Scene;
 use shape::Shape;
 use std::collections::BTreeMap;
@@ -45,8 +47,8 @@ use world::Units;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The scene or its parameters are at fault: every problem, each naming its place and the remedy.
-    #[error("{}", .0.join("\n"))]
-    Invalid(Vec<String>),
+    #[error("{}", .0.iter().map(Problem::to_string).collect::<Vec<_>>().join("\n"))]
+    Invalid(Vec<Problem>),
     #[error("cancelled")]
     Cancelled,
     /// Our fault.
@@ -88,10 +90,11 @@ pub fn fill_container(scene: &Scene, params: &Params, observer: &mut dyn Observe
 
     let filled = fill::run(scene, &shapes, params, units, &container, observer)?;
     if filled.bodies.is_empty() {
-        return Err(Error::Invalid(vec![format!(
+        let text = format!(
             "{}: not one prop found room inside; make the control mesh larger, or the props smaller",
             scene.control.name
-        )]));
+        );
+        return Err(Error::Invalid(vec![Problem::new("control_mesh", text)]));
     }
     clock.lap(Stage::Fill, observer);
     Ok(FullContainer { checked, shapes, units, container, filled, seconds: clock.into_seconds() })
@@ -117,7 +120,7 @@ pub fn release_pile(
     clock.lap(Stage::Hold, observer);
 
     let bodies = filled.bodies.iter().map(|b| Body { prop: b.prop, scale: b.scale }).collect();
-    let frames = figures::prop_frames(&pile, shapes, &filled.bodies);
+    let frames = figures::prop_frames(&pile);
     let inputs = figures::Inputs { scene, params, plan, shapes, control: &checked.control, container, filled, held };
     let mut report = figures::report(&inputs, &mut pile, &frames, observer)?;
     clock.lap(Stage::Measure, observer);

@@ -1,5 +1,6 @@
-//! How a running bake talks to its caller: progress out, cancel and the clock in.
+//! How a running bake talks to its caller: progress and frames out, cancel and the clock in.
 
+use crate::pose::Pose;
 use std::ops::ControlFlow;
 
 /// The stages of a bake, in their order.
@@ -30,6 +31,30 @@ pub struct Progress {
     pub nails: usize,
 }
 
+/// The bodies at a moment, told while the bake runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// [`Stage::Fill`], [`Stage::Release`] or [`Stage::Hold`].
+    pub stage: Stage,
+    /// From the release on, that of the result's frame. The fill counts its own frames from 0.
+    pub number: usize,
+    /// Since the fill began or since turning over, s.
+    pub time: f64,
+    /// Shape `[body]`; `None` where a body has been taken out. The fill's indices are not those of the result.
+    pub bodies: &'a [Option<Shown>],
+}
+
+/// One body of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shown {
+    /// Index into the scene's props.
+    pub prop: usize,
+    /// Uniform scale of the prop: bodies grow during the fill.
+    pub scale: f64,
+    /// From the prop's own frame, scaled, to the world; metres.
+    pub pose: Pose,
+}
+
 /// What a bake asks of its caller.
 pub trait Observer {
     /// Called at least once per step; `Break` cancels the bake.
@@ -38,6 +63,14 @@ pub trait Observer {
     /// CPU seconds used so far by this thread or process: the core has no clock of its own. Used for the report
     /// only; the result never depends on it.
     fn cpu_seconds(&mut self) -> f64;
+
+    /// Whether [`Observer::frame`] is to be called. Frames that nobody wants cost nothing.
+    fn wants_frames(&self) -> bool {
+        false
+    }
+
+    /// A frame is there: in order, the fill's at the result's frame rate, then each of the result.
+    fn frame(&mut self, _: &Frame) {}
 }
 
 /// Watches nothing and never cancels; its clock stands still.

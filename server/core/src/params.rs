@@ -4,6 +4,8 @@
 //! a prop's thickness where said so; times called *natural* are in units of `t = sqrt(d / g)`. A pile
 //! of 1 cm props and one of 1 m props therefore take the same steps (method.md, Parameters).
 
+use crate::problem::Problem;
+
 /// The parameters of a bake. [`Params::new`] gives an accuracy preset's; every field may be changed.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Params {
@@ -305,8 +307,8 @@ impl Params {
         Physics { substeps: self.physics.substeps.div_ceil(2), ..self.physics.clone() }
     }
 
-    /// What is out of range, each with the field's path and what to give instead.
-    pub fn problems(&self) -> Vec<String> {
+    /// What is out of range, and what to give instead.
+    pub fn problems(&self) -> Vec<Problem> {
         let time = |t: Time| match t {
             Time::Natural(t) | Time::Seconds(t) => t,
         };
@@ -347,10 +349,12 @@ impl Params {
             ("output.frames", f64::from(self.output.frames.unwrap_or(0)), 0.0, 100_000.0),
         ];
         let bad = ranges.into_iter().filter(|(_, value, lo, hi)| !(lo..=hi).contains(&value));
-        let mut problems: Vec<String> =
-            bad.map(|(name, value, lo, hi)| format!("{name}: {value} is out of range; give {lo} to {hi}")).collect();
+        let told =
+            |(name, value, lo, hi)| Problem::new(name, format!("{name}: {value} is out of range; give {lo} to {hi}"));
+        let mut problems: Vec<Problem> = bad.map(told).collect();
         if self.control.speed.is_nan() || self.control.speed <= 0.0 {
-            problems.push(format!("control.speed: {} is out of range; give a speed above 0", self.control.speed));
+            let text = format!("control.speed: {} is out of range; give a speed above 0", self.control.speed);
+            problems.push(Problem::new("control.speed", text));
         }
         problems
     }

@@ -4,8 +4,9 @@
 use crate::Error;
 use crate::control::Control;
 use crate::fill::Placed;
-use crate::observer::{Observer, Progress, Stage, observe};
-use crate::params::Params;
+use crate::observer::{Frame, Observer, Progress, Shown, Stage, observe};
+use crate::params::{Output, Params};
+use crate::pose::Pose;
 use crate::record::Recorder;
 use crate::scene::Scene;
 use crate::shape::Shape;
@@ -30,15 +31,20 @@ pub struct Pile<'a> {
     /// Bodies set aside because their state became non-finite.
     pub lost: Vec<BodyId>,
     damping: f64,
+    shapes: &'a [Shape],
+    bodies: &'a [Placed],
+    output: &'a Output,
+    /// Frames shown.
+    shown: usize,
 }
 
 /// The pile right after turning over: every body waits in place on the ground or in the air.
 pub fn turn_over<'a>(
     scene: &Scene,
-    shapes: &[Shape],
+    shapes: &'a [Shape],
     params: &'a Params,
     units: Units,
-    bodies: &[Placed],
+    bodies: &'a [Placed],
     ground: f64,
     control: Control<'a>,
 ) -> Result<Pile<'a>, Error> {
@@ -70,6 +76,10 @@ pub fn turn_over<'a>(
         step_seconds: 0.0,
         lost: Vec::new(),
         damping: params.release.damping,
+        shapes,
+        bodies,
+        output: &params.output,
+        shown: 0,
     })
 }
 
@@ -79,6 +89,7 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
         (pile.world.units.duration(params.release.interval) / pile.world.step_length()).round().max(1.0) as u64;
     let layers = layers(&pile.world, params.release.layer);
     let total = layers.len() as u64 * interval;
+    pile.show(observer, Stage::Release);
     for layer in layers {
         for id in layer {
             pile.control.release(id);
@@ -105,6 +116,29 @@ fn layers(world: &World, thickness: f64) -> Vec<Vec<BodyId>> {
 }
 
 impl Pile<'_> {
+    /// A recorded frame in SI, from the props' own frames. Shape `[body]`.
+    pub fn prop_frame(&self, number: usize) -> impl Iterator<Item = Pose> {
+        let units = self.world.units;
+        let frame = self.recorder.frames[number].iter().zip(self.bodies);
+        frame.map(move |(pose, b)| self.shapes[b.prop].prop_pose(&units.pose_to_si(pose), b.scale))
+    }
+
+    /// Shows the frames that were recorded since, except those that the result will not have.
+    pub fn show(&mut self, observer: &mut dyn Observer, stage: Stage) {
+        if !observer.wants_frames() {
+            return;
+        }
+        let last = self.output.frames.map_or(usize::MAX, |n| n as usize);
+        while self.shown < self.recorder.frames.len() && self.shown <= last {
+            let number = self.shown;
+            let shown = |(pose, b): (Pose, &Placed)| Some(Shown { prop: b.prop, scale: b.scale, pose });
+            let bodies: Vec<Option<Shown>> = self.prop_frame(number).zip(self.bodies).map(shown).collect();
+            let time = number as f64 / self.output.fps;
+            observer.frame(&Frame { stage, number, time, bodies: &bodies });
+            self.shown += 1;
+        }
+    }
+
     /// Lets what still rolls or rattles come to rest, anywhere: every released body is damped by this much, and the
     /// control goes on to choose for those that it judges.
     pub fn quieten(&mut self, damping: f64) {
@@ -135,6 +169,7 @@ impl Pile<'_> {
         self.step_seconds += stepped - controlled;
         self.step += 1;
         self.recorder.step(&self.world);
+        self.show(observer, stage);
         self.top_speed = self.world.present().map(|id| self.world.speed(id)).fold(0.0, f64::max);
         self.active_body_steps += self.world.present().filter(|&id| self.world.is_awake(id)).count() as u64;
         let bodies = self.world.present().count();

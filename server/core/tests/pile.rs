@@ -187,6 +187,6 @@ fn all_problems_of_a_scene_are_told_at_once() {
     params.physics.substeps = 0;
     let Err(cairn_core::Error::Invalid(problems)) = cairn_core::plan(&scene, &params) else { panic!("accepted") };
     for part in ["physics.substeps", "is open", "weight", "larger than the control mesh"] {
-        assert!(problems.iter().any(|p| p.contains(part)), "{part} is missing in {problems:#?}");
+        assert!(problems.iter().any(|p| p.text.contains(part)), "{part} is missing in {problems:#?}");
     }
 }

@@ -1,15 +1,14 @@
 //! `cairn bake`: the main job.
 
 use super::progress::{Mode, Reporter};
+use super::remote::{self, Access, Wanted};
 use super::scene_args::SceneArgs;
-use super::{Failure, interrupt, machine, output, report, summary, tell};
+use super::{Failure, interrupt, output, summary, tell};
 use crate::export;
-use crate::job::{Job, effective};
+use crate::job::{Job, Outcome};
 use crate::problem::Problem;
-use crate::scene_file::SceneTree;
 use anstyle::AnsiColor;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Fill a shape with props and write their motion
 #[derive(clap::Args)]
@@ -18,6 +17,7 @@ Examples:
   cairn bake --control dome.glb --prop stick.glb -o pile.glb
   cairn bake pile.toml -o pile.glb --seed 7 --report report.json
   cairn bake pile.toml -o fallen.glb --set control=off
+  cairn bake pile.toml -o pile.glb --server farm:50151 --token-file token
 
 The first frame is the pile right after turning over. A result appears complete or not at all; Ctrl-C leaves nothing
 behind.")]
@@ -40,36 +40,41 @@ pub struct Args {
     /// Tell nothing but errors
     #[arg(short, long)]
     quiet: bool,
+
+    /// Bake on a server: HOST:PORT or unix:PATH of a `cairn serve`
+    #[arg(long, value_name = "ADDRESS", help_heading = "Server")]
+    server: Option<String>,
+
+    #[command(flatten)]
+    access: Access,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let began = Instant::now();
     interrupt::listen();
     let format = export::check_destination(&args.output)?;
     let scene = args.scene.tree()?.to_message();
+    if let Some(server) = &args.server {
+        let files = remote::Files::read(&scene)?;
+        check_outputs(args, files.paths())?;
+        let (output, report) = (Some(&*args.output), args.report.as_deref());
+        let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
+        return remote::bake(&args.access.at(server)?, scene, files, format, &wanted);
+    }
     let job = Job::read(&scene).map_err(Failure::Input)?;
-    check_outputs(args, &job)?;
-    let read_seconds = machine::cpu_seconds();
+    check_outputs(args, job.inputs())?;
 
     let mut reporter = Reporter::new(if args.quiet { Mode::None } else { args.progress });
-    let baked = cairn_core::bake(&job.scene, &job.params, &mut reporter);
-    reporter.finish(baked.is_ok());
-    let bake = baked?;
-
-    let baked_at = machine::cpu_seconds();
-    let result = export::encode(format, &bake, &job.export_scene())?;
-    let around = [("read", read_seconds), ("encode", machine::cpu_seconds() - baked_at)];
-    let report = args.report.as_deref().map(|path| {
-        let scene = SceneTree::from_message(&effective(&scene, &job.params));
-        (path, format!("{:#}\n", report::json(&bake, &scene, &job.notes, &args.output, &around, began)))
-    });
-    write(&args.output, &result, report)?;
+    let done = job.run(format, &args.output.display().to_string(), &mut reporter);
+    reporter.finish(done.is_ok());
+    let Outcome { bake, result, report, seconds, .. } = done?;
+    write(&args.output, &result, args.report.as_deref().map(|path| (path, report)))?;
 
     if !args.quiet {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
             tell("warning", AnsiColor::Yellow, warning);
         }
-        for line in summary::lines(&bake.report, bake.frames.len(), began.elapsed().as_secs_f64(), &args.output) {
+        let measure = |name: &str| bake.report.measures.get(name).copied().flatten();
+        for line in summary::lines(bake.report.bodies, bake.frames.len(), measure, seconds, &args.output) {
             anstream::eprintln!("{line}");
         }
     }
@@ -77,8 +82,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Both files can be written: asked before the long part.
-fn check_outputs(args: &Args, job: &Job) -> Result<(), Failure> {
-    let mut inputs = job.inputs();
+fn check_outputs(args: &Args, mut inputs: Vec<PathBuf>) -> Result<(), Failure> {
     inputs.extend(args.scene.scene.clone());
     output::check(&args.output, &inputs)?;
     if let Some(report) = &args.report {
@@ -93,7 +97,7 @@ fn check_outputs(args: &Args, job: &Job) -> Result<(), Failure> {
 }
 
 /// Writes result and report: both or none.
-fn write(output: &Path, result: &[u8], report: Option<(&Path, String)>) -> Result<(), Failure> {
+pub fn write(output: &Path, result: &[u8], report: Option<(&Path, String)>) -> Result<(), Failure> {
     let _complete = interrupt::shield();
     if interrupt::asked() {
         return Err(Failure::Cancelled);

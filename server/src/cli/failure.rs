@@ -1,6 +1,7 @@
 //! Why a command ends without its result, and the exit code that says so.
 
 use crate::export::ExportError;
+use crate::job;
 use crate::problem::Problem;
 use std::fmt::Display;
 use std::path::Path;
@@ -42,7 +43,7 @@ impl Failure {
             Failure::Internal(what) => vec![format!(
                 "internal error: {what}. This is a fault in Cairn, not in your scene. Please report it with this \
                  message, the scene and its files, and the version: {}.",
-                super::VERSION
+                crate::VERSION
             )],
             Failure::Cancelled => vec!["cancelled; nothing was written".into()],
         }
@@ -61,9 +62,18 @@ impl Failure {
 impl From<cairn_core::Error> for Failure {
     fn from(error: cairn_core::Error) -> Failure {
         match error {
-            cairn_core::Error::Invalid(sentences) => Failure::Input(sentences.into_iter().map(Problem::from).collect()),
+            cairn_core::Error::Invalid(problems) => Failure::Input(problems.into_iter().map(Problem::from).collect()),
             cairn_core::Error::Cancelled => Failure::Cancelled,
             cairn_core::Error::Internal(what) => Failure::Internal(what),
+        }
+    }
+}
+
+impl From<job::Error> for Failure {
+    fn from(error: job::Error) -> Failure {
+        match error {
+            job::Error::Bake(error) => error.into(),
+            job::Error::Export(error) => error.into(),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Ctrl-C: asks the bake to end; if it does not listen in time, ends the process.
+//! Ctrl-C and SIGTERM: ask the bake to end; if it does not listen in time, end the process.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -1,27 +1,27 @@
 //! The command line: one file per command, and what they share.
 
 mod bake;
+mod cancel;
 mod check;
 mod failure;
 mod fault;
 mod interrupt;
-mod machine;
 mod output;
 mod progress;
+mod remote;
 mod render;
-mod report;
 mod scene;
 mod scene_args;
+mod serve;
 mod summary;
+mod watch;
+mod worker;
 
 use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
 use clap::{Parser, Subcommand};
 pub use failure::Failure;
 use std::process::ExitCode;
-
-/// The version as `--version` and reports tell it.
-pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Bakes piles of props in the shape of a mesh.
 ///
@@ -38,9 +38,14 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Bake(bake::Args),
+    Cancel(cancel::Args),
     Check(check::Args),
     Render(render::Args),
     Scene(scene::Args),
+    Serve(serve::Args),
+    Watch(watch::Args),
+    #[command(hide = true)]
+    Worker(worker::Args),
 }
 
 const EXAMPLES: &str = "\
@@ -61,9 +66,13 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = fault::contain(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
+        Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(args) => scene::run(&args),
+        Command::Serve(args) => serve::run(&args),
+        Command::Watch(args) => watch::run(&args),
+        Command::Worker(args) => worker::run(&args),
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,7 +1,9 @@
 //! How far a bake is, told on stderr; and its cancel and clock.
 
-use super::{interrupt, machine};
-use cairn_core::observer::{Observer, Progress, Stage};
+use super::interrupt;
+use crate::machine;
+use crate::pace::{Pace, name};
+use cairn_core::observer::{Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
@@ -23,8 +25,7 @@ pub enum Mode {
 /// Watches a bake for the command line.
 pub struct Reporter {
     show: Show,
-    stage: Option<Stage>,
-    stage_began: Instant,
+    pace: Pace,
     told: Option<Instant>,
 }
 
@@ -44,15 +45,11 @@ impl Reporter {
             Mode::Json => Show::Json,
             Mode::None => Show::Nothing,
         };
-        Reporter { show, stage: None, stage_began: Instant::now(), told: None }
+        Reporter { show, pace: Pace::default(), told: None }
     }
 
     fn tell(&mut self, progress: &Progress) {
-        let began = self.stage != Some(progress.stage);
-        if began {
-            self.stage = Some(progress.stage);
-            self.stage_began = Instant::now();
-        }
+        let began = self.pace.follow(progress);
         let pause = self.told.map_or(Duration::MAX, |told| told.elapsed());
         match &mut self.show {
             Show::Bar(bar) => {
@@ -68,7 +65,7 @@ impl Reporter {
             }
             Show::Plain if pause >= Duration::from_secs(1) => {
                 let percent = progress.fraction * 100.0;
-                let left = self.seconds_left(progress).map(|left| format!("{left:.0} s left"));
+                let left = self.pace.remaining_seconds(progress).map(|left| format!("{left:.0} s left"));
                 let parts =
                     [Some(format!("{percent:.0} %")), Some(counts(progress)).filter(|text| !text.is_empty()), left];
                 eprintln!("{}: {}", name(progress.stage), parts.into_iter().flatten().collect::<Vec<_>>().join(", "));
@@ -82,21 +79,13 @@ impl Reporter {
                     "released": progress.released,
                     "at_rest": progress.at_rest,
                     "nails": progress.nails,
-                    "seconds_left": self.seconds_left(progress),
+                    "seconds_left": self.pace.remaining_seconds(progress),
                 });
                 eprintln!("{line}");
                 self.told = Some(Instant::now());
             }
             Show::Plain | Show::Json | Show::Nothing => {}
         }
-    }
-
-    /// Left in this stage, from its pace so far.
-    fn seconds_left(&self, progress: &Progress) -> Option<f64> {
-        /// Before this much is done, a stage's pace says little.
-        const TELLING: f64 = 0.02;
-        let spent = self.stage_began.elapsed().as_secs_f64();
-        (progress.fraction >= TELLING).then(|| spent / progress.fraction * (1.0 - progress.fraction))
     }
 
     /// Takes the bar off the screen, or fills it.
@@ -139,16 +128,6 @@ fn fill(bar: &ProgressBar) {
 fn style(time: &str) -> ProgressStyle {
     ProgressStyle::with_template(&format!("{{prefix:>8}} {{bar:24}} {{percent:>3}} %  {{msg}}  {time}"))
         .expect("the template is valid")
-}
-
-fn name(stage: Stage) -> &'static str {
-    match stage {
-        Stage::Shape => "shape",
-        Stage::Fill => "fill",
-        Stage::Release => "release",
-        Stage::Hold => "hold",
-        Stage::Measure => "measure",
-    }
 }
 
 /// What there is so far; a count of which there is nothing is left out.

@@ -1,14 +1,18 @@
 //! A bake's end in a few lines.
 
 use cairn_core::hold::REST_SPEED;
-use cairn_core::report::Report;
 use std::path::Path;
 
-/// What an artist wants to know, one entry per line.
-pub fn lines(report: &Report, frames: usize, seconds: f64, output: &Path) -> Vec<String> {
-    let measure = |name: &str| report.measures.get(name).copied().flatten();
+/// What an artist wants to know, one entry per line. `measure` gives the report's figures by name.
+pub fn lines(
+    bodies: usize,
+    frames: usize,
+    measure: impl Fn(&str) -> Option<f64>,
+    seconds: f64,
+    output: &Path,
+) -> Vec<String> {
     let percent = |value: f64| format!("{:.0} %", value * 100.0);
-    let mut lines = vec![format!("{} bodies, {} frames", report.bodies, frames)];
+    let mut lines = vec![format!("{bodies} bodies, {frames} frames")];
     if let Some(fill) = measure("fill_fraction") {
         lines[0] += &format!(", {} of the control mesh's volume", percent(fill));
     }

@@ -74,6 +74,14 @@ impl SceneTree {
         SceneTree { values: values.expect("every message has a JSON mapping") }
     }
 
+    /// What is wrong with a tree that came from a message: names that the schema does not have.
+    pub fn problems(&self) -> Vec<Problem> {
+        let place = |path: &str| path.to_owned();
+        let mut checker = Checker::new(&place);
+        checker.message(&schema::scene(), &self.values, "");
+        checker.problems.into_iter().map(|problem| Problem { field: problem.place.clone(), ..problem }).collect()
+    }
+
     pub fn to_message(&self) -> proto::Scene {
         let dynamic = DynamicMessage::deserialize(schema::scene(), &self.values).expect("the tree was checked");
         proto::Scene::decode(&dynamic.encode_to_vec()[..]).expect("the bytes are of this schema")

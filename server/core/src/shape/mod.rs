@@ -13,6 +13,7 @@ use crate::mesh::TriMesh;
 use crate::observer::{Observer, Progress, Stage, observe};
 use crate::params::{Params, Physics};
 use crate::pose::Pose;
+use crate::problem::Problem;
 use crate::report::ShapeReport;
 use crate::scene::{Prop, Scene};
 use crate::topology;
@@ -63,7 +64,8 @@ pub fn run(
     for (i, (prop, size)) in scene.props.iter().zip(&checked.sizes).enumerate() {
         let fraction = i as f64 / scene.props.len() as f64;
         observe(observer, &Progress { stage: Stage::Shape, fraction, bodies: 0, released: 0, at_rest: 0, nails: 0 })?;
-        shapes.push(Shape::new(prop, *size, &params.physics).map_err(|problem| Error::Invalid(vec![problem]))?);
+        let fault = |text| Error::Invalid(vec![Problem::new(format!("props.{i}"), text)]);
+        shapes.push(Shape::new(prop, *size, &params.physics).map_err(fault)?);
     }
     Ok(shapes)
 }

@@ -1,25 +1,25 @@
 //! `report.json`: the core's figures, what made them, and what they cost.
 
-use super::{VERSION, machine};
 use crate::scene_file::SceneTree;
+use crate::{VERSION, machine, proto};
 use cairn_core::bake::Bake;
 use serde_json::{Map, Value, json};
-use std::path::Path;
-use std::time::Instant;
 
 /// The report file's content. `around` are CPU seconds of what happens around the core's stages.
 pub fn json(
     bake: &Bake,
+    hash: blake3::Hash,
     scene: &SceneTree,
     notes: &[String],
-    output: &Path,
+    output: &str,
     around: &[(&str, f64)],
-    began: Instant,
+    wall_seconds: f64,
 ) -> Value {
     let mut report = Map::new();
-    report.insert("versions".into(), versions());
-    report.insert("output".into(), output.display().to_string().into());
-    report.insert("result_blake3".into(), result_hash(bake).to_hex().as_str().into());
+    let proto::Versions { cairn, rapier3d, clarabel } = versions();
+    report.insert("versions".into(), json!({ "cairn": cairn, "rapier3d": rapier3d, "clarabel": clarabel }));
+    report.insert("output".into(), output.into());
+    report.insert("result_blake3".into(), hash.to_hex().as_str().into());
     let figures = serde_json::to_value(&bake.report).expect("a report has a JSON form");
     for (name, value) in figures.as_object().into_iter().flatten() {
         // The effective scene below says the same in the scene file's own terms.
@@ -32,15 +32,19 @@ pub fn json(
     }
     report.insert("notes".into(), json!(notes));
     report.insert("scene".into(), scene.to_value());
-    report.insert("wall_seconds".into(), json!(began.elapsed().as_secs_f64()));
+    report.insert("wall_seconds".into(), json!(wall_seconds));
     report.insert("cpu_seconds".into(), json!(machine::cpu_seconds()));
     report.insert("peak_memory_bytes".into(), json!(machine::peak_memory()));
     Value::Object(report)
 }
 
 /// The versions that decide a result.
-fn versions() -> Value {
-    json!({ "cairn": VERSION, "rapier3d": env!("CAIRN_RAPIER3D"), "clarabel": env!("CAIRN_CLARABEL") })
+pub fn versions() -> proto::Versions {
+    proto::Versions {
+        cairn: VERSION.into(),
+        rapier3d: env!("CAIRN_RAPIER3D").into(),
+        clarabel: env!("CAIRN_CLARABEL").into(),
+    }
 }
 
 /// Hash of a result: equal for equal bodies and frames, to the last bit, whatever it is written as.

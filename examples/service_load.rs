@@ -1,0 +1,241 @@
+//! What the service costs, and what it bears: the figures of `examples/README.md`.
+//!
+//! ```text
+//! cargo build --release && cargo run --release --example service_load
+//! ```
+//!
+//! Times are this machine's at this moment: each comparison runs its two sides in turn.
+
+use anyhow::{Context, Result, ensure};
+use cairn::client::{Connection, Target};
+use cairn::proto::bake_event::Kind;
+use cairn::proto::pile_service_client::PileServiceClient;
+use cairn::proto::{Artifact, AssetReference, BakeRequest, BakeResponse, BakeSpec, DeleteBakeRequest, Summary};
+use cairn::scene_file::SceneTree;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tonic::transport::Endpoint;
+use tonic::{Code, Streaming};
+
+/// Bakes of the comparison with the command line.
+const PAIRS: i64 = 7;
+/// Short bakes that are timed up to their first progress.
+const FIRSTS: i64 = 30;
+const CALLERS: i64 = 1000;
+const STALL: Duration = Duration::from_secs(60);
+
+#[tokio::main]
+async fn main() -> Result<()> {
+    let folder = tempfile::tempdir()?;
+    let server = Server::start(folder.path(), &["--workers", "2", "--queue", "8"])?;
+    let mut connection = Connection::open(&server.target).await?;
+    let contents = ["cone-small.glb", "cone.glb", "stick.glb"].map(|name| std::fs::read(asset(name)));
+    let mut files = BTreeMap::new();
+    for content in contents {
+        let content = content?;
+        files.insert(sha256(&content), content.into());
+    }
+    connection.upload(&files).await?;
+    overhead(&server, &mut connection, folder.path()).await?;
+    first_progress(&mut connection).await?;
+    callers(&server, &connection).await?;
+    stalled(&server, &mut connection).await
+}
+
+/// The same bakes by `cairn bake` and through the service, all frames read; in turn.
+async fn overhead(server: &Server, connection: &mut Connection, folder: &Path) -> Result<()> {
+    let (mut ratios, mut near_seconds) = (Vec::new(), Vec::new());
+    for seed in 1..=PAIRS {
+        let near = folder.join("near.glb");
+        let began = Instant::now();
+        let mut bake = Command::new(program()?);
+        bake.args(["bake", "--control", "cone-small.glb", "--prop", "stick.glb", "--quiet", "-o"]).arg(&near);
+        bake.args(["--seed", &seed.to_string()]).current_dir(asset(""));
+        ensure!(bake.status()?.success(), "the bake failed");
+        let near_time = began.elapsed().as_secs_f64();
+
+        let began = Instant::now();
+        let request = request("cone-small.glb", &[&format!("seed={seed}")]);
+        let (id, _) = read(connection.service.bake(request).await?.into_inner()).await?;
+        let far = connection.download(&id, Artifact::Result).await?;
+        ratios.push(began.elapsed().as_secs_f64() / near_time);
+        near_seconds.push(near_time);
+        ensure!(std::fs::read(&near)? == far, "the results differ");
+    }
+    let [low, middle, high] = spread(&mut ratios);
+    println!(
+        "streaming: {middle:.3} ({low:.3} to {high:.3}) of the time of `cairn bake` ({:.1} s), {PAIRS} pairs, same bytes; \
+         server {:.0} MiB at most",
+        spread(&mut near_seconds)[1],
+        server.peak_mib()?
+    );
+    Ok(())
+}
+
+async fn first_progress(connection: &mut Connection) -> Result<()> {
+    let mut times = Vec::new();
+    for seed in 1..=FIRSTS {
+        let request = request("cone-small.glb", &["fill.count=5", &format!("seed={seed}")]);
+        let mut events = connection.service.bake(request).await?.into_inner();
+        let mut accepted = Instant::now();
+        while let Some(event) = events.message().await?.and_then(|response| response.event) {
+            match event.kind {
+                Some(Kind::Accepted(_)) => accepted = Instant::now(),
+                Some(Kind::Progress(_)) => break,
+                _ => {}
+            }
+        }
+        times.push(accepted.elapsed().as_secs_f64() * 1e3);
+        while events.message().await?.is_some() {}
+    }
+    let [low, middle, high] = spread(&mut times);
+    println!("first progress after accept: {middle:.0} ms ({low:.0} to {high:.0}), {FIRSTS} bakes");
+    Ok(())
+}
+
+/// A thousand calls at once, each for another bake.
+async fn callers(server: &Server, connection: &Connection) -> Result<()> {
+    let began = Instant::now();
+    let calls: Vec<_> = (0..CALLERS)
+        .map(|seed| {
+            let mut service = connection.service.clone();
+            let request = request("cone-small.glb", &["fill.count=5", &format!("seed={}", 1000 + seed)]);
+            tokio::spawn(async move {
+                let answer = service.bake(request).await;
+                (began.elapsed(), answer.map(tonic::Response::into_inner))
+            })
+        })
+        .collect();
+    let (mut refused, mut last, mut streams) = (0, Duration::ZERO, Vec::new());
+    for call in calls {
+        match call.await? {
+            (time, Err(status)) => {
+                ensure!(status.code() == Code::ResourceExhausted, "{status}");
+                refused += 1;
+                last = last.max(time);
+            }
+            (_, Ok(stream)) => streams.push(stream),
+        }
+    }
+    let served = streams.len();
+    for stream in streams {
+        read(stream).await?;
+    }
+    println!(
+        "{CALLERS} callers: {served} served, {refused} refused, the last after {:.2} s; server {:.0} MiB at most",
+        last.as_secs_f64(),
+        server.peak_mib()?
+    );
+    Ok(())
+}
+
+/// The same bake for a caller who reads and for one who does not, in steps per CPU second.
+async fn stalled(server: &Server, connection: &mut Connection) -> Result<()> {
+    let pace =
+        |summary: &Summary| (summary.counts["fill_steps"] + summary.counts["steps"]) as f64 / summary.cpu_seconds;
+    let spec = || request("cone.glb", &["output.fps=60"]);
+    let mut paces = Vec::new();
+    for _ in 0..2 {
+        let (id, summary) = read(connection.service.bake(spec()).await?.into_inner()).await?;
+        let reading = pace(&summary);
+        connection.service.delete_bake(DeleteBakeRequest { bake_id: id }).await?;
+
+        let channel = Endpoint::from_shared(format!("http://{}", server.target.address))?.connect().await?;
+        let stream = PileServiceClient::new(channel).bake(spec()).await?.into_inner();
+        tokio::time::sleep(STALL).await;
+        let memory = server.peak_mib()?;
+        let (id, summary) = read(stream).await?;
+        paces.push(pace(&summary) / reading);
+        println!(
+            "reader stalled for {} s: {:.0} steps per CPU second against {reading:.0}; server {memory:.0} MiB at most",
+            STALL.as_secs(),
+            pace(&summary)
+        );
+        connection.service.delete_bake(DeleteBakeRequest { bake_id: id }).await?;
+    }
+    let [low, middle, high] = spread(&mut paces);
+    println!("ratio {middle:.3} ({low:.3} to {high:.3})");
+    Ok(())
+}
+
+/// Reads a bake's stream to its end: the id and the summary.
+async fn read(mut events: Streaming<BakeResponse>) -> Result<(String, Summary)> {
+    let (mut id, mut summary) = (String::new(), None);
+    while let Some(response) = events.message().await? {
+        match response.event.and_then(|event| event.kind) {
+            Some(Kind::Accepted(accepted)) => id = accepted.bake_id,
+            Some(Kind::Summary(told)) => summary = Some(told),
+            _ => {}
+        }
+    }
+    Ok((id, summary.context("no summary")?))
+}
+
+fn request(control: &str, assignments: &[&str]) -> BakeRequest {
+    let mut tree = SceneTree::default();
+    let models = [format!("control_mesh={control}"), "props.0=stick.glb".into()];
+    for assignment in models.iter().map(String::as_str).chain(assignments.iter().copied()) {
+        tree.set(assignment).expect("the assignment is right");
+    }
+    let asset = |name: &str| AssetReference {
+        uri: name.into(),
+        sha256: sha256(&std::fs::read(asset(name)).expect("the example is there")),
+    };
+    let assets = [control, "stick.glb"].map(asset).into();
+    BakeRequest { spec: Some(BakeSpec { scene: Some(tree.to_message()), assets, ..Default::default() }), frames: 0 }
+}
+
+fn asset(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(name)
+}
+
+fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The program beside this example.
+fn program() -> Result<PathBuf> {
+    Ok(std::env::current_exe()?.parent().and_then(Path::parent).context("no folder")?.join("cairn"))
+}
+
+/// Lowest, middle and highest.
+fn spread(values: &mut [f64]) -> [f64; 3] {
+    values.sort_by(f64::total_cmp);
+    [values[0], values[values.len() / 2], values[values.len() - 1]]
+}
+
+/// A server that ends with the value.
+struct Server {
+    process: Child,
+    target: Target,
+}
+
+impl Server {
+    fn start(folder: &Path, args: &[&str]) -> Result<Server> {
+        let mut command = Command::new(program()?);
+        command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(folder.join("data")).args(args);
+        let mut process = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
+        let mut address = String::new();
+        BufReader::new(process.stdout.take().context("no output")?).read_line(&mut address)?;
+        let target = Target { address: address.trim().into(), ..Default::default() };
+        Ok(Server { process, target })
+    }
+
+    /// Its largest memory so far. Linux tells.
+    fn peak_mib(&self) -> Result<f64> {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id()))?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).context("no VmHWM")?;
+        Ok(line.trim().trim_end_matches(" kB").parse::<f64>()? / 1024.0)
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}

@@ -1,0 +1,279 @@
+//! The commands as clients of a server.
+
+use super::progress::{Mode, Reporter};
+use super::{Failure, bake, interrupt, output, summary, tell};
+use crate::client::{Connection, Target};
+use crate::export::Format;
+use crate::problem::Problem;
+use crate::proto::{Artifact, AssetReference, BakeSpec, OutputFormat, Scene, Summary, bake_event::Kind};
+use crate::worker::hex;
+use crate::{document, files, from_proto, job};
+use anstyle::AnsiColor;
+use bytes::Bytes;
+use cairn_core::observer::Observer;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use tonic::{Code, Status};
+use tonic_types::StatusExt;
+
+/// What opens the server's doors.
+#[derive(clap::Args)]
+pub struct Access {
+    /// File with the server's token; the variable CAIRN_TOKEN may hold the token itself
+    #[arg(long, value_name = "FILE", env = "CAIRN_TOKEN_FILE", help_heading = "Server")]
+    token_file: Option<PathBuf>,
+
+    /// Who signed the server's certificate, PEM: the connection is encrypted
+    #[arg(long, value_name = "FILE", env = "CAIRN_TLS_CA", help_heading = "Server")]
+    tls_ca: Option<PathBuf>,
+
+    /// Your certificate, PEM, where the server asks for one
+    #[arg(long, value_name = "FILE", requires = "tls_key", help_heading = "Server")]
+    tls_certificate: Option<PathBuf>,
+
+    /// Your certificate's key, PEM
+    #[arg(long, value_name = "FILE", requires = "tls_certificate", help_heading = "Server")]
+    tls_key: Option<PathBuf>,
+}
+
+impl Access {
+    /// A server at this address.
+    pub fn at(&self, address: &str) -> Result<Target, Failure> {
+        let read = |path: &Option<PathBuf>| path.as_deref().map(files::read).transpose();
+        let read = || {
+            let token = read(&self.token_file)?.map(|text| String::from_utf8_lossy(&text).trim().to_owned());
+            Ok(Target {
+                address: address.to_owned(),
+                token: token.or_else(|| std::env::var("CAIRN_TOKEN").ok()),
+                ca: read(&self.tls_ca)?,
+                identity: read(&self.tls_certificate)?.zip(read(&self.tls_key)?),
+            })
+        };
+        read().map_err(|problem: Problem| Failure::Usage(vec![problem]))
+    }
+}
+
+/// A bake on a server.
+#[derive(clap::Args)]
+pub struct RemoteBake {
+    /// The bake's id, as `cairn bake --server` tells it
+    id: String,
+
+    /// HOST:PORT or unix:PATH of a `cairn serve`
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50151", help_heading = "Server")]
+    server: String,
+
+    #[command(flatten)]
+    access: Access,
+}
+
+impl RemoteBake {
+    fn target(&self) -> Result<Target, Failure> {
+        self.access.at(&self.server)
+    }
+}
+
+/// What a finished bake is wanted for.
+pub struct Wanted<'a> {
+    pub output: Option<&'a Path>,
+    pub report: Option<&'a Path>,
+    pub progress: Mode,
+    pub quiet: bool,
+}
+
+/// The files of a scene, as a server needs them.
+pub struct Files {
+    references: Vec<AssetReference>,
+    contents: BTreeMap<String, Bytes>,
+}
+
+impl Files {
+    /// Reads all that the scene names, and what these files name. What is in them is the server's to judge.
+    pub fn read(scene: &Scene) -> Result<Files, Failure> {
+        let mut found = BTreeMap::new();
+        let mut problems = Vec::new();
+        for path in job::model_files(scene) {
+            match files::read(&path) {
+                Ok(bytes) => {
+                    let folder = path.parent().unwrap_or(Path::new(""));
+                    let beside = document::external_files(&bytes).unwrap_or_default();
+                    for path in beside.iter().filter_map(|relative| files::below(folder, relative)) {
+                        // A texture that is not there matters only to who needs it.
+                        if let Ok(bytes) = files::read(&path) {
+                            found.insert(path, bytes);
+                        }
+                    }
+                    found.insert(path, bytes);
+                }
+                Err(problem) => problems.push(problem),
+            }
+        }
+        if !problems.is_empty() {
+            return Err(Failure::Input(problems));
+        }
+        let mut files = Files { references: Vec::new(), contents: BTreeMap::new() };
+        for (path, bytes) in found {
+            let sha256 = hex(&Sha256::digest(&bytes));
+            files.references.push(AssetReference { uri: path.to_string_lossy().into_owned(), sha256: sha256.clone() });
+            files.contents.insert(sha256, bytes.into());
+        }
+        Ok(files)
+    }
+
+    pub fn paths(&self) -> Vec<PathBuf> {
+        self.references.iter().map(|reference| PathBuf::from(&reference.uri)).collect()
+    }
+}
+
+/// `cairn bake` on a server. Ctrl-C cancels it there.
+pub fn bake(target: &Target, scene: Scene, files: Files, format: Format, wanted: &Wanted) -> Result<(), Failure> {
+    let mut spec = BakeSpec { scene: Some(scene), assets: files.references, ..Default::default() };
+    spec.set_format(match format {
+        Format::Glb => OutputFormat::Glb,
+        Format::Json => OutputFormat::Json,
+        Format::Csv => OutputFormat::Csv,
+    });
+    talk(async {
+        let mut server = Connection::open(target).await?;
+        server.upload(&files.contents).await?;
+        let mut told = Told::new(wanted);
+        let baked = {
+            let mut connection = server.clone();
+            let bake = connection.bake(spec, |event| told.event(event.kind));
+            tokio::select! {
+                baked = bake => Some(baked),
+                () = interrupted() => None,
+            }
+        };
+        match baked {
+            Some(baked) => told.end(baked, &mut server).await,
+            None => {
+                server.cancel(&told.id).await?;
+                Err(Failure::Cancelled)
+            }
+        }
+    })
+}
+
+/// `cairn watch`. Ctrl-C ends the watching only.
+pub fn watch(bake: &RemoteBake, wanted: &Wanted) -> Result<(), Failure> {
+    let target = bake.target()?;
+    talk(async {
+        let mut server = Connection::open(&target).await?;
+        let mut told = Told::new(wanted);
+        let watched = tokio::select! {
+            watched = server.watch(&bake.id, |event| told.event(event.kind)) => watched,
+            () = interrupted() => return Err(Failure::Cancelled),
+        };
+        told.end(watched, &mut server).await
+    })
+}
+
+/// `cairn cancel`.
+pub fn cancel(bake: &RemoteBake) -> Result<(), Failure> {
+    let target = bake.target()?;
+    talk(async { Ok(Connection::open(&target).await?.cancel(&bake.id).await?) })
+}
+
+fn talk<T>(talk: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    runtime.map_err(|error| Failure::Internal(error.to_string()))?.block_on(talk)
+}
+
+async fn interrupted() {
+    while !interrupt::asked() {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+}
+
+/// What the server has told.
+struct Told<'a> {
+    wanted: &'a Wanted<'a>,
+    reporter: Reporter,
+    began: Instant,
+    id: String,
+    summary: Option<Summary>,
+}
+
+impl<'a> Told<'a> {
+    fn new(wanted: &'a Wanted) -> Told<'a> {
+        let reporter = Reporter::new(if wanted.quiet { Mode::None } else { wanted.progress });
+        Told { wanted, reporter, began: Instant::now(), id: String::new(), summary: None }
+    }
+
+    fn event(&mut self, kind: Option<Kind>) {
+        match kind {
+            Some(Kind::Accepted(accepted)) => {
+                self.id = accepted.bake_id;
+                if !self.wanted.quiet {
+                    anstream::eprintln!("bake {}", self.id);
+                }
+            }
+            Some(Kind::Progress(progress)) => {
+                // Ctrl-C is seen elsewhere.
+                let _ = self.reporter.progress(&from_proto::progress(&progress));
+            }
+            Some(Kind::Summary(summary)) => self.summary = Some(summary),
+            Some(Kind::BodyTable(_) | Kind::Frame(_)) | None => {}
+        }
+    }
+
+    /// Fetches the files and says how it went.
+    async fn end(mut self, ended: Result<String, Status>, server: &mut Connection) -> Result<(), Failure> {
+        self.reporter.finish(ended.is_ok());
+        let id = ended?;
+        let Wanted { output, report, quiet, .. } = *self.wanted;
+        let report = match report {
+            Some(path) => {
+                let text = server.download(&id, Artifact::Report).await?;
+                Some((path, String::from_utf8_lossy(&text).into_owned()))
+            }
+            None => None,
+        };
+        match (output, report) {
+            (Some(output), report) => {
+                bake::write(output, &server.download(&id, Artifact::Result).await?, report)?;
+            }
+            (None, Some((path, text))) => output::write(path, text.as_bytes())?,
+            (None, None) => {}
+        }
+        let Some(summary) = self.summary.filter(|_| !quiet) else { return Ok(()) };
+        for warning in &summary.warnings {
+            tell("warning", AnsiColor::Yellow, warning);
+        }
+        let count = |count: i32| usize::try_from(count).unwrap_or(0);
+        let measure = |name: &str| summary.measures.get(name).copied();
+        let (bodies, frames) = (count(summary.body_count), count(summary.frame_count));
+        let name = output.unwrap_or(Path::new("the pile"));
+        for line in summary::lines(bodies, frames, measure, self.began.elapsed().as_secs_f64(), name) {
+            anstream::eprintln!("{line}");
+        }
+        Ok(())
+    }
+}
+
+/// What the server refused, in the exit codes of a local bake.
+impl From<Status> for Failure {
+    fn from(status: Status) -> Failure {
+        let details = status.get_error_details();
+        let one = |remedy: &str| vec![Problem::new("", status.message(), remedy)];
+        match status.code() {
+            Code::InvalidArgument => {
+                let violations = details.bad_request().map(|request| &request.field_violations[..]).unwrap_or_default();
+                match violations {
+                    [] => Failure::Input(one("")),
+                    all => Failure::Input(all.iter().map(|v| Problem::from(v.description.clone())).collect()),
+                }
+            }
+            Code::Unauthenticated | Code::NotFound | Code::FailedPrecondition | Code::PermissionDenied => {
+                Failure::Usage(one(""))
+            }
+            Code::Cancelled => Failure::Cancelled,
+            Code::Internal => Failure::Internal(status.message().into()),
+            _ => Failure::TryAgain(Problem::new("the server", status.message(), "Try again.")),
+        }
+    }
+}

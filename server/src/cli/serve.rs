@@ -1,0 +1,198 @@
+//! `cairn serve`: the gRPC service.
+
+use super::{Failure, print};
+use crate::config::Config;
+use crate::problem::Problem;
+use crate::serve::{self, Secrets, ServeError};
+use crate::telemetry;
+use figment::Figment;
+use figment::providers::{Format, Serialized, Toml};
+use serde::Serialize;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tokio::sync::Notify;
+
+/// Serve bakes by gRPC, to pipeline tools and to Blender
+///
+/// Each setting may stand in a TOML file under the flag's name with underscores, in the environment, or here: the later
+/// wins. The addresses are printed once the server listens. SIGTERM and Ctrl-C let running bakes end, within the drain
+/// deadline; a second one ends the server at once.
+#[derive(clap::Args, Serialize)]
+#[command(after_help = "\
+Examples:
+  cairn serve
+  cairn serve --listen unix:/run/cairn/socket
+  cairn serve --listen 0.0.0.0:50151 --token-file token --tls-certificate cert.pem --tls-key key.pem")]
+pub struct Args {
+    /// TOML file with settings
+    #[arg(long, value_name = "FILE", env = "CAIRN_CONFIG")]
+    #[serde(skip)]
+    config: Option<PathBuf>,
+
+    /// HOST:PORT or unix:PATH; repeat it for several [default: 127.0.0.1:50151]
+    #[arg(long, value_name = "ADDRESS", env = "CAIRN_LISTEN", value_delimiter = ',')]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    listen: Vec<String>,
+
+    /// Where assets and bakes are kept [default: cairn-data]
+    #[arg(long, value_name = "FOLDER", env = "CAIRN_DATA")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    data: Option<PathBuf>,
+
+    /// File with the token that callers must have; the variable CAIRN_TOKEN may hold the token itself
+    #[arg(long, value_name = "FILE", env = "CAIRN_TOKEN_FILE")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    token_file: Option<PathBuf>,
+
+    /// The server's certificate, PEM
+    #[arg(long, value_name = "FILE", env = "CAIRN_TLS_CERTIFICATE")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tls_certificate: Option<PathBuf>,
+
+    /// The certificate's key, PEM
+    #[arg(long, value_name = "FILE", env = "CAIRN_TLS_KEY")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tls_key: Option<PathBuf>,
+
+    /// Who may sign callers' certificates, PEM: callers must then have one
+    #[arg(long, value_name = "FILE", env = "CAIRN_TLS_CLIENT_CA")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tls_client_ca: Option<PathBuf>,
+
+    /// Bakes that run at once; 0: one per core [default: 0]
+    #[arg(long, env = "CAIRN_WORKERS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    workers: Option<usize>,
+
+    /// Bakes that may wait besides; more are refused [default: 32]
+    #[arg(long, env = "CAIRN_QUEUE")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    queue: Option<usize>,
+
+    /// Threads of one bake; 0: one per core [default: 0]
+    #[arg(long, env = "CAIRN_THREADS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    threads: Option<usize>,
+
+    /// Memory of one bake, MiB; 0: not limited [default: 8192]
+    #[arg(long, value_name = "MIB", env = "CAIRN_BAKE_MEMORY_MIB")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bake_memory_mib: Option<u64>,
+
+    /// Time of one bake, s; 0: not limited [default: 86400]
+    #[arg(long, value_name = "SECONDS", env = "CAIRN_BAKE_SECONDS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bake_seconds: Option<u64>,
+
+    /// Largest asset, MiB [default: 256]
+    #[arg(long, value_name = "MIB", env = "CAIRN_ASSET_MIB")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    asset_mib: Option<u64>,
+
+    /// What assets and bakes may take together, MiB [default: 20480]
+    #[arg(long, value_name = "MIB", env = "CAIRN_STORE_MIB")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    store_mib: Option<u64>,
+
+    /// Assets and bakes that nobody used for so long go, days; 0: never [default: 30]
+    #[arg(long, value_name = "DAYS", env = "CAIRN_STORE_DAYS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    store_days: Option<u64>,
+
+    /// What becomes of bakes that ran when the server ended [default: restart]
+    #[arg(long, value_parser = ["restart", "fail"], env = "CAIRN_UNFINISHED")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unfinished: Option<String>,
+
+    /// How long running bakes may go on when the server is asked to end, s [default: 30]
+    #[arg(long, value_name = "SECONDS", env = "CAIRN_DRAIN_SECONDS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    drain_seconds: Option<u64>,
+
+    /// Address of Prometheus metrics, by HTTP [default: none]
+    #[arg(long, value_name = "HOST:PORT", env = "CAIRN_METRICS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    metrics: Option<SocketAddr>,
+
+    /// Form of the log lines on stderr; RUST_LOG chooses which [default: text]
+    #[arg(long, value_parser = ["text", "json"], env = "CAIRN_LOG")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    log: Option<String>,
+
+    /// The program that bakes, in the place of this one
+    #[arg(long, hide = true)]
+    #[serde(skip)]
+    worker_program: Option<PathBuf>,
+}
+
+impl Args {
+    /// Defaults, then the file, then environment and flags.
+    fn config(&self) -> Result<Config, Failure> {
+        let mut figment = Figment::from(Serialized::defaults(Config::default()));
+        if let Some(path) = &self.config {
+            figment = figment.merge(Toml::file_exact(path));
+        }
+        let config: Config = figment.merge(Serialized::defaults(self)).extract().map_err(|errors| {
+            let problem = |error: figment::Error| {
+                let place = self.config.as_ref().map_or("settings".into(), |path| path.display().to_string());
+                Problem::new(place, error.to_string(), "See cairn serve --help for the settings.")
+            };
+            Failure::Usage(errors.into_iter().map(problem).collect())
+        })?;
+        Ok(Config { worker_program: self.worker_program.clone(), ..config })
+    }
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let config = args.config()?;
+    let token = std::env::var("CAIRN_TOKEN").ok();
+    telemetry::log(config.log);
+    let runtime = tokio::runtime::Runtime::new().map_err(|error| Failure::Internal(error.to_string()))?;
+    runtime.block_on(async {
+        let secrets = Secrets::read(&config, token)?;
+        let listeners = serve::bind(&config, &secrets).await?;
+        let store = serve::open_store(&config)?;
+        telemetry::metrics(&config).map_err(|error| {
+            let remedy = "Choose a free port and an address of this machine.";
+            Failure::Usage(vec![Problem::new("metrics", error.to_string(), remedy)])
+        })?;
+        let end = asked_to_end();
+        for listener in &listeners {
+            print(&format!("{}\n", listener.address()))?;
+        }
+        Ok(serve::run(listeners, end, config, secrets, store).await?)
+    })
+}
+
+/// Resolves at SIGTERM or Ctrl-C, which are ours from the call on. A second one ends the process.
+fn asked_to_end() -> impl Future<Output = ()> {
+    let asked = Arc::new(Notify::new());
+    let waiting = asked.clone();
+    let handled = ctrlc::set_handler(move || {
+        static ASKED: AtomicBool = AtomicBool::new(false);
+        if ASKED.swap(true, Ordering::SeqCst) {
+            std::process::exit(130);
+        }
+        waiting.notify_one();
+    });
+    async move {
+        match handled {
+            Ok(()) => asked.notified().await,
+            // Without a handler the signals end the process, if less politely.
+            Err(_) => std::future::pending().await,
+        }
+    }
+}
+
+impl From<ServeError> for Failure {
+    fn from(error: ServeError) -> Failure {
+        match error {
+            ServeError::Settings(problems) => Failure::Usage(problems),
+            ServeError::Failed(what) => {
+                Failure::TryAgain(Problem::new("the server", what, "See the log, and start it again."))
+            }
+        }
+    }
+}

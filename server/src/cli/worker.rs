@@ -1,0 +1,45 @@
+//! `cairn worker`: one bake for a server, which starts it. Not for the command line.
+
+use super::Failure;
+use crate::worker::{self, News};
+use std::path::PathBuf;
+
+/// Bake in a folder of a server's store
+#[derive(clap::Args)]
+pub struct Args {
+    task: Task,
+    folder: PathBuf,
+
+    /// Most memory to use, bytes
+    #[arg(long)]
+    memory: Option<u64>,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Task {
+    Plan,
+    Bake,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    worker::end_with_server();
+    if let Some(bytes) = args.memory {
+        worker::limit_memory(bytes).map_err(|error| Failure::Internal(error.to_string()))?;
+    }
+    let result = match args.task {
+        Task::Plan => worker::plan(&args.folder),
+        Task::Bake => worker::bake(&args.folder),
+    };
+    match result {
+        Ok(()) => Ok(()),
+        Err(worker::Error::Invalid(invalid)) => {
+            worker::tell(News::Invalid(invalid));
+            Ok(())
+        }
+        Err(worker::Error::NotWritten(why)) => {
+            worker::tell(News::NotWritten(why));
+            Ok(())
+        }
+        Err(worker::Error::Internal(what)) => Err(Failure::Internal(what)),
+    }
+}

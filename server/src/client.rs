@@ -1,0 +1,186 @@
+//! The other end of the service: a connection to a `cairn serve`.
+
+use crate::proto::pile_service_client::PileServiceClient;
+use crate::proto::{
+    Artifact, AssetHeader, BakeEvent, BakeRequest, BakeSpec, CancelBakeRequest, DownloadResultRequest, FrameSelection,
+    GetServerInfoRequest, HaveAssetsRequest, UploadAssetRequest, WatchBakeRequest, bake_event::Kind,
+};
+use crate::service::PROTOCOL;
+use bytes::Bytes;
+use std::collections::BTreeMap;
+use std::time::Duration;
+use tokio_stream::StreamExt;
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::service::interceptor::InterceptedService;
+use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint, Identity};
+use tonic::{Code, Request, Status};
+
+/// How to reach a server.
+#[derive(Clone, Debug, Default)]
+pub struct Target {
+    /// `HOST:PORT` or `unix:PATH`; `https://HOST:PORT` for an encrypted connection without a `ca` of one's own.
+    pub address: String,
+    pub token: Option<String>,
+    /// Who signed the server's certificate, PEM: the connection is encrypted.
+    pub ca: Option<Vec<u8>>,
+    /// Certificate and key of the caller, PEM.
+    pub identity: Option<(Vec<u8>, Vec<u8>)>,
+}
+
+/// A connection.
+#[derive(Clone)]
+pub struct Connection {
+    pub service: PileServiceClient<InterceptedService<Channel, Token>>,
+}
+
+/// Adds the token to each call.
+#[derive(Clone)]
+pub struct Token(Option<MetadataValue<Ascii>>);
+
+impl tonic::service::Interceptor for Token {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        if let Some(token) = &self.0 {
+            request.metadata_mut().insert("authorization", token.clone());
+        }
+        Ok(request)
+    }
+}
+
+/// Bytes of a chunk of an upload.
+const CHUNK: usize = 64 << 10;
+/// A stream that broke off is taken up again so often in a row, after pauses that double from the first.
+const ATTEMPTS: u32 = 6;
+const FIRST_PAUSE: Duration = Duration::from_millis(200);
+
+impl Connection {
+    /// Connects, and makes sure that both sides understand each other.
+    pub async fn open(target: &Target) -> Result<Connection, Status> {
+        let wrong = |error: tonic::transport::Error| {
+            let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}")).unwrap_or_default();
+            Status::unavailable(format!("{}: {error}{cause}", target.address))
+        };
+        let has_scheme = target.address.starts_with("unix:") || target.address.contains("://");
+        let encrypted = target.ca.is_some() || target.identity.is_some() || target.address.starts_with("https://");
+        let uri = match has_scheme {
+            true => target.address.clone(),
+            false if encrypted => format!("https://{}", target.address),
+            false => format!("http://{}", target.address),
+        };
+        let mut endpoint = Endpoint::from_shared(uri).map_err(wrong)?.connect_timeout(Duration::from_secs(10));
+        if encrypted {
+            let mut tls = ClientTlsConfig::new();
+            if let Some(ca) = &target.ca {
+                tls = tls.ca_certificate(Certificate::from_pem(ca));
+            }
+            if let Some((certificate, key)) = &target.identity {
+                tls = tls.identity(Identity::from_pem(certificate, key));
+            }
+            endpoint = endpoint.tls_config(tls).map_err(wrong)?;
+        }
+        let token = target.token.as_ref().map(|token| format!("Bearer {token}").parse());
+        let token =
+            token.transpose().map_err(|_| Status::unauthenticated("the token holds characters of no header"))?;
+        let channel = endpoint.connect().await.map_err(wrong)?;
+        let mut service = PileServiceClient::with_interceptor(channel, Token(token));
+        service.get_server_info(GetServerInfoRequest { protocol_version: PROTOCOL }).await?;
+        Ok(Connection { service })
+    }
+
+    /// Uploads what the server does not have. By SHA-256.
+    pub async fn upload(&mut self, contents: &BTreeMap<String, Bytes>) -> Result<(), Status> {
+        let sha256 = contents.keys().cloned().collect();
+        let missing = self.service.have_assets(HaveAssetsRequest { sha256 }).await?.into_inner().missing_sha256;
+        for sha256 in missing {
+            let Some(content) = contents.get(&sha256).cloned() else { continue };
+            let header = AssetHeader { sha256, size_bytes: crate::to_proto::signed(content.len()) };
+            let first = UploadAssetRequest { header: Some(header), chunk: Bytes::new() };
+            let chunks = (0..content.len()).step_by(CHUNK).map(move |start| {
+                let end = content.len().min(start + CHUNK);
+                UploadAssetRequest { header: None, chunk: content.slice(start..end) }
+            });
+            self.service.upload_asset(tokio_stream::iter([first].into_iter().chain(chunks))).await?;
+        }
+        Ok(())
+    }
+
+    /// Bakes, and hands out the events without frames, to the end. Returns the bake's id.
+    pub async fn bake(&mut self, spec: BakeSpec, on_event: impl FnMut(BakeEvent)) -> Result<String, Status> {
+        let request = BakeRequest { spec: Some(spec), frames: FrameSelection::None.into() };
+        let events = self.service.bake(request).await?.into_inner();
+        let events = events.map(|response| response.map(|response| response.event));
+        self.follow(Box::pin(events), String::new(), on_event).await
+    }
+
+    /// Hands out the events of a bake, without frames, to the end.
+    pub async fn watch(&mut self, id: &str, on_event: impl FnMut(BakeEvent)) -> Result<String, Status> {
+        let events = self.events_from(id, 1).await?;
+        self.follow(events, id.to_owned(), on_event).await
+    }
+
+    async fn events_from(&mut self, id: &str, from: i64) -> Result<Events, Status> {
+        let frames = FrameSelection::None.into();
+        let request = WatchBakeRequest { bake_id: id.to_owned(), from_sequence_number: from, frames };
+        let events = self.service.watch_bake(request).await?.into_inner();
+        Ok(Box::pin(events.map(|response| response.map(|response| response.event))))
+    }
+
+    /// Takes a stream that breaks off up again where it did.
+    async fn follow(
+        &mut self,
+        mut events: Events,
+        mut id: String,
+        mut on_event: impl FnMut(BakeEvent),
+    ) -> Result<String, Status> {
+        let (mut last, mut attempts) = (0, 0);
+        loop {
+            let broken = match events.next().await {
+                None => return Ok(id),
+                Some(Ok(None)) => continue,
+                Some(Ok(Some(event))) => {
+                    if let Some(Kind::Accepted(accepted)) = &event.kind {
+                        id.clone_from(&accepted.bake_id);
+                    }
+                    last = last.max(event.sequence_number);
+                    attempts = 0;
+                    on_event(event);
+                    continue;
+                }
+                Some(Err(status)) => status,
+            };
+            // A connection that broke has an unknown or an unavailable server at its other end.
+            if id.is_empty() || !matches!(broken.code(), Code::Unavailable | Code::Unknown) {
+                return Err(broken);
+            }
+            events = loop {
+                if attempts == ATTEMPTS {
+                    return Err(broken);
+                }
+                tokio::time::sleep(FIRST_PAUSE * 2u32.pow(attempts)).await;
+                attempts += 1;
+                match self.events_from(&id, last + 1).await {
+                    Ok(events) => break events,
+                    Err(status) if matches!(status.code(), Code::Unavailable | Code::Unknown) => {}
+                    Err(status) => return Err(status),
+                }
+            };
+        }
+    }
+
+    pub async fn cancel(&mut self, id: &str) -> Result<(), Status> {
+        self.service.cancel_bake(CancelBakeRequest { bake_id: id.to_owned() }).await?;
+        Ok(())
+    }
+
+    /// A file of a finished bake.
+    pub async fn download(&mut self, id: &str, artifact: Artifact) -> Result<Vec<u8>, Status> {
+        let request = DownloadResultRequest { bake_id: id.to_owned(), artifact: artifact.into() };
+        let mut parts = self.service.download_result(request).await?.into_inner();
+        let mut file = Vec::new();
+        while let Some(part) = parts.message().await? {
+            file.extend_from_slice(&part.chunk);
+        }
+        Ok(file)
+    }
+}
+
+type Events = std::pin::Pin<Box<dyn tokio_stream::Stream<Item = Result<Option<BakeEvent>, Status>> + Send>>;

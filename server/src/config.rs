@@ -1,0 +1,125 @@
+//! What a server may be told: every setting with its unit, default and reason.
+
+use serde::{Deserialize, Serialize};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// The settings of `cairn serve`, as in its TOML file.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// `HOST:PORT` or `unix:PATH`. Default: 127.0.0.1:50151, which only this machine reaches.
+    pub listen: Vec<String>,
+    /// Where assets and bakes are kept. Default: `cairn-data` in the current folder.
+    pub data: PathBuf,
+    /// File with the token that callers must have. Required beyond loopback. Default: none.
+    pub token_file: Option<PathBuf>,
+    /// The server's certificate and key, PEM. Default: none, no encryption.
+    pub tls_certificate: Option<PathBuf>,
+    pub tls_key: Option<PathBuf>,
+    /// Certificates of those who may sign a caller's certificate, PEM: mutual TLS. Default: none.
+    pub tls_client_ca: Option<PathBuf>,
+    /// Bakes that run at once. Default: 0, one per core.
+    pub workers: usize,
+    /// Bakes that may wait besides. Default: 32.
+    pub queue: usize,
+    /// Threads of one bake. Default: 0, one per core: bakes share what is idle.
+    pub threads: usize,
+    /// Memory of one bake, MiB; 0: not limited. Default: 8192.
+    pub bake_memory_mib: u64,
+    /// Time of one bake, s; 0: not limited. Default: 86400, a day.
+    pub bake_seconds: u64,
+    /// Bytes of one asset, MiB. Default: 256.
+    pub asset_mib: u64,
+    /// What assets and bakes may take together, MiB. Default: 20480.
+    pub store_mib: u64,
+    /// Assets and bakes that nobody used for so long go, days; 0: never. Default: 30.
+    pub store_days: u64,
+    /// What becomes of the bakes that ran when the server ended. Default: restart.
+    pub unfinished: Unfinished,
+    /// How long running bakes may go on after the server was asked to end, s. Default: 30.
+    pub drain_seconds: u64,
+    /// Address of the Prometheus metrics, `HOST:PORT`, by HTTP. Default: none.
+    pub metrics: Option<SocketAddr>,
+    /// `text` or `json`. Default: text.
+    pub log: LogForm,
+    /// The program that bakes, by its command `worker`. Default: this one.
+    #[serde(skip)]
+    pub worker_program: Option<PathBuf>,
+}
+
+/// What becomes of bakes that a server left unfinished.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Unfinished {
+    /// They are baked again; the same bake tells the same events, so that its watchers find their place.
+    Restart,
+    /// They are reported as failed.
+    Fail,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LogForm {
+    Text,
+    Json,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        Config {
+            listen: vec!["127.0.0.1:50151".into()],
+            data: "cairn-data".into(),
+            token_file: None,
+            tls_certificate: None,
+            tls_key: None,
+            tls_client_ca: None,
+            workers: 0,
+            queue: 32,
+            threads: 0,
+            bake_memory_mib: 8192,
+            bake_seconds: 86_400,
+            asset_mib: 256,
+            store_mib: 20_480,
+            store_days: 30,
+            unfinished: Unfinished::Restart,
+            drain_seconds: 30,
+            metrics: None,
+            log: LogForm::Text,
+            worker_program: None,
+        }
+    }
+}
+
+/// Bytes of a chunk of an upload, at most.
+pub const MAX_CHUNK: usize = 1 << 20;
+
+impl Config {
+    pub fn workers(&self) -> usize {
+        match self.workers {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            n => n,
+        }
+    }
+
+    pub fn bake_memory(&self) -> Option<u64> {
+        Some(self.bake_memory_mib << 20).filter(|&bytes| bytes > 0)
+    }
+
+    pub fn bake_time(&self) -> Option<Duration> {
+        Some(Duration::from_secs(self.bake_seconds)).filter(|time| !time.is_zero())
+    }
+
+    pub fn asset_bytes(&self) -> u64 {
+        self.asset_mib << 20
+    }
+
+    pub fn store_bytes(&self) -> u64 {
+        self.store_mib << 20
+    }
+
+    pub fn store_time(&self) -> Option<Duration> {
+        Some(Duration::from_secs(self.store_days * 86_400)).filter(|time| !time.is_zero())
+    }
+}

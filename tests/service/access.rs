@@ -1,0 +1,201 @@
+//! Who gets in, and by which door.
+
+use crate::server::{Server, assert_fault, begin, channel, command, events, request, short, until};
+use cairn::client::{Connection, Target};
+use cairn::proto::BakeState;
+use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
+use std::io::{Read, Write};
+use tokio_stream::StreamExt;
+use tonic::Code;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_client::HealthClient;
+
+#[tokio::test]
+async fn a_token_is_asked_for_everywhere_but_at_health() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("token"), "open sesame\n").unwrap();
+    let server = Server::start_in(folder.path(), &["--token-file", "token"]);
+    for token in [None, Some("open"), Some("open sesame "), Some("")] {
+        let target = Target { token: token.map(str::to_owned), ..server.target() };
+        let refused = Connection::open(&target).await.err().unwrap();
+        assert_fault(&refused, Code::Unauthenticated, "TOKEN_INVALID");
+    }
+    let target = Target { token: Some("open sesame".into()), ..server.target() };
+    Connection::open(&target).await.unwrap();
+
+    let address = format!("http://{}", server.addresses[0]);
+    let mut health = HealthClient::new(channel(&address).await);
+    health.check(HealthCheckRequest { service: "cairn.v1.PileService".into() }).await.unwrap();
+    let unknown = health.check(HealthCheckRequest { service: "cairn.v1.Other".into() }).await.unwrap_err();
+    assert_eq!(unknown.code(), Code::NotFound);
+    assert!(services_v1(address).await.is_err(), "reflection needs the token");
+}
+
+#[test]
+fn no_open_port_beyond_this_machine() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |args: &[&str]| {
+        let done = command(folder.path()).args(args).output().unwrap();
+        (done.status.code(), String::from_utf8(done.stderr).unwrap())
+    };
+    let (code, told) = run(&["--listen", "0.0.0.0:0"]);
+    assert_eq!(code, Some(2));
+    assert!(told.contains("there is no token") && told.contains("--token-file"), "{told}");
+    let (code, told) = run(&["--listen", "nowhere", "--listen", "127.0.0.1:99999"]);
+    assert!(code == Some(2) && told.contains("nowhere") && told.contains("99999"), "{told}");
+    let (code, told) = run(&["--tls-key", "gone.pem", "--token-file", "gone"]);
+    assert!(code == Some(2) && told.contains("gone.pem") && told.contains("token_file"), "{told}");
+    assert!(told.contains("a certificate without its key"), "{told}");
+    assert!(!folder.path().join("data").exists(), "nothing is made before all is right");
+}
+
+#[tokio::test]
+async fn a_unix_socket() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = format!("unix:{}", folder.path().join("socket").display());
+    let mut server = Server::start_in(folder.path(), &["--listen", &socket]);
+    assert!(server.addresses.contains(&socket), "{:?}", server.addresses);
+    let mut by_port = server.ready().await;
+    let mut by_socket = Connection::open(&Target { address: socket.clone(), ..Default::default() }).await.unwrap();
+    let id = begin(&mut by_socket, short(1)).await;
+    until(&mut by_port, &id, BakeState::Succeeded).await;
+    // What a killed server leaves behind is no hindrance, and one that ends well leaves nothing.
+    server.signal("-KILL");
+    server.wait();
+    let mut server = Server::start_in(folder.path(), &["--listen", &socket]);
+    server.signal("-TERM");
+    assert_eq!(server.wait(), Some(0));
+    assert!(!folder.path().join("socket").exists());
+}
+
+/// An authority, and what it signed for a name: certificate and key, PEM.
+fn signed(name: &str) -> (String, String, String) {
+    let mut authority = CertificateParams::new(Vec::new()).unwrap();
+    authority.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+    let key = KeyPair::generate().unwrap();
+    let ca = authority.self_signed(&key).unwrap().pem();
+    let issuer = Issuer::new(authority, key);
+    let key = KeyPair::generate().unwrap();
+    let certificate = CertificateParams::new(vec![name.into()]).unwrap().signed_by(&key, &issuer).unwrap().pem();
+    (ca, certificate, key.serialize_pem())
+}
+
+#[tokio::test]
+async fn encrypted_and_with_certificates_on_both_sides() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    let (ca, certificate, key) = signed("localhost");
+    let (client_ca, client_certificate, client_key) = signed("artist");
+    let (other_ca, other_certificate, other_key) = signed("localhost");
+    for (name, text) in [("cert.pem", &certificate), ("key.pem", &key), ("clients.pem", &client_ca)] {
+        write(name, text);
+    }
+    let tls = ["--tls-certificate", "cert.pem", "--tls-key", "key.pem"];
+    let server = Server::start_in(folder.path(), &tls);
+    let address = |server: &Server| server.addresses[0].replace("127.0.0.1", "localhost");
+    let target = Target { address: address(&server), ca: Some(ca.into_bytes()), ..Default::default() };
+    let mut connection = Connection::open(&target).await.unwrap();
+    connection.service.list_bakes(cairn::proto::ListBakesRequest::default()).await.unwrap();
+    assert!(Connection::open(&Target { ca: Some(other_ca.into_bytes()), ..target.clone() }).await.is_err());
+    assert!(Connection::open(&server.target()).await.is_err(), "not without encryption");
+    drop(server);
+
+    let server = Server::start_in(folder.path(), &[&tls[..], &["--tls-client-ca", "clients.pem"]].concat());
+    let target = Target { address: address(&server), ..target };
+    let identity = |certificate: &str, key: &str| Some((certificate.as_bytes().to_vec(), key.as_bytes().to_vec()));
+    let known = Target { identity: identity(&client_certificate, &client_key), ..target.clone() };
+    Connection::open(&known).await.unwrap();
+    assert!(Connection::open(&target).await.is_err());
+    let unknown = Target { identity: identity(&other_certificate, &other_key), ..target };
+    assert!(Connection::open(&unknown).await.is_err());
+}
+
+async fn services_v1(address: String) -> Result<Vec<String>, tonic::Status> {
+    use tonic_reflection::pb::v1 as pb;
+    let mut client = pb::server_reflection_client::ServerReflectionClient::new(channel(&address).await);
+    let ask = pb::server_reflection_request::MessageRequest::ListServices(String::new());
+    let ask = pb::ServerReflectionRequest { host: String::new(), message_request: Some(ask) };
+    let mut answers = client.server_reflection_info(tokio_stream::iter([ask])).await?.into_inner();
+    use pb::server_reflection_response::MessageResponse::ListServicesResponse;
+    match answers.next().await.unwrap()?.message_response.unwrap() {
+        ListServicesResponse(list) => Ok(list.service.into_iter().map(|service| service.name).collect()),
+        other => panic!("{other:?}"),
+    }
+}
+
+async fn services_v1alpha(address: String) -> Vec<String> {
+    use tonic_reflection::pb::v1alpha as pb;
+    let mut client = pb::server_reflection_client::ServerReflectionClient::new(channel(&address).await);
+    let ask = pb::server_reflection_request::MessageRequest::ListServices(String::new());
+    let ask = pb::ServerReflectionRequest { host: String::new(), message_request: Some(ask) };
+    let mut answers = client.server_reflection_info(tokio_stream::iter([ask])).await.unwrap().into_inner();
+    use pb::server_reflection_response::MessageResponse::ListServicesResponse;
+    match answers.next().await.unwrap().unwrap().message_response.unwrap() {
+        ListServicesResponse(list) => list.service.into_iter().map(|service| service.name).collect(),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[tokio::test]
+async fn reflection_speaks_both_dialects() {
+    let server = Server::start(&[]);
+    let address = format!("http://{}", server.addresses[0]);
+    for services in [services_v1(address.clone()).await.unwrap(), services_v1alpha(address).await] {
+        assert!(services.contains(&"cairn.v1.PileService".to_owned()), "{services:?}");
+        assert!(services.contains(&"grpc.health.v1.Health".to_owned()), "{services:?}");
+    }
+}
+
+#[tokio::test]
+async fn settings_from_file_environment_and_flags() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("cairn.toml");
+    std::fs::write(&file, "workers = 5\nqueue = 6\nstore_mib = 7\n").unwrap();
+    let server = Server::start_in(folder.path(), &["--config", "cairn.toml", "--queue", "9"]);
+    let info = server.connect().await.service.get_server_info(cairn::proto::GetServerInfoRequest::default()).await;
+    let limits = info.unwrap().into_inner().limits.unwrap();
+    assert_eq!((limits.worker_count, limits.queue_size, limits.max_store_bytes), (5, 9, 7 << 20));
+    drop(server);
+
+    std::fs::write(&file, "workres = 5\n").unwrap();
+    let run = |name: &str, value: &str| {
+        let done = command(folder.path()).env(name, value).args(["--listen", "127.0.0.1:0"]).output().unwrap();
+        assert_eq!(done.status.code(), Some(2));
+        String::from_utf8(done.stderr).unwrap()
+    };
+    let told = run("CAIRN_CONFIG", "cairn.toml");
+    assert!(told.contains("workres") && told.contains("cairn.toml"), "{told}");
+    assert!(run("CAIRN_WORKERS", "many").contains("many"));
+}
+
+#[tokio::test]
+async fn metrics_tell_of_bakes() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let server = Server::start(&["--metrics", &port.to_string(), "--log", "json"]);
+    let mut connection = server.ready().await;
+    let (told, end) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+    end.unwrap();
+    let metrics = get(&port.to_string());
+    for line in ["cairn_bakes_total{outcome=\"succeeded\"} 1", "cairn_bodies_total 12", "cairn_bakes_running 0"] {
+        assert!(metrics.contains(line), "{metrics}");
+    }
+    for name in ["cairn_solves_total", "cairn_stage_cpu_seconds_total{stage=\"fill\"}", "cairn_bake_peak_memory_bytes"]
+    {
+        assert!(metrics.contains(name), "{metrics}");
+    }
+    // Each line about the bake carries its id.
+    let id = crate::server::accepted_id(&told);
+    let log = server.log();
+    let lines: Vec<serde_json::Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let of_bake = lines.iter().filter(|line| line["span"]["bake_id"] == id.as_str()).count();
+    assert!(of_bake >= 3, "{log}");
+}
+
+/// The body that a page of HTTP has.
+fn get(address: &str) -> String {
+    let mut stream = std::net::TcpStream::connect(address).unwrap();
+    write!(stream, "GET /metrics HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").unwrap();
+    let mut text = String::new();
+    stream.read_to_string(&mut text).unwrap();
+    text
+}

@@ -1,0 +1,93 @@
+//! The program as a client of the server.
+
+use crate::server::{PROGRAM, Server, asset, begin, endless, status, until};
+use cairn::proto::BakeState;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// Runs `cairn LINE` where the example models lie.
+fn cairn(folder: &Path, line: &str) -> Output {
+    for name in ["cone-small.glb", "stick.glb"] {
+        std::fs::copy(asset(name), folder.join(name)).unwrap();
+    }
+    let mut command = Command::new(PROGRAM);
+    command.args(line.split_whitespace()).current_dir(folder).env_remove("CAIRN_TOKEN").output().unwrap()
+}
+
+const SCENE: &str = "--control cone-small.glb --prop stick.glb --accuracy draft --set fill.count=12";
+
+#[test]
+fn the_same_bytes_from_near_and_far() {
+    let server = Server::start(&[]);
+    let far = &server.addresses[0];
+    for format in ["glb", "csv"] {
+        let near = cairn(server.folder(), &format!("bake {SCENE} -o near.{format}"));
+        assert!(near.status.success());
+        let done = cairn(server.folder(), &format!("bake {SCENE} -o far.{format} --report far.txt --server {far}"));
+        let told = String::from_utf8(done.stderr).unwrap();
+        assert_eq!(done.status.code(), Some(0), "{told}");
+        let read = |name: &str| std::fs::read(server.path(&format!("{name}.{format}"))).unwrap();
+        assert!(read("near") == read("far"), "the results differ");
+        assert!(told.contains("12 bodies") && told.starts_with("bake "), "{told}");
+
+        let id = told.lines().next().unwrap().strip_prefix("bake ").unwrap().to_owned();
+        let done = cairn(server.folder(), &format!("watch {id} -o again.{format} --quiet --server {far}"));
+        assert!(done.status.success() && done.stderr.is_empty(), "{done:?}");
+        assert!(read("again") == read("far"));
+    }
+}
+
+#[test]
+fn what_the_server_refuses_has_the_exit_codes_of_a_bake() {
+    let server = Server::start(&[]);
+    let far = &server.addresses[0];
+    let run = |line: String| {
+        let done = cairn(server.folder(), &line);
+        (done.status.code().unwrap(), String::from_utf8(done.stderr).unwrap())
+    };
+    let wrong = "--set physics.substeps=-1 --set props.0.weight=-1";
+    let (code, told) = run(format!("bake {SCENE} {wrong} -o far.glb --server {far}"));
+    assert!(code == 65 && told.contains("physics.substeps") && told.contains("weight"), "{told}");
+    let (code, told) = run(format!("bake {SCENE} --prop stik.glb -o far.glb --server {far}"));
+    assert!(code == 65 && told.contains("Did you mean stick.glb?"), "{told}");
+    let (code, told) = run(format!("watch nothing --server {far}"));
+    assert!(code == 2 && told.contains("nothing"), "{told}");
+    let (code, told) = run(format!("bake {SCENE} -o far.glb --server 127.0.0.1:9"));
+    assert!(code == 75 && told.contains("127.0.0.1:9"), "{told}");
+    assert!(!server.path("far.glb").exists());
+}
+
+#[tokio::test]
+async fn cancel_from_elsewhere() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let id = begin(&mut connection, endless(1)).await;
+    until(&mut connection, &id, BakeState::Running).await;
+    let far = &server.addresses[0];
+    assert!(cairn(server.folder(), &format!("cancel {id} --server {far}")).status.success());
+    assert_eq!(status(&mut connection, &id).await.state(), BakeState::Cancelled);
+    let done = cairn(server.folder(), &format!("watch {id} --server {far}"));
+    assert_eq!(done.status.code(), Some(130));
+}
+
+/// Ctrl-C ends the bake where it runs.
+#[tokio::test]
+async fn ctrl_c_cancels_on_the_server() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    cairn(server.folder(), "--version");
+    let line = format!("bake {SCENE} --set physics.step_natural=0.000001 -o far.glb --server {}", server.addresses[0]);
+    let mut bake = Command::new(PROGRAM);
+    let mut bake = bake.args(line.split_whitespace()).current_dir(server.folder()).spawn().unwrap();
+    let list = || cairn::proto::ListBakesRequest::default();
+    let id = loop {
+        let bakes = connection.service.list_bakes(list()).await.unwrap().into_inner().bakes;
+        if let Some(bake) = bakes.first().filter(|bake| bake.progress.is_some()) {
+            break bake.bake_id.clone();
+        }
+    };
+    assert!(Command::new("kill").args(["-INT", &bake.id().to_string()]).status().unwrap().success());
+    assert_eq!(bake.wait().unwrap().code(), Some(130));
+    assert_eq!(status(&mut connection, &id).await.state(), BakeState::Cancelled);
+    assert!(!server.path("far.glb").exists());
+}

@@ -1,0 +1,215 @@
+//! How bakes and servers end: cancelled, past their deadline, left by their caller, killed and started again.
+
+use crate::server::{
+    Server, accepted_id, assert_contiguous, assert_fault, begin, endless, events, long, numbered, request, short,
+    status, take, until, watch, within,
+};
+use cairn::proto::pile_service_client::PileServiceClient;
+use cairn::proto::{BakeEvent, BakeState, BakeStatus, CancelBakeRequest};
+use std::time::Duration;
+use tonic::Code;
+use tonic::transport::Endpoint;
+
+#[track_caller]
+fn assert_failed(status: &BakeStatus, state: BakeState, reason: &str) {
+    assert_eq!(status.state(), state, "{status:?}");
+    assert_eq!(status.failure.as_ref().unwrap().reason, reason);
+}
+
+#[tokio::test]
+async fn cancel_ends_the_physics() {
+    let server = Server::start(&["--workers", "1"]);
+    let mut connection = server.ready().await;
+    let running = connection.service.bake(request(endless(1))).await.unwrap().into_inner();
+    let queued = begin(&mut connection, endless(2)).await;
+    let id = {
+        let mut watched = connection.clone();
+        let id = watched.service.list_bakes(cairn::proto::ListBakesRequest::default()).await.unwrap().into_inner();
+        id.bakes.last().unwrap().bake_id.clone()
+    };
+    until(&mut connection, &id, BakeState::Running).await;
+    assert_eq!(status(&mut connection, &queued).await.state(), BakeState::Queued);
+    for id in [&queued, &id] {
+        let request = CancelBakeRequest { bake_id: id.clone() };
+        let bake = connection.service.cancel_bake(request.clone()).await.unwrap().into_inner().bake.unwrap();
+        assert_failed(&bake, BakeState::Cancelled, "BAKE_CANCELLED");
+        // Once more does no harm.
+        connection.service.cancel_bake(request).await.unwrap();
+    }
+    assert!(server.children().is_empty(), "the processes are gone when the answer comes");
+    let (_, end) = events(running).await;
+    assert_fault(&end.unwrap_err(), Code::Cancelled, "BAKE_CANCELLED");
+
+    // The worker is free, and the same request begins anew.
+    let again = begin(&mut connection, endless(1)).await;
+    assert_eq!(again, id);
+    until(&mut connection, &again, BakeState::Running).await;
+}
+
+#[tokio::test]
+async fn the_deadline_of_a_bake_ends_the_physics() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let stream = connection.service.bake(within(Duration::from_millis(700), request(endless(1)))).await.unwrap();
+    let (told, end) = events(stream.into_inner()).await;
+    assert_eq!(end.unwrap_err().code(), Code::DeadlineExceeded);
+    let ended = until(&mut connection, &accepted_id(&told), BakeState::Failed).await;
+    assert_failed(&ended, BakeState::Failed, "DEADLINE");
+    assert!(server.children().is_empty());
+}
+
+#[tokio::test]
+async fn the_latest_deadline_counts_and_that_of_a_watcher_does_not() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let brief = connection.service.bake(within(Duration::from_millis(700), request(endless(1)))).await.unwrap();
+    let id = begin(&mut connection, endless(1)).await;
+    let mut watcher = connection.clone();
+    let watching = cairn::proto::WatchBakeRequest { bake_id: id.clone(), ..Default::default() };
+    let watching = watcher.service.watch_bake(within(Duration::from_millis(300), watching)).await.unwrap();
+    assert_eq!(events(watching.into_inner()).await.1.unwrap_err().code(), Code::DeadlineExceeded);
+    assert_eq!(events(brief.into_inner()).await.1.unwrap_err().code(), Code::DeadlineExceeded);
+    assert_eq!(status(&mut connection, &id).await.state(), BakeState::Running);
+}
+
+#[tokio::test]
+async fn who_comes_back_finds_the_place() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let stream = connection.service.bake(request(long(1))).await.unwrap().into_inner();
+    let (mut told, _) = take(stream, 30).await;
+    let id = accepted_id(&told);
+    drop(connection);
+    assert_eq!(server.children().len(), 1, "the bake goes on");
+
+    // A second caller leaves, too; a third stays.
+    for most in [50, usize::MAX] {
+        let mut connection = server.connect().await;
+        let from = numbered(&told).len() as i64 + 1;
+        let (more, end) = take(watch(&mut connection, &id, from).await, most).await;
+        end.unwrap();
+        told.extend(more);
+    }
+    assert_contiguous(&told, 1);
+    let mut connection = server.connect().await;
+    let all = events(watch(&mut connection, &id, 1).await).await.0;
+    assert_eq!(numbered(&told), numbered(&all));
+}
+
+#[tokio::test]
+async fn a_reader_that_stands_still_holds_up_nothing() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    // Little room on the way, and many frames: what is not read stays with the server.
+    let endpoint = Endpoint::from_shared(format!("http://{}", server.addresses[0])).unwrap();
+    let channel = endpoint.initial_stream_window_size(4096).initial_connection_window_size(4096).connect_lazy();
+    let mut slow = PileServiceClient::new(channel);
+    let mut spec = long(1);
+    spec.scene.as_mut().unwrap().output.get_or_insert_default().fps = Some(1000.0);
+    let stalled = slow.bake(request(spec.clone())).await.unwrap().into_inner();
+    let (live, end) = events(connection.service.bake(request(spec)).await.unwrap().into_inner()).await;
+    end.unwrap();
+    // The bake is done, and nothing was read until now.
+    assert_eq!(status(&mut connection, &accepted_id(&live)).await.state(), BakeState::Succeeded);
+    let (told, end) = events(stalled).await;
+    end.unwrap();
+    assert_contiguous(&told, 1);
+    assert_eq!(numbered(&told), numbered(&live));
+    let progress = |events: &[BakeEvent]| events.len() - numbered(events).len();
+    assert!(progress(&told) < progress(&live), "{} of {}: what is past is not told", progress(&told), progress(&live));
+}
+
+#[tokio::test]
+async fn a_killed_server_is_taken_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut server = Server::start_in(folder.path(), &["--workers", "1"]);
+    let mut connection = server.ready().await;
+    let finished = connection.service.bake(request(short(1))).await.unwrap().into_inner();
+    let finished = events(finished).await.0;
+    let stream = connection.service.bake(request(long(1))).await.unwrap().into_inner();
+    let (mut told, _) = take(stream, 30).await;
+    let id = accepted_id(&told);
+    let queued = begin(&mut connection, short(2)).await;
+    let workers = server.children();
+    assert_eq!(workers.len(), 1);
+    server.signal("-KILL");
+    server.wait();
+    for worker in workers {
+        while std::fs::read_to_string(format!("/proc/{worker}/stat")).is_ok_and(|stat| !stat.contains(") Z ")) {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    }
+
+    let server = Server::start_in(folder.path(), &["--workers", "1"]);
+    let mut connection = server.connect().await;
+    let kept = events(watch(&mut connection, &accepted_id(&finished), 1).await).await.0;
+    assert_eq!(numbered(&kept), numbered(&finished));
+    // The bake begins anew, and tells the same: its watcher finds its place.
+    let (more, end) = events(watch(&mut connection, &id, 31).await).await;
+    end.unwrap();
+    told.extend(more);
+    assert_contiguous(&told, 1);
+    let all: Vec<BakeEvent> = events(watch(&mut connection, &id, 1).await).await.0;
+    assert_eq!(numbered(&told), numbered(&all));
+    until(&mut connection, &queued, BakeState::Succeeded).await;
+}
+
+#[tokio::test]
+async fn unfinished_bakes_are_reported_if_so_configured() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut server = Server::start_in(folder.path(), &[]);
+    let id = begin(&mut server.ready().await, endless(1)).await;
+    server.signal("-KILL");
+    server.wait();
+    let server = Server::start_in(folder.path(), &["--unfinished", "fail"]);
+    let mut connection = server.connect().await;
+    assert_failed(&status(&mut connection, &id).await, BakeState::Failed, "SERVER_RESTARTED");
+    let (told, end) = events(watch(&mut connection, &id, 1).await).await;
+    assert_fault(&end.unwrap_err(), Code::Aborted, "SERVER_RESTARTED");
+    assert_eq!(accepted_id(&told), id);
+}
+
+#[tokio::test]
+async fn a_server_that_is_asked_to_end_lets_bakes_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut server = Server::start_in(folder.path(), &[]);
+    let mut connection = server.ready().await;
+    let stream = connection.service.bake(request(long(1))).await.unwrap().into_inner();
+    server.signal("-TERM");
+    let refused = loop {
+        match connection.service.bake(request(short(1))).await {
+            Err(status) => break status,
+            Ok(_) => tokio::time::sleep(Duration::from_millis(10)).await,
+        }
+    };
+    assert_fault(&refused, Code::Unavailable, "SHUTTING_DOWN");
+    let (told, end) = events(stream).await;
+    end.unwrap();
+    assert_contiguous(&told, 1);
+    drop(connection);
+    assert_eq!(server.wait(), Some(0), "{}", server.log());
+}
+
+#[tokio::test]
+async fn the_drain_has_a_deadline() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut server = Server::start_in(folder.path(), &["--drain-seconds", "0"]);
+    let mut connection = server.ready().await;
+    let stream = connection.service.bake(request(endless(1))).await.unwrap().into_inner();
+    server.signal("-TERM");
+    let (told, end) = events(stream).await;
+    assert_fault(&end.unwrap_err(), Code::Unavailable, "SHUTTING_DOWN");
+    drop(connection);
+    assert_eq!(server.wait(), Some(0));
+    let server = Server::start_in(folder.path(), &[]);
+    until(&mut server.connect().await, &accepted_id(&told), BakeState::Running).await;
+}
+
+/// Only one server may use a data directory.
+#[tokio::test]
+async fn a_data_directory_has_one_server() {
+    let server = Server::start(&[]);
+    let second = crate::server::command(server.folder()).args(["--listen", "127.0.0.1:0"]).output().unwrap();
+    assert_eq!(second.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&second.stderr).contains("in use by another server"));
+}

@@ -1,0 +1,110 @@
+//! More callers than places.
+
+use crate::server::{
+    Server, accepted_id, assert_fault, begin, channel, endless, events, fields, request, short, until,
+};
+use cairn::proto::{BakeState, ListBakesRequest};
+use std::collections::BTreeSet;
+use tonic::Code;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_check_response::ServingStatus;
+use tonic_health::pb::health_client::HealthClient;
+
+#[tokio::test]
+async fn a_full_queue_refuses_and_says_when_to_come_back() {
+    let server = Server::start(&["--workers", "1", "--queue", "1"]);
+    let mut connection = server.ready().await;
+    let first = begin(&mut connection, endless(1)).await;
+    begin(&mut connection, endless(2)).await;
+    let refused = connection.service.bake(request(endless(3))).await.unwrap_err();
+    let details = assert_fault(&refused, Code::ResourceExhausted, "QUEUE_FULL");
+    assert!(details.retry_info().unwrap().retry_delay.is_some() && fields(&details).is_empty());
+    // Who asks for what runs already is not refused.
+    assert_eq!(begin(&mut connection, endless(1)).await, first);
+    // A plan does not need a place of a bake.
+    let plan = cairn::proto::PlanBakeRequest { spec: Some(endless(3)) };
+    connection.service.plan_bake(plan).await.unwrap();
+}
+
+/// A thousand callers at once: as many as there are places are served, each once; the others are refused.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_thousand_callers() {
+    const CALLERS: usize = 1000;
+    const PLACES: usize = 2 + 6;
+    let server = Server::start(&["--workers", "2", "--queue", "6"]);
+    let mut connection = server.ready().await;
+    // The places are taken, so that none is free again before all have asked.
+    let mut ids = BTreeSet::new();
+    for seed in 0..PLACES as i64 - 4 {
+        ids.insert(begin(&mut connection, endless(seed)).await);
+    }
+    let address = format!("http://{}", server.addresses[0]);
+    let mut health = HealthClient::new(channel(&address).await);
+    let calls: Vec<_> = (0..CALLERS)
+        .map(|seed| {
+            let mut service = connection.service.clone();
+            tokio::spawn(async move { service.bake(request(endless(100 + seed as i64))).await })
+        })
+        .collect();
+    let mut refused = 0;
+    let mut streams = Vec::new();
+    for (number, call) in calls.into_iter().enumerate() {
+        match call.await.unwrap() {
+            Ok(stream) => streams.push(stream.into_inner()),
+            Err(status) => {
+                assert_fault(&status, Code::ResourceExhausted, "QUEUE_FULL");
+                refused += 1;
+            }
+        }
+        if number % 100 == 0 {
+            let request = HealthCheckRequest { service: "cairn.v1.PileService".into() };
+            assert_eq!(health.check(request).await.unwrap().into_inner().status(), ServingStatus::Serving);
+        }
+    }
+    assert_eq!((streams.len(), refused), (4, CALLERS - 4));
+    assert_eq!(server.children().len(), 2, "as many processes as workers");
+    for stream in streams {
+        ids.insert(accepted_id(&crate::server::take(stream, 1).await.0));
+    }
+    let list = connection.service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner().bakes;
+    assert_eq!(list.iter().map(|bake| bake.bake_id.clone()).collect::<BTreeSet<_>>(), ids);
+}
+
+/// A hundred callers of the same pile: one bake.
+#[tokio::test(flavor = "multi_thread")]
+async fn callers_of_the_same_pile_share_it() {
+    let server = Server::start(&["--workers", "1", "--queue", "0"]);
+    let connection = server.ready().await;
+    let calls: Vec<_> = (0..100)
+        .map(|_| {
+            let mut service = connection.service.clone();
+            tokio::spawn(async move { events(service.bake(request(short(1))).await.unwrap().into_inner()).await })
+        })
+        .collect();
+    let mut hashes = BTreeSet::new();
+    for call in calls {
+        let (told, end) = call.await.unwrap();
+        end.unwrap();
+        crate::server::assert_contiguous(&told, 1);
+        hashes.insert(accepted_id(&told));
+    }
+    assert_eq!(hashes.len(), 1);
+    assert_eq!(server.log().matches("started").count(), 1, "{}", server.log());
+}
+
+/// What waits is baked when its turn comes, in the order of asking.
+#[tokio::test]
+async fn the_queue_keeps_its_order() {
+    let server = Server::start(&["--workers", "1"]);
+    let mut connection = server.ready().await;
+    let mut ids = Vec::new();
+    for seed in 1..=4 {
+        ids.push(begin(&mut connection, short(seed)).await);
+    }
+    let mut starts = Vec::new();
+    for id in &ids {
+        let time = until(&mut connection, id, BakeState::Succeeded).await.start_time.unwrap();
+        starts.push((time.seconds, time.nanos));
+    }
+    assert!(starts.is_sorted());
+}

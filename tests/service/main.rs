@@ -1,0 +1,11 @@
+//! The real server as its callers meet it: started on port 0, spoken to by gRPC.
+
+mod access;
+mod assets;
+mod bakes;
+mod command_line;
+mod ends;
+mod load;
+mod page;
+mod server;
+mod worker;

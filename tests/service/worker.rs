@@ -1,0 +1,79 @@
+//! Bakes whose process misbehaves: each is that bake's own trouble.
+
+use crate::server::{
+    PROGRAM, Server, accepted_id, assert_fault, begin, endless, events, request, short, status, until,
+};
+use cairn::proto::{BakeState, CancelBakeRequest};
+use std::os::unix::fs::PermissionsExt;
+use tonic::Code;
+
+/// A server whose workers plan as they should and, for bakes, run this shell command; seed 2 is spared.
+fn server_with(folder: &std::path::Path, bake: &str, args: &[&str]) -> Server {
+    let script = format!(
+        "#!/bin/sh\nif [ $2 = bake ] && ! grep -q spared $3/spec.binpb; then {bake}; fi\nexec {PROGRAM} \"$@\"\n"
+    );
+    let program = folder.join("worker.sh");
+    std::fs::write(&program, script).unwrap();
+    std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let program = program.to_str().unwrap();
+    Server::start_in(folder, &[&["--workers", "1", "--worker-program", program], args].concat())
+}
+
+#[tokio::test]
+async fn a_crash_is_internal_for_its_call_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = server_with(folder.path(), "echo the reason >&2; kill -SEGV $$", &[]);
+    let mut connection = server.ready().await;
+    let (told, end) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+    let status_told = end.unwrap_err();
+    assert_fault(&status_told, Code::Internal, "BAKE_CRASHED");
+    assert!(status_told.message().contains("the reason"), "{}", status_told.message());
+    assert_eq!(status(&mut connection, &accepted_id(&told)).await.state(), BakeState::Failed);
+
+    let mut spared = short(2);
+    spared.assets[0].uri = "spared.glb".into();
+    spared.scene.as_mut().unwrap().control_mesh.as_mut().unwrap().path = "spared.glb".into();
+    events(connection.service.bake(request(spared)).await.unwrap().into_inner()).await.1.unwrap();
+}
+
+#[tokio::test]
+async fn what_does_not_return_is_ended() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = server_with(folder.path(), "exec sleep 1000", &[]);
+    let mut connection = server.ready().await;
+    let id = begin(&mut connection, short(1)).await;
+    until(&mut connection, &id, BakeState::Running).await;
+    let request = CancelBakeRequest { bake_id: id.clone() };
+    connection.service.cancel_bake(request).await.unwrap();
+    assert!(server.children().is_empty());
+}
+
+#[tokio::test]
+async fn time_and_memory_are_bounded() {
+    let server = Server::start(&["--bake-seconds", "1", "--workers", "1"]);
+    let mut connection = server.ready().await;
+    let (_, end) = events(connection.service.bake(request(endless(1))).await.unwrap().into_inner()).await;
+    assert_fault(&end.unwrap_err(), Code::DeadlineExceeded, "TIME_LIMIT");
+    assert!(server.children().is_empty());
+
+    // The limit is the kernel's: what asks for more does not get it.
+    let folder = tempfile::tempdir().unwrap();
+    let hungry = "echo memory allocation of 9999 bytes failed >&2; kill -ABRT $$";
+    let server = server_with(folder.path(), hungry, &["--bake-memory-mib", "512"]);
+    let mut connection = server.ready().await;
+    let (_, end) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+    assert_fault(&end.unwrap_err(), Code::ResourceExhausted, "MEMORY_LIMIT");
+}
+
+/// A mesh of a million triangles does not fit into what the limit leaves.
+#[tokio::test]
+async fn a_plan_is_bounded_as_well() {
+    let server = Server::start(&["--bake-memory-mib", "64"]);
+    let mut connection = server.ready().await;
+    let large = crate::server::sphere(700);
+    connection.upload(&[(crate::server::sha256(&large), large.clone().into())].into()).await.unwrap();
+    let mut spec = short(1);
+    spec.assets[0].sha256 = crate::server::sha256(&large);
+    let refused = connection.service.bake(request(spec)).await.unwrap_err();
+    assert_fault(&refused, Code::ResourceExhausted, "MEMORY_LIMIT");
+}
