@@ -49,7 +49,6 @@ def register():
         bpy.utils.register_class(cls)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
-    bpy.types.STATUSBAR_HT_header.prepend(panels.draw_status)
     atexit.register(preferences.stop_server)
 
 
@@ -58,7 +57,6 @@ def unregister():
     _before_load()
     preferences.stop_server()
     job.end()
-    bpy.types.STATUSBAR_HT_header.remove(panels.draw_status)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     for cls in reversed(CLASSES):

@@ -31,7 +31,7 @@ class _Bakes:
     """What baking and fetching have in common: following a bake with a window, or waiting for it without one."""
 
     bl_options = {"UNDO"}
-    timer = preview = writer = None
+    timer = preview = writer = workspace = None
 
     @classmethod
     def poll(cls, _):
@@ -53,6 +53,7 @@ class _Bakes:
             self.preview = preview.Preview([prop.triangles for prop in props], bake.recipe["metres"])
         self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
         context.window_manager.modal_handler_add(self)
+        self.workspace = context.workspace
         bake.start()
         preview.redraw(context)
         return {"RUNNING_MODAL"}
@@ -79,8 +80,9 @@ class _Bakes:
     def _tick(self, context, bake):
         if self.writer:
             return self._write(context, bake)
-        if bake.poll() or (self.preview and self.preview.update(bake.job.latest)):
-            preview.redraw(context)
+        is_new = bake.poll()
+        if (self.preview and self.preview.update(bake.job.latest)) or is_new:
+            self._show(context, bake)
         if bake.end == "failed":
             raise bake.fault
         if bake.end == "stopped":
@@ -106,10 +108,17 @@ class _Bakes:
             running.bake = None
             self._leave(context, None)
             return _finished(self, context, end.value)
-        preview.redraw(context)
+        self._show(context, bake)
         return {"RUNNING_MODAL"}
 
+    def _show(self, context, bake):
+        self.workspace.status_text_set(f"Pile: {bake.line()}      Esc, Right Mouse: Cancel")
+        preview.redraw(context)
+
     def _leave(self, context, answer):
+        if self.workspace:
+            self.workspace.status_text_set(None)
+            self.workspace = None
         if self.timer:
             context.window_manager.event_timer_remove(self.timer)
             self.timer = None

@@ -1,4 +1,4 @@
-"""The tab "Pile" in the 3D View's sidebar, and the progress in the status bar."""
+"""The tab "Pile" in the 3D View's sidebar."""
 
 import bpy
 from bpy.types import Panel, UIList
@@ -12,10 +12,12 @@ SIGN = 6.2
 # Figures of the report, by their names there: what the panel calls them, what they mean, and how they are shown.
 FIGURES = [
     ("kept_shape", "Kept shape", "{:.1%}"),
-    ("shape_iou", "Shape (volume IoU)", "{:.3f}"),
+    ("shape_iou", "Shape overlap", "{:.1%}"),
     ("at_rest_fraction", "At rest", "{:.1%}"),
-    ("penetration_max_rel", "Deepest penetration / d", "{:.4f}"),
-    ("unsupported_fraction", "Without support", "{:.1%}"),
+    ("unsupported_fraction", "Unsupported", "{:.1%}"),
+    # Relative to the thinner body.
+    ("penetration_max_rel", "Penetration", "{:.1%}"),
+    ("nails_end", "Nails at the end", "{:.0f}"),
 ]
 
 
@@ -71,14 +73,14 @@ class CAIRN_PT_pile(_Pile, Panel):
         self.draw_bake_button(column, context, settings)
 
     def draw_scene(self, layout, context, settings):
-        layout.prop(settings, "control_mesh")
+        layout.prop(settings, "control_mesh", text="Shape")
         active = context.object
         if settings.control_mesh is None and active and active.type == "MESH":
             layout.operator("cairn.use_selected", text=f"Use “{active.name}”", icon="EYEDROPPER")
         draw_props(layout, context, settings)
         layout.separator()
         layout.prop(settings, "colliders")
-        row = layout.row(heading="Ground Height")
+        row = layout.row(heading="Ground")
         row.prop(settings, "use_ground_height", text="")
         value = row.row()
         value.active = settings.use_ground_height
@@ -112,7 +114,9 @@ class CAIRN_PT_pile(_Pile, Panel):
 
 def draw_props(layout, context, settings):
     layout.separator()
-    layout.row().prop(settings, "prop_source", expand=True)
+    row = layout.row()
+    row.use_property_split = False
+    row.prop(settings, "prop_source", expand=True)
     if settings.prop_source == "COLLECTION":
         layout.prop(settings, "prop_collection", text="Collection")
         item = settings.prop_common
@@ -134,16 +138,12 @@ def draw_props(layout, context, settings):
 def draw_accuracies(layout, settings):
     """Each with what it is expected to cost, as far as the server has told."""
     column = layout.column(align=True)
-    for number, (name, title, _) in enumerate(ACCURACIES):
-        split = column.split(factor=0.4, align=True)
-        label = split.row()
-        label.alignment = "RIGHT"
-        label.label(text="" if number else "Accuracy")
-        row = split.row(align=True)
+    column.use_property_split = False
+    column.label(text="Accuracy")
+    for name, _, __ in ACCURACIES:
+        row = column.row(align=True)
         row.prop_enum(settings, "accuracy", name)
-        cost = row.row()
-        cost.ui_units_x = 5
-        cost.label(text=expected(name))
+        row.label(text=expected(name))
 
 
 def expected(accuracy):
@@ -222,9 +222,6 @@ class CAIRN_PT_report(_Pile, Panel):
             value = told.get("measures", {}).get(name)
             if value is not None:
                 draw_figure(column, title, form.format(value))
-        nails = {name: count for name, count in told.get("counts", {}).items() if "nail" in name}
-        for name, count in nails.items():
-            draw_figure(column, name.replace("_", " ").capitalize(), str(count))
         if "seconds" in told:
             draw_figure(column, "Time", running.duration(told["seconds"]))
         names = running.recipe_of(collection).get("names", {})
@@ -236,7 +233,7 @@ class CAIRN_PT_report(_Pile, Panel):
 
 
 def draw_figure(layout, title, value):
-    split = layout.split(factor=0.62)
+    split = layout.split(factor=0.7)
     split.label(text=title)
     split.label(text=value)
 
@@ -335,14 +332,6 @@ class CAIRN_PT_server(_Pile, Panel):
             wrapped(layout, context, f"{chosen.address or 'No address yet'} bakes.")
         layout.operator("cairn.test_server")
         layout.operator("cairn.preferences", icon="PREFERENCES")
-
-
-def draw_status(self, _):
-    """At the left of the status bar while a bake runs."""
-    if is_running():
-        row = self.layout.row()
-        row.label(text=f"Pile: {running.bake.line()}", icon="PHYSICS")
-        row.operator("cairn.stop", text="Cancel (Esc)", icon="CANCEL")
 
 
 CLASSES = [

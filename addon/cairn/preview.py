@@ -3,6 +3,7 @@
 import bpy
 import gpu
 import numpy as np
+from mathutils import Matrix
 
 from . import axes
 
@@ -12,6 +13,8 @@ MAX_BODY_TRIANGLES = 400
 # Where the light comes from, and what the dark side still has.
 LIGHT = np.array([0.4, -0.5, 0.77])
 AMBIENT = 0.35
+# Moves all depths to the nearest twentieth of their range.
+NEAREST = Matrix(((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 0.05, -0.95), (0, 0, 0, 1)))
 COLORS = np.array([[0.80, 0.62, 0.38], [0.47, 0.63, 0.78], [0.70, 0.45, 0.42], [0.55, 0.70, 0.47], [0.68, 0.60, 0.76]])
 
 
@@ -80,7 +83,10 @@ class Preview:
             self.batch = gpu.types.GPUBatch(type="TRIS", buf=buffer)
         gpu.state.depth_test_set("LESS_EQUAL")
         gpu.state.depth_mask_set(True)
-        self.batch.draw(shader)
+        with gpu.matrix.push_pop_projection():
+            # In front of the scene, since the control mesh is around the pile; but in its own order of depth.
+            gpu.matrix.load_projection_matrix(NEAREST @ gpu.matrix.get_projection_matrix())
+            self.batch.draw(shader)
         gpu.state.depth_mask_set(False)
         gpu.state.depth_test_set("NONE")
 
@@ -95,10 +101,10 @@ def box(triangles):
 
 
 def redraw(context):
-    """The areas that show a bake."""
+    """All views: they show the pile, and its panel."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type in {"VIEW_3D", "STATUSBAR"}:
+            if area.type == "VIEW_3D":
                 area.tag_redraw()
 
 
