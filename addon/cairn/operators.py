@@ -22,8 +22,8 @@ def is_running():
 
 def explain(operator, fault):
     """A popup with what went wrong and what to do about it."""
-    lines = [fault.message, *(text for _, text in fault.problems if text not in fault.message)]
-    operator.report({"ERROR"}, "\n".join(lines))
+    lines = ["This has to be put right first:", *(text for _, text in fault.problems)]
+    operator.report({"ERROR"}, "\n".join(lines) if fault.problems else fault.message)
     return {"CANCELLED"}
 
 

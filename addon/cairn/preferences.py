@@ -1,5 +1,6 @@
 """Where the server is, and how to reach it."""
 
+import re
 from pathlib import Path
 
 import bpy
@@ -85,7 +86,7 @@ def server(context):
 
 
 def _is_here(address):
-    host = address.split("://")[-1].rpartition(":")[0].strip("[]")
+    host = re.sub(r":\d*$", "", address.split("://")[-1]).strip("[]")
     return address.startswith("unix:") or host in ("localhost", "127.0.0.1", "::1")
 
 
