@@ -12,6 +12,8 @@ from .client import Fault
 # How often news are looked at, and how long Blender may be kept from its user at a time, s.
 TICK = 0.05
 SLICE = 0.025
+# How long a line stands at least, s: a person reads it, and presses the button beside it.
+READ = 0.25
 # Without a window, how often progress is printed, s.
 PRINT = 2.0
 
@@ -32,6 +34,7 @@ class _Bakes:
 
     bl_options = {"UNDO"}
     timer = preview = writer = workspace = None
+    shown, shown_at = "", 0.0
 
     @classmethod
     def poll(cls, _):
@@ -80,9 +83,10 @@ class _Bakes:
     def _tick(self, context, bake):
         if self.writer:
             return self._write(context, bake)
-        is_new = bake.poll()
-        if (self.preview and self.preview.update(bake.job.latest)) or is_new:
-            self._show(context, bake)
+        bake.poll()
+        self._show(context, bake)
+        if self.preview and self.preview.update(bake.job.latest):
+            preview.redraw(context, "WINDOW")
         if bake.end == "failed":
             raise bake.fault
         if bake.end == "stopped":
@@ -112,8 +116,13 @@ class _Bakes:
         return {"RUNNING_MODAL"}
 
     def _show(self, context, bake):
-        self.workspace.status_text_set(f"Pile: {bake.line()}      Esc, Right Mouse: Cancel")
-        preview.redraw(context)
+        """How it goes, in the status bar and in the panel."""
+        line = bake.line()
+        now = time.monotonic()
+        if line != self.shown and now > self.shown_at + READ:
+            self.shown, self.shown_at = line, now
+            self.workspace.status_text_set(f"Pile: {line}      Esc, Right Mouse: Cancel")
+            preview.redraw(context, "UI")
 
     def _leave(self, context, answer):
         if self.workspace:

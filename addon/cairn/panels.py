@@ -178,9 +178,9 @@ def draw_bake(layout, context):
         box.progress(factor=share, text=f"{title}  {share:.0%}")
     else:
         box.label(text=f"{title}  {share:.0%}", icon="TIME")
+    # Both lines always: a button that jumps is hard to press.
     for text in (bake.counts(), bake.time_left()):
-        if text:
-            box.label(text=text)
+        box.label(text=text)
     box.operator("cairn.stop", icon="CANCEL")
 
 

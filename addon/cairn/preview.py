@@ -100,11 +100,11 @@ def box(triangles):
     return corners[[corner for a, b, c, d in faces for corner in (a, b, c, a, c, d)]].reshape(-1, 3, 3)
 
 
-def redraw(context):
-    """All views: they show the pile, and its panel."""
+def redraw(context, only=None):
+    """All 3D Views; or `only` their pictures ("WINDOW") or their sidebars ("UI")."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                area.tag_redraw()
-
-
+                for region in area.regions:
+                    if only in (None, region.type):
+                        region.tag_redraw()

@@ -143,11 +143,11 @@ def test_stopped_at_once_and_nothing_left(desk, addon):
     before = names()
     bake = start(desk, addon, **LONG)
     wait(bake, lambda: bake.progress is not None)
-    began = time.monotonic()
     bake.stop()
+    frames = bake.frame_count
     wait(bake, lambda: bake.end)
-    # Not a matter of the machine's speed: nothing is waited for.
-    assert bake.end == "stopped" and time.monotonic() - began < 0.5
+    # The server is not waited for.
+    assert bake.end == "stopped" and bake.frame_count <= frames + 1
     assert names() == before
     ended = server_state(addon, bake, {"BAKE_STATE_CANCELLED"})
     assert ended

@@ -14,11 +14,11 @@ import traceback
 
 import bpy
 
-# Where things are in this window at this size, in pixels from its left and its top. The tab is one place lower once an
-# object is selected, and the buttons are lower while a bake is shown above them.
+# Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
+# there; the button; and Cancel, which is shown above the rest while a bake runs.
 TAB = 1144, 192
-BAKE = 1030, 428
-CANCEL = 1040, 222
+BAKE = 1030, 477
+CANCEL = 1050, 219
 PATIENCE = 60.0
 SCREENSHOTS = os.environ["CAIRN_SCREENSHOTS"]
 PROGRAM = os.environ["CAIRN_PROGRAM"]
@@ -28,12 +28,20 @@ def xdotool(*words):
     subprocess.run(["xdotool", *map(str, words)], check=True)
 
 
-def click(x, y, button=1):
-    # Blender looks for what is below the mouse when it moves.
-    for step in (8, 0):
+def click(x, y):
+    """Moves and presses as a hand does: in steps, between which Blender looks."""
+    for step in (8, 4, 0):
         xdotool("mousemove", x, y + step)
-        time.sleep(0.05)
-    xdotool("click", button)
+        yield 0.1
+    xdotool("mousedown", 1)
+    yield 0.1
+    xdotool("mouseup", 1)
+    yield 0.1
+
+
+def press(key):
+    xdotool("key", key)
+    yield 0.0
 
 
 def picture(name):
@@ -84,7 +92,7 @@ def walk():
         bpy.data.objects.remove(source)
     area = sidebar()
     yield 1.0
-    click(*TAB)
+    yield from click(*TAB)
     yield 1.0
     picture("1-empty.png")
     scene(area)
@@ -92,18 +100,19 @@ def walk():
     yield 1.0
     picture("2-before.png")
     objects = sorted(bpy.data.objects.keys())
+    with view(area):
+        bpy.ops.ed.undo_push(message="scene")
 
     # To be stopped on the way.
     settings.accuracy, settings.use_frame_count, settings.frame_count = "DRAFT", True, 100000
-    for name, stop in (("escape", lambda: xdotool("key", "Escape")), ("button", lambda: click(*CANCEL))):
-        click(*BAKE)
+    for name, stop in (("escape", lambda: press("Escape")), ("button", lambda: click(*CANCEL))):
+        yield from click(*BAKE)
         yield from wait(lambda: running.bake and running.bake.frame_count > 5, f"frames, to stop by {name}")
         yield 0.5
         picture(f"3-{name}.png")
-        bake, began = running.bake, time.monotonic()
-        stop()
+        bake = running.bake
+        yield from stop()
         yield from wait(lambda: bake.end, f"the end by {name}")
-        print(f"stopped by {name} within {time.monotonic() - began:.2f} s", flush=True)
         assert bake.end == "stopped" and sorted(bpy.data.objects.keys()) == objects
         yield 0.5
         picture(f"4-stopped-by-{name}.png")
@@ -114,7 +123,7 @@ def walk():
         yield 0.5
 
     settings.accuracy, settings.use_frame_count = "STANDARD", False
-    click(*BAKE)
+    yield from click(*BAKE)
     yield from wait(lambda: running.bake and running.bake.job.latest, "the pile to form")
     yield 1.5
     picture("5-during.png")
