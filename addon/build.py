@@ -4,7 +4,7 @@
     addon/build.py                                 for every platform; the server is found on the artist's machine
     addon/build.py --server target/release/cairn   with this platform's server inside
 
-Needs Python 3.10 with pip, and PyPI for what `vendor.txt` pins. The unpacked add-on stays in `target/addon/cairn`.
+Needs Python 3.11 with pip, and PyPI for what `vendor.txt` pins. The unpacked add-on stays in `target/addon/cairn`.
 """
 
 import argparse
@@ -23,6 +23,7 @@ from pathlib import Path
 ADDON = Path(__file__).resolve().parent
 ROOT = ADDON.parent
 BUF = "buf-bin==1.75.0"
+PIP = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
 # Parts of the libraries that no client needs.
 LEFT_OUT = re.compile(
     r"grpclib/(plugin|health|reflection|channelz|testing|server)\b|/(testdata|pyext|compiler|util)/"
@@ -70,10 +71,9 @@ def checked_version():
 
 def vendor(wheels, target):
     """Unpacks the libraries below the add-on's package, where no other add-on's versions meet them."""
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "download"]
     only = ["--no-deps", "--require-hashes", "--only-binary", ":all:", "--platform", "any"]
     shutil.rmtree(wheels, ignore_errors=True)
-    subprocess.run([*pip, *only, "--dest", wheels, "--requirement", ADDON / "vendor.txt"], check=True)
+    subprocess.run([*PIP, "download", *only, "--dest", wheels, "--requirement", ADDON / "vendor.txt"], check=True)
     for wheel in sorted(wheels.glob("*.whl")):
         with zipfile.ZipFile(wheel) as archive:
             for name in archive.namelist():
@@ -124,11 +124,9 @@ def relative_imports(path, target, names):
 
 def describe(output, package):
     """Writes the messages' descriptors, and what the panels say of the scene's fields."""
-    tools = output / "tools"
-    buf = shutil.which("buf") or tools / "bin" / "buf"
-    if not Path(buf).exists():
-        pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "install", "--target", tools]
-        subprocess.run([*pip, BUF], check=True)
+    buf = Path(shutil.which("buf") or output / "buf" / "bin" / "buf")
+    if not buf.exists():
+        subprocess.run([*PIP, "install", "--target", output / "buf", BUF], check=True)
     image = output / "descriptors.binpb"
     subprocess.run([buf, "build", ROOT / "proto", "--as-file-descriptor-set", "--output", image], check=True)
     sys.path.insert(0, str(package))
