@@ -3,7 +3,8 @@
 import bpy
 import numpy as np
 
-LINEAR, CONSTANT = (bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items[name].value for name in ("LINEAR", "CONSTANT"))
+_WAYS = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items
+LINEAR, CONSTANT = (np.array([_WAYS[name].value], np.intc) for name in ("LINEAR", "CONSTANT"))
 # Blender 5 knows slots, layers and channel bags only; before 4.4 there are none.
 HAS_SLOTS = hasattr(bpy.types, "ActionSlot")
 
@@ -11,7 +12,7 @@ HAS_SLOTS = hasattr(bpy.types, "ActionSlot")
 def continuous(rotations):
     """Quaternions [f, n, 4] with signs such that none turns the long way round from frame to frame."""
     dots = np.einsum("fnc,fnc->fn", rotations[1:], rotations[:-1])
-    signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
+    signs = np.cumprod(np.where(dots < 0, -1, 1).astype(rotations.dtype), axis=0)
     out = rotations.copy()
     out[1:] *= signs[:, :, None]
     return out
@@ -46,10 +47,10 @@ def _key(curve, frames, values, interpolation):
     count = len(frames)
     points = curve.keyframe_points
     points.add(count)
-    coordinates = np.empty((count, 2), np.float32)
-    coordinates[:, 0], coordinates[:, 1] = frames, values
-    points.foreach_set("co", coordinates.ravel())
-    points.foreach_set("interpolation", np.full(count, interpolation, np.intc))
+    coordinates = np.empty(2 * count, np.float32)
+    coordinates[::2], coordinates[1::2] = frames, values
+    points.foreach_set("co", coordinates)
+    points.foreach_set("interpolation", interpolation.repeat(count))
     curve.update()
 
 

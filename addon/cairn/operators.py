@@ -178,9 +178,10 @@ def wait_for(bake):
 
 def _finished(operator, context, collection):
     told = running.report_of(collection)
-    context.scene.frame_set(context.scene.frame_current)
     operator.report({"INFO"}, f"Pile of {told.get('body_count', 0)} bodies in “{collection.name}”")
     if bpy.app.background:
+        # With a window, Blender does so before it draws.
+        context.view_layer.update()
         for warning in told.get("warnings", ()):
             print(f"Cairn: {warning}", flush=True)
     return {"FINISHED"}

@@ -22,10 +22,10 @@ class BodyMotion:
     def __init__(self, motion, metres):
         # A body that was never there has no place.
         ever = motion.present.any(axis=0)
+        ever = slice(None) if ever.all() else ever
         self.props, self.scales = motion.props[ever], motion.scales[ever]
-        self.positions = axes.points_to_blender(motion.positions[:, ever], metres).astype(np.float32)
-        rotations = axes.rotations_to_blender(motion.rotations[:, ever])
-        self.rotations = keyframes.continuous(rotations).astype(np.float32)
+        self.positions = axes.points_to_blender(motion.positions[:, ever], metres)
+        self.rotations = axes.rotations_to_blender(motion.rotations[:, ever])
         self.present = motion.present[:, ever]
 
 
@@ -63,6 +63,7 @@ def build(context, motion, recipe, told):
         objects = points.write(name, moved, _numbered(name, made), recipe["start_frame"])
         yield 1.0
     else:
+        moved.rotations = keyframes.continuous(moved.rotations)
         objects = []
         for batch in range(0, len(moved.props), BATCH):
             for body in range(batch, min(batch + BATCH, len(moved.props))):
