@@ -194,7 +194,7 @@ def include_server(server, folder):
     place = folder / ("cairn.exe" if os.name == "nt" else "cairn")
     shutil.copy(server, place)
     # What a debugger would read is four fifths of the program.
-    if shutil.which("strip"):
+    if shutil.which("strip") and os.name != "nt":
         subprocess.run(["strip", place], check=True)
 
 
