@@ -50,6 +50,9 @@ class Exporter:
     """Takes models of a scene as it stands."""
 
     def __init__(self, context):
+        # What is being edited counts as it is seen.
+        for source in context.objects_in_mode_unique_data if context.mode.startswith("EDIT") else ():
+            source.update_from_editmode()
         self.context = context
         self.metres = metres(context.scene)
         self.contents = {}

@@ -308,7 +308,7 @@ class CAIRN_OT_delete(Operator):
     bl_label = "Delete Bake"
     bl_options = {"UNDO"}
 
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the control mesh")
+    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
 
     @classmethod
     def poll(cls, _):
@@ -329,7 +329,7 @@ class CAIRN_OT_restore_settings(Operator):
     bl_label = "Use Its Settings"
     bl_options = {"UNDO"}
 
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the control mesh")
+    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
 
     def execute(self, context):
         collection = _chosen(context, self.collection)
@@ -343,7 +343,7 @@ def _chosen(context, name):
     if name:
         collection = bpy.data.collections.get(name)
         return collection if collection and collection.cairn.is_result else None
-    return result.existing(context.scene, context.scene.cairn.control_mesh)
+    return result.chosen(context)
 
 
 CLASSES = [

@@ -206,11 +206,11 @@ class CAIRN_PT_report(_Pile, Panel):
 
     @classmethod
     def poll(cls, context):
-        return collection_of(context) is not None
+        return result.chosen(context) is not None
 
     def draw(self, context):
         layout = self.layout
-        collection = collection_of(context)
+        collection = result.chosen(context)
         told = running.report_of(collection)
         if not told.get("is_whole"):
             wrapped(layout, context, "This bake was cancelled: it is not whole.", "INFO")
@@ -228,19 +228,14 @@ class CAIRN_PT_report(_Pile, Panel):
         for warning in told.get("warnings", ()):
             draw_warning(layout, context, warning, names)
         row = layout.row(align=True)
-        row.operator("cairn.restore_settings", icon="FILE_REFRESH")
-        row.operator("cairn.delete", text="", icon="TRASH")
+        row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
+        row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
 
 
 def draw_figure(layout, title, value):
     split = layout.split(factor=0.7)
     split.label(text=title)
     split.label(text=value)
-
-
-def collection_of(context):
-    mesh = context.scene.cairn.control_mesh
-    return result.existing(context.scene, mesh) if mesh else None
 
 
 class _Parameters(_Pile):

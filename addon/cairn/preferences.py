@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
@@ -58,8 +59,13 @@ class CairnPreferences(bpy.types.AddonPreferences):
         layout.operator("cairn.test_server")
 
 
+# Of an add-on that a script has enabled for itself alone.
+DEFAULTS = SimpleNamespace(server="LOCAL", program="", address="", token="", certificates="")
+
+
 def of(context):
-    return context.preferences.addons[__package__].preferences
+    entry = context.preferences.addons.get(__package__)
+    return entry.preferences if entry else DEFAULTS
 
 
 def program_problem(preferences):

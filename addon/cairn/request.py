@@ -45,6 +45,17 @@ def colliders_of(settings):
     return [source for source in settings.colliders.all_objects if source.type in PLACED and source not in taken]
 
 
+def is_animated(source):
+    """Whether an object moves over time, by itself or with a parent."""
+    while source:
+        if source.animation_data and (source.animation_data.action or source.animation_data.drivers):
+            return True
+        if source.constraints or source.rigid_body:
+            return True
+        source = source.parent
+    return False
+
+
 def missing(settings):
     """What is to be done before a bake, one sentence; empty if nothing is missing."""
     if settings.control_mesh is None:
@@ -96,8 +107,20 @@ def take(context):
     recipe = {
         "scene": scene.name,
         "control": settings.control_mesh.name,
-        "props": [{"name": prop.source.name, "local": [list(row) for row in prop.local]} for prop in props],
+        "props": [
+            {
+                "name": prop.source.name,
+                "library": prop.source.library.filepath if prop.source.library else None,
+                "local": [list(row) for row in prop.local],
+            }
+            for prop in props
+        ],
         "names": names,
+        "notes": [
+            f"{model.uri}: it moves, but is taken as it stands at the start frame"
+            for source, model in statics
+            if is_animated(source)
+        ],
         "metres": exporter.metres,
         "start_frame": settings.start_frame,
         "output_mode": settings.output_mode,

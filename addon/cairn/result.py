@@ -35,6 +35,15 @@ def existing(scene, control):
     return next((c for c in inside if c.cairn.is_result and c.cairn.control == control), None)
 
 
+def chosen(context):
+    """The pile that the panels speak of: that of the control mesh, or that which the active object belongs to."""
+    control, active = context.scene.cairn.control_mesh, context.object
+    found = existing(context.scene, control) if control else None
+    if found is None and active:
+        found = next((collection for collection in active.users_collection if collection.cairn.is_result), None)
+    return found
+
+
 def mode_of(recipe, body_count):
     """The output mode, with `AUTO` decided."""
     chosen = recipe["output_mode"]
@@ -48,7 +57,7 @@ def build(context, motion, recipe, told):
     the scene before the end. `told`: what the collection remembers. Returns the collection."""
     scene = bpy.data.scenes.get(recipe["scene"]) or context.scene
     control = bpy.data.objects.get(recipe["control"])
-    sources = [bpy.data.objects.get(prop["name"]) for prop in recipe["props"]]
+    sources = [bpy.data.objects.get((prop["name"], prop.get("library"))) for prop in recipe["props"]]
     gone = [prop["name"] for prop, source in zip(recipe["props"], sources) if source is None]
     if gone:
         raise Fault(f"These props are not in the file any more: {', '.join(gone)}. Bring them back, or bake again.")
@@ -93,7 +102,7 @@ def _body(made, moved, body, mode, start_frame):
     shown = part.body(f"{part.name} Body", factor)
     here = moved.present[:, body]
     # Where it is first or last seen.
-    at = (len(here) - 1 if mode == "POSE" else 0) if here.all() else int(np.flatnonzero(here)[-1 if mode == "POSE" else 0])
+    at = np.flatnonzero(here)[-1 if mode == "POSE" else 0]
     shown.location = moved.positions[at, body]
     shown.rotation_quaternion = moved.rotations[at, body]
     if mode == "POSE":

@@ -4,6 +4,8 @@ import json
 import queue
 import time
 
+import numpy as np
+
 from . import pending
 from .job import Job
 
@@ -14,6 +16,9 @@ STAGES = {
     "STAGE_HOLD": "Coming to rest",
     "STAGE_MEASURE": "Measuring",
 }
+
+# A body that moves less than this from a frame to the next, relative to the median diameter, is at rest.
+REST = 1e-3
 
 # The bake that runs or was stopped and waits for a decision; None if there is none.
 bake = None
@@ -104,7 +109,7 @@ class Bake:
 
     def time_left(self):
         progress = self.progress
-        if progress is None or not progress.HasField("remaining_seconds"):
+        if progress is None or progress.remaining_seconds < 1:
             return ""
         return f"{duration(progress.remaining_seconds)} left in this stage"
 
@@ -118,10 +123,11 @@ class Bake:
     def told(self):
         """What the result's collection is to remember: plain values."""
         told = {"bake_id": self.job.bake_id, "is_whole": self.end == "done"}
+        told["warnings"] = []
         if self.accepted:
             versions = self.accepted.versions
             told["versions"] = {"cairn": versions.cairn, "rapier3d": versions.rapier3d, "clarabel": versions.clarabel}
-            told["warnings"] = list(self.accepted.plan.warnings)
+            told["warnings"] += self.accepted.plan.warnings
         if self.summary:
             summary = self.summary
             told.update(
@@ -129,7 +135,7 @@ class Bake:
                 body_count=summary.body_count,
                 frame_count=summary.frame_count,
                 frame_rate=summary.frame_rate,
-                measures=dict(sorted(summary.measures.items())),
+                measures={"at_rest_fraction": self.at_rest(), **dict(sorted(summary.measures.items()))},
                 counts=dict(sorted(summary.counts.items())),
                 warnings=list(summary.warnings),
                 cpu_seconds=round(summary.cpu_seconds, 3),
@@ -137,7 +143,17 @@ class Bake:
             )
         else:
             told.update(body_count=len(self.job.recording.props), frame_count=self.frame_count)
+        told["warnings"] += self.recipe.get("notes", ())
         return told
+
+    def at_rest(self):
+        """Share of the bodies that stood in the last frame where they were in the one before."""
+        frames = self.job.recording.frames[-2:]
+        before, after = frames[0], frames[-1]
+        count = len(before.props)
+        steps = np.linalg.norm(after.positions[:count] - before.positions[:count], axis=1)
+        here = after.present[:count]
+        return float((steps[here] < REST * self.summary.measures["prop_diameter"]).mean()) if here.any() else 1.0
 
 
 def duration(seconds):

@@ -105,6 +105,7 @@ def test_a_saved_pile_can_be_baked_from_itself(desk, addon, tmp_path):
     collection = desk.bake(seed=5)
     kept, told = collection.cairn.result_hash, json.loads(collection.cairn.report)
     assert told["is_whole"] and told["body_count"] == len(collection.objects)
+    assert told["measures"]["at_rest_fraction"] > 0.8
     assert told["measures"]["shape_iou"] > 0.5 and told["versions"]["cairn"]
     path = str(tmp_path / "pile.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)

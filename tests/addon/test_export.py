@@ -139,3 +139,44 @@ def test_props_in_a_list_have_weights_and_sizes(desk):
     assert (props == 0).sum() > 2 * (props == 1).sum() > 0
     assert ((scales >= 0.5) & (scales <= 0.8))[props == 1].all() and (scales[props == 0] == 1).all()
     check_bodies(desk, collection)
+
+
+def test_while_a_mesh_is_edited(desk):
+    stick = desk.add_stick()
+    bpy.context.view_layer.objects.active = stick
+    stick.select_set(True)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.transform.resize(value=(0.9, 0.9, 0.9))
+    assert bpy.context.mode == "EDIT_MESH"
+    collection = desk.bake(output_mode="POSE")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert np.ptp(desk.sent_vertices(0)[:, 0]) == pytest.approx(0.9 * 0.36)
+    check_bodies(desk, collection)
+
+
+def test_linked_props(desk, tmp_path):
+    stick = desk.add_stick("Linked")
+    stick.scale = (0.9, 1.1, 1.0)
+    path = str(tmp_path / "kit.blend")
+    bpy.data.libraries.write(path, {stick})
+    bpy.data.objects.remove(stick)
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.objects = ["Linked"]
+    desk.props.objects.link(wanted.objects[0])
+    # One of the same name in the file itself is another.
+    cuboid("Linked", (1, 1, 1))
+    collection = desk.bake()
+    assert all(body.library is None and body.data.library for body in collection.objects)
+    check_bodies(desk, collection)
+
+
+def test_moving_colliders_are_told(desk):
+    desk.add_stick()
+    walls = bpy.data.collections.new("Walls")
+    wall = cuboid("Door", (0.1, 2, 2), walls, location=(0.8, 0, 0))
+    wall.keyframe_insert("location", frame=1)
+    bpy.context.scene.collection.children.link(walls)
+    collection = desk.bake(colliders=walls)
+    warnings = desk.addon("running").report_of(collection)["warnings"]
+    assert [text for text in warnings if text.startswith("Door: it moves")]
