@@ -29,7 +29,7 @@ fn main() -> std::io::Result<()> {
         // For bananas and books.
         ("mound", dome(0.4, 0.3)),
         ("spiral", spiral(0.25, 0.9, [0.25, 2.2])),
-        ("heap", heap([0.5, 0.3], CART_RIM, 0.42)),
+        ("heap", heap([0.55, 0.33], CART_RIM, 0.37)),
     ];
     for (name, asset) in assets {
         std::fs::write(folder.join(name).with_extension("glb"), asset.to_glb(name))?;
@@ -103,9 +103,9 @@ fn ball(radius: f64) -> Asset {
 /// Height of the cart's rim, m.
 const CART_RIM: f64 = 0.7;
 
-/// A box of planks on four wheels, 1 x 0.6 m inside.
+/// A box of planks on four wheels, 1.1 x 0.66 m inside.
 fn cart() -> Asset {
-    let [half_x, half_z, wall, floor] = [0.5, 0.3, 0.03, 0.34];
+    let [half_x, half_z, wall, floor] = [0.55, 0.33, 0.03, 0.28];
     let (out_x, out_z) = (half_x + wall, half_z + wall);
     let mut asset = Asset::default();
     asset.cuboid([-out_x, floor - wall, -out_z], [out_x, floor, out_z], "plank");
@@ -120,7 +120,7 @@ fn cart() -> Asset {
     }
     for x in [-0.35, 0.35] {
         asset.cuboid([x - 0.025, radius - 0.025, -out_z - gap], [x + 0.025, radius + 0.025, out_z + gap], "steel");
-        asset.cuboid([x - 0.06, radius + 0.025, -0.25], [x + 0.06, floor - wall, 0.25], "plank");
+        asset.cuboid([x - 0.06, radius + 0.025, -0.28], [x + 0.06, floor - wall, 0.28], "plank");
     }
     asset
 }

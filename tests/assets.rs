@@ -43,8 +43,8 @@ fn assets_are_closed_outward_small_and_stand_on_the_ground() {
         ("mound", 0.1),
         ("card", 0.063 * 0.088 * 0.00088),
         ("ball", 0.52),
-        ("cart", 0.092),
-        ("heap", 0.173),
+        ("cart", 0.1),
+        ("heap", 0.184),
         ("spiral", 2.7),
     ];
     let mut files: Vec<String> = std::fs::read_dir(&folder)

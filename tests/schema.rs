@@ -88,6 +88,10 @@ fn the_defaults_told_are_the_defaults() {
             (None, None) => assert!(descriptor.containing_oneof().is_some(), "{path} tells no default"),
             (None, Some(told)) => assert!(told.starts_with("not set"), "{path} has no default, not {told}"),
             (Some(Value::String(name)), told) => assert_eq!(told, Some(name.as_str()), "{path}"),
+            (Some(Value::Array(numbers)), told) => {
+                let told: Option<Vec<f64>> = told.and_then(|told| serde_json::from_str(told).ok());
+                assert_eq!(told, numbers.iter().map(Value::as_f64).collect(), "{path}");
+            }
             (Some(Value::Number(number)), told) => {
                 let told: Option<f64> = told.and_then(|told| told.parse().ok());
                 assert_eq!(told, number.as_f64(), "{path}");

@@ -209,6 +209,14 @@ fn until(params: &mut Params, scene: &proto::Scene, counts: &mut Counts) {
         Some(Until::UntilSeconds(seconds)) => params.control.until = Some(seconds),
         Some(Until::UntilFrame(frame)) => {
             let frame: u32 = counts.natural("control.until_frame", frame);
+            if f64::from(frame) > added::LAST_FRAME {
+                let problem = Problem::new(
+                    "control.until_frame",
+                    format!("{frame} is out of range"),
+                    format!("Give 0 to {}.", added::LAST_FRAME),
+                );
+                counts.problems.push(problem.of_field("control.until_frame"));
+            }
             params.control.until = Some(f64::from(frame) / params.output.fps);
         }
     }

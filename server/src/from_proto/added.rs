@@ -12,7 +12,7 @@ const EMITTER_COUNT: i32 = 100;
 const SCALE: f64 = 1.0;
 const NO_ROTATION: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 /// The last frame that can be named.
-const LAST_FRAME: f64 = 100_000.0;
+pub const LAST_FRAME: f64 = 100_000.0;
 
 /// Reads these messages and gathers what is wrong with them.
 pub struct Added<'a> {
