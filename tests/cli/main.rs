@@ -3,6 +3,7 @@
 mod bad_input;
 mod bake;
 mod desk;
+mod examples;
 mod outputs;
 mod readme;
 mod scenes;
