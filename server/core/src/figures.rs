@@ -17,6 +17,7 @@ use crate::release::Pile;
 use crate::report::Report;
 use crate::scene::Scene;
 use crate::shape::Shape;
+use crate::standing;
 use crate::world::{BodyId, Side, Touch, World};
 use std::collections::BTreeMap;
 
@@ -87,7 +88,7 @@ pub fn report(
     measures.extend(motion_figures(inputs, pile));
     measures.extend(control_figures(pile));
     if params.output.free_standing {
-        measures.insert("free_standing_fraction", Some(free_standing(pile, observer)?));
+        measures.extend(standing::measure(pile, observer)?);
     }
     if params.output.free_pour {
         measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
@@ -216,26 +217,6 @@ fn control_figures(pile: &Pile) -> Figures {
         ("analysis_us_per_body", ratio(pile.control_seconds * 1e6, tally.analyses as f64)),
     ])
 }
-
-/// `free_standing_fraction`: everything let go and awake for 5 s, without nails, control or damping.
-fn free_standing(pile: &mut Pile, observer: &mut dyn Observer) -> Result<f64, Error> {
-    let before: Vec<Pose> = pile.world.present().map(|id| pile.world.pose(id)).collect();
-    pile.world.let_stand_alone();
-    let steps = (FREE_STANDING_TIME / pile.world.units.time / pile.world.step_length()).ceil() as u64;
-    for k in 0..steps {
-        pile.world.step();
-        let fraction = 0.8 + 0.2 * k as f64 / steps as f64;
-        let bodies = before.len();
-        let progress = Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
-        observe(observer, &progress)?;
-    }
-    let moved = |(id, old): (usize, &Pose)| pile.world.pose(id).translation.distance(old.translation);
-    let stood = pile.world.present().zip(&before).map(moved).filter(|&m| m < 0.1).count();
-    Ok(stood as f64 / before.len().max(1) as f64)
-}
-
-/// s (measures.md).
-const FREE_STANDING_TIME: f64 = 5.0;
 
 fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
     let tally = pile.control.tally;

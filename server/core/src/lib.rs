@@ -25,6 +25,7 @@ pub mod release;
 pub mod report;
 pub mod scene;
 pub mod shape;
+mod standing;
 pub mod topology;
 mod weld;
 pub mod world;

@@ -34,8 +34,16 @@ pub enum Accuracy {
     /// Hsu & Keyser's Table 1, literal and in SI.
     Paper,
     Draft,
+    Preview,
     Standard,
     Fine,
+    Reference,
+}
+
+impl Accuracy {
+    /// From the quickest to the most accurate; the paper's setting stands beside them.
+    pub const LADDER: [Accuracy; 5] =
+        [Accuracy::Draft, Accuracy::Preview, Accuracy::Standard, Accuracy::Fine, Accuracy::Reference];
 }
 
 /// How the engine steps.
@@ -274,7 +282,26 @@ impl Params {
         };
         match accuracy {
             Accuracy::Standard => {}
-            Accuracy::Draft => params.physics.substeps = 4,
+            Accuracy::Draft => {
+                params.physics.step = Time::Natural(0.1);
+                params.physics.substeps = 6;
+                params.physics.shape_tolerance = 0.1;
+                params.physics.max_parts = 4;
+                params.control.period = 3;
+            }
+            Accuracy::Preview => {
+                params.physics.substeps = 5;
+                params.physics.shape_tolerance = 0.06;
+                params.physics.max_parts = 8;
+            }
+            Accuracy::Reference => {
+                params.physics.step = Time::Natural(0.0125);
+                params.physics.substeps = 16;
+                params.physics.friction_model = FrictionModel::Coulomb;
+                params.physics.shape_tolerance = 0.01;
+                params.physics.max_parts = 48;
+                params.control.period = 20;
+            }
             Accuracy::Fine => {
                 params.physics.step = Time::Natural(0.025);
                 params.physics.shape_tolerance = 0.02;

@@ -3,6 +3,7 @@
 mod bake;
 mod cancel;
 mod check;
+mod cost;
 mod failure;
 mod fault;
 mod interrupt;
@@ -40,6 +41,7 @@ enum Command {
     Bake(bake::Args),
     Cancel(cancel::Args),
     Check(check::Args),
+    Cost(cost::Args),
     Render(render::Args),
     Scene(scene::Args),
     Serve(serve::Args),
@@ -68,6 +70,7 @@ pub fn main() -> ExitCode {
         Command::Bake(args) => bake::run(&args),
         Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Cost(args) => cost::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Serve(args) => serve::run(&args),
