@@ -260,7 +260,10 @@ fn fill_warnings(inputs: &Inputs, first: &ShapeMeasures) -> Vec<String> {
         [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")]
     {
         if count > 0 {
-            warnings.push(format!("{count} bodies that {why} were removed after the fill"));
+            warnings.push(match count {
+                1 => format!("1 body that {why} was removed after the fill"),
+                _ => format!("{count} bodies that {why} were removed after the fill"),
+            });
         }
     }
     if inputs.filled.full && first.fill_fraction < POOR_FILL {
@@ -289,7 +292,8 @@ fn end_warnings(pile: &Pile, held: Held, measures: &Figures) -> Vec<String> {
     if let Some(Some(hanging)) = measures.get("hanging")
         && *hanging > 0.0
     {
-        warnings.push(format!("{hanging} bodies rest without a chain of contacts down to the ground"));
+        let who = if *hanging == 1.0 { "1 body rests".into() } else { format!("{hanging} bodies rest") };
+        warnings.push(format!("{who} without a chain of contacts down to the ground"));
     }
     warnings
 }

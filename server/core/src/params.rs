@@ -226,7 +226,7 @@ pub struct Output {
     pub fps: f64,
     /// Frames after frame 0; `None`: until the pile is at rest.
     pub frames: Option<u32>,
-    /// Also measure `free_standing_fraction` (a further simulation).
+    /// Also measure `free_standing_fraction` and what the engine leaves unbalanced (a further simulation).
     pub free_standing: bool,
     /// Also measure `free_pour_fraction`, per prop by weight (a further simulation).
     pub free_pour: bool,

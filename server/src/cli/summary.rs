@@ -12,7 +12,8 @@ pub fn lines(
     output: &Path,
 ) -> Vec<String> {
     let percent = |value: f64| format!("{:.0} %", value * 100.0);
-    let mut lines = vec![format!("{bodies} bodies, {frames} frames")];
+    let count = |n: usize, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
+    let mut lines = vec![format!("{}, {}", count(bodies, "body", "bodies"), count(frames, "frame", "frames"))];
     if let Some(fill) = measure("fill_fraction") {
         lines[0] += &format!(", {} of the control mesh's volume", percent(fill));
     }
@@ -25,7 +26,7 @@ pub fn lines(
     }
     if let (Some(speed), Some(relative)) = (measure("resting_speed_max"), measure("resting_speed_max_rel")) {
         let state = if relative < REST_SPEED { "all at rest" } else { "not at rest" };
-        lines.push(format!("{state}: in the last second no point was faster than {speed:.3} m/s"));
+        lines.push(format!("{state}: in the last second no point was faster than {:.1} mm/s", speed * 1000.0));
     }
     lines.push(format!("{} in {seconds:.1} s", output.display()));
     lines
