@@ -97,9 +97,9 @@ fn accepts(path: &str, comment: &str, value: f64) -> bool {
         scene.set(&format!("props.0.scale_min={value:?}")).unwrap();
         scene.set(&format!("props.0.scale_max={value:?}")).unwrap();
     }
-    let values = match after(comment, "Default: [") {
+    let values = match told(comment, "Default: ").filter(|default| default.starts_with('[')) {
         // A list: its first number.
-        Some(rest) => format!("[{value:?}{}", &rest[rest.find(',').unwrap()..]),
+        Some(default) => format!("[{value:?}{}", &default[default.find(',').unwrap()..]),
         None => format!("{value:?}"),
     };
     if path == "bodies.0.kept_until_frame" || path == "bodies.0.kept_until_seconds" {

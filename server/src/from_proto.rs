@@ -95,7 +95,9 @@ fn accuracy(accuracy: proto::Accuracy) -> Accuracy {
         proto::Accuracy::Paper => Accuracy::Paper,
         proto::Accuracy::Draft => Accuracy::Draft,
         proto::Accuracy::Unspecified | proto::Accuracy::Standard => Accuracy::Standard,
+        proto::Accuracy::Preview => Accuracy::Preview,
         proto::Accuracy::Fine => Accuracy::Fine,
+        proto::Accuracy::Reference => Accuracy::Reference,
     }
 }
 

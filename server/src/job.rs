@@ -144,6 +144,18 @@ impl Job {
         self.files.keys().cloned().collect()
     }
 
+    /// Hash of all files that were read: names and bytes, those beside a glTF file left out.
+    pub fn content_hash(&self) -> blake3::Hash {
+        let mut hasher = blake3::Hasher::new();
+        for file in self.files.values() {
+            for part in [file.name.as_bytes(), &file.bytes] {
+                hasher.update(&(part.len() as u64).to_le_bytes());
+                hasher.update(part);
+            }
+        }
+        hasher.finalize()
+    }
+
     /// The models in their original files.
     pub fn export_scene(&self) -> ExportScene<'_> {
         ExportScene { props: self.sources(&self.props), scenery: self.sources(&self.statics) }

@@ -76,7 +76,7 @@ pub fn progress(progress: &Progress, remaining_seconds: Option<f64>) -> proto::P
 
 /// Every accuracy with its parameters.
 pub fn accuracy_presets() -> Vec<proto::AccuracyPreset> {
-    let all = [Accuracy::Paper, Accuracy::Draft, Accuracy::Standard, Accuracy::Fine];
+    let all = [&[Accuracy::Paper], &Accuracy::LADDER[..]].concat();
     let preset = |&of: &Accuracy| proto::AccuracyPreset {
         accuracy: accuracy(of).into(),
         parameters: Some(params(&Params::new(of))),
@@ -100,9 +100,16 @@ fn accuracy(accuracy: Accuracy) -> proto::Accuracy {
     match accuracy {
         Accuracy::Paper => proto::Accuracy::Paper,
         Accuracy::Draft => proto::Accuracy::Draft,
+        Accuracy::Preview => proto::Accuracy::Preview,
         Accuracy::Standard => proto::Accuracy::Standard,
         Accuracy::Fine => proto::Accuracy::Fine,
+        Accuracy::Reference => proto::Accuracy::Reference,
     }
+}
+
+/// As scene files write it: `standard`.
+pub fn accuracy_name(of: Accuracy) -> String {
+    accuracy(of).as_str_name().trim_start_matches("ACCURACY_").to_lowercase()
 }
 
 fn physics(physics: &Physics) -> proto::Physics {

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod bake;
+mod cost;
 mod desk;
 mod examples;
 mod outputs;

@@ -18,6 +18,7 @@ use crate::release::Pile;
 use crate::report::Report;
 use crate::scene::{Given, Scene};
 use crate::shape::Shape;
+use crate::standing;
 use crate::world::{BodyId, Role, Side, Touch, TouchPoint, World};
 use std::collections::BTreeMap;
 
@@ -104,7 +105,7 @@ pub fn report(
     measures.extend(motion_figures(inputs, pile, frames));
     measures.extend(control_figures(pile));
     if params.output.free_standing {
-        measures.insert("free_standing_fraction", Some(free_standing(pile, observer)?));
+        measures.extend(standing::measure(pile, observer)?);
     }
     if params.output.free_pour {
         measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
@@ -312,28 +313,6 @@ fn control_figures(pile: &Pile) -> Figures {
         ("analysis_us_per_body", ratio(pile.control_seconds * 1e6, tally.analyses as f64)),
     ])
 }
-
-/// `free_standing_fraction`: everything let go and awake for 5 s, without nails, control or damping.
-fn free_standing(pile: &mut Pile, observer: &mut dyn Observer) -> Result<f64, Error> {
-    pile.control.end(&mut pile.world);
-    let movable: Vec<BodyId> = pile.world.present().filter(|&id| pile.world.bodies()[id].role != Role::Kept).collect();
-    let before: Vec<Pose> = movable.iter().map(|&id| pile.world.pose(id)).collect();
-    pile.world.let_stand_alone();
-    let steps = (FREE_STANDING_TIME / pile.world.units.time / pile.world.step_length()).ceil() as u64;
-    for k in 0..steps {
-        pile.world.step();
-        let fraction = 0.8 + 0.2 * k as f64 / steps as f64;
-        let bodies = before.len();
-        let progress = Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
-        observe(observer, &progress)?;
-    }
-    let moved = |(&id, old): (&BodyId, &Pose)| pile.world.pose(id).translation.distance(old.translation);
-    let stood = movable.iter().zip(&before).map(moved).filter(|&m| m < 0.1).count();
-    Ok(stood as f64 / before.len().max(1) as f64)
-}
-
-/// s (measures.md).
-const FREE_STANDING_TIME: f64 = 5.0;
 
 fn counts(filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'static str, u64> {
     let tally = pile.control.tally;

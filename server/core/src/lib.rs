@@ -26,6 +26,7 @@ pub mod release;
 pub mod report;
 pub mod scene;
 pub mod shape;
+mod standing;
 pub mod topology;
 mod weld;
 pub mod world;

@@ -34,8 +34,16 @@ pub enum Accuracy {
     /// Hsu & Keyser's Table 1, literal and in SI.
     Paper,
     Draft,
+    Preview,
     Standard,
     Fine,
+    Reference,
+}
+
+impl Accuracy {
+    /// From the quickest to the most accurate; the paper's setting stands beside them.
+    pub const LADDER: [Accuracy; 5] =
+        [Accuracy::Draft, Accuracy::Preview, Accuracy::Standard, Accuracy::Fine, Accuracy::Reference];
 }
 
 /// How the engine steps.
@@ -235,7 +243,7 @@ pub struct Output {
     pub fps: f64,
     /// Frames after frame 0; `None`: until the pile is at rest.
     pub frames: Option<u32>,
-    /// Also measure `free_standing_fraction` (a further simulation).
+    /// Also measure `free_standing_fraction` and what the engine leaves unbalanced (a further simulation).
     pub free_standing: bool,
     /// Also measure `free_pour_fraction`, per prop by weight (a further simulation).
     pub free_pour: bool,
@@ -293,7 +301,26 @@ impl Params {
         };
         match accuracy {
             Accuracy::Standard => {}
-            Accuracy::Draft => params.physics.substeps = 4,
+            Accuracy::Draft => {
+                params.physics.step = Time::Natural(0.1);
+                params.physics.substeps = 6;
+                params.physics.shape_tolerance = 0.1;
+                params.physics.max_parts = 4;
+                params.control.period = 3;
+            }
+            Accuracy::Preview => {
+                params.physics.substeps = 5;
+                params.physics.shape_tolerance = 0.06;
+                params.physics.max_parts = 8;
+            }
+            Accuracy::Reference => {
+                params.physics.step = Time::Natural(0.0125);
+                params.physics.substeps = 16;
+                params.physics.friction_model = FrictionModel::Coulomb;
+                params.physics.shape_tolerance = 0.01;
+                params.physics.max_parts = 48;
+                params.control.period = 20;
+            }
             Accuracy::Fine => {
                 params.physics.step = Time::Natural(0.025);
                 params.physics.shape_tolerance = 0.02;

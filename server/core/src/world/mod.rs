@@ -6,6 +6,7 @@
 
 mod contacts;
 mod hits;
+mod motion;
 mod nails;
 mod scenery;
 
@@ -21,6 +22,7 @@ use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
 pub use hits::Hit;
+pub use motion::Momentum;
 pub use nails::NailId;
 pub use scenery::MovingId;
 
@@ -391,26 +393,6 @@ impl World {
 
     pub fn pose(&self, id: BodyId) -> Pose {
         from_engine(self.engine.bodies[self.bodies[id].handle].position())
-    }
-
-    /// Speed of the fastest point of a body.
-    pub fn speed(&self, id: BodyId) -> f64 {
-        let body = &self.engine.bodies[self.bodies[id].handle];
-        if self.bodies[id].role != Role::Free || body.is_sleeping() {
-            return 0.0;
-        }
-        body.linvel().length() as f64 + body.angvel().length() as f64 * self.bodies[id].radius
-    }
-
-    /// Whether the engine simulates the body at present.
-    pub fn is_awake(&self, id: BodyId) -> bool {
-        self.bodies[id].role == Role::Free && !self.engine.bodies[self.bodies[id].handle].is_sleeping()
-    }
-
-    /// Kinetic energy of all free bodies.
-    pub fn kinetic_energy(&self) -> f64 {
-        let energy = |id: BodyId| self.engine.bodies[self.bodies[id].handle].kinetic_energy() as f64;
-        self.present().filter(|&id| self.bodies[id].role == Role::Free).map(energy).sum()
     }
 
     pub fn step_length(&self) -> f64 {
