@@ -53,9 +53,16 @@ pub(crate) struct Filling<'a> {
     pub removed: Removed,
     /// Bodies that the container is expected to take.
     pub expected: usize,
+    /// Bodies simulated so far, times natural times.
+    work: f64,
     /// Frames shown; `None` where none are to be.
     shown: Option<usize>,
 }
+
+/// Natural times for which the bodies of a fill are usually simulated, times the expected bodies.
+const USUAL_WORK: f64 = 40.0;
+/// Progress when the usual work is done; the rest is for fills that take longer.
+const USUAL_END: f64 = 0.9;
 
 /// Share of the volume that props usually fill.
 pub const USUAL_PACKING: f64 = 0.4;
@@ -160,6 +167,7 @@ impl<'a> Filling<'a> {
             rng: Pcg64Mcg::seed_from_u64(params.seed),
             removed: Removed::default(),
             expected,
+            work: 0.0,
             shown: Some(0),
         }
     }
@@ -227,7 +235,10 @@ impl<'a> Filling<'a> {
 
     pub fn tell(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         let bodies = self.loose().count();
-        let fraction = (bodies as f64 / self.expected as f64).min(0.99);
+        self.work += bodies as f64 * self.world.step_length();
+        let share = self.work / (USUAL_WORK * self.expected as f64);
+        let beyond = (1.0 - USUAL_END) * (1.0 - 1.0 / share.max(1.0));
+        let fraction = (USUAL_END * share.min(1.0) + beyond).min(0.99);
         let progress = Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
         observe(observer, &progress)
     }
