@@ -1,0 +1,64 @@
+"""Cairn: piles of props that keep the shape of a mesh. Blender 4.2 on takes it as an extension, 3.4 on as an add-on."""
+
+import atexit
+
+import bpy
+from bpy.app.handlers import persistent
+
+from . import job, operators, panels, pending, preferences, properties, running, setup_operators
+
+bl_info = {
+    "name": "Cairn",
+    "description": "Bake piles of props that keep the shape of a mesh",
+    "author": "The Cairn authors",
+    "version": (0, 1, 0),
+    "blender": (3, 4, 0),
+    "location": "3D View > Sidebar > Pile",
+    "category": "Physics",
+}
+
+CLASSES = [preferences.CairnPreferences, *operators.CLASSES, *setup_operators.CLASSES, *panels.CLASSES]
+
+
+@persistent
+def _before_load(*_):
+    """Another file is about to be opened. The server bakes on; this file's note says so."""
+    if running.bake is not None:
+        running.bake.job.detach()
+    running.bake = running.plan = running.left = None
+
+
+@persistent
+def _after_load(*_):
+    running.left = pending.of_this_file()
+
+
+@persistent
+def _after_save(*_):
+    bake = running.bake
+    if bake is not None and not bake.end and bake.job.bake_id:
+        pending.note(bake.job.bake_id, bake.recipe)
+
+
+HANDLERS = {"load_pre": _before_load, "load_post": _after_load, "save_post": _after_save}
+
+
+def register():
+    properties.register()
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(handler)
+    atexit.register(preferences.stop_server)
+
+
+def unregister():
+    atexit.unregister(preferences.stop_server)
+    _before_load()
+    preferences.stop_server()
+    job.end()
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(handler)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
+    properties.unregister()

@@ -1,0 +1,204 @@
+"""A Cairn server as a client sees it: `cairn.v1.PileService` by gRPC."""
+
+import asyncio
+import hashlib
+import ssl
+from dataclasses import dataclass, field
+
+from ._vendor.grpclib.client import Channel, StreamUnaryMethod, UnaryStreamMethod, UnaryUnaryMethod
+from ._vendor.grpclib.const import Status
+from ._vendor.grpclib.exceptions import GRPCError, StreamTerminatedError
+from .messages import v1
+
+PROTOCOL = 1
+CHUNK = 64 * 1024
+# A stream that broke off is taken up again so often in a row, after pauses that double from the first, s.
+ATTEMPTS = 6
+FIRST_PAUSE = 0.2
+# What a call takes at most that answers from memory, s.
+SHORT = 30.0
+
+
+@dataclass(frozen=True)
+class Target:
+    """How to reach a server. `address`: HOST:PORT, https://HOST:PORT or unix:PATH."""
+
+    address: str
+    token: str = ""
+    # Who signed the server's certificate: a PEM file. Empty: those whom this machine trusts.
+    certificates: str = ""
+
+
+@dataclass
+class Fault(Exception):
+    """What went wrong, for a person."""
+
+    message: str
+    # As in google.rpc.ErrorInfo: SCENE_INVALID, QUEUE_FULL, ...; empty if the call never arrived.
+    reason: str = ""
+    # Field and description of everything that is wrong with the request.
+    problems: list = field(default_factory=list)
+    # The same call may go through on a new connection.
+    is_broken: bool = False
+
+    def __str__(self):
+        return self.message
+
+
+class Client:
+    """A connection. Use it in the event loop that it was made in, as `async with Client(target) as client`."""
+
+    def __init__(self, target):
+        self.target = target
+        self.metadata = {"authorization": f"Bearer {target.token}"} if target.token else {}
+        self.channel = _channel(target)
+
+    async def __aenter__(self):
+        return self
+
+    async def __aexit__(self, *_):
+        self.channel.close()
+
+    def _method(self, kind, name, reply=None):
+        request, reply = getattr(v1, f"{name}Request"), getattr(v1, f"{reply or name}Response")
+        return kind(self.channel, f"/cairn.v1.PileService/{name}", request, reply)
+
+    async def call(self, name, timeout=SHORT, **fields):
+        """One question, one answer: `await client.call("GetBake", bake_id=id)`."""
+        method = self._method(UnaryUnaryMethod, name)
+        with _told(self.target):
+            return await method(method.request_type(**fields), timeout=timeout, metadata=self.metadata)
+
+    async def stream(self, name, **fields):
+        """One question, many answers."""
+        method = self._method(UnaryStreamMethod, name)
+        with _told(self.target):
+            async with method.open(metadata=self.metadata) as stream:
+                await stream.send_message(method.request_type(**fields), end=True)
+                async for reply in stream:
+                    yield reply
+
+    async def handshake(self):
+        """Server information; a fault if the two do not understand each other."""
+        return await self.call("GetServerInfo", protocol_version=PROTOCOL)
+
+    async def upload(self, contents, on_progress=lambda share: None):
+        """Sends what the server does not have. `contents`: bytes by SHA-256."""
+        missing = (await self.call("HaveAssets", sha256=sorted(contents))).missing_sha256
+        total = sum(len(contents[sha256]) for sha256 in missing)
+        sent = 0
+        for sha256 in missing:
+            method = self._method(StreamUnaryMethod, "UploadAsset")
+            content = contents[sha256]
+            with _told(self.target):
+                async with method.open(metadata=self.metadata) as stream:
+                    header = v1.AssetHeader(sha256=sha256, size_bytes=len(content))
+                    await stream.send_message(v1.UploadAssetRequest(header=header), end=not content)
+                    for start in range(0, len(content), CHUNK):
+                        part = content[start : start + CHUNK]
+                        is_last = start + CHUNK >= len(content)
+                        await stream.send_message(v1.UploadAssetRequest(chunk=part), end=is_last)
+                        sent += len(part)
+                        on_progress(sent / total)
+                    await stream.recv_message()
+
+    async def plan(self, spec):
+        """What a bake would do. Reads every model: it may take a while."""
+        return await self.call("PlanBake", timeout=600.0, spec=spec)
+
+
+async def bake(reach, spec, contents, on_progress=lambda share: None):
+    """Uploads, bakes, and yields the events to the end, over as many connections as it takes.
+
+    `reach`: gives the target, awaited before each connection.
+    """
+    async with Client(await reach()) as client:
+        await client.handshake()
+        await client.upload(contents, on_progress)
+        bake_id, last = "", 0
+        try:
+            async for reply in client.stream("Bake", spec=spec, frames=v1.FRAME_SELECTION_ALL):
+                bake_id = reply.event.accepted.bake_id or bake_id
+                last = max(last, reply.event.sequence_number)
+                yield reply.event
+            return
+        except Fault as fault:
+            if not fault.is_broken or not bake_id:
+                raise
+    async for event in watch(reach, bake_id, last + 1):
+        yield event
+
+
+async def watch(reach, bake_id, first=1):
+    """Yields the events of a bake from number `first` on."""
+    attempt = 0
+    while True:
+        try:
+            async with Client(await reach()) as client:
+                await client.handshake()
+                wanted = {"bake_id": bake_id, "from_sequence_number": first, "frames": v1.FRAME_SELECTION_ALL}
+                async for reply in client.stream("WatchBake", **wanted):
+                    first = max(first, reply.event.sequence_number + 1)
+                    attempt = 0
+                    yield reply.event
+                return
+        except Fault as fault:
+            attempt += 1
+            if not fault.is_broken or attempt > ATTEMPTS:
+                raise
+            await asyncio.sleep(FIRST_PAUSE * 2**attempt)
+
+
+def digest(content):
+    """The name of an asset: the SHA-256 of its bytes."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def _channel(target):
+    if target.address.startswith("unix:"):
+        return Channel(path=target.address.removeprefix("unix:"))
+    address = target.address.removeprefix("http://")
+    is_encrypted = address.startswith("https://") or target.certificates
+    host, _, port = address.removeprefix("https://").rpartition(":")
+    if not host or not port.isdecimal():
+        raise Fault(f"The server's address is “{target.address}”. Write it as HOST:PORT in the add-on's preferences.")
+    context = None
+    if is_encrypted:
+        try:
+            context = ssl.create_default_context(cafile=target.certificates or None)
+        except (OSError, ssl.SSLError) as error:
+            raise Fault(f"{target.certificates}: {error}. Choose a PEM file in the add-on's preferences.") from error
+        context.set_alpn_protocols(["h2"])
+    return Channel(host.strip("[]"), int(port), ssl=context)
+
+
+class _told:
+    """Turns what the libraries raise into a fault."""
+
+    def __init__(self, target):
+        self.target = target
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, _):
+        if isinstance(error, GRPCError):
+            raise _fault(error) from error
+        if isinstance(error, asyncio.TimeoutError):
+            raise Fault(f"The server at {self.target.address} does not answer.", is_broken=True) from error
+        if isinstance(error, (OSError, StreamTerminatedError)):
+            message = f"The server at {self.target.address} cannot be reached: {error or kind.__name__}."
+            raise Fault(message, is_broken=True) from error
+        return False
+
+
+def _fault(error):
+    reason, problems = "", []
+    for detail in error.details or ():
+        name = type(detail).__name__
+        if name == "ErrorInfo":
+            reason = detail.reason
+        elif name == "BadRequest":
+            problems = [(wrong.field, wrong.description) for wrong in detail.field_violations]
+    is_broken = error.status in (Status.UNAVAILABLE, Status.UNKNOWN) and reason != "SHUTTING_DOWN"
+    return Fault(error.message or error.status.name, reason, problems, is_broken)

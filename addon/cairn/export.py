@@ -1,0 +1,241 @@
+"""Objects of the scene -> models for the server, evaluated: modifiers, instances and transforms applied."""
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from . import axes, client, glb
+from .client import Fault
+
+SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+# Deviation from a diagonal, relative to the largest entry, from which a matrix counts as sheared: what rounding in
+# Blender's own single precision leaves is less.
+SHEAR = 1e-4
+
+
+@dataclass
+class Model:
+    """A mesh as the server gets it."""
+
+    # What the server's messages call it.
+    uri: str
+    content: bytes
+    sha256: str
+
+
+@dataclass
+class Prop:
+    """A thing that piles are made of, and how its bodies are made of it in Blender."""
+
+    model: Model
+    # The object; with everything below it, if it has children or is an instance of a collection.
+    source: bpy.types.Object
+    # From the source's local space to the prop's own frame, which has the source's origin and rotation and the scene's
+    # scale: for most objects, their scale.
+    local: Matrix
+    # Triangles in the prop's own frame, Blender's axes and units: shape [t, 3, 3]. For the view while baking.
+    triangles: np.ndarray
+
+
+def metres(scene):
+    """What one unit of the scene measures."""
+    units = scene.unit_settings
+    return 1.0 if units.system == "NONE" else units.scale_length
+
+
+class Exporter:
+    """Takes models of a scene as it stands."""
+
+    def __init__(self, context):
+        # What is being edited counts as it is seen.
+        for source in context.objects_in_mode_unique_data if context.mode.startswith("EDIT") else ():
+            source.update_from_editmode()
+        self.context = context
+        self.metres = metres(context.scene)
+        self.contents = {}
+        self.uris = set()
+        self.known = {}
+
+    def region(self, source):
+        """A mesh in the world."""
+        with evaluated(self.context, [source]) as geometry:
+            meshes = geometry(source)
+            if not meshes:
+                raise Fault(f"“{source.name}” has no faces. Choose a closed mesh as the control mesh.")
+            return self._model(source.name, meshes, Matrix())
+
+    def scenery(self, sources):
+        """Meshes in the world, one of each object that has faces, with the object."""
+        models = []
+        with evaluated(self.context, sources) as geometry:
+            for source in sources:
+                meshes = geometry(source)
+                if meshes:
+                    models.append((source, self._model(source.name, meshes, Matrix())))
+        return models
+
+    def props(self, sources):
+        """Meshes in their own frames, of each object with everything below it."""
+        families = [[source, *source.children_recursive] for source in sources]
+        props = []
+        with evaluated(self.context, [member for family in families for member in family]) as geometry:
+            for source, family in zip(sources, families):
+                meshes = [mesh for member in family for mesh in geometry(member)]
+                if not meshes:
+                    raise Fault(f"The prop “{source.name}” has no faces. Take it out of the props, or give it some.")
+                place = geometry.matrix(source)
+                location, rotation, _ = place.decompose()
+                frame = Matrix.Translation(location) @ rotation.to_matrix().to_4x4()
+                model = self._model(source.name, meshes, frame.inverted())
+                vertices, triangles = joined(meshes, frame.inverted())
+                props.append(Prop(model, source, frame.inverted() @ place, vertices[triangles]))
+        return props
+
+    def _model(self, name, meshes, matrix):
+        key = tuple((id(mesh.vertices), _key(matrix @ mesh.matrix)) for mesh in meshes)
+        if key not in self.known:
+            vertices, triangles = joined(meshes, matrix)
+            content = glb.write("model", axes.points_to_server(vertices, self.metres), triangles)
+            sha256 = client.digest(content)
+            self.contents[sha256] = content
+            # The meshes are kept with it, so that their ids stay theirs.
+            self.known[key] = content, sha256, meshes
+        content, sha256, _ = self.known[key]
+        return Model(self._uri(name), content, sha256)
+
+    def _uri(self, name):
+        """A name for the server's messages: the object's, but for signs that mean something in paths."""
+        base = name.translate(str.maketrans("/\\#", "___")).strip(". ") or "object"
+        uri, number = base, 1
+        while uri in self.uris:
+            number += 1
+            uri = f"{base} ({number})"
+        self.uris.add(uri)
+        return uri
+
+
+@dataclass
+class Mesh:
+    """Arrays of one mesh in its own space: vertices [n, 3], triangles [m, 3]; and its matrix to the world."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    matrix: Matrix
+
+
+def joined(meshes, matrix):
+    """Several meshes as one, in the space that `matrix` leads to from the world."""
+    vertices, triangles, count = [], [], 0
+    for mesh in meshes:
+        place = np.array(matrix @ mesh.matrix)
+        vertices.append(mesh.vertices @ place[:3, :3].T + place[:3, 3])
+        turned = mesh.triangles[:, ::-1] if np.linalg.det(place[:3, :3]) < 0 else mesh.triangles
+        triangles.append(turned + count)
+        count += len(mesh.vertices)
+    return np.concatenate(vertices), np.concatenate(triangles)
+
+
+def is_sheared(matrix):
+    """Whether no location, rotation and scale together give it."""
+    entries = np.array(matrix)[:3, :3]
+    off = entries - np.diag(np.diag(entries))
+    return np.abs(off).max() > SHEAR * np.abs(entries).max()
+
+
+def _key(matrix):
+    return tuple(round(value, 6) for row in matrix for value in row)
+
+
+@contextmanager
+def evaluated(context, sources):
+    """Gives a function from an object to its evaluated meshes; with `.matrix(object)`, where it stands.
+
+    Blender does not evaluate what is hidden or outside the view layer: copies in a scene of their own stand in for it.
+    """
+    view = set(context.view_layer.objects)
+    hidden = [source for source in sources if source not in view or not source.visible_get()]
+    scratch, copies = None, {}
+    try:
+        if hidden:
+            scratch = bpy.data.scenes.new("Cairn export")
+            scratch.frame_set(context.scene.frame_current)
+            for source in hidden:
+                copy = source.copy()
+                copy.hide_viewport = False
+                copies[source] = copy
+                scratch.collection.objects.link(copy)
+            scratch.view_layers[0].update()
+        graphs = [context.evaluated_depsgraph_get(), scratch and scratch.view_layers[0].depsgraph]
+        yield Geometry([graph for graph in graphs if graph], sources, copies)
+    finally:
+        for copy in copies.values():
+            bpy.data.objects.remove(copy)
+        if scratch:
+            bpy.data.scenes.remove(scratch)
+
+
+class Geometry:
+    """Evaluated meshes, each data block read once."""
+
+    def __init__(self, graphs, sources, copies):
+        self.graphs = graphs
+        self.copies = copies
+        self.known = {}
+        # By object: what it instances, with matrices to the world.
+        self.instances = {copies.get(source, source): [] for source in sources}
+        for graph in graphs:
+            for instance in graph.object_instances:
+                if instance.is_instance and instance.object.type in SOLID:
+                    found = self.instances.get(instance.parent.original)
+                    if found is not None:
+                        # Read at once: Blender may use the same object for the next instance.
+                        found.append((self._read(instance.object), instance.matrix_world.copy()))
+
+    def matrix(self, source):
+        return self._evaluated(source).matrix_world.copy()
+
+    def new_mesh(self, source):
+        """A mesh data block as evaluated, with materials and all layers."""
+        graph = self.graphs[-1] if source in self.copies else self.graphs[0]
+        mesh = bpy.data.meshes.new_from_object(
+            self._evaluated(source), preserve_all_data_layers=True, depsgraph=graph
+        )
+        mesh.name = source.name
+        return mesh
+
+    def _evaluated(self, source):
+        stand_in = self.copies.get(source)
+        return stand_in.evaluated_get(self.graphs[-1]) if stand_in else source.evaluated_get(self.graphs[0])
+
+    def __call__(self, source):
+        """All meshes of an object, its instances' included."""
+        shown = self._evaluated(source)
+        pairs = [(self._read(shown), shown.matrix_world.copy())] if shown.type in SOLID else []
+        pairs += self.instances[self.copies.get(source, source)]
+        return [Mesh(*arrays, matrix) for arrays, matrix in pairs if len(arrays[1])]
+
+    def _read(self, shown):
+        # Only meshes are the same for all who share them: how a curve becomes one is the object's.
+        key = shown.data.as_pointer() if shown.type == "MESH" else shown.original
+        if key not in self.known:
+            self.known[key] = triangles_of(shown)
+        return self.known[key]
+
+
+def triangles_of(shown):
+    """Vertices [n, 3] and triangles [m, 3] of an evaluated object."""
+    mesh = shown.to_mesh()
+    if mesh is None:
+        return np.empty((0, 3)), np.empty((0, 3), np.int32)
+    try:
+        mesh.calc_loop_triangles()
+        vertices = np.empty(len(mesh.vertices) * 3, np.float32)
+        mesh.vertices.foreach_get("co", vertices)
+        triangles = np.empty(len(mesh.loop_triangles) * 3, np.int32)
+        mesh.loop_triangles.foreach_get("vertices", triangles)
+        return vertices.reshape(-1, 3).astype(float), triangles.reshape(-1, 3)
+    finally:
+        shown.to_mesh_clear()

@@ -1,0 +1,163 @@
+"""A bake in the background: a thread that talks to the server, and a queue from which Blender's own thread takes."""
+
+import asyncio
+import queue
+import threading
+from dataclasses import dataclass, field
+
+from . import client
+from .client import Client, Fault
+from .messages import v1
+from .recording import Recording
+
+# How long the server may take to hear of a cancelled bake, s.
+FAREWELL = 2.0
+
+
+@dataclass
+class Server:
+    """Where bakes go: a remote server's target, or a server on this machine with its program."""
+
+    target: client.Target = None
+    local: object = None
+    program: object = None
+
+    async def reach(self):
+        if self.target:
+            return self.target
+        return await asyncio.get_running_loop().run_in_executor(None, self.local.reach, self.program)
+
+
+@dataclass
+class Job:
+    """One bake. `news` holds pairs: `("state", text)`, `("accepted", message)`, `("progress", message)`, and at the
+    end `("done", summary)`, `("stopped", None)` or `("failed", Fault)`."""
+
+    server: Server
+    # What to bake, and the models' bytes by SHA-256; or the id of a bake that runs or is done.
+    spec: object = None
+    contents: dict = field(default_factory=dict)
+    bake_id: str = ""
+    news: queue.SimpleQueue = field(default_factory=queue.SimpleQueue)
+    recording: Recording = field(default_factory=Recording)
+    # The bodies as last heard of, for whoever draws them.
+    latest: object = None
+    _task: object = None
+    _detached: bool = False
+
+    def start(self):
+        self._task = asyncio.run_coroutine_threadsafe(self._run(), _loop())
+
+    def stop(self):
+        """Ends the bake, here and on the server. Returns at once."""
+        self._task.cancel()
+
+    def detach(self):
+        """Ends only the listening; the server goes on."""
+        self._detached = True
+        self._task.cancel()
+
+    async def _run(self):
+        try:
+            await self._follow()
+        except asyncio.CancelledError:
+            self.news.put(("stopped", None))
+            if self.bake_id and not self._detached:
+                # The task ends as cancelled; this one does not.
+                asyncio.ensure_future(self._cancel())
+            raise
+        except Fault as fault:
+            self.news.put(("failed", fault))
+        except Exception as error:  # noqa: BLE001 whatever it is, the artist gets a sentence
+            self.news.put(("failed", Fault(f"The add-on has a fault: {type(error).__name__}: {error}")))
+
+    async def _follow(self):
+        try:
+            await self._follow_once()
+        except Fault as fault:
+            # A server that another Blender left behind finishes its bakes and takes no new ones, and one of another
+            # version may not understand us. A fresh one does both, and takes up what that one had.
+            is_old = fault.reason in ("SHUTTING_DOWN", "PROTOCOL_MISMATCH")
+            if not is_old or self.server.local is None or self.bake_id:
+                raise
+            await asyncio.get_running_loop().run_in_executor(None, self.server.local.stop_now)
+            await self._follow_once()
+
+    async def _follow_once(self):
+        self.news.put(("state", "Connecting"))
+        if self.spec is None:
+            events = client.watch(self.server.reach, self.bake_id)
+        else:
+            told = lambda share: self.news.put(("state", f"Sending models, {share:.0%}"))  # noqa: E731
+            events = client.bake(self.server.reach, self.spec, self.contents, told)
+        summary = None
+        async for event in events:
+            kind = event.WhichOneof("kind")
+            if kind == "accepted":
+                self.bake_id = event.accepted.bake_id
+                self.news.put(("accepted", event.accepted))
+            elif kind == "progress":
+                self.news.put(("progress", event.progress))
+            elif kind == "body_table":
+                self.recording.add_table(event.body_table)
+            elif kind == "frame":
+                self.latest = self.recording.add_frame(event.frame)
+            elif kind == "summary":
+                summary = event.summary
+        if summary is None:
+            raise Fault("The server ended the bake without a result. Bake again.")
+        self.news.put(("done", summary))
+
+    async def _cancel(self):
+        try:
+            async with Client(await self.server.reach()) as connection:
+                await connection.call("CancelBake", timeout=FAREWELL, bake_id=self.bake_id)
+        except Fault:
+            # It has ended, or is out of reach.
+            pass
+
+
+async def _ask(server, name, **fields):
+    async with Client(await server.reach()) as connection:
+        await connection.handshake()
+        return await connection.call(name, **fields)
+
+
+def ask(server, name, **fields):
+    """One question in the background: a future of its answer, which raises `Fault`."""
+    return asyncio.run_coroutine_threadsafe(_ask(server, name, **fields), _loop())
+
+
+async def _plan(server, spec, contents):
+    async with Client(await server.reach()) as connection:
+        await connection.handshake()
+        await connection.upload(contents)
+        return await connection.plan(spec)
+
+
+def plan(server, spec, contents):
+    """What a bake would do, as a future."""
+    return asyncio.run_coroutine_threadsafe(_plan(server, spec, contents), _loop())
+
+
+_background = None
+
+
+def _loop():
+    """The event loop of the one background thread."""
+    global _background
+    if _background is None:
+        _background = asyncio.new_event_loop()
+        threading.Thread(target=_background.run_forever, name="cairn", daemon=True).start()
+    return _background
+
+
+def end():
+    """Ends the background thread."""
+    global _background
+    if _background is not None:
+        _background.call_soon_threadsafe(_background.stop)
+        _background = None
+
+
+__all__ = ["Job", "Server", "ask", "end", "plan", "v1"]

@@ -1,0 +1,96 @@
+"""The only writer of F-curves: the motion of many bodies, in bulk."""
+
+import bpy
+import numpy as np
+
+_WAYS = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items
+LINEAR, CONSTANT = (np.array([_WAYS[name].value], np.intc) for name in ("LINEAR", "CONSTANT"))
+# Blender 5 knows slots, layers and channel bags only; before 4.4 there are none.
+HAS_SLOTS = hasattr(bpy.types, "ActionSlot")
+
+
+def continuous(rotations):
+    """Quaternions [f, n, 4] with signs such that none turns the long way round from frame to frame."""
+    dots = np.einsum("fnc,fnc->fn", rotations[1:], rotations[:-1])
+    signs = np.cumprod(np.where(dots < 0, -1, 1).astype(rotations.dtype), axis=0)
+    out = rotations.copy()
+    out[1:] *= signs[:, :, None]
+    return out
+
+
+def needed(positions, rotations):
+    """Which frames are to be keyed, shape [f, n]: all but those that stand as both of their neighbours do. Between keys
+    a curve is linear and after the last it is constant, so that nothing is lost."""
+    values = np.concatenate([positions, rotations], axis=2)
+    changes = (values[1:] != values[:-1]).any(axis=2)
+    keyed = np.zeros(values.shape[:2], bool)
+    keyed[0] = True
+    keyed[1:] |= changes
+    keyed[:-1] |= changes
+    return keyed
+
+
+def write(body, name, frames, positions, rotations, hidden):
+    """Gives an object an action. Frames: shape [k], where it is keyed; positions [k, 3]; rotations [k, 4] w x y z;
+    `hidden`: None, or frames and whether it is hidden from then on."""
+    action = bpy.data.actions.new(name)
+    curves = _curves_of(action, body)
+    for path, values in (("location", positions), ("rotation_quaternion", rotations)):
+        for index in range(values.shape[1]):
+            _key(curves.new(path, index), frames, values[:, index], LINEAR)
+    if hidden is not None:
+        for path in ("hide_viewport", "hide_render"):
+            _key(curves.new(path, 0), *hidden, CONSTANT)
+
+
+def _key(curve, frames, values, interpolation):
+    count = len(frames)
+    points = curve.keyframe_points
+    points.add(count)
+    coordinates = np.empty(2 * count, np.float32)
+    coordinates[::2], coordinates[1::2] = frames, values
+    points.foreach_set("co", coordinates)
+    points.foreach_set("interpolation", interpolation.repeat(count))
+    curve.update()
+
+
+class _Flat:
+    """An action's curves up to Blender 4.3."""
+
+    def __init__(self, action):
+        self.curves = action.fcurves
+
+    def new(self, path, index):
+        return self.curves.new(path, index=index, action_group=GROUPS.get(path, ""))
+
+
+class _Bag:
+    """An action's curves of one object from Blender 4.4 on."""
+
+    def __init__(self, bag):
+        self.curves = bag.fcurves
+        self.groups = {}
+        self.bag = bag
+
+    def new(self, path, index):
+        curve = self.curves.new(path, index=index)
+        name = GROUPS.get(path)
+        if name:
+            if name not in self.groups:
+                self.groups[name] = self.bag.groups.new(name)
+            curve.group = self.groups[name]
+        return curve
+
+
+GROUPS = {"location": "Object Transforms", "rotation_quaternion": "Object Transforms"}
+
+
+def _curves_of(action, body):
+    data = body.animation_data_create()
+    data.action = action
+    if not HAS_SLOTS:
+        return _Flat(action)
+    slot = action.slots.new("OBJECT", body.name)
+    data.action_slot = slot
+    strip = action.layers.new("Layer").strips.new(type="KEYFRAME")
+    return _Bag(strip.channelbag(slot, ensure=True))

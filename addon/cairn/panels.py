@@ -1,0 +1,343 @@
+"""The tab "Pile" in the 3D View's sidebar."""
+
+import bpy
+from bpy.types import Panel, UIList
+
+from . import preferences, request, result, running
+from .operators import is_running
+from .properties import ACCURACIES, GROUPS, fields_of
+
+# Width of a sign of the interface's font, in pixels at scale 1, on average.
+SIGN = 6.2
+# Figures of the report, by their names there: what the panel calls them, what they mean, and how they are shown.
+FIGURES = [
+    ("kept_shape", "Kept shape", "{:.1%}"),
+    ("shape_iou", "Shape overlap", "{:.1%}"),
+    ("at_rest_fraction", "At rest", "{:.1%}"),
+    ("unsupported_fraction", "Unsupported", "{:.1%}"),
+    # Relative to the thinner body.
+    ("penetration_max_rel", "Penetration", "{:.1%}"),
+    ("nails_end", "Nails at the end", "{:.0f}"),
+]
+
+
+def wrapped(layout, context, text, icon="NONE"):
+    """A text in as many lines as the sidebar's width asks for."""
+    scale = context.preferences.system.ui_scale
+    signs = max(20, int((context.region.width / scale - 50) / SIGN))
+    column = layout.column(align=True)
+    line = ""
+    lines = []
+    for word in text.split():
+        if line and len(line) + 1 + len(word) > signs:
+            lines.append(line)
+            line = word
+        else:
+            line = f"{line} {word}".strip()
+    for number, line in enumerate([*lines, line]):
+        column.label(text=line, icon=icon if number == 0 else ("NONE" if icon == "NONE" else "BLANK1"))
+
+
+class _Pile:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Pile"
+
+
+class CAIRN_UL_props(UIList):
+    """The list of props."""
+
+    def draw_item(self, _context, layout, _data, item, _icon, _active_data, _active_name, _index):
+        row = layout.row(align=True)
+        row.prop(item, "object", text="", emboss=True)
+        share = row.row(align=True)
+        share.ui_units_x = 3
+        share.prop(item, "weight", text="")
+
+
+class CAIRN_PT_pile(_Pile, Panel):
+    bl_label = "Pile"
+
+    def draw(self, context):
+        layout = self.layout
+        settings = context.scene.cairn
+        if running.bake:
+            draw_bake(layout, context)
+        elif running.left:
+            draw_left(layout, context)
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.enabled = not is_running()
+        self.draw_scene(column, context, settings)
+        self.draw_bake_button(column, context, settings)
+
+    def draw_scene(self, layout, context, settings):
+        layout.prop(settings, "control_mesh", text="Shape")
+        active = context.object
+        if settings.control_mesh is None and active and active.type == "MESH":
+            layout.operator("cairn.use_selected", text=f"Use “{active.name}”", icon="EYEDROPPER")
+        draw_props(layout, context, settings)
+        layout.separator()
+        layout.prop(settings, "colliders")
+        row = layout.row(heading="Ground")
+        row.prop(settings, "use_ground_height", text="")
+        value = row.row()
+        value.active = settings.use_ground_height
+        value.prop(settings, "ground_height", text="")
+        layout.separator()
+        draw_accuracies(layout, settings)
+        layout.prop(settings, "seed")
+
+    def draw_bake_button(self, layout, context, settings):
+        layout.separator()
+        lacking = request.missing(settings)
+        problem = ""
+        if preferences.of(context).server == "LOCAL":
+            problem = preferences.program_problem(preferences.of(context))
+        column = layout.column()
+        column.enabled = not lacking and not problem
+        row = column.row(align=True)
+        row.scale_y = 1.6
+        again = result.existing(context.scene, settings.control_mesh) if settings.control_mesh else None
+        row.operator("cairn.bake", text="Bake Pile Again" if again else "Bake Pile", icon="PHYSICS")
+        row.operator("cairn.check", text="", icon="VIEWZOOM")
+        if lacking:
+            wrapped(layout, context, lacking, "INFO")
+        elif problem:
+            wrapped(layout, context, problem, "ERROR")
+            layout.operator("cairn.preferences", icon="PREFERENCES")
+        elif running.plan:
+            for warning in running.plan["warnings"]:
+                draw_warning(layout, context, warning, {})
+
+
+def draw_props(layout, context, settings):
+    layout.separator()
+    row = layout.row()
+    row.use_property_split = False
+    row.prop(settings, "prop_source", expand=True)
+    if settings.prop_source == "COLLECTION":
+        layout.prop(settings, "prop_collection", text="Collection")
+        item = settings.prop_common
+    else:
+        row = layout.row()
+        row.template_list("CAIRN_UL_props", "", settings, "props", settings, "active_prop", rows=3)
+        side = row.column(align=True)
+        side.operator("cairn.add_props", text="", icon="ADD")
+        side.operator("cairn.remove_prop", text="", icon="REMOVE")
+        chosen = 0 <= settings.active_prop < len(settings.props)
+        item = settings.props[settings.active_prop] if chosen else None
+    if item:
+        size = layout.column(align=True)
+        size.prop(item, "scale_min", text="Size Min")
+        size.prop(item, "scale_max", text="Max")
+    draw_field(layout, settings.fill, "count")
+
+
+def draw_accuracies(layout, settings):
+    """Each with what it is expected to cost, as far as the server has told."""
+    column = layout.column(align=True)
+    column.use_property_split = False
+    column.label(text="Accuracy")
+    for name, _, __ in ACCURACIES:
+        row = column.row(align=True)
+        row.prop_enum(settings, "accuracy", name)
+        row.label(text=expected(name))
+
+
+def expected(accuracy):
+    """What a bake of an accuracy takes, in a few signs; empty before it is known."""
+    plan = running.plan
+    if not plan or plan["accuracy"] != accuracy:
+        return ""
+    return f"~{plan['body_count']} bodies"
+
+
+def draw_field(layout, group, name):
+    """A parameter that is the accuracy's unless it is set."""
+    row = layout.row(heading=group.bl_rna.properties[name].name)
+    row.prop(group, "use_" + name, text="")
+    value = row.row()
+    value.active = getattr(group, "use_" + name)
+    value.prop(group, name, text="")
+
+
+def draw_bake(layout, context):
+    """The bake that runs, or the question what to do with one that was stopped."""
+    bake = running.bake
+    box = layout.box()
+    if bake.end == "stopped":
+        wrapped(box, context, f"The bake was stopped after {bake.frame_count} frames.", "QUESTION")
+        box.operator("cairn.keep", text=f"Keep the {bake.frame_count} Frames", icon="CHECKMARK")
+        box.operator("cairn.discard", icon="X")
+        return
+    share = bake.share() if bake.written is None else bake.written
+    title = bake.stage() if bake.written is None else "Making the objects"
+    if hasattr(box, "progress"):
+        box.progress(factor=share, text=f"{title}  {share:.0%}")
+    else:
+        box.label(text=f"{title}  {share:.0%}", icon="TIME")
+    # Both lines always: a button that jumps is hard to press.
+    for text in (bake.counts(), bake.time_left()):
+        box.label(text=text)
+    box.operator("cairn.stop", icon="CANCEL")
+
+
+def draw_left(layout, context):
+    box = layout.box()
+    wrapped(box, context, "A bake was under way when this file was closed.", "TIME")
+    box.operator("cairn.fetch", icon="IMPORT")
+    box.operator("cairn.forget", icon="X")
+
+
+def draw_warning(layout, context, text, names):
+    """A sentence, with a button for each object that it names."""
+    column = layout.column(align=True)
+    wrapped(column, context, text, "ERROR")
+    for uri, name in names.items():
+        if uri in text and name in bpy.data.objects:
+            column.operator("cairn.select", text=f"Select “{name}”", icon="RESTRICT_SELECT_OFF").object = name
+
+
+class CAIRN_PT_report(_Pile, Panel):
+    bl_label = "Report"
+    bl_parent_id = "CAIRN_PT_pile"
+
+    @classmethod
+    def poll(cls, context):
+        return result.chosen(context) is not None
+
+    def draw(self, context):
+        layout = self.layout
+        collection = result.chosen(context)
+        told = running.report_of(collection)
+        if not told.get("is_whole"):
+            wrapped(layout, context, "This bake was cancelled: it is not whole.", "INFO")
+        column = layout.column(align=True)
+        frames = told.get("frame_count", 0)
+        draw_figure(column, "Bodies", str(told.get("body_count", 0)))
+        draw_figure(column, "Frames", str(frames))
+        for name, title, form in FIGURES:
+            value = told.get("measures", {}).get(name)
+            if value is not None:
+                draw_figure(column, title, form.format(value))
+        if "seconds" in told:
+            draw_figure(column, "Time", running.duration(told["seconds"]))
+        names = running.recipe_of(collection).get("names", {})
+        for warning in told.get("warnings", ()):
+            draw_warning(layout, context, warning, names)
+        row = layout.row(align=True)
+        row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
+        row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
+
+
+def draw_figure(layout, title, value):
+    split = layout.split(factor=0.7)
+    split.label(text=title)
+    split.label(text=value)
+
+
+class _Parameters(_Pile):
+    """Parameters of some of the schema's groups."""
+
+    bl_parent_id = "CAIRN_PT_pile"
+    bl_options = {"DEFAULT_CLOSED"}
+    messages = ()
+
+    def draw(self, context):
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.enabled = not is_running()
+        self.draw_more(layout, context.scene.cairn)
+        for message in self.messages:
+            group = getattr(context.scene.cairn, GROUPS[message], None)
+            for field in fields_of(message) if group else ():
+                if (message, field["name"]) != ("Fill", "count"):
+                    draw_field(layout, group, field["name"])
+
+    def draw_more(self, layout, settings):
+        pass
+
+
+class CAIRN_PT_material(_Parameters, Panel):
+    bl_label = "Material"
+
+    def draw_more(self, layout, settings):
+        is_common = settings.prop_source == "COLLECTION"
+        items = [settings.prop_common] if is_common else settings.props
+        for item in items:
+            column = layout.column(align=True)
+            if not is_common and item.object:
+                column.label(text=item.object.name)
+            for name in ("density", "friction", "restitution"):
+                column.prop(item, name)
+        layout.prop(settings, "collider_friction", text="Ground Friction")
+
+
+class CAIRN_PT_fill(_Parameters, Panel):
+    bl_label = "Fill"
+    messages = ("Fill", "Base")
+
+
+class CAIRN_PT_release(_Parameters, Panel):
+    bl_label = "Release"
+    messages = ("Release", "Hold")
+
+
+class CAIRN_PT_control(_Parameters, Panel):
+    bl_label = "Control"
+    messages = ("Control",)
+
+
+class CAIRN_PT_physics(_Parameters, Panel):
+    bl_label = "Simulation"
+    messages = ("Physics",)
+
+    def draw_more(self, layout, settings):
+        layout.prop(settings, "gravity")
+
+
+class CAIRN_PT_output(_Parameters, Panel):
+    bl_label = "Output"
+    messages = ("Output",)
+
+    def draw_more(self, layout, settings):
+        layout.prop(settings, "output_mode")
+        layout.prop(settings, "start_frame")
+        row = layout.row(heading="Frames")
+        row.prop(settings, "use_frame_count", text="")
+        value = row.row()
+        value.active = settings.use_frame_count
+        value.prop(settings, "frame_count", text="")
+
+
+class CAIRN_PT_server(_Pile, Panel):
+    bl_label = "Server"
+    bl_parent_id = "CAIRN_PT_pile"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        layout = self.layout
+        chosen = preferences.of(context)
+        if chosen.server == "LOCAL":
+            wrapped(layout, context, "This computer bakes. The server starts when it is needed.")
+        else:
+            wrapped(layout, context, f"{chosen.address or 'No address yet'} bakes.")
+        layout.operator("cairn.test_server")
+        layout.operator("cairn.preferences", icon="PREFERENCES")
+
+
+CLASSES = [
+    CAIRN_UL_props,
+    CAIRN_PT_pile,
+    CAIRN_PT_report,
+    CAIRN_PT_material,
+    CAIRN_PT_fill,
+    CAIRN_PT_release,
+    CAIRN_PT_control,
+    CAIRN_PT_physics,
+    CAIRN_PT_output,
+    CAIRN_PT_server,
+]

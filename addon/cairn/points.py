@@ -1,0 +1,195 @@
+"""A pile as one object: points that Geometry Nodes make instances of, from a table of motion in one other mesh.
+
+The table has a row, which is a vertex, for each body and frame at which the body moves: its position, and its X and Z
+axes as attributes. Blender alone plays it: no handler, no add-on; subframes and so motion blur are between the rows.
+"""
+
+import bpy
+import numpy as np
+
+# Whole numbers up to here are exact in the nodes' single precision: rows of one table.
+MAX_ROWS = 1 << 24
+AXES = ("axis_x", "axis_z")
+# A body that is not there has axes of length 0.
+THERE = 0.5
+
+
+def write(name, motion, parts_collection, start_frame):
+    """Gives a list of objects, in no collection yet, that show the motion; one, but for piles beyond `MAX_ROWS`."""
+    first, count = spans(motion)
+    made, begin = [], 0
+    bodies = len(count)
+    while begin < bodies:
+        rows = np.cumsum(count[begin:])
+        end = begin + max(1, int(np.searchsorted(rows, MAX_ROWS, side="right")))
+        part = slice(begin, end)
+        made.append(_object(name, motion, part, first[part], count[part], parts_collection, start_frame))
+        begin = end
+    return made
+
+
+def spans(motion):
+    """For each body the first frame that its rows are for, and their number: before and after, it stands still."""
+    same = (motion.positions[1:] == motion.positions[:-1]).all(axis=2)
+    same &= (motion.rotations[1:] == motion.rotations[:-1]).all(axis=2) & (motion.present[1:] == motion.present[:-1])
+    changes = ~same
+    moves = changes.any(axis=0)
+    frames = len(changes)
+    if not frames:
+        return np.zeros(len(moves), int), np.ones(len(moves), int)
+    first = np.where(moves, changes.argmax(axis=0), 0)
+    last = np.where(moves, frames - changes[::-1].argmax(axis=0), 0)
+    return first, last - first + 1
+
+
+def _object(name, motion, part, first, count, parts_collection, start_frame):
+    frames = np.arange(len(motion.positions))[:, None]
+    # Shape [n, f]: rows go body by body.
+    kept = ((frames >= first) & (frames < first + count)).T
+    positions = motion.positions[:, part].transpose(1, 0, 2)
+    rotations = motion.rotations[:, part].transpose(1, 0, 2)[kept]
+    present = motion.present[:, part].T[kept]
+
+    table = bpy.data.meshes.new(f"{name} Motion")
+    _fill(table, positions[kept])
+    for key, axis in zip(AXES, axes_of(rotations)):
+        _attribute(table, key, "FLOAT_VECTOR", "vector", axis * present[:, None])
+    table_object = bpy.data.objects.new(table.name, table)
+
+    mesh = bpy.data.meshes.new(name)
+    _fill(mesh, positions[:, -1])
+    _attribute(mesh, "first", "INT", "value", first)
+    _attribute(mesh, "count", "INT", "value", count)
+    _attribute(mesh, "offset", "INT", "value", np.cumsum(count) - count)
+    _attribute(mesh, "prop", "INT", "value", motion.props[part])
+    _attribute(mesh, "size", "FLOAT", "value", motion.scales[part])
+    shown = bpy.data.objects.new(name, mesh)
+    modifier = shown.modifiers.new("Pile", "NODES")
+    modifier.node_group = _nodes(name, table_object, parts_collection, start_frame)
+    return shown
+
+
+def axes_of(rotations):
+    """The X and the Z axis of quaternions [n, 4], w x y z."""
+    w, x, y, z = np.moveaxis(rotations, -1, 0)
+    along_x = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
+    along_z = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
+    return along_x, along_z
+
+
+def _fill(mesh, positions):
+    mesh.vertices.add(len(positions))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(positions, np.float32).ravel())
+
+
+def _attribute(mesh, name, kind, key, values):
+    number = np.intc if kind == "INT" else np.float32
+    mesh.attributes.new(name, kind, "POINT").data.foreach_set(key, np.ascontiguousarray(values, number).ravel())
+
+
+class _Tree:
+    """A node group, built node by node."""
+
+    def __init__(self, name):
+        self.group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+
+    def math(self, operation, first, second):
+        made = self.group.nodes.new("ShaderNodeMath")
+        made.operation = operation
+        for socket, value in zip(made.inputs, (first, second)):
+            if isinstance(value, bpy.types.NodeSocket):
+                self.group.links.new(value, socket)
+            else:
+                socket.default_value = value
+        return made.outputs[0]
+
+    def attribute(self, name, kind):
+        made = self.group.nodes.new("GeometryNodeInputNamedAttribute")
+        made.data_type = kind
+        made.inputs["Name"].default_value = name
+        return _enabled(made.outputs, "Attribute")
+
+
+def _enabled(sockets, name):
+    """Up to 3.6 a node has a socket of each type under one name, and one of them is in use."""
+    return next(socket for socket in sockets if socket.name == name and socket.enabled)
+
+
+def _nodes(name, table_object, parts_collection, start_frame):
+    tree = _Tree(name)
+    links, add = tree.group.links, tree.group.nodes.new
+    incoming, outgoing = _interface(tree.group)
+
+    # Which rows: the two around the frame, of the body's own.
+    time = tree.math("SUBTRACT", add("GeometryNodeInputSceneTime").outputs["Frame"], float(start_frame))
+    last = tree.math("SUBTRACT", tree.attribute("count", "INT"), 1.0)
+    since = tree.math("SUBTRACT", time, tree.attribute("first", "INT"))
+    place = tree.math("MINIMUM", tree.math("MAXIMUM", since, 0.0), last)
+    low = tree.math("FLOOR", place, 0.0)
+    high = tree.math("MINIMUM", tree.math("ADD", low, 1.0), last)
+    share = tree.math("SUBTRACT", place, low)
+    offset = tree.attribute("offset", "INT")
+    rows = [tree.math("ADD", offset, number) for number in (low, high)]
+
+    info = add("GeometryNodeObjectInfo")
+    info.inputs["Object"].default_value = table_object
+
+    def between(field):
+        """The field's value between the two rows."""
+        mix = add("ShaderNodeMix")
+        mix.data_type = "VECTOR"
+        sockets = {socket.identifier: socket for socket in mix.inputs}
+        links.new(share, sockets["Factor_Float"])
+        for row, end in zip(rows, ("A_Vector", "B_Vector")):
+            sample = add("GeometryNodeSampleIndex")
+            sample.data_type = "FLOAT_VECTOR"
+            links.new(info.outputs["Geometry"], sample.inputs["Geometry"])
+            links.new(field, _enabled(sample.inputs, "Value"))
+            links.new(row, sample.inputs["Index"])
+            links.new(_enabled(sample.outputs, "Value"), sockets[end])
+        return next(socket for socket in mix.outputs if socket.identifier == "Result_Vector")
+
+    move = add("GeometryNodeSetPosition")
+    links.new(incoming, move.inputs["Geometry"])
+    links.new(between(add("GeometryNodeInputPosition").outputs["Position"]), move.inputs["Position"])
+    x, z = (between(tree.attribute(key, "FLOAT_VECTOR")) for key in AXES)
+    upright = _align(tree, "Z", "AUTO", z, None)
+    turned = _align(tree, "X", "Z", x, upright)
+
+    length = add("ShaderNodeVectorMath")
+    length.operation = "LENGTH"
+    links.new(x, length.inputs[0])
+    parts = add("GeometryNodeCollectionInfo")
+    parts.inputs["Collection"].default_value = parts_collection
+    parts.inputs["Separate Children"].default_value = True
+    instances = add("GeometryNodeInstanceOnPoints")
+    instances.inputs["Pick Instance"].default_value = True
+    links.new(move.outputs["Geometry"], instances.inputs["Points"])
+    links.new(tree.math("GREATER_THAN", length.outputs["Value"], THERE), instances.inputs["Selection"])
+    links.new(parts.outputs[0], instances.inputs["Instance"])
+    links.new(tree.attribute("prop", "INT"), instances.inputs["Instance Index"])
+    links.new(turned, instances.inputs["Rotation"])
+    links.new(tree.attribute("size", "FLOAT"), instances.inputs["Scale"])
+    links.new(instances.outputs["Instances"], outgoing)
+    return tree.group
+
+
+def _align(tree, axis, pivot, vector, rotation):
+    made = tree.group.nodes.new("FunctionNodeAlignEulerToVector")
+    made.axis, made.pivot_axis = axis, pivot
+    tree.group.links.new(vector, made.inputs["Vector"])
+    if rotation:
+        tree.group.links.new(rotation, made.inputs["Rotation"])
+    return made.outputs["Rotation"]
+
+
+def _interface(group):
+    """The group's geometry in and out."""
+    if hasattr(group, "interface"):
+        for way in ("INPUT", "OUTPUT"):
+            group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    else:
+        group.inputs.new("NodeSocketGeometry", "Geometry")
+        group.outputs.new("NodeSocketGeometry", "Geometry")
+    incoming, outgoing = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    return incoming.outputs[0], outgoing.inputs[0]

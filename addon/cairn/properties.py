@@ -1,0 +1,279 @@
+"""What the panels set. The groups of parameters are made of the scene's schema: its comments are their tooltips."""
+
+import json
+from pathlib import Path
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+from bpy.types import PropertyGroup
+
+FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
+# What the add-on sets itself, from its own properties or from Blender's scene.
+OWN = {("Output", "fps"), ("Output", "frames")}
+# Names of groups in the settings, by message: those whose fields have values in the accuracy's preset.
+GROUPS = {
+    "Physics": "physics",
+    "Base": "base",
+    "Fill": "fill",
+    "Release": "release",
+    "Control": "control",
+    "Hold": "hold",
+    "Output": "output",
+}
+
+
+def fields_of(message):
+    return [field for field in FIELDS.get(message, []) if (message, field["name"]) not in OWN]
+
+
+def _limits(field, whole):
+    number = (lambda value: int(max(min(value, 2**31 - 1), -(2**31)))) if whole else float
+    limits = {}
+    if field.get("min") is not None:
+        limits["min"] = number(field["min"])
+    if field.get("max") is not None:
+        limits["max"] = number(field["max"])
+    return limits
+
+
+def _default(field, kind, otherwise):
+    try:
+        return kind(field["default"])
+    except (TypeError, ValueError):
+        return max(otherwise, kind(field.get("min") or 0))
+
+
+def _property(field):
+    about = {"name": title(field["name"]), "description": field["description"]}
+    if field["kind"] == "bool":
+        return BoolProperty(default=field["default"] == "true", **about)
+    if field["kind"] == "int":
+        return IntProperty(default=_default(field, int, 0), **_limits(field, True), **about)
+    if field["kind"] == "float":
+        return FloatProperty(default=_default(field, float, 0.0), precision=3, **_limits(field, False), **about)
+    items = [(name, title(name), description) for name, description in field["items"]]
+    default = (field["default"] or "").upper()
+    return EnumProperty(items=items, default=default if default in dict(field["items"]) else items[0][0], **about)
+
+
+def title(name):
+    return name.replace("_", " ").title()
+
+
+def _only_one(message, field):
+    """Of the fields that exclude each other, one at most is set."""
+    rivals = [
+        "use_" + other["name"]
+        for other in fields_of(message)
+        if field.get("choice") and other.get("choice") == field["choice"] and other is not field
+    ]
+
+    def update(self, _):
+        for rival in rivals:
+            if getattr(self, "use_" + field["name"]) and getattr(self, rival):
+                setattr(self, rival, False)
+
+    return update if rivals else None
+
+
+def _group(message):
+    properties = {}
+    for field in fields_of(message):
+        properties[field["name"]] = _property(field)
+        about = f"Set {title(field['name'])} here, instead of by the accuracy"
+        properties["use_" + field["name"]] = BoolProperty(
+            name="Set " + title(field["name"]), description=about, update=_only_one(message, field)
+        )
+    return type(f"Cairn{message}", (PropertyGroup,), {"__annotations__": properties})
+
+
+PARAMETERS = {message: _group(message) for message in GROUPS if message in FIELDS}
+
+
+def _is_solid(_, source):
+    return source.type == "MESH"
+
+
+def _is_placed(_, source):
+    return source.type not in {"CAMERA", "LIGHT", "SPEAKER", "LIGHT_PROBE"}
+
+
+class CairnProp(PropertyGroup):
+    """One of the things that a pile is made of."""
+
+    object: PointerProperty(
+        name="Prop",
+        description="An object, with everything below it; or an instance of a collection",
+        type=bpy.types.Object,
+        poll=_is_placed,
+    )
+    weight: FloatProperty(
+        name="Weight",
+        description="How often it is drawn, relative to the other props. 2 is twice as often as 1",
+        default=1.0,
+        min=0.001,
+        soft_max=100.0,
+        precision=2,
+    )
+    scale_min: FloatProperty(
+        name="Smallest",
+        description="Smallest size, as a factor on the object's own. Each body's size is drawn evenly between the two",
+        default=1.0,
+        min=0.001,
+        soft_max=10.0,
+        precision=2,
+    )
+    scale_max: FloatProperty(
+        name="Largest",
+        description="Largest size, as a factor on the object's own",
+        default=1.0,
+        min=0.001,
+        soft_max=10.0,
+        precision=2,
+    )
+    density: FloatProperty(
+        name="Density", description="Density, kg/m³", default=1000.0, min=0.001, max=1e6, soft_max=20000.0, precision=0
+    )
+    friction: FloatProperty(
+        name="Friction",
+        description="Coulomb friction coefficient, no unit. Two things that touch have the mean of theirs",
+        default=0.7,
+        min=0.0,
+        max=2.0,
+    )
+    restitution: FloatProperty(
+        name="Bounce",
+        description="How much of the speed of an impact is given back, 0 to 1",
+        default=0.0,
+        min=0.0,
+        max=1.0,
+    )
+
+
+ACCURACIES = [
+    ("DRAFT", "Draft", "Quick, for a first look"),
+    ("STANDARD", "Standard", "For daily work"),
+    ("FINE", "Fine", "For the final result"),
+    ("PAPER", "Paper", "The parameters that Hsu & Keyser (2012) print, for comparison"),
+]
+OUTPUTS = [
+    ("AUTO", "Automatic", "Animated objects up to 2000 bodies, instanced points beyond"),
+    ("ANIMATION", "Animated Objects", "One object with keyframes for each body"),
+    ("POSE", "Final Pose", "One object for each body where it ends, without animation"),
+    ("POINTS", "Instanced Points", "One object for all bodies: points with Geometry Nodes instances, for large piles"),
+]
+
+
+class CairnSettings(PropertyGroup):
+    """What the next bake does."""
+
+    control_mesh: PointerProperty(
+        name="Control Mesh",
+        description="The shape that the pile shall have: a closed mesh, standing on the ground",
+        type=bpy.types.Object,
+        poll=_is_solid,
+    )
+    prop_source: EnumProperty(
+        name="Props",
+        description="Where the props come from",
+        items=[
+            ("COLLECTION", "Collection", "All objects of a collection; children belong to their parents"),
+            ("LIST", "List", "Objects chosen one by one, with weights and sizes"),
+        ],
+    )
+    prop_collection: PointerProperty(
+        name="Props",
+        description="The things that the pile is made of: every object in this collection",
+        type=bpy.types.Collection,
+    )
+    # Of all objects of the collection.
+    prop_common: PointerProperty(type=CairnProp)
+    props: CollectionProperty(type=CairnProp)
+    active_prop: IntProperty(name="Active Prop", description="The prop whose weight and size are shown", default=0)
+    colliders: PointerProperty(
+        name="Colliders",
+        description="Scenery that the bodies collide with, besides the ground: every object in this collection",
+        type=bpy.types.Collection,
+    )
+    collider_friction: FloatProperty(
+        name="Friction",
+        description="Coulomb friction coefficient of the colliders and the ground, no unit",
+        default=0.7,
+        min=0.0,
+        max=2.0,
+    )
+    use_ground_height: BoolProperty(
+        name="Set Ground Height",
+        description="Give the ground's height, instead of the control mesh's lowest point",
+    )
+    ground_height: FloatProperty(
+        name="Ground Height", description="Height of the ground plane, in scene units", unit="LENGTH", precision=3
+    )
+    gravity: FloatProperty(
+        name="Gravity", description="Acceleration of gravity, downwards, m/s²", default=9.81, min=0.01, max=1000.0
+    )
+    accuracy: EnumProperty(
+        name="Accuracy", description="How carefully is simulated", items=ACCURACIES, default="STANDARD"
+    )
+    seed: IntProperty(
+        name="Seed",
+        description="The same seed and scene give the same pile; another seed gives another pile",
+        default=1,
+        min=0,
+    )
+    output_mode: EnumProperty(name="Output", description="What the pile becomes in Blender", items=OUTPUTS)
+    start_frame: IntProperty(
+        name="Start Frame",
+        description="Frame at which the pile, just filled, begins to be let go. The scene is taken as it stands then",
+        default=1,
+    )
+    use_frame_count: BoolProperty(
+        name="Set Frames", description="Bake a number of frames, instead of until the pile is at rest"
+    )
+    frame_count: IntProperty(
+        name="Frames", description="Frames after the start frame", default=250, min=0, max=100000
+    )
+
+
+class CairnResult(PropertyGroup):
+    """What a collection with a baked pile remembers: enough to bake it again, and to tell how it went."""
+
+    is_result: BoolProperty()
+    bake_id: StringProperty()
+    result_hash: StringProperty()
+    mode: StringProperty()
+    # JSON.
+    settings: StringProperty()
+    report: StringProperty()
+    control: PointerProperty(type=bpy.types.Object)
+    # How the control mesh was shown before.
+    control_hide_render: BoolProperty()
+    control_display_type: StringProperty()
+
+
+CLASSES = [*PARAMETERS.values(), CairnProp, CairnSettings, CairnResult]
+
+
+def register():
+    CairnSettings.__annotations__.update(
+        {GROUPS[message]: PointerProperty(type=group) for message, group in PARAMETERS.items()}
+    )
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.cairn = PointerProperty(type=CairnSettings)
+    bpy.types.Collection.cairn = PointerProperty(type=CairnResult)
+
+
+def unregister():
+    del bpy.types.Collection.cairn
+    del bpy.types.Scene.cairn
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,102 @@
+"""The motion of a bake as its events tell it, in the server's space."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .messages import v1
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All bodies at a moment. Never changed once made: threads may share it."""
+
+    stage: int
+    # Shape [n]: which prop; [n]: its scale; [n, 3]: m; [n, 4]: x y z w; [n]: whether the body is there.
+    props: np.ndarray
+    scales: np.ndarray
+    positions: np.ndarray
+    rotations: np.ndarray
+    present: np.ndarray
+
+
+class Recording:
+    """Takes tables and frames in their order."""
+
+    def __init__(self):
+        self._start()
+        # The result's frames, in order.
+        self.frames = []
+
+    def _start(self):
+        self.props = np.empty(0, np.int32)
+        self.scales = np.empty(0, np.float32)
+        self.positions = np.empty((0, 3), np.float32)
+        self.rotations = np.empty((0, 4), np.float32)
+        self.present = np.empty(0, bool)
+
+    def add_table(self, table):
+        """Bodies that later frames speak of."""
+        first, new = table.first_body_index, len(table.prop_indices)
+        if table.stage == v1.STAGE_RELEASE and first == 0:
+            self._start()
+            self.frames = []
+        if first < len(self.props):
+            # Told a second time, after a connection broke.
+            return
+        identity = np.tile(np.float32([0, 0, 0, 1]), (new, 1))
+        self.props = np.concatenate([self.props, np.asarray(table.prop_indices, np.int32)])
+        self.scales = np.concatenate([self.scales, np.frombuffer(table.scales, "<f4")])
+        self.positions = np.concatenate([self.positions, np.zeros((new, 3), np.float32)])
+        self.rotations = np.concatenate([self.rotations, identity])
+        self.present = np.concatenate([self.present, np.zeros(new, bool)])
+
+    def add_frame(self, frame):
+        """Returns the bodies as they are now."""
+        moved = np.asarray(frame.body_indices, np.intp)
+        positions, rotations = self.positions.copy(), self.rotations.copy()
+        present, scales = self.present.copy(), self.scales
+        positions[moved] = np.frombuffer(frame.positions, "<f4").reshape(-1, 3)
+        rotations[moved] = np.frombuffer(frame.rotations, "<f4").reshape(-1, 4)
+        present[moved] = True
+        present[np.asarray(frame.removed_body_indices, np.intp)] = False
+        if frame.scales:
+            scales = scales.copy()
+            scales[moved] = np.frombuffer(frame.scales, "<f4")
+        self.positions, self.rotations, self.present, self.scales = positions, rotations, present, scales
+        snapshot = Snapshot(frame.stage, self.props, scales, positions, rotations, present)
+        if frame.stage != v1.STAGE_FILL and frame.frame_number == len(self.frames):
+            self.frames.append(snapshot)
+        return snapshot
+
+    def motion(self):
+        """The result's frames as one. None if there is none yet."""
+        frames = list(self.frames)
+        return Motion.of(frames) if frames else None
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The result. Shapes: props [n], scales [n], positions [f, n, 3], rotations [f, n, 4], present [f, n]."""
+
+    props: np.ndarray
+    scales: np.ndarray
+    positions: np.ndarray
+    rotations: np.ndarray
+    present: np.ndarray
+
+    @staticmethod
+    def of(frames):
+        last = frames[-1]
+        count = len(last.props)
+
+        def all_of(name, shape):
+            out = np.zeros((len(frames), count, *shape), getattr(last, name).dtype)
+            for number, frame in enumerate(frames):
+                values = getattr(frame, name)
+                out[number, : len(values)] = values
+            return out
+
+        return Motion(
+            last.props, last.scales, all_of("positions", (3,)), all_of("rotations", (4,)), all_of("present", ())
+        )

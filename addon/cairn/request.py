@@ -1,0 +1,197 @@
+"""The panels' settings and the scene -> what the server is asked to bake."""
+
+from dataclasses import dataclass
+
+import bpy
+
+from .client import Fault
+from .export import Exporter
+from .properties import GROUPS, fields_of
+
+# Objects that are props or scenery; others in the same collections are left alone.
+PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
+
+
+@dataclass
+class Request:
+    """All that a bake needs of Blender. It is taken in one go: the scene may change afterwards."""
+
+    spec: object
+    # The models' bytes by SHA-256.
+    contents: dict
+    # As `recipe` says, with what only lives as long as Blender.
+    props: list
+    recipe: dict
+
+
+def props_of(settings):
+    """The props' source objects with their settings, in their order."""
+    if settings.prop_source == "LIST":
+        pairs = [(item.object, item) for item in settings.props if item.object]
+    elif settings.prop_collection:
+        inside = settings.prop_collection.all_objects
+        tops = [source for source in inside if source.parent not in set(inside)]
+        pairs = [(source, settings.prop_common) for source in tops if source.type in PLACED]
+    else:
+        pairs = []
+    return [(source, item) for source, item in pairs if source != settings.control_mesh]
+
+
+def colliders_of(settings):
+    """The colliders' objects."""
+    if not settings.colliders:
+        return []
+    taken = {settings.control_mesh, *(source for source, _ in props_of(settings))}
+    return [source for source in settings.colliders.all_objects if source.type in PLACED and source not in taken]
+
+
+def is_animated(source):
+    """Whether an object moves over time, by itself or with a parent."""
+    while source:
+        if source.animation_data and (source.animation_data.action or source.animation_data.drivers):
+            return True
+        if source.constraints or source.rigid_body:
+            return True
+        source = source.parent
+    return False
+
+
+def missing(settings):
+    """What is to be done before a bake, one sentence; empty if nothing is missing."""
+    if settings.control_mesh is None:
+        return "Choose the mesh that the pile shall have the shape of."
+    if settings.control_mesh.type != "MESH":
+        return "Choose a mesh as the control mesh."
+    if not props_of(settings):
+        return "Choose the things that the pile is made of: a collection of objects, or some objects in the list."
+    return ""
+
+
+def take(context):
+    """The request of a scene as it stands now."""
+    from .messages import v1
+
+    scene, settings = context.scene, context.scene.cairn
+    lacking = missing(settings)
+    if lacking:
+        raise Fault(lacking)
+    exporter = Exporter(context)
+    control = exporter.region(settings.control_mesh)
+    chosen = props_of(settings)
+    props = exporter.props([source for source, _ in chosen])
+    statics = exporter.scenery(colliders_of(settings))
+
+    told = v1.Scene(
+        control_mesh=v1.ControlMesh(path=control.uri),
+        accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
+        seed=settings.seed,
+        gravity=round(settings.gravity, 6),
+        ground_friction=round(settings.collider_friction, 6),
+    )
+    if settings.use_ground_height:
+        told.ground_height = settings.ground_height * exporter.metres
+    for prop, (_, item) in zip(props, chosen):
+        told.props.append(_prop(v1, prop.model.uri, item))
+    for _, model in statics:
+        told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
+    _set_parameters(v1, told, settings)
+    told.output.fps = scene.render.fps / scene.render.fps_base
+    if settings.use_frame_count:
+        told.output.frames = settings.frame_count
+
+    models = [control, *(prop.model for prop in props), *(model for _, model in statics)]
+    assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
+    names = {control.uri: settings.control_mesh.name}
+    names.update((prop.model.uri, prop.source.name) for prop in props)
+    names.update((model.uri, source.name) for source, model in statics)
+    recipe = {
+        "scene": scene.name,
+        "control": settings.control_mesh.name,
+        "props": [
+            {
+                "name": prop.source.name,
+                "library": prop.source.library.filepath if prop.source.library else None,
+                "local": [list(row) for row in prop.local],
+            }
+            for prop in props
+        ],
+        "names": names,
+        "notes": [
+            f"{model.uri}: it moves, but is taken as it stands at the start frame"
+            for source, model in statics
+            if is_animated(source)
+        ],
+        "metres": exporter.metres,
+        "start_frame": settings.start_frame,
+        "output_mode": settings.output_mode,
+        "settings": to_dict(settings),
+    }
+    return Request(v1.BakeSpec(scene=told, assets=assets), exporter.contents, props, recipe)
+
+
+def _prop(v1, uri, item):
+    low, high = sorted((item.scale_min, item.scale_max))
+    return v1.Prop(
+        path=uri,
+        weight=round(item.weight, 6),
+        density=round(item.density, 6),
+        friction=round(item.friction, 6),
+        restitution=round(item.restitution, 6),
+        scale_min=round(low, 6),
+        scale_max=round(high, 6),
+    )
+
+
+def _set_parameters(v1, told, settings):
+    """What is set by hand; the rest is the accuracy's."""
+    for message, name in GROUPS.items():
+        group = getattr(settings, name, None)
+        for field in fields_of(message) if group else ():
+            if not getattr(group, "use_" + field["name"]):
+                continue
+            value = getattr(group, field["name"])
+            if field["kind"] == "enum":
+                value = getattr(v1, field["prefix"] + value)
+            elif field["kind"] == "float":
+                # As the artist typed it: Blender keeps single precision.
+                value = float(f"{value:.7g}")
+            setattr(getattr(told, name), field["name"], value)
+
+
+def to_dict(group):
+    """A property group as plain values; objects and collections by name."""
+    out = {}
+    for prop in group.bl_rna.properties:
+        name = prop.identifier
+        if name in ("rna_type", "name"):
+            continue
+        value = getattr(group, name)
+        if prop.type == "COLLECTION":
+            value = [to_dict(item) for item in value]
+        elif prop.type == "POINTER":
+            value = to_dict(value) if isinstance(value, bpy.types.PropertyGroup) else value and value.name
+        out[name] = value
+    return out
+
+
+def from_dict(group, values):
+    """Sets a property group to what `to_dict` gave, as far as the objects are still there."""
+    for prop in group.bl_rna.properties:
+        name = prop.identifier
+        if name not in values:
+            continue
+        value = values[name]
+        if prop.type == "COLLECTION":
+            items = getattr(group, name)
+            items.clear()
+            for item in value:
+                from_dict(items.add(), item)
+        elif prop.type == "POINTER" and isinstance(value, dict):
+            from_dict(getattr(group, name), value)
+        elif prop.type == "POINTER":
+            known = bpy.data.objects if prop.fixed_type.identifier == "Object" else bpy.data.collections
+            setattr(group, name, known.get(value) if value else None)
+        else:
+            setattr(group, name, value)
+
+

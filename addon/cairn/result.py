@@ -1,0 +1,205 @@
+"""A finished bake -> objects: its own collection, sharing the props' data; and taking it away again."""
+
+import json
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from . import axes, keyframes, parts, points
+from .client import Fault
+
+# Bodies up to which `AUTO` animates objects. More of them make Blender slow.
+MAX_OBJECTS = 2000
+# Bodies that are made between two looks at the clock.
+BATCH = 4
+
+
+class BodyMotion:
+    """The motion in Blender's space. Shapes: props [n], scales [n], positions [f, n, 3] in scene units, rotations
+    [f, n, 4] w x y z, present [f, n]."""
+
+    def __init__(self, motion, metres):
+        # A body that was never there has no place.
+        ever = motion.present.any(axis=0)
+        ever = slice(None) if ever.all() else ever
+        self.props, self.scales = motion.props[ever], motion.scales[ever]
+        self.positions = axes.points_to_blender(motion.positions[:, ever], metres)
+        self.rotations = axes.rotations_to_blender(motion.rotations[:, ever])
+        self.present = motion.present[:, ever]
+
+
+def existing(scene, control):
+    """The collection with the pile of a control mesh in a scene, if there is one."""
+    inside = scene.collection.children_recursive
+    return next((c for c in inside if c.cairn.is_result and c.cairn.control == control), None)
+
+
+def chosen(context):
+    """The pile that the panels speak of: that of the control mesh, or that which the active object belongs to."""
+    control, active = context.scene.cairn.control_mesh, context.object
+    found = existing(context.scene, control) if control else None
+    if found is None and active:
+        found = next((collection for collection in active.users_collection if collection.cairn.is_result), None)
+    return found
+
+
+def mode_of(recipe, body_count):
+    """The output mode, with `AUTO` decided."""
+    chosen = recipe["output_mode"]
+    if chosen != "AUTO":
+        return chosen
+    return "POINTS" if body_count > MAX_OBJECTS else "ANIMATION"
+
+
+def build(context, motion, recipe, told):
+    """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing is seen of the pile in
+    the scene before the end. `told`: what the collection remembers. Returns the collection."""
+    scene = bpy.data.scenes.get(recipe["scene"]) or context.scene
+    control = bpy.data.objects.get(recipe["control"])
+    sources = [bpy.data.objects.get((prop["name"], prop.get("library"))) for prop in recipe["props"]]
+    gone = [prop["name"] for prop, source in zip(recipe["props"], sources) if source is None]
+    if gone:
+        raise Fault(f"These props are not in the file any more: {', '.join(gone)}. Bring them back, or bake again.")
+    locals_ = [Matrix(prop["local"]) for prop in recipe["props"]]
+    moved = BodyMotion(motion, recipe["metres"])
+    mode = mode_of(recipe, len(moved.props))
+    name = f"{recipe['control']} Pile"
+    yield 0.0
+
+    made = parts.make(context, sources, locals_, as_collections=mode == "POINTS")
+    if mode == "POINTS":
+        objects = points.write(name, moved, _numbered(name, made), recipe["start_frame"])
+        yield 1.0
+    else:
+        moved.rotations = keyframes.continuous(moved.rotations)
+        objects = []
+        for batch in range(0, len(moved.props), BATCH):
+            for body in range(batch, min(batch + BATCH, len(moved.props))):
+                objects.append(_body(made, moved, body, mode, recipe["start_frame"]))
+            yield len(objects) / len(moved.props)
+
+    collection = _collection(scene, control, name)
+    # Slow for many one by one; and until here nobody has seen them.
+    for made_object in objects:
+        collection.objects.link(made_object)
+    _remember(collection, recipe, told, mode, control)
+    return collection
+
+
+def finish(generator):
+    """Runs `build` to its end. Returns the collection."""
+    while True:
+        try:
+            next(generator)
+        except StopIteration as end:
+            return end.value
+
+
+def _body(made, moved, body, mode, start_frame):
+    part = made[moved.props[body]]
+    factor = float(moved.scales[body])
+    shown = part.body(f"{part.name} Body", factor)
+    here = moved.present[:, body]
+    # Where it is first or last seen.
+    at = np.flatnonzero(here)[-1 if mode == "POSE" else 0]
+    shown.location = moved.positions[at, body]
+    shown.rotation_quaternion = moved.rotations[at, body]
+    if mode == "POSE":
+        shown.hide_viewport = shown.hide_render = not here[-1]
+        return shown
+    positions, rotations = moved.positions[here, body], moved.rotations[here, body]
+    numbers = np.flatnonzero(here)
+    keyed = keyframes.needed(positions[:, None], rotations[:, None])[:, 0]
+    hidden = None
+    if not here.all():
+        changes = np.flatnonzero(np.concatenate([[True], here[1:] != here[:-1]]))
+        hidden = changes + start_frame, ~here[changes]
+    if keyed.sum() > 1 or hidden is not None:
+        keyframes.write(shown, shown.name, numbers[keyed] + start_frame, positions[keyed], rotations[keyed], hidden)
+    return shown
+
+
+def _numbered(name, made):
+    """A collection of the parts' collections, whose order, by name, is the props'."""
+    outer = bpy.data.collections.new(f"{name} Parts")
+    for number, part in enumerate(made):
+        part.collection.name = f"{number:05} {part.name}"
+        outer.children.link(part.collection)
+    return outer
+
+
+def _collection(scene, control, name):
+    """The collection of the result, empty: the one that there is, or a new one."""
+    collection = existing(scene, control)
+    if collection:
+        clear(collection)
+    else:
+        collection = bpy.data.collections.new(name)
+        scene.collection.children.link(collection)
+    return collection
+
+
+def _remember(collection, recipe, told, mode, control):
+    note = collection.cairn
+    if control and not note.is_result:
+        note.control_hide_render, note.control_display_type = control.hide_render, control.display_type
+    note.is_result = True
+    note.control = control
+    note.mode = mode
+    note.bake_id = told.get("bake_id", "")
+    note.result_hash = told.get("result_hash", "")
+    note.settings = json.dumps(recipe)
+    note.report = json.dumps(told)
+    if control:
+        control.hide_render = True
+        # The pile stands where the mesh is.
+        control.display_type = "WIRE"
+
+
+def clear(collection):
+    """Takes the bodies away, and what was made for them alone."""
+    before = _made_by(collection)
+    bpy.data.batch_remove(list(collection.objects))
+    # What only they used: first those that hold others.
+    for ids in before:
+        unused = [data for data in ids if data.users == 0]
+        bpy.data.batch_remove(unused)
+
+
+def delete(collection):
+    """Takes a baked pile away, and shows the control mesh as it was."""
+    note = collection.cairn
+    if note.control:
+        note.control.hide_render = note.control_hide_render
+        note.control.display_type = note.control_display_type or "TEXTURED"
+    clear(collection)
+    bpy.data.collections.remove(collection)
+
+
+def _made_by(collection):
+    """Data blocks that the bodies use, in groups to be looked at in this order once the bodies are gone."""
+    actions, groups, meshes, outer, inner, tables = set(), set(), set(), set(), set(), set()
+    for body in collection.objects:
+        if body.animation_data and body.animation_data.action:
+            actions.add(body.animation_data.action)
+        if body.data:
+            meshes.add(body.data)
+        if body.instance_collection:
+            inner.add(body.instance_collection)
+        for modifier in body.modifiers:
+            if modifier.type == "NODES" and modifier.node_group:
+                groups.add(modifier.node_group)
+    for group in groups:
+        for node in group.nodes:
+            if node.bl_idname == "GeometryNodeObjectInfo" and node.inputs["Object"].default_value:
+                tables.add(node.inputs["Object"].default_value)
+            if node.bl_idname == "GeometryNodeCollectionInfo" and node.inputs["Collection"].default_value:
+                outer.add(node.inputs["Collection"].default_value)
+    for parts_collection in outer:
+        inner.update(parts_collection.children)
+    members = {member for parts_collection in inner for member in parts_collection.objects}
+    data = meshes | {table.data for table in tables} | {member.data for member in members if member.data}
+    return actions, groups, tables, outer, inner, members, data
+
+

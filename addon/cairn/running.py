@@ -1,0 +1,179 @@
+"""The bake that runs, for the operators that drive it and the panels that show it. One at a time."""
+
+import json
+import queue
+import time
+
+import numpy as np
+
+from . import pending
+from .job import Job
+
+STAGES = {
+    "STAGE_SHAPE": "Preparing shapes",
+    "STAGE_FILL": "Filling",
+    "STAGE_RELEASE": "Letting go",
+    "STAGE_HOLD": "Coming to rest",
+    "STAGE_MEASURE": "Measuring",
+}
+
+# A body that moves less than this from a frame to the next, relative to the median diameter, is at rest.
+REST = 1e-3
+
+# The bake that runs or was stopped and waits for a decision; None if there is none.
+bake = None
+# The latest answer to "Check", for the panel.
+plan = None
+# A bake of this file that was under way when it was closed.
+left = None
+
+
+class Bake:
+    """A job with what is known of it."""
+
+    def __init__(self, server, recipe, request=None, bake_id=""):
+        self.recipe = recipe
+        if request:
+            self.job = Job(server, request.spec, request.contents)
+        else:
+            self.job = Job(server, bake_id=bake_id)
+        self.state = "Connecting"
+        self.accepted = self.progress = self.summary = self.fault = None
+        # "", "done", "stopped" or "failed".
+        self.end = ""
+        self.is_stopping = False
+        # Share of the writing, once there is a result.
+        self.written = None
+        self.began = time.monotonic()
+
+    def start(self):
+        self.job.start()
+
+    def stop(self):
+        self.is_stopping = True
+        self.state = "Stopping"
+        self.job.stop()
+
+    def poll(self, wait=0.0):
+        """Takes the news. Whether there were any."""
+        is_new = False
+        while not self.end:
+            try:
+                kind, what = self.job.news.get(timeout=wait) if wait else self.job.news.get_nowait()
+            except queue.Empty:
+                break
+            is_new, wait = True, 0.0
+            if kind == "state":
+                self.state = what
+            elif kind == "accepted":
+                self.accepted, self.state = what, "Waiting for its turn"
+                pending.note(what.bake_id, self.recipe)
+            elif kind == "progress":
+                self.progress = what
+            else:
+                self.end = kind
+                self.summary = what if kind == "done" else None
+                self.fault = what if kind == "failed" else None
+                pending.forget()
+        return is_new
+
+    @property
+    def frame_count(self):
+        """Frames of the result so far."""
+        return len(self.job.recording.frames)
+
+    def stage(self):
+        if self.is_stopping or self.progress is None:
+            return self.state
+        from .messages import v1
+
+        names = {getattr(v1, name): text for name, text in STAGES.items()}
+        return names.get(self.progress.stage, self.state)
+
+    def share(self):
+        return self.progress.fraction if self.progress else 0.0
+
+    def counts(self):
+        """Bodies, and what they do, as one line."""
+        progress = self.progress
+        if progress is None or not progress.body_count:
+            return ""
+        parts = [f"{progress.body_count} bodies"]
+        if progress.released_count:
+            parts.append(f"{progress.released_count} let go")
+        if progress.at_rest_count:
+            parts.append(f"{progress.at_rest_count} at rest")
+        if progress.nail_count:
+            parts.append(f"{progress.nail_count} nails")
+        return ", ".join(parts)
+
+    def time_left(self):
+        progress = self.progress
+        if progress is None or progress.remaining_seconds < 1:
+            return ""
+        return f"{duration(progress.remaining_seconds)} left in this stage"
+
+    def line(self):
+        """All of it, in one line."""
+        if self.written is not None:
+            return f"Making the objects, {self.written:.0%}"
+        share = f"{self.share():.0%}" if self.progress and not self.is_stopping else ""
+        return ", ".join(part for part in (self.stage(), share, self.counts(), self.time_left()) if part)
+
+    def told(self):
+        """What the result's collection is to remember: plain values."""
+        told = {"bake_id": self.job.bake_id, "is_whole": self.end == "done"}
+        told["warnings"] = []
+        if self.accepted:
+            versions = self.accepted.versions
+            told["versions"] = {"cairn": versions.cairn, "rapier3d": versions.rapier3d, "clarabel": versions.clarabel}
+            told["warnings"] += self.accepted.plan.warnings
+        if self.summary:
+            summary = self.summary
+            told.update(
+                result_hash=summary.result_blake3,
+                body_count=summary.body_count,
+                frame_count=summary.frame_count,
+                frame_rate=summary.frame_rate,
+                measures={"at_rest_fraction": self.at_rest(), **dict(sorted(summary.measures.items()))},
+                counts=dict(sorted(summary.counts.items())),
+                warnings=list(summary.warnings),
+                cpu_seconds=round(summary.cpu_seconds, 3),
+                seconds=round(time.monotonic() - self.began, 3),
+            )
+        else:
+            told.update(body_count=len(self.job.recording.props), frame_count=self.frame_count)
+        told["warnings"] += self.recipe.get("notes", ())
+        return told
+
+    def at_rest(self):
+        """Share of the bodies that stood in the last frame where they were in the one before."""
+        frames = self.job.recording.frames[-2:]
+        before, after = frames[0], frames[-1]
+        count = len(before.props)
+        steps = np.linalg.norm(after.positions[:count] - before.positions[:count], axis=1)
+        here = after.present[:count]
+        return float((steps[here] < REST * self.summary.measures["prop_diameter"]).mean()) if here.any() else 1.0
+
+
+def duration(seconds):
+    seconds = round(seconds)
+    if seconds < 60:
+        return f"{seconds} s"
+    minutes, seconds = divmod(seconds, 60)
+    return f"{minutes}:{seconds:02} min" if minutes < 60 else f"{minutes // 60}:{minutes % 60:02} h"
+
+
+def report_of(collection):
+    """What a result's collection remembers of its bake."""
+    try:
+        return json.loads(collection.cairn.report)
+    except ValueError:
+        return {}
+
+
+def recipe_of(collection):
+    try:
+        return json.loads(collection.cairn.settings)
+    except ValueError:
+        return {}

@@ -1,0 +1,174 @@
+"""The server on this machine: found, started when a bake needs it, stopped with Blender."""
+
+import json
+import os
+import secrets
+import shutil
+import signal
+import socket
+import stat
+import subprocess
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+from .client import Fault, Target
+
+NAME = "cairn.exe" if os.name == "nt" else "cairn"
+# How long a server may take to listen, and to end when it is told twice, s.
+START = 20.0
+END = 5.0
+# A bake that runs when Blender quits may end within this, s; its result is there when the file is opened again.
+DRAIN = 3600
+
+
+def find(chosen):
+    """The program `cairn`: the one chosen in the preferences, the add-on's own, or one on the path."""
+    if chosen:
+        path = Path(chosen).expanduser()
+        path = path / NAME if path.is_dir() else path
+        if not path.is_file():
+            raise Fault(f"There is no program at {path}. Choose `{NAME}` in the add-on's preferences.")
+        return path
+    own = Path(__file__).parent / "bin" / NAME
+    if own.is_file():
+        # Unzipping has lost the permission.
+        if not os.access(own, os.X_OK):
+            own.chmod(own.stat().st_mode | stat.S_IXUSR)
+        return own
+    found = shutil.which(NAME)
+    if not found:
+        raise Fault(
+            f"The program `{NAME}` is not on this computer. Install the add-on's zip for this platform, or choose "
+            "the program in the add-on's preferences."
+        )
+    return Path(found)
+
+
+class LocalServer:
+    """One server for all Blenders of one user, which share its store in `folder`."""
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+        self.lock = threading.Lock()
+        self.is_used = False
+
+    @property
+    def note(self):
+        """Where a running server is told of: address, token, process id."""
+        return self.folder / "server.json"
+
+    def reach(self, program):
+        """The target of a server that runs; starts one if there is none."""
+        with self.lock:
+            self.is_used = True
+            return self._running() or self._start(program)
+
+    def _told(self):
+        try:
+            return json.loads(self.note.read_text())
+        except (OSError, ValueError):
+            return None
+
+    def _running(self):
+        told = self._told()
+        if not told or not _listens(told["address"]):
+            return None
+        return Target(told["address"], told["token"])
+
+    def _start(self, program):
+        self.folder.mkdir(parents=True, exist_ok=True)
+        token, listen = secrets.token_hex(32), "127.0.0.1:0"
+        if hasattr(socket, "AF_UNIX") and os.name != "nt":
+            # Only this user reaches it.
+            listen = f"unix:{tempfile.mkdtemp(prefix='cairn-')}/socket"
+        command = [program, "serve", "--listen", listen, "--data", self.folder / "data", "--drain-seconds", str(DRAIN)]
+        log = self.folder / "server.log"
+        environment = {**os.environ, "CAIRN_TOKEN": token}
+        try:
+            with log.open("wb") as errors:
+                process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=errors,
+                    env=environment,
+                    # Ctrl-C in Blender's terminal is not the server's.
+                    start_new_session=True,
+                    creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+                )
+        except OSError as error:
+            raise Fault(f"{program} does not start: {error}. Choose another in the add-on's preferences.") from error
+        address = _first_line(process)
+        if not address:
+            process.kill()
+            process.wait()
+            # Another Blender may have been quicker.
+            running = self._running()
+            if running:
+                return running
+            told = log.read_text(errors="replace").strip().splitlines()[-8:]
+            raise Fault("The server does not start: " + ("\n".join(told) or f"{program} says nothing."))
+        self._write({"address": address, "token": token, "pid": process.pid})
+        return Target(address, token)
+
+    def _write(self, told):
+        # Readable by this user alone from the beginning, and whole at any time.
+        part = self.note.with_suffix(".part")
+        part.unlink(missing_ok=True)
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            json.dump(told, file)
+        part.replace(self.note)
+
+    def stop(self):
+        """Asks the server to end, which it does after its last bake."""
+        told = self._told()
+        if self.is_used and told and _listens(told["address"]):
+            _signal(told["pid"])
+        self.is_used = False
+
+    def stop_now(self):
+        """Ends a server that is ending already, at once. The next one takes its bakes up again."""
+        with self.lock:
+            told = self._told()
+            if not told:
+                return
+            _signal(told["pid"])
+            until = time.monotonic() + END
+            while _listens(told["address"]) and time.monotonic() < until:
+                _signal(told["pid"])
+                time.sleep(0.1)
+
+
+def _listens(address):
+    try:
+        if address.startswith("unix:"):
+            with socket.socket(socket.AF_UNIX) as probe:
+                probe.settimeout(1.0)
+                probe.connect(address.removeprefix("unix:"))
+        else:
+            host, _, port = address.rpartition(":")
+            socket.create_connection((host, int(port)), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def _signal(pid):
+    try:
+        os.kill(pid, signal.SIGTERM)
+    except OSError:
+        pass
+
+
+def _first_line(process):
+    """What the server prints once it listens; empty if it ends or says nothing in time."""
+    timer = threading.Timer(START, process.kill)
+    timer.start()
+    try:
+        return process.stdout.readline().decode(errors="replace").strip()
+    finally:
+        timer.cancel()
+        # Its end is nobody's child's loss: a server outlives its Blender by the bakes that it has.
+        threading.Thread(target=process.wait, daemon=True).start()

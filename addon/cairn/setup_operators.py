@@ -1,0 +1,224 @@
+"""What the buttons do to the settings: choosing props, checking the scene, finding objects, trying the server."""
+
+import concurrent.futures
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+from bpy.types import Operator
+
+from . import job, preferences, preview, request, running
+from .client import Fault
+from .operators import explain, is_running, start_frame
+from .properties import GROUPS
+
+# How often an answer of the server is looked for, s, and how long the preferences wait for one.
+TICK = 0.1
+PATIENCE = 20.0
+
+
+class CAIRN_OT_use_selected(Operator):
+    """Take the active mesh as the control mesh"""
+
+    bl_idname = "cairn.use_selected"
+    bl_label = "Use Active Mesh"
+    bl_options = {"UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return context.object is not None and context.object.type == "MESH"
+
+    def execute(self, context):
+        context.scene.cairn.control_mesh = context.object
+        return {"FINISHED"}
+
+
+class CAIRN_OT_add_props(Operator):
+    """Add the selected objects to the props. Children belong to their parents"""
+
+    bl_idname = "cairn.add_props"
+    bl_label = "Add Selected"
+    bl_options = {"UNDO"}
+
+    def execute(self, context):
+        settings = context.scene.cairn
+        known = {item.object for item in settings.props} | {settings.control_mesh}
+        chosen = set(context.selected_objects)
+        new = [s for s in context.selected_objects if s.type in request.PLACED and s.parent not in chosen and s not in known]
+        if not new:
+            return explain(self, Fault("Select the objects that the pile shall be made of, then press this button."))
+        settings.prop_source = "LIST"
+        for source in new:
+            settings.props.add().object = source
+        settings.active_prop = len(settings.props) - 1
+        return {"FINISHED"}
+
+
+class CAIRN_OT_remove_prop(Operator):
+    """Take the prop off the list. The object stays"""
+
+    bl_idname = "cairn.remove_prop"
+    bl_label = "Remove Prop"
+    bl_options = {"UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return len(context.scene.cairn.props) > 0
+
+    def execute(self, context):
+        settings = context.scene.cairn
+        settings.props.remove(settings.active_prop)
+        settings.active_prop = max(0, min(settings.active_prop, len(settings.props) - 1))
+        return {"FINISHED"}
+
+
+class CAIRN_OT_check(Operator):
+    """Ask the server what a bake would do, and what is wrong with the scene. Nothing is simulated"""
+
+    bl_idname = "cairn.check"
+    bl_label = "Check"
+
+    timer = None
+
+    @classmethod
+    def poll(cls, _):
+        return not is_running()
+
+    def _ask(self, context):
+        with start_frame(context):
+            taken = request.take(context)
+        self.accuracy = context.scene.cairn.accuracy
+        self.answer = job.plan(preferences.server(context), taken.spec, taken.contents)
+
+    def invoke(self, context, _):
+        if bpy.app.background:
+            return self.execute(context)
+        try:
+            self._ask(context)
+        except Fault as fault:
+            return explain(self, fault)
+        self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "ESC" and event.value == "PRESS":
+            self.answer.cancel()
+            self.cancel(context)
+            return {"CANCELLED"}
+        if event.type != "TIMER" or not self.answer.done():
+            return {"PASS_THROUGH"}
+        self.cancel(context)
+        return self._take()
+
+    def cancel(self, context):
+        if self.timer:
+            context.window_manager.event_timer_remove(self.timer)
+            self.timer = None
+        preview.redraw(context)
+
+    def execute(self, context):
+        try:
+            self._ask(context)
+        except Fault as fault:
+            return explain(self, fault)
+        return self._take()
+
+    def _take(self):
+        try:
+            plan = self.answer.result().plan
+        except Fault as fault:
+            running.plan = None
+            return explain(self, fault)
+        running.plan = {
+            "accuracy": self.accuracy,
+            "body_count": plan.expected_body_count,
+            "step_count": plan.expected_step_count,
+            "warnings": list(plan.warnings),
+            "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
+        }
+        if bpy.app.background:
+            print(f"Cairn: about {plan.expected_body_count} bodies, {plan.expected_step_count} steps", flush=True)
+        return {"FINISHED"}
+
+
+class CAIRN_OT_select(Operator):
+    """Select the object that this is about"""
+
+    bl_idname = "cairn.select"
+    bl_label = "Select Object"
+    bl_options = {"UNDO"}
+
+    object: StringProperty(name="Object", description="Name of the object")
+
+    def execute(self, context):
+        found = context.view_layer.objects.get(self.object)
+        if found is None:
+            return explain(self, Fault(f"“{self.object}” is not in this view layer any more."))
+        for other in context.selected_objects:
+            other.select_set(False)
+        if not found.visible_get():
+            return explain(self, Fault(f"“{self.object}” is hidden. Show it in the outliner to select it."))
+        found.select_set(True)
+        context.view_layer.objects.active = found
+        return {"FINISHED"}
+
+
+class CAIRN_OT_test_server(Operator):
+    """Connect to the server, starting it if it is on this computer, and tell its version"""
+
+    bl_idname = "cairn.test_server"
+    bl_label = "Test Server"
+
+    def execute(self, context):
+        try:
+            told = job.ask(preferences.server(context), "GetServerInfo").result(PATIENCE)
+        except Fault as fault:
+            return explain(self, fault)
+        except concurrent.futures.TimeoutError:
+            return explain(self, Fault("The server does not answer. Check its address."))
+        self.report({"INFO"}, f"Cairn {told.versions.cairn} answers, with {told.limits.worker_count} bakes at once")
+        return {"FINISHED"}
+
+
+class CAIRN_OT_preferences(Operator):
+    """Open the add-on's preferences: the program, or the server's address and token"""
+
+    bl_idname = "cairn.preferences"
+    bl_label = "Preferences"
+
+    def execute(self, _):
+        bpy.ops.preferences.addon_show(module=__package__)
+        return {"FINISHED"}
+
+
+class CAIRN_OT_clear_parameters(Operator):
+    """Leave all parameters of this group to the accuracy"""
+
+    bl_idname = "cairn.clear_parameters"
+    bl_label = "Reset"
+    bl_options = {"UNDO"}
+
+    group: EnumProperty(
+        name="Group",
+        description="Which parameters",
+        items=[(name, name.title(), "") for name in GROUPS.values()],
+    )
+
+    def execute(self, context):
+        group = getattr(context.scene.cairn, self.group)
+        for prop in group.bl_rna.properties:
+            if prop.identifier.startswith("use_"):
+                setattr(group, prop.identifier, False)
+        return {"FINISHED"}
+
+
+CLASSES = [
+    CAIRN_OT_use_selected,
+    CAIRN_OT_add_props,
+    CAIRN_OT_remove_prop,
+    CAIRN_OT_check,
+    CAIRN_OT_select,
+    CAIRN_OT_test_server,
+    CAIRN_OT_preferences,
+    CAIRN_OT_clear_parameters,
+]

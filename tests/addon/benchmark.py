@@ -1,0 +1,204 @@
+"""What the add-on takes, beside Blender's own rigid bodies. Run by Blender with the add-on unpacked in target/addon:
+
+    blender --background --factory-startup --python tests/addon/benchmark.py              writing of results
+    blender --background --factory-startup --python tests/addon/benchmark.py -- bake      609 sticks, both ways
+    blender --factory-startup --python tests/addon/benchmark.py -- window                 how long Blender is kept busy
+
+A Python with bpy does for all but the last. CPU seconds of processes and their children; wall seconds where told.
+"""
+
+import os
+import resource
+import statistics
+import sys
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "target" / "addon"))
+STICK = (1.0, 0.1, 0.1)
+FRAMES = 250
+
+
+def cpu():
+    own, children = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
+    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
+
+
+def enable():
+    import addon_utils
+
+    addon_utils.enable("cairn", default_set=True)
+    bpy.context.preferences.addons["cairn"].preferences.program = str(ROOT / "target" / "release" / "cairn")
+
+
+def empty():
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+
+
+def scene():
+    """Sticks, as examples/sticks.toml has them, in a mesh that takes about 609."""
+    bpy.ops.mesh.primitive_cone_add(vertices=48, radius1=1.8, depth=5.2, location=(0, 0, 2.6))
+    cone = bpy.context.object
+    cone.name = "Cone"
+    bpy.ops.mesh.primitive_cube_add(size=1, location=(6, 0, 0))
+    stick = bpy.context.object
+    stick.name = "Stick"
+    stick.dimensions = STICK
+    bpy.ops.object.transform_apply(location=False, rotation=False, scale=True)
+    props = bpy.data.collections.new("Props")
+    bpy.context.scene.collection.children.link(props)
+    props.objects.link(stick)
+    settings = bpy.context.scene.cairn
+    settings.control_mesh, settings.prop_collection = cone, props
+    settings.fill.use_count, settings.fill.count = True, 609
+    settings.use_frame_count, settings.frame_count = True, FRAMES
+    return settings
+
+
+def motion(bodies, frames):
+    """One in which every body moves in every frame: the most that there can be to write."""
+    from cairn.recording import Motion
+
+    random = np.random.default_rng(1)
+    rotations = random.normal(size=(frames, bodies, 4)).astype(np.float32)
+    rotations /= np.linalg.norm(rotations, axis=2, keepdims=True)
+    return Motion(
+        np.zeros(bodies, np.int32),
+        np.ones(bodies, np.float32),
+        random.normal(size=(frames, bodies, 3)).astype(np.float32),
+        rotations,
+        np.ones((frames, bodies), bool),
+    )
+
+
+def writing():
+    for mode, bodies in (("ANIMATION", 1000), ("POINTS", 10000)):
+        times = []
+        for _ in range(3):
+            empty()
+            scene()
+            from cairn import result
+
+            identity = [[float(i == j) for j in range(4)] for i in range(4)]
+            recipe = {
+                "scene": bpy.context.scene.name,
+                "control": "Cone",
+                "props": [{"name": "Stick", "local": identity}],
+                "metres": 1.0,
+                "start_frame": 1,
+                "output_mode": mode,
+            }
+            made_up = motion(bodies, FRAMES)
+            began, worked = time.perf_counter(), cpu()
+            result.finish(result.build(bpy.context, made_up, recipe, {}))
+            times.append((time.perf_counter() - began, cpu() - worked))
+        wall, work = (statistics.median(column) for column in zip(*times))
+        print(f"{mode}: {bodies} bodies x {FRAMES} frames, {wall:.2f} s wall, {work:.2f} s CPU", flush=True)
+
+
+def bake():
+    """Each way on its own: the server's bakes are children, so that their time counts."""
+    empty()
+    scene()
+    from cairn import preferences
+
+    began, wall = cpu(), time.perf_counter()
+    bpy.ops.cairn.bake()
+    wall = time.perf_counter() - wall
+    collection = bpy.data.collections["Cone Pile"]
+    from cairn import running
+
+    told = running.report_of(collection)
+    ours = cpu() - began + told["cpu_seconds"]
+    preferences.stop_server()
+    print(f"Cairn: {len(collection.objects)} bodies, {told['frame_count']} frames, {ours:.1f} s CPU, {wall:.1f} s wall", flush=True)
+
+    bodies = list(collection.objects)
+    bpy.context.scene.frame_set(1)
+    poses = [body.matrix_world.copy() for body in bodies]
+    for body, pose in zip(bodies, poses):
+        body.animation_data_clear()
+        body.matrix_world = pose
+    theirs, seconds = rigid_bodies(bodies)
+    print(f"Blender's rigid bodies: {len(bodies)} bodies, {FRAMES} frames, {theirs:.1f} s CPU, {seconds:.1f} s wall")
+    print(f"{theirs / ours:.1f} times less CPU time", flush=True)
+
+
+def rigid_bodies(bodies):
+    """The same bodies fall from where they stand, baked to keyframes."""
+    bpy.ops.rigidbody.world_add()
+    bpy.context.scene.frame_end = FRAMES
+    for source in bpy.context.scene.objects:
+        source.select_set(False)
+    bpy.ops.mesh.primitive_plane_add(size=40)
+    bpy.ops.rigidbody.object_add(type="PASSIVE")
+    bpy.context.object.select_set(False)
+    for body in bodies:
+        body.select_set(True)
+    bpy.context.view_layer.objects.active = bodies[0]
+    bpy.ops.rigidbody.objects_add(type="ACTIVE")
+    for body in bodies:
+        body.rigid_body.collision_shape = "BOX"
+    bpy.context.scene.rigidbody_world.point_cache.frame_end = FRAMES
+    began, wall = cpu(), time.perf_counter()
+    bpy.ops.ptcache.bake_all(bake=True)
+    # It asks for a view.
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    with bpy.context.temp_override(window=window, area=area, region=area.regions[-1]):
+        bpy.ops.rigidbody.bake_to_keyframes(frame_start=1, frame_end=FRAMES, step=1)
+    return cpu() - began, time.perf_counter() - wall
+
+
+def window():
+    """The button, pressed in a window: how long each of the operator's turns takes."""
+    settings = scene()
+    settings.control_mesh.select_set(False)
+    from cairn import operators, running
+
+    turns = []
+    modal, invoke = operators._Bakes.modal, operators._Bakes.invoke
+
+    def timed(function):
+        def turn(self, context, event):
+            began, worked = time.perf_counter(), time.thread_time()
+            answer = function(self, context, event)
+            stage = running.bake.stage() if running.bake else "end"
+            turns.append((time.perf_counter() - began, time.thread_time() - worked, stage))
+            return answer
+
+        return turn
+
+    operators.CAIRN_OT_bake.modal, operators.CAIRN_OT_bake.invoke = timed(modal), timed(invoke)
+
+    def press():
+        screen = bpy.context.window_manager.windows[0]
+        area = next(area for area in screen.screen.areas if area.type == "VIEW_3D")
+        region = next(region for region in area.regions if region.type == "WINDOW")
+        with bpy.context.temp_override(window=screen, area=area, region=region):
+            bpy.ops.cairn.bake("INVOKE_DEFAULT")
+        bpy.app.timers.register(look, first_interval=1.0)
+
+    def look():
+        if running.bake is not None:
+            return 0.5
+        longest = sorted(turns, reverse=True)[:5]
+        told = (f"{wall * 1000:.0f} ms, of that {work * 1000:.0f} at work ({stage})" for wall, work, stage in longest)
+        print(f"{len(turns)} turns; the longest: " + "; ".join(told))
+        sys.stdout.flush()
+        from cairn import preferences
+
+        preferences.stop_server()
+        os._exit(0)
+
+    bpy.app.timers.register(press, first_interval=2.0)
+
+
+chosen = sys.argv[sys.argv.index("--") + 1] if "--" in sys.argv else "writing"
+print(f"Blender {bpy.app.version_string}", flush=True)
+enable()
+{"writing": writing, "bake": bake, "window": window}[chosen]()

@@ -1,0 +1,139 @@
+"""Whole bakes against the real server: what comes into the scene, and what stays as it was."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from conftest import gap, shown_vertices
+
+CLOSE = 1e-5
+
+
+def bodies_of(collection):
+    """In the order of the server's bodies."""
+    return list(collection.objects)
+
+
+def count_blocks():
+    kinds = ("objects", "meshes", "actions", "collections", "node_groups", "materials", "scenes")
+    return {kind: len(getattr(bpy.data, kind)) for kind in kinds}
+
+
+def test_bodies_move_as_the_server_says(desk):
+    stick = desk.add_stick()
+    stick.location = (2, 0, 0)
+    before = stick.matrix_basis.copy()
+    collection = desk.bake(start_frame=11)
+    bodies = bodies_of(collection)
+    assert 10 < len(bodies) < 100
+    assert collection.cairn.mode == "ANIMATION"
+    assert all(body.data == stick.data for body in bodies)
+    frames = len(desk.motion.positions)
+    assert frames > 3
+    for frame in (0, frames // 2, frames - 1, frames + 5):
+        bpy.context.scene.frame_set(11 + frame)
+        expected = desk.expected(min(frame, frames - 1))
+        for body, matrix in zip(bodies, expected):
+            assert np.abs(np.array(body.matrix_world) - matrix).max() < CLOSE, frame
+    assert desk.control.hide_render and not desk.control.hide_viewport
+    assert stick.matrix_basis == before and stick.animation_data is None
+
+
+def test_bodies_fill_the_control_mesh(desk):
+    desk.add_stick()
+    desk.bake(output_mode="POSE")
+    points = np.concatenate([v for (name, _), v in shown_vertices().items() if name.startswith("Stick Body")])
+    # Some roll away.
+    assert np.percentile(np.abs(points[:, :2]), 95) < 0.5
+    assert -0.02 < points[:, 2].min() < 0.05 and 0.3 < points[:, 2].max() < 0.6
+
+
+@pytest.mark.parametrize("mode", ["ANIMATION", "POSE", "POINTS"])
+def test_each_output_mode_shows_the_same(desk, mode):
+    desk.add_stick()
+    collection = desk.bake(output_mode=mode)
+    last = len(desk.motion.positions) - 1
+    bpy.context.scene.frame_set(desk.settings.start_frame + last)
+    owners = {body.name for body in collection.objects}
+    shown = [points for (name, _), points in shown_vertices().items() if name in owners and len(points)]
+    expected = desk.expected(last)
+    assert len(shown) == len(expected)
+    corners = desk.sent_vertices(0)
+    for matrix in expected:
+        points = corners @ matrix[:3, :3].T + matrix[:3, 3]
+        nearest = min(shown, key=lambda other: np.linalg.norm(other.mean(axis=0) - points.mean(axis=0)))
+        assert gap(points, nearest) < CLOSE
+    actions = sum(body.animation_data is not None for body in collection.objects)
+    assert (len(collection.objects) == 1) == (mode == "POINTS")
+    assert (actions > 0) == (mode == "ANIMATION")
+
+
+def test_one_undo_step(desk):
+    desk.add_stick()
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.cairn.bake() == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="Bake Pile")
+    count = len(bpy.data.collections["Heap Pile"].objects)
+    bpy.ops.ed.undo()
+    assert "Heap Pile" not in bpy.data.collections
+    assert not bpy.data.objects["Heap"].hide_render
+    bpy.ops.ed.redo()
+    assert len(bpy.data.collections["Heap Pile"].objects) == count
+    assert bpy.data.objects["Heap"].hide_render
+
+
+def test_baked_again_it_is_replaced_and_deleted_it_is_gone(desk):
+    desk.add_stick()
+    before = count_blocks()
+    first = desk.bake()
+    count, kept = len(first.objects), first.cairn.result_hash
+    blocks = count_blocks()
+    assert desk.bake() == first and len(first.objects) == count and first.cairn.result_hash == kept
+    assert count_blocks() == blocks
+    again = desk.bake(seed=2, output_mode="POINTS")
+    assert again == first and first.cairn.result_hash != kept
+    assert bpy.ops.cairn.delete() == {"FINISHED"}
+    assert count_blocks() == before
+    assert not desk.control.hide_render and desk.control.display_type == "TEXTURED"
+
+
+def test_a_saved_pile_can_be_baked_from_itself(desk, addon, tmp_path):
+    desk.add_stick()
+    desk.settings.release.use_layer = True
+    desk.settings.release.layer = 0.8
+    collection = desk.bake(seed=5)
+    kept, told = collection.cairn.result_hash, json.loads(collection.cairn.report)
+    assert told["is_whole"] and told["body_count"] == len(collection.objects)
+    assert told["measures"]["at_rest_fraction"] > 0.8
+    assert told["measures"]["shape_iou"] > 0.5 and told["versions"]["cairn"]
+    path = str(tmp_path / "pile.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    settings = bpy.context.scene.cairn
+    settings.seed, settings.release.use_layer, settings.control_mesh = 9, False, None
+    assert bpy.ops.cairn.restore_settings(collection="Heap Pile") == {"FINISHED"}
+    assert settings.seed == 5 and settings.release.use_layer and settings.release.layer == pytest.approx(0.8)
+    assert settings.control_mesh.name == "Heap"
+    assert bpy.ops.cairn.bake() == {"FINISHED"}
+    assert bpy.data.collections["Heap Pile"].cairn.result_hash == kept
+    assert len([c for c in bpy.data.collections if c.cairn.is_result]) == 1
+
+
+def test_frame_count_and_rate(desk):
+    desk.add_stick()
+    bpy.context.scene.render.fps = 30
+    collection = desk.bake(use_frame_count=True, frame_count=7)
+    assert json.loads(collection.cairn.report)["frame_count"] == 8
+    assert desk.request.spec.scene.output.fps == 30
+    for body in collection.objects:
+        if body.animation_data:
+            low, high = body.animation_data.action.frame_range
+            assert low == 1 and high <= 8
+
+
+def test_check_tells_what_a_bake_would_do(desk, addon):
+    desk.add_stick()
+    assert bpy.ops.cairn.check() == {"FINISHED"}
+    plan = addon("running").plan
+    assert 5 < plan["body_count"] < 100 and plan["step_count"] > 0

@@ -1,0 +1,162 @@
+"""The writers, on motions made up here: what is keyed, and that playing it gives the motion back."""
+
+import bpy
+import numpy as np
+import pytest
+from conftest import gap, shown_vertices
+
+CLOSE = 1e-5
+
+
+def made_up(addon, bodies=20, frames=12, seed=3):
+    """A motion in the server's space: each body moves for a while, turning any way; the last one never does."""
+    random = np.random.default_rng(seed)
+    positions = random.uniform(-2, 2, (frames, bodies, 3)).astype(np.float32)
+    rotations = random.normal(size=(frames, bodies, 4))
+    # Turns about the axes by quarters: where angles of three axes are ambiguous.
+    quarters = np.round(random.normal(size=(frames, 5, 4)) * 1.5)
+    quarters[(quarters == 0).all(axis=2)] = (0, 0, 0, 1)
+    rotations[:, :5] = quarters
+    rotations = (rotations / np.linalg.norm(rotations, axis=2, keepdims=True)).astype(np.float32)
+    for body in range(bodies):
+        begin, end = sorted(random.integers(0, frames, 2)) if body < bodies - 1 else (0, 0)
+        for values in (positions, rotations):
+            values[:begin, body] = values[begin, body]
+            values[end:, body] = values[end, body]
+    present = np.ones((frames, bodies), bool)
+    Motion = addon("recording").Motion
+    scales = random.uniform(0.5, 1.5, bodies).astype(np.float32)
+    return Motion(np.zeros(bodies, np.int32), scales, positions, rotations, present)
+
+
+def write(desk, motion, mode):
+    """What a bake would make of it."""
+    stick = desk.add_stick()
+    desk.motion = motion
+    desk.recipe = {
+        "scene": bpy.context.scene.name,
+        "control": desk.control.name,
+        "props": [{"name": stick.name, "local": [list(row) for row in stick.matrix_basis]}],
+        "metres": 1.0,
+        "start_frame": 1,
+        "output_mode": mode,
+        "settings": {},
+    }
+    result = desk.addon("result")
+    return result.finish(result.build(bpy.context, motion, desk.recipe, {}))
+
+
+def check(desk, collection, frame, matrices, present):
+    bpy.context.scene.frame_set(int(frame), subframe=frame % 1)
+    owners = {body.name for body in collection.objects}
+    shown = [points for (name, _), points in shown_vertices().items() if name in owners and len(points)]
+    assert len(shown) == present.sum()
+    corners = np.array([vertex.co for vertex in bpy.data.objects["Stick"].data.vertices])
+    for matrix in matrices[present]:
+        points = corners @ matrix[:3, :3].T + matrix[:3, 3]
+        assert min(gap(points, other) for other in shown) < CLOSE
+
+
+@pytest.mark.parametrize("mode", ["ANIMATION", "POINTS"])
+def test_any_motion_plays_back(desk, addon, mode):
+    motion = made_up(addon)
+    collection = write(desk, motion, mode)
+    for frame in range(len(motion.positions)):
+        check(desk, collection, 1 + frame, desk.expected(frame), motion.present[frame])
+
+
+@pytest.mark.parametrize("mode", ["ANIMATION", "POINTS"])
+def test_bodies_that_come_and_go(desk, addon, mode):
+    motion = made_up(addon)
+    motion.present[:4, 0] = False
+    motion.present[7:, 1] = False
+    motion.present[:, 2] = False
+    collection = write(desk, motion, mode)
+    for frame in (0, 3, 4, 6, 7, 11):
+        bpy.context.scene.frame_set(1 + frame)
+        owners = {body.name for body in collection.objects}
+        visible = {body.name for body in collection.objects if not body.hide_viewport and not body.hide_render}
+        shown = [key for key, points in shown_vertices().items() if key[0] in owners & visible and len(points)]
+        assert len(shown) == motion.present[frame].sum()
+
+
+def test_between_frames_points_move_as_objects_do(desk, addon):
+    motion = made_up(addon)
+    # Half a turn has no way that is the shorter one.
+    motion.rotations[:] = motion.rotations[0]
+    collection = write(desk, motion, "POINTS")
+    matrices = (desk.expected(4) + desk.expected(5)) / 2
+    check(desk, collection, 5.5, matrices, motion.present[4])
+
+
+def test_what_stands_still_is_not_keyed(desk, addon):
+    motion = made_up(addon)
+    collection = write(desk, motion, "ANIMATION")
+    bodies = list(collection.objects)
+    assert bodies[-1].animation_data is None
+    changes = (motion.positions[1:] != motion.positions[:-1]).any(axis=2)
+    for number, body in enumerate(bodies):
+        moving = np.flatnonzero(changes[:, number])
+        if not len(moving):
+            assert body.animation_data is None
+            continue
+        for curve in curves_of(body):
+            assert len(curve.keyframe_points) <= 2 + moving[-1] - moving[0] + 1
+            assert curve.keyframe_points[-1].co.x == 1 + moving[-1] + 1
+            assert {point.interpolation for point in curve.keyframe_points} == {"LINEAR"}
+
+
+def test_turns_take_the_short_way(addon):
+    keyframes = addon("keyframes")
+    rotations = made_up(addon).rotations
+    rotations[3] *= -1
+    out = keyframes.continuous(rotations)
+    assert (np.einsum("fnc,fnc->fn", out[1:], out[:-1]) >= 0).all()
+    assert np.array_equal(np.abs(out), np.abs(rotations))
+
+
+def curves_of(body):
+    action = body.animation_data.action
+    if hasattr(action, "fcurves"):
+        return list(action.fcurves)
+    return [curve for layer in action.layers for strip in layer.strips for bag in strip.channelbags for curve in bag.fcurves]
+
+
+def test_a_pile_beyond_one_table_becomes_several_objects(desk, addon, monkeypatch):
+    points = addon("points")
+    monkeypatch.setattr(points, "MAX_ROWS", 40)
+    motion = made_up(addon)
+    collection = write(desk, motion, "POINTS")
+    assert len(collection.objects) > 1
+    check(desk, collection, 6, desk.expected(5), motion.present[5])
+
+
+def test_axes_there_and_back(addon):
+    axes = addon("axes")
+    points = np.random.default_rng(1).normal(size=(5, 3))
+    assert np.allclose(axes.points_to_blender(axes.points_to_server(points, 0.01), 0.01), points)
+    assert np.array_equal(axes.points_to_server([0, 0, 1]), [0, 1, 0])
+    turns = np.random.default_rng(2).normal(size=(5, 4))
+    assert np.allclose(axes.rotations_to_blender(axes.rotations_to_server(turns)), turns)
+
+
+def test_the_preview_draws_boxes_of_large_piles(addon):
+    preview, recording = addon("preview"), addon("recording")
+    motion = made_up(addon)
+    snapshot = recording.Snapshot(
+        3, motion.props, motion.scales, motion.positions[0], motion.rotations[0], motion.present[0]
+    )
+    shape = np.random.default_rng(1).normal(size=(100, 3, 3))
+    drawn = preview.Preview.__new__(preview.Preview)
+    drawn.metres, drawn.shapes, drawn.boxes = 1.0, [shape], [preview.box(shape)]
+    assert len(drawn._triangles(snapshot)[0]) == 20 * 100 * 3
+    preview_limit, preview.MAX_TRIANGLES = preview.MAX_TRIANGLES, 100
+    try:
+        vertices, colors = drawn._triangles(snapshot)
+    finally:
+        preview.MAX_TRIANGLES = preview_limit
+    assert len(vertices) == len(colors) == 20 * 12 * 3
+    # A box's faces look outwards.
+    box = preview.box(shape)
+    normals = np.cross(box[:, 1] - box[:, 0], box[:, 2] - box[:, 0])
+    assert (np.einsum("ti,ti->t", normals, box.mean(axis=1) - shape.reshape(-1, 3).mean(axis=0)) > 0).all()

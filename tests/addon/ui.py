@@ -1,0 +1,166 @@
+"""An artist at the panel: run by Blender 3.4 in a real window, with xdotool's mouse and keys.
+
+    blender --factory-startup --window-geometry 0 0 1400 900 --python ui.py
+
+Bakes three times: stopped by Esc, stopped by the Cancel button, and to the end. $CAIRN_ADDON is the add-on's zip,
+$CAIRN_SCREENSHOTS a folder for pictures of the window.
+"""
+
+import os
+import subprocess
+import sys
+import time
+import traceback
+
+import bpy
+
+# Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
+# there; the button; and Cancel, which is shown above the rest while a bake runs.
+TAB = 1144, 192
+BAKE = 1030, 477
+CANCEL = 1050, 219
+PATIENCE = 60.0
+SCREENSHOTS = os.environ["CAIRN_SCREENSHOTS"]
+PROGRAM = os.environ["CAIRN_PROGRAM"]
+
+
+def xdotool(*words):
+    subprocess.run(["xdotool", *map(str, words)], check=True)
+
+
+def click(x, y):
+    """Moves and presses as a hand does: in steps, between which Blender looks."""
+    for step in (8, 4, 0):
+        xdotool("mousemove", x, y + step)
+        yield 0.1
+    xdotool("mousedown", 1)
+    yield 0.1
+    xdotool("mouseup", 1)
+    yield 0.1
+
+
+def press(key):
+    xdotool("key", key)
+    yield 0.0
+
+
+def picture(name):
+    bpy.ops.screen.screenshot(filepath=os.path.join(SCREENSHOTS, name))
+
+
+def sidebar():
+    area = next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "VIEW_3D")
+    area.spaces[0].show_region_ui = True
+    return area
+
+
+def view(area):
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    return bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=area, region=region)
+
+
+def scene(area):
+    with view(area):
+        bpy.ops.mesh.primitive_cone_add(vertices=32, radius1=0.6, depth=1.0, location=(0, 0, 0.5))
+        bpy.context.object.name = "Cone"
+        bpy.ops.mesh.primitive_cube_add(size=1, location=(1.5, 0, 0.2))
+        stick = bpy.context.object
+    stick.name, stick.scale = "Stick", (0.3, 0.08, 0.06)
+    props = bpy.data.collections.new("Props")
+    bpy.context.scene.collection.children.link(props)
+    stick.users_collection[0].objects.unlink(stick)
+    props.objects.link(stick)
+    settings = bpy.context.scene.cairn
+    settings.control_mesh, settings.prop_collection = bpy.data.objects["Cone"], props
+    with view(area):
+        bpy.ops.view3d.view_all()
+        bpy.ops.object.select_all(action="DESELECT")
+
+
+def wait(until, what):
+    end = time.monotonic() + PATIENCE
+    while not until():
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        yield 0.1
+
+
+def walk():
+    """The steps; what is yielded is the pause until the next, s."""
+    from cairn import running
+
+    for source in list(bpy.data.objects):
+        bpy.data.objects.remove(source)
+    area = sidebar()
+    yield 1.0
+    yield from click(*TAB)
+    yield 1.0
+    picture("1-empty.png")
+    scene(area)
+    settings = bpy.context.scene.cairn
+    yield 1.0
+    picture("2-before.png")
+    objects = sorted(bpy.data.objects.keys())
+    with view(area):
+        bpy.ops.ed.undo_push(message="scene")
+
+    # To be stopped on the way.
+    settings.accuracy, settings.use_frame_count, settings.frame_count = "DRAFT", True, 100000
+    for name, stop in (("escape", lambda: press("Escape")), ("button", lambda: click(*CANCEL))):
+        yield from click(*BAKE)
+        yield from wait(lambda: running.bake and running.bake.frame_count > 5, f"frames, to stop by {name}")
+        yield 0.5
+        picture(f"3-{name}.png")
+        bake = running.bake
+        yield from stop()
+        yield from wait(lambda: bake.end, f"the end by {name}")
+        assert bake.end == "stopped" and sorted(bpy.data.objects.keys()) == objects
+        yield 0.5
+        picture(f"4-stopped-by-{name}.png")
+        # The popup closes, and the panel still asks.
+        xdotool("mousemove", 300, 500)
+        yield 0.5
+        assert bpy.ops.cairn.discard() == {"FINISHED"}
+        yield 0.5
+
+    settings.accuracy, settings.use_frame_count = "STANDARD", False
+    yield from click(*BAKE)
+    yield from wait(lambda: running.bake and running.bake.job.latest, "the pile to form")
+    yield 1.5
+    picture("5-during.png")
+    yield from wait(lambda: running.bake is None, "the pile")
+    yield 1.0
+    picture("6-after.png")
+    count = len(bpy.data.collections["Cone Pile"].objects)
+    assert count > 20
+    with view(area):
+        bpy.ops.ed.undo()
+    assert "Cone Pile" not in bpy.data.collections and sorted(bpy.data.objects.keys()) == objects
+    with view(area):
+        bpy.ops.ed.redo()
+    assert len(bpy.data.collections["Cone Pile"].objects) == count
+    print("1 passed, 0 failed", flush=True)
+
+
+def end(code):
+    bpy.ops.preferences.addon_disable(module="cairn")
+    sys.stdout.flush()
+    os._exit(code)
+
+
+def tick():
+    try:
+        return next(STEPS)
+    except StopIteration:
+        end(0)
+    except Exception:  # noqa: BLE001 the window would stay open
+        traceback.print_exc()
+        picture("failed.png")
+        end(1)
+
+
+bpy.context.preferences.view.show_splash = False
+bpy.ops.preferences.addon_install(filepath=os.environ["CAIRN_ADDON"], overwrite=True)
+bpy.ops.preferences.addon_enable(module="cairn")
+bpy.context.preferences.addons["cairn"].preferences.program = PROGRAM
+STEPS = walk()
+bpy.app.timers.register(tick, first_interval=2.0)
