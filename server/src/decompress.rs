@@ -90,7 +90,7 @@ fn draco(document: &mut Document, mesh: usize, index: usize, budget: &mut Budget
     for (name, id) in ids {
         let template = old(&name).and_then(|at| document.get("accessors", at).ok()).cloned().unwrap_or_default();
         let attribute = decoded.attribute(u32::try_from(id).ok()?)?;
-        let accessor = accessor(document, &attribute, decoded.vertices(), &template, &name)?;
+        let accessor = accessor(document, &attribute, decoded.vertices(), &template)?;
         attributes.insert(name, json!(accessor));
     }
     let bytes: Vec<u8> = decoded.corners().flat_map(u32::to_le_bytes).collect();
@@ -109,7 +109,6 @@ fn accessor(
     attribute: &Attribute,
     count: usize,
     template: &Map<String, Value>,
-    name: &str,
 ) -> Option<usize> {
     let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"].get(attribute.components.checked_sub(1)?)?;
     let size = match attribute.component_type {
@@ -130,17 +129,6 @@ fn accessor(
     });
     if let Some(normalized) = template.get("normalized").filter(|_| attribute.component_type != 5126) {
         accessor["normalized"] = normalized.clone();
-    }
-    if name == "POSITION" && attribute.component_type == 5126 && count > 0 {
-        // Required, and not to the last digit what the compressed file says.
-        let at = |bytes: &[u8]| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
-        let lane = |k: usize| attribute.bytes.chunks_exact(width).map(move |vertex| at(&vertex[4 * k..]));
-        accessor["min"] = (0..attribute.components).map(|k| json!(lane(k).fold(f32::INFINITY, f32::min))).collect();
-        accessor["max"] = (0..attribute.components).map(|k| json!(lane(k).fold(f32::NEG_INFINITY, f32::max))).collect();
-    } else if name == "POSITION" {
-        for key in ["min", "max"] {
-            accessor[key] = template.get(key)?.clone();
-        }
     }
     Some(document.push("accessors", accessor))
 }

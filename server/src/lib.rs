@@ -1,5 +1,6 @@
 //! Cairn around its core: the wire, files and the command line.
 
+mod accessor;
 pub mod cli;
 pub mod client;
 pub mod config;

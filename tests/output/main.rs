@@ -1,5 +1,6 @@
 //! What leaves Cairn: files and pictures.
 
+mod collection;
 mod export;
 mod files;
 mod reader;

@@ -71,7 +71,8 @@ Examples:
   cairn doctor
         Tells whether this machine is fit, and tries a small bake on it.
 
-Exit codes: 0 done, 2 wrong usage, 65 wrong input, 70 a fault in Cairn, 75 not written (try again), 130 cancelled.";
+Exit codes: 0 done, 2 wrong usage, 65 wrong input, 70 a fault in Cairn, 75 not written (try again), 130 cancelled.
+Colours: as the terminal allows; the environment variable NO_COLOR switches them off.";
 
 /// Runs the command that the process was started with.
 pub fn main() -> ExitCode {

@@ -6,6 +6,7 @@
 //! reached are embedded too; an image that cannot be reached keeps its URI.
 
 use super::images;
+use crate::accessor;
 use crate::document::{Document, DocumentError, Resolver, reference};
 use cairn_core::asset::compressed::DRACO;
 use serde_json::{Map, Value, json};
@@ -89,9 +90,9 @@ impl<'a> Source<'a> {
 
     /// Gives the accessors of an object such as `attributes` their new indices.
     pub fn accessors(&mut self, map: &mut Map<String, Value>, out: &mut Output) -> Result<(), DocumentError> {
-        for value in map.values_mut() {
+        for (name, value) in map {
             if let Some(old) = value.as_u64() {
-                *value = json!(self.accessor(to_index(old), out)?);
+                *value = json!(self.accessor(to_index(old), name == "POSITION", out)?);
             }
         }
         Ok(())
@@ -145,7 +146,7 @@ impl<'a> Source<'a> {
             }
         }
         if let Some(indices) = reference(primitive, "indices") {
-            primitive.insert("indices".into(), json!(self.accessor(indices, out)?));
+            primitive.insert("indices".into(), json!(self.accessor(indices, false, out)?));
         }
         if let Some(material) = reference(primitive, "material") {
             primitive.insert("material".into(), json!(self.material(material, out)?));
@@ -162,9 +163,19 @@ impl<'a> Source<'a> {
         Ok(())
     }
 
-    fn accessor(&mut self, index: usize, out: &mut Output) -> Result<usize, DocumentError> {
+    /// Bounds are those of the data: files tell wrong ones, and only those of positions are required.
+    fn accessor(&mut self, index: usize, bounded: bool, out: &mut Output) -> Result<usize, DocumentError> {
         self.once("accessors", index, out, |source, accessor, out| {
             accessor.remove("extensions");
+            let told = ["min", "max"].map(|key| accessor.remove(key).is_some());
+            let is_vec3 = accessor.get("type").and_then(Value::as_str) == Some("VEC3");
+            if is_vec3
+                && (bounded || told[0])
+                && let Ok(Some([low, high])) = accessor::bounds::<3>(&source.document, index)
+            {
+                accessor.insert("min".into(), json!(low));
+                accessor.insert("max".into(), json!(high));
+            }
             source.move_view(accessor, out)?;
             if let Some(Value::Object(sparse)) = accessor.get_mut("sparse") {
                 for part in ["indices", "values"] {

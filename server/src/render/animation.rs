@@ -1,7 +1,7 @@
 //! The first animation of a file, evaluated at a moment.
 
-use super::accessor;
 use super::nodes::{Local, unit};
+use crate::accessor;
 use crate::document::{Document, DocumentError, reference};
 use glam::{DQuat, DVec4};
 use serde_json::Value;

@@ -1,9 +1,9 @@
 //! The meshes, materials and pictures of a file, made ready for rays.
 
 use super::Problem;
-use super::accessor;
 use super::nodes::Placed;
 use super::texture::{Material, Picture};
+use crate::accessor;
 use crate::document::{Document, DocumentError, Resolver, reference};
 use cairn_core::asset::compressed::DRACO;
 use glam::{DAffine3, DQuat, DVec2, DVec3, Vec2, Vec3, Vec3A};

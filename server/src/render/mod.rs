@@ -1,6 +1,5 @@
 //! A shaded still of any glTF file, by ray casting: software only, and the same picture for any number of threads.
 
-mod accessor;
 mod animation;
 mod camera;
 mod library;

@@ -1,6 +1,7 @@
 //! Where every node of a file stands at a moment of its animation.
 
-use super::{accessor, animation};
+use super::animation;
+use crate::accessor;
 use crate::document::{Document, DocumentError, reference, references};
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde_json::{Map, Value};

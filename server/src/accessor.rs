@@ -40,6 +40,21 @@ impl Layout {
 
 /// Vectors of `N` components. The accessor may have more; what it has less is an error.
 pub fn vectors<const N: usize>(document: &Document, index: usize) -> Result<Vec<[f64; N]>, DocumentError> {
+    read(document, index, true)
+}
+
+/// The least and the largest of each of `N` components, as an accessor's `min` and `max` tell them: integers as they are
+/// stored. `None` if there are no elements.
+pub fn bounds<const N: usize>(document: &Document, index: usize) -> Result<Option<[[f64; N]; 2]>, DocumentError> {
+    let wider = |[low, high]: [[f64; N]; 2], value: [f64; N]| {
+        [std::array::from_fn(|i| low[i].min(value[i])), std::array::from_fn(|i| high[i].max(value[i]))]
+    };
+    let values = read(document, index, false)?;
+    Ok(values.first().map(|&first| values.iter().copied().fold([first; 2], wider)))
+}
+
+/// `scaled`: whether integers that the accessor calls normalised become fractions of one.
+fn read<const N: usize>(document: &Document, index: usize, scaled: bool) -> Result<Vec<[f64; N]>, DocumentError> {
     let malformed = |problem: &str| DocumentError::malformed("accessors", index, problem);
     let accessor = document.get("accessors", index)?;
     let components = match accessor.get("type").and_then(Value::as_str) {
@@ -54,7 +69,7 @@ pub fn vectors<const N: usize>(document: &Document, index: usize) -> Result<Vec<
     }
     let layout = Layout {
         component: component_type(accessor).ok_or_else(|| malformed("has no known component type"))?,
-        normalized: accessor.get("normalized").and_then(Value::as_bool).unwrap_or(false),
+        normalized: scaled && accessor.get("normalized").and_then(Value::as_bool).unwrap_or(false),
         components,
     };
     let count = reference(accessor, "count").ok_or_else(|| malformed("has no count"))?;
