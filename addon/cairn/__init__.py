@@ -23,9 +23,7 @@ CLASSES = [preferences.CairnPreferences, *operators.CLASSES, *setup_operators.CL
 @persistent
 def _before_load(*_):
     """Another file is about to be opened. The server bakes on; this file's note says so."""
-    if running.bake is not None:
-        running.bake.job.detach()
-    running.bake = running.plan = running.left = None
+    running.forget_all()
 
 
 @persistent

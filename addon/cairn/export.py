@@ -200,9 +200,7 @@ class Geometry:
     def new_mesh(self, source):
         """A mesh data block as evaluated, with materials and all layers."""
         graph = self.graphs[-1] if source in self.copies else self.graphs[0]
-        mesh = bpy.data.meshes.new_from_object(
-            self._evaluated(source), preserve_all_data_layers=True, depsgraph=graph
-        )
+        mesh = bpy.data.meshes.new_from_object(self._evaluated(source), preserve_all_data_layers=True, depsgraph=graph)
         mesh.name = source.name
         return mesh
 

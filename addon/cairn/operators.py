@@ -97,7 +97,7 @@ class _Bakes:
             else:
                 context.window_manager.popup_menu(_draw_choice, title="Bake Stopped", icon="QUESTION")
             return {"CANCELLED"}
-        if bake.end == "done":
+        if bake.has_all_frames:
             self.writer = result.build(context, bake.job.recording.motion(), bake.recipe, bake.told())
             bake.written = 0.0
         return {"RUNNING_MODAL"}
@@ -111,6 +111,8 @@ class _Bakes:
         except StopIteration as end:
             running.bake = None
             self._leave(context, None)
+            if not bake.end:
+                running.wait_for_report(bake)
             return _finished(self, context, end.value)
         self._show(context, bake)
         return {"RUNNING_MODAL"}

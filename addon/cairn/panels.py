@@ -34,8 +34,8 @@ def wrapped(layout, context, text, icon="NONE"):
             line = word
         else:
             line = f"{line} {word}".strip()
-    for number, line in enumerate([*lines, line]):
-        column.label(text=line, icon=icon if number == 0 else ("NONE" if icon == "NONE" else "BLANK1"))
+    for number, text in enumerate([*lines, line]):
+        column.label(text=text, icon=icon if number == 0 else ("NONE" if icon == "NONE" else "BLANK1"))
 
 
 class _Pile:
@@ -159,8 +159,14 @@ def draw_field(layout, group, name):
     row = layout.row(heading=group.bl_rna.properties[name].name)
     row.prop(group, "use_" + name, text="")
     value = row.row()
-    value.active = getattr(group, "use_" + name)
-    value.prop(group, name, text="")
+    is_set = getattr(group, "use_" + name)
+    if is_set or group.id_data.cairn.accuracy == "STANDARD":
+        value.active = is_set
+        value.prop(group, name, text="")
+    else:
+        # The defaults that are known here are the standard's.
+        value.active = False
+        value.label(text="by accuracy")
 
 
 def draw_bake(layout, context):
@@ -214,6 +220,8 @@ class CAIRN_PT_report(_Pile, Panel):
         told = running.report_of(collection)
         if not told.get("is_whole"):
             wrapped(layout, context, "This bake was cancelled: it is not whole.", "INFO")
+        elif any(made.job.bake_id == told["bake_id"] for made in running.measuring):
+            layout.label(text="Being measured…", icon="TIME")
         column = layout.column(align=True)
         frames = told.get("frame_count", 0)
         draw_figure(column, "Bodies", str(told.get("body_count", 0)))

@@ -238,9 +238,7 @@ class CairnSettings(PropertyGroup):
     use_frame_count: BoolProperty(
         name="Set Frames", description="Bake a number of frames, instead of until the pile is at rest"
     )
-    frame_count: IntProperty(
-        name="Frames", description="Frames after the start frame", default=250, min=0, max=100000
-    )
+    frame_count: IntProperty(name="Frames", description="Frames after the start frame", default=250, min=0, max=100000)
 
 
 class CairnResult(PropertyGroup):

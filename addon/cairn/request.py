@@ -193,5 +193,3 @@ def from_dict(group, values):
             setattr(group, name, known.get(value) if value else None)
         else:
             setattr(group, name, value)
-
-

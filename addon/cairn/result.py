@@ -53,8 +53,8 @@ def mode_of(recipe, body_count):
 
 
 def build(context, motion, recipe, told):
-    """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing is seen of the pile in
-    the scene before the end. `told`: what the collection remembers. Returns the collection."""
+    """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing of the
+    pile is in the scene before the end. `told`: what the collection remembers. Returns the collection."""
     scene = bpy.data.scenes.get(recipe["scene"]) or context.scene
     control = bpy.data.objects.get(recipe["control"])
     sources = [bpy.data.objects.get((prop["name"], prop.get("library"))) for prop in recipe["props"]]
@@ -201,5 +201,3 @@ def _made_by(collection):
     members = {member for parts_collection in inner for member in parts_collection.objects}
     data = meshes | {table.data for table in tables} | {member.data for member in members if member.data}
     return actions, groups, tables, outer, inner, members, data
-
-

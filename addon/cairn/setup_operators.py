@@ -43,7 +43,11 @@ class CAIRN_OT_add_props(Operator):
         settings = context.scene.cairn
         known = {item.object for item in settings.props} | {settings.control_mesh}
         chosen = set(context.selected_objects)
-        new = [s for s in context.selected_objects if s.type in request.PLACED and s.parent not in chosen and s not in known]
+        new = [
+            s
+            for s in context.selected_objects
+            if s.type in request.PLACED and s.parent not in chosen and s not in known
+        ]
         if not new:
             return explain(self, Fault("Select the objects that the pile shall be made of, then press this button."))
         settings.prop_source = "LIST"

@@ -113,9 +113,14 @@ def bake():
     from cairn import running
 
     told = running.report_of(collection)
-    ours = cpu() - began + told["cpu_seconds"]
+    here = cpu() - began
+    ours = here + told["cpu_seconds"]
     preferences.stop_server()
-    print(f"Cairn: {len(collection.objects)} bodies, {told['frame_count']} frames, {ours:.1f} s CPU, {wall:.1f} s wall", flush=True)
+    print(
+        f"Cairn: {len(collection.objects)} bodies, {told['frame_count']} frames, "
+        f"{ours:.1f} s CPU, of that {here:.1f} in Blender, {wall:.1f} s wall",
+        flush=True,
+    )
 
     bodies = list(collection.objects)
     bpy.context.scene.frame_set(1)
@@ -141,8 +146,6 @@ def rigid_bodies(bodies):
         body.select_set(True)
     bpy.context.view_layer.objects.active = bodies[0]
     bpy.ops.rigidbody.objects_add(type="ACTIVE")
-    for body in bodies:
-        body.rigid_body.collision_shape = "BOX"
     bpy.context.scene.rigidbody_world.point_cache.frame_end = FRAMES
     began, wall = cpu(), time.perf_counter()
     bpy.ops.ptcache.bake_all(bake=True)

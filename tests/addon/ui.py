@@ -128,16 +128,23 @@ def walk():
     yield 1.5
     picture("5-during.png")
     yield from wait(lambda: running.bake is None, "the pile")
+    pile = bpy.data.collections["Cone Pile"]
+    count, frames = len(pile.objects), running.report_of(pile)["frame_count"]
+    assert count > 20 and running.report_of(pile)["is_whole"]
+    # The figures may come later.
+    yield from wait(lambda: "measures" in running.report_of(bpy.data.collections["Cone Pile"]), "the report")
+    told = running.report_of(bpy.data.collections["Cone Pile"])
+    assert (told["body_count"], told["frame_count"]) == (count, frames), told
+    assert told["result_hash"]
     yield 1.0
     picture("6-after.png")
-    count = len(bpy.data.collections["Cone Pile"].objects)
-    assert count > 20
     with view(area):
         bpy.ops.ed.undo()
     assert "Cone Pile" not in bpy.data.collections and sorted(bpy.data.objects.keys()) == objects
     with view(area):
         bpy.ops.ed.redo()
     assert len(bpy.data.collections["Cone Pile"].objects) == count
+    assert "measures" in running.report_of(bpy.data.collections["Cone Pile"])
     print("1 passed, 0 failed", flush=True)
 
 
