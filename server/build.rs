@@ -20,6 +20,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .boxed(".cairn.v1.BakeEvent.kind.accepted")
         .compile_fds(compiler.file_descriptor_set())?;
 
+    // Given by the release command; a commit found by itself would build everything anew at each commit.
+    println!("cargo:rerun-if-env-changed=CAIRN_COMMIT");
+    let version = std::env::var("CARGO_PKG_VERSION")?;
+    match std::env::var("CAIRN_COMMIT") {
+        Ok(commit) if !commit.is_empty() => println!("cargo:rustc-env=CAIRN_BUILD={version} ({commit})"),
+        _ => println!("cargo:rustc-env=CAIRN_BUILD={version}"),
+    }
+
     println!("cargo:rerun-if-changed=Cargo.lock");
     for name in ENGINES {
         let version = locked_version(Path::new("Cargo.lock"), name)?;

@@ -100,6 +100,9 @@ fn libraries_stay_in_their_place() {
         &["server/core/src/shape", "server/core/src/world", "server/core/src/measure/solid.rs"],
     );
     only_in("clarabel", "server", &["server/core/src/equilibrium"]);
+    only_in("draco_core", "server", &["server/core/src/asset/compressed.rs"]);
+    only_in("draco_gltf", "server", &["server/core/src/asset/compressed.rs"]);
+    only_in("sysinfo", "server/src", &["server/src/machine.rs"]);
     only_in("prost_reflect", "server/src", &["server/src/scene_file"]);
     only_in("clap", "server/src", &["server/src/cli"]);
     // What bakes does not know who asks.

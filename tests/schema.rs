@@ -4,7 +4,8 @@
 use cairn::from_proto;
 use cairn::job::{Job, effective};
 use cairn::proto;
-use cairn::scene_file::{SceneTree, schema};
+use cairn::scene_file::SceneTree;
+use cairn::scene_file::schema::{self, comment, told};
 use prost_reflect::{FieldDescriptor, Kind, MessageDescriptor};
 use serde_json::Value;
 use std::path::Path;
@@ -23,26 +24,14 @@ fn fields(message: &MessageDescriptor, prefix: &str) -> Vec<Field> {
         match descriptor.kind() {
             Kind::Message(group) if descriptor.is_list() => found.extend(fields(&group, &format!("{path}.0."))),
             Kind::Message(group) => found.extend(fields(&group, &format!("{path}."))),
-            _ => found.push(Field { path, comment: comment(&descriptor), descriptor }),
+            _ => found.push(Field {
+                path,
+                comment: comment(&descriptor.parent_file(), descriptor.path()).replace('\n', " "),
+                descriptor,
+            }),
         }
     }
     found
-}
-
-fn comment(field: &FieldDescriptor) -> String {
-    let file = field.parent_file();
-    let source = file.file_descriptor_proto().source_code_info.as_ref().expect("descriptors keep their comments");
-    let location = source.location.iter().find(|location| location.path == field.path());
-    location
-        .map(|location| location.leading_comments().split_whitespace().collect::<Vec<_>>().join(" "))
-        .unwrap_or_default()
-}
-
-/// What follows a word in a comment, up to the end of the sentence.
-fn after<'a>(comment: &'a str, word: &str) -> Option<&'a str> {
-    let (_, rest) = comment.split_once(word)?;
-    let end = rest.find(". ").unwrap_or(rest.trim_end_matches('.').len());
-    Some(rest[..end].trim())
 }
 
 fn all_fields() -> Vec<Field> {
@@ -76,17 +65,17 @@ fn the_defaults_told_are_the_defaults() {
     let params = from_proto::params(&message).unwrap();
     let values = SceneTree::from_message(&effective(&message, &params)).to_value();
     for Field { path, comment, descriptor } in all_fields() {
-        let told = after(&comment, "Default: ");
+        let told = told(&comment, "Default: ");
         match (at(&values, &path), told) {
             _ if path.ends_with("path") => assert!(comment.ends_with("Required."), "{path} is required"),
             (None, None) => assert!(descriptor.containing_oneof().is_some(), "{path} tells no default"),
             (None, Some(told)) => assert!(told.starts_with("not set"), "{path} has no default, not {told}"),
-            (Some(Value::String(name)), told) => assert_eq!(told, Some(name.as_str()), "{path}"),
+            (Some(Value::String(name)), told) => assert_eq!(told.as_ref(), Some(name), "{path}"),
             (Some(Value::Number(number)), told) => {
                 let told: Option<f64> = told.and_then(|told| told.parse().ok());
                 assert_eq!(told, number.as_f64(), "{path}");
             }
-            (Some(value), told) => assert_eq!(told, Some(value.to_string().as_str()), "{path}"),
+            (Some(value), told) => assert_eq!(told, Some(value.to_string()), "{path}"),
         }
     }
 }
@@ -123,11 +112,11 @@ fn the_ranges_told_are_the_ranges() {
         if !matches!(descriptor.kind(), Kind::Double | Kind::Int32 | Kind::Int64) {
             continue;
         }
-        let range = after(&comment, "Range: ").unwrap_or_else(|| panic!("{path} tells no range"));
+        let range = told(&comment, "Range: ").unwrap_or_else(|| panic!("{path} tells no range"));
         let whole = !matches!(descriptor.kind(), Kind::Double);
         let (low, high) = match range.split_once(" to ") {
             Some((low, high)) => (low, Some(high.parse::<f64>().unwrap())),
-            None => (range, None),
+            None => (&*range, None),
         };
         if let Some(excluded) = low.strip_prefix("above ") {
             assert!(!accepts(&path, excluded.parse().unwrap()), "{path} must be above {excluded}");

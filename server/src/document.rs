@@ -1,10 +1,12 @@
 //! A glTF file as it lies on disk: its JSON and its buffers, nothing interpreted.
 //!
-//! The exporter copies from it and the renderer reads from it. Every index, offset and length in the JSON is
-//! untrusted: the accessors here check them, and nothing panics on a hostile file.
+//! The exporter copies from it and the renderer reads from it. Compressed geometry is made plain when a file is opened, so
+//! that neither meets it. Every index, offset and length in the JSON is untrusted: the accessors here check them, and
+//! nothing panics on a hostile file.
 
+use crate::decompress;
 use cairn_core::asset::uri;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 /// Gives the bytes of an external file, or why not. The path is relative to the glTF's folder, `/` between its parts,
 /// and does not lead out of it: no root, drive, scheme, `..` or backslash.
@@ -18,6 +20,14 @@ pub struct Document {
     buffers: Vec<Result<Vec<u8>, String>>,
 }
 
+/// A part of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// A node with all that is below it.
+    Node(usize),
+    Scene(usize),
+}
+
 /// Why a file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DocumentError {
@@ -29,7 +39,7 @@ pub enum DocumentError {
     Missing { kind: &'static str, index: usize },
     #[error("{kind}[{index}]: {problem}")]
     Malformed { kind: &'static str, index: usize, problem: String },
-    #[error("node \"{0}\" does not exist")]
+    #[error("no node or scene \"{0}\" exists")]
     NoSuchNode(String),
     #[error("holds no mesh")]
     NoMesh,
@@ -42,10 +52,10 @@ impl DocumentError {
 }
 
 impl Document {
-    /// Parses a `.gltf` or `.glb` and gathers its buffers, from data URIs or through `resolve`.
+    /// Parses a `.gltf` or `.glb` and gathers its buffers, from data URIs or through `resolve`. Compressed geometry becomes
+    /// plain.
     pub fn parse(bytes: &[u8], resolve: &Resolver) -> Result<Document, DocumentError> {
-        let (text, mut bin) = if bytes.starts_with(b"glTF") { split_glb(bytes)? } else { (bytes, None) };
-        let json: Map<String, Value> = serde_json::from_slice(text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text))?;
+        let (json, mut bin) = split(bytes)?;
         let read = |(index, entry): (usize, &Value)| {
             let bin = if index == 0 { bin.take() } else { None };
             match entry.get("uri").and_then(Value::as_str) {
@@ -55,7 +65,9 @@ impl Document {
         };
         let entries = json.get("buffers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
         let buffers = entries.iter().enumerate().map(read).collect();
-        Ok(Document { json, buffers })
+        let mut document = Document { json, buffers };
+        decompress::all(&mut document);
+        Ok(document)
     }
 
     /// The root object.
@@ -73,10 +85,37 @@ impl Document {
         self.array(kind).get(index).and_then(Value::as_object).ok_or(DocumentError::Missing { kind, index })
     }
 
+    /// An entry of a top-level array, to be changed.
+    pub fn get_mut(&mut self, kind: &str, index: usize) -> Option<&mut Map<String, Value>> {
+        self.json.get_mut(kind)?.get_mut(index)?.as_object_mut()
+    }
+
+    /// Appends an entry to a top-level array, and gives its index.
+    pub fn push(&mut self, kind: &str, entry: Value) -> usize {
+        let array = self.json.entry(kind).or_insert_with(|| json!([]));
+        if !array.is_array() {
+            *array = json!([]);
+        }
+        let array = array.as_array_mut().expect("it is an array");
+        array.push(entry);
+        array.len() - 1
+    }
+
+    /// Appends a buffer of these bytes, and gives its index.
+    pub fn push_buffer(&mut self, bytes: Vec<u8>) -> usize {
+        let index = self.push("buffers", json!({ "byteLength": bytes.len() }));
+        self.buffers.push(Ok(bytes));
+        index
+    }
+
     /// The bytes of a buffer view.
     pub fn view(&self, index: usize) -> Result<&[u8], DocumentError> {
-        let view = self.get("bufferViews", index)?;
-        let malformed = |problem: &str| DocumentError::malformed("bufferViews", index, problem);
+        self.range("bufferViews", index, self.get("bufferViews", index)?)
+    }
+
+    /// The range of a buffer that `view` names, which belongs to entry `index` of the array `kind`.
+    pub fn range(&self, kind: &'static str, index: usize, view: &Map<String, Value>) -> Result<&[u8], DocumentError> {
+        let malformed = |problem: &str| DocumentError::malformed(kind, index, problem);
         let buffer = reference(view, "buffer").ok_or_else(|| malformed("no buffer"))?;
         let entry = self.buffers.get(buffer).ok_or(DocumentError::Missing { kind: "buffers", index: buffer })?;
         let data = entry.as_ref().map_err(|problem| DocumentError::malformed("buffers", buffer, problem))?;
@@ -94,17 +133,23 @@ impl Document {
 
     /// The nodes listed by the default scene. Without any scene: all that are nobody's child.
     pub fn roots(&self) -> Vec<usize> {
-        let scene = reference(&self.json, "scene").unwrap_or(0);
+        self.roots_of(reference(&self.json, "scene").unwrap_or(0))
+    }
+
+    /// The nodes listed by a scene.
+    pub fn roots_of(&self, scene: usize) -> Vec<usize> {
         match self.array("scenes").get(scene).and_then(Value::as_object) {
             Some(scene) => references(scene, "nodes"),
             None => (self.parents().iter().enumerate()).filter(|(_, p)| p.is_none()).map(|(n, _)| n).collect(),
         }
     }
 
-    /// The node of that name, the first if there are several.
-    pub fn node_named(&self, name: &str) -> Result<usize, DocumentError> {
-        let named = |node: &Value| node.get("name").and_then(Value::as_str) == Some(name);
-        self.array("nodes").iter().position(named).ok_or_else(|| DocumentError::NoSuchNode(name.into()))
+    /// The node of that name, the first if there are several; or the scene.
+    pub fn part(&self, name: &str) -> Result<Part, DocumentError> {
+        let named = |entry: &Value| entry.get("name").and_then(Value::as_str) == Some(name);
+        let find = |kind: &str| self.array(kind).iter().position(named);
+        let part = find("nodes").map(Part::Node).or_else(|| find("scenes").map(Part::Scene));
+        part.ok_or_else(|| DocumentError::NoSuchNode(name.into()))
     }
 
     /// The parent of each node, the first if several claim it.
@@ -143,10 +188,18 @@ pub fn fetch(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, String> {
 
 /// The files beside a glTF file that its buffers and images name, as paths relative to its folder.
 pub fn external_files(bytes: &[u8]) -> Result<Vec<String>, DocumentError> {
-    let document = Document::parse(bytes, &|_| Err(String::new()))?;
-    let lists = ["buffers", "images"].iter().filter_map(|list| document.json.get(*list)?.as_array());
+    let (json, _) = split(bytes)?;
+    let lists = ["buffers", "images"].iter().filter_map(|list| json.get(*list)?.as_array());
     let uris = lists.flatten().filter_map(|entry| entry.get("uri")?.as_str()).filter(|uri| !uri::is_data(uri));
     Ok(uris.filter_map(|uri| uri::relative_path(uri).ok()).collect())
+}
+
+/// The root object, and the binary chunk of a GLB.
+type Parts<'a> = (Map<String, Value>, Option<&'a [u8]>);
+
+fn split(bytes: &[u8]) -> Result<Parts<'_>, DocumentError> {
+    let (text, bin) = if bytes.starts_with(b"glTF") { split_glb(bytes)? } else { (bytes, None) };
+    Ok((serde_json::from_slice(text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text))?, bin))
 }
 
 /// The JSON and BIN chunks of a GLB.

@@ -4,6 +4,7 @@ pub mod cli;
 pub mod client;
 pub mod config;
 mod deadline;
+mod decompress;
 pub mod document;
 pub mod event_log;
 pub mod export;
@@ -27,8 +28,11 @@ mod telemetry;
 pub mod to_proto;
 mod worker;
 
-/// The version as `--version` and reports tell it.
+/// The version as reports tell it: what decides a result.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// The version as `--version` tells it: a released program also knows the commit that it was built from.
+pub const BUILD: &str = env!("CAIRN_BUILD");
 
 /// The messages of `proto/cairn/v1`.
 pub mod proto {

@@ -6,3 +6,4 @@ mod desk;
 mod outputs;
 mod readme;
 mod scenes;
+mod tools;

@@ -32,13 +32,16 @@ fn commands_that_say_too_little() {
     desk.line("bake --control cone.glb --prop stick.glb").fails(2, &["--output <FILE>"]);
     desk.line("bake --acuracy draft").fails(2, &["--accuracy"]);
     desk.line("back").fails(2, &["bake"]);
+    desk.line("check --accuracy standart").fails(2, &["standart", "standard"]);
 }
 
 #[test]
 fn help_and_version() {
     let desk = Desk::new();
     assert_eq!(desk.line("--version").ok(), format!("cairn {}\n", env!("CARGO_PKG_VERSION")));
-    for command in ["", "bake", "check", "scene", "serve", "watch", "cancel"] {
+    for command in
+        ["", "bake", "cancel", "check", "completions", "doctor", "man", "render", "scene", "schema", "serve", "watch"]
+    {
         let help = desk.line(&format!("{command} --help")).ok();
         assert!(help.contains("Examples:"), "{help}");
     }

@@ -1,4 +1,4 @@
-//! What the README and the examples show works.
+//! What the README, the guide and the examples show works.
 
 use crate::desk::Desk;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,11 @@ fn desk() -> Desk {
 
 /// The indented blocks of the README.
 fn blocks() -> Vec<String> {
-    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+    blocks_of(&root().join("README.md"))
+}
+
+fn blocks_of(page: &Path) -> Vec<String> {
+    let readme = std::fs::read_to_string(page).unwrap();
     let mut blocks = vec![String::new()];
     for line in readme.lines() {
         match line.strip_prefix("    ") {
@@ -70,9 +74,67 @@ fn scene_file() {
 fn examples() {
     let desk = desk();
     let entries = std::fs::read_dir(root().join("examples")).unwrap().map(|entry| entry.unwrap().path());
-    let scenes: Vec<PathBuf> = entries.filter(|path| path.extension().is_some_and(|ending| ending == "toml")).collect();
+    let guide = std::fs::read_dir(root().join("examples/guide")).unwrap().map(|entry| entry.unwrap().path());
+    let scenes = entries.chain(guide).filter(|path| path.extension().is_some_and(|ending| ending == "toml"));
+    let scenes: Vec<PathBuf> = scenes.collect();
     assert!(!scenes.is_empty());
     for scene in scenes {
         desk.run(&["check", scene.to_str().unwrap()]).ok();
     }
+}
+
+/// A folder that has the examples, as the repository's own has.
+fn desk_with_examples() -> Desk {
+    let desk = Desk::new();
+    for folder in ["examples", "examples/assets", "examples/guide"] {
+        std::fs::create_dir(desk.path(folder)).unwrap();
+        for entry in std::fs::read_dir(root().join(folder)).unwrap().map(|entry| entry.unwrap()) {
+            if entry.path().extension().is_some_and(|ending| ["glb", "toml"].iter().any(|one| ending == *one)) {
+                std::fs::copy(entry.path(), desk.path(folder).join(entry.file_name())).unwrap();
+            }
+        }
+    }
+    desk
+}
+
+/// Every command of the guide, in the guide's order; but piles are small and pictures tiny.
+#[test]
+fn guide() {
+    let desk = desk_with_examples();
+    let mut tried = 0;
+    for page in ["README.md", "recipes.md", "troubleshooting.md"] {
+        let blocks = blocks_of(&root().join("examples/guide").join(page));
+        for line in blocks.iter().flat_map(|block| block.lines()).filter(|line| !line.is_empty()) {
+            let (command, file) = line.split_once(" > ").map_or((line, None), |(command, file)| (command, Some(file)));
+            let smaller = match command.split_whitespace().nth(1) {
+                Some("bake") => " --quiet --accuracy draft --set fill.count=8",
+                Some("render") => " --size 48x36 --samples 1",
+                Some("doctor") => " --skip-bake",
+                _ => "",
+            };
+            let words = format!("{command}{smaller}");
+            let words = words.strip_prefix("cairn ").unwrap_or_else(|| panic!("{line} is no command of cairn"));
+            let told = desk.line(words).ok();
+            if let Some(file) = file {
+                desk.write(file, told);
+            }
+            tried += 1;
+        }
+    }
+    assert!(tried >= 15, "{tried}");
+}
+
+/// The guide's pages lead to files that are there.
+#[test]
+fn links_of_the_guide() {
+    let folder = root().join("examples/guide");
+    let mut found = 0;
+    for page in ["README.md", "recipes.md", "troubleshooting.md"] {
+        let text = std::fs::read_to_string(folder.join(page)).unwrap();
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            assert!(folder.join(link).is_file(), "{page} leads to {link}");
+            found += 1;
+        }
+    }
+    assert!(found >= 9);
 }

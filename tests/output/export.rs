@@ -6,6 +6,7 @@ use cairn::export::Format::{Csv, Glb, Json};
 use cairn::export::{ExportError, ExportScene, SourceModel, encode, write};
 use glam::{DMat4, DVec3};
 use serde_json::{Value, json};
+use std::path::Path;
 
 fn prop<'a>(name: &'a str, bytes: &'a [u8], node: Option<&'a str>) -> SourceModel<'a> {
     SourceModel { name, file: "file.gltf", bytes, node, resolve: &no_files }
@@ -181,6 +182,46 @@ fn external_buffers_are_embedded_and_missing_images_stay() {
     let bytes = encode(Glb, &bake_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     assert_eq!(json_of(&bytes)["images"][0]["mimeType"], "image/png");
     read_valid(&bytes);
+}
+
+/// One of the props that other programs are shown.
+fn viewed(name: &str) -> Vec<u8> {
+    std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/viewers/props").join(name)).unwrap()
+}
+
+#[test]
+fn compressed_sources_become_plain() {
+    let bake = bake_of(&[(0, 1.0)], tumbling(1, 2));
+    let written =
+        |bytes: &[u8]| encode(Glb, &bake, &ExportScene { props: vec![prop("it", bytes, None)], scenery: vec![] });
+    for name in ["draco.gltf", "meshopt.gltf"] {
+        let source = viewed(name);
+        let result = written(&source).unwrap();
+        let file = read_valid(&result);
+        let primitive = file.document.meshes().next().unwrap().primitives().next().unwrap();
+        let reader = primitive.reader(|_| file.blob.as_deref());
+        let mut points: Vec<[f32; 3]> = reader.read_positions().unwrap().collect();
+        points.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        assert_eq!(points, [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]], "{name}");
+        assert_eq!(reader.read_indices().unwrap().into_u32().count(), 12);
+        assert!(json_of(&result).get("extensionsUsed").is_none(), "{name}");
+
+        let mut broken: Value = serde_json::from_slice(&source).unwrap();
+        broken["buffers"][0]["uri"] = json!("data:application/octet-stream;base64,RFJBQ08=");
+        assert!(written(broken.to_string().as_bytes()).is_err(), "{name}");
+    }
+}
+
+#[test]
+fn a_scene_can_be_chosen_by_name() {
+    let mut source: Value = serde_json::from_slice(&viewed("barrow.gltf")).unwrap();
+    let nodes = source["scenes"][0]["nodes"].clone();
+    source["scenes"] = json!([{ "nodes": [] }, { "name": "Shelf", "nodes": nodes }]);
+    let (source, bake) = (source.to_string(), bake_of(&[(0, 1.0)], tumbling(1, 2)));
+    let scene = |name| ExportScene { props: vec![prop("it", source.as_bytes(), name)], scenery: vec![] };
+    assert!(encode(Glb, &bake, &scene(Some("Shelf"))).is_ok());
+    assert!(encode(Glb, &bake, &scene(Some("Shelves"))).is_err());
+    assert!(encode(Glb, &bake, &scene(None)).is_err(), "the default scene is empty");
 }
 
 #[test]

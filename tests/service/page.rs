@@ -1,19 +1,20 @@
-//! `proto/README.md` says what the comments of the schema say. `UPDATE_PAGE=1` writes it anew.
+//! `proto/README.md` and `examples/guide/scene.md` say what the comments of the schema say. `UPDATE_PAGE=1` writes them anew.
 
-use cairn::scene_file::schema;
+use cairn::scene_file::schema::{self, comment, plain};
 use prost_reflect::{EnumDescriptor, FileDescriptor, Kind, MessageDescriptor, MethodDescriptor};
 use std::fmt::Write;
 use std::path::Path;
 
 #[test]
-fn the_page_is_the_schema() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("proto/README.md");
-    let page = page();
-    if std::env::var_os("UPDATE_PAGE").is_some() {
-        std::fs::write(&path, &page).unwrap();
+fn the_pages_are_the_schema() {
+    for (name, page) in [("proto/README.md", page()), ("examples/guide/scene.md", scene_page())] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
+        if std::env::var_os("UPDATE_PAGE").is_some() {
+            std::fs::write(&path, &page).unwrap();
+        }
+        let written = std::fs::read_to_string(&path).unwrap_or_default();
+        assert!(written == page, "{name} is not that of the schema: UPDATE_PAGE=1 cargo test writes it");
     }
-    let written = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(written == page, "proto/README.md is not that of the schema: UPDATE_PAGE=1 cargo test writes it");
 }
 
 /// Every field, value and call says what it is.
@@ -53,6 +54,18 @@ fn page() -> String {
     page.push_str(
         "\nThe scene is in [`scene.proto`](cairn/v1/scene.proto) and [`params.proto`](cairn/v1/params.proto).\n",
     );
+    page
+}
+
+/// The reference of scene files.
+fn scene_page() -> String {
+    let files =
+        ["scene", "params"].map(|name| schema::pool().get_file_by_name(&format!("cairn/v1/{name}.proto")).unwrap());
+    let mut page = format!("# Scene files, field by field\n\n{}\n\n{}\n", head(&files[0]), head(&files[1]));
+    for file in &files {
+        file.messages().for_each(|each| message(&mut page, &each));
+        file.enums().for_each(|each| enumeration(&mut page, &each));
+    }
     page
 }
 
@@ -108,21 +121,10 @@ fn paragraph(page: &mut String, text: &str) {
     }
 }
 
-/// The comment at a place, without the blank before each line.
-fn comment(file: &FileDescriptor, path: &[i32]) -> String {
-    let source = file.file_descriptor_proto().source_code_info.as_ref().expect("descriptors keep their comments");
-    let found = source.location.iter().find(|location| location.path == path);
-    plain(found.map(|location| location.leading_comments()).unwrap_or_default())
-}
-
 /// What a file says of itself, above its syntax.
 fn head(file: &FileDescriptor) -> String {
     let source = file.file_descriptor_proto().source_code_info.as_ref().expect("descriptors keep their comments");
     let syntax = source.location.iter().find(|location| location.path == [12]).expect("a file has a syntax");
     let above = syntax.leading_detached_comments.iter().map(String::as_str).chain([syntax.leading_comments()]);
     above.map(plain).filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n\n")
-}
-
-fn plain(comment: &str) -> String {
-    comment.lines().map(|line| line.strip_prefix(' ').unwrap_or(line)).collect::<Vec<_>>().join("\n").trim().to_owned()
 }

@@ -3,15 +3,19 @@
 mod bake;
 mod cancel;
 mod check;
+mod completions;
+mod doctor;
 mod failure;
 mod fault;
 mod interrupt;
+mod man;
 mod output;
 mod progress;
 mod remote;
 mod render;
 mod scene;
 mod scene_args;
+mod schema;
 mod serve;
 mod summary;
 mod watch;
@@ -29,7 +33,7 @@ use std::process::ExitCode;
 /// with props by physics, stands it up, lets go from the bottom to the top while it keeps the shape, and writes the
 /// motion of every prop.
 #[derive(Parser)]
-#[command(version, after_help = EXAMPLES, disable_help_subcommand = true)]
+#[command(version = crate::BUILD, after_help = EXAMPLES, disable_help_subcommand = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -40,8 +44,12 @@ enum Command {
     Bake(bake::Args),
     Cancel(cancel::Args),
     Check(check::Args),
+    Completions(completions::Args),
+    Doctor(doctor::Args),
+    Man(man::Args),
     Render(render::Args),
     Scene(scene::Args),
+    Schema(schema::Args),
     Serve(serve::Args),
     Watch(watch::Args),
     #[command(hide = true)]
@@ -58,6 +66,8 @@ Examples:
         Writes the same as a scene file, to keep and to edit.
   cairn check pile.toml
         Tells everything that is wrong with a scene, and what a bake would do.
+  cairn doctor
+        Tells whether this machine is fit, and tries a small bake on it.
 
 Exit codes: 0 done, 2 wrong usage, 65 wrong input, 70 a fault in Cairn, 75 not written (try again), 130 cancelled.";
 
@@ -68,8 +78,12 @@ pub fn main() -> ExitCode {
         Command::Bake(args) => bake::run(&args),
         Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Completions(args) => completions::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
+        Command::Man(args) => man::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(args) => scene::run(&args),
+        Command::Schema(args) => schema::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Watch(args) => watch::run(&args),
         Command::Worker(args) => worker::run(&args),

@@ -7,6 +7,7 @@
 
 use super::images;
 use crate::document::{Document, DocumentError, Resolver, reference};
+use cairn_core::asset::compressed::DRACO;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,7 +15,6 @@ use std::collections::{BTreeMap, BTreeSet};
 const SILENT_EXTENSIONS: [&str; 1] = ["KHR_mesh_quantization"];
 /// Extensions of materials and textures that point at a list which is not copied.
 const DROPPED_EXTENSIONS: [&str; 1] = ["KHR_xmp_json_ld"];
-const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// The new file while it grows.
 #[derive(Default)]
@@ -151,12 +151,8 @@ impl<'a> Source<'a> {
             primitive.insert("material".into(), json!(self.material(material, out)?));
         }
         let extensions = primitive.remove("extensions");
-        if let Some(Value::Object(mut draco)) = extensions.and_then(|mut e| e.get_mut(DRACO).map(Value::take)) {
-            if let Some(view) = reference(&draco, "bufferView") {
-                draco.insert("bufferView".into(), json!(self.view(view, out)?));
-            }
-            primitive.insert("extensions".into(), json!({ DRACO: draco }));
-            self.use_extension(DRACO, out);
+        if extensions.is_some_and(|extensions| extensions.get(DRACO).is_some()) {
+            return Err(DocumentError::malformed("meshes", mesh, "a primitive's compressed data cannot be decoded"));
         }
         for name in SILENT_EXTENSIONS {
             if self.lists("extensionsUsed", name) {

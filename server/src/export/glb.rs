@@ -114,7 +114,7 @@ impl<'a> File<'a> {
             }
         };
         let document = &self.sources[index].1.document;
-        let chosen = model.node.map(|name| document.node_named(name)).transpose().map_err(wrap)?;
+        let chosen = model.node.map(|name| document.part(name)).transpose().map_err(wrap)?;
         Ok((index, branch(document, chosen, frame).map_err(wrap)?))
     }
 

@@ -1,6 +1,6 @@
 //! The part of a source file's node tree that is copied: the nodes that carry a mesh, and what stands above them.
 
-use crate::document::{Document, DocumentError, reference, references};
+use crate::document::{Document, DocumentError, Part, reference, references};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 
@@ -35,11 +35,14 @@ pub enum Frame {
     World,
 }
 
-/// The nodes of the default scene, or those at and below `chosen`: at least one with a mesh.
-pub fn branch(document: &Document, chosen: Option<usize>, frame: Frame) -> Result<Branch, DocumentError> {
-    let listed = chosen.map_or_else(|| document.roots(), |node| vec![node]);
+/// The nodes of the default scene, or those of `chosen`: at least one with a mesh.
+pub fn branch(document: &Document, chosen: Option<Part>, frame: Frame) -> Result<Branch, DocumentError> {
     // A scene's frame is that of the world.
-    let frame = if chosen.is_some() { frame } else { Frame::World };
+    let (listed, frame) = match chosen {
+        Some(Part::Node(node)) => (vec![node], frame),
+        Some(Part::Scene(scene)) => (document.roots_of(scene), Frame::World),
+        None => (document.roots(), Frame::World),
+    };
     let parents = document.parents();
     let mut branch = Branch { nodes: Vec::new(), roots: Vec::new() };
     let mut seen = vec![false; parents.len()];

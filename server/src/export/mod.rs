@@ -32,7 +32,7 @@ pub struct SourceModel<'a> {
     pub file: &'a str,
     /// The file's content, glTF or GLB.
     pub bytes: &'a [u8],
-    /// The chosen node's name; `None` takes the default scene.
+    /// The chosen node's name, or a scene's; `None` takes the default scene.
     pub node: Option<&'a str>,
     /// Reads the file's external buffers and images.
     pub resolve: &'a Resolver<'a>,

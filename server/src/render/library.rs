@@ -5,6 +5,7 @@ use super::accessor;
 use super::nodes::Placed;
 use super::texture::{Material, Picture};
 use crate::document::{Document, DocumentError, Resolver, reference};
+use cairn_core::asset::compressed::DRACO;
 use glam::{DAffine3, DQuat, DVec2, DVec3, Vec2, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
@@ -159,10 +160,10 @@ impl Primitive {
         json: &Map<String, Value>,
         set: Option<usize>,
     ) -> Result<Primitive, Problem> {
-        if json.get("extensions").is_some_and(|e| e.get("KHR_draco_mesh_compression").is_some()) {
-            return Err(Problem::Compressed("KHR_draco_mesh_compression"));
-        }
         let malformed = |problem: &str| DocumentError::malformed("meshes", mesh, problem);
+        if json.get("extensions").is_some_and(|extensions| extensions.get(DRACO).is_some()) {
+            return Err(malformed("has compressed data that cannot be decoded").into());
+        }
         let attributes = json.get("attributes").and_then(Value::as_object);
         let attribute = |name: &str| attributes.and_then(|a| reference(a, name));
         let positions = attribute("POSITION").ok_or_else(|| malformed("has a primitive without positions"))?;

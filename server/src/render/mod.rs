@@ -74,8 +74,6 @@ pub enum RenderError {
 pub enum Problem {
     #[error(transparent)]
     Document(#[from] DocumentError),
-    #[error("uses {0}, which is not read; export it without compression")]
-    Compressed(&'static str),
     #[error("has more triangles than can be rendered")]
     TooLarge,
     #[error("shows no triangles")]

@@ -1,6 +1,7 @@
 //! Scene files: the JSON or TOML mapping of `cairn.v1.Scene`, read with all problems told, and written.
 
 mod check;
+pub mod json_schema;
 pub mod schema;
 mod set;
 mod text;

@@ -1,7 +1,7 @@
 //! The message `cairn.v1.Scene` as data: its fields, kinds and names.
 
 use crate::problem::nearest;
-use prost_reflect::{DescriptorPool, EnumDescriptor, FieldDescriptor, Kind, MessageDescriptor};
+use prost_reflect::{DescriptorPool, EnumDescriptor, FieldDescriptor, FileDescriptor, Kind, MessageDescriptor};
 use std::sync::LazyLock;
 
 static POOL: LazyLock<DescriptorPool> = LazyLock::new(|| {
@@ -76,4 +76,24 @@ pub fn choices(of: &EnumDescriptor) -> Vec<String> {
 /// What all values of an enum begin with: the zero value's name without `UNSPECIFIED`.
 fn enum_prefix(of: &EnumDescriptor) -> String {
     of.default_value().name().trim_end_matches("UNSPECIFIED").to_owned()
+}
+
+/// The comment at a place of a file, without the blank before each line.
+pub fn comment(file: &FileDescriptor, path: &[i32]) -> String {
+    let source = file.file_descriptor_proto().source_code_info.as_ref().expect("descriptors keep their comments");
+    let found = source.location.iter().find(|location| location.path == path);
+    plain(found.map(|location| location.leading_comments()).unwrap_or_default())
+}
+
+/// A comment without the blank before each line.
+pub fn plain(comment: &str) -> String {
+    comment.lines().map(|line| line.strip_prefix(' ').unwrap_or(line)).collect::<Vec<_>>().join("\n").trim().to_owned()
+}
+
+/// What follows a word in a comment, such as `Default: `, up to the end of the sentence.
+pub fn told(comment: &str, word: &str) -> Option<String> {
+    let comment = comment.split_whitespace().collect::<Vec<_>>().join(" ");
+    let (_, rest) = comment.split_once(word)?;
+    let end = rest.find(". ").unwrap_or(rest.trim_end_matches('.').len());
+    Some(rest[..end].trim().to_owned())
 }

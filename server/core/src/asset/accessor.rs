@@ -6,6 +6,7 @@ use std::rc::Rc;
 use glam::DVec3;
 
 use super::buffer::{Buffers, View};
+use super::compressed::Attribute;
 use super::json::{Json, element};
 use super::problem::{Checked, Log, ProblemKind};
 
@@ -153,6 +154,21 @@ pub(super) struct Elements<'a> {
 }
 
 impl Elements<'_> {
+    /// Vertices of a compressed primitive, or why they cannot be `role`.
+    pub fn decoded(attribute: Attribute, role: Role, normalized: bool) -> Result<Elements<'static>, ProblemKind> {
+        let (_, width) = role.shape();
+        let component = Component::from_code(attribute.component_type).filter(|&c| role.admits(c));
+        let Some(component) = component.filter(|_| attribute.components == width) else {
+            let found = format!("{} numbers of component type {}", attribute.components, attribute.component_type);
+            return Err(ProblemKind::Format { what: role.name(), found, expected: role.expected() });
+        };
+        let stride = width * component.size();
+        let count = (attribute.bytes.len() / stride) as u64;
+        let view = View::fetched(attribute.bytes, None, String::new());
+        let base = Some(Block { view, offset: 0, stride });
+        Ok(Elements { count, component, normalized: normalized && component != Component::F32, base, sparse: None })
+    }
+
     /// Component `lane` of element `i`, below `count`.
     fn component(&self, i: u64, lane: usize) -> f64 {
         let size = self.component.size();
@@ -198,8 +214,17 @@ impl<'a, 'j> Accessors<'a, 'j> {
 
     /// Does accessor `index` have bytes of its own? Under a compression extension it may have none.
     pub fn has_data(&self, index: u64) -> bool {
-        let items = self.root.get("accessors").and_then(Json::items).unwrap_or(&[]);
-        usize::try_from(index).ok().and_then(|i| items.get(i)).is_some_and(|a| a.get("bufferView").is_some())
+        self.find(index).is_some_and(|a| a.get("bufferView").is_some())
+    }
+
+    /// Are the integers of accessor `index` fractions of one?
+    pub fn is_normalized(&self, index: u64) -> bool {
+        self.find(index).is_some_and(|a| matches!(a.get("normalized"), Some(Json::Bool(true))))
+    }
+
+    fn find(&self, index: u64) -> Option<&'j Json<'a>> {
+        let items = self.root.get("accessors").and_then(Json::items)?;
+        items.get(usize::try_from(index).ok()?)
     }
 
     pub fn get(&mut self, index: u64, role: Role, place: &str, log: &mut Log) -> Checked<Rc<Elements<'a>>> {

@@ -6,12 +6,10 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::rc::Rc;
 
+use super::compressed::{MESHOPT, Meshopt};
 use super::json::{Json, element};
 use super::problem::{Checked, Log, ProblemKind, Reported, clip};
 use super::uri;
-
-/// Extensions under which a view's real bytes stand elsewhere, compressed.
-const COMPRESSED_VIEW: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
 /// Shared bytes: those of the GLB in place, others as they were fetched.
 #[derive(Clone)]
@@ -32,6 +30,11 @@ pub(super) struct View<'a> {
 }
 
 impl View<'_> {
+    /// Bytes that stand in no buffer: what was compressed, made plain.
+    pub fn fetched(bytes: Vec<u8>, stride: Option<u64>, path: String) -> View<'static> {
+        View { range: 0..bytes.len(), bytes: Bytes::Fetched(Rc::new(bytes)), stride, path }
+    }
+
     pub fn len(&self) -> u64 {
         self.range.len() as u64
     }
@@ -84,21 +87,43 @@ impl<'a, 'j> Buffers<'a, 'j> {
         let length = view.required_at("byteLength", &path, log);
         let stride = view.natural_at("byteStride", &path, log);
         let (number, offset, length, stride) = (number?, offset?.unwrap_or(0), length?, stride?);
-        let (at, buffer, buffer_path) =
-            element(self.root, "buffers", "buffer", number, &format!("{path}/buffer"), log)?;
+        let (at, buffer, _) = element(self.root, "buffers", "buffer", number, &format!("{path}/buffer"), log)?;
 
         let extensions = view.get("extensions");
         self.extensions.extend(extensions.into_iter().flat_map(Json::keys).map(str::to_owned));
-        if let Some(name) = COMPRESSED_VIEW.iter().find(|name| extensions.is_some_and(|e| e.get(name).is_some())) {
-            // Uncompressed bytes may stand beside the compressed ones for readers like this one.
+        let compressed = MESHOPT.iter().find_map(|&name| Some((name, extensions?.get(name)?)));
+        if let Some((name, compressed)) = compressed {
+            // Plain bytes may stand beside the compressed ones, for readers that have no decoder.
             let marked =
                 buffer.get("extensions").and_then(|e| e.get(name)).is_some_and(|e| e.get("fallback").is_some());
             let empty = buffer.get("uri").is_none() && !(at == 0 && self.bin.is_some());
             if marked || empty {
-                return Err(log.refuse(place, ProblemKind::Extension { name: (*name).to_owned() }));
+                let path = format!("{path}/extensions/{name}");
+                let plain = self.decompress(compressed, name, &path, log)?;
+                let available = plain.len() as u64;
+                if length > available {
+                    let what = ProblemKind::OutOfBytes { what: "the decoded view", start: 0, end: length, available };
+                    return Err(log.refuse(path, what));
+                }
+                return Ok(View::fetched(plain, stride, path));
             }
         }
 
+        let (bytes, range) = self.slice(number, offset, length, &path, log)?;
+        Ok(View { bytes, range, stride, path })
+    }
+
+    /// A range of buffer `number`, fetched if it is not yet. `path` is that of the view that asks.
+    fn slice(
+        &mut self,
+        number: u64,
+        offset: u64,
+        length: u64,
+        path: &str,
+        log: &mut Log,
+    ) -> Checked<(Bytes<'a>, Range<usize>)> {
+        let (at, buffer, buffer_path) =
+            element(self.root, "buffers", "buffer", number, &format!("{path}/buffer"), log)?;
         let (bytes, available) = match self.buffers.get(&at) {
             Some(known) => known.clone()?,
             None => {
@@ -113,7 +138,37 @@ impl<'a, 'j> Buffers<'a, 'j> {
             return Err(log.refuse(path, what));
         }
         // Within `available`, which is a length in memory.
-        Ok(View { bytes, range: offset as usize..end as usize, stride, path })
+        Ok((bytes, offset as usize..end as usize))
+    }
+
+    /// The plain bytes of a view that is a meshopt stream.
+    fn decompress(&mut self, view: &Json<'a>, name: &str, path: &str, log: &mut Log) -> Checked<Vec<u8>> {
+        let number = view.required_at("buffer", path, log);
+        let offset = view.natural_at("byteOffset", path, log);
+        let length = view.required_at("byteLength", path, log);
+        let stride = view.required_at("byteStride", path, log);
+        let count = view.required_at("count", path, log);
+        let (number, offset, length, stride, count) = (number?, offset?.unwrap_or(0), length?, stride?, count?);
+        let mode = view.get("mode").and_then(Json::text).unwrap_or("(no mode)");
+        let filter = view.get("filter").and_then(Json::text).unwrap_or("NONE");
+        let meshopt = Meshopt { count, stride, mode, filter };
+        let (bytes, range) = self.slice(number, offset, length, path, log)?;
+        self.take(meshopt.bytes(), path, log)?;
+        let stream = View { bytes, range, stride: None, path: String::new() };
+        let broken =
+            |why: String| log.refuse(path, ProblemKind::Compressed { extension: name.to_owned(), why: clip(&why) });
+        meshopt.decode(stream.bytes()).map_err(broken)
+    }
+
+    /// Bytes that may still come into memory.
+    pub fn left(&self) -> u64 {
+        self.left
+    }
+
+    /// Counts bytes that come into memory against the limit.
+    pub fn take(&mut self, bytes: u64, path: &str, log: &mut Log) -> Checked<()> {
+        self.left = self.left.checked_sub(bytes).ok_or_else(|| self.too_much(path, log))?;
+        Ok(())
     }
 
     /// A buffer's bytes and how many of them count.
@@ -125,7 +180,7 @@ impl<'a, 'j> Buffers<'a, 'j> {
             (None, _) => return Err(log.refuse(path, ProblemKind::NoData)),
             (Some(Json::Text(text)), _) => {
                 let fetched = self.fetch_uri(text, declared, &uri_path, log)?;
-                self.left = self.left.checked_sub(fetched.len() as u64).ok_or_else(|| self.too_much(&uri_path, log))?;
+                self.take(fetched.len() as u64, &uri_path, log)?;
                 let length = fetched.len();
                 (Bytes::Fetched(Rc::new(fetched)), length)
             }

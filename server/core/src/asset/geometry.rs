@@ -9,9 +9,10 @@ use std::rc::Rc;
 use glam::{DAffine3, DVec3};
 
 use super::accessor::{Accessors, Elements, Role};
+use super::compressed::{Attribute, DRACO, DracoMesh};
 use super::json::{Json, element};
 use super::node::{Nodes, Placed, unit};
-use super::problem::{Checked, Log, ProblemKind};
+use super::problem::{Checked, Log, ProblemKind, clip};
 use super::strip::{self, Mode};
 use crate::mesh::TriMesh;
 use crate::weld::Welder;
@@ -19,7 +20,10 @@ use crate::weld::Welder;
 /// Metres from the origin beyond which a point is taken for a mistake: the sun is nearer.
 const FARTHEST: f64 = 1e12;
 
-const DRACO: &str = "KHR_draco_mesh_compression";
+/// Draco streams of one file that may turn out to be broken: decoding one that is may take as long as one that is not,
+/// and its length does not tell how long.
+const MOST_BROKEN: u32 = 8;
+
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 /// What came of the primitives.
@@ -54,6 +58,8 @@ pub(super) struct Builder<'a, 'j> {
     pub most_instances: u64,
     /// Extensions met on nodes, meshes and primitives.
     pub extensions: BTreeSet<String>,
+    /// Draco streams that could not be decoded.
+    pub broken: u32,
 }
 
 impl<'a, 'j> Builder<'a, 'j> {
@@ -166,12 +172,9 @@ impl<'a, 'j> Builder<'a, 'j> {
         let (position, indices) = (position?, indices?);
 
         // Compressed geometry may stand beside a plain copy: then the accessors have views.
-        let draco = item.get("extensions").is_some_and(|e| e.get(DRACO).is_some());
+        let draco = item.get("extensions").and_then(|e| e.get(DRACO));
         let plain =
             position.is_some_and(|p| self.accessors.has_data(p)) && indices.is_none_or(|i| self.accessors.has_data(i));
-        if draco && !plain {
-            return Err(log.refuse(place, ProblemKind::Extension { name: DRACO.to_owned() }));
-        }
         let Some(position) = position else {
             left_out.insert("primitives without positions");
             log.note("it has no POSITION and is left out", &place);
@@ -181,9 +184,52 @@ impl<'a, 'j> Builder<'a, 'j> {
             log.note("its morph targets are not applied: the base shape is read", &place);
         }
         let role = Role::Position { quantized: self.quantized };
+        if let Some(draco) = draco.filter(|_| !plain) {
+            let (positions, indices) = self.draco(draco, role, position, &place, path, log)?;
+            // The stream holds triangles, whatever they were made from.
+            return Ok(Some(Primitive { positions, indices: Some(indices), mode: Mode::Triangles, place }));
+        }
         let positions = self.accessors.get(position, role, &place, log);
         let indices = indices.map(|i| self.accessors.get(i, Role::Index, &place, log)).transpose();
         Ok(Some(Primitive { positions: positions?, indices: indices?, mode, place }))
+    }
+
+    /// Positions and indices of a primitive that is a Draco stream.
+    fn draco(
+        &mut self,
+        draco: &Json<'a>,
+        role: Role,
+        position: u64,
+        place: &str,
+        path: &str,
+        log: &mut Log,
+    ) -> Checked<(Rc<Elements<'a>>, Rc<Elements<'a>>)> {
+        let path = format!("{path}/extensions/{DRACO}");
+        let nothing = Json::Null;
+        let attributes = draco.get("attributes").unwrap_or(&nothing);
+        let view = draco.required_at("bufferView", &path, log);
+        let id = attributes.required_at("POSITION", &format!("{path}/attributes"), log);
+        let (view, id) = (self.accessors.buffers.view(view?, &path, log)?, id?);
+        if self.broken >= MOST_BROKEN {
+            let why = format!("{MOST_BROKEN} before it are broken, so it is not tried");
+            return Err(log.refuse(place, ProblemKind::Compressed { extension: DRACO.to_owned(), why }));
+        }
+        let left = self.accessors.buffers.left();
+        let mesh = DracoMesh::decode(view.bytes(), self.most_triangles, left).map_err(|why| {
+            self.broken += 1;
+            log.refuse(place, ProblemKind::Compressed { extension: DRACO.to_owned(), why: clip(&why) })
+        })?;
+        self.accessors.buffers.take(mesh.bytes(), &path, log)?;
+        let Some(attribute) = u32::try_from(id).ok().and_then(|id| mesh.attribute(id)) else {
+            let why = format!("it has no attribute {id}, which should be the positions");
+            return Err(log.refuse(place, ProblemKind::Compressed { extension: DRACO.to_owned(), why }));
+        };
+        let corners = mesh.corners().flat_map(u32::to_le_bytes).collect();
+        let corners = Attribute { components: 1, component_type: 5125, bytes: corners };
+        let positions = Elements::decoded(attribute, role, self.accessors.is_normalized(position));
+        let indices = Elements::decoded(corners, Role::Index, false);
+        let mut good = |elements: Result<_, _>| elements.map(Rc::new).map_err(|what| log.refuse(place, what));
+        Ok((good(positions)?, good(indices)?))
     }
 
     /// Where a mesh is shown: once for each node, or more often if the node is instanced.

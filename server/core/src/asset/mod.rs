@@ -10,6 +10,7 @@
 
 mod accessor;
 mod buffer;
+pub mod compressed;
 mod container;
 mod geometry;
 mod json;
@@ -62,7 +63,7 @@ pub struct Source<'a> {
     pub name: &'a str,
     /// The file itself: `.gltf` or `.glb`, told apart by content.
     pub bytes: &'a [u8],
-    /// The name of one node, to read it and all below it (`Brick` of `kit.glb#Brick`).
+    /// The name of one node, to read it and all below it (`Brick` of `kit.glb#Brick`); or of a scene, where no node has it.
     pub node: Option<&'a str>,
     /// Gives the bytes of an external buffer, or why not. The path is relative to the glTF's folder, `/` between its
     /// parts, and does not lead out of it: no root, drive, scheme, `..` or backslash.
@@ -129,6 +130,7 @@ fn read_with(source: &Source<'_>, log: &mut Log) -> Checked<Asset> {
         most_triangles,
         most_instances: limits.nodes as u64,
         extensions: Default::default(),
+        broken: 0,
     };
     let mut nodes = Nodes::new(&root, limits.nodes, log)?;
     let placement = nodes.place_all(&root, source.node, log)?;
@@ -190,9 +192,9 @@ fn declares(root: &Json<'_>, list: &str, name: &str) -> bool {
 fn is_harmless(name: &str) -> bool {
     const JUDGED: [&str; 6] = [
         "KHR_mesh_quantization",
-        "KHR_draco_mesh_compression",
-        "EXT_meshopt_compression",
-        "KHR_meshopt_compression",
+        compressed::DRACO,
+        compressed::MESHOPT[0],
+        compressed::MESHOPT[1],
         "EXT_mesh_gpu_instancing",
         "KHR_node_visibility",
     ];

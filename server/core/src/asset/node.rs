@@ -71,17 +71,22 @@ impl<'a, 'j> Nodes<'a, 'j> {
         }
     }
 
-    /// Everything below the node called `wanted`, or the default scene.
+    /// Everything below the node called `wanted`, or the scene of that name where no node has it; or the default scene.
     ///
     /// What is wrong is in the log and has a stand-in here, so that the meshes below are looked at all the same.
     pub fn place_all(&mut self, root: &'j Json<'a>, wanted: Option<&str>, log: &mut Log) -> Checked<Placement> {
-        let Some(wanted) = wanted else {
-            let roots = self.scene_roots(root, log)?;
+        let scene = match wanted {
+            None => Some(None),
+            Some(name) if self.items.iter().any(|node| has_name(node, name)) => None,
+            Some(name) => root.list_at("scenes", "", log)?.iter().position(|scene| has_name(scene, name)).map(Some),
+        };
+        if let Some(scene) = scene {
+            let roots = self.scene_roots(root, scene.map(|index| index as u64), log)?;
             let worlds = self.worlds(&roots, log);
             let placed = self.descend(roots.into_iter().zip(worlds).collect(), log);
             return Ok(Placement { placed, root: None, linear: DMat3::IDENTITY });
-        };
-        let chosen = self.find(wanted, log)?;
+        }
+        let chosen = self.find(wanted.unwrap_or_default(), log)?;
         let linear = self.worlds(&[chosen], log).first().map_or(DMat3::IDENTITY, |world| world.matrix3);
         let placed = self.descend(vec![(chosen, DAffine3::from_mat3(linear))], log);
         Ok(Placement { placed, root: Some(chosen), linear })
@@ -118,11 +123,12 @@ impl<'a, 'j> Nodes<'a, 'j> {
         }
     }
 
-    /// The roots of the default scene; of the first, if none is the default; or all roots, if there is no scene.
-    fn scene_roots(&self, root: &'j Json<'a>, log: &mut Log) -> Checked<Vec<usize>> {
+    /// The roots of a scene, of the default one if none is `wanted`; of the first, if none is the default; or all roots,
+    /// if there is no scene.
+    fn scene_roots(&self, root: &'j Json<'a>, wanted: Option<u64>, log: &mut Log) -> Checked<Vec<usize>> {
         let scenes = root.list_at("scenes", "", log)?;
         let chosen = root.natural_at("scene", "", log)?;
-        let index = chosen.unwrap_or(0);
+        let index = wanted.or(chosen).unwrap_or(0);
         if scenes.is_empty() && chosen.is_none() {
             log.note("the file has no scene: all its nodes are read", "");
             let mut roots: Vec<usize> = (0..self.items.len()).filter(|&i| self.parents[i].is_none()).collect();
@@ -131,8 +137,8 @@ impl<'a, 'j> Nodes<'a, 'j> {
             }
             return Ok(roots);
         }
-        if scenes.len() > 1 {
-            log.note("the file has several scenes: only the default one is read", "");
+        if scenes.len() > 1 && wanted.is_none() {
+            log.note("the file has several scenes: only the default one is read; #NAME reads another", "");
         }
         let Some(scene) = usize::try_from(index).ok().and_then(|i| scenes.get(i)) else {
             return Err(log.refuse("/scene", ProblemKind::Reference { what: "scene", index, count: scenes.len() }));
@@ -269,6 +275,10 @@ impl<'a, 'j> Nodes<'a, 'j> {
         let read = read_local(&self.items[i], &format!("/nodes/{i}"), &self.place(i), log);
         *self.locals[i].insert(read.unwrap_or(DAffine3::IDENTITY))
     }
+}
+
+fn has_name(item: &Json<'_>, name: &str) -> bool {
+    item.get("name").and_then(Json::text) == Some(name)
 }
 
 fn read_local(node: &Json<'_>, path: &str, place: &str, log: &mut Log) -> Checked<DAffine3> {

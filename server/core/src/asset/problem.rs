@@ -98,6 +98,8 @@ pub enum ProblemKind {
     Stride { stride: u64, element: u64 },
     #[error("{fault}")]
     Sparse { fault: String },
+    #[error("the data compressed by {extension} cannot be decoded: {why}")]
+    Compressed { extension: String, why: String },
 
     // Geometry.
     #[error("index {position} points at vertex {vertex}, but there are {vertices}")]

@@ -19,7 +19,7 @@ pub(super) fn of(what: &ProblemKind) -> String {
             "Convert it to glTF 2.0, for instance with gltf-pipeline (`gltf-pipeline -i old.gltf -o new.gltf`)."
         }
         Version { .. } => "Export it as glTF 2.0.",
-        Extension { name } => return extension(name),
+        Extension { name } | Compressed { extension: name, .. } => return extension(name),
         Limit { what, .. } => return format!("Use a simpler file, or raise the limit on {what}."),
         NoTriangles { .. } => {
             "Choose a file or node with a triangle mesh; in Blender, convert curves, text and empties \

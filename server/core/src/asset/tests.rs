@@ -1,5 +1,6 @@
 //! The reader on small files built here.
 
+mod compressed;
 mod fuzz;
 mod model;
 mod reads;

@@ -4,6 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde_json::{Value, json};
 
+use super::compressed;
 use super::model::{Model, read_with, tetrahedron};
 use crate::asset::{Limits, ProblemKind};
 
@@ -39,7 +40,13 @@ fn good_files() -> Vec<Model> {
         .set("/meshes/0/primitives/0/mode", json!(5))
         .set("/meshes/0/primitives/1", json!({ "attributes": { "POSITION": 0 }, "mode": 6 }))
         .set("/extensionsRequired", json!(["KHR_mesh_quantization", "ACME_x"]));
-    vec![tetrahedron(), sparse, tree, strips]
+    let draco = compressed::DRACO.map(|stream| compressed::draco(&compressed::bytes(stream)));
+    let [tight, filtered] = [(0, 0), (2, 1)].map(|(positions, indices)| {
+        let (positions, indices) = (compressed::POSITIONS[positions], compressed::INDICES[indices]);
+        compressed::meshopt("KHR_meshopt_compression", positions, indices)
+    });
+    let [edges, sequence] = draco;
+    vec![tetrahedron(), sparse, tree, strips, edges, sequence, tight, filtered]
 }
 
 fn nasty(rng: &mut Pcg64Mcg) -> Value {

@@ -181,6 +181,14 @@ fn scenes() {
     assert!(asset.notes[0].contains("several scenes"), "{:?}", asset.notes);
     assert_eq!(mesh_of(&model.clone().set("/scene", json!(1))).mesh.triangles.len(), 8);
 
+    // By name, where no node has it.
+    let named = model.clone().set("/scenes/1/name", json!("Shelf"));
+    let asset = named.read_node("Shelf").expect("the scene is there");
+    assert_eq!((asset.mesh.triangles.len(), asset.root), (8, None));
+    assert!(asset.notes.is_empty(), "{:?}", asset.notes);
+    let both = named.set("/nodes/0/name", json!("Shelf"));
+    assert_eq!(both.read_node("Shelf").expect("the node is there").root, Some(0));
+
     let mut bare = model;
     bare.json.as_object_mut().expect("an object").retain(|key, _| key != "scene" && key != "scenes");
     let asset = mesh_of(&bare);

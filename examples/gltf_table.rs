@@ -1,0 +1,160 @@
+//! What becomes of every glTF file of a collection, as a table; and what reading a large one costs.
+//!
+//!     cargo run --release --example gltf_table [-- FOLDER]
+//!
+//! The collection is FOLDER, or `CAIRN_DATA`, or `../shared/data` beside the workspace; without one, the example assets.
+//! Columns: file, `read` or `refused`, triangles, what was told. Then a file of 100 MB, made here, is read in a process of
+//! its own. Ends with 1 if that takes more than 300 MB of memory. Its time is told, not judged.
+
+use anyhow::{Context, ensure};
+use cairn::files;
+use cairn::machine;
+use cairn_core::asset::{self, Limits, Source};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Bytes of the large file, and of memory that reading it may take.
+const LARGE: usize = 100_000_000;
+const MOST_MEMORY: u64 = 300_000_000;
+
+fn main() -> anyhow::Result<()> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    match args.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["--read", file] => read_alone(Path::new(file)),
+        _ => {
+            table(&folder(args.first()))?;
+            large()
+        }
+    }
+}
+
+fn folder(given: Option<&String>) -> PathBuf {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let beside = root.join("../shared/data");
+    let given = given.map(PathBuf::from).or_else(|| std::env::var_os("CAIRN_DATA").map(PathBuf::from));
+    given.unwrap_or(if beside.is_dir() { beside } else { root.join("examples/assets") })
+}
+
+/// Every `.glb` and `.gltf` at or below a folder, sorted by name.
+fn models(folder: &Path, found: &mut Vec<PathBuf>) -> anyhow::Result<()> {
+    let entries = folder.read_dir().with_context(|| folder.display().to_string())?;
+    for entry in entries {
+        let path = entry?.path();
+        let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+        if path.is_dir() {
+            models(&path, found)?;
+        } else if ["glb", "gltf"].contains(&ending) {
+            found.push(path);
+        }
+    }
+    found.sort();
+    Ok(())
+}
+
+fn read(path: &Path, name: &str) -> anyhow::Result<Result<asset::Asset, Vec<asset::Problem>>> {
+    let bytes = std::fs::read(path)?;
+    let beside = path.parent().unwrap_or(Path::new(""));
+    let resolve = |relative: &str| {
+        let path = files::below(beside, relative).ok_or("it leads out of the file's own folder")?;
+        files::read(&path).map_err(|problem| problem.to_string())
+    };
+    Ok(asset::read(&Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() }))
+}
+
+fn table(folder: &Path) -> anyhow::Result<()> {
+    let mut paths = Vec::new();
+    models(folder, &mut paths)?;
+    let mut totals: BTreeMap<(String, &str), usize> = BTreeMap::new();
+    for path in &paths {
+        let name = path.strip_prefix(folder)?.display().to_string();
+        let (outcome, triangles, told) = match read(path, &name)? {
+            Ok(asset) => ("read", asset.mesh.triangles.len().to_string(), asset.notes.join("; ")),
+            Err(problems) => {
+                let more =
+                    if problems.len() > 1 { format!(" (and {} more)", problems.len() - 1) } else { String::new() };
+                let told = problems.first().context("refused without a reason")?.to_string();
+                ("refused", String::new(), told.trim_start_matches(&format!("{name}: ")).to_owned() + &more)
+            }
+        };
+        println!("{name}\t{outcome}\t{triangles}\t{told}");
+        let kind = name.split(['/', '\\']).next().filter(|_| name.contains(['/', '\\'])).unwrap_or("files");
+        *totals.entry((kind.to_owned(), outcome)).or_default() += 1;
+    }
+    for ((kind, outcome), count) in totals {
+        println!("{kind}: {count} {outcome}");
+    }
+    Ok(())
+}
+
+/// Makes a file of [`LARGE`] bytes, and reads it in a process of its own.
+fn large() -> anyhow::Result<()> {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("large.glb");
+    std::fs::write(&path, hills())?;
+    let output = std::process::Command::new(std::env::current_exe()?).arg("--read").arg(&path).output()?;
+    let told = String::from_utf8_lossy(&output.stdout);
+    print!("{told}");
+    ensure!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    Ok(())
+}
+
+fn read_alone(path: &Path) -> anyhow::Result<()> {
+    let (began, cpu) = (Instant::now(), machine::cpu_seconds());
+    let asset = read(path, "large.glb")?.map_err(|problems| anyhow::anyhow!("{problems:?}"))?;
+    let seconds = format!("{:.2} s ({:.2} s of CPU)", began.elapsed().as_secs_f64(), machine::cpu_seconds() - cpu);
+    let (triangles, size) = (asset.mesh.triangles.len(), path.metadata()?.len() as f64 / 1e6);
+    let Some(memory) = machine::peak_memory() else {
+        println!("{size:.0} MB, {triangles} triangles: {seconds}; this system does not tell the memory");
+        return Ok(());
+    };
+    println!("{size:.0} MB, {triangles} triangles: {seconds}, {:.0} MB of memory", memory as f64 / 1e6);
+    ensure!(memory <= MOST_MEMORY, "more than {} MB", MOST_MEMORY / 1_000_000);
+    Ok(())
+}
+
+/// Hills as a scan has them: positions, normals and texture coordinates in floats, indices of 32 bits.
+fn hills() -> Vec<u8> {
+    const VERTEX: usize = 32;
+    const TRIANGLE: usize = 12;
+    let side = (LARGE as f64 / (VERTEX + 2 * TRIANGLE) as f64).sqrt() as u32;
+    let vertices = (side * side) as usize;
+    let quads = ((side - 1) * (side - 1)) as usize;
+    let mut bin = Vec::with_capacity(LARGE);
+    for (z, x) in (0..side).flat_map(|z| (0..side).map(move |x| (z, x))) {
+        let (u, v) = (x as f32 / side as f32, z as f32 / side as f32);
+        let height = 0.1 * (40.0 * u).sin() * (30.0 * v).cos();
+        for value in [u, height, v, 0.0, 1.0, 0.0, u, v] {
+            bin.extend_from_slice(&value.to_le_bytes());
+        }
+    }
+    for (z, x) in (0..side - 1).flat_map(|z| (0..side - 1).map(move |x| (z, x))) {
+        let corner = z * side + x;
+        for index in [corner, corner + side, corner + 1, corner + 1, corner + side, corner + side + 1] {
+            bin.extend_from_slice(&index.to_le_bytes());
+        }
+    }
+    let split = vertices * VERTEX;
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{
+            "attributes": { "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2 }, "indices": 3,
+        }] }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": vertices, "type": "VEC3" },
+            { "bufferView": 0, "byteOffset": 12, "componentType": 5126, "count": vertices, "type": "VEC3" },
+            { "bufferView": 0, "byteOffset": 24, "componentType": 5126, "count": vertices, "type": "VEC2" },
+            { "bufferView": 1, "componentType": 5125, "count": 6 * quads, "type": "SCALAR" },
+        ],
+        "bufferViews": [
+            { "buffer": 0, "byteLength": split, "byteStride": VERTEX },
+            { "buffer": 0, "byteOffset": split, "byteLength": bin.len() - split },
+        ],
+        "buffers": [{ "byteLength": bin.len() }],
+    });
+    let header = gltf::binary::Header { magic: *b"glTF", version: 2, length: 0 };
+    let json = serde_json::to_vec(&document).expect("a document has a text").into();
+    gltf::binary::Glb { header, json, bin: Some(bin.into()) }.to_vec().expect("it fits")
+}

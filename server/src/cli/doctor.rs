@@ -1,0 +1,180 @@
+//! `cairn doctor`: whether this machine is fit, and a small bake held against what it should give.
+
+use super::progress::{Mode, Reporter};
+use super::{Failure, interrupt, print};
+use crate::export::Format;
+use crate::job::{Job, Outcome};
+use crate::problem::Problem;
+use crate::scene_file::SceneTree;
+use crate::{machine, report};
+use anstyle::{AnsiColor, Style};
+use serde_json::{Value, json};
+use std::ops::RangeInclusive;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Memory and disk below which real scenes may fail: a bake of a thousand detailed props takes about so much.
+const LITTLE_MEMORY: u64 = 2 << 30;
+const LITTLE_DISK: u64 = 1 << 30;
+
+/// The scene of the self-test: sticks in a cylinder.
+const CONTROL: (&str, &[u8]) = ("cylinder.glb", include_bytes!("../../../examples/assets/cylinder.glb"));
+const PROP: (&str, &[u8]) = ("stick.glb", include_bytes!("../../../examples/assets/stick.glb"));
+const SETTINGS: [&str; 3] = ["accuracy=draft", "fill.count=150", "seed=1"];
+
+/// What the self-test's figures are on a healthy machine, with room for versions to come.
+const EXPECTED: [(&str, RangeInclusive<f64>); 3] =
+    [("bodies", 140.0..=150.0), ("kept_shape", 0.3..=1.2), ("resting_speed_max_rel", 0.0..=0.2)];
+
+const WRONG: &str = "The physics does not do on this machine what it does elsewhere.";
+
+/// Tell whether this machine is fit for baking
+///
+/// Versions, processor, memory, disk; and a small bake, about ten seconds long, whose figures are held against what they
+/// should be. Add its output when you report a problem.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  cairn doctor
+  cairn doctor --json --skip-bake")]
+pub struct Args {
+    /// JSON instead of text
+    #[arg(long)]
+    json: bool,
+
+    /// Leave the bake out
+    #[arg(long)]
+    skip_bake: bool,
+}
+
+/// One line of the diagnosis.
+struct Finding {
+    name: &'static str,
+    value: Value,
+    /// What is not as it should be, and what to do about it.
+    fault: Option<String>,
+}
+
+impl Finding {
+    fn new(name: &'static str, value: impl Into<Value>) -> Finding {
+        Finding { name, value: value.into(), fault: None }
+    }
+
+    /// The same with a fault, if there is one.
+    fn but(mut self, fault: Option<&str>) -> Finding {
+        self.fault = fault.map(str::to_owned);
+        self
+    }
+
+    fn line(&self) -> String {
+        let value = match &self.value {
+            Value::String(text) => text.clone(),
+            other => other.to_string(),
+        };
+        let (word, color) = if self.fault.is_some() { ("!!", AnsiColor::Yellow) } else { ("ok", AnsiColor::Green) };
+        let style = Style::new().fg_color(Some(color.into()));
+        let fault = self.fault.as_ref().map(|fault| format!("\n      {fault}")).unwrap_or_default();
+        format!("{style}{word}{style:#}  {:<22}{value}{fault}", self.name)
+    }
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    interrupt::listen();
+    let mut findings = machine_findings();
+    if !args.json {
+        findings.iter().for_each(|finding| anstream::println!("{}", finding.line()));
+    }
+    if !args.skip_bake {
+        let tried = self_test(if args.json { Mode::None } else { Mode::Auto })?;
+        if !args.json {
+            tried.iter().for_each(|finding| anstream::println!("{}", finding.line()));
+        }
+        findings.extend(tried);
+    }
+    let wrong = findings.iter().any(|finding| finding.fault.as_deref() == Some(WRONG));
+    if args.json {
+        let told = |finding: &Finding| (finding.name.to_owned(), finding.value.clone());
+        let faults: Vec<&String> = findings.iter().filter_map(|finding| finding.fault.as_ref()).collect();
+        let ok = faults.is_empty();
+        let findings: Value = Value::Object(findings.iter().map(told).collect());
+        print(&format!("{:#}\n", json!({ "ok": ok, "findings": findings, "faults": faults })))?;
+    }
+    if wrong { Err(Failure::Internal("the self-test's figures are not what they should be".into())) } else { Ok(()) }
+}
+
+fn machine_findings() -> Vec<Finding> {
+    let versions = report::versions();
+    let gib = |bytes: u64| format!("{:.1} GiB free", bytes as f64 / (1u64 << 30) as f64);
+    let memory = machine::free_memory();
+    let little = "Close other programs, or bake fewer props: large bakes may fail.";
+    let mut findings = vec![
+        Finding::new("cairn", crate::BUILD),
+        Finding::new("engines", format!("rapier3d {}, clarabel {}", versions.rapier3d, versions.clarabel)),
+        Finding::new("system", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
+        Finding::new("processor", format!("{} threads; {}", rayon::current_num_threads(), features())),
+        Finding::new("memory", gib(memory)).but((memory < LITTLE_MEMORY).then_some(little)),
+    ];
+    let full = "Make room: results are written beside their final place first.";
+    for (name, folder) in [("this folder", Path::new(".").to_owned()), ("temporary", std::env::temp_dir())] {
+        findings.push(match machine::free_disk(&folder) {
+            Some(room) => Finding::new(name, gib(room)).but((room < LITTLE_DISK).then_some(full)),
+            None => Finding::new(name, "this system does not tell the room"),
+        });
+    }
+    if tempfile::tempfile_in(".").is_err() {
+        let refused = Finding::new("writing", "not in this folder");
+        findings.push(refused.but(Some("Nothing can be written here: name results in another folder.")));
+    }
+    findings
+}
+
+fn features() -> String {
+    let features = machine::cpu_features();
+    if features.is_empty() { "no extensions that matter".into() } else { features.join(", ") }
+}
+
+/// A bake with many threads and with one: figures as expected, and the same result.
+fn self_test(progress: Mode) -> Result<Vec<Finding>, Failure> {
+    let Outcome { bake, hash, seconds, .. } = self_bake(progress)?;
+    let mut findings = vec![Finding::new("bake", format!("{} bodies in {seconds:.1} s", bake.bodies.len()))];
+    for (name, expected) in EXPECTED {
+        let found = match name {
+            "bodies" => Some(bake.bodies.len() as f64),
+            name => bake.report.measures.get(name).copied().flatten(),
+        };
+        let good = found.is_some_and(|found| expected.contains(&found));
+        let found = found.map_or("none".to_owned(), |found| format!("{found:.3}"));
+        let told = format!("{found} (expected {} to {})", expected.start(), expected.end());
+        findings.push(Finding::new(name, told).but((!good).then_some(WRONG)));
+    }
+    let single = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let single = single.map_err(|error| Failure::Internal(error.to_string()))?;
+    let same = single.install(|| self_bake(Mode::None))?.hash == hash;
+    let told = if same { "the same with one thread" } else { "another with one thread" };
+    findings.push(Finding::new("result", told).but((!same).then_some(WRONG)));
+    Ok(findings)
+}
+
+fn self_bake(progress: Mode) -> Result<Outcome, Failure> {
+    let job = Job::read_with(&scene()?, Arc::new(open)).map_err(Failure::Input)?;
+    let mut reporter = Reporter::new(progress);
+    let done = job.run(Format::Csv, "self-test", &mut reporter);
+    reporter.finish(done.is_ok());
+    Ok(done?)
+}
+
+fn scene() -> Result<crate::proto::Scene, Failure> {
+    let mut scene = SceneTree::default();
+    for assignment in [format!("control_mesh={}", CONTROL.0), format!("props.0={}", PROP.0)]
+        .into_iter()
+        .chain(SETTINGS.map(str::to_owned))
+    {
+        scene.set(&assignment).map_err(Failure::Usage)?;
+    }
+    Ok(scene.to_message())
+}
+
+fn open(path: &Path) -> Result<Vec<u8>, Problem> {
+    let found = [CONTROL, PROP].into_iter().find(|(name, _)| Path::new(name) == path);
+    found.map(|(_, bytes)| bytes.to_vec()).ok_or_else(|| Problem::new(path.display().to_string(), "no such file", ""))
+}

@@ -1,0 +1,85 @@
+//! What makes the program pleasant to use: completions, manual pages, scene schema, colours, diagnosis.
+
+use crate::desk::Desk;
+use serde_json::Value;
+use std::process::Command;
+
+#[test]
+fn completions_for_every_shell() {
+    let desk = Desk::new();
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let script = desk.line(&format!("completions {shell}")).ok();
+        for word in ["bake", "doctor", "control", "accuracy"] {
+            assert!(script.contains(word), "{shell} does not know {word}");
+        }
+    }
+    // Bash reads it, and completes a command with it.
+    desk.write("cairn.bash", desk.line("completions bash").ok());
+    let script =
+        "source cairn.bash; COMP_WORDS=(cairn ren); COMP_CWORD=1; _cairn cairn ren cairn; echo ${COMPREPLY[*]}";
+    let bash = Command::new("bash").args(["-c", script]).current_dir(desk.path("")).output();
+    if let Ok(answer) = bash {
+        assert_eq!(String::from_utf8_lossy(&answer.stdout).trim(), "render");
+    }
+}
+
+#[test]
+fn manual_pages() {
+    let desk = Desk::new();
+    assert!(desk.line("man").ok().contains("cairn\\-bake(1)"));
+    let page = desk.line("man bake").ok();
+    assert!(page.contains(".TH cairn-bake 1") && page.contains("\\-\\-control"), "{page}");
+    desk.line("man bkae").fails(2, &["bkae", "Did you mean `bake`?"]);
+    std::fs::create_dir(desk.path("man1")).unwrap();
+    desk.line("man --output man1").ok();
+    let pages = std::fs::read_dir(desk.path("man1")).unwrap().count();
+    assert!(pages > 8 && desk.path("man1/cairn-doctor.1").is_file() && desk.path("man1/cairn.1").is_file());
+    assert!(!desk.path("man1/cairn-worker.1").exists(), "not for persons");
+    desk.line("man --output nowhere").fails(2, &["nowhere", "Make it first"]);
+}
+
+#[test]
+fn the_scene_schema_knows_every_field() {
+    let schema: Value = serde_json::from_str(&Desk::new().line("schema").ok()).unwrap();
+    let of = |path: &str| schema.pointer(&format!("/definitions/{path}")).unwrap_or_else(|| panic!("no {path}"));
+    assert_eq!(of("Scene/properties/gravity/minimum"), 0.01);
+    assert_eq!(of("Scene/properties/gravity/default"), 9.81);
+    assert_eq!(of("Prop/anyOf/0/properties/weight/exclusiveMinimum"), 0);
+    assert_eq!(of("Scene/properties/props/items/$ref"), "#/definitions/Prop");
+    let described = |field: &Value| field["description"].as_str().is_some_and(|text| !text.is_empty());
+    let groups = schema["definitions"].as_object().unwrap();
+    for (name, group) in groups {
+        let object = group.pointer("/anyOf/0").unwrap_or(group);
+        let fields = object["properties"].as_object().unwrap();
+        assert!(!fields.is_empty() && fields.values().all(described), "{name} has fields that say nothing");
+    }
+}
+
+#[test]
+fn colours_obey_no_color() {
+    let desk = Desk::new();
+    let told = |no_color: bool| {
+        let mut command = desk.command(&["check", "nothing.toml"]);
+        command.env_remove("NO_COLOR").env("CLICOLOR_FORCE", "1");
+        if no_color {
+            command.env("NO_COLOR", "1");
+        }
+        String::from_utf8(command.output().unwrap().stderr).unwrap()
+    };
+    assert!(told(false).contains("\x1b["));
+    assert!(told(true).contains("error: nothing.toml") && !told(true).contains('\x1b'));
+}
+
+#[test]
+fn the_doctor_tells_the_machine_and_tries_a_bake() {
+    let desk = Desk::new();
+    let told = desk.line("doctor --skip-bake").ok();
+    for part in ["cairn", env!("CARGO_PKG_VERSION"), "rapier3d", "threads", "memory", "GiB free"] {
+        assert!(told.contains(part), "{part} is not in: {told}");
+    }
+    let told: Value = serde_json::from_str(&desk.line("doctor --json").ok()).unwrap();
+    let findings = &told["findings"];
+    assert_eq!(findings["result"], "the same with one thread", "{told:#}");
+    assert!(findings["kept_shape"].as_str().is_some_and(|told| told.contains("expected")), "{told:#}");
+    assert!(desk.files().iter().all(|name| name.ends_with(".glb")), "it leaves nothing behind");
+}
