@@ -116,12 +116,11 @@ def bake():
     here = cpu() - began
     ours = here + told["cpu_seconds"]
     preferences.stop_server()
+    measured = told["stage_seconds"]["measure"]
+    print(f"Cairn: {len(collection.objects)} bodies, {told['frame_count']} frames")
     print(
-        f"Cairn: {len(collection.objects)} bodies, {told['frame_count']} frames, "
-        f"{ours:.1f} s CPU, of that {here:.1f} in Blender, {wall:.1f} s wall",
-        flush=True,
+        f"{ours:.1f} s CPU, {wall:.1f} s wall; of the CPU time {here:.1f} s in Blender, {measured:.1f} s for the report"
     )
-
     bodies = list(collection.objects)
     bpy.context.scene.frame_set(1)
     poses = [body.matrix_world.copy() for body in bodies]
@@ -130,7 +129,7 @@ def bake():
         body.matrix_world = pose
     theirs, seconds = rigid_bodies(bodies)
     print(f"Blender's rigid bodies: {len(bodies)} bodies, {FRAMES} frames, {theirs:.1f} s CPU, {seconds:.1f} s wall")
-    print(f"{theirs / ours:.1f} times less CPU time", flush=True)
+    print(f"{theirs / (ours - measured):.1f} times less CPU time to the keyframes, {theirs / ours:.1f} with the report")
 
 
 def rigid_bodies(bodies):
