@@ -19,6 +19,12 @@ def points_to_blender(points, metres=1.0):
     return np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1) / metres
 
 
+def rotations_to_server(rotations):
+    """Shape [..., 4], w x y z -> x y z w, Y up."""
+    w, x, y, z = np.moveaxis(np.asarray(rotations), -1, 0)
+    return np.stack([x, z, -y, w], axis=-1)
+
+
 def rotations_to_blender(rotations):
     """Shape [..., 4], x y z w, Y up -> w x y z."""
     x, y, z, w = np.moveaxis(np.asarray(rotations), -1, 0)

@@ -1,6 +1,8 @@
 """What the buttons do to a bake: start, stop, keep, fetch, delete. The same operators run without a window."""
 
 import time
+import traceback
+from contextlib import contextmanager
 
 import bpy
 from bpy.props import StringProperty
@@ -29,6 +31,18 @@ def explain(operator, fault):
     return {"CANCELLED"}
 
 
+@contextmanager
+def explaining(operator):
+    """Whatever goes wrong inside is told in a popup; a fault of the add-on's own is printed besides."""
+    try:
+        yield
+    except Fault as fault:
+        explain(operator, fault)
+    except Exception as error:  # noqa: BLE001 an artist gets a sentence, whatever it is
+        traceback.print_exc()
+        explain(operator, Fault(f"The add-on has a fault; please report what the console shows: {error}"))
+
+
 class _Bakes:
     """What baking and fetching have in common: following a bake with a window, or waiting for it without one."""
 
@@ -45,40 +59,41 @@ class _Bakes:
         raise NotImplementedError
 
     def invoke(self, context, _):
-        if bpy.app.background:
-            return self.execute(context)
-        try:
+        with explaining(self):
+            if bpy.app.background:
+                return self.execute(context)
             bake, props = self.begin(context)
-        except Fault as fault:
-            return explain(self, fault)
-        running.bake = bake
-        if props:
-            self.preview = preview.Preview([prop.triangles for prop in props], bake.recipe["metres"])
-        self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
-        context.window_manager.modal_handler_add(self)
-        self.workspace = context.workspace
-        bake.start()
-        preview.redraw(context)
-        return {"RUNNING_MODAL"}
+            running.bake = bake
+            if props:
+                self.preview = preview.Preview([prop.triangles for prop in props], bake.recipe["metres"])
+            self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
+            context.window_manager.modal_handler_add(self)
+            self.workspace = context.workspace
+            bake.start()
+            preview.redraw(context)
+            return {"RUNNING_MODAL"}
+        return {"CANCELLED"}
 
     def modal(self, context, event):
-        bake = running.bake
-        if bake is None:
-            # Another file was opened.
-            return self._leave(context, {"CANCELLED"})
-        if event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS" and self.writer is None:
-            if not bake.is_stopping:
-                bake.stop()
-            return {"RUNNING_MODAL"}
-        if event.type != "TIMER":
-            # While objects are made, what the artist did would end up between them.
-            return {"PASS_THROUGH"} if self.writer is None else {"RUNNING_MODAL"}
-        try:
-            return self._tick(context, bake)
-        except Fault as fault:
-            running.bake = None
-            self._leave(context, None)
-            return explain(self, fault)
+        with explaining(self):
+            bake = running.bake
+            if bake is None:
+                # Another file was opened.
+                return self._leave(context, {"CANCELLED"})
+            if event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS" and self.writer is None:
+                if not bake.is_stopping:
+                    bake.stop()
+                return {"RUNNING_MODAL"}
+            if event.type != "TIMER":
+                # While objects are made, what the artist did would end up between them.
+                return {"PASS_THROUGH"} if self.writer is None else {"RUNNING_MODAL"}
+            try:
+                return self._tick(context, bake)
+            except Exception:
+                running.bake = None
+                self._leave(context, None)
+                raise
+        return {"CANCELLED"}
 
     def _tick(self, context, bake):
         if self.writer:
@@ -147,19 +162,19 @@ class _Bakes:
         self._leave(context, None)
 
     def execute(self, context):
-        try:
-            bake, _ = self.begin(context)
-            running.bake = bake
-            wait_for(bake)
-            if bake.end == "failed":
-                raise bake.fault
-            motion = bake.job.recording.motion()
-            collection = result.finish(result.build(context, motion, bake.recipe, bake.told()))
-        except Fault as fault:
-            return explain(self, fault)
-        finally:
-            running.bake = None
-        return _finished(self, context, collection)
+        with explaining(self):
+            try:
+                bake, _ = self.begin(context)
+                running.bake = bake
+                wait_for(bake)
+                if bake.end == "failed":
+                    raise bake.fault
+                motion = bake.job.recording.motion()
+                collection = result.finish(result.build(context, motion, bake.recipe, bake.told()))
+            finally:
+                running.bake = None
+            return _finished(self, context, collection)
+        return {"CANCELLED"}
 
 
 def wait_for(bake):
@@ -278,13 +293,12 @@ class CAIRN_OT_keep(Operator):
         return running.bake is not None and running.bake.end == "stopped"
 
     def execute(self, context):
-        bake, running.bake = running.bake, None
-        try:
+        with explaining(self):
+            bake, running.bake = running.bake, None
             motion = bake.job.recording.motion()
             collection = result.finish(result.build(context, motion, bake.recipe, bake.told()))
-        except Fault as fault:
-            return explain(self, fault)
-        return _finished(self, context, collection)
+            return _finished(self, context, collection)
+        return {"CANCELLED"}
 
 
 class CAIRN_OT_discard(Operator):

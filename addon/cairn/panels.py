@@ -5,7 +5,7 @@ from bpy.types import Panel, UIList
 
 from . import preferences, request, result, running
 from .operators import is_running
-from .properties import ACCURACIES, GROUPS, fields_of
+from .properties import ACCURACIES, GROUPS, fields_of, knows
 
 # Width of a sign of the interface's font, in pixels at scale 1, on average.
 SIGN = 6.2
@@ -281,6 +281,8 @@ class CAIRN_PT_material(_Parameters, Panel):
                 column.label(text=item.object.name)
             for name in ("density", "friction", "restitution"):
                 column.prop(item, name)
+            if knows("Prop", "tilt_max"):
+                column.prop(item, "tilt")
         layout.prop(settings, "collider_friction", text="Ground Friction")
 
 
@@ -305,6 +307,56 @@ class CAIRN_PT_physics(_Parameters, Panel):
 
     def draw_more(self, layout, settings):
         layout.prop(settings, "gravity")
+
+
+class CAIRN_PT_keep(_Parameters, Panel):
+    bl_label = "Keep"
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Body")
+
+    def draw_more(self, layout, settings):
+        layout.prop(settings, "keep", text="Objects")
+
+
+class CAIRN_PT_drop(_Parameters, Panel):
+    bl_label = "Drop and Impact"
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Body") and knows("Emitter")
+
+    def draw_more(self, layout, settings):
+        column = layout.column()
+        column.prop(settings, "drop_mesh")
+        details = column.column()
+        details.active = settings.drop_mesh is not None
+        for name in ("drop_frame", "drop_rate", "drop_count", "drop_velocity"):
+            details.prop(settings, name)
+        layout.separator()
+        column = layout.column()
+        column.prop(settings, "impact")
+        details = column.column()
+        details.active = settings.impact is not None
+        for name in ("impact_frame", "impact_velocity"):
+            details.prop(settings, name)
+        row = details.row(heading="Mass")
+        row.prop(settings, "use_impact_mass", text="")
+        value = row.row()
+        value.active = settings.use_impact_mass
+        value.prop(settings, "impact_mass", text="")
+
+
+class CAIRN_PT_region(_Parameters, Panel):
+    bl_label = "Region"
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Body")
+
+    def draw_more(self, layout, settings):
+        layout.prop(settings, "region")
 
 
 class CAIRN_PT_output(_Parameters, Panel):
@@ -345,6 +397,9 @@ CLASSES = [
     CAIRN_PT_fill,
     CAIRN_PT_release,
     CAIRN_PT_control,
+    CAIRN_PT_drop,
+    CAIRN_PT_region,
+    CAIRN_PT_keep,
     CAIRN_PT_physics,
     CAIRN_PT_output,
     CAIRN_PT_server,

@@ -9,6 +9,7 @@ from bpy.props import (
     CollectionProperty,
     EnumProperty,
     FloatProperty,
+    FloatVectorProperty,
     IntProperty,
     PointerProperty,
     StringProperty,
@@ -28,6 +29,11 @@ GROUPS = {
     "Hold": "hold",
     "Output": "output",
 }
+
+
+def knows(message, field=None):
+    """Whether the schema has a message, or a field in it."""
+    return message in FIELDS and (field is None or any(told["name"] == field for told in FIELDS[message]))
 
 
 def fields_of(message):
@@ -149,6 +155,15 @@ class CairnProp(PropertyGroup):
         min=0.0,
         max=2.0,
     )
+    tilt: FloatProperty(
+        name="Tilt",
+        description="Largest angle between the prop's own Z axis and the vertical when it is put in or dropped, "
+        "degrees; 180 takes all rotations alike",
+        default=180.0,
+        min=0.0,
+        max=180.0,
+        precision=0,
+    )
     restitution: FloatProperty(
         name="Bounce",
         description="How much of the speed of an impact is given back, 0 to 1",
@@ -209,6 +224,52 @@ class CairnSettings(PropertyGroup):
         default=0.7,
         min=0.0,
         max=2.0,
+    )
+    region: PointerProperty(
+        name="Region",
+        description="Where the pile is kept in shape, if not in the shape itself: a closed mesh. What is outside moves "
+        "freely",
+        type=bpy.types.Object,
+        poll=_is_solid,
+    )
+    keep: PointerProperty(
+        name="Keep",
+        description="Objects that stay exactly as you placed them: the rest is filled around them and may lean on them",
+        type=bpy.types.Collection,
+    )
+    impact: PointerProperty(
+        name="Projectiles",
+        description="Objects that are thrown into the pile from where they stand. The pile has copies of them: hide "
+        "the objects themselves",
+        type=bpy.types.Collection,
+    )
+    impact_frame: IntProperty(
+        name="Frame", description="Frame of the scene at which they are thrown", default=50, min=-100000, max=100000
+    )
+    impact_velocity: FloatVectorProperty(
+        name="Velocity", description="Their velocity along X, Y and Z, m/s", default=(0.0, 0.0, -10.0), precision=2
+    )
+    use_impact_mass: BoolProperty(name="Set Mass", description="Give their mass, instead of that of their density")
+    impact_mass: FloatProperty(
+        name="Mass", description="Mass of each, kg", default=10.0, min=1e-6, soft_max=10000.0, precision=3
+    )
+    drop_mesh: PointerProperty(
+        name="Drop From",
+        description="A closed mesh inside which further props appear, one after the other, and fall",
+        type=bpy.types.Object,
+        poll=_is_solid,
+    )
+    drop_frame: IntProperty(
+        name="Frame",
+        description="Frame of the scene at which the first one appears",
+        default=50,
+        min=-100000,
+        max=100000,
+    )
+    drop_rate: FloatProperty(name="Rate", description="Props per second", default=10.0, min=0.001, soft_max=1000.0)
+    drop_count: IntProperty(name="Count", description="Props in all", default=100, min=1, max=100000)
+    drop_velocity: FloatVectorProperty(
+        name="Velocity", description="Velocity along X, Y and Z with which they appear, m/s", precision=2
     )
     use_ground_height: BoolProperty(
         name="Set Ground Height",

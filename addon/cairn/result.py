@@ -19,9 +19,11 @@ class BodyMotion:
     """The motion in Blender's space. Shapes: props [n], scales [n], positions [f, n, 3] in scene units, rotations
     [f, n, 4] w x y z, present [f, n]."""
 
-    def __init__(self, motion, metres):
-        # A body that was never there has no place.
-        ever = motion.present.any(axis=0)
+    def __init__(self, motion, recipe):
+        metres = recipe["metres"]
+        # A body that was never there has no place, and one that stays as placed is in the scene already.
+        is_shown = np.array([prop.get("is_shown", True) for prop in recipe["props"]])
+        ever = motion.present.any(axis=0) & is_shown[motion.props]
         ever = slice(None) if ever.all() else ever
         self.props, self.scales = motion.props[ever], motion.scales[ever]
         self.positions = axes.points_to_blender(motion.positions[:, ever], metres)
@@ -62,7 +64,7 @@ def build(context, motion, recipe, told):
     if gone:
         raise Fault(f"These props are not in the file any more: {', '.join(gone)}. Bring them back, or bake again.")
     locals_ = [Matrix(prop["local"]) for prop in recipe["props"]]
-    moved = BodyMotion(motion, recipe["metres"])
+    moved = BodyMotion(motion, recipe)
     mode = mode_of(recipe, len(moved.props))
     name = f"{recipe['control']} Pile"
     yield 0.0
