@@ -153,7 +153,7 @@ def fields(files):
         for number, enum in enumerate(file.enum_type):
             prefix = re.sub(r"(?<!^)(?=[A-Z])", "_", enum.name).upper() + "_"
             items = [
-                [value.name.removeprefix(prefix), text(comments, (5, number, 2, index))]
+                [value.name.removeprefix(prefix), text(comments, (5, number, 2, index)), value.number]
                 for index, value in enumerate(enum.value)
                 if value.number
             ]

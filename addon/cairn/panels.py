@@ -140,7 +140,7 @@ def draw_accuracies(layout, settings):
     column = layout.column(align=True)
     column.use_property_split = False
     column.label(text="Accuracy")
-    for name, _, __ in ACCURACIES:
+    for name, *_ in ACCURACIES:
         row = column.row(align=True)
         row.prop_enum(settings, "accuracy", name)
         row.label(text=expected(name))

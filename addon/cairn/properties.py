@@ -65,9 +65,14 @@ def _property(field):
         return IntProperty(default=_default(field, int, 0), **_limits(field, True), **about)
     if field["kind"] == "float":
         return FloatProperty(default=_default(field, float, 0.0), precision=3, **_limits(field, False), **about)
-    items = [(name, title(name), description) for name, description in field["items"]]
+    items = _items(field)
     default = (field["default"] or "").upper()
-    return EnumProperty(items=items, default=default if default in dict(field["items"]) else items[0][0], **about)
+    return EnumProperty(items=items, default=next((i[0] for i in items if i[0] == default), items[0][0]), **about)
+
+
+def _items(field):
+    """An enum's values, with the schema's numbers: those are what a .blend file keeps."""
+    return [(name, title(name), description, "NONE", number) for name, description, number in field["items"]]
 
 
 def title(name):
@@ -173,12 +178,12 @@ class CairnProp(PropertyGroup):
     )
 
 
-ACCURACIES = [
-    ("DRAFT", "Draft", "Quick, for a first look"),
-    ("STANDARD", "Standard", "For daily work"),
-    ("FINE", "Fine", "For the final result"),
-    ("PAPER", "Paper", "The parameters that Hsu & Keyser (2012) print, for comparison"),
-]
+# From the quickest on; those that the schema has.
+BY_COST = ("DRAFT", "PREVIEW", "STANDARD", "FINE", "REFERENCE", "PAPER")
+ACCURACIES = sorted(
+    _items(next(field for field in FIELDS["Scene"] if field["name"] == "accuracy")),
+    key=lambda item: BY_COST.index(item[0]) if item[0] in BY_COST else len(BY_COST),
+)
 OUTPUTS = [
     ("AUTO", "Automatic", "Animated objects up to 2000 bodies, instanced points beyond"),
     ("ANIMATION", "Animated Objects", "One object with keyframes for each body"),

@@ -17,7 +17,8 @@ import bpy
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
 # there; the button; and Cancel, which is shown above the rest while a bake runs.
 TAB = 1144, 192
-BAKE = 1030, 477
+BAKE_BELOW_ACCURACIES = 1030, 393
+ACCURACY_HEIGHT = 21
 CANCEL = 1050, 219
 PATIENCE = 60.0
 SCREENSHOTS = os.environ["CAIRN_SCREENSHOTS"]
@@ -86,8 +87,10 @@ def wait(until, what):
 
 def walk():
     """The steps; what is yielded is the pause until the next, s."""
-    from cairn import running
+    from cairn import properties, running
 
+    # One line for each accuracy that there is.
+    bake_button = BAKE_BELOW_ACCURACIES[0], BAKE_BELOW_ACCURACIES[1] + ACCURACY_HEIGHT * len(properties.ACCURACIES)
     for source in list(bpy.data.objects):
         bpy.data.objects.remove(source)
     area = sidebar()
@@ -106,7 +109,7 @@ def walk():
     # To be stopped on the way.
     settings.accuracy, settings.use_frame_count, settings.frame_count = "DRAFT", True, 100000
     for name, stop in (("escape", lambda: press("Escape")), ("button", lambda: click(*CANCEL))):
-        yield from click(*BAKE)
+        yield from click(*bake_button)
         yield from wait(lambda: running.bake and running.bake.frame_count > 5, f"frames, to stop by {name}")
         yield 0.5
         picture(f"3-{name}.png")
@@ -123,7 +126,7 @@ def walk():
         yield 0.5
 
     settings.accuracy, settings.use_frame_count = "STANDARD", False
-    yield from click(*BAKE)
+    yield from click(*bake_button)
     yield from wait(lambda: running.bake and running.bake.job.latest, "the pile to form")
     yield 1.5
     picture("5-during.png")
