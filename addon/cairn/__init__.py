@@ -5,7 +5,18 @@ import atexit
 import bpy
 from bpy.app.handlers import persistent
 
-from . import job, operators, panels, pending, preferences, properties, running, setup_operators
+from . import (
+    job,
+    operators,
+    panels,
+    parameter_panels,
+    pending,
+    pile_operators,
+    preferences,
+    properties,
+    running,
+    setup_operators,
+)
 
 bl_info = {
     "name": "Cairn",
@@ -17,7 +28,15 @@ bl_info = {
     "category": "Physics",
 }
 
-CLASSES = [preferences.CairnPreferences, *operators.CLASSES, *setup_operators.CLASSES, *panels.CLASSES]
+CLASSES = [
+    preferences.CairnPreferences,
+    *operators.CLASSES,
+    *pile_operators.CLASSES,
+    *setup_operators.CLASSES,
+    *panels.CLASSES,
+    *parameter_panels.CLASSES,
+    *panels.LAST,
+]
 
 
 @persistent

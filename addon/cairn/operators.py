@@ -1,11 +1,10 @@
-"""What the buttons do to a bake: start, stop, keep, fetch, delete. The same operators run without a window."""
+"""What the buttons do to a bake: start, fetch, stop. The same operators run without a window."""
 
 import time
 import traceback
 from contextlib import contextmanager
 
 import bpy
-from bpy.props import StringProperty
 from bpy.types import Operator
 
 from . import pending, preferences, preview, request, result, running
@@ -128,7 +127,7 @@ class _Bakes:
             self._leave(context, None)
             if not bake.end:
                 running.wait_for_report(bake)
-            return _finished(self, context, end.value)
+            return finished(self, context, end.value)
         self._show(context, bake)
         return {"RUNNING_MODAL"}
 
@@ -173,7 +172,7 @@ class _Bakes:
                 collection = result.finish(result.build(context, motion, bake.recipe, bake.told()))
             finally:
                 running.bake = None
-            return _finished(self, context, collection)
+            return finished(self, context, collection)
         return {"CANCELLED"}
 
 
@@ -193,7 +192,7 @@ def wait_for(bake):
         raise
 
 
-def _finished(operator, context, collection):
+def finished(operator, context, collection):
     told = running.report_of(collection)
     operator.report({"INFO"}, f"Pile of {told.get('body_count', 0)} bodies in “{collection.name}”")
     if bpy.app.background:
@@ -254,18 +253,6 @@ class CAIRN_OT_fetch(_Bakes, Operator):
         return running.Bake(preferences.server(context), note["recipe"], bake_id=note["bake_id"]), []
 
 
-class CAIRN_OT_forget(Operator):
-    """Do not get the result of the bake that was under way when this file was closed"""
-
-    bl_idname = "cairn.forget"
-    bl_label = "Forget It"
-
-    def execute(self, _):
-        pending.forget()
-        running.left = None
-        return {"FINISHED"}
-
-
 class CAIRN_OT_stop(Operator):
     """End the bake. What there is can be kept. Esc and the right mouse button do the same"""
 
@@ -281,94 +268,4 @@ class CAIRN_OT_stop(Operator):
         return {"FINISHED"}
 
 
-class CAIRN_OT_keep(Operator):
-    """Make the pile of the frames that were baked before it was cancelled"""
-
-    bl_idname = "cairn.keep"
-    bl_label = "Keep"
-    bl_options = {"UNDO"}
-
-    @classmethod
-    def poll(cls, _):
-        return running.bake is not None and running.bake.end == "stopped"
-
-    def execute(self, context):
-        with explaining(self):
-            bake, running.bake = running.bake, None
-            motion = bake.job.recording.motion()
-            collection = result.finish(result.build(context, motion, bake.recipe, bake.told()))
-            return _finished(self, context, collection)
-        return {"CANCELLED"}
-
-
-class CAIRN_OT_discard(Operator):
-    """Forget the frames that were baked. The scene is as it was before"""
-
-    bl_idname = "cairn.discard"
-    bl_label = "Restore the Scene"
-
-    @classmethod
-    def poll(cls, _):
-        return running.bake is not None and running.bake.end == "stopped"
-
-    def execute(self, context):
-        running.bake = None
-        preview.redraw(context)
-        return {"FINISHED"}
-
-
-class CAIRN_OT_delete(Operator):
-    """Take the pile away, with its animation, and show the control mesh as it was before the bake"""
-
-    bl_idname = "cairn.delete"
-    bl_label = "Delete Bake"
-    bl_options = {"UNDO"}
-
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
-
-    @classmethod
-    def poll(cls, _):
-        return not is_running()
-
-    def execute(self, context):
-        collection = _chosen(context, self.collection)
-        if collection is None:
-            return explain(self, Fault("There is no baked pile of this control mesh. Choose the mesh of the pile."))
-        result.delete(collection)
-        return {"FINISHED"}
-
-
-class CAIRN_OT_restore_settings(Operator):
-    """Set everything as it was for this pile, seed included: baked again, it gives the same"""
-
-    bl_idname = "cairn.restore_settings"
-    bl_label = "Use Its Settings"
-    bl_options = {"UNDO"}
-
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
-
-    def execute(self, context):
-        collection = _chosen(context, self.collection)
-        if collection is None:
-            return explain(self, Fault("There is no baked pile of this control mesh. Choose the mesh of the pile."))
-        request.from_dict(context.scene.cairn, running.recipe_of(collection)["settings"])
-        return {"FINISHED"}
-
-
-def _chosen(context, name):
-    if name:
-        collection = bpy.data.collections.get(name)
-        return collection if collection and collection.cairn.is_result else None
-    return result.chosen(context)
-
-
-CLASSES = [
-    CAIRN_OT_bake,
-    CAIRN_OT_fetch,
-    CAIRN_OT_forget,
-    CAIRN_OT_stop,
-    CAIRN_OT_keep,
-    CAIRN_OT_discard,
-    CAIRN_OT_delete,
-    CAIRN_OT_restore_settings,
-]
+CLASSES = [CAIRN_OT_bake, CAIRN_OT_fetch, CAIRN_OT_stop]
