@@ -179,14 +179,14 @@ class _Bakes:
 def wait_for(bake):
     """Waits to the end of a bake and prints how it goes."""
     bake.start()
-    shown, stage = 0.0, ""
+    shown, line, stage = 0.0, "", ""
     try:
         while not bake.end:
             bake.poll(wait=0.2)
             now = time.monotonic()
-            if bake.stage() != stage or now - shown > PRINT:
-                shown, stage = now, bake.stage()
-                print(f"Cairn: {bake.line()}", flush=True)
+            if bake.line() != line and (bake.stage() != stage or now - shown > PRINT):
+                shown, line, stage = now, bake.line(), bake.stage()
+                print(f"Cairn: {line}", flush=True)
     except KeyboardInterrupt:
         bake.stop()
         raise
