@@ -113,9 +113,16 @@ fn median(reports: &[Report], value: impl Fn(&Report) -> f64) -> f64 {
 }
 
 fn scene(control: &str, prop: &str) -> Result<Scene, String> {
-    let stick =
-        Prop { model: model(prop)?, weight: 1.0, friction: 0.7, density: 500.0, restitution: 0.0, scale: [1.0; 2] };
-    Ok(Scene { control: model(control)?, props: vec![stick], statics: Vec::new() })
+    let stick = Prop {
+        model: model(prop)?,
+        weight: 1.0,
+        friction: 0.7,
+        density: 500.0,
+        restitution: 0.0,
+        scale: [1.0; 2],
+        tilt_max: 180.0,
+    };
+    Ok(Scene { control: Some(model(control)?), props: vec![stick], ..Scene::default() })
 }
 
 fn model(name: &str) -> Result<Model, String> {

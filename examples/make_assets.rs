@@ -17,6 +17,9 @@ fn main() -> std::io::Result<()> {
         ("book", book()),
         ("banana", banana()),
         ("cube", cube()),
+        ("card", card()),
+        ("ball", ball(0.5)),
+        ("cart", cart()),
         // Control meshes for sticks: at a packing of 0.4, a cubic metre holds 40 of them.
         ("cone", revolved(&[[1.723, 0.0], [0.0, 1.723 * 2.8]])),
         ("cone-small", revolved(&[[1.132, 0.0], [0.0, 1.132 * 2.8]])),
@@ -25,6 +28,8 @@ fn main() -> std::io::Result<()> {
         ("letter-t", letter_t(1.2)),
         // For bananas and books.
         ("mound", dome(0.4, 0.3)),
+        ("spiral", spiral(0.25, 0.9, [0.25, 2.2])),
+        ("heap", heap([0.55, 0.33], CART_RIM, 0.37)),
     ];
     for (name, asset) in assets {
         std::fs::write(folder.join(name).with_extension("glb"), asset.to_glb(name))?;
@@ -33,7 +38,7 @@ fn main() -> std::io::Result<()> {
 }
 
 /// Materials: name, linear base colour, roughness.
-const MATERIALS: [(&str, Point, f64); 7] = [
+const MATERIALS: [(&str, Point, f64); 11] = [
     ("wood", [1.0, 1.0, 1.0], 0.7),
     ("cover", [0.12, 0.03, 0.04], 0.6),
     ("paper", [0.80, 0.74, 0.60], 0.9),
@@ -41,6 +46,10 @@ const MATERIALS: [(&str, Point, f64); 7] = [
     ("tip", [0.11, 0.07, 0.03], 0.8),
     ("red", [0.55, 0.07, 0.05], 0.5),
     ("control", [0.70, 0.74, 0.78], 0.8),
+    ("face", [0.88, 0.86, 0.80], 0.4),
+    ("back", [0.06, 0.12, 0.40], 0.4),
+    ("steel", [0.16, 0.17, 0.19], 0.35),
+    ("plank", [0.36, 0.20, 0.09], 0.7),
 ];
 
 /// 1 m long and 0.1 m thick, with a wood grain along it.
@@ -53,6 +62,124 @@ fn stick() -> Asset {
 fn cube() -> Asset {
     let mut asset = Asset::default();
     asset.cuboid([-0.1, 0.0, -0.1], [0.1, 0.2, 0.1], "red");
+    asset
+}
+
+/// A playing card, upright: 63 x 88 mm and a hundredth as thick, its face to the front and its back to the back.
+fn card() -> Asset {
+    let [side, height, thick] = [0.0315, 0.088, 0.00088 / 2.0];
+    let corner = |i: usize| {
+        let pick = |bit: usize, low: f64, high: f64| if i >> bit & 1 == 1 { high } else { low };
+        [pick(0, -side, side), pick(1, 0.0, height), pick(2, -thick, thick)]
+    };
+    let mut asset = Asset::default();
+    let sides: [([usize; 4], &'static str); 6] = [
+        ([4, 5, 7, 6], "face"),
+        ([0, 2, 3, 1], "back"),
+        ([0, 4, 6, 2], "face"),
+        ([1, 3, 7, 5], "face"),
+        ([0, 1, 5, 4], "face"),
+        ([2, 6, 7, 3], "face"),
+    ];
+    for (side, material) in sides {
+        asset.flat(&side.map(corner), &[[0, 1, 2], [0, 2, 3]], material);
+    }
+    asset
+}
+
+/// A ball on the ground.
+fn ball(radius: f64) -> Asset {
+    const STEPS: usize = 16;
+    let profile: Vec<[f64; 2]> = (0..=STEPS)
+        .map(|i| {
+            let (sin, cos) = (PI * (i as f64 / STEPS as f64 - 0.5)).sin_cos();
+            let out = if i == 0 || i == STEPS { 0.0 } else { radius * cos };
+            [out, radius + radius * sin]
+        })
+        .collect();
+    turned(&profile, "steel")
+}
+
+/// Height of the cart's rim, m.
+const CART_RIM: f64 = 0.7;
+
+/// A box of planks on four wheels, 1.1 x 0.66 m inside.
+fn cart() -> Asset {
+    let [half_x, half_z, wall, floor] = [0.55, 0.33, 0.03, 0.28];
+    let (out_x, out_z) = (half_x + wall, half_z + wall);
+    let mut asset = Asset::default();
+    asset.cuboid([-out_x, floor - wall, -out_z], [out_x, floor, out_z], "plank");
+    asset.cuboid([-out_x, floor, -out_z], [out_x, CART_RIM, -half_z], "plank");
+    asset.cuboid([-out_x, floor, half_z], [out_x, CART_RIM, out_z], "plank");
+    asset.cuboid([-out_x, floor, -half_z], [-half_x, CART_RIM, half_z], "plank");
+    asset.cuboid([half_x, floor, -half_z], [out_x, CART_RIM, half_z], "plank");
+    let (radius, gap) = (0.17, 0.02);
+    for (x, z) in [(-0.35, -1.0), (0.35, -1.0), (-0.35, 1.0), (0.35, 1.0)] {
+        let near = out_z + gap;
+        asset.disc([x, radius, z * near], radius, z * 0.05, "steel");
+    }
+    for x in [-0.35, 0.35] {
+        asset.cuboid([x - 0.025, radius - 0.025, -out_z - gap], [x + 0.025, radius + 0.025, out_z + gap], "steel");
+        asset.cuboid([x - 0.06, radius + 0.025, -0.28], [x + 0.06, floor - wall, 0.28], "plank");
+    }
+    asset
+}
+
+/// A heap on a rectangle of these half edges at height `base`: nearly upright at the sides and round above.
+fn heap([half_x, half_z]: [f64; 2], base: f64, height: f64) -> Asset {
+    const RINGS: usize = 12;
+    const SIDES: usize = 48;
+    // A rectangle with round corners, shrinking upward as a superellipse does.
+    let at = |ring: usize, k: usize| -> Point {
+        let up = ring as f64 / RINGS as f64;
+        let out = (1.0 - up.powf(2.5)).powf(1.0 / 2.5);
+        let (sin, cos) = (TAU * (k % SIDES) as f64 / SIDES as f64).sin_cos();
+        let square = |v: f64| v.signum() * v.abs().powf(0.5);
+        [out * half_x * square(cos), base + up * height, -out * half_z * square(sin)]
+    };
+    let mut asset = Asset::default();
+    for k in 0..SIDES {
+        asset.flat(&[[0.0, base, 0.0], at(0, k + 1), at(0, k)], &[[0, 1, 2]], "control");
+        for ring in 0..RINGS {
+            let top = ring + 1 == RINGS;
+            let corners = [at(ring, k), at(ring, k + 1), at(ring + 1, k + 1), at(ring + 1, k)];
+            if top {
+                let peak = [corners[0], corners[1], [0.0, base + height, 0.0]];
+                asset.flat(&peak, &[[0, 1, 2]], "control");
+            } else {
+                asset.flat(&corners, &[[0, 1, 2], [0, 2, 3]], "control");
+            }
+        }
+    }
+    asset
+}
+
+/// A ramp that winds once around the axis between two radii, rising from one height to another, with upright sides.
+fn spiral(inner: f64, outer: f64, [low, high]: [f64; 2]) -> Asset {
+    const SIDES: usize = 72;
+    // Open by a wedge, so that its beginning and its end do not touch.
+    const WEDGE: f64 = 0.05;
+    let at = |k: usize, radius: f64, top: bool| -> Point {
+        let share = k as f64 / SIDES as f64;
+        let (sin, cos) = (TAU * (1.0 - WEDGE) * share).sin_cos();
+        [radius * cos, if top { low + (high - low) * share } else { 0.0 }, -radius * sin]
+    };
+    let mut asset = Asset::default();
+    for k in 0..SIDES {
+        let corner = |next: usize, radius: f64, top: bool| at(k + next, radius, top);
+        let [a, b, c, d] =
+            [corner(0, inner, true), corner(0, outer, true), corner(1, outer, true), corner(1, inner, true)];
+        let [e, f, g, h] =
+            [corner(0, inner, false), corner(0, outer, false), corner(1, outer, false), corner(1, inner, false)];
+        for side in [[a, b, c, d], [e, h, g, f], [f, g, c, b], [e, a, d, h]] {
+            asset.flat(&[side[0], side[1], side[2]], &[[0, 1, 2]], "control");
+            asset.flat(&[side[0], side[2], side[3]], &[[0, 1, 2]], "control");
+        }
+    }
+    let end = |k: usize| [at(k, inner, false), at(k, outer, false), at(k, outer, true), at(k, inner, true)];
+    asset.flat(&end(0), &[[0, 1, 2], [0, 2, 3]], "control");
+    let [a, b, c, d] = end(SIDES);
+    asset.flat(&[a, d, c, b], &[[0, 1, 2], [0, 2, 3]], "control");
     asset
 }
 
@@ -140,8 +267,13 @@ fn letter_t(u: f64) -> Asset {
     asset
 }
 
-/// A profile of (radius, height) from the base's rim up to a point on the axis, turned around it.
+/// A profile of (radius, height) from the base's rim up to a point on the axis, turned around it, with a flat base.
 fn revolved(profile: &[[f64; 2]]) -> Asset {
+    turned(&[&[[0.0, profile[0][1]]], profile].concat(), "control")
+}
+
+/// A profile of (radius, height) from one point on the axis up to another, turned around it.
+fn turned(profile: &[[f64; 2]], material: &'static str) -> Asset {
     const SIDES: usize = 48;
     let mut asset = Asset::default();
     let at = |[r, y]: [f64; 2], k: usize| {
@@ -149,13 +281,15 @@ fn revolved(profile: &[[f64; 2]]) -> Asset {
         [r * cos, y, -r * sin]
     };
     for k in 0..SIDES {
-        let base = [[0.0, profile[0][1], 0.0], at(profile[0], k + 1), at(profile[0], k)];
-        asset.flat(&base, &[[0, 1, 2]], "control");
         for pair in profile.windows(2) {
             let (low, high) = (pair[0], pair[1]);
+            if low[0] == 0.0 {
+                asset.flat(&[[0.0, low[1], 0.0], at(high, k + 1), at(high, k)], &[[0, 1, 2]], material);
+                continue;
+            }
             let corners = [at(low, k), at(low, k + 1), at(high, k + 1), at(high, k)];
             let faces: &[[usize; 3]] = if high[0] == 0.0 { &[[0, 1, 2]] } else { &[[0, 1, 2], [0, 2, 3]] };
-            asset.flat(&corners[..faces.len() + 2], faces, "control");
+            asset.flat(&corners[..faces.len() + 2], faces, material);
         }
     }
     asset
@@ -207,6 +341,22 @@ impl Asset {
         let corner = |i: usize| [0, 1, 2].map(|axis| if i >> axis & 1 == 1 { high[axis] } else { low[axis] });
         for side in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
             self.flat(&side.map(corner), &[[0, 1, 2], [0, 2, 3]], material);
+        }
+    }
+
+    /// A wheel: a disc square to z, between `center` and `depth` beyond it along z.
+    fn disc(&mut self, [x, y, z]: Point, radius: f64, depth: f64, material: &'static str) {
+        const SIDES: usize = 24;
+        let (back, front) = (z.min(z + depth), z.max(z + depth));
+        let at = |k: usize, z: f64| {
+            let (sin, cos) = (TAU * (k % SIDES) as f64 / SIDES as f64).sin_cos();
+            [x + radius * cos, y + radius * sin, z]
+        };
+        for k in 0..SIDES {
+            let corners = [at(k, back), at(k + 1, back), at(k + 1, front), at(k, front)];
+            self.flat(&corners, &[[0, 1, 2], [0, 2, 3]], material);
+            self.flat(&[[x, y, front], at(k, front), at(k + 1, front)], &[[0, 1, 2]], material);
+            self.flat(&[[x, y, back], at(k + 1, back), at(k, back)], &[[0, 1, 2]], material);
         }
     }
 

@@ -218,9 +218,16 @@ fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&
     };
     let room = volume(&control.mesh);
     let mut scale = (PACKING * room / WANTED / volume(&prop_model.mesh)).cbrt();
-    let prop =
-        Prop { model: prop_model, weight: 1.0, friction: 0.7, density: 1000.0, restitution: 0.0, scale: [scale; 2] };
-    let mut scene = Scene { control, props: vec![prop], statics: Vec::new() };
+    let prop = Prop {
+        model: prop_model,
+        weight: 1.0,
+        friction: 0.7,
+        density: 1000.0,
+        restitution: 0.0,
+        scale: [scale; 2],
+        tilt_max: 180.0,
+    };
+    let mut scene = Scene { control: Some(control), props: vec![prop], ..Scene::default() };
     let mut params = Params::new(Accuracy::Standard);
     params.fill.max_bodies = TRIAL_LIMIT;
     let mut watch = Watch::new();
@@ -229,7 +236,11 @@ fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&
     let (mut small, mut large) = (0.0, f64::INFINITY);
     for _ in 0..ATTEMPTS {
         scene.props[0].scale = [scale; 2];
-        eprintln!("{} in {}, scale {scale:.4}", scene.props[0].model.name, scene.control.name);
+        eprintln!(
+            "{} in {}, scale {scale:.4}",
+            scene.props[0].model.name,
+            scene.control.as_ref().map_or("", |c| &c.name)
+        );
         watch.begin(true);
         match cairn_core::bake(&scene, &params, &mut watch) {
             Ok(bake) => {

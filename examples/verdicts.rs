@@ -24,9 +24,10 @@ fn main() -> anyhow::Result<()> {
     let checked = check::run(&scene, &params).map_err(cairn_core::Error::Invalid)?;
     let shapes = shape::run(&scene, &params, &checked, &mut Silent)?;
     let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
-    let container = Container::new(&checked.control, &checked.topology, units.length, checked.ground);
+    let control = checked.control.as_ref().expect("the scene has a control mesh");
+    let container = Container::new(&control.mesh, &control.topology, units.length, checked.ground);
     let full = fill::run(&scene, &shapes, &params, units, &container, &mut Silent)?;
-    let control = Control::new(&params.control, params.gravity, params.seed, &container.distance);
+    let control = Control::new(&params.control, params.gravity, params.seed, Some(&container.distance));
     let mut pile = release::turn_over(&scene, &shapes, &params, units, &full.bodies, checked.ground, control)?;
 
     // A bake's own release, interrupted before every cycle.
@@ -122,7 +123,7 @@ fn whole(world: &World) -> Option<global::Report> {
         .collect();
     let other = |side: Side| match side {
         Side::Body(b) => Some(b),
-        Side::Ground | Side::Scenery => None,
+        Side::Ground | Side::Scenery | Side::Moving => None,
     };
     let touches = world.touches(0.05);
     let contacts: Vec<global::Contact> = touches
@@ -148,8 +149,16 @@ fn time(work: impl FnOnce()) -> f64 {
 
 fn scene() -> anyhow::Result<Scene> {
     let stick = model("stick")?;
-    let prop = Prop { model: stick, weight: 1.0, friction: 0.7, density: 500.0, restitution: 0.0, scale: [1.0; 2] };
-    Ok(Scene { control: model("cone")?, props: vec![prop], statics: Vec::new() })
+    let prop = Prop {
+        model: stick,
+        weight: 1.0,
+        friction: 0.7,
+        density: 500.0,
+        restitution: 0.0,
+        scale: [1.0; 2],
+        tilt_max: 180.0,
+    };
+    Ok(Scene { control: Some(model("cone")?), props: vec![prop], ..Scene::default() })
 }
 
 fn model(name: &str) -> anyhow::Result<Model> {

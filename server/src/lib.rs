@@ -3,6 +3,7 @@
 pub mod cli;
 pub mod client;
 pub mod config;
+mod cost;
 mod deadline;
 mod decompress;
 pub mod document;

@@ -2,7 +2,7 @@
 
 use cpu_time::ProcessTime;
 use std::path::Path;
-use sysinfo::{Disks, MemoryRefreshKind, System};
+use sysinfo::{CpuRefreshKind, Disks, MemoryRefreshKind, System};
 
 /// CPU seconds of this process so far, over all threads.
 pub fn cpu_seconds() -> f64 {
@@ -51,4 +51,12 @@ pub fn cpu_features() -> Vec<&'static str> {
         found.push("neon");
     }
     found
+}
+
+/// The processor and its threads, for tables of costs.
+pub fn name() -> String {
+    let mut system = System::new();
+    system.refresh_cpu_list(CpuRefreshKind::nothing());
+    let brand = system.cpus().first().map_or(std::env::consts::ARCH.into(), |cpu| cpu.brand().trim().to_owned());
+    format!("{brand}, {} threads", system.cpus().len())
 }

@@ -50,7 +50,8 @@ pub fn versions() -> proto::Versions {
 /// Hash of a result: equal for equal bodies and frames, to the last bit, whatever it is written as.
 ///
 /// BLAKE3 over little-endian bytes: fps; number of bodies; each body's prop and scale; number of frames; each frame's
-/// poses as translation x, y, z and rotation x, y, z, w. Counts and indices are 64 bit, the rest doubles.
+/// poses as translation x, y, z and rotation x, y, z, w; of each body that appears later, its index and first frame; the
+/// poses of moving scenery likewise. Counts and indices are 64 bit, the rest doubles.
 pub fn result_hash(bake: &Bake) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&bake.fps.to_le_bytes());
@@ -60,10 +61,15 @@ pub fn result_hash(bake: &Bake) -> blake3::Hash {
         hasher.update(&body.scale.to_le_bytes());
     }
     hasher.update(&(bake.frames.len() as u64).to_le_bytes());
-    for pose in bake.frames.iter().flatten() {
+    let late = bake.bodies.iter().enumerate().filter(|(_, body)| body.first_frame > 0);
+    let late: Vec<u64> = late.flat_map(|(i, body)| [i as u64, body.first_frame as u64]).collect();
+    for pose in bake.frames.iter().flatten().chain(bake.scenery.iter().flatten()) {
         for number in pose.translation.to_array().into_iter().chain(pose.rotation.to_array()) {
             hasher.update(&number.to_le_bytes());
         }
+    }
+    for number in late {
+        hasher.update(&number.to_le_bytes());
     }
     hasher.finalize()
 }

@@ -5,7 +5,7 @@ use crate::proto;
 use cairn_core::observer::{Progress, Stage};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
-    Neighbours, Params, Physics, Spread, Time,
+    Neighbours, Params, Physics, ReleaseOrder, Spread, Time,
 };
 use cairn_core::plan::{Effect, Plan};
 
@@ -22,7 +22,7 @@ pub fn params(params: &Params) -> proto::Scene {
         fill: Some(fill(params)),
         release: Some(release(params)),
         control: Some(control(&params.control)),
-        hold: Some(proto::Hold { patience: Some(params.hold.patience) }),
+        hold: Some(proto::Hold { patience: Some(params.hold.patience), least_seconds: Some(params.hold.least) }),
         output: Some(proto::Output {
             fps: Some(params.output.fps),
             frames: params.output.frames.map(signed),
@@ -76,7 +76,7 @@ pub fn progress(progress: &Progress, remaining_seconds: Option<f64>) -> proto::P
 
 /// Every accuracy with its parameters.
 pub fn accuracy_presets() -> Vec<proto::AccuracyPreset> {
-    let all = [Accuracy::Paper, Accuracy::Draft, Accuracy::Standard, Accuracy::Fine];
+    let all = [&[Accuracy::Paper], &Accuracy::LADDER[..]].concat();
     let preset = |&of: &Accuracy| proto::AccuracyPreset {
         accuracy: accuracy(of).into(),
         parameters: Some(params(&Params::new(of))),
@@ -100,9 +100,16 @@ fn accuracy(accuracy: Accuracy) -> proto::Accuracy {
     match accuracy {
         Accuracy::Paper => proto::Accuracy::Paper,
         Accuracy::Draft => proto::Accuracy::Draft,
+        Accuracy::Preview => proto::Accuracy::Preview,
         Accuracy::Standard => proto::Accuracy::Standard,
         Accuracy::Fine => proto::Accuracy::Fine,
+        Accuracy::Reference => proto::Accuracy::Reference,
     }
+}
+
+/// As scene files write it: `standard`.
+pub fn accuracy_name(of: Accuracy) -> String {
+    accuracy(of).as_str_name().trim_start_matches("ACCURACY_").to_lowercase()
 }
 
 fn physics(physics: &Physics) -> proto::Physics {
@@ -131,6 +138,7 @@ fn fill(params: &Params) -> proto::Fill {
         method: match fill.method {
             FillMethod::Insert => proto::FillMethod::Insert,
             FillMethod::Pour => proto::FillMethod::Pour,
+            FillMethod::Off => proto::FillMethod::Off,
         }
         .into(),
         friction: Some(fill.friction),
@@ -152,6 +160,12 @@ fn release(params: &Params) -> proto::Release {
             Time::Seconds(time) => Interval::IntervalSeconds(time),
         }),
         damping: Some(params.release.damping),
+        order: match params.release.order {
+            ReleaseOrder::BottomUp => proto::ReleaseOrder::BottomUp,
+            ReleaseOrder::TopDown => proto::ReleaseOrder::TopDown,
+            ReleaseOrder::AtOnce => proto::ReleaseOrder::AtOnce,
+        }
+        .into(),
     }
 }
 
@@ -195,5 +209,7 @@ fn control(control: &Control) -> proto::Control {
         damping: Some(control.damping),
         kappa: Some(control.kappa),
         nails_per_body: Some(signed(control.nails_per_body)),
+        until: control.until.map(proto::control::Until::UntilSeconds),
+        stand: Some(control.stand),
     }
 }

@@ -2,7 +2,9 @@
 
 mod bad_input;
 mod bake;
+mod cost;
 mod desk;
+mod examples;
 mod outputs;
 mod readme;
 mod scenes;

@@ -37,8 +37,8 @@ pub fn bake_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> Bake {
         seconds: Default::default(),
         warnings: vec![],
     };
-    let bodies = bodies.iter().map(|&(prop, scale)| Body { prop, scale }).collect();
-    Bake { fps: 24.0, bodies, frames, report }
+    let bodies = bodies.iter().map(|&(prop, scale)| Body { prop, scale, first_frame: 0 }).collect();
+    Bake { fps: 24.0, bodies, frames, scenery: Vec::new(), report }
 }
 
 /// Bodies that fall and spin, each its own way; every second quaternion has the other sign.

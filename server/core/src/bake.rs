@@ -10,8 +10,11 @@ pub struct Bake {
     pub fps: f64,
     /// In the order of insertion.
     pub bodies: Vec<Body>,
-    /// Shape `[frame][body]`: from the prop's own frame, scaled, to the world; metres.
+    /// Shape `[frame][body]`: from the prop's own frame, scaled, to the world; metres. A body that is not there yet has the
+    /// pose in which it will appear.
     pub frames: Vec<Vec<Pose>>,
+    /// Shape `[static][frame]`: from where the file places it to the world; empty for one that stands still.
+    pub scenery: Vec<Vec<Pose>>,
     pub report: Report,
 }
 
@@ -22,4 +25,6 @@ pub struct Body {
     pub prop: usize,
     /// Uniform scale applied to the prop before its pose.
     pub scale: f64,
+    /// The first frame that has it; 0 for all that the fill or the scene put there at the beginning.
+    pub first_frame: usize,
 }

@@ -1,10 +1,12 @@
 //! Everything that can be said about a scene before anything runs: all problems at once, and the sizes that the rest
 //! is measured in.
 
+mod added;
+
 use crate::mesh::TriMesh;
-use crate::params::Params;
+use crate::params::{FillMethod, Params};
 use crate::problem::Problem;
-use crate::scene::{Prop, Scene};
+use crate::scene::{Model, Prop, Scene};
 use crate::shape::Size;
 use crate::topology::{self, Topology, WELD_TOLERANCE};
 
@@ -15,22 +17,55 @@ pub struct Checked {
     pub diameter: f64,
     /// Height of the ground, m.
     pub ground: f64,
-    /// The control mesh, welded and facing outward.
-    pub control: TriMesh,
-    pub topology: Topology,
-    /// Volume of the control mesh, m^3.
-    pub volume: f64,
+    /// The control mesh, where there is one.
+    pub control: Option<Closed>,
+    /// The mesh that says where the control acts, where it is not the control mesh.
+    pub region: Option<Closed>,
     /// One per prop.
     pub sizes: Vec<Size>,
+    /// How common each prop is: its share among the drawn ones or, where none is drawn, among those placed.
+    pub shares: Vec<f64>,
     pub warnings: Vec<String>,
+}
+
+/// A closed mesh, welded and facing outward.
+#[derive(Clone, Debug)]
+pub struct Closed {
+    pub mesh: TriMesh,
+    pub topology: Topology,
+}
+
+impl Closed {
+    /// m^3.
+    pub fn volume(&self) -> f64 {
+        self.mesh.signed_volume().abs()
+    }
+}
+
+impl Checked {
+    /// The shape that the pile is measured against.
+    pub fn target(&self) -> Option<&Closed> {
+        self.control.as_ref().or(self.region.as_ref())
+    }
+}
+
+/// Whether the control mesh is to be filled.
+pub fn fills(scene: &Scene, params: &Params) -> bool {
+    scene.control.is_some() && params.fill.method != FillMethod::Off
 }
 
 /// Checks scene and parameters.
 pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
     let mut problems = params.problems();
     let mut warnings = Vec::new();
-    let (control, topology, repairs) = control(scene, &mut problems);
-    warnings.extend(repairs);
+    let told = (&mut problems, &mut warnings);
+    let control = scene.control.as_ref().and_then(|model| closed("control_mesh", "control mesh", model, told));
+    let told = (&mut problems, &mut warnings);
+    let region = scene.region.as_ref().and_then(|model| closed("region", "region", model, told));
+    if scene.control.is_none() && scene.bodies.is_empty() && scene.emitters.is_empty() {
+        let text = "control_mesh: there is none; give a closed mesh to fill, or bodies or emitters without one";
+        problems.push(Problem::new("control_mesh", text));
+    }
     if scene.props.is_empty() {
         problems.push(Problem::new("props", "props: none given; name at least one prop, such as a stick or a book"));
     }
@@ -45,55 +80,62 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
             problems.push(Problem::new(field, text));
         }
     }
+    added::check(scene, params, &mut problems);
     let sizes: Vec<Size> = scene.props.iter().map(|p| Size::of(&p.model.mesh)).collect();
     for (i, (prop, size)) in scene.props.iter().zip(&sizes).enumerate() {
-        if let Err(text) = prop_mesh(scene, prop, size, &mut warnings) {
+        if let Err(text) = prop_mesh(scene, params, prop, size, &mut warnings) {
             problems.push(Problem::new(format!("props.{i}"), text));
         }
     }
     if !problems.is_empty() {
         return Err(problems);
     }
-    let low = control.bounds().0.y;
-    let ground = params.ground_height.unwrap_or(low);
-    if ground > low {
-        warnings.push(format!(
-            "{}: {:.3} m of it lie below the ground and stay empty",
-            scene.control.name,
-            ground - low
-        ));
+    let low = control.as_ref().map(|c| c.mesh.bounds().0.y);
+    let ground = params.ground_height.or(low).unwrap_or(0.0);
+    if let (Some(model), Some(control)) = (&scene.control, &control) {
+        let below = ground - low.unwrap_or(ground);
+        if below > 0.0 {
+            warnings.push(format!("{}: {below:.3} m of it lie below the ground and stay empty", model.name));
+        }
+        warnings.extend(base(&model.name, &control.mesh, ground, params.base.height));
     }
-    warnings.extend(base(&scene.control.name, &control, ground, params.base.height));
-    let volume = control.signed_volume().abs();
-    Ok(Checked { diameter: median_diameter(scene, &sizes), ground, volume, control, topology, sizes, warnings })
+    let shares = added::shares(scene, params);
+    let diameter = median_diameter(scene, &sizes, &shares);
+    warnings.extend(added::energy_warnings(scene, params, ground, diameter));
+    Ok(Checked { diameter, ground, control, region, sizes, shares, warnings })
 }
 
-/// The control mesh as it will be used: welded, its parts facing outward; with what was repaired.
-fn control(scene: &Scene, problems: &mut Vec<Problem>) -> (TriMesh, Topology, Vec<String>) {
-    let name = &scene.control.name;
-    let mut told = |text| problems.push(Problem::new("control_mesh", text));
-    let welded = topology::weld(&scene.control.mesh, WELD_TOLERANCE);
+/// A closed mesh as it will be used: welded, its parts facing outward. What was repaired is a warning.
+fn closed(
+    field: &str,
+    what: &str,
+    model: &Model,
+    (problems, warnings): (&mut Vec<Problem>, &mut Vec<String>),
+) -> Option<Closed> {
+    let name = &model.name;
+    let mut told = |text| problems.push(Problem::new(field, text));
+    let welded = topology::weld(&model.mesh, WELD_TOLERANCE);
     let (mesh, repair) = topology::oriented(&welded);
     let found = topology::inspect(&mesh);
     if mesh.triangles.is_empty() {
-        told(format!("{name}: the control mesh has no triangles; model the pile's rough shape as a closed mesh"));
-        return (mesh, found, Vec::new());
+        told(format!("{name}: the {what} has no triangles; model the pile's rough shape as a closed mesh"));
+        return None;
     }
     if !found.closed {
         told(format!(
-            "{name}: the control mesh is open: {} edges belong to one face only; fill its holes (in Blender: Mesh, Clean Up, \
+            "{name}: the {what} is open: {} edges belong to one face only; fill its holes (in Blender: Mesh, Clean Up, \
              Fill Holes)",
             found.boundary_edges
         ));
-        return (mesh, found, Vec::new());
+        return None;
     }
     let (lo, hi) = mesh.bounds();
     let size = hi - lo;
     if mesh.signed_volume().abs() < MIN_CONTROL_FILL * size.x * size.y * size.z || size.min_element() <= 0.0 {
-        told(format!("{name}: the control mesh encloses next to no volume; give it thickness"));
+        told(format!("{name}: the {what} encloses next to no volume; give it thickness"));
     }
-    let repairs = repair.told().into_iter().map(|t| format!("{name}: {t}")).collect();
-    (mesh, found, repairs)
+    warnings.extend(repair.told().into_iter().map(|t| format!("{name}: {t}")));
+    Some(Closed { mesh, topology: found })
 }
 
 /// Less of the underside than this on the ground is worth a word.
@@ -130,12 +172,13 @@ fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<Problem>) {
     let name = &prop.model.name;
     let [lo, hi] = prop.scale;
     for (field, value, bounds) in [
-        ("weight", prop.weight, [f64::MIN_POSITIVE, 1e9]),
+        ("weight", prop.weight, [0.0, 1e9]),
         ("friction", prop.friction, [0.0, 2.0]),
         ("density", prop.density, [1e-3, 1e6]),
         ("restitution", prop.restitution, [0.0, 1.0]),
         ("scale_min", lo, [1e-6, 1e6]),
         ("scale_max", hi, [1e-6, 1e6]),
+        ("tilt_max", prop.tilt_max, [0.0, 180.0]),
     ] {
         range(&format!("props.{i}.{field}"), name, value, bounds, problems);
     }
@@ -148,13 +191,18 @@ fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<Problem>) {
 
 fn range(field: &str, name: &str, value: f64, [lo, hi]: [f64; 2], problems: &mut Vec<Problem>) {
     if !(lo..=hi).contains(&value) {
-        let lo = if lo == f64::MIN_POSITIVE { "above 0".into() } else { format!("from {lo}") };
-        let text = format!("{field} ({name}): {value} is out of range; give a value {lo} to {hi}");
+        let text = format!("{field} ({name}): {value} is out of range; give a value from {lo} to {hi}");
         problems.push(Problem::new(field, text));
     }
 }
 
-fn prop_mesh(scene: &Scene, prop: &Prop, size: &Size, warnings: &mut Vec<String>) -> Result<(), String> {
+fn prop_mesh(
+    scene: &Scene,
+    params: &Params,
+    prop: &Prop,
+    size: &Size,
+    warnings: &mut Vec<String>,
+) -> Result<(), String> {
     let name = &prop.model.name;
     if prop.model.mesh.triangles.is_empty() || size.diameter <= 0.0 {
         return Err(format!("{name}: the prop has no triangles with area; give it a mesh"));
@@ -162,7 +210,8 @@ fn prop_mesh(scene: &Scene, prop: &Prop, size: &Size, warnings: &mut Vec<String>
     if !size.closed {
         warnings.push(format!("{name}: the mesh is open, so that its mass is taken from its collision shape"));
     }
-    let (lo, hi) = scene.control.mesh.bounds();
+    let filled = scene.control.as_ref().filter(|_| fills(scene, params) && prop.weight > 0.0);
+    let Some((lo, hi)) = filled.map(|model| model.mesh.bounds()) else { return Ok(()) };
     let mut room = (hi - lo).to_array();
     room.sort_by(f64::total_cmp);
     let prop_extents = size.extents * prop.scale[1];
@@ -176,16 +225,17 @@ fn prop_mesh(scene: &Scene, prop: &Prop, size: &Size, warnings: &mut Vec<String>
     Ok(())
 }
 
-/// By weight, at the middle of each scale range.
-fn median_diameter(scene: &Scene, sizes: &[Size]) -> f64 {
-    let mut all: Vec<(f64, f64)> =
-        scene.props.iter().zip(sizes).map(|(p, s)| (s.diameter * (p.scale[0] + p.scale[1]) / 2.0, p.weight)).collect();
+/// By share, at the middle of each scale range.
+fn median_diameter(scene: &Scene, sizes: &[Size], shares: &[f64]) -> f64 {
+    let mut all: Vec<(f64, f64)> = (scene.props.iter().zip(sizes).zip(shares))
+        .map(|((p, s), &share)| (s.diameter * (p.scale[0] + p.scale[1]) / 2.0, share))
+        .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = all.iter().map(|a| a.1).sum::<f64>() / 2.0;
     let mut sum = 0.0;
     let middle = all.iter().find(|a| {
         sum += a.1;
-        sum >= half
+        sum >= half && a.1 > 0.0
     });
     middle.or(all.last()).map_or(1.0, |a| a.0)
 }

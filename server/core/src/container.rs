@@ -6,7 +6,7 @@ use crate::mesh::TriMesh;
 use crate::region::{DistanceGrid, Region};
 use crate::topology::Topology;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use ndshape::{RuntimeShape, Shape as _};
 
 /// Walls for the fill, in engine units.
@@ -37,9 +37,8 @@ const REMESH_INSET: f64 = 0.2;
 impl Container {
     /// `control` in SI, `length` metres per engine unit.
     pub fn new(control: &TriMesh, topology: &Topology, length: f64, ground: f64) -> Container {
-        let solid = control.transformed(&DAffine3::from_scale(DVec3::splat(1.0 / length)));
-        let region = Region::new(&solid);
-        let distance = DistanceGrid::new(&region, GRID_SPACING, MAX_GRID_NODES);
+        let solid = control.scaled(1.0 / length);
+        let (region, distance) = grid(control, length);
         let (low, high) = solid.bounds();
         let simple = topology.is_watertight() && topology.components == 1;
         let remeshed = !simple || solid.triangles.len() > MAX_WALL_TRIANGLES;
@@ -72,6 +71,13 @@ impl Container {
         }
         open
     }
+}
+
+/// The inside of a mesh in SI, and the distance to its surface, in engine units.
+pub fn grid(mesh: &TriMesh, length: f64) -> (Region, DistanceGrid) {
+    let region = Region::new(&mesh.scaled(1.0 / length));
+    let distance = DistanceGrid::new(&region, GRID_SPACING, MAX_GRID_NODES);
+    (region, distance)
 }
 
 fn inward(solid: &TriMesh, inside_out: bool) -> TriMesh {

@@ -1,5 +1,7 @@
 //! The control cycle (paper, 3): local equilibrium analysis, candidates, and what is held until the next cycle.
 
+mod impact;
+
 use crate::equilibrium::{
     Analyser, Candidacy, CandidateRules, Contact, FrictionLaw, FrictionReserve, Options, Problem, Solver, Spread,
 };
@@ -10,7 +12,7 @@ use crate::world::{BodyId, Role, Side, Touch, World};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What the control has done so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,6 +33,8 @@ pub struct Tally {
     /// Bodies that slid without friction for a cycle, because they were jammed above a gap.
     pub unjammed: u64,
     pub held_peak: u64,
+    /// Held bodies let go because something was about to hit them, or others in contact with them.
+    pub shaken: u64,
     /// Largest force of a nail that held, in weights of the lighter body.
     pub nail_load_max: f64,
 }
@@ -57,8 +61,8 @@ pub struct Control<'a> {
     params: &'a ControlParams,
     /// Force per mass at which a nail breaks, in weights.
     break_limit: f64,
-    /// Bodies whose centre of mass is outside are never controlled.
-    region: &'a DistanceGrid,
+    /// Bodies whose centre of mass is outside are never controlled; `None`: the control acts everywhere.
+    region: Option<&'a DistanceGrid>,
     analyser: Analyser,
     rng: Pcg64Mcg,
     pub tally: Tally,
@@ -71,6 +75,16 @@ pub struct Control<'a> {
     strained: BTreeMap<BodyId, Strain>,
     /// Set late in the hold: bodies outside the region are damped, too, and fast ones by this much.
     quiet: Option<f64>,
+    /// Whether something may hit the pile: only then hits are looked for.
+    pub watches_hits: bool,
+    /// Bodies let go for a hit, and the first cycle that may hold them again.
+    shaken: BTreeMap<BodyId, u64>,
+    /// Bodies that were dropped or thrown: not damped while they touch nothing.
+    dropped: BTreeSet<BodyId>,
+    /// Bodies placed by hand that may overlap: not held before they have come apart.
+    placed: BTreeSet<BodyId>,
+    /// It has ended for good.
+    ended: bool,
 }
 
 /// A body whose hold broke under its load is squeezed between its neighbours: holding it again at once would only
@@ -104,7 +118,7 @@ const LATE_DAMPING: f64 = 3.0;
 
 impl<'a> Control<'a> {
     /// `region` in engine units.
-    pub fn new(params: &'a ControlParams, gravity: f64, seed: u64, region: &'a DistanceGrid) -> Control<'a> {
+    pub fn new(params: &'a ControlParams, gravity: f64, seed: u64, region: Option<&'a DistanceGrid>) -> Control<'a> {
         Control {
             params,
             break_limit: params.kappa / KAPPA_TIME / gravity,
@@ -117,11 +131,16 @@ impl<'a> Control<'a> {
             still: Vec::new(),
             strained: BTreeMap::new(),
             quiet: None,
+            watches_hits: false,
+            shaken: BTreeMap::new(),
+            dropped: BTreeSet::new(),
+            placed: BTreeSet::new(),
+            ended: false,
         }
     }
 
     pub fn is_on(&self) -> bool {
-        self.params.mode != ControlMode::Off
+        self.params.mode != ControlMode::Off && !self.ended
     }
 
     /// Whether a cycle is due before this step of the release.
@@ -133,6 +152,33 @@ impl<'a> Control<'a> {
     /// `damping`.
     pub fn quieten(&mut self, damping: f64) {
         self.quiet = Some(damping);
+    }
+
+    /// Ends that again.
+    pub fn unquieten(&mut self) {
+        self.quiet = None;
+    }
+
+    /// A body falls or flies in.
+    pub fn drop_in(&mut self, id: BodyId) {
+        self.dropped.insert(id);
+    }
+
+    /// A body was placed by hand, maybe into another one.
+    pub fn place(&mut self, id: BodyId) {
+        self.placed.insert(id);
+    }
+
+    /// Ends the control: nothing is held, nailed, damped or slippery any more.
+    pub fn end(&mut self, world: &mut World) {
+        self.ended = true;
+        world.pull_all_nails();
+        for id in world.present().collect::<Vec<_>>() {
+            if world.bodies()[id].role == Role::Held {
+                world.set_role(id, Role::Free);
+            }
+            world.set_slippery(id, false);
+        }
     }
 
     /// Bodies that passed the latest cycle.
@@ -164,7 +210,8 @@ impl<'a> Control<'a> {
         // A body held across a wider gap would count as hanging, however thick it is.
         touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= measure::CARRYING_GAP));
         touches.retain(|t| !t.points.is_empty());
-        self.certified = self.candidates(world, &touches);
+        let barred = self.barred(world, &touches);
+        self.certified = self.candidates(world, &touches, &barred);
         let hanging = self.hanging(world, &touches);
         hanging.iter().for_each(|&id| self.certified[id] = false);
         match self.params.mode {
@@ -172,10 +219,11 @@ impl<'a> Control<'a> {
             ControlMode::Nails => self.nail(world, &touches),
             ControlMode::Hold => self.hold(world, &touches),
         }
-        self.damp(world);
+        self.damp(world, &touches);
         self.unjam(world, &hanging);
         self.touches = touches;
-        self.still = world.bodies().iter().map(|b| matches!(b.role, Role::Held | Role::Waiting)).collect();
+        let stands = |role: Role| matches!(role, Role::Held | Role::Waiting | Role::Kept);
+        self.still = world.bodies().iter().map(|b| stands(b.role)).collect();
     }
 
     /// A waiting body is let go: it may move now, and counts as a support.
@@ -233,11 +281,18 @@ impl<'a> Control<'a> {
     }
 
     /// Section 3.1 to 3.3: which bodies may be held. Shape `[body]`.
-    fn candidates(&mut self, world: &World, touches: &[Touch]) -> Vec<bool> {
+    fn candidates(&mut self, world: &World, touches: &[Touch], barred: &[bool]) -> Vec<bool> {
         let settled = self.settled(world, touches);
         let contacts = self.contacts(world, touches);
         let mut passed = vec![false; world.bodies().len()];
         for (id, contacts) in contacts.iter().enumerate() {
+            if barred.get(id).is_some_and(|&barred| barred) {
+                continue;
+            }
+            if world.bodies()[id].role == Role::Kept {
+                passed[id] = true;
+                continue;
+            }
             if settled[id] {
                 self.tally.settled += 1;
                 passed[id] = self.certified[id];
@@ -262,7 +317,8 @@ impl<'a> Control<'a> {
     }
 
     fn is_inside(&self, world: &World, id: BodyId) -> bool {
-        self.region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE
+        let Some(region) = self.region else { return true };
+        region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE
     }
 
     /// The selected contacts of each body. Shape `[body][contact]`, engine units.
@@ -272,6 +328,7 @@ impl<'a> Control<'a> {
             // A body that waits may be touched, but supports nothing: it will be gone from there.
             Side::Body(id) => world.bodies()[id].role != Role::Waiting,
             Side::Ground | Side::Scenery => true,
+            Side::Moving => false,
         };
         let selected = |normal: DVec3| self.params.selection == ContactSelection::All || normal.y > 0.0;
         for t in touches {
@@ -348,6 +405,7 @@ impl<'a> Control<'a> {
             let (nailed, other) = match t.b {
                 Side::Body(b) => (self.certified[t.a] && self.certified[b] && (closed[t.a] || closed[b]), Some(b)),
                 Side::Ground | Side::Scenery => (closed[t.a], None),
+                Side::Moving => continue,
             };
             let room = driven[t.a] < most && other.is_none_or(|b| driven[b] < most);
             if nailed && room {
@@ -368,11 +426,13 @@ impl<'a> Control<'a> {
             Neighbours::All => self.surrounded(world, touches),
             Neighbours::Either => self.certified.clone(),
         };
-        let strained = |id: &BodyId| self.strained.get(id).is_some_and(|s| self.tally.cycles < s.free_until);
+        let strained = |id: &BodyId| {
+            self.strained.get(id).is_some_and(|s| self.tally.cycles < s.free_until) || self.is_shaken(*id)
+        };
         for (id, hold) in held.iter().enumerate().map(|(id, &hold)| (id, hold && !strained(&id))) {
             match world.bodies()[id].role {
                 Role::Free | Role::Held => world.set_role(id, if hold { Role::Held } else { Role::Free }),
-                Role::Waiting | Role::Gone => {}
+                Role::Waiting | Role::Kept | Role::Gone => {}
             }
         }
         self.tally.held_peak = self.tally.held_peak.max(world.count(Role::Held) as u64);
@@ -383,7 +443,7 @@ impl<'a> Control<'a> {
     fn hanging(&self, world: &World, touches: &[Touch]) -> Vec<BodyId> {
         let waits = |id: BodyId| world.bodies()[id].role == Role::Waiting;
         let released = |t: &&Touch| !waits(t.a) && !matches!(t.b, Side::Body(b) if waits(b));
-        let contacts: Vec<_> = touches.iter().filter(released).flat_map(Touch::measured).collect();
+        let contacts: Vec<_> = touches.iter().filter(released).flat_map(|t| t.measured(world)).collect();
         let slow = |id: BodyId| {
             let free = world.bodies()[id].role == Role::Free && world.speed(id) < self.params.speed;
             (free || world.bodies()[id].role == Role::Held) && self.is_inside(world, id)
@@ -403,13 +463,18 @@ impl<'a> Control<'a> {
 
     /// Slow bodies that are not certified lose speed, so that near contacts close gently and rest can be certified;
     /// a falling body falls.
-    fn damp(&self, world: &mut World) {
+    fn damp(&self, world: &mut World, touches: &[Touch]) {
         if self.params.damping == 0.0 {
             return;
         }
+        let flying = self.flying(touches);
         for id in 0..world.bodies().len() {
             if world.bodies()[id].role == Role::Free && (self.quiet.is_some() || self.is_inside(world, id)) {
                 let slow = world.speed(id) < self.params.speed;
+                if self.is_shaken(id) || flying.contains(&id) {
+                    world.set_damping(id, 0.0);
+                    continue;
+                }
                 let slowly = if self.quiet.is_some() { LATE_DAMPING } else { 1.0 } * self.params.damping;
                 world.set_damping(id, if slow { slowly } else { self.quiet.unwrap_or(0.0) });
             }

@@ -1,9 +1,10 @@
 //! The report of a bake: its figures by the names of measures.md, its counts, and what a person should know.
 
 use crate::Error;
+use crate::bake::Body;
 use crate::container::Container;
 use crate::equilibrium::global;
-use crate::fill::{Filled, Placed, Removed};
+use crate::fill::{Filled, Removed};
 use crate::free_pour;
 use crate::hold::Held;
 use crate::measure::{self, Contact, Gauge, Overlap, ShapeMeasures};
@@ -15,9 +16,10 @@ use crate::pose::Pose;
 use crate::region::Region;
 use crate::release::Pile;
 use crate::report::Report;
-use crate::scene::Scene;
+use crate::scene::{Given, Scene};
 use crate::shape::Shape;
-use crate::world::{BodyId, Side, Touch, World};
+use crate::standing;
+use crate::world::{BodyId, Role, Side, Touch, TouchPoint, World};
 use std::collections::BTreeMap;
 
 /// CPU seconds by stage.
@@ -49,16 +51,29 @@ pub struct Inputs<'a> {
     pub params: &'a Params,
     pub plan: Plan,
     pub shapes: &'a [Shape],
-    /// Welded and facing outward.
-    pub control: &'a TriMesh,
-    pub container: &'a Container,
-    pub filled: &'a Filled,
+    /// The shape that the pile is to have, welded and facing outward.
+    pub target: Option<&'a TriMesh>,
+    pub filled: Option<&'a (Container, Filled)>,
     pub held: Held,
+    pub bodies: &'a [Body],
+    /// Height, m.
+    pub ground: f64,
 }
 
-/// The frames in SI, from the props' own frames. Shape `[frame][body]`.
-pub fn prop_frames(pile: &Pile) -> Vec<Vec<Pose>> {
-    (0..pile.recorder.frames.len()).map(|number| pile.prop_frame(number).collect()).collect()
+/// The bodies that some frame has, and the frames in SI, from the props' own frames. Shape `[frame][body]`.
+pub fn prop_frames(pile: &Pile) -> (Vec<Body>, Vec<Vec<Pose>>) {
+    let count = pile.recorder.frames.last().map_or(0, Vec::len);
+    let all = pile.bodies.iter().zip(&pile.first_frames).take(count);
+    let bodies: Vec<Body> = all.map(|(b, &first_frame)| Body { prop: b.prop, scale: b.scale, first_frame }).collect();
+    let mut frames: Vec<Vec<Pose>> =
+        (0..pile.recorder.frames.len()).map(|number| pile.prop_frame(number).collect()).collect();
+    // Before it appears, a body has the pose that it will have then.
+    for number in (1..frames.len()).rev() {
+        let (before, after) = frames.split_at_mut(number);
+        let known = before[number - 1].len();
+        before[number - 1].extend_from_slice(&after[0][known..]);
+    }
+    (bodies, frames)
 }
 
 /// Measures the pile.
@@ -69,40 +84,40 @@ pub fn report(
     observer: &mut dyn Observer,
 ) -> Result<Report, Error> {
     let Inputs { scene, params, shapes, filled, held, .. } = *inputs;
-    let bodies = filled.bodies.len();
+    let bodies = inputs.bodies.len();
     let progress =
         |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
     observe(observer, &progress(0.0))?;
-    let region = Region::new(inputs.control);
-    let props: Vec<TriMesh> = scene.props.iter().map(|p| p.model.mesh.clone()).collect();
-    let (start, end) = (placed(&filled.bodies, &frames[0]), placed(&filled.bodies, &frames[frames.len() - 1]));
-    let gauge = Gauge::new(inputs.control, &region, &measure::Pile { props: &props, bodies: &start });
-    let first = gauge.measure(&measure::Pile { props: &props, bodies: &start });
-    observe(observer, &progress(0.4))?;
-    let last = gauge.measure(&measure::Pile { props: &props, bodies: &end });
+    let mut warnings = inputs.plan.warnings.clone();
+    warnings.extend(filled.map_or(Vec::new(), |(container, filled)| container_warnings(inputs, container, filled)));
+    warnings.append(&mut pile.notes);
+    let mut measures = Figures::new();
+    if let Some(target) = inputs.target {
+        let (figures, first) = shape_figures(inputs, target, pile, frames, observer)?;
+        measures.extend(figures);
+        if let Some((_, filled)) = filled {
+            warnings.extend(fill_warnings(inputs, filled, &first));
+        }
+        warnings.extend(first.caveats());
+    }
     observe(observer, &progress(0.8))?;
-
-    let mut measures = shape_figures(&first, &last);
     measures.extend(contact_figures(&pile.world));
-    measures.extend(motion_figures(inputs, pile));
+    measures.extend(motion_figures(inputs, pile, frames));
     measures.extend(control_figures(pile));
     if params.output.free_standing {
-        measures.insert("free_standing_fraction", Some(free_standing(pile, observer)?));
+        measures.extend(standing::measure(pile, observer)?);
     }
     if params.output.free_pour {
         measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
     }
-    let mut warnings = inputs.plan.warnings.clone();
-    warnings.extend(fill_warnings(inputs, &first));
     warnings.extend(end_warnings(pile, held, &measures));
-    warnings.extend(first.caveats());
     Ok(Report {
         seed: params.seed,
         bodies,
         plan: inputs.plan.clone(),
         params: params.clone(),
         measures,
-        counts: counts(filled, pile),
+        counts: counts(filled.map(|(_, filled)| filled), pile),
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds: BTreeMap::new(),
         warnings,
@@ -111,21 +126,62 @@ pub fn report(
 
 type Figures = BTreeMap<&'static str, Option<f64>>;
 
-fn placed(bodies: &[Placed], frame: &[Pose]) -> Vec<(usize, f64, Pose)> {
-    bodies.iter().zip(frame).map(|(b, &pose)| (b.prop, b.scale, pose)).collect()
+/// The bodies that a frame has, as the measures take them.
+fn placed(bodies: &[Body], frame: &[Pose], number: usize) -> Vec<(usize, f64, Pose)> {
+    let there = bodies.iter().zip(frame).filter(|(b, _)| b.first_frame <= number);
+    there.map(|(b, &pose)| (b.prop, b.scale, pose)).collect()
 }
 
-/// Figures of the end under their names; those right after turning over with `_start` behind.
-fn shape_figures(first: &ShapeMeasures, last: &ShapeMeasures) -> Figures {
-    let mut figures: Figures = last.figures().into_iter().map(|(name, value)| (name, Some(value))).collect();
-    figures.insert("shape_iou_start", Some(first.shape_iou.value));
-    figures.insert("height_p95_rel_start", Some(first.height_p95_rel));
-    figures.insert("silhouette_iou_start", Some(first.silhouette_iou));
-    // Defined right after turning over, and after the fill.
-    figures.insert("protrusion_rel", Some(first.protrusion_rel));
-    figures.insert("fill_fraction", Some(first.fill_fraction));
-    figures.insert("kept_shape", measure::kept_shape(first, last));
-    figures
+/// Figures of the end of the hold under their names; those right after turning over with `_start` behind; where
+/// something disturbed the hold, those of the last frame with `_after` behind. Also the measures that caveats are taken of.
+fn shape_figures(
+    inputs: &Inputs,
+    target: &TriMesh,
+    pile: &Pile,
+    frames: &[Vec<Pose>],
+    observer: &mut dyn Observer,
+) -> Result<(Figures, ShapeMeasures), Error> {
+    let bodies = inputs.bodies.len();
+    let progress =
+        |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
+    let region = Region::new(target);
+    let props: Vec<TriMesh> = inputs.scene.props.iter().map(|p| p.model.mesh.clone()).collect();
+    let last = frames.len() - 1;
+    let hold_end = pile.disturbed_frame.unwrap_or(last).min(last);
+    let [start, held, after] = [0, hold_end, last].map(|number| placed(inputs.bodies, &frames[number], number));
+    let pile_of = |bodies| measure::Pile { props: &props, bodies };
+    // The pile is what it is made of at the beginning: a ball thrown into it has no part in its shape.
+    let made_of: std::collections::BTreeSet<usize> =
+        if start.is_empty() { &after } else { &start }.iter().map(|b| b.0).collect();
+    let only =
+        |bodies: Vec<(usize, f64, Pose)>| -> Vec<_> { bodies.into_iter().filter(|b| made_of.contains(&b.0)).collect() };
+    let (held, after) = (only(held), only(after));
+    let gauge = Gauge::new(target, &region, &pile_of(if start.is_empty() { &after } else { &start }));
+    let first = (!start.is_empty()).then(|| gauge.measure(&pile_of(&start)));
+    observe(observer, &progress(0.4))?;
+    let mut figures = Figures::new();
+    let at_end = (!held.is_empty()).then(|| gauge.measure(&pile_of(&held)));
+    if let Some(at_end) = &at_end {
+        figures.extend(at_end.figures().into_iter().map(|(name, value)| (name, Some(value))));
+    }
+    if let Some(first) = &first {
+        figures.insert("shape_iou_start", Some(first.shape_iou.value));
+        figures.insert("height_p95_rel_start", Some(first.height_p95_rel));
+        figures.insert("silhouette_iou_start", Some(first.silhouette_iou));
+        // Defined right after turning over, and after the fill.
+        figures.insert("protrusion_rel", Some(first.protrusion_rel));
+        figures.insert("fill_fraction", Some(first.fill_fraction));
+        figures.insert("kept_shape", at_end.as_ref().and_then(|end| measure::kept_shape(first, end)));
+    }
+    let mut caveats_of = first.or(at_end);
+    if hold_end < last || caveats_of.is_none() {
+        let after = gauge.measure(&pile_of(&after));
+        figures.insert("shape_iou_after", Some(after.shape_iou.value));
+        figures.insert("height_p95_rel_after", Some(after.height_p95_rel));
+        figures.insert("silhouette_iou_after", Some(after.silhouette_iou));
+        caveats_of.get_or_insert(after);
+    }
+    Ok((figures, caveats_of.expect("some frame has bodies")))
 }
 
 /// Gap up to which contacts carry in `unsupported_fraction`, as a share of the thinner prop's thickness (measures.md).
@@ -135,9 +191,10 @@ fn contact_figures(world: &World) -> Figures {
     // `hanging` counts contacts up to d/200, which may be more than the thickness tolerance of thin props.
     let thinnest = world.present().map(|id| world.bodies()[id].thickness).fold(f64::INFINITY, f64::min);
     let touches = world.touches(REAL_CONTACT.max(measure::CARRYING_GAP / thinnest));
-    let contacts: Vec<Contact> = touches.iter().flat_map(Touch::measured).collect();
+    let contacts: Vec<Contact> = touches.iter().flat_map(|t| t.measured(world)).collect();
+    let movable = |id: BodyId| !matches!(world.bodies()[id].role, Role::Gone | Role::Kept);
     let at_rest: Vec<bool> =
-        (0..world.bodies().len()).map(|id| world.is_present(id) && world.speed(id) < crate::hold::REST_SPEED).collect();
+        (0..world.bodies().len()).map(|id| movable(id) && world.speed(id) < crate::hold::REST_SPEED).collect();
     // Engine units: d is 1.
     let hanging = measure::hanging(&at_rest, &contacts, 1.0).len();
     let overlap = |t: &Touch| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
@@ -154,7 +211,9 @@ fn contact_figures(world: &World) -> Figures {
 /// `unsupported_fraction`: share of the resting bodies that the best global distribution of contact forces leaves
 /// unbalanced by more than a tenth of their weight. All contacts count, up to a gap of [`REAL_CONTACT`].
 fn unsupported(world: &World) -> f64 {
-    let present: Vec<BodyId> = world.present().collect();
+    // What is kept in place carries like scenery.
+    let is_kept = |id: BodyId| world.bodies()[id].role == Role::Kept;
+    let present: Vec<BodyId> = world.present().filter(|&id| !is_kept(id)).collect();
     let index = |id: BodyId| present.binary_search(&id).ok();
     let body = |&id: &BodyId| {
         let b = &world.bodies()[id];
@@ -163,18 +222,30 @@ fn unsupported(world: &World) -> f64 {
     let bodies: Vec<global::Body> = present.iter().map(body).collect();
     let touches = world.touches(REAL_CONTACT);
     let contact = |t: &Touch| {
-        let (body, friction) = (index(t.a)?, t.friction);
         let other = match t.b {
+            Side::Body(b) if is_kept(b) => None,
             Side::Body(b) => Some(index(b)?),
-            Side::Ground | Side::Scenery => None,
+            Side::Ground | Side::Scenery | Side::Moving => None,
         };
-        Some((body, other, friction))
+        // Normals point into the first of the pair.
+        match (index(t.a), other) {
+            (Some(body), other) => Some((body, other, t.friction, 1.0)),
+            (None, Some(body)) => Some((body, None, t.friction, -1.0)),
+            (None, None) => None,
+        }
     };
     let contacts: Vec<global::Contact> = touches
         .iter()
         .filter_map(|t| Some((t, contact(t)?)))
-        .flat_map(|(t, (body, other, friction))| {
-            t.points.iter().map(move |p| global::Contact { body, other, point: p.point, normal: p.normal, friction })
+        .flat_map(|(t, (body, other, friction, side))| {
+            let contact = move |p: &TouchPoint| global::Contact {
+                body,
+                other,
+                point: p.point,
+                normal: side * p.normal,
+                friction,
+            };
+            t.points.iter().map(contact)
         })
         .collect();
     let pile = global::Pile { bodies: &bodies, contacts: &contacts, gravity: glam::DVec3::NEG_Y };
@@ -188,21 +259,47 @@ fn unsupported(world: &World) -> f64 {
 /// mg (measures.md).
 const UNBALANCED: f64 = 0.1;
 
-fn motion_figures(inputs: &Inputs, pile: &Pile) -> Figures {
+fn motion_figures(inputs: &Inputs, pile: &Pile, prop_frames: &[Vec<Pose>]) -> Figures {
     let units = pile.world.units;
-    let weight = inputs.filled.bodies.len() as f64;
-    let centres = |frame: &Vec<Pose>| frame.iter().map(|p| p.translation).collect::<Vec<_>>();
+    let weight = pile.bodies.len() as f64;
     let frames = &pile.recorder.frames;
-    let from = pile.hold_frame.min(frames.len() - 1);
-    let drift = measure::drift_p95_rel(&centres(&frames[from]), &centres(&frames[frames.len() - 1]), 1.0);
-    BTreeMap::from([
-        ("drift_p95_rel", Some(drift)),
+    let last = frames.len() - 1;
+    let hold_end = pile.disturbed_frame.unwrap_or(last).min(last);
+    let from = pile.hold_frame.min(hold_end);
+    let displacements = |from: usize, to: usize| -> Vec<f64> {
+        frames[from].iter().zip(&frames[to]).map(|(a, b)| a.translation.distance(b.translation)).collect()
+    };
+    let mut figures = BTreeMap::from([
+        ("drift_p95_rel", Some(measure::percentile(&displacements(from, hold_end), 0.95))),
         ("resting_speed_max", Some(inputs.held.resting_speed_max * units.length / units.time)),
         ("resting_speed_max_rel", Some(inputs.held.resting_speed_max)),
         ("kinetic_energy_rel", Some(pile.world.kinetic_energy() / weight)),
         ("active_body_share", Some(pile.active_body_steps as f64 / weight / pile.step.max(1) as f64)),
-    ])
+    ]);
+    if let Some(rest) = inputs.held.rest {
+        let seconds = rest.steps as f64 * pile.world.step_length() * units.time;
+        figures.insert("rest_seconds", Some(seconds));
+        let creep = displacements(rest.frame.min(last), last).into_iter().fold(0.0, f64::max);
+        figures.insert("creep_max_rel", Some(creep));
+    }
+    if inputs.scene.bodies.iter().any(Given::is_stacked) || pile.disturbed_frame.is_some() {
+        let stack = placed(inputs.bodies, &prop_frames[0], 0);
+        let point = |(prop, scale, pose): &(usize, f64, Pose)| {
+            let points = &inputs.scene.props[*prop].model.mesh.points;
+            points.iter().map(|p| pose.transform_point(*p * *scale).y).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let top = stack.iter().map(point).fold(f64::NEG_INFINITY, f64::max);
+        let height = (top - inputs.ground) / units.length;
+        let drift = displacements(0, hold_end).into_iter().fold(0.0, f64::max);
+        figures.insert("stack_drift_rel", (height > 0.0).then(|| drift / height));
+        let fallen = frames[0].iter().zip(&frames[last]).filter(|(a, b)| a.translation.y - b.translation.y > FALLEN);
+        figures.insert("fallen_fraction", Some(fallen.count() as f64 / frames[0].len().max(1) as f64));
+    }
+    figures
 }
+
+/// A body whose centre of mass has come down by more than this, in d, has fallen.
+const FALLEN: f64 = 0.25;
 
 fn control_figures(pile: &Pile) -> Figures {
     let tally = pile.control.tally;
@@ -217,34 +314,15 @@ fn control_figures(pile: &Pile) -> Figures {
     ])
 }
 
-/// `free_standing_fraction`: everything let go and awake for 5 s, without nails, control or damping.
-fn free_standing(pile: &mut Pile, observer: &mut dyn Observer) -> Result<f64, Error> {
-    let before: Vec<Pose> = pile.world.present().map(|id| pile.world.pose(id)).collect();
-    pile.world.let_stand_alone();
-    let steps = (FREE_STANDING_TIME / pile.world.units.time / pile.world.step_length()).ceil() as u64;
-    for k in 0..steps {
-        pile.world.step();
-        let fraction = 0.8 + 0.2 * k as f64 / steps as f64;
-        let bodies = before.len();
-        let progress = Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
-        observe(observer, &progress)?;
-    }
-    let moved = |(id, old): (usize, &Pose)| pile.world.pose(id).translation.distance(old.translation);
-    let stood = pile.world.present().zip(&before).map(moved).filter(|&m| m < 0.1).count();
-    Ok(stood as f64 / before.len().max(1) as f64)
-}
-
-/// s (measures.md).
-const FREE_STANDING_TIME: f64 = 5.0;
-
-fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
+fn counts(filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'static str, u64> {
     let tally = pile.control.tally;
+    let removed = filled.map(|filled| filled.removed).unwrap_or_default();
     BTreeMap::from([
-        ("fill_steps", filled.steps),
+        ("fill_steps", filled.map_or(0, |filled| filled.steps)),
         ("steps", pile.step),
-        ("removed_sticking_out", filled.removed.sticking_out as u64),
-        ("removed_overlapping", filled.removed.overlapping as u64),
-        ("removed_escaped", filled.removed.escaped as u64),
+        ("removed_sticking_out", removed.sticking_out as u64),
+        ("removed_overlapping", removed.overlapping as u64),
+        ("removed_escaped", removed.escaped as u64),
         ("bodies_lost", pile.lost.len() as u64),
         ("control_cycles", tally.cycles),
         ("analyses", tally.analyses),
@@ -258,6 +336,7 @@ fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
         ("held_peak", tally.held_peak),
         ("holds_broken", tally.holds_broken),
         ("unjammed", tally.unjammed),
+        ("shaken", tally.shaken),
         ("frames", pile.recorder.frames.len() as u64),
     ])
 }
@@ -265,16 +344,16 @@ fn counts(filled: &Filled, pile: &Pile) -> BTreeMap<&'static str, u64> {
 /// Emptier than this, the fill is worth a warning: half of what random props reach.
 const POOR_FILL: f64 = 0.2;
 
-fn fill_warnings(inputs: &Inputs, first: &ShapeMeasures) -> Vec<String> {
+fn container_warnings(inputs: &Inputs, container: &Container, filled: &Filled) -> Vec<String> {
     let mut warnings = Vec::new();
-    if inputs.container.remeshed {
-        let spacing = inputs.container.distance.spacing() * inputs.plan.prop_diameter;
+    if container.remeshed {
+        let spacing = container.distance.spacing() * inputs.plan.prop_diameter;
         warnings.push(format!(
             "{}: filled inside a surface around the union of its parts, {spacing:.3} m between samples",
-            inputs.scene.control.name
+            inputs.scene.control.as_ref().map_or("", |model| &model.name)
         ));
     }
-    let Removed { sticking_out, overlapping, escaped } = inputs.filled.removed;
+    let Removed { sticking_out, overlapping, escaped } = filled.removed;
     for (count, why) in
         [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")]
     {
@@ -285,13 +364,18 @@ fn fill_warnings(inputs: &Inputs, first: &ShapeMeasures) -> Vec<String> {
             });
         }
     }
-    if inputs.filled.full && first.fill_fraction < POOR_FILL {
+    warnings
+}
+
+fn fill_warnings(inputs: &Inputs, filled: &Filled, first: &ShapeMeasures) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if filled.full && first.fill_fraction < POOR_FILL {
         warnings.push(format!(
             "only {:.0} % of the control mesh could be filled: its parts are narrow for these props; smaller props reach farther",
             100.0 * first.fill_fraction
         ));
     }
-    if !inputs.filled.full && inputs.params.fill.count.is_none() {
+    if !filled.full && inputs.params.fill.count.is_none() {
         warnings.push(format!(
             "the fill stopped at its limit of {} bodies before the control mesh was full; raise fill.max_bodies or use larger props",
             inputs.params.fill.max_bodies

@@ -8,7 +8,7 @@ use crate::container::Container;
 use crate::observer::{Frame, Observer, Progress, Shown, Stage, observe};
 use crate::params::{Fill as FillParams, FillMethod, Params};
 use crate::pose::Pose;
-use crate::scene::Scene;
+use crate::scene::{Prop, Scene};
 use crate::shape::{Shape, Size, Solid};
 use crate::world::{BodyId, Insertion, Role, Units, World, WorldBody};
 use glam::{DQuat, DVec3};
@@ -74,9 +74,10 @@ pub fn run(
     observer: &mut dyn Observer,
 ) -> Result<Filled, Error> {
     let mut filling = Filling::new(scene, shapes, params, units, container);
+    filling.place_given()?;
     let poured = match params.fill.method {
         FillMethod::Pour => Some(pour::run(&mut filling, observer)?),
-        FillMethod::Insert => None,
+        FillMethod::Insert | FillMethod::Off => None,
     };
     let inner = container.walls.scaled(units.length);
     let walls = filling.world.add_container(&inner, 0.0).map_err(Error::Internal)?;
@@ -101,7 +102,7 @@ pub fn run(
     filling.clean_up(observer)?;
     filling.world.remove_wall(walls);
     filling.world.remove_wall(floor);
-    let bodies = filling.world.present().map(|id| filling.placed(id)).collect();
+    let bodies = filling.loose().map(|id| filling.placed(id)).collect();
     Ok(Filled { bodies, removed: filling.removed, steps: filling.world.steps, full })
 }
 
@@ -143,7 +144,8 @@ impl<'a> Filling<'a> {
         container: &'a Container,
     ) -> Filling<'a> {
         let thickness =
-            shapes.iter().zip(&scene.props).map(|(s, p)| s.thickness() * p.scale[0]).fold(f64::INFINITY, f64::min);
+            (shapes.iter().zip(&scene.props)).filter(|(_, p)| p.weight > 0.0).map(|(s, p)| s.thickness() * p.scale[0]);
+        let thickness = thickness.fold(f64::INFINITY, f64::min);
         let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
         let expected = expected_bodies(scene, &sizes, container.volume * units.length.powi(3), &params.fill);
         let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
@@ -162,18 +164,24 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// A prop by weight, a scale from its range and any orientation.
+    /// Puts the bodies placed by hand where they belong: the rest is filled around them.
+    fn place_given(&mut self) -> Result<(), Error> {
+        for given in self.scene.bodies.iter().filter(|body| body.is_stacked()) {
+            let pose = self.shapes[given.prop].body_pose(&given.pose, given.scale);
+            let id = self.insert(given.prop, given.scale, self.world.units.pose_to_engine(&pose))?;
+            self.world.set_role(id, Role::Kept);
+        }
+        Ok(())
+    }
+
+    /// The bodies that were filled in, rising.
+    pub fn loose(&self) -> impl Iterator<Item = BodyId> + '_ {
+        self.world.present().filter(|&id| self.world.bodies()[id].role != Role::Kept)
+    }
+
+    /// A prop by weight, a scale from its range and an orientation from its own.
     pub fn draw(&mut self) -> (usize, f64, DQuat) {
-        let total: f64 = self.scene.props.iter().map(|p| p.weight).sum();
-        let mut at = self.rng.random_range(0.0..total);
-        let chosen = self.scene.props.iter().position(|p| {
-            at -= p.weight;
-            at < 0.0
-        });
-        let prop = chosen.unwrap_or(self.scene.props.len() - 1);
-        let [lo, hi] = self.scene.props[prop].scale;
-        let scale = lo + (hi - lo) * self.rng.random::<f64>();
-        (prop, scale, random_rotation(&mut self.rng))
+        draw(&self.scene.props, 0..self.scene.props.len(), &mut self.rng)
     }
 
     pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
@@ -183,7 +191,7 @@ impl<'a> Filling<'a> {
 
     /// Ends the friction of the fill.
     fn use_real_friction(&mut self) {
-        for id in self.world.present().collect::<Vec<_>>() {
+        for id in self.loose().collect::<Vec<_>>() {
             let friction = self.scene.props[self.world.bodies()[id].prop].friction;
             self.world.set_friction(id, friction);
         }
@@ -218,7 +226,7 @@ impl<'a> Filling<'a> {
     }
 
     pub fn tell(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
-        let bodies = self.world.present().count();
+        let bodies = self.loose().count();
         let fraction = (bodies as f64 / self.expected as f64).min(0.99);
         let progress = Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
         observe(observer, &progress)
@@ -239,7 +247,7 @@ impl<'a> Filling<'a> {
 
     /// Takes out what left the container.
     pub fn remove_escaped(&mut self) {
-        for id in self.world.present().collect::<Vec<_>>() {
+        for id in self.loose().collect::<Vec<_>>() {
             let center = self.world.pose(id).translation;
             if !(self.container.distance.signed_distance(center) <= 0.0 && center.y > self.container.base) {
                 self.world.remove(id);
@@ -252,11 +260,7 @@ impl<'a> Filling<'a> {
     fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         for round in 0.. {
             self.remove_escaped();
-            let out = self
-                .world
-                .present()
-                .filter(|&id| self.protrusion(id) > self.params.fill.protrusion)
-                .collect::<Vec<_>>();
+            let out = self.loose().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));
             let overlapping = self.remove_overlapping(0);
@@ -283,7 +287,7 @@ impl<'a> Filling<'a> {
         while !pairs.is_empty() {
             let mut count = std::collections::BTreeMap::<BodyId, usize>::new();
             for &(a, b) in &pairs {
-                for id in [a, b].into_iter().filter(|&id| id >= first) {
+                for id in [a, b].into_iter().filter(|&id| id >= first && self.world.bodies()[id].role != Role::Kept) {
                     *count.entry(id).or_default() += 1;
                 }
             }
@@ -312,10 +316,35 @@ pub fn corners<'a>(shape: &'a Shape, scale: f64, pose: &Pose) -> Box<dyn Iterato
     }
 }
 
-/// Uniform over all rotations (Shoemake 1992).
-pub fn random_rotation(rng: &mut impl Rng) -> DQuat {
+/// One of these props by weight, a scale from its range and an orientation from its own.
+pub fn draw(props: &[Prop], among: impl Iterator<Item = usize> + Clone, rng: &mut impl Rng) -> (usize, f64, DQuat) {
+    let total: f64 = among.clone().map(|i| props[i].weight).sum();
+    let mut at = rng.random_range(0.0..total);
+    let chosen = among.clone().find(|&i| {
+        at -= props[i].weight;
+        at < 0.0
+    });
+    // Rounding may leave a rest: it belongs to the last one that can be drawn.
+    let prop = chosen.or_else(|| among.filter(|&i| props[i].weight > 0.0).last()).unwrap_or(0);
+    let [lo, hi] = props[prop].scale;
+    let scale = lo + (hi - lo) * rng.random::<f64>();
+    (prop, scale, random_rotation(props[prop].tilt_max, rng))
+}
+
+/// Uniform over the rotations that tilt the up axis by at most so many degrees; over all of them for 180 (Shoemake 1992).
+fn random_rotation(tilt_max: f64, rng: &mut impl Rng) -> DQuat {
     let (u, v, w): (f64, f64, f64) = (rng.random(), rng.random(), rng.random());
     let (v, w) = (v * std::f64::consts::TAU, w * std::f64::consts::TAU);
+    if tilt_max < 180.0 {
+        // Even on the cap of directions: its area grows with the height.
+        let height = 1.0 - u * (1.0 - libm::cos(tilt_max.to_radians()));
+        let axis = DVec3::new(libm::cos(v), 0.0, libm::sin(v));
+        let (half_tilt, half_turn) = (libm::acos(height.clamp(-1.0, 1.0)) / 2.0, w / 2.0);
+        let tilt = axis * libm::sin(half_tilt);
+        let tilt = DQuat::from_xyzw(tilt.x, tilt.y, tilt.z, libm::cos(half_tilt));
+        let turn = DQuat::from_xyzw(0.0, libm::sin(half_turn), 0.0, libm::cos(half_turn));
+        return (tilt * turn).normalize();
+    }
     let (a, b) = ((1.0 - u).sqrt(), u.sqrt());
     DQuat::from_xyzw(a * libm::sin(v), a * libm::cos(v), b * libm::sin(w), b * libm::cos(w)).normalize()
 }

@@ -14,7 +14,7 @@ use crate::observer::Observer;
 use crate::params::{FillMethod, Params};
 use crate::pose::Pose;
 use crate::region::Region;
-use crate::scene::{Model, Prop, Scene};
+use crate::scene::{Prop, Scene};
 use crate::shape::Shape;
 use crate::topology;
 use crate::world::Units;
@@ -48,9 +48,8 @@ pub fn free_pour(
     params.fill.friction = prop.friction;
     params.fill.count = None;
     params.fill.max_bodies = MAX_BODIES as u32;
-    let prop = Prop { scale: [scale; 2], ..prop.clone() };
-    let control = Model { name: "the box of the free pour".into(), mesh: bin.clone() };
-    let scene = Scene { control, props: vec![prop], statics: Vec::new() };
+    let prop = Prop { scale: [scale; 2], weight: 1.0, ..prop.clone() };
+    let scene = Scene { props: vec![prop], ..Scene::default() };
     let units = Units::new(diameter, shape.mass * scale.powi(3), params.gravity);
     let container = Container::new(&bin, &topology::inspect(&bin), units.length, 0.0);
     let shapes = std::slice::from_ref(shape);
@@ -86,7 +85,7 @@ pub(crate) fn of_props(
 ) -> Result<Option<f64>, Error> {
     let total: f64 = props.iter().map(|p| p.weight).sum();
     let mut mean = 0.0;
-    for (prop, shape) in props.iter().zip(shapes) {
+    for (prop, shape) in props.iter().zip(shapes).filter(|(prop, _)| prop.weight > 0.0) {
         let Some(fraction) = free_pour(prop, shape, params, observer)? else { return Ok(None) };
         mean += fraction * prop.weight / total;
     }

@@ -8,6 +8,7 @@ pub mod check;
 pub mod container;
 pub mod control;
 pub mod equilibrium;
+pub mod events;
 pub mod figures;
 pub mod fill;
 pub mod free_pour;
@@ -25,19 +26,22 @@ pub mod release;
 pub mod report;
 pub mod scene;
 pub mod shape;
+mod standing;
 pub mod topology;
 mod weld;
 pub mod world;
 
-use bake::{Bake, Body};
+use bake::Bake;
 use check::Checked;
-use container::Container;
+use container::{Container, grid};
 use control::Control;
 use fill::Filled;
 use observer::{Observer, Stage};
 use params::Params;
 use plan::Plan;
+use pose::Pose;
 use problem::Problem;
+use region::DistanceGrid;
 use scene::Scene;
 use shape::Shape;
 use std::collections::BTreeMap;
@@ -62,7 +66,7 @@ pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     Ok(plan::of(scene, params, &checked))
 }
 
-/// The method: shapes, fill, turn over, release, hold.
+/// The method: shapes, fill, turn over, release, hold. A scene may bring its bodies along instead of a fill.
 pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<Bake, Error> {
     let full = fill_container(scene, params, observer)?;
     release_pile(scene, params, &full, observer)
@@ -73,8 +77,9 @@ pub struct FullContainer {
     checked: Checked,
     shapes: Vec<Shape>,
     units: Units,
-    container: Container,
-    filled: Filled,
+    filled: Option<(Container, Filled)>,
+    /// Where the control acts, if that is not the inside of the container; engine units.
+    region: Option<DistanceGrid>,
     seconds: BTreeMap<Stage, f64>,
 }
 
@@ -84,20 +89,27 @@ pub fn fill_container(scene: &Scene, params: &Params, observer: &mut dyn Observe
     let mut clock = figures::Clock::new(observer);
 
     let shapes = shape::run(scene, params, &checked, observer)?;
-    let units = Units::new(checked.diameter, median_mass(scene, &shapes), params.gravity);
-    let container = Container::new(&checked.control, &checked.topology, units.length, checked.ground);
+    let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
+    let filled_mesh = checked.control.as_ref().filter(|_| check::fills(scene, params));
+    let container = filled_mesh.map(|c| Container::new(&c.mesh, &c.topology, units.length, checked.ground));
+    let own = if container.is_some() { checked.region.as_ref() } else { checked.region.as_ref().or(checked.target()) };
+    let region = own.map(|mesh| grid(&mesh.mesh, units.length).1);
     clock.lap(Stage::Shape, observer);
 
-    let filled = fill::run(scene, &shapes, params, units, &container, observer)?;
-    if filled.bodies.is_empty() {
-        let text = format!(
-            "{}: not one prop found room inside; make the control mesh larger, or the props smaller",
-            scene.control.name
-        );
-        return Err(Error::Invalid(vec![Problem::new("control_mesh", text)]));
+    let mut filled = None;
+    if let Some(container) = container {
+        let bodies = fill::run(scene, &shapes, params, units, &container, observer)?;
+        if bodies.bodies.is_empty() {
+            let text = format!(
+                "{}: not one prop found room inside; make the control mesh larger, or the props smaller",
+                scene.control.as_ref().map_or("", |model| &model.name)
+            );
+            return Err(Error::Invalid(vec![Problem::new("control_mesh", text)]));
+        }
+        filled = Some((container, bodies));
+        clock.lap(Stage::Fill, observer);
     }
-    clock.lap(Stage::Fill, observer);
-    Ok(FullContainer { checked, shapes, units, container, filled, seconds: clock.into_seconds() })
+    Ok(FullContainer { checked, shapes, units, filled, region, seconds: clock.into_seconds() })
 }
 
 /// The second half of [`bake`]: turn over, release, hold. `params` may differ from the fill's in what comes after it.
@@ -107,31 +119,50 @@ pub fn release_pile(
     full: &FullContainer,
     observer: &mut dyn Observer,
 ) -> Result<Bake, Error> {
-    let FullContainer { checked, shapes, units, container, filled, seconds } = full;
+    let FullContainer { checked, shapes, units, filled, region, seconds } = full;
     let plan = plan::of(scene, params, checked);
     let mut clock = figures::Clock::new(observer);
 
-    let control = Control::new(&params.control, params.gravity, params.seed, &container.distance);
-    let mut pile = release::turn_over(scene, shapes, params, *units, &filled.bodies, checked.ground, control)?;
+    let inside = region.as_ref().or(filled.as_ref().map(|(container, _)| &container.distance));
+    let control = Control::new(&params.control, params.gravity, params.seed, inside);
+    let bodies = filled.as_ref().map_or(&[][..], |(_, filled)| &filled.bodies);
+    let mut pile = release::turn_over(scene, shapes, params, *units, bodies, checked.ground, control)?;
     release::run(&mut pile, params, observer)?;
     clock.lap(Stage::Release, observer);
 
     let held = hold::run(&mut pile, params, observer)?;
     clock.lap(Stage::Hold, observer);
 
-    let bodies = filled.bodies.iter().map(|b| Body { prop: b.prop, scale: b.scale }).collect();
-    let frames = figures::prop_frames(&pile);
-    let inputs = figures::Inputs { scene, params, plan, shapes, control: &checked.control, container, filled, held };
+    let (bodies, frames) = figures::prop_frames(&pile);
+    if bodies.is_empty() {
+        let text = "bodies, emitters: not one body appears before the last frame; bake more frames";
+        return Err(Error::Invalid(vec![Problem::new("output.frames", text)]));
+    }
+    let filled = filled.as_ref();
+    let target = checked.target().map(|target| &target.mesh);
+    let inputs =
+        figures::Inputs { scene, params, plan, shapes, target, filled, held, bodies: &bodies, ground: checked.ground };
     let mut report = figures::report(&inputs, &mut pile, &frames, observer)?;
     clock.lap(Stage::Measure, observer);
     report.seconds = seconds.iter().map(|(&s, &t)| (s, t)).chain(clock.into_seconds()).collect();
-    Ok(Bake { fps: params.output.fps, bodies, frames, report })
+    let scenery = scenery_frames(scene, params.output.fps, frames.len());
+    Ok(Bake { fps: params.output.fps, bodies, frames, scenery, report })
 }
 
-/// The mass of the prop in the middle, kg: the engine's unit.
-fn median_mass(scene: &Scene, shapes: &[Shape]) -> f64 {
+/// Where the moving scenery is. Shape `[static][frame]`, empty for a static one that stands still.
+fn scenery_frames(scene: &Scene, fps: f64, frames: usize) -> Vec<Vec<Pose>> {
+    let poses = |model: &scene::StaticModel| {
+        let count = if model.keys.is_empty() { 0 } else { frames };
+        (0..count).map(|frame| model.pose_at(frame as f64 / fps)).collect()
+    };
+    scene.statics.iter().map(poses).collect()
+}
+
+/// The mass of the prop in the middle, among those that the pile is made of, kg: the engine's unit.
+fn median_mass(scene: &Scene, shapes: &[Shape], shares: &[f64]) -> f64 {
     let middle = |[lo, hi]: [f64; 2]| ((lo + hi) / 2.0).powi(3);
-    let mut masses: Vec<f64> = scene.props.iter().zip(shapes).map(|(p, s)| s.mass * middle(p.scale)).collect();
+    let used = scene.props.iter().zip(shapes).zip(shares).filter(|(_, share)| **share > 0.0);
+    let mut masses: Vec<f64> = used.map(|((p, s), _)| s.mass * middle(p.scale)).collect();
     masses.sort_by(f64::total_cmp);
     masses[masses.len() / 2]
 }

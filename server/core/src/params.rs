@@ -34,8 +34,16 @@ pub enum Accuracy {
     /// Hsu & Keyser's Table 1, literal and in SI.
     Paper,
     Draft,
+    Preview,
     Standard,
     Fine,
+    Reference,
+}
+
+impl Accuracy {
+    /// From the quickest to the most accurate; the paper's setting stands beside them.
+    pub const LADDER: [Accuracy; 5] =
+        [Accuracy::Draft, Accuracy::Preview, Accuracy::Standard, Accuracy::Fine, Accuracy::Reference];
 }
 
 /// How the engine steps.
@@ -117,6 +125,8 @@ pub enum FillMethod {
     Insert,
     /// Dropped through the opening (Cho et al. 2007).
     Pour,
+    /// Not at all: the control mesh only says where the control acts.
+    Off,
 }
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -127,6 +137,15 @@ pub struct Release {
     pub interval: Time,
     /// Linear and angular damping of every released body, per natural time. Default 0.
     pub damping: f64,
+    pub order: ReleaseOrder,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub enum ReleaseOrder {
+    BottomUp,
+    TopDown,
+    /// All layers together, at frame 0.
+    AtOnce,
 }
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -153,6 +172,10 @@ pub struct Control {
     /// Nails that a body may have at most, 1 to 1000. Default 1: more over-determine a pile of rigid bodies, and it creeps. The
     /// preset `paper` nails every pair.
     pub nails_per_body: u32,
+    /// When the control ends, s after frame 0; `None`: with the bake.
+    pub until: Option<f64>,
+    /// The control ends gently: at `until`, or when the pile is at rest.
+    pub stand: bool,
 }
 
 /// What is done with the bodies that may be held until the next verdict.
@@ -208,8 +231,10 @@ pub enum Neighbours {
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Hold {
-    /// Longest time from the last release until the pile is declared restless, natural times.
+    /// Longest time from the last release, drop or impact until the pile is declared restless, natural times.
     pub patience: f64,
+    /// The bake goes on for at least this long after that, s, even if the pile rests before. Default 0.
+    pub least: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -218,7 +243,7 @@ pub struct Output {
     pub fps: f64,
     /// Frames after frame 0; `None`: until the pile is at rest.
     pub frames: Option<u32>,
-    /// Also measure `free_standing_fraction` (a further simulation).
+    /// Also measure `free_standing_fraction` and what the engine leaves unbalanced (a further simulation).
     pub free_standing: bool,
     /// Also measure `free_pour_fraction`, per prop by weight (a further simulation).
     pub free_pour: bool,
@@ -253,7 +278,7 @@ impl Params {
                 protrusion: 0.05,
                 overlap: 0.25,
             },
-            release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0 },
+            release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0, order: ReleaseOrder::BottomUp },
             control: Control {
                 mode: ControlMode::Hold,
                 period: 5,
@@ -268,13 +293,34 @@ impl Params {
                 damping: 6.4,
                 kappa: 5.0,
                 nails_per_body: 1,
+                until: None,
+                stand: false,
             },
-            hold: Hold { patience: 60.0 },
+            hold: Hold { patience: 60.0, least: 0.0 },
             output: Output { fps: 24.0, frames: None, free_standing: false, free_pour: false },
         };
         match accuracy {
             Accuracy::Standard => {}
-            Accuracy::Draft => params.physics.substeps = 4,
+            Accuracy::Draft => {
+                params.physics.step = Time::Natural(0.1);
+                params.physics.substeps = 6;
+                params.physics.shape_tolerance = 0.1;
+                params.physics.max_parts = 4;
+                params.control.period = 3;
+            }
+            Accuracy::Preview => {
+                params.physics.substeps = 5;
+                params.physics.shape_tolerance = 0.06;
+                params.physics.max_parts = 8;
+            }
+            Accuracy::Reference => {
+                params.physics.step = Time::Natural(0.0125);
+                params.physics.substeps = 16;
+                params.physics.friction_model = FrictionModel::Coulomb;
+                params.physics.shape_tolerance = 0.01;
+                params.physics.max_parts = 48;
+                params.control.period = 20;
+            }
             Accuracy::Fine => {
                 params.physics.step = Time::Natural(0.025);
                 params.physics.shape_tolerance = 0.02;
@@ -344,7 +390,9 @@ impl Params {
             ("control.damping", self.control.damping, 0.0, 100.0),
             ("control.kappa", self.control.kappa, 0.0, 1e9),
             ("control.nails_per_body", f64::from(self.control.nails_per_body), 1.0, 1000.0),
+            ("control.until", self.control.until.unwrap_or(0.0), 0.0, 100_000.0),
             ("hold.patience", self.hold.patience, 0.0, 100_000.0),
+            ("hold.least_seconds", self.hold.least, 0.0, 100_000.0),
             ("output.fps", self.output.fps, 1.0, 1000.0),
             ("output.frames", f64::from(self.output.frames.unwrap_or(0)), 0.0, 100_000.0),
         ];

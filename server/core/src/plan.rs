@@ -1,9 +1,9 @@
 //! What would be simulated, told before anything runs.
 
-use crate::check::Checked;
+use crate::check::{Checked, fills};
 use crate::fill;
 use crate::observer::Stage;
-use crate::params::{ControlMode, FillMethod, FrictionCone, Params};
+use crate::params::{ControlMode, FillMethod, FrictionCone, Params, ReleaseOrder};
 use crate::scene::Scene;
 
 /// The stages that a bake will run and the effects that are switched on, each with its reason.
@@ -40,26 +40,44 @@ const USUAL_HOLD: f64 = 8.0;
 /// The plan of a checked scene.
 pub fn of(scene: &Scene, params: &Params, checked: &Checked) -> Plan {
     let natural_time = (checked.diameter / params.gravity).sqrt();
-    let height = {
-        let (lo, hi) = scene.control.mesh.bounds();
+    let filled = checked.control.as_ref().filter(|_| fills(scene, params));
+    let height = filled.map_or(0.0, |control| {
+        let (lo, hi) = control.mesh.bounds();
         hi.y - lo.y.max(checked.ground)
-    };
+    });
     let step = params.physics.step.seconds(natural_time);
     let layers = (height / checked.diameter / params.release.layer).ceil();
     let release = layers * params.release.interval.seconds(natural_time) / step;
     let hold = match params.output.frames {
         Some(n) => (f64::from(n) / params.output.fps / step - release).max(0.0),
-        None => USUAL_HOLD * natural_time / step,
+        None => {
+            (USUAL_HOLD * natural_time).max(params.hold.least) / step
+                + (last_event(scene, params) / step - release).max(0.0)
+        }
     };
+    let fill_bodies = filled.map_or(0, |c| fill::expected_bodies(scene, &checked.sizes, c.volume(), &params.fill));
+    let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
+    let fill_stage = filled.map(|_| Stage::Fill);
     Plan {
-        expected_bodies: fill::expected_bodies(scene, &checked.sizes, checked.volume, &params.fill),
-        expected_steps: USUAL_FILL_STEPS + (release + hold) as usize,
+        expected_bodies: fill_bodies + scene.bodies.len() + emitted,
+        expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + (release + hold) as usize,
         prop_diameter: checked.diameter,
         natural_time,
-        stages: vec![Stage::Shape, Stage::Fill, Stage::Release, Stage::Hold, Stage::Measure],
+        stages: [Some(Stage::Shape), fill_stage, Some(Stage::Release), Some(Stage::Hold), Some(Stage::Measure)]
+            .into_iter()
+            .flatten()
+            .collect(),
         effects: effects(scene, params),
         warnings: checked.warnings.clone(),
     }
+}
+
+/// When the last drop, throw, move or end of the control is due, s after frame 0.
+fn last_event(scene: &Scene, params: &Params) -> f64 {
+    let bodies = scene.bodies.iter().flat_map(|b| [Some(b.start), b.kept_until]);
+    let emitters = scene.emitters.iter().map(|e| Some(e.start + f64::from(e.count - 1) / e.rate));
+    let moves = scene.statics.iter().map(|m| m.keys.last().map(|k| k.time));
+    bodies.chain(emitters).chain(moves).chain([params.control.until]).flatten().fold(0.0, f64::max)
 }
 
 fn effects(scene: &Scene, params: &Params) -> Vec<Effect> {
@@ -69,6 +87,7 @@ fn effects(scene: &Scene, params: &Params) -> Vec<Effect> {
     let filling = match params.fill.method {
         FillMethod::Insert => "props grow at free places inside the closed container",
         FillMethod::Pour => "props are dropped through the container's opening",
+        FillMethod::Off => "switched off by the scene",
     };
     let holding = match control.mode {
         ControlMode::Off => "switched off by the scene",
@@ -80,15 +99,28 @@ fn effects(scene: &Scene, params: &Params) -> Vec<Effect> {
         FrictionCone::Cone => "exact friction cone",
     };
     let analysis = if on { cone } else { "nothing is controlled" };
-    let scenery = format!("{} pieces of static geometry", scene.statics.len());
+    let fill = fills(scene, params);
+    let filling = if scene.control.is_none() { "there is no control mesh" } else { filling };
+    let releasing = match params.release.order {
+        ReleaseOrder::BottomUp => "layers are let go from the bottom to the top",
+        ReleaseOrder::TopDown => "layers are let go from the top to the bottom",
+        ReleaseOrder::AtOnce => "everything is let go at frame 0",
+    };
+    let moving = scene.statics.iter().filter(|m| !m.keys.is_empty()).count();
+    let scenery = format!("{} pieces of geometry besides the ground, {moving} of them moving", scene.statics.len());
+    let placed = format!("{} bodies are placed by hand", scene.bodies.len());
+    let emission = format!("{} emitters let bodies appear", scene.emitters.len());
     let bouncy = scene.props.iter().any(|p| p.restitution > 0.0);
     vec![
-        effect("fill", true, filling),
-        effect("release", true, "layers are let go from the bottom to the top"),
+        effect("fill", fill, filling),
+        effect("release", true, releasing),
         effect("control", on, holding),
         effect("analysis", on, analysis),
         effect("nails", control.mode == ControlMode::Nails, holding),
         effect("scenery", !scene.statics.is_empty(), &scenery),
+        effect("bodies", !scene.bodies.is_empty(), &placed),
+        effect("emitters", !scene.emitters.is_empty(), &emission),
+        effect("stand", on && control.stand, "the control ends gently only where `control.stand` asks for it"),
         effect("restitution", bouncy, if bouncy { "a prop bounces" } else { "no prop bounces" }),
         effect("free_standing", params.output.free_standing, "only on request: it is a further simulation"),
         effect("free_pour", params.output.free_pour, "only on request: it is a further simulation"),

@@ -11,7 +11,7 @@ pub struct Recorder {
     interval: f64,
     time: f64,
     last: Vec<Pose>,
-    /// Shape `[frame][body]`.
+    /// Shape `[frame][body]`; a frame has the bodies that were there at its time: more from frame to frame.
     pub frames: Vec<Vec<Pose>>,
 }
 
@@ -20,6 +20,12 @@ impl Recorder {
     pub fn new(world: &World, interval: f64) -> Recorder {
         let first = poses(world, &[]);
         Recorder { interval, time: 0.0, last: first.clone(), frames: vec![first] }
+    }
+
+    /// Called when bodies were added since the last step.
+    pub fn join(&mut self, world: &World) {
+        let now = poses(world, &self.last);
+        self.last.extend_from_slice(&now[self.last.len()..]);
     }
 
     /// Called after every step.

@@ -3,12 +3,13 @@
 
 use crate::Error;
 use crate::control::Control;
+use crate::events::Events;
 use crate::fill::Placed;
 use crate::observer::{Frame, Observer, Progress, Shown, Stage, observe};
-use crate::params::{Output, Params};
+use crate::params::{Output, Params, ReleaseOrder};
 use crate::pose::Pose;
 use crate::record::Recorder;
-use crate::scene::Scene;
+use crate::scene::{Given, Scene};
 use crate::shape::Shape;
 use crate::world::{BodyId, Insertion, Role, Units, World};
 
@@ -25,14 +26,27 @@ pub struct Pile<'a> {
     pub active_body_steps: u64,
     /// Frames recorded when the hold began.
     pub hold_frame: usize,
+    /// Frames recorded when the hold was first disturbed: by a body thrown in, or by the end of the control.
+    pub disturbed_frame: Option<usize>,
+    /// Step of the latest release, drop, move or end of the control.
+    pub latest_event: u64,
+    /// Sentences for a person: what could not be done.
+    pub notes: Vec<String>,
+    /// In the order of insertion.
+    pub bodies: Vec<Placed>,
+    /// Per body: the first frame that has it.
+    pub first_frames: Vec<usize>,
     /// CPU seconds in the control, and in the engine's steps.
     pub control_seconds: f64,
     pub step_seconds: f64,
     /// Bodies set aside because their state became non-finite.
     pub lost: Vec<BodyId>,
     damping: f64,
-    shapes: &'a [Shape],
-    bodies: &'a [Placed],
+    /// The step in which a gentle end of the control began.
+    standing: Option<u64>,
+    events: Option<Events<'a>>,
+    scene: &'a Scene,
+    pub shapes: &'a [Shape],
     output: &'a Output,
     /// Frames shown.
     shown: usize,
@@ -40,34 +54,38 @@ pub struct Pile<'a> {
 
 /// The pile right after turning over: every body waits in place on the ground or in the air.
 pub fn turn_over<'a>(
-    scene: &Scene,
+    scene: &'a Scene,
     shapes: &'a [Shape],
     params: &'a Params,
     units: Units,
-    bodies: &'a [Placed],
+    bodies: &[Placed],
     ground: f64,
     control: Control<'a>,
 ) -> Result<Pile<'a>, Error> {
-    let thickness = bodies.iter().map(|b| shapes[b.prop].thickness() * b.scale).fold(f64::INFINITY, f64::min);
+    let filled = bodies.iter().map(|b| (b.prop, b.scale));
+    let given = scene.bodies.iter().map(|b| (b.prop, b.scale));
+    let emitted = scene.emitters.iter().flat_map(|e| scene.emitted(e)).map(|i| (i, scene.props[i].scale[0]));
+    let thickness = filled.chain(given).chain(emitted).map(|(prop, scale)| shapes[prop].thickness() * scale);
+    let thickness = thickness.fold(f64::INFINITY, f64::min);
     let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
     let mut world = World::new(units, &params.physics, thickness / units.length, compounds);
     world.add_ground(ground / units.length, params.ground_friction);
-    for model in &scene.statics {
+    for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {
         world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;
     }
-    for body in bodies {
-        let prop = &scene.props[body.prop];
-        let (friction, restitution) = (prop.friction, prop.restitution);
-        let insertion = Insertion { prop: body.prop, scale: body.scale, pose: body.pose, friction, restitution };
-        let id = world.insert(&shapes[body.prop], &insertion).map_err(Error::Internal)?;
-        world.set_role(id, Role::Waiting);
-    }
-    world.refresh();
     let recorder = Recorder::new(&world, 1.0 / params.output.fps / units.time);
-    Ok(Pile {
+    let mut pile = Pile {
         world,
         control,
         recorder,
+        disturbed_frame: None,
+        latest_event: 0,
+        notes: Vec::new(),
+        bodies: Vec::new(),
+        first_frames: Vec::new(),
+        standing: None,
+        events: None,
+        scene,
         step: 0,
         top_speed: 0.0,
         active_body_steps: 0,
@@ -77,25 +95,34 @@ pub fn turn_over<'a>(
         lost: Vec::new(),
         damping: params.release.damping,
         shapes,
-        bodies,
         output: &params.output,
         shown: 0,
-    })
+    };
+    for &body in bodies {
+        let id = pile.insert(body)?;
+        pile.world.set_role(id, Role::Waiting);
+    }
+    for given in scene.bodies.iter().filter(|given| given.is_stacked()) {
+        let id = pile.place(given)?;
+        pile.world.set_role(id, if given.kept { Role::Kept } else { Role::Waiting });
+        pile.control.place(id);
+    }
+    pile.world.refresh();
+    pile.events = Events::new(&mut pile, params)?;
+    pile.recorder = Recorder::new(&pile.world, 1.0 / params.output.fps / units.time);
+    pile.first_frames.fill(0);
+    Ok(pile)
 }
 
-/// Lets the layers go, the lowest first.
+/// Lets the layers go, one after the other.
 pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Result<(), Error> {
     let interval =
         (pile.world.units.duration(params.release.interval) / pile.world.step_length()).round().max(1.0) as u64;
-    let layers = layers(&pile.world, params.release.layer);
+    let layers = layers(&pile.world, params.release.layer, params.release.order);
     let total = layers.len() as u64 * interval;
     pile.show(observer, Stage::Release);
     for layer in layers {
-        for id in layer {
-            pile.control.release(id);
-            pile.world.set_role(id, Role::Free);
-            pile.world.set_damping(id, pile.damping);
-        }
+        layer.into_iter().for_each(|id| pile.let_go(id));
         for _ in 0..interval {
             pile.advance(observer, Stage::Release, |pile| pile.step as f64 / total as f64)?;
         }
@@ -104,22 +131,36 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
     Ok(())
 }
 
-/// Bodies by the height of their centre of mass, in slices of `thickness` from the lowest on; empty slices are left out.
-fn layers(world: &World, thickness: f64) -> Vec<Vec<BodyId>> {
+/// Waiting bodies by the height of their centre of mass, in slices of `thickness` from the lowest on; empty slices are left
+/// out.
+fn layers(world: &World, thickness: f64, order: ReleaseOrder) -> Vec<Vec<BodyId>> {
     let height = |id: BodyId| world.pose(id).translation.y;
-    let lowest = world.present().map(height).fold(f64::INFINITY, f64::min);
+    let waiting = || world.present().filter(|&id| world.bodies()[id].role == Role::Waiting);
+    let lowest = waiting().map(height).fold(f64::INFINITY, f64::min);
     let mut slices = std::collections::BTreeMap::<u64, Vec<BodyId>>::new();
-    for id in world.present() {
+    for id in waiting() {
         slices.entry(((height(id) - lowest) / thickness) as u64).or_default().push(id);
     }
-    slices.into_values().collect()
+    let slices = slices.into_values();
+    match order {
+        ReleaseOrder::BottomUp => slices.collect(),
+        ReleaseOrder::TopDown => slices.rev().collect(),
+        ReleaseOrder::AtOnce => slices.reduce(|all, slice| [all, slice].concat()).into_iter().collect(),
+    }
 }
 
-impl Pile<'_> {
+/// Damping while the control ends gently, per natural time: 50/s for a prop of 1 m, at which a pile creeps into its rest ...
+const STAND_DAMPING: f64 = 16.0;
+/// ... for this long, natural times, ...
+const STAND_TIME: f64 = 9.5;
+/// ... and then ever less, over this.
+const STAND_RAMP: f64 = 3.2;
+
+impl<'a> Pile<'a> {
     /// A recorded frame in SI, from the props' own frames. Shape `[body]`.
     pub fn prop_frame(&self, number: usize) -> impl Iterator<Item = Pose> {
         let units = self.world.units;
-        let frame = self.recorder.frames[number].iter().zip(self.bodies);
+        let frame = self.recorder.frames[number].iter().zip(&self.bodies);
         frame.map(move |(pose, b)| self.shapes[b.prop].prop_pose(&units.pose_to_si(pose), b.scale))
     }
 
@@ -132,22 +173,99 @@ impl Pile<'_> {
         while self.shown < self.recorder.frames.len() && self.shown <= last {
             let number = self.shown;
             let shown = |(pose, b): (Pose, &Placed)| Some(Shown { prop: b.prop, scale: b.scale, pose });
-            let bodies: Vec<Option<Shown>> = self.prop_frame(number).zip(self.bodies).map(shown).collect();
+            let bodies: Vec<Option<Shown>> = self.prop_frame(number).zip(&self.bodies).map(shown).collect();
             let time = number as f64 / self.output.fps;
             observer.frame(&Frame { stage, number, time, bodies: &bodies });
             self.shown += 1;
         }
     }
 
+    /// Adds a free body.
+    pub fn insert(&mut self, body: Placed) -> Result<BodyId, Error> {
+        let prop = &self.scene.props[body.prop];
+        let (friction, restitution) = (prop.friction, prop.restitution);
+        let insertion = Insertion { prop: body.prop, scale: body.scale, pose: body.pose, friction, restitution };
+        let id = self.world.insert(&self.shapes[body.prop], &insertion).map_err(Error::Internal)?;
+        self.world.set_damping(id, self.damping);
+        self.bodies.push(body);
+        self.first_frames.push(self.recorder.frames.len());
+        Ok(id)
+    }
+
+    /// Adds a body placed by hand, free and at rest.
+    pub fn place(&mut self, given: &Given) -> Result<BodyId, Error> {
+        let shape = &self.shapes[given.prop];
+        let pose = self.world.units.pose_to_engine(&shape.body_pose(&given.pose, given.scale));
+        let id = self.insert(Placed { prop: given.prop, scale: given.scale, pose })?;
+        if let Some(kg) = given.mass {
+            self.world.set_mass(id, shape, kg);
+        }
+        Ok(id)
+    }
+
+    pub fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
+    /// A kept body is let go.
+    pub fn let_go(&mut self, id: BodyId) {
+        self.control.release(id);
+        self.world.set_role(id, Role::Free);
+        self.world.set_damping(id, self.damping);
+    }
+
+    /// Something moves the pile from outside: rest is waited for anew.
+    pub fn disturb(&mut self) {
+        self.latest_event = self.step;
+        if self.hold_frame > 0 {
+            self.disturbed_frame.get_or_insert(self.recorder.count());
+        }
+    }
+
+    /// The control ends. Gently: everything is damped for a while.
+    pub fn end_control(&mut self, gently: bool) {
+        self.disturb();
+        self.control.end(&mut self.world);
+        self.standing = gently.then_some(self.step);
+        self.unquieten();
+    }
+
+    /// Whether nothing is to happen any more by itself.
+    pub fn is_left_alone(&self) -> bool {
+        self.standing.is_none() && self.events.as_ref().is_none_or(Events::are_over)
+    }
+
+    /// Damps everything as long as the control's gentle end lasts.
+    fn stand(&mut self) {
+        let Some(begin) = self.standing else { return };
+        let time = (self.step - begin) as f64 * self.world.step_length();
+        let share = ((STAND_TIME + STAND_RAMP - time) / STAND_RAMP).clamp(0.0, 1.0);
+        self.set_all_damping((STAND_DAMPING * share).max(self.damping));
+        self.latest_event = self.step;
+        if share == 0.0 {
+            self.standing = None;
+        }
+    }
+
+    fn set_all_damping(&mut self, damping: f64) {
+        for id in self.world.present().collect::<Vec<_>>() {
+            if self.world.bodies()[id].role == Role::Free {
+                self.world.set_damping(id, damping);
+            }
+        }
+    }
+
+    /// Ends [`Pile::quieten`].
+    pub fn unquieten(&mut self) {
+        self.control.unquieten();
+        self.set_all_damping(self.damping);
+    }
+
     /// Lets what still rolls or rattles come to rest, anywhere: every released body is damped by this much, and the
     /// control goes on to choose for those that it judges.
     pub fn quieten(&mut self, damping: f64) {
         self.control.quieten(damping);
-        for id in self.world.present().collect::<Vec<_>>() {
-            if self.world.bodies()[id].role == Role::Free {
-                self.world.set_damping(id, damping.max(self.damping));
-            }
-        }
+        self.set_all_damping(damping.max(self.damping));
     }
 
     /// One step of world and control.
@@ -157,7 +275,13 @@ impl Pile<'_> {
         stage: Stage,
         fraction: impl Fn(&Pile) -> f64,
     ) -> Result<(), Error> {
+        if let Some(mut events) = self.events.take() {
+            events.before_step(self)?;
+            self.events = Some(events);
+        }
+        self.stand();
         let begin = observer.cpu_seconds();
+        self.control.before_step(&mut self.world);
         if self.control.is_due(self.step) {
             self.control.cycle(&mut self.world);
         }

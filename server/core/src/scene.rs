@@ -1,16 +1,23 @@
 //! What a bake is asked to do, with every mesh already read: plain values, no files.
 
 use crate::mesh::TriMesh;
+use crate::pose::Pose;
+use glam::DVec3;
 
 /// Everything a bake needs besides its [`Params`](crate::params::Params).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// The pile's shape, as placed by the artist. Closed.
-    pub control: Model,
+    /// The pile's shape, as placed by the artist. Closed. Needed for a fill.
+    pub control: Option<Model>,
+    /// Where the control acts, if not inside `control`. Without either, it acts everywhere. Closed.
+    pub region: Option<Model>,
     /// At least one. A body is one of these, scaled and placed.
     pub props: Vec<Prop>,
-    /// Static scenery (besides the ground), as placed in the world.
+    /// Scenery (besides the ground), as placed in the world.
     pub statics: Vec<StaticModel>,
+    /// Placed by hand.
+    pub bodies: Vec<Given>,
+    pub emitters: Vec<Emitter>,
 }
 
 /// A named mesh.
@@ -25,7 +32,7 @@ pub struct Model {
 #[derive(Clone, Debug)]
 pub struct Prop {
     pub model: Model,
-    /// Relative frequency among the props, > 0.
+    /// Relative frequency among the props, >= 0. 0: only placed by hand.
     pub weight: f64,
     /// Coulomb friction coefficient, 0 to 2. A pair has the mean of its two.
     pub friction: f64,
@@ -35,12 +42,132 @@ pub struct Prop {
     pub restitution: f64,
     /// Uniform scale drawn between these two, both > 0.
     pub scale: [f64; 2],
+    /// Largest angle between its up axis and the world's when it is drawn, degrees, 0 to 180. 180: any rotation.
+    pub tilt_max: f64,
 }
 
-/// A piece of scenery that never moves.
+/// A piece of scenery.
 #[derive(Clone, Debug)]
 pub struct StaticModel {
     pub model: Model,
     /// Coulomb friction coefficient, 0 to 2.
     pub friction: f64,
+    /// Where it is over time, rising; empty: it stands still as placed. Still, too, before the first and after the last.
+    pub keys: Vec<Key>,
+}
+
+impl StaticModel {
+    /// The pose at a time in s; a point as placed -> the world.
+    pub fn pose_at(&self, time: f64) -> Pose {
+        let next = self.keys.partition_point(|k| k.time <= time);
+        match (next.checked_sub(1).map(|i| &self.keys[i]), self.keys.get(next)) {
+            (Some(a), Some(b)) => a.pose.interpolate(&b.pose, (time - a.time) / (b.time - a.time)),
+            (Some(only), None) | (None, Some(only)) => only.pose,
+            (None, None) => Pose::IDENTITY,
+        }
+    }
+}
+
+/// A pose at a moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Key {
+    /// s after frame 0.
+    pub time: f64,
+    pub pose: Pose,
+}
+
+/// A body placed by hand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// Index into the scene's props.
+    pub prop: usize,
+    /// From the prop's own frame, scaled, to the world; metres.
+    pub pose: Pose,
+    /// Uniform, > 0.
+    pub scale: f64,
+    /// m/s.
+    pub velocity: DVec3,
+    /// rad/s.
+    pub angular_velocity: DVec3,
+    /// kg; `None`: from density and volume.
+    pub mass: Option<f64>,
+    /// When it appears, s after frame 0.
+    pub start: f64,
+    /// It stays where it is.
+    pub kept: bool,
+    /// When a kept body is let go, s after frame 0; `None`: never.
+    pub kept_until: Option<f64>,
+}
+
+impl Given {
+    /// A body at rest that is there from the beginning.
+    pub fn new(prop: usize, pose: Pose) -> Given {
+        Given {
+            prop,
+            pose,
+            scale: 1.0,
+            velocity: DVec3::ZERO,
+            angular_velocity: DVec3::ZERO,
+            mass: None,
+            start: 0.0,
+            kept: false,
+            kept_until: None,
+        }
+    }
+
+    pub fn moves(&self) -> bool {
+        self.velocity != DVec3::ZERO || self.angular_velocity != DVec3::ZERO
+    }
+
+    /// Whether it is part of the pile that is released; the others are free as soon as they appear.
+    pub fn is_stacked(&self) -> bool {
+        self.start <= 0.0 && !self.moves()
+    }
+}
+
+/// A place where bodies appear.
+#[derive(Clone, Debug)]
+pub struct Emitter {
+    pub place: Place,
+    /// Indices into the scene's props; empty: all, by weight.
+    pub props: Vec<usize>,
+    /// 1/s, > 0.
+    pub rate: f64,
+    pub count: u32,
+    /// m/s.
+    pub velocity: DVec3,
+    /// When the first body appears, s after frame 0.
+    pub start: f64,
+}
+
+/// Where an emitter's bodies appear.
+#[derive(Clone, Debug)]
+pub enum Place {
+    /// Middle and edges, m.
+    Box { center: DVec3, size: DVec3 },
+    /// The inside of a closed mesh.
+    Mesh(Model),
+}
+
+impl Place {
+    /// Lowest and highest corner, m.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        match self {
+            Place::Box { center, size } => (*center - *size / 2.0, *center + *size / 2.0),
+            Place::Mesh(model) => model.mesh.bounds(),
+        }
+    }
+}
+
+impl Scene {
+    /// The shape that the pile is measured against: the control mesh, or else the region.
+    pub fn target(&self) -> Option<&Model> {
+        self.control.as_ref().or(self.region.as_ref())
+    }
+
+    /// The props that an emitter draws from.
+    pub fn emitted<'a>(&'a self, emitter: &'a Emitter) -> impl Iterator<Item = usize> + Clone + 'a {
+        let chosen = |i: &usize| self.props[*i].weight > 0.0 && (emitter.props.is_empty() || emitter.props.contains(i));
+        (0..self.props.len()).filter(chosen)
+    }
 }

@@ -62,7 +62,8 @@ fn a_scene_a_thousandth_as_large_gives_the_same_pile() {
     // A power of two changes no digit of any coordinate.
     let factor = 1.0 / 1024.0;
     let mut small = large.clone();
-    small.control.mesh = small.control.mesh.scaled(factor);
+    let control = small.control.as_mut().unwrap();
+    control.mesh = control.mesh.scaled(factor);
     small.props[0].model.mesh = small.props[0].model.mesh.scaled(factor);
     let (a, b) = (bake(&large, &params(), &mut Silent).unwrap(), bake(&small, &params(), &mut Silent).unwrap());
     assert_eq!(a.bodies.len(), b.bodies.len());
@@ -80,9 +81,10 @@ fn whatever_is_held_was_certified_in_its_latest_cycle() {
     let checked = cairn_core::check::run(&scene, &params).unwrap();
     let shapes = cairn_core::shape::run(&scene, &params, &checked, &mut Silent).unwrap();
     let units = cairn_core::world::Units::new(checked.diameter, shapes[0].mass, params.gravity);
-    let container = cairn_core::container::Container::new(&checked.control, &checked.topology, units.length, 0.0);
+    let closed = checked.control.as_ref().unwrap();
+    let container = cairn_core::container::Container::new(&closed.mesh, &closed.topology, units.length, 0.0);
     let filled = fill::run(&scene, &shapes, &params, units, &container, &mut Silent).unwrap();
-    let control = control::Control::new(&params.control, params.gravity, params.seed, &container.distance);
+    let control = control::Control::new(&params.control, params.gravity, params.seed, Some(&container.distance));
     let mut pile = release::turn_over(&scene, &shapes, &params, units, &filled.bodies, 0.0, control).unwrap();
     for id in pile.world.present().collect::<Vec<_>>() {
         pile.control.release(id);
@@ -180,7 +182,7 @@ fn a_cancel_ends_the_bake_at_the_next_step() {
 #[test]
 fn all_problems_of_a_scene_are_told_at_once() {
     let mut scene = scene(cone(0.8, 1.2), stick());
-    scene.control.mesh.triangles.pop();
+    scene.control.as_mut().unwrap().mesh.triangles.pop();
     scene.props[0].weight = f64::NAN;
     scene.props[0].model.mesh = scene.props[0].model.mesh.scaled(10.0);
     let mut params = params();

@@ -4,6 +4,7 @@ mod bake;
 mod cancel;
 mod check;
 mod completions;
+mod cost;
 mod doctor;
 mod failure;
 mod fault;
@@ -45,6 +46,7 @@ enum Command {
     Cancel(cancel::Args),
     Check(check::Args),
     Completions(completions::Args),
+    Cost(cost::Args),
     Doctor(doctor::Args),
     Man(man::Args),
     Render(render::Args),
@@ -79,6 +81,7 @@ pub fn main() -> ExitCode {
         Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Completions(args) => completions::run(&args),
+        Command::Cost(args) => cost::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Man(args) => man::run(&args),
         Command::Render(args) => render::run(&args),

@@ -25,7 +25,7 @@ pub struct SceneArgs {
     statics: Vec<String>,
 
     /// How much care is taken; `paper` is the method's original setting, `standard` the default
-    #[arg(long, value_parser = ["paper", "draft", "standard", "fine"], help_heading = "Scene")]
+    #[arg(long, value_parser = ["paper", "draft", "preview", "standard", "fine", "reference"], help_heading = "Scene")]
     accuracy: Option<String>,
 
     /// Another number gives another pile; the same number the same pile again [default: 1]

@@ -5,6 +5,9 @@
 //! translation, rotation and uniform scale at frame 0; the animation `pile` moves it. All bodies of a prop share its
 //! mesh data: the body's node carries the mesh itself where the prop is one mesh in its own frame, else the prop's
 //! nodes stand below it. The `pile` node's extras tell `fps` and `frames`.
+//!
+//! A body that appears later has scale 0 until then, by keys that do not blend: glTF's own way to hide a node, which every
+//! player and importer follows. Moving scenery is moved by the same animation.
 
 use super::copy::{Output, Source};
 use super::hierarchy::{Branch, Frame, INSTANCING, branch};
@@ -12,6 +15,7 @@ use super::tracks::{self, Track};
 use super::{ExportError, ExportScene, SourceModel};
 use crate::document::{Document, DocumentError};
 use cairn_core::bake::Bake;
+use cairn_core::pose::Pose;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
@@ -25,7 +29,8 @@ pub fn encode(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportError> 
     }
     let bodies = file.bodies(bake, scene, pile)?;
     let mut tops = vec![pile];
-    if let Some(scenery) = file.scenery(scene)? {
+    let mut moving = Vec::new();
+    if let Some(scenery) = file.scenery(bake, scene, &mut moving)? {
         tops.push(scenery);
     }
     let mut node = json!({ "name": "pile", "extras": { "fps": bake.fps, "frames": bake.frames.len() } });
@@ -33,7 +38,7 @@ pub fn encode(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportError> 
         node["children"] = json!(bodies);
     }
     file.nodes.insert(pile, node);
-    animate(bake, pile, &mut file.out);
+    animate(bake, pile, &moving, &mut file.out);
     file.finish(&tops)
 }
 
@@ -77,7 +82,7 @@ impl<'a> File<'a> {
                 node.insert("translation".into(), json!(tracks::translations(once())[0]));
                 node.insert("rotation".into(), json!(tracks::rotations(once())[0]));
             }
-            let scale = [body.scale as f32; 3];
+            let scale = [if body.first_frame > 0 { 0.0 } else { body.scale as f32 }; 3];
             node.insert("scale".into(), json!(scale));
             self.nodes.insert(at, Value::Object(node));
         }
@@ -85,12 +90,26 @@ impl<'a> File<'a> {
     }
 
     /// The static geometry below one node, each file below a node of its name.
-    fn scenery(&mut self, scene: &'a ExportScene) -> Result<Option<usize>, ExportError> {
+    /// What moves is told by its number in the bake's scenery and its node.
+    fn scenery(
+        &mut self,
+        bake: &Bake,
+        scene: &'a ExportScene,
+        moving: &mut Vec<(usize, usize)>,
+    ) -> Result<Option<usize>, ExportError> {
         let mut children = Vec::new();
-        for model in &scene.scenery {
+        for (i, model) in scene.scenery.iter().enumerate() {
             let (source, branch) = self.open(model, Frame::World)?;
             let nodes = self.place(source, &branch).map_err(|error| ExportError::source(model, error))?;
-            children.push(self.out.push("nodes", json!({ "name": model.name, "children": nodes })));
+            let mut node = json!({ "name": model.name, "children": nodes });
+            let first = bake.scenery.get(i).and_then(|poses| poses.first()).copied();
+            if let Some(pose) = first {
+                let once = || std::iter::once(pose);
+                node["translation"] = json!(tracks::translations(once())[0]);
+                node["rotation"] = json!(tracks::rotations(once())[0]);
+            }
+            children.push(self.out.push("nodes", node));
+            moving.extend(first.map(|_| (i, children[i])));
         }
         if children.is_empty() {
             return Ok(None);
@@ -178,18 +197,19 @@ impl<'a> File<'a> {
     }
 }
 
-/// The animation `pile`: per body a translation and a rotation channel, without those that never change.
-fn animate(bake: &Bake, pile: usize, out: &mut Output) {
+/// The animation `pile`: per body and piece of moving scenery a translation and a rotation channel, without those that
+/// never change; per body that appears later a scale channel.
+fn animate(bake: &Bake, pile: usize, moving: &[(usize, usize)], out: &mut Output) {
     let mut keys = Keys::default();
     for body in 0..bake.bodies.len() {
-        let poses = || bake.frames.iter().map(|poses| poses[body]);
         let node = pile + 1 + body;
-        if let Some(track) = tracks::thin(&tracks::translations(poses())) {
-            keys.add(node, "translation", &track);
+        keys.add_motion(node, || bake.frames.iter().map(|poses| poses[body]));
+        if let Some(track) = tracks::appearance(&bake.bodies[body]) {
+            keys.add(node, "scale", &track);
         }
-        if let Some(track) = tracks::thin(&tracks::rotations(poses())) {
-            keys.add(node, "rotation", &track);
-        }
+    }
+    for &(piece, node) in moving {
+        keys.add_motion(node, || bake.scenery[piece].iter().copied());
     }
     if !keys.channels.is_empty() {
         keys.write(bake.fps, out);
@@ -216,6 +236,15 @@ struct Channel {
 }
 
 impl Keys {
+    fn add_motion<P: Iterator<Item = Pose>>(&mut self, node: usize, poses: impl Fn() -> P) {
+        if let Some(track) = tracks::thin(&tracks::translations(poses())) {
+            self.add(node, "translation", &track);
+        }
+        if let Some(track) = tracks::thin(&tracks::rotations(poses())) {
+            self.add(node, "rotation", &track);
+        }
+    }
+
     fn add<const N: usize>(&mut self, node: usize, path: &'static str, track: &Track<N>) {
         let next = self.frame_sets.len();
         let frame_set = *self.frame_sets.entry(track.frames.clone()).or_insert(next);
@@ -257,7 +286,8 @@ impl Keys {
             let target = json!({ "node": channel.node, "path": channel.path });
             channels.push(json!({ "sampler": samplers.len(), "target": target }));
             let input = inputs[channel.frame_set];
-            samplers.push(json!({ "input": input, "output": output, "interpolation": "LINEAR" }));
+            let interpolation = if channel.path == "scale" { "STEP" } else { "LINEAR" };
+            samplers.push(json!({ "input": input, "output": output, "interpolation": interpolation }));
         }
         out.push("animations", json!({ "name": "pile", "channels": channels, "samplers": samplers }));
     }

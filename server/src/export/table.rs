@@ -9,7 +9,7 @@
 //!
 //! `.json`: one object. `generator`; `fps` (1/s); `props` (names); `bodies`: per body `name` (that of its node in the
 //! `.glb`), `prop` (index into `props`), `scale`; `pose`: the names of the seven columns with their units; `frames`:
-//! shape `[frame][body][7]`.
+//! shape `[frame][body][7]`, `null` where a body is not there yet; the `.csv` has no row for it then.
 
 use super::{ExportError, ExportScene, body_names};
 use cairn_core::bake::Bake;
@@ -25,7 +25,7 @@ struct Table<'a> {
     props: Vec<&'a str>,
     bodies: Vec<BodyEntry>,
     pose: [&'static str; 7],
-    frames: Vec<Vec<[f64; 7]>>,
+    frames: Vec<Vec<Option<[f64; 7]>>>,
 }
 
 #[derive(Serialize)]
@@ -46,7 +46,7 @@ pub fn encode_json(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportEr
             .map(|(body, name)| BodyEntry { name, prop: body.prop, scale: body.scale })
             .collect(),
         pose: POSE_COLUMNS,
-        frames: bake.frames.iter().map(|poses| poses.iter().map(columns).collect()).collect(),
+        frames: bake.frames.iter().enumerate().map(|(frame, poses)| row(bake, frame, poses)).collect(),
     };
     Ok(serde_json::to_vec(&table).map_err(std::io::Error::from)?)
 }
@@ -58,12 +58,19 @@ pub fn encode_csv(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportErr
     csv.write_record(head.iter().chain(&POSE_COLUMNS)).map_err(std::io::Error::from)?;
     for (frame, poses) in bake.frames.iter().enumerate() {
         for (index, (body, pose)) in bake.bodies.iter().zip(poses).enumerate() {
+            if body.first_frame > frame {
+                continue;
+            }
             let prop = scene.props[body.prop].name;
             let row = (frame, frame as f64 / bake.fps, index, prop, body.scale, columns(pose));
             csv.serialize(row).map_err(std::io::Error::from)?;
         }
     }
     csv.into_inner().map_err(|error| ExportError::Io(error.into_error()))
+}
+
+fn row(bake: &Bake, frame: usize, poses: &[Pose]) -> Vec<Option<[f64; 7]>> {
+    bake.bodies.iter().zip(poses).map(|(body, pose)| (body.first_frame <= frame).then(|| columns(pose))).collect()
 }
 
 fn columns(pose: &Pose) -> [f64; 7] {

@@ -1,5 +1,6 @@
 //! The keyframes of one body, in the numbers of a glTF file.
 
+use cairn_core::bake::Body;
 use cairn_core::pose::Pose;
 use glam::DQuat;
 
@@ -27,6 +28,12 @@ pub fn rotations(poses: impl Iterator<Item = Pose>) -> Vec<[f32; 4]> {
             before.as_quat().to_array()
         })
         .collect()
+}
+
+/// The scale of a body that appears later: nothing, then its own. The keys are not blended.
+pub fn appearance(body: &Body) -> Option<Track<3>> {
+    let first = u32::try_from(body.first_frame).ok().filter(|&first| first > 0)?;
+    Some(Track { frames: vec![0, first], values: vec![[0.0; 3], [body.scale as f32; 3]] })
 }
 
 /// Thins a channel: a key between two keys of the same value says nothing. Linear interpolation of what is left gives

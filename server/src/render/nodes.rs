@@ -30,8 +30,10 @@ pub fn placed(document: &Document, seconds: f64) -> Result<Vec<Placed>, Document
         let world = above * locals[index];
         let in_pile = in_pile || node.get("name").and_then(Value::as_str) == Some("pile");
         if let Some(mesh) = reference(node, "mesh") {
-            let copies = instances(document, node)?;
-            placed.extend(copies.into_iter().map(|copy| Placed { mesh, world: world * copy, in_pile }));
+            let copies = instances(document, node)?.into_iter().map(|copy| world * copy);
+            // A scale of 0 hides a node.
+            let seen = copies.filter(|world| world.matrix3.determinant() != 0.0);
+            placed.extend(seen.map(|world| Placed { mesh, world, in_pile }));
         }
         open.extend(references(node, "children").into_iter().rev().map(|c| (c, world, in_pile)));
     }

@@ -135,16 +135,19 @@ impl SceneTree {
 
 /// Makes the paths of a scene file relative to the current directory.
 fn rebase(scene: &mut Value, folder: &Path) {
-    let join = |model: &mut Value| {
-        if let Some(Value::String(path)) = model.get_mut("path") {
+    let join = |field: &str, model: &mut Value| {
+        if let Some(Value::String(path)) = model.get_mut(field) {
             *path = folder.join(&*path).to_string_lossy().into_owned();
         }
     };
-    if let Some(control) = scene.get_mut("control_mesh") {
-        join(control);
+    for shape in ["control_mesh", "region"] {
+        if let Some(shape) = scene.get_mut(shape) {
+            join("path", shape);
+        }
     }
-    for list in ["props", "statics"] {
-        scene.get_mut(list).and_then(Value::as_array_mut).into_iter().flatten().for_each(join);
+    for (list, field) in [("props", "path"), ("statics", "path"), ("emitters", "mesh")] {
+        let elements = scene.get_mut(list).and_then(Value::as_array_mut).into_iter().flatten();
+        elements.for_each(|model| join(field, model));
     }
 }
 

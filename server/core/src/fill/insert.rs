@@ -33,7 +33,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
     let mut barren = 0;
     let mut counts = Vec::new();
     for _ in 0..MAX_ROUNDS {
-        let before = filling.world.present().count();
+        let before = filling.loose().count();
         if before >= limit {
             return Ok(false);
         }
@@ -43,7 +43,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         grow(filling, &seeds, observer)?;
         filling.remove_escaped();
         filling.remove_overlapping(first);
-        let after = filling.world.present().count();
+        let after = filling.loose().count();
         let added = after.saturating_sub(before) as f64;
         let least = (fill.full_below * after as f64).max(1.0);
         barren = if added < least { barren + 1 } else { 0 };
@@ -88,7 +88,8 @@ fn place(filling: &mut Filling, prop: usize, size: f64, rotation: DQuat) -> Opti
     let (low, high) = (filling.container.low, filling.container.high);
     let distance = &filling.container.distance;
     let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
-    let flat = filling.rng.random_bool(WALL_SHARE);
+    // A prop that must stand upright cannot be laid against a wall.
+    let flat = filling.rng.random_bool(WALL_SHARE) && filling.scene.props[prop].tilt_max >= 180.0;
     let mut p = low + (high - low) * share;
     if distance.signed_distance(p) > 0.0 {
         return None;

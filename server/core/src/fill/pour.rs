@@ -41,7 +41,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         drop_batch(filling, limit - before)?;
         filling.settle(BATCH_TIME, observer)?;
         let kept = inside(filling);
-        let outside: Vec<BodyId> = filling.world.present().filter(|id| kept.binary_search(id).is_err()).collect();
+        let outside: Vec<BodyId> = filling.loose().filter(|id| kept.binary_search(id).is_err()).collect();
         outside.into_iter().for_each(|id| filling.world.remove(id));
         let added = kept.len().saturating_sub(before) as f64;
         barren = if added < (fill.full_below * kept.len() as f64).max(1.0) { barren + 1 } else { 0 };
@@ -57,7 +57,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
 
 /// Bodies whose centre of mass is above the base; rising.
 fn inside(filling: &Filling) -> Vec<BodyId> {
-    filling.world.present().filter(|&id| filling.world.pose(id).translation.y > filling.container.base).collect()
+    filling.loose().filter(|&id| filling.world.pose(id).translation.y > filling.container.base).collect()
 }
 
 /// Places props in the collar, where nothing is in the way.

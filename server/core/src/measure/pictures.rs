@@ -16,10 +16,12 @@ const PIXELS: f64 = 512.0;
 /// The top surface has pixels of half a cell, but no more than this many along each side.
 const HEIGHT_PIXELS: f64 = 1024.0;
 
-/// Mean over the azimuths of the IoU of the two silhouettes, in horizontal parallel projection.
+/// Mean over the azimuths of the IoU of the two silhouettes, in horizontal parallel projection. What is below the control
+/// mesh's base does not count: a heap may stand on others.
 pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Pile) -> f64 {
     let (lo, hi) = gauge.picture_box(pile);
     let (control_lo, control_hi) = gauge.control_bounds();
+    let lo = lo.with_y(control_lo.y);
     let pixel = (control_hi - control_lo).max_element() / PIXELS;
     let views: Vec<f64> = (0..AZIMUTHS)
         .into_par_iter()

@@ -1,7 +1,7 @@
 //! Contacts between bodies, computed afresh from the poses: the engine's own are recycled, clustered and predicted, and
 //! may be gone between two bodies that it does not move.
 
-use super::{BodyId, CONTAINER, FIRST_BODY, GROUND, Role, World, to_engine};
+use super::{BodyId, CONTAINER, FIRST_BODY, FIRST_MOVING, GROUND, Role, World, to_engine};
 use crate::measure::{self, Contact};
 use crate::pose::Pose;
 use crate::shape::Shape;
@@ -18,6 +18,8 @@ pub enum Side {
     Body(BodyId),
     Ground,
     Scenery,
+    /// Scenery that is on its way.
+    Moving,
 }
 
 /// Two things that touch.
@@ -48,18 +50,23 @@ impl Touch {
         self.points.iter().map(|p| -p.gap).fold(0.0, f64::max)
     }
 
-    /// The same for the measures.
-    pub fn measured(&self) -> impl Iterator<Item = Contact> + '_ {
-        let b = match self.b {
-            Side::Body(id) => measure::Side::Body(id),
-            Side::Ground | Side::Scenery => measure::Side::Fixed,
+    /// The same for the measures. What is kept in place carries like scenery.
+    pub fn measured<'a>(&'a self, world: &World) -> impl Iterator<Item = Contact> + 'a {
+        let side = |id: BodyId| match world.bodies[id].role {
+            Role::Kept => measure::Side::Fixed,
+            _ => measure::Side::Body(id),
         };
-        self.points.iter().map(move |p| Contact { a: measure::Side::Body(self.a), b, normal: p.normal, gap: p.gap })
+        let a = side(self.a);
+        let b = match self.b {
+            Side::Body(id) => side(id),
+            Side::Ground | Side::Scenery | Side::Moving => measure::Side::Fixed,
+        };
+        self.points.iter().map(move |p| Contact { a, b, normal: p.normal, gap: p.gap })
     }
 }
 
 /// The spatial index holds the boxes of the beginning of the last step: a slow body has not moved farther since.
-const STALE_INDEX: f64 = 0.02;
+pub(super) const STALE_INDEX: f64 = 0.02;
 
 impl World {
     /// Pairs with a gap of at most `tolerance` times the thinner one's thickness, in order of `(a, b)`. Exact: from the
@@ -109,11 +116,11 @@ impl World {
     fn thinner(&self, a: BodyId, b: Side) -> f64 {
         match b {
             Side::Body(b) => self.bodies[a].thickness.min(self.bodies[b].thickness),
-            Side::Ground | Side::Scenery => self.bodies[a].thickness,
+            Side::Ground | Side::Scenery | Side::Moving => self.bodies[a].thickness,
         }
     }
 
-    fn query(&self) -> QueryPipeline<'_> {
+    pub(super) fn query(&self) -> QueryPipeline<'_> {
         self.engine.broad_phase.as_query_pipeline(
             &DefaultQueryDispatcher,
             &self.engine.bodies,
@@ -124,13 +131,19 @@ impl World {
 
     /// What a collider is to body `a`; `None` for itself, for a body already visited and for a container.
     fn side(&self, a: BodyId, collider: &Collider) -> Option<Side> {
+        self.what(collider).filter(|side| !matches!(side, Side::Body(id) if *id <= a))
+    }
+
+    /// What a collider is; `None` for a container.
+    pub(super) fn what(&self, collider: &Collider) -> Option<Side> {
         match collider.user_data {
             CONTAINER => None,
             GROUND => Some(Side::Ground),
-            data if data >= FIRST_BODY => {
-                let id = (data - FIRST_BODY) as usize;
-                (id > a).then_some(Side::Body(id))
+            data if data >= FIRST_MOVING => {
+                let moves = self.moving[(data - FIRST_MOVING) as usize].moves;
+                Some(if moves { Side::Moving } else { Side::Scenery })
             }
+            data if data >= FIRST_BODY => Some(Side::Body((data - FIRST_BODY) as usize)),
             _ => Some(Side::Scenery),
         }
     }
@@ -175,7 +188,7 @@ impl World {
         if !points.is_empty() {
             let theirs = match b {
                 Side::Body(b) => self.bodies[b].friction,
-                Side::Ground | Side::Scenery => second.friction() as f64,
+                Side::Ground | Side::Scenery | Side::Moving => second.friction() as f64,
             };
             let friction = (self.bodies[a].friction + theirs) / 2.0;
             out.push(Touch { a, b, friction, points });
@@ -212,7 +225,7 @@ impl World {
     pub fn overloaded(&self, limit: f64) -> Vec<BodyId> {
         let free = |h: ColliderHandle| {
             let data = self.engine.colliders[h].user_data;
-            data >= FIRST_BODY && self.bodies[(data - FIRST_BODY) as usize].role == Role::Free
+            (FIRST_BODY..FIRST_MOVING).contains(&data) && self.bodies[(data - FIRST_BODY) as usize].role == Role::Free
         };
         let load = |id: BodyId| -> f64 {
             let me = self.bodies[id].collider;

@@ -5,7 +5,10 @@
 //! [`Units`] is the one place of the conversion.
 
 mod contacts;
+mod hits;
+mod motion;
 mod nails;
+mod scenery;
 
 use crate::mesh::TriMesh;
 use crate::params::{FrictionModel, Physics, Time};
@@ -18,7 +21,10 @@ use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
+pub use hits::Hit;
+pub use motion::Momentum;
 pub use nails::NailId;
+pub use scenery::MovingId;
 
 /// Index of a body, in the order of insertion; never reused.
 pub type BodyId = usize;
@@ -66,6 +72,8 @@ pub enum Role {
     Free,
     /// Held by the control until its next verdict.
     Held,
+    /// Placed by hand, and to stay: others may rest on it.
+    Kept,
     /// Taken out.
     Gone,
 }
@@ -106,6 +114,7 @@ pub struct World {
     engine: PhysicsWorld,
     bodies: Vec<WorldBody>,
     nails: nails::Nails,
+    moving: Vec<scenery::Moving>,
     /// Steps taken.
     pub steps: u64,
 }
@@ -115,6 +124,8 @@ const GROUND: u128 = 0;
 const SCENERY: u128 = 1;
 const CONTAINER: u128 = 2;
 const FIRST_BODY: u128 = 3;
+/// Plus the index of a piece of moving scenery: above all bodies.
+const FIRST_MOVING: u128 = 1 << 64;
 
 /// Contacts are predicted up to this distance: the engine's own choice for objects of its unit size.
 const PREDICTION: f64 = 0.02;
@@ -157,7 +168,7 @@ impl World {
             FrictionModel::Simplified => rapier3d::prelude::FrictionModel::Simplified,
             FrictionModel::Coulomb => rapier3d::prelude::FrictionModel::Coulomb,
         };
-        World { units, engine, bodies: Vec::new(), nails: nails::Nails::default(), steps: 0 }
+        World { units, engine, bodies: Vec::new(), nails: nails::Nails::default(), moving: Vec::new(), steps: 0 }
     }
 
     /// The ground, a half-space below `height`.
@@ -167,12 +178,6 @@ impl World {
             .friction(friction as f32)
             .user_data(GROUND);
         self.engine.insert_collider(ground, None);
-    }
-
-    /// Static geometry, seen from both sides. The mesh is in SI.
-    pub fn add_scenery(&mut self, mesh: &TriMesh, friction: f64) -> Result<(), String> {
-        let flags = TriMeshFlags::FIX_INTERNAL_EDGES_TWO_SIDED | TriMeshFlags::DELETE_DEGENERATE_TRIANGLES;
-        self.add_mesh(mesh, friction, flags, SCENERY).map(|_| ())
     }
 
     /// Walls that keep bodies in: a mesh whose triangles face where the bodies are. SI.
@@ -252,6 +257,28 @@ impl World {
         Ok(id)
     }
 
+    /// Gives a body another mass than its volume's, kg, distributed as before.
+    pub fn set_mass(&mut self, id: BodyId, shape: &Shape, kg: f64) {
+        let body = &mut self.bodies[id];
+        let factor = kg / (shape.mass * body.scale.powi(3)) / self.units.mass;
+        body.mass = kg / self.units.mass;
+        if let Some(b) = self.engine.bodies.get_mut(body.handle) {
+            let properties = shape.mass_properties(body.scale, 1.0 / self.units.length, factor);
+            b.set_additional_mass_properties(properties, true);
+        }
+    }
+
+    /// Throws a free body: m/s and rad/s.
+    pub fn launch(&mut self, id: BodyId, velocity: DVec3, angular_velocity: DVec3) {
+        let units = self.units;
+        let thickness = self.bodies[id].thickness;
+        let body = &mut self.engine.bodies[self.bodies[id].handle];
+        body.set_linvel((velocity * units.time / units.length).as_vec3(), true);
+        body.set_angvel((angular_velocity * units.time).as_vec3(), true);
+        // A fast one must not pass through what it hits.
+        body.enable_ccd(body.linvel().length() as f64 * self.engine.integration_parameters.dt as f64 > thickness / 2.0);
+    }
+
     /// Gives a body another scale, about its centre of mass.
     pub fn rescale(&mut self, id: BodyId, shape: &Shape, scale: f64) {
         let length = 1.0 / self.units.length;
@@ -275,6 +302,11 @@ impl World {
 
     pub fn bodies(&self) -> &[WorldBody] {
         &self.bodies
+    }
+
+    /// Velocity of the centre of mass, engine units.
+    pub fn velocity(&self, id: BodyId) -> DVec3 {
+        self.engine.bodies[self.bodies[id].handle].linvel().as_dvec3()
     }
 
     /// Bodies that are still there, rising.
@@ -350,7 +382,7 @@ impl World {
     /// No nails, nothing held, nothing damped, nobody asleep: physics alone from here on.
     pub fn let_stand_alone(&mut self) {
         self.pull_all_nails();
-        for id in self.present().collect::<Vec<_>>() {
+        for id in self.present().filter(|&id| self.bodies[id].role != Role::Kept).collect::<Vec<_>>() {
             self.set_role(id, Role::Free);
             self.set_damping(id, 0.0);
             let body = &mut self.engine.bodies[self.bodies[id].handle];
@@ -361,26 +393,6 @@ impl World {
 
     pub fn pose(&self, id: BodyId) -> Pose {
         from_engine(self.engine.bodies[self.bodies[id].handle].position())
-    }
-
-    /// Speed of the fastest point of a body.
-    pub fn speed(&self, id: BodyId) -> f64 {
-        let body = &self.engine.bodies[self.bodies[id].handle];
-        if self.bodies[id].role != Role::Free || body.is_sleeping() {
-            return 0.0;
-        }
-        body.linvel().length() as f64 + body.angvel().length() as f64 * self.bodies[id].radius
-    }
-
-    /// Whether the engine simulates the body at present.
-    pub fn is_awake(&self, id: BodyId) -> bool {
-        self.bodies[id].role == Role::Free && !self.engine.bodies[self.bodies[id].handle].is_sleeping()
-    }
-
-    /// Kinetic energy of all free bodies.
-    pub fn kinetic_energy(&self) -> f64 {
-        let energy = |id: BodyId| self.engine.bodies[self.bodies[id].handle].kinetic_energy() as f64;
-        self.present().filter(|&id| self.bodies[id].role == Role::Free).map(energy).sum()
     }
 
     pub fn step_length(&self) -> f64 {

@@ -43,7 +43,7 @@ pub fn stick() -> TriMesh {
 pub fn scene(control: TriMesh, prop: TriMesh) -> Scene {
     let model = |name: &str, mesh| Model { name: name.into(), mesh };
     Scene {
-        control: model("control", control),
+        control: Some(model("control", control)),
         props: vec![Prop {
             model: model("stick", prop),
             weight: 1.0,
@@ -51,7 +51,8 @@ pub fn scene(control: TriMesh, prop: TriMesh) -> Scene {
             density: 500.0,
             restitution: 0.0,
             scale: [1.0, 1.0],
+            tilt_max: 180.0,
         }],
-        statics: Vec::new(),
+        ..Scene::default()
     }
 }

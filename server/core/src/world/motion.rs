@@ -1,0 +1,87 @@
+//! How the bodies move, and what the engine's last step left undone.
+
+use super::{BodyId, FIRST_BODY, Role, World};
+use glam::DVec3;
+use rapier3d::prelude::*;
+
+/// Momentum and angular momentum about the centre of mass, engine units.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Momentum {
+    pub linear: DVec3,
+    pub angular: DVec3,
+}
+
+impl World {
+    /// Speed of the fastest point of a body.
+    pub fn speed(&self, id: BodyId) -> f64 {
+        let body = self.rigid(id);
+        if self.bodies[id].role != Role::Free || body.is_sleeping() {
+            return 0.0;
+        }
+        body.linvel().length() as f64 + body.angvel().length() as f64 * self.bodies[id].radius
+    }
+
+    /// Whether the engine simulates the body at present.
+    pub fn is_awake(&self, id: BodyId) -> bool {
+        self.bodies[id].role == Role::Free && !self.rigid(id).is_sleeping()
+    }
+
+    pub fn momentum(&self, id: BodyId) -> Momentum {
+        let body = self.rigid(id);
+        let inertia = body.mass_properties().local_mprops.reconstruct_inertia_matrix();
+        let spin = body.rotation().inverse() * body.angvel();
+        Momentum {
+            linear: body.linvel().as_dvec3() * self.bodies[id].mass,
+            angular: (*body.rotation() * (inertia * spin)).as_dvec3(),
+        }
+    }
+
+    /// Kinetic energy of all free bodies.
+    pub fn kinetic_energy(&self) -> f64 {
+        let energy = |id: BodyId| self.rigid(id).kinetic_energy() as f64;
+        self.present().filter(|&id| self.bodies[id].role == Role::Free).map(energy).sum()
+    }
+
+    /// Kinetic and potential energy of all bodies; gravity is 1 downward.
+    pub fn mechanical_energy(&self) -> f64 {
+        let height = |id: BodyId| self.bodies[id].mass * self.pose(id).translation.y;
+        self.kinetic_energy() + self.present().map(height).sum::<f64>()
+    }
+
+    /// Largest excess of friction over Coulomb's law, (|ft| - mu fn) / (mu fn), over the contact patches that carry more than
+    /// `least` (engine units of force); from the forces of the engine's last substep. 0 where all obey.
+    pub fn friction_violation(&self, least: f64) -> f64 {
+        let patches =
+            self.engine.narrow_phase.contact_pairs().filter(|pair| self.moves(pair.collider1, pair.collider2));
+        patches.flat_map(|pair| pair.manifolds()).map(|m| self.excess(m, least)).fold(0.0, f64::max)
+    }
+
+    fn excess(&self, patch: &ContactManifold, least: f64) -> f64 {
+        let normal: f64 = patch.points.iter().map(|p| p.data.warmstart_impulse as f64).sum();
+        let parameters = &self.engine.integration_parameters;
+        let substep = self.step_length() / parameters.num_solver_iterations as f64;
+        let limit = patch.data.friction as f64 * normal;
+        if normal <= least * substep || limit <= 0.0 {
+            return 0.0;
+        }
+        let tangents = patch.points.iter().map(|p| p.data.warmstart_tangent_world);
+        let tangent = match parameters.friction_model {
+            // The patch has one friction force, and each of its points tells it.
+            FrictionModel::Simplified => tangents.take(1).sum::<Vector>(),
+            FrictionModel::Coulomb => tangents.sum(),
+        };
+        ((tangent.length() as f64 - limit) / limit).max(0.0)
+    }
+
+    fn moves(&self, a: ColliderHandle, b: ColliderHandle) -> bool {
+        let awake = |h: ColliderHandle| {
+            let data = self.engine.colliders[h].user_data;
+            data >= FIRST_BODY && self.is_awake((data - FIRST_BODY) as usize)
+        };
+        awake(a) || awake(b)
+    }
+
+    fn rigid(&self, id: BodyId) -> &RigidBody {
+        &self.engine.bodies[self.bodies[id].handle]
+    }
+}

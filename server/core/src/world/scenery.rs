@@ -1,0 +1,70 @@
+//! Geometry that bodies meet and do not move: it stands still, or is moved from outside.
+
+use super::{FIRST_MOVING, SCENERY, World, to_engine};
+use crate::mesh::TriMesh;
+use crate::pose::Pose;
+use rapier3d::parry::shape::TriMeshFlags;
+use rapier3d::prelude::*;
+
+/// A piece of scenery with a pose of its own.
+pub struct Moving {
+    handle: RigidBodyHandle,
+    collider: ColliderHandle,
+    pose: Pose,
+    /// Whether the current step moves it.
+    pub moves: bool,
+}
+
+/// Index of a piece of moving scenery.
+pub type MovingId = usize;
+
+impl World {
+    /// Static geometry, seen from both sides. The mesh is in SI.
+    pub fn add_scenery(&mut self, mesh: &TriMesh, friction: f64) -> Result<(), String> {
+        self.add_mesh(mesh, friction, FLAGS, SCENERY).map(|_| ())
+    }
+
+    /// Geometry that moves, from its pose at the beginning on; SI.
+    pub fn add_moving_scenery(&mut self, mesh: &TriMesh, friction: f64, pose: &Pose) -> Result<MovingId, String> {
+        let id = self.moving.len();
+        let pose = self.units.pose_to_engine(pose);
+        let points = mesh.points.iter().map(|&p| (p / self.units.length).as_vec3()).collect();
+        let collider = ColliderBuilder::trimesh_with_flags(points, mesh.triangles.clone(), FLAGS)
+            .map_err(|e| format!("the engine refuses the mesh: {e}"))?
+            .friction(friction as f32)
+            .user_data(FIRST_MOVING + id as u128);
+        let rigid = RigidBodyBuilder::kinematic_position_based().pose(to_engine(&pose));
+        let (handle, collider) = self.engine.insert(rigid, collider);
+        self.moving.push(Moving { handle, collider, pose, moves: false });
+        Ok(id)
+    }
+
+    /// Where the next step shall take a piece of scenery; SI.
+    pub fn move_scenery(&mut self, id: MovingId, pose: &Pose) {
+        let pose = self.units.pose_to_engine(pose);
+        let piece = &mut self.moving[id];
+        let moved = pose != piece.pose;
+        if !moved && !piece.moves {
+            return;
+        }
+        (piece.moves, piece.pose) = (moved, pose);
+        let body = &mut self.engine.bodies[piece.handle];
+        body.set_next_kinematic_position(to_engine(&pose));
+        if moved {
+            // What sleeps on it must notice.
+            self.engine.wake_up_all(true);
+        }
+    }
+
+    /// What is on its way.
+    pub(super) fn moving_colliders(&self) -> impl Iterator<Item = ColliderHandle> + '_ {
+        self.moving.iter().filter(|piece| piece.moves).map(|piece| piece.collider)
+    }
+
+    /// Whether any scenery is on its way.
+    pub fn scenery_moves(&self) -> bool {
+        self.moving.iter().any(|piece| piece.moves)
+    }
+}
+
+const FLAGS: TriMeshFlags = TriMeshFlags::FIX_INTERNAL_EDGES_TWO_SIDED.union(TriMeshFlags::DELETE_DEGENERATE_TRIANGLES);

@@ -1,0 +1,312 @@
+//! What a scene adds to the fill, end to end: placed bodies, emitters, moving scenery, blows, the end of the control.
+
+mod common;
+
+use cairn_core::bake::Bake;
+use cairn_core::mesh::TriMesh;
+use cairn_core::observer::{Frame, Observer, Progress, Silent};
+use cairn_core::params::{Accuracy, ContactSelection, ControlMode, Params, ReleaseOrder};
+use cairn_core::pose::Pose;
+use cairn_core::scene::{Emitter, Given, Key, Model, Place, Prop, Scene, StaticModel};
+use cairn_core::{Error, bake};
+use common::{cone, scene, stick};
+use glam::{DQuat, DVec3};
+use std::ops::ControlFlow;
+
+fn params() -> Params {
+    let mut params = Params::new(Accuracy::Draft);
+    params.release.order = ReleaseOrder::AtOnce;
+    params
+}
+
+/// A box of these edges with its middle at the origin.
+fn block(size: DVec3) -> TriMesh {
+    let stick = stick();
+    let points = stick.points.iter().map(|p| p / DVec3::new(0.5, 0.06, 0.06) * size).collect();
+    TriMesh { points, ..stick }
+}
+
+fn prop(name: &str, mesh: TriMesh) -> Prop {
+    let model = Model { name: name.into(), mesh };
+    Prop { model, weight: 1.0, friction: 0.7, density: 500.0, restitution: 0.0, scale: [1.0; 2], tilt_max: 180.0 }
+}
+
+fn at(x: f64, y: f64, z: f64) -> Pose {
+    Pose { translation: DVec3::new(x, y, z), rotation: DQuat::IDENTITY }
+}
+
+/// Bricks of 0.4 x 0.2 x 0.2 m, and what is done with them.
+fn bricks(bodies: Vec<Given>) -> Scene {
+    Scene { props: vec![prop("brick", block(DVec3::new(0.4, 0.2, 0.2)))], bodies, ..Scene::default() }
+}
+
+fn tower(bricks: usize) -> Vec<Given> {
+    (0..bricks).map(|k| Given::new(0, at(0.0, 0.1 + 0.2 * k as f64, 0.0))).collect()
+}
+
+fn baked(scene: &Scene, params: &Params) -> Bake {
+    bake(scene, params, &mut Silent).unwrap()
+}
+
+fn figure(bake: &Bake, name: &str) -> f64 {
+    bake.report.measures[name].unwrap()
+}
+
+#[test]
+fn a_given_stack_needs_no_control_mesh() {
+    let bake = baked(&bricks(tower(6)), &params());
+    assert_eq!(bake.bodies.len(), 6);
+    assert!(figure(&bake, "stack_drift_rel") < 0.02);
+    assert_eq!(figure(&bake, "fallen_fraction"), 0.0);
+    assert_eq!(figure(&bake, "hanging"), 0.0);
+    assert!(!bake.report.measures.contains_key("shape_iou"), "there is no shape to compare with");
+}
+
+#[test]
+fn a_late_body_is_not_there_before_its_frame() {
+    #[derive(Default)]
+    struct Watcher(Vec<usize>);
+    impl Observer for Watcher {
+        fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+            ControlFlow::Continue(())
+        }
+
+        fn cpu_seconds(&mut self) -> f64 {
+            0.0
+        }
+
+        fn wants_frames(&self) -> bool {
+            true
+        }
+
+        fn frame(&mut self, frame: &Frame) {
+            assert!(frame.bodies.iter().all(Option::is_some));
+            self.0.push(frame.bodies.len());
+        }
+    }
+    let mut bodies = tower(2);
+    let velocity = DVec3::new(2.0, 0.0, 0.0);
+    bodies.insert(0, Given { start: 12.0 / 24.0, velocity, ..Given::new(0, at(-3.0, 1.0, 5.0)) });
+    let mut watcher = Watcher::default();
+    let bake = bake(
+        &bricks(bodies),
+        &Params { output: cairn_core::params::Output { frames: Some(20), ..params().output }, ..params() },
+        &mut watcher,
+    )
+    .unwrap();
+    // Those of the beginning come first.
+    assert_eq!(bake.bodies.iter().map(|b| b.first_frame).collect::<Vec<_>>(), [0, 0, 12]);
+    assert_eq!(watcher.0[..12], [2; 12]);
+    assert_eq!(watcher.0[12..], [3; 9]);
+    let place = |frame: usize| bake.frames[frame][2].translation;
+    assert!(place(12).distance(DVec3::new(-3.0, 1.0, 5.0)) < 0.01, "{}", place(12));
+    assert!((place(14).x - place(12).x - 2.0 * 2.0 / 24.0).abs() < 1e-3, "it flies freely");
+    assert_eq!(place(3), place(12), "before, it has the pose in which it appears");
+}
+
+#[test]
+fn what_is_kept_stays_while_the_rest_is_filled_around_it() {
+    let mut scene = scene(cone(0.9, 2.0), stick());
+    scene.props.push(Prop { weight: 0.0, ..prop("brick", block(DVec3::new(0.4, 0.2, 0.2))) });
+    let pose = at(0.1, 0.5, 0.0);
+    scene.bodies = vec![Given { kept: true, ..Given::new(1, pose) }];
+    let mut params = params();
+    params.release.order = ReleaseOrder::BottomUp;
+    let bake = baked(&scene, &params);
+    let kept = bake.bodies.iter().position(|b| b.prop == 1).unwrap();
+    assert!(bake.bodies.len() > 20, "{} bodies", bake.bodies.len());
+    assert!(bake.frames.iter().all(|f| f[kept].translation.distance(pose.translation) < 1e-6));
+    assert!(figure(&bake, "penetration_max_rel") < 0.25);
+    assert_eq!(figure(&bake, "hanging"), 0.0, "others may rest on it");
+}
+
+#[test]
+fn a_kept_body_is_let_go_at_its_time() {
+    let until = 0.5;
+    let bake = baked(
+        &bricks(vec![Given { kept: true, kept_until: Some(until), ..Given::new(0, at(0.0, 1.0, 0.0)) }]),
+        &params(),
+    );
+    let height = |frame: usize| bake.frames[frame][0].translation.y;
+    assert!((height(12) - 1.0).abs() < 1e-6);
+    assert!((bake.frames.last().unwrap()[0].translation.y - 0.1).abs() < 0.02);
+}
+
+#[test]
+fn an_emitter_lets_bodies_appear_at_its_rate() {
+    let mut scene = bricks(Vec::new());
+    let place = Place::Box { center: DVec3::Y * 1.5, size: DVec3::new(2.0, 1.0, 2.0) };
+    scene.emitters = vec![Emitter { place, props: vec![], rate: 24.0, count: 30, velocity: DVec3::ZERO, start: 0.25 }];
+    let one = baked(&scene, &params());
+    assert_eq!(one.bodies.len(), 30);
+    let there = |frame: usize| one.bodies.iter().filter(|b| b.first_frame <= frame).count();
+    assert_eq!(there(5), 0);
+    for (frame, least) in [(6, 1), (16, 11), (35, 30)] {
+        assert!((least..=least + 1).contains(&there(frame)), "{} bodies at frame {frame}", there(frame));
+    }
+    assert!(figure(&one, "resting_speed_max_rel") < 0.01);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+    assert_eq!(pool.install(|| baked(&scene, &params())).frames, one.frames);
+
+    // A place that is full at once: what could not appear is told.
+    scene.emitters[0].place = Place::Box { center: DVec3::Y * 0.2, size: DVec3::splat(0.1) };
+    let blocked = baked(&scene, &params());
+    assert!(blocked.bodies.len() < 5);
+    assert!(
+        blocked.report.warnings.iter().any(|w| w.contains("of 30 bodies could appear")),
+        "{:?}",
+        blocked.report.warnings
+    );
+}
+
+#[test]
+fn tilted_draws_stay_within_their_angle() {
+    let mut scene = bricks(Vec::new());
+    scene.props[0].tilt_max = 20.0;
+    let place = Place::Box { center: DVec3::Y * 9.0, size: DVec3::splat(8.0) };
+    scene.emitters = vec![Emitter { place, props: vec![0], rate: 1e6, count: 60, velocity: DVec3::ZERO, start: 0.0 }];
+    let mut params = params();
+    params.output.frames = Some(1);
+    let bake = baked(&scene, &params);
+    let tilts: Vec<f64> =
+        bake.frames[1].iter().map(|p| (p.rotation * DVec3::Y).angle_between(DVec3::Y).to_degrees()).collect();
+    assert!(tilts.len() > 30 && tilts.iter().all(|&t| t < 21.0));
+    assert!(tilts.iter().any(|&t| t > 12.0));
+}
+
+#[test]
+fn moving_scenery_takes_along_what_it_carries() {
+    let mut scene = bricks(vec![Given::new(0, at(0.0, 0.3, 0.0)), Given::new(0, at(0.0, 0.5, 0.0))]);
+    let board = Model { name: "board".into(), mesh: block(DVec3::new(3.0, 0.2, 3.0)) };
+    let key = |time: f64, x: f64| Key { time, pose: at(x, 0.1, 0.0) };
+    scene.statics = vec![StaticModel { model: board, friction: 0.7, keys: vec![key(0.5, 0.0), key(2.5, 1.0)] }];
+    let bake = baked(&scene, &params());
+    let end = bake.frames.last().unwrap();
+    assert_eq!(bake.scenery[0].last().unwrap().translation.x, 1.0);
+    for body in end {
+        assert!((body.translation.x - 1.0).abs() < 0.15, "{}", body.translation);
+    }
+    assert!(end[1].translation.y > 0.45, "the upper one is still on the lower one");
+}
+
+#[test]
+fn a_blow_breaks_what_is_held() {
+    // A tower with a steel ball's weight of momentum against it: it must not stop the ball like a wall.
+    let mut scene = bricks(tower(6));
+    let velocity = DVec3::new(6.0, 0.0, 0.0);
+    let ball = Given { velocity, start: 1.0, mass: Some(80.0), ..Given::new(0, at(-2.0, 0.7, 0.0)) };
+    scene.bodies.push(ball);
+    let bake = baked(&scene, &params());
+    assert!(figure(&bake, "stack_drift_rel") < 0.02, "until then it stands");
+    assert!(bake.report.counts["held_peak"] >= 6);
+    assert!(bake.report.counts["shaken"] >= 3);
+    assert!(figure(&bake, "fallen_fraction") >= 0.3);
+    assert!(bake.frames.last().unwrap()[6].translation.x > 0.5, "the ball goes through");
+}
+
+/// A plank that juts out from a kept block, with a weight on its tail that is too light to hold it.
+fn plank() -> Scene {
+    let mut scene = bricks(vec![
+        Given { kept: true, scale: 2.0, ..Given::new(0, at(0.0, 0.2, 0.0)) },
+        Given { mass: Some(2.0), ..Given::new(0, at(0.25, 0.6, 0.0)) },
+        Given::new(1, at(0.7, 0.45, 0.0)),
+    ]);
+    scene.props.push(prop("plank", block(DVec3::new(1.2, 0.1, 0.2))));
+    scene
+}
+
+#[test]
+fn the_control_ends_when_told() {
+    let mut params = params();
+    params.control.selection = ContactSelection::All;
+    params.control.until = Some(1.0);
+    params.output.frames = Some(60);
+    let bake = baked(&plank(), &params);
+    let height = |frame: usize| bake.frames[frame][2].translation.y;
+    assert!((height(0) - height(22)).abs() < 0.01, "all contacts freeze it");
+    assert!(height(60) < height(0) - 0.1, "then it falls");
+}
+
+#[test]
+fn a_stand_leaves_the_pile_to_itself() {
+    let mut params = Params::new(Accuracy::Draft);
+    params.control.stand = true;
+    let bake = baked(&scene(cone(0.9, 2.0), stick()), &params);
+    assert!(figure(&bake, "shape_iou_after") > 0.8 * figure(&bake, "shape_iou"), "the shape kept by standing is told");
+    assert!(figure(&bake, "resting_speed_max_rel") < 0.01);
+    assert_eq!(figure(&bake, "hanging"), 0.0);
+    params.control.mode = ControlMode::Off;
+    let off = baked(&scene(cone(0.9, 2.0), stick()), &params);
+    assert!(!off.report.measures.contains_key("shape_iou_after"), "what is not controlled needs no end of it");
+}
+
+#[test]
+fn a_stack_with_overlaps_settles_without_a_jump() {
+    let overlaps = [0.05, 0.15, 0.25, 0.1];
+    let mut y = 0.1;
+    let mut bodies = vec![Given::new(0, at(0.0, y, 0.0))];
+    for share in overlaps {
+        y += 0.2 * (1.0 - share);
+        bodies.push(Given::new(0, at(0.0, y, 0.0)));
+    }
+    let mut params = params();
+    params.hold.least = 2.0;
+    let bake = baked(&bricks(bodies), &params);
+    for pair in bake.frames.windows(2) {
+        for (a, b) in pair[0].iter().zip(&pair[1]) {
+            assert!(a.translation.distance(b.translation) * bake.fps < 1.0, "a body jumps");
+        }
+    }
+    assert!(figure(&bake, "penetration_max_rel") < 0.1, "{}", figure(&bake, "penetration_max_rel"));
+    assert!((bake.frames.last().unwrap()[4].translation.y - 0.9).abs() < 0.05);
+}
+
+#[test]
+fn a_hard_drop_is_warned_of() {
+    let mut scene = bricks(Vec::new());
+    let place = |height: f64| Place::Box { center: DVec3::Y * height, size: DVec3::ONE };
+    let emitter = |height| Emitter {
+        place: place(height),
+        props: vec![],
+        rate: 10.0,
+        count: 3,
+        velocity: DVec3::ZERO,
+        start: 0.0,
+    };
+    scene.emitters = vec![emitter(1.0), emitter(20.0)];
+    let plan = cairn_core::plan(&scene, &params()).unwrap();
+    let told: Vec<&String> = plan.warnings.iter().filter(|w| w.contains("energy")).collect();
+    assert!(told.len() == 1 && told[0].starts_with("emitters.1"), "{told:?}");
+}
+
+#[test]
+fn all_problems_of_added_things_are_told_at_once() {
+    let mut scene = bricks(vec![
+        Given { prop: 7, ..Given::new(0, at(0.0, f64::NAN, 0.0)) },
+        Given { kept: true, velocity: DVec3::X, kept_until: Some(-1.0), ..Given::new(0, at(0.0, 0.0, 0.0)) },
+    ]);
+    scene.bodies[0].pose.rotation = DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+    let place = Place::Box { center: DVec3::ZERO, size: DVec3::ZERO };
+    scene.emitters =
+        vec![Emitter { place, props: vec![], rate: 0.0, count: 200_000, velocity: DVec3::ZERO, start: 0.0 }];
+    let key = Key { time: 1.0, pose: Pose::IDENTITY };
+    let model = Model { name: "board".into(), mesh: block(DVec3::ONE) };
+    scene.statics = vec![StaticModel { model, friction: 0.7, keys: vec![key, key] }];
+    let Err(Error::Invalid(problems)) = cairn_core::plan(&scene, &params()) else { panic!("accepted") };
+    for field in [
+        "bodies.0.prop",
+        "bodies.0.position.1",
+        "bodies.0.rotation",
+        "bodies.1.kept",
+        "bodies.1.kept_until",
+        "emitters.0.size.0",
+        "emitters.0.rate",
+        "emitters.0.count",
+        "emitters",
+        "statics.0.keyframes.1.frame",
+    ] {
+        assert!(problems.iter().any(|p| p.field == field), "{field} is missing in {problems:#?}");
+    }
+    let none = Scene { props: scene.props.clone(), ..Scene::default() };
+    assert!(matches!(cairn_core::plan(&none, &params()), Err(Error::Invalid(_))), "nothing to bake");
+}

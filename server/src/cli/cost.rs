@@ -1,0 +1,174 @@
+//! `cairn cost`: what accuracy costs in time, for a scene.
+
+use super::scene_args::SceneArgs;
+use super::{Failure, interrupt, print};
+use crate::cost::{self, Ledger, Record, Study, Variant};
+use crate::job::Job;
+use crate::machine;
+use crate::problem::Problem;
+use crate::scene_file::SceneTree;
+use cairn_core::observer::{Observer, Progress};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Show what accuracy costs in time, for a scene
+///
+/// Bakes the scene with every preset and with single parameters changed, several seeds each, and writes a table
+/// (cost.md, cost.json) and a plot (cost.svg, cost.png) of error over CPU time. Called again, it goes on where it ended.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  cairn cost pile.toml -o cost --budget 200s
+  cairn cost pile.toml -o cost --bodies 150 --seeds 5
+  cairn cost pile.toml -o cost --knob physics.substeps=4 --knob physics.substeps=16")]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+
+    /// Folder for the table, the plot and the runs so far
+    #[arg(short, long, value_name = "FOLDER")]
+    output: PathBuf,
+
+    /// Largest CPU time of this call; what does not fit is named in the table
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    budget: Option<Duration>,
+
+    /// Seeds of each variant, from the scene's seed on
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100))]
+    seeds: u64,
+
+    /// Bake a smaller pile of the same shape, of about this many bodies
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    bodies: Option<u64>,
+
+    /// Change these fields, in place of those chosen by us; several that belong together are joined by commas
+    #[arg(long = "knob", value_name = "FIELD=VALUE")]
+    knobs: Vec<String>,
+
+    /// Presets only
+    #[arg(long, conflicts_with = "knobs")]
+    presets_only: bool,
+}
+
+/// A bake that is wanted, with all that it takes.
+struct Wanted {
+    variant: usize,
+    seed: u64,
+    key: String,
+    tree: SceneTree,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    interrupt::listen();
+    let tree = args.scene.tree()?;
+    let variants = match (&args.knobs[..], args.presets_only) {
+        (_, true) => cost::variants(Some(&[])),
+        ([], false) => cost::variants(None),
+        (knobs, false) => cost::variants(Some(knobs)),
+    };
+    let job = Job::read(&tree.to_message()).map_err(Failure::Input)?;
+    if args.bodies.is_some() && job.scene.control.is_none() {
+        let problem = Problem::new("--bodies", "the scene has no control mesh to scale down", "Leave --bodies out.");
+        return Err(Failure::Usage(vec![problem]));
+    }
+    let files = job.content_hash();
+    let first = job.params.seed;
+    let mut wanted = Vec::new();
+    for seed in first..first.saturating_add(args.seeds) {
+        for (variant, of) in variants.iter().enumerate() {
+            let tree = cost::scene_of(&tree, of, seed).map_err(Failure::Usage)?;
+            let what = format!("{} {files} {:?} {}", crate::VERSION, args.bodies, tree.to_json());
+            wanted.push(Wanted { variant, seed, key: blake3::hash(what.as_bytes()).to_hex().to_string(), tree });
+        }
+    }
+    let mut ledger = Ledger::open(&args.output).map_err(Failure::TryAgain)?;
+    let left_out = bake_all(args, &variants, &wanted, &mut ledger)?;
+    let runs: Vec<(Variant, Vec<Record>)> = variants
+        .into_iter()
+        .enumerate()
+        .map(|(i, variant)| {
+            let keys = wanted.iter().filter(|w| w.variant == i);
+            (variant, keys.filter_map(|w| ledger.find(&w.key).cloned()).collect())
+        })
+        .collect();
+    let scene = args.scene.scene.as_ref().map_or("scene".into(), |path| path.display().to_string());
+    let study = Study::new(scene, machine::name(), &runs, left_out);
+    write(&study, &args.output)?;
+    print(&study.markdown())
+}
+
+/// Makes the runs that the ledger does not have. Returns those that the budget did not allow.
+fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut Ledger) -> Result<Vec<String>, Failure> {
+    let budget = args.budget.map_or(f64::INFINITY, |budget| budget.as_secs_f64());
+    let began = machine::cpu_seconds();
+    let mut watch = Watch { bar: bar(wanted.len()), end: began + budget };
+    let mut left_out = Vec::new();
+    for want in wanted {
+        let name = format!("{} (seed {})", variants[want.variant].name, want.seed);
+        watch.bar.set_message(name.clone());
+        if ledger.find(&want.key).is_none() {
+            // What a run will take, from those that were made.
+            let rate = |r: &Record| {
+                let of = wanted.iter().find(|w| w.key == r.key)?;
+                Some(r.seconds.values().sum::<f64>() / cost::work(&of.tree))
+            };
+            let rates: Vec<f64> = ledger.records.iter().filter_map(rate).collect();
+            let mean = rates.iter().sum::<f64>() / rates.len().max(1) as f64;
+            if machine::cpu_seconds() + mean * cost::work(&want.tree) > watch.end {
+                left_out.push(name);
+                watch.bar.inc(1);
+                continue;
+            }
+            let job = Job::read(&want.tree.to_message()).map_err(Failure::Input)?;
+            let bodies = args.bodies.map(|n| n as usize);
+            match cost::run(&job, &variants[want.variant], want.key.clone(), bodies, &mut watch) {
+                Ok(record) => ledger.add(record).map_err(Failure::TryAgain)?,
+                Err(cairn_core::Error::Cancelled) if !interrupt::asked() => left_out.push(name),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        watch.bar.inc(1);
+    }
+    watch.bar.finish_and_clear();
+    Ok(left_out)
+}
+
+fn write(study: &Study, folder: &Path) -> Result<(), Failure> {
+    let json = serde_json::to_string_pretty(study).expect("a study has a JSON form") + "\n";
+    super::output::write(&folder.join("cost.json"), json.as_bytes())?;
+    super::output::write(&folder.join("cost.md"), study.markdown().as_bytes())?;
+    cost::draw(study, folder).map_err(|e| {
+        let place = folder.display().to_string();
+        Failure::TryAgain(Problem::new(place, format!("the plot cannot be written: {e}"), "Make room on the disk."))
+    })
+}
+
+/// Cancels what the budget does not allow, and tells where the study is.
+struct Watch {
+    bar: ProgressBar,
+    /// CPU seconds of this process.
+    end: f64,
+}
+
+impl Observer for Watch {
+    fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+        self.bar.tick();
+        if interrupt::asked() || machine::cpu_seconds() > self.end {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    }
+
+    fn cpu_seconds(&mut self) -> f64 {
+        machine::cpu_seconds()
+    }
+}
+
+fn bar(runs: usize) -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:24} {pos}/{len}  {msg}  {elapsed}, {eta} left");
+    ProgressBar::with_draw_target(Some(runs as u64), ProgressDrawTarget::stderr())
+        .with_style(style.expect("the template is valid"))
+}

@@ -1,0 +1,88 @@
+//! What accuracy costs in time: one scene baked over the presets and over single parameters, several seeds each; a table
+//! and a plot of error over CPU time.
+
+mod ledger;
+mod plot;
+mod table;
+mod variants;
+
+pub use ledger::{Ledger, Record};
+pub use plot::draw;
+pub use table::Study;
+pub use variants::{Kind, Variant, variants, work};
+
+use crate::job::Job;
+use crate::problem::Problem;
+use crate::scene_file::SceneTree;
+use cairn_core::mesh::TriMesh;
+use cairn_core::observer::Observer;
+use cairn_core::params::Params;
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// Figures that are an error by themselves: 0 is the truth.
+pub const ACCURACY: [&str; 6] = [
+    "penetration_mean_rel",
+    "penetration_max_rel",
+    "equilibrium_residual_p95",
+    "friction_violation_max",
+    "energy_gain_rel",
+    "unsupported_fraction",
+];
+/// Figures whose error is the distance from what `reference` gives.
+pub const SHAPE: [&str; 3] = ["kept_shape", "height_p95_rel", "silhouette_iou"];
+
+/// The variant that the shape's errors are measured against.
+pub const REFERENCE: &str = "reference";
+
+/// The scene of one run: of this variant and seed, with all that is measured switched on.
+pub fn scene_of(tree: &SceneTree, variant: &Variant, seed: u64) -> Result<SceneTree, Vec<Problem>> {
+    let mut tree = tree.clone();
+    for assignment in &variant.set {
+        tree.set(assignment)?;
+    }
+    tree.put("seed", seed.into());
+    tree.put_in("output", "free_standing", true.into());
+    Ok(tree)
+}
+
+/// Bakes one run. `bodies`: the control mesh, if there is one, is scaled down so that about this many fit.
+pub fn run(
+    job: &Job,
+    variant: &Variant,
+    key: String,
+    bodies: Option<usize>,
+    observer: &mut dyn Observer,
+) -> Result<Record, cairn_core::Error> {
+    let mut scene = job.scene.clone();
+    let expected = cairn_core::plan(&scene, &job.params)?.expected_bodies;
+    if let (Some(bodies), Some(control)) = (bodies, &mut scene.control) {
+        shrink(&mut control.mesh, &job.params, bodies as f64 / expected as f64);
+    }
+    let bake = cairn_core::bake(&scene, &job.params, observer)?;
+    let report = bake.report;
+    let named = |figures: BTreeMap<&'static str, Option<f64>>| {
+        figures.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
+    };
+    let seconds = report.seconds.iter().map(|(&stage, &s)| (crate::pace::name(stage).to_owned(), s)).collect();
+    let steps = ["fill_steps", "steps"].iter().map(|name| report.counts[name]).sum();
+    Ok(Record {
+        key,
+        variant: variant.name.clone(),
+        seed: job.params.seed,
+        bodies: report.bodies,
+        steps,
+        seconds,
+        measures: named(report.measures),
+    })
+}
+
+/// Scales a control mesh about the middle of its foot, so that its volume is at most this share.
+fn shrink(mesh: &mut TriMesh, params: &Params, share: f64) {
+    let (lo, hi) = mesh.bounds();
+    let foot = DVec3::new((lo.x + hi.x) / 2.0, params.ground_height.unwrap_or(lo.y), (lo.z + hi.z) / 2.0);
+    let scale = share.min(1.0).cbrt();
+    for point in &mut mesh.points {
+        *point = foot + (*point - foot) * scale;
+    }
+}

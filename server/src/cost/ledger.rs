@@ -1,0 +1,68 @@
+//! The runs that were made, kept as lines of JSON: a study that is called again goes on where it ended.
+
+use crate::problem::Problem;
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// One bake.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Record {
+    /// Hash of all that decides the result: scene, files, version.
+    pub key: String,
+    pub variant: String,
+    pub seed: u64,
+    pub bodies: usize,
+    pub steps: u64,
+    /// CPU seconds by stage.
+    pub seconds: BTreeMap<String, f64>,
+    pub measures: BTreeMap<String, f64>,
+}
+
+impl Record {
+    /// CPU seconds of the bake itself: measuring it is the study's own expense.
+    pub fn cost(&self) -> f64 {
+        self.seconds.iter().filter(|(stage, _)| *stage != "measure").map(|(_, seconds)| seconds).sum()
+    }
+}
+
+pub struct Ledger {
+    path: PathBuf,
+    file: File,
+    pub records: Vec<Record>,
+}
+
+impl Ledger {
+    /// Opens the ledger of a folder, or begins it. Lines that are no records, such as one cut off, are left out.
+    pub fn open(folder: &Path) -> Result<Ledger, Problem> {
+        let path = folder.join("runs.jsonl");
+        let failed = |e: std::io::Error| {
+            Problem::new(path.display().to_string(), format!("cannot be written: {e}"), "Name another folder by -o.")
+        };
+        std::fs::create_dir_all(folder).map_err(failed)?;
+        let text = match std::fs::read_to_string(&path) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(failed(e)),
+            read => read.unwrap_or_default(),
+        };
+        let records = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+        let mut file = OpenOptions::new().create(true).append(true).open(&path).map_err(failed)?;
+        if !text.is_empty() && !text.ends_with('\n') {
+            file.write_all(b"\n").map_err(failed)?;
+        }
+        Ok(Ledger { path, file, records })
+    }
+
+    pub fn find(&self, key: &str) -> Option<&Record> {
+        self.records.iter().find(|record| record.key == key)
+    }
+
+    pub fn add(&mut self, record: Record) -> Result<(), Problem> {
+        let line = serde_json::to_string(&record).expect("a record has a JSON form") + "\n";
+        self.file.write_all(line.as_bytes()).and_then(|()| self.file.flush()).map_err(|e| {
+            Problem::new(self.path.display().to_string(), format!("cannot be written: {e}"), "Make room on the disk.")
+        })?;
+        self.records.push(record);
+        Ok(())
+    }
+}

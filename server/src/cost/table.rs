@@ -1,0 +1,192 @@
+//! The study's figures: medians over seeds, errors, and which variants no other one beats.
+
+use super::{ACCURACY, Kind, REFERENCE, Record, SHAPE, Variant};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// Median and range over the seeds.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Spread {
+    pub low: f64,
+    pub median: f64,
+    pub high: f64,
+}
+
+impl Spread {
+    /// `None` for no values.
+    pub fn of(mut values: Vec<f64>) -> Option<Spread> {
+        values.sort_by(f64::total_cmp);
+        let (&low, &high) = (values.first()?, values.last()?);
+        let half = values.len() / 2;
+        let median = if values.len() % 2 == 1 { values[half] } else { (values[half - 1] + values[half]) / 2.0 };
+        Some(Spread { low, median, high })
+    }
+}
+
+/// What one variant costs and what it gives.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Row {
+    pub variant: String,
+    pub kind: Kind,
+    pub seeds: Vec<u64>,
+    pub bodies: Spread,
+    /// CPU seconds, without measuring.
+    pub cost: Spread,
+    pub steps: Spread,
+    /// By name: [`ACCURACY`] as measured, [`SHAPE`] as distance from the reference's median.
+    pub errors: BTreeMap<&'static str, Spread>,
+    /// All figures as measured.
+    pub measures: BTreeMap<String, Spread>,
+    /// Errors in which no variant is better for less time.
+    pub best_in: Vec<&'static str>,
+}
+
+/// All rows, in the order of the variants.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Study {
+    pub scene: String,
+    pub machine: String,
+    pub version: &'static str,
+    /// What the shape's errors are measured against.
+    pub reference: String,
+    pub rows: Vec<Row>,
+    /// Variants and seeds that the budget did not allow.
+    pub left_out: Vec<String>,
+}
+
+impl Study {
+    pub fn new(scene: String, machine: String, runs: &[(Variant, Vec<Record>)], left_out: Vec<String>) -> Study {
+        let measured = |name: &str, records: &[Record]| {
+            Spread::of(records.iter().filter_map(|r| r.measures.get(name).copied()).collect())
+        };
+        let baked = || runs.iter().filter(|(_, records)| !records.is_empty());
+        // The most accurate preset that the budget allowed stands in.
+        let of_name = baked().find(|(variant, _)| variant.name == REFERENCE);
+        let reference = of_name.or_else(|| baked().rfind(|(variant, _)| variant.kind == Kind::Preset));
+        let truth = |name| reference.and_then(|(_, records)| measured(name, records)).map(|spread| spread.median);
+        let row = |(variant, records): &(Variant, Vec<Record>)| {
+            let over = |f: &dyn Fn(&Record) -> f64| Spread::of(records.iter().map(f).collect());
+            let mut errors = BTreeMap::new();
+            for name in ACCURACY {
+                errors.extend(measured(name, records).map(|spread| (name, spread)));
+            }
+            for name in SHAPE {
+                let Some(truth) = truth(name) else { continue };
+                let distance = |r: &Record| Some((r.measures.get(name)? - truth).abs());
+                errors.extend(Spread::of(records.iter().filter_map(distance).collect()).map(|s| (name, s)));
+            }
+            let names: std::collections::BTreeSet<&String> = records.iter().flat_map(|r| r.measures.keys()).collect();
+            Some(Row {
+                variant: variant.name.clone(),
+                kind: variant.kind,
+                seeds: records.iter().map(|r| r.seed).collect(),
+                bodies: over(&|r| r.bodies as f64)?,
+                cost: over(&Record::cost)?,
+                steps: over(&|r| r.steps as f64)?,
+                errors,
+                measures: names.into_iter().filter_map(|n| Some((n.clone(), measured(n, records)?))).collect(),
+                best_in: Vec::new(),
+            })
+        };
+        let mut rows: Vec<Row> = runs.iter().filter_map(row).collect();
+        for name in ACCURACY.into_iter().chain(SHAPE) {
+            for i in front(&rows, name) {
+                rows[i].best_in.push(name);
+            }
+        }
+        let reference = reference.map_or(String::new(), |(variant, _)| variant.name.clone());
+        Study { scene, machine, version: crate::VERSION, reference, rows, left_out }
+    }
+
+    /// The table in Markdown.
+    pub fn markdown(&self) -> String {
+        let columns: Vec<&str> = ACCURACY.into_iter().chain(SHAPE).collect();
+        let mut text = format!(
+            "# What accuracy costs: {}\n\nCPU seconds of fill, release and hold on {}; medians over seeds, their range in brackets. Shape \
+             errors are distances from `{}`. Bold: nothing cheaper has a smaller error.\n\n",
+            self.scene, self.machine, self.reference
+        );
+        let _ = writeln!(text, "| variant | seeds | bodies | CPU s | {} |", columns.join(" | "));
+        let _ = writeln!(text, "|{}", " --- |".repeat(columns.len() + 4));
+        for row in &self.rows {
+            let cell = |name: &&str| {
+                let Some(error) = row.errors.get(name) else { return String::from("-") };
+                let mark = if row.best_in.contains(name) { "**" } else { "" };
+                format!("{mark}{}{mark} ({} to {})", short(error.median), short(error.low), short(error.high))
+            };
+            let cells: Vec<String> = columns.iter().map(cell).collect();
+            let (name, seeds, bodies) = (&row.variant, row.seeds.len(), row.bodies.median);
+            let cost = format!("{:.2} ({:.2} to {:.2})", row.cost.median, row.cost.low, row.cost.high);
+            let _ = writeln!(text, "| {name} | {seeds} | {bodies} | {cost} | {} |", cells.join(" | "));
+        }
+        if !self.left_out.is_empty() {
+            let _ = writeln!(text, "\nNot baked within the budget: {}.", self.left_out.join(", "));
+        }
+        text
+    }
+}
+
+/// Two significant digits.
+pub fn short(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    let digits = (1.0 - value.abs().log10().floor()).clamp(0.0, 6.0) as usize;
+    if value.abs() < 1e-4 { format!("{value:.1e}") } else { format!("{value:.digits$}") }
+}
+
+/// The rows of which no other one has a smaller error for at most the same cost, cheapest first.
+pub fn front(rows: &[Row], name: &str) -> Vec<usize> {
+    let mut order: Vec<(f64, f64, usize)> = rows
+        .iter()
+        .enumerate()
+        .filter_map(|(i, row)| Some((row.cost.median, row.errors.get(name)?.median, i)))
+        .collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let mut least = f64::INFINITY;
+    order.retain(|&(_, error, _)| {
+        let better = error < least;
+        least = least.min(error);
+        better
+    });
+    order.into_iter().map(|(_, _, i)| i).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(name: &str, cost: f64, error: f64, kept: f64) -> (Variant, Vec<Record>) {
+        let record = |seed: u64| Record {
+            key: String::new(),
+            variant: name.into(),
+            seed,
+            bodies: 10,
+            steps: 100,
+            seconds: [("fill".to_owned(), cost), ("measure".to_owned(), 50.0)].into(),
+            measures: [("penetration_mean_rel".to_owned(), error * seed as f64), ("kept_shape".to_owned(), kept)]
+                .into(),
+        };
+        let variant = Variant { name: name.into(), kind: Kind::Preset, set: Vec::new() };
+        (variant, [1, 2, 3].map(record).into())
+    }
+
+    #[test]
+    fn medians_ranges_reference_and_front() {
+        let runs = [run("draft", 1.0, 0.2, 0.8), run("worse", 2.0, 0.3, 0.9), run("reference", 4.0, 0.05, 0.95)];
+        let study = Study::new("x".into(), "y".into(), &runs, Vec::new());
+        let draft = &study.rows[0];
+        assert_eq!(draft.cost, Spread { low: 1.0, median: 1.0, high: 1.0 });
+        assert_eq!(draft.errors["penetration_mean_rel"].median, 0.4);
+        assert!((draft.errors["kept_shape"].median - 0.15).abs() < 1e-12);
+        assert_eq!(front(&study.rows, "penetration_mean_rel"), [0, 2]);
+        assert_eq!(study.rows[1].best_in, ["kept_shape"]);
+        assert!(study.markdown().contains("| draft | 3 | 10 | 1.00 (1.00 to 1.00) |"));
+    }
+
+    #[test]
+    fn the_most_accurate_preset_stands_in_for_a_reference_that_was_left_out() {
+        let runs = [run("draft", 1.0, 0.2, 0.8), run("fine", 2.0, 0.1, 0.9)];
+        assert_eq!(Study::new("x".into(), "y".into(), &runs, vec!["reference".into()]).reference, "fine");
+    }
+}

@@ -1,0 +1,68 @@
+//! What is baked: the presets, and single parameters around one of them.
+
+use crate::from_proto::params_and_problems;
+use crate::scene_file::SceneTree;
+use crate::{proto, to_proto};
+use cairn_core::params::{Accuracy, Params};
+
+/// One way to bake the scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variant {
+    /// `standard`, or `physics.substeps=4`.
+    pub name: String,
+    pub kind: Kind,
+    /// Assignments as `--set` takes them.
+    pub set: Vec<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    Preset,
+    Knob,
+}
+
+/// Single parameters, each on both sides of what `standard` has. Lists of assignments that belong together.
+const KNOBS: [&[&str]; 18] = [
+    &["physics.step_natural=0.1", "control.period=3"],
+    &["physics.step_natural=0.025", "control.period=10"],
+    &["physics.step_natural=0.0125", "control.period=20"],
+    &["physics.substeps=2"],
+    &["physics.substeps=4"],
+    &["physics.substeps=16"],
+    &["physics.contact_frequency=10"],
+    &["physics.contact_frequency=40"],
+    &["physics.contact_frequency=80"],
+    &["physics.contact_damping_ratio=5"],
+    &["physics.contact_damping_ratio=20"],
+    &["physics.friction_model=coulomb"],
+    &["physics.shape_tolerance=0.1", "physics.max_parts=4"],
+    &["physics.shape_tolerance=0.02", "physics.max_parts=32"],
+    &["control.friction_cone=pyramid"],
+    &["control.period=2"],
+    &["control.period=20"],
+    &["control=off"],
+];
+
+/// The presets, cheapest first, and then the single parameters; `knobs` in place of ours, each assignments joined by `,`.
+pub fn variants(knobs: Option<&[String]>) -> Vec<Variant> {
+    let preset = |accuracy: &Accuracy| {
+        let name = to_proto::accuracy_name(*accuracy);
+        Variant { set: vec![format!("accuracy={name}")], name, kind: Kind::Preset }
+    };
+    let knob = |set: Vec<String>| Variant { name: set[0].clone(), kind: Kind::Knob, set };
+    let ours = || KNOBS.iter().map(|set| set.iter().map(|&a| a.to_owned()).collect()).collect();
+    let given = |knobs: &[String]| knobs.iter().map(|k| k.split(',').map(str::to_owned).collect()).collect();
+    let sets: Vec<Vec<String>> = knobs.map_or_else(ours, given);
+    Accuracy::LADDER.iter().map(preset).chain(sets.into_iter().map(knob)).collect()
+}
+
+/// How much solver work a scene's parameters ask for per simulated second, in any unit: substeps over the step.
+pub fn work(tree: &SceneTree) -> f64 {
+    let scene: proto::Scene = tree.to_message();
+    let params: Params = params_and_problems(&scene).0;
+    let step = match params.physics.step {
+        cairn_core::params::Time::Natural(step) | cairn_core::params::Time::Seconds(step) => step,
+    };
+    f64::from(params.physics.substeps) / step
+}

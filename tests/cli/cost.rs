@@ -1,0 +1,52 @@
+//! `cairn cost`: every preset and a changed parameter, a table and a plot, and no run twice.
+
+use crate::desk::Desk;
+use serde_json::Value;
+
+const PRESETS: [&str; 5] = ["draft", "preview", "standard", "fine", "reference"];
+
+#[test]
+fn a_study_of_a_small_pile() {
+    let desk = Desk::new();
+    let line = "cost --control cone.glb --prop stick.glb -o study --bodies 12 --seeds 1 --knob physics.substeps=2";
+    let table = desk.line(line).ok();
+    let runs = || std::fs::read_to_string(desk.path("study/runs.jsonl")).unwrap();
+    let made = runs();
+    assert_eq!(made.lines().count(), 6);
+
+    let study: Value = serde_json::from_slice(&std::fs::read(desk.path("study/cost.json")).unwrap()).unwrap();
+    let rows = study["rows"].as_array().unwrap();
+    let names: Vec<&str> = rows.iter().map(|row| row["variant"].as_str().unwrap()).collect();
+    assert_eq!(names[..5], PRESETS);
+    assert_eq!(names[5], "physics.substeps=2");
+    // Counted work, not time: the steps that a simulated second takes never fall from preset to preset.
+    let steps: Vec<f64> = rows[..5].iter().map(|row| row["steps"]["median"].as_f64().unwrap()).collect();
+    assert!(steps[0] < steps[2] && steps[2] < steps[4], "{steps:?}");
+    for row in rows {
+        let bodies = row["bodies"]["median"].as_f64().unwrap();
+        assert!((6.0..=30.0).contains(&bodies), "the shape was not scaled down: {bodies} bodies");
+        for error in ["penetration_mean_rel", "equilibrium_residual_p95", "energy_gain_rel", "kept_shape"] {
+            assert!(row["errors"][error]["median"].as_f64().unwrap() >= 0.0, "{error}");
+        }
+    }
+    assert_eq!(rows[4]["errors"]["kept_shape"]["median"], 0.0, "the reference is its own measure");
+    assert!(PRESETS.iter().all(|name| table.contains(&format!("| {name} |"))), "{table}");
+    let plot = std::fs::read_to_string(desk.path("study/cost.svg")).unwrap();
+    assert!(plot.contains("penetration_mean_rel") && plot.contains("CPU time, s"));
+    assert!(std::fs::read(desk.path("study/cost.png")).unwrap().starts_with(b"\x89PNG"));
+
+    // Called again, it has nothing to bake; without a budget for more, it says what is missing.
+    assert_eq!(desk.line(line).ok(), table);
+    assert_eq!(runs(), made);
+    let more = line.replace("--seeds 1", "--seeds 2 --budget 0s");
+    assert!(desk.line(&more).ok().contains("Not baked within the budget: draft (seed 2)"));
+    assert_eq!(runs(), made);
+}
+
+#[test]
+fn a_misspelt_knob_is_an_error_before_any_bake() {
+    let desk = Desk::new();
+    let line = "cost --control cone.glb --prop stick.glb -o study --knob physics.substep=2";
+    desk.line(line).fails(2, &["substep", "substeps"]);
+    assert!(!desk.path("study").exists());
+}

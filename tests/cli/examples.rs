@@ -1,0 +1,84 @@
+//! The example scenes show what they promise: baked as they are where that is quick, else in small.
+
+use crate::desk::Desk;
+use serde_json::Value;
+use std::path::Path;
+
+/// The figures of an example scene; NaN for one that it does not have.
+struct Figures(Value);
+
+impl Figures {
+    fn of(scene: &str, settings: &str) -> Figures {
+        let desk = Desk::new();
+        let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples").join(scene);
+        let mut args = vec!["bake", scene.to_str().unwrap(), "-o", "pile.glb", "--report", "report.json", "--quiet"];
+        for setting in settings.split_whitespace() {
+            args.extend(["--set", setting]);
+        }
+        desk.run(&args).ok();
+        Figures(serde_json::from_str(&std::fs::read_to_string(desk.path("report.json")).unwrap()).unwrap())
+    }
+
+    fn get(&self, name: &str) -> f64 {
+        self.0["measures"][name].as_f64().unwrap_or(f64::NAN)
+    }
+
+    fn count(&self, name: &str) -> u64 {
+        self.0["counts"][name].as_u64().unwrap()
+    }
+}
+
+#[test]
+fn cards_stand_until_they_are_hit() {
+    let held = Figures::of("cards.toml", "");
+    assert!(held.get("stack_drift_rel") < 0.02);
+    assert!(held.get("fallen_fraction") >= 0.5);
+    let free = Figures::of("cards.toml", "control=off");
+    assert!(free.get("stack_drift_rel") > 0.5, "without control the house falls before");
+    let rough = Figures::of("cards.toml", "control=off props.0.friction=0.7 ground_friction=0.7");
+    assert!(rough.get("stack_drift_rel") < 0.02, "more friction lets it stand as well");
+}
+
+#[test]
+fn contacts_are_selected() {
+    // Six bodies: the light plank and its weight fall.
+    let conservative = Figures::of("contacts.toml", "");
+    assert!((conservative.get("fallen_fraction") - 1.0 / 3.0).abs() < 0.01);
+    let all = Figures::of("contacts.toml", "control.selection=all");
+    assert_eq!(all.get("fallen_fraction"), 0.0);
+    let off = Figures::of("contacts.toml", "control=off");
+    assert!((off.get("fallen_fraction") - 1.0 / 3.0).abs() < 0.01, "as physics has it");
+}
+
+#[test]
+fn overlaps_settle() {
+    let stack = Figures::of("overlap.toml", "");
+    assert!(stack.get("penetration_max_rel") < 0.1, "{}", stack.get("penetration_max_rel"));
+    assert!(stack.get("resting_speed_max_rel") < 0.01);
+    assert_eq!(stack.get("hanging"), 0.0);
+}
+
+/// Fewer and larger books.
+const FEW_BOOKS: &str = "accuracy=draft props.0.scale_min=1.7 props.0.scale_max=1.7";
+
+#[test]
+fn books_stand_until_the_ball_comes() {
+    let held = Figures::of("books.toml", FEW_BOOKS);
+    assert!(held.get("kept_shape") > 0.9, "{}", held.get("kept_shape"));
+    assert!(held.count("shaken") > 10);
+    assert!(held.get("shape_iou_after") < 0.9 * held.get("shape_iou"), "the ball bursts the pile");
+    assert_eq!(held.get("hanging"), 0.0);
+}
+
+/// Fewer and larger bananas.
+const FEW_BANANAS: &str =
+    "accuracy=draft props.0.scale_min=1.9 props.0.scale_max=1.9 emitters.0.count=150 emitters.0.rate=30";
+
+#[test]
+fn bananas_are_heaped_above_the_rim() {
+    let held = Figures::of("bananas.toml", FEW_BANANAS);
+    let free = Figures::of("bananas.toml", &format!("{FEW_BANANAS} control=off"));
+    let silhouettes = [held.get("silhouette_iou"), free.get("silhouette_iou")];
+    assert!(silhouettes[0] > silhouettes[1] + 0.05, "{silhouettes:?}");
+    assert_eq!(held.get("hanging"), 0.0);
+}
