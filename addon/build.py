@@ -65,7 +65,9 @@ def checked_version():
     manifest = tomllib.loads((ADDON / "cairn" / "blender_manifest.toml").read_text())["version"]
     legacy = re.search(r'"version": \(([\d, ]+)\)', (ADDON / "cairn" / "__init__.py").read_text())[1]
     if not version == manifest == legacy.replace(", ", "."):
-        sys.exit(f"Cargo.toml has version {version}, blender_manifest.toml {manifest}, bl_info {legacy}: make them equal.")
+        sys.exit(
+            f"Cargo.toml has version {version}, blender_manifest.toml {manifest}, bl_info {legacy}: make them equal."
+        )
     return version
 
 
@@ -142,7 +144,7 @@ def describe(output, package):
 
 
 def fields(files):
-    """Each message's plain fields with meaning, range and default, read off the comments that the schema's test holds."""
+    """Each message's plain fields with meaning, range and default, from the comments that the schema's test holds."""
     enums, messages = {}, {}
     for file in files.file:
         if not file.name.endswith(("scene.proto", "params.proto")):
@@ -151,7 +153,7 @@ def fields(files):
         for number, enum in enumerate(file.enum_type):
             prefix = re.sub(r"(?<!^)(?=[A-Z])", "_", enum.name).upper() + "_"
             items = [
-                [value.name.removeprefix(prefix), text(comments, (5, number, 2, index))]
+                [value.name.removeprefix(prefix), text(comments, (5, number, 2, index)), value.number]
                 for index, value in enumerate(enum.value)
                 if value.number
             ]
@@ -201,7 +203,9 @@ def include_server(server, folder):
 def only_this_platform(manifest):
     system = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}[platform.system()]
     machine = "arm64" if platform.machine().lower() in ("arm64", "aarch64") else "x64"
-    manifest.write_text(manifest.read_text().replace("[permissions]", f'platforms = ["{system}-{machine}"]\n\n[permissions]'))
+    manifest.write_text(
+        manifest.read_text().replace("[permissions]", f'platforms = ["{system}-{machine}"]\n\n[permissions]')
+    )
 
 
 def pack(package, path):

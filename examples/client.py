@@ -1,9 +1,9 @@
 """Bakes a pile on a Cairn server: uploads the models, shows the progress, writes the .glb.
 
-    pip install grpcio grpcio-tools
-    mkdir -p build && python -m grpc_tools.protoc -I proto --python_out build --grpc_python_out build proto/cairn/v1/*.proto
-    cairn serve &
-    PYTHONPATH=build python examples/client.py examples/assets/cone-small.glb examples/assets/stick.glb -o pile.glb
+pip install grpcio grpcio-tools
+mkdir -p build && python -m grpc_tools.protoc -I proto --python_out build --grpc_python_out build proto/cairn/v1/*.proto
+cairn serve &
+PYTHONPATH=build python examples/client.py examples/assets/cone-small.glb examples/assets/stick.glb -o pile.glb
 """
 
 import argparse

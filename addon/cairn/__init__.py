@@ -5,7 +5,18 @@ import atexit
 import bpy
 from bpy.app.handlers import persistent
 
-from . import job, operators, panels, pending, preferences, properties, running, setup_operators
+from . import (
+    job,
+    operators,
+    panels,
+    parameter_panels,
+    pending,
+    pile_operators,
+    preferences,
+    properties,
+    running,
+    setup_operators,
+)
 
 bl_info = {
     "name": "Cairn",
@@ -17,15 +28,21 @@ bl_info = {
     "category": "Physics",
 }
 
-CLASSES = [preferences.CairnPreferences, *operators.CLASSES, *setup_operators.CLASSES, *panels.CLASSES]
+CLASSES = [
+    preferences.CairnPreferences,
+    *operators.CLASSES,
+    *pile_operators.CLASSES,
+    *setup_operators.CLASSES,
+    *panels.CLASSES,
+    *parameter_panels.CLASSES,
+    *panels.LAST,
+]
 
 
 @persistent
 def _before_load(*_):
     """Another file is about to be opened. The server bakes on; this file's note says so."""
-    if running.bake is not None:
-        running.bake.job.detach()
-    running.bake = running.plan = running.left = None
+    running.forget_all()
 
 
 @persistent

@@ -15,6 +15,7 @@ CHUNK = 64 * 1024
 # A stream that broke off is taken up again so often in a row, after pauses that double from the first, s.
 ATTEMPTS = 6
 FIRST_PAUSE = 0.2
+CHECK = "Check address, token and certificates in the add-on's preferences."
 # What a call takes at most that answers from memory, s.
 SHORT = 30.0
 
@@ -187,7 +188,7 @@ class _told:
         if isinstance(error, asyncio.TimeoutError):
             raise Fault(f"The server at {self.target.address} does not answer.", is_broken=True) from error
         if isinstance(error, (OSError, StreamTerminatedError)):
-            message = f"The server at {self.target.address} cannot be reached: {error or kind.__name__}."
+            message = f"The server at {self.target.address} cannot be reached: {error or kind.__name__}. {CHECK}"
             raise Fault(message, is_broken=True) from error
         return False
 
@@ -200,5 +201,7 @@ def _fault(error):
             reason = detail.reason
         elif name == "BadRequest":
             problems = [(wrong.field, wrong.description) for wrong in detail.field_violations]
+    if reason == "TOKEN_INVALID":
+        return Fault(f"The server does not take the token. {CHECK}", reason)
     is_broken = error.status in (Status.UNAVAILABLE, Status.UNKNOWN) and reason != "SHUTTING_DOWN"
     return Fault(error.message or error.status.name, reason, problems, is_broken)

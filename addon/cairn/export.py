@@ -26,7 +26,7 @@ class Model:
     sha256: str
 
 
-@dataclass
+@dataclass(eq=False)
 class Prop:
     """A thing that piles are made of, and how its bodies are made of it in Blender."""
 
@@ -36,6 +36,8 @@ class Prop:
     # From the source's local space to the prop's own frame, which has the source's origin and rotation and the scene's
     # scale: for most objects, their scale.
     local: Matrix
+    # From the prop's own frame to the world.
+    frame: Matrix
     # Triangles in the prop's own frame, Blender's axes and units: shape [t, 3, 3]. For the view while baking.
     triangles: np.ndarray
 
@@ -91,7 +93,7 @@ class Exporter:
                 frame = Matrix.Translation(location) @ rotation.to_matrix().to_4x4()
                 model = self._model(source.name, meshes, frame.inverted())
                 vertices, triangles = joined(meshes, frame.inverted())
-                props.append(Prop(model, source, frame.inverted() @ place, vertices[triangles]))
+                props.append(Prop(model, source, frame.inverted() @ place, frame, vertices[triangles]))
         return props
 
     def _model(self, name, meshes, matrix):
@@ -200,9 +202,7 @@ class Geometry:
     def new_mesh(self, source):
         """A mesh data block as evaluated, with materials and all layers."""
         graph = self.graphs[-1] if source in self.copies else self.graphs[0]
-        mesh = bpy.data.meshes.new_from_object(
-            self._evaluated(source), preserve_all_data_layers=True, depsgraph=graph
-        )
+        mesh = bpy.data.meshes.new_from_object(self._evaluated(source), preserve_all_data_layers=True, depsgraph=graph)
         mesh.name = source.name
         return mesh
 

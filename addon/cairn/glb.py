@@ -10,7 +10,7 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 
 
 def write(name, vertices, triangles):
-    """The bytes of a .glb. Vertices: shape [n, 3], metres, Y up; triangles: shape [m, 3], seen from outside counter-clockwise."""
+    """The bytes of a .glb. Vertices: shape [n, 3], metres, Y up; triangles: shape [m, 3], counter-clockwise outside."""
     vertices = np.ascontiguousarray(vertices, "<f4")
     triangles = np.ascontiguousarray(triangles, "<u4")
     data = vertices.tobytes() + triangles.tobytes()

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 from . import client
 from .client import Client, Fault
-from .messages import v1
 from .recording import Recording
 
 # How long the server may take to hear of a cancelled bake, s.
@@ -158,6 +157,3 @@ def end():
     if _background is not None:
         _background.call_soon_threadsafe(_background.stop)
         _background = None
-
-
-__all__ = ["Job", "Server", "ask", "end", "plan", "v1"]

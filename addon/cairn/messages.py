@@ -4,6 +4,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from ._vendor.google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
 # Registers the errors' details.
 from ._vendor.google.rpc import error_details_pb2, status_pb2  # noqa: F401
 

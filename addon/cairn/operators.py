@@ -1,9 +1,10 @@
-"""What the buttons do to a bake: start, stop, keep, fetch, delete. The same operators run without a window."""
+"""What the buttons do to a bake: start, fetch, stop. The same operators run without a window."""
 
 import time
+import traceback
+from contextlib import contextmanager
 
 import bpy
-from bpy.props import StringProperty
 from bpy.types import Operator
 
 from . import pending, preferences, preview, request, result, running
@@ -29,6 +30,18 @@ def explain(operator, fault):
     return {"CANCELLED"}
 
 
+@contextmanager
+def explaining(operator):
+    """Whatever goes wrong inside is told in a popup; a fault of the add-on's own is printed besides."""
+    try:
+        yield
+    except Fault as fault:
+        explain(operator, fault)
+    except Exception as error:  # noqa: BLE001 an artist gets a sentence, whatever it is
+        traceback.print_exc()
+        explain(operator, Fault(f"The add-on has a fault; please report what the console shows: {error}"))
+
+
 class _Bakes:
     """What baking and fetching have in common: following a bake with a window, or waiting for it without one."""
 
@@ -45,40 +58,41 @@ class _Bakes:
         raise NotImplementedError
 
     def invoke(self, context, _):
-        if bpy.app.background:
-            return self.execute(context)
-        try:
+        with explaining(self):
+            if bpy.app.background:
+                return self.execute(context)
             bake, props = self.begin(context)
-        except Fault as fault:
-            return explain(self, fault)
-        running.bake = bake
-        if props:
-            self.preview = preview.Preview([prop.triangles for prop in props], bake.recipe["metres"])
-        self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
-        context.window_manager.modal_handler_add(self)
-        self.workspace = context.workspace
-        bake.start()
-        preview.redraw(context)
-        return {"RUNNING_MODAL"}
+            running.bake = bake
+            if props:
+                self.preview = preview.Preview([prop.triangles for prop in props], bake.recipe["metres"])
+            self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
+            context.window_manager.modal_handler_add(self)
+            self.workspace = context.workspace
+            bake.start()
+            preview.redraw(context)
+            return {"RUNNING_MODAL"}
+        return {"CANCELLED"}
 
     def modal(self, context, event):
-        bake = running.bake
-        if bake is None:
-            # Another file was opened.
-            return self._leave(context, {"CANCELLED"})
-        if event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS" and self.writer is None:
-            if not bake.is_stopping:
-                bake.stop()
-            return {"RUNNING_MODAL"}
-        if event.type != "TIMER":
-            # While objects are made, what the artist did would end up between them.
-            return {"PASS_THROUGH"} if self.writer is None else {"RUNNING_MODAL"}
-        try:
-            return self._tick(context, bake)
-        except Fault as fault:
-            running.bake = None
-            self._leave(context, None)
-            return explain(self, fault)
+        with explaining(self):
+            bake = running.bake
+            if bake is None:
+                # Another file was opened.
+                return self._leave(context, {"CANCELLED"})
+            if event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS" and self.writer is None:
+                if not bake.is_stopping:
+                    bake.stop()
+                return {"RUNNING_MODAL"}
+            if event.type != "TIMER":
+                # While objects are made, what the artist did would end up between them.
+                return {"PASS_THROUGH"} if self.writer is None else {"RUNNING_MODAL"}
+            try:
+                return self._tick(context, bake)
+            except Exception:
+                running.bake = None
+                self._leave(context, None)
+                raise
+        return {"CANCELLED"}
 
     def _tick(self, context, bake):
         if self.writer:
@@ -97,7 +111,7 @@ class _Bakes:
             else:
                 context.window_manager.popup_menu(_draw_choice, title="Bake Stopped", icon="QUESTION")
             return {"CANCELLED"}
-        if bake.end == "done":
+        if bake.has_all_frames:
             self.writer = result.build(context, bake.job.recording.motion(), bake.recipe, bake.told())
             bake.written = 0.0
         return {"RUNNING_MODAL"}
@@ -111,7 +125,9 @@ class _Bakes:
         except StopIteration as end:
             running.bake = None
             self._leave(context, None)
-            return _finished(self, context, end.value)
+            if not bake.end:
+                running.wait_for_report(bake)
+            return finished(self, context, end.value)
         self._show(context, bake)
         return {"RUNNING_MODAL"}
 
@@ -145,38 +161,38 @@ class _Bakes:
         self._leave(context, None)
 
     def execute(self, context):
-        try:
-            bake, _ = self.begin(context)
-            running.bake = bake
-            wait_for(bake)
-            if bake.end == "failed":
-                raise bake.fault
-            motion = bake.job.recording.motion()
-            collection = result.finish(result.build(context, motion, bake.recipe, bake.told()))
-        except Fault as fault:
-            return explain(self, fault)
-        finally:
-            running.bake = None
-        return _finished(self, context, collection)
+        with explaining(self):
+            try:
+                bake, _ = self.begin(context)
+                running.bake = bake
+                wait_for(bake)
+                if bake.end == "failed":
+                    raise bake.fault
+                motion = bake.job.recording.motion()
+                collection = result.finish(result.build(context, motion, bake.recipe, bake.told()))
+            finally:
+                running.bake = None
+            return finished(self, context, collection)
+        return {"CANCELLED"}
 
 
 def wait_for(bake):
     """Waits to the end of a bake and prints how it goes."""
     bake.start()
-    shown, stage = 0.0, ""
+    shown, line, stage = 0.0, "", ""
     try:
         while not bake.end:
             bake.poll(wait=0.2)
             now = time.monotonic()
-            if bake.stage() != stage or now - shown > PRINT:
-                shown, stage = now, bake.stage()
-                print(f"Cairn: {bake.line()}", flush=True)
+            if bake.line() != line and (bake.stage() != stage or now - shown > PRINT):
+                shown, line, stage = now, bake.line(), bake.stage()
+                print(f"Cairn: {line}", flush=True)
     except KeyboardInterrupt:
         bake.stop()
         raise
 
 
-def _finished(operator, context, collection):
+def finished(operator, context, collection):
     told = running.report_of(collection)
     operator.report({"INFO"}, f"Pile of {told.get('body_count', 0)} bodies in “{collection.name}”")
     if bpy.app.background:
@@ -237,18 +253,6 @@ class CAIRN_OT_fetch(_Bakes, Operator):
         return running.Bake(preferences.server(context), note["recipe"], bake_id=note["bake_id"]), []
 
 
-class CAIRN_OT_forget(Operator):
-    """Do not get the result of the bake that was under way when this file was closed"""
-
-    bl_idname = "cairn.forget"
-    bl_label = "Forget It"
-
-    def execute(self, _):
-        pending.forget()
-        running.left = None
-        return {"FINISHED"}
-
-
 class CAIRN_OT_stop(Operator):
     """End the bake. What there is can be kept. Esc and the right mouse button do the same"""
 
@@ -264,95 +268,4 @@ class CAIRN_OT_stop(Operator):
         return {"FINISHED"}
 
 
-class CAIRN_OT_keep(Operator):
-    """Make the pile of the frames that were baked before it was cancelled"""
-
-    bl_idname = "cairn.keep"
-    bl_label = "Keep"
-    bl_options = {"UNDO"}
-
-    @classmethod
-    def poll(cls, _):
-        return running.bake is not None and running.bake.end == "stopped"
-
-    def execute(self, context):
-        bake, running.bake = running.bake, None
-        try:
-            motion = bake.job.recording.motion()
-            collection = result.finish(result.build(context, motion, bake.recipe, bake.told()))
-        except Fault as fault:
-            return explain(self, fault)
-        return _finished(self, context, collection)
-
-
-class CAIRN_OT_discard(Operator):
-    """Forget the frames that were baked. The scene is as it was before"""
-
-    bl_idname = "cairn.discard"
-    bl_label = "Restore the Scene"
-
-    @classmethod
-    def poll(cls, _):
-        return running.bake is not None and running.bake.end == "stopped"
-
-    def execute(self, context):
-        running.bake = None
-        preview.redraw(context)
-        return {"FINISHED"}
-
-
-class CAIRN_OT_delete(Operator):
-    """Take the pile away, with its animation, and show the control mesh as it was before the bake"""
-
-    bl_idname = "cairn.delete"
-    bl_label = "Delete Bake"
-    bl_options = {"UNDO"}
-
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
-
-    @classmethod
-    def poll(cls, _):
-        return not is_running()
-
-    def execute(self, context):
-        collection = _chosen(context, self.collection)
-        if collection is None:
-            return explain(self, Fault("There is no baked pile of this control mesh. Choose the mesh of the pile."))
-        result.delete(collection)
-        return {"FINISHED"}
-
-
-class CAIRN_OT_restore_settings(Operator):
-    """Set everything as it was for this pile, seed included: baked again, it gives the same"""
-
-    bl_idname = "cairn.restore_settings"
-    bl_label = "Use Its Settings"
-    bl_options = {"UNDO"}
-
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
-
-    def execute(self, context):
-        collection = _chosen(context, self.collection)
-        if collection is None:
-            return explain(self, Fault("There is no baked pile of this control mesh. Choose the mesh of the pile."))
-        request.from_dict(context.scene.cairn, running.recipe_of(collection)["settings"])
-        return {"FINISHED"}
-
-
-def _chosen(context, name):
-    if name:
-        collection = bpy.data.collections.get(name)
-        return collection if collection and collection.cairn.is_result else None
-    return result.chosen(context)
-
-
-CLASSES = [
-    CAIRN_OT_bake,
-    CAIRN_OT_fetch,
-    CAIRN_OT_forget,
-    CAIRN_OT_stop,
-    CAIRN_OT_keep,
-    CAIRN_OT_discard,
-    CAIRN_OT_delete,
-    CAIRN_OT_restore_settings,
-]
+CLASSES = [CAIRN_OT_bake, CAIRN_OT_fetch, CAIRN_OT_stop]

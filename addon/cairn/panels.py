@@ -5,7 +5,7 @@ from bpy.types import Panel, UIList
 
 from . import preferences, request, result, running
 from .operators import is_running
-from .properties import ACCURACIES, GROUPS, fields_of
+from .properties import ACCURACIES
 
 # Width of a sign of the interface's font, in pixels at scale 1, on average.
 SIGN = 6.2
@@ -34,11 +34,11 @@ def wrapped(layout, context, text, icon="NONE"):
             line = word
         else:
             line = f"{line} {word}".strip()
-    for number, line in enumerate([*lines, line]):
-        column.label(text=line, icon=icon if number == 0 else ("NONE" if icon == "NONE" else "BLANK1"))
+    for number, text in enumerate([*lines, line]):
+        column.label(text=text, icon=icon if number == 0 else ("NONE" if icon == "NONE" else "BLANK1"))
 
 
-class _Pile:
+class Pile:
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Pile"
@@ -55,7 +55,7 @@ class CAIRN_UL_props(UIList):
         share.prop(item, "weight", text="")
 
 
-class CAIRN_PT_pile(_Pile, Panel):
+class CAIRN_PT_pile(Pile, Panel):
     bl_label = "Pile"
 
     def draw(self, context):
@@ -140,7 +140,7 @@ def draw_accuracies(layout, settings):
     column = layout.column(align=True)
     column.use_property_split = False
     column.label(text="Accuracy")
-    for name, _, __ in ACCURACIES:
+    for name, *_ in ACCURACIES:
         row = column.row(align=True)
         row.prop_enum(settings, "accuracy", name)
         row.label(text=expected(name))
@@ -159,8 +159,14 @@ def draw_field(layout, group, name):
     row = layout.row(heading=group.bl_rna.properties[name].name)
     row.prop(group, "use_" + name, text="")
     value = row.row()
-    value.active = getattr(group, "use_" + name)
-    value.prop(group, name, text="")
+    is_set = getattr(group, "use_" + name)
+    if is_set or group.id_data.cairn.accuracy == "STANDARD":
+        value.active = is_set
+        value.prop(group, name, text="")
+    else:
+        # The defaults that are known here are the standard's.
+        value.active = False
+        value.label(text="by accuracy")
 
 
 def draw_bake(layout, context):
@@ -200,7 +206,7 @@ def draw_warning(layout, context, text, names):
             column.operator("cairn.select", text=f"Select “{name}”", icon="RESTRICT_SELECT_OFF").object = name
 
 
-class CAIRN_PT_report(_Pile, Panel):
+class CAIRN_PT_report(Pile, Panel):
     bl_label = "Report"
     bl_parent_id = "CAIRN_PT_pile"
 
@@ -214,6 +220,8 @@ class CAIRN_PT_report(_Pile, Panel):
         told = running.report_of(collection)
         if not told.get("is_whole"):
             wrapped(layout, context, "This bake was cancelled: it is not whole.", "INFO")
+        elif any(made.job.bake_id == told["bake_id"] for made in running.measuring):
+            layout.label(text="Being measured…", icon="TIME")
         column = layout.column(align=True)
         frames = told.get("frame_count", 0)
         draw_figure(column, "Bodies", str(told.get("body_count", 0)))
@@ -238,82 +246,7 @@ def draw_figure(layout, title, value):
     split.label(text=value)
 
 
-class _Parameters(_Pile):
-    """Parameters of some of the schema's groups."""
-
-    bl_parent_id = "CAIRN_PT_pile"
-    bl_options = {"DEFAULT_CLOSED"}
-    messages = ()
-
-    def draw(self, context):
-        layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        layout.enabled = not is_running()
-        self.draw_more(layout, context.scene.cairn)
-        for message in self.messages:
-            group = getattr(context.scene.cairn, GROUPS[message], None)
-            for field in fields_of(message) if group else ():
-                if (message, field["name"]) != ("Fill", "count"):
-                    draw_field(layout, group, field["name"])
-
-    def draw_more(self, layout, settings):
-        pass
-
-
-class CAIRN_PT_material(_Parameters, Panel):
-    bl_label = "Material"
-
-    def draw_more(self, layout, settings):
-        is_common = settings.prop_source == "COLLECTION"
-        items = [settings.prop_common] if is_common else settings.props
-        for item in items:
-            column = layout.column(align=True)
-            if not is_common and item.object:
-                column.label(text=item.object.name)
-            for name in ("density", "friction", "restitution"):
-                column.prop(item, name)
-        layout.prop(settings, "collider_friction", text="Ground Friction")
-
-
-class CAIRN_PT_fill(_Parameters, Panel):
-    bl_label = "Fill"
-    messages = ("Fill", "Base")
-
-
-class CAIRN_PT_release(_Parameters, Panel):
-    bl_label = "Release"
-    messages = ("Release", "Hold")
-
-
-class CAIRN_PT_control(_Parameters, Panel):
-    bl_label = "Control"
-    messages = ("Control",)
-
-
-class CAIRN_PT_physics(_Parameters, Panel):
-    bl_label = "Simulation"
-    messages = ("Physics",)
-
-    def draw_more(self, layout, settings):
-        layout.prop(settings, "gravity")
-
-
-class CAIRN_PT_output(_Parameters, Panel):
-    bl_label = "Output"
-    messages = ("Output",)
-
-    def draw_more(self, layout, settings):
-        layout.prop(settings, "output_mode")
-        layout.prop(settings, "start_frame")
-        row = layout.row(heading="Frames")
-        row.prop(settings, "use_frame_count", text="")
-        value = row.row()
-        value.active = settings.use_frame_count
-        value.prop(settings, "frame_count", text="")
-
-
-class CAIRN_PT_server(_Pile, Panel):
+class CAIRN_PT_server(Pile, Panel):
     bl_label = "Server"
     bl_parent_id = "CAIRN_PT_pile"
     bl_options = {"DEFAULT_CLOSED"}
@@ -329,15 +262,6 @@ class CAIRN_PT_server(_Pile, Panel):
         layout.operator("cairn.preferences", icon="PREFERENCES")
 
 
-CLASSES = [
-    CAIRN_UL_props,
-    CAIRN_PT_pile,
-    CAIRN_PT_report,
-    CAIRN_PT_material,
-    CAIRN_PT_fill,
-    CAIRN_PT_release,
-    CAIRN_PT_control,
-    CAIRN_PT_physics,
-    CAIRN_PT_output,
-    CAIRN_PT_server,
-]
+CLASSES = [CAIRN_UL_props, CAIRN_PT_pile, CAIRN_PT_report]
+# After all others.
+LAST = [CAIRN_PT_server]

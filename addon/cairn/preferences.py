@@ -21,7 +21,11 @@ class CairnPreferences(bpy.types.AddonPreferences):
         name="Server",
         description="Which computer bakes",
         items=[
-            ("LOCAL", "This Computer", "A server on this computer, started when a bake needs it and ended with Blender"),
+            (
+                "LOCAL",
+                "This Computer",
+                "A server on this computer, started when a bake needs it and ended with Blender",
+            ),
             ("REMOTE", "Another Computer", "A Cairn server that runs elsewhere"),
         ],
     )

@@ -9,6 +9,7 @@ from bpy.props import (
     CollectionProperty,
     EnumProperty,
     FloatProperty,
+    FloatVectorProperty,
     IntProperty,
     PointerProperty,
     StringProperty,
@@ -28,6 +29,11 @@ GROUPS = {
     "Hold": "hold",
     "Output": "output",
 }
+
+
+def knows(message, field=None):
+    """Whether the schema has a message, or a field in it."""
+    return message in FIELDS and (field is None or any(told["name"] == field for told in FIELDS[message]))
 
 
 def fields_of(message):
@@ -59,9 +65,14 @@ def _property(field):
         return IntProperty(default=_default(field, int, 0), **_limits(field, True), **about)
     if field["kind"] == "float":
         return FloatProperty(default=_default(field, float, 0.0), precision=3, **_limits(field, False), **about)
-    items = [(name, title(name), description) for name, description in field["items"]]
+    items = _items(field)
     default = (field["default"] or "").upper()
-    return EnumProperty(items=items, default=default if default in dict(field["items"]) else items[0][0], **about)
+    return EnumProperty(items=items, default=next((i[0] for i in items if i[0] == default), items[0][0]), **about)
+
+
+def _items(field):
+    """An enum's values, with the schema's numbers: those are what a .blend file keeps."""
+    return [(name, title(name), description, "NONE", number) for name, description, number in field["items"]]
 
 
 def title(name):
@@ -149,6 +160,15 @@ class CairnProp(PropertyGroup):
         min=0.0,
         max=2.0,
     )
+    tilt: FloatProperty(
+        name="Tilt",
+        description="Largest angle between the prop's own Z axis and the vertical when it is put in or dropped, "
+        "degrees; 180 takes all rotations alike",
+        default=180.0,
+        min=0.0,
+        max=180.0,
+        precision=0,
+    )
     restitution: FloatProperty(
         name="Bounce",
         description="How much of the speed of an impact is given back, 0 to 1",
@@ -158,12 +178,12 @@ class CairnProp(PropertyGroup):
     )
 
 
-ACCURACIES = [
-    ("DRAFT", "Draft", "Quick, for a first look"),
-    ("STANDARD", "Standard", "For daily work"),
-    ("FINE", "Fine", "For the final result"),
-    ("PAPER", "Paper", "The parameters that Hsu & Keyser (2012) print, for comparison"),
-]
+# From the quickest on; those that the schema has.
+BY_COST = ("DRAFT", "PREVIEW", "STANDARD", "FINE", "REFERENCE", "PAPER")
+ACCURACIES = sorted(
+    _items(next(field for field in FIELDS["Scene"] if field["name"] == "accuracy")),
+    key=lambda item: BY_COST.index(item[0]) if item[0] in BY_COST else len(BY_COST),
+)
 OUTPUTS = [
     ("AUTO", "Automatic", "Animated objects up to 2000 bodies, instanced points beyond"),
     ("ANIMATION", "Animated Objects", "One object with keyframes for each body"),
@@ -210,6 +230,52 @@ class CairnSettings(PropertyGroup):
         min=0.0,
         max=2.0,
     )
+    region: PointerProperty(
+        name="Region",
+        description="Where the pile is kept in shape, if not in the shape itself: a closed mesh. What is outside moves "
+        "freely",
+        type=bpy.types.Object,
+        poll=_is_solid,
+    )
+    keep: PointerProperty(
+        name="Keep",
+        description="Objects that stay exactly as you placed them: the rest is filled around them and may lean on them",
+        type=bpy.types.Collection,
+    )
+    impact: PointerProperty(
+        name="Projectiles",
+        description="Objects that are thrown into the pile from where they stand. The pile has copies of them: hide "
+        "the objects themselves",
+        type=bpy.types.Collection,
+    )
+    impact_frame: IntProperty(
+        name="Frame", description="Frame of the scene at which they are thrown", default=50, min=-100000, max=100000
+    )
+    impact_velocity: FloatVectorProperty(
+        name="Velocity", description="Their velocity along X, Y and Z, m/s", default=(0.0, 0.0, -10.0), precision=2
+    )
+    use_impact_mass: BoolProperty(name="Set Mass", description="Give their mass, instead of that of their density")
+    impact_mass: FloatProperty(
+        name="Mass", description="Mass of each, kg", default=10.0, min=1e-6, soft_max=10000.0, precision=3
+    )
+    drop_mesh: PointerProperty(
+        name="Drop From",
+        description="A closed mesh inside which further props appear, one after the other, and fall",
+        type=bpy.types.Object,
+        poll=_is_solid,
+    )
+    drop_frame: IntProperty(
+        name="Frame",
+        description="Frame of the scene at which the first one appears",
+        default=50,
+        min=-100000,
+        max=100000,
+    )
+    drop_rate: FloatProperty(name="Rate", description="Props per second", default=10.0, min=0.001, soft_max=1000.0)
+    drop_count: IntProperty(name="Count", description="Props in all", default=100, min=1, max=100000)
+    drop_velocity: FloatVectorProperty(
+        name="Velocity", description="Velocity along X, Y and Z with which they appear, m/s", precision=2
+    )
     use_ground_height: BoolProperty(
         name="Set Ground Height",
         description="Give the ground's height, instead of the control mesh's lowest point",
@@ -238,9 +304,7 @@ class CairnSettings(PropertyGroup):
     use_frame_count: BoolProperty(
         name="Set Frames", description="Bake a number of frames, instead of until the pile is at rest"
     )
-    frame_count: IntProperty(
-        name="Frames", description="Frames after the start frame", default=250, min=0, max=100000
-    )
+    frame_count: IntProperty(name="Frames", description="Frames after the start frame", default=250, min=0, max=100000)
 
 
 class CairnResult(PropertyGroup):

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import bpy
 
+from . import placed
 from .client import Fault
 from .export import Exporter
-from .properties import GROUPS, fields_of
+from .properties import GROUPS, fields_of, knows
 
 # Objects that are props or scenery; others in the same collections are left alone.
 PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
@@ -29,31 +30,33 @@ def props_of(settings):
     if settings.prop_source == "LIST":
         pairs = [(item.object, item) for item in settings.props if item.object]
     elif settings.prop_collection:
-        inside = settings.prop_collection.all_objects
-        tops = [source for source in inside if source.parent not in set(inside)]
-        pairs = [(source, settings.prop_common) for source in tops if source.type in PLACED]
+        pairs = [(source, settings.prop_common) for source in objects_of(settings.prop_collection)]
     else:
         pairs = []
-    return [(source, item) for source, item in pairs if source != settings.control_mesh]
+    taken = {settings.control_mesh, settings.drop_mesh, settings.region, *objects_of(settings.keep)}
+    taken.update(objects_of(settings.impact))
+    return [(source, item) for source, item in pairs if source not in taken]
+
+
+def objects_of(collection):
+    """Those at the top of a collection: what is below them belongs to them."""
+    inside = set(collection.all_objects) if collection else set()
+    return [
+        source
+        for source in (collection.all_objects if collection else ())
+        if source.parent not in inside and source.type in PLACED
+    ]
 
 
 def colliders_of(settings):
     """The colliders' objects."""
     if not settings.colliders:
         return []
-    taken = {settings.control_mesh, *(source for source, _ in props_of(settings))}
+    taken = {settings.control_mesh, settings.drop_mesh, settings.region}
+    taken.update(source for source, _ in props_of(settings))
+    for other in (settings.keep, settings.impact):
+        taken.update(other.all_objects if other else ())
     return [source for source in settings.colliders.all_objects if source.type in PLACED and source not in taken]
-
-
-def is_animated(source):
-    """Whether an object moves over time, by itself or with a parent."""
-    while source:
-        if source.animation_data and (source.animation_data.action or source.animation_data.drivers):
-            return True
-        if source.constraints or source.rigid_body:
-            return True
-        source = source.parent
-    return False
 
 
 def missing(settings):
@@ -79,7 +82,9 @@ def take(context):
     control = exporter.region(settings.control_mesh)
     chosen = props_of(settings)
     props = exporter.props([source for source, _ in chosen])
-    statics = exporter.scenery(colliders_of(settings))
+    colliders = colliders_of(settings)
+    moving = placed.moving(context, colliders)
+    statics = exporter.scenery([source for source in colliders if source not in moving])
 
     told = v1.Scene(
         control_mesh=v1.ControlMesh(path=control.uri),
@@ -94,16 +99,23 @@ def take(context):
         told.props.append(_prop(v1, prop.model.uri, item))
     for _, model in statics:
         told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
+    extras = placed.Extras(v1, told, exporter, settings)
+    extras.add_moving(context, moving)
+    extras.add_region()
+    extras.add_drops()
+    extras.add_bodies(objects_of(settings.keep), objects_of(settings.impact))
     _set_parameters(v1, told, settings)
     told.output.fps = scene.render.fps / scene.render.fps_base
     if settings.use_frame_count:
         told.output.frames = settings.frame_count
 
-    models = [control, *(prop.model for prop in props), *(model for _, model in statics)]
+    models = [control, *(prop.model for prop in props), *(model for _, model in statics), *extras.models]
     assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
     names = {control.uri: settings.control_mesh.name}
     names.update((prop.model.uri, prop.source.name) for prop in props)
     names.update((model.uri, source.name) for source, model in statics)
+    names.update(extras.names)
+    props += extras.props
     recipe = {
         "scene": scene.name,
         "control": settings.control_mesh.name,
@@ -112,6 +124,8 @@ def take(context):
                 "name": prop.source.name,
                 "library": prop.source.library.filepath if prop.source.library else None,
                 "local": [list(row) for row in prop.local],
+                # What stays as placed is in the scene already.
+                "is_shown": prop not in extras.kept,
             }
             for prop in props
         ],
@@ -119,7 +133,7 @@ def take(context):
         "notes": [
             f"{model.uri}: it moves, but is taken as it stands at the start frame"
             for source, model in statics
-            if is_animated(source)
+            if placed.is_animated(source)
         ],
         "metres": exporter.metres,
         "start_frame": settings.start_frame,
@@ -131,7 +145,7 @@ def take(context):
 
 def _prop(v1, uri, item):
     low, high = sorted((item.scale_min, item.scale_max))
-    return v1.Prop(
+    prop = v1.Prop(
         path=uri,
         weight=round(item.weight, 6),
         density=round(item.density, 6),
@@ -140,6 +154,9 @@ def _prop(v1, uri, item):
         scale_min=round(low, 6),
         scale_max=round(high, 6),
     )
+    if knows("Prop", "tilt_max") and item.tilt < 180.0:
+        prop.tilt_max = round(item.tilt, 6)
+    return prop
 
 
 def _set_parameters(v1, told, settings):
@@ -170,6 +187,8 @@ def to_dict(group):
             value = [to_dict(item) for item in value]
         elif prop.type == "POINTER":
             value = to_dict(value) if isinstance(value, bpy.types.PropertyGroup) else value and value.name
+        elif getattr(prop, "is_array", False):
+            value = list(value)
         out[name] = value
     return out
 
@@ -193,5 +212,3 @@ def from_dict(group, values):
             setattr(group, name, known.get(value) if value else None)
         else:
             setattr(group, name, value)
-
-

@@ -19,9 +19,11 @@ class BodyMotion:
     """The motion in Blender's space. Shapes: props [n], scales [n], positions [f, n, 3] in scene units, rotations
     [f, n, 4] w x y z, present [f, n]."""
 
-    def __init__(self, motion, metres):
-        # A body that was never there has no place.
-        ever = motion.present.any(axis=0)
+    def __init__(self, motion, recipe):
+        metres = recipe["metres"]
+        # A body that was never there has no place, and one that stays as placed is in the scene already.
+        is_shown = np.array([prop.get("is_shown", True) for prop in recipe["props"]])
+        ever = motion.present.any(axis=0) & is_shown[motion.props]
         ever = slice(None) if ever.all() else ever
         self.props, self.scales = motion.props[ever], motion.scales[ever]
         self.positions = axes.points_to_blender(motion.positions[:, ever], metres)
@@ -53,8 +55,8 @@ def mode_of(recipe, body_count):
 
 
 def build(context, motion, recipe, told):
-    """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing is seen of the pile in
-    the scene before the end. `told`: what the collection remembers. Returns the collection."""
+    """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing of the
+    pile is in the scene before the end. `told`: what the collection remembers. Returns the collection."""
     scene = bpy.data.scenes.get(recipe["scene"]) or context.scene
     control = bpy.data.objects.get(recipe["control"])
     sources = [bpy.data.objects.get((prop["name"], prop.get("library"))) for prop in recipe["props"]]
@@ -62,7 +64,7 @@ def build(context, motion, recipe, told):
     if gone:
         raise Fault(f"These props are not in the file any more: {', '.join(gone)}. Bring them back, or bake again.")
     locals_ = [Matrix(prop["local"]) for prop in recipe["props"]]
-    moved = BodyMotion(motion, recipe["metres"])
+    moved = BodyMotion(motion, recipe)
     mode = mode_of(recipe, len(moved.props))
     name = f"{recipe['control']} Pile"
     yield 0.0
@@ -201,5 +203,3 @@ def _made_by(collection):
     members = {member for parts_collection in inner for member in parts_collection.objects}
     data = meshes | {table.data for table in tables} | {member.data for member in members if member.data}
     return actions, groups, tables, outer, inner, members, data
-
-

@@ -4,6 +4,7 @@ import json
 import queue
 import time
 
+import bpy
 import numpy as np
 
 from . import pending
@@ -20,12 +21,19 @@ STAGES = {
 # A body that moves less than this from a frame to the next, relative to the median diameter, is at rest.
 REST = 1e-3
 
+# How often a bake that only measures is looked at, s.
+TICK = 0.25
+
 # The bake that runs or was stopped and waits for a decision; None if there is none.
 bake = None
 # The latest answer to "Check", for the panel.
 plan = None
 # A bake of this file that was under way when it was closed.
 left = None
+# Bakes whose pile is there already, while the server still measures it.
+measuring = []
+# Reports that came after their pile was made, by bake: undo takes back what the collection remembers of them.
+_late = {}
 
 
 class Bake:
@@ -78,6 +86,14 @@ class Bake:
         return is_new
 
     @property
+    def has_all_frames(self):
+        """The pile can be made; only figures may be missing."""
+        from .messages import v1
+
+        is_measured = self.progress is not None and self.progress.stage == v1.STAGE_MEASURE
+        return self.end == "done" or (is_measured and not self.end and not self.is_stopping and self.frame_count > 0)
+
+    @property
     def frame_count(self):
         """Frames of the result so far."""
         return len(self.job.recording.frames)
@@ -122,7 +138,7 @@ class Bake:
 
     def told(self):
         """What the result's collection is to remember: plain values."""
-        told = {"bake_id": self.job.bake_id, "is_whole": self.end == "done"}
+        told = {"bake_id": self.job.bake_id, "is_whole": self.has_all_frames}
         told["warnings"] = []
         if self.accepted:
             versions = self.accepted.versions
@@ -139,6 +155,7 @@ class Bake:
                 counts=dict(sorted(summary.counts.items())),
                 warnings=list(summary.warnings),
                 cpu_seconds=round(summary.cpu_seconds, 3),
+                stage_seconds={name: round(value, 3) for name, value in sorted(summary.stage_seconds.items())},
                 seconds=round(time.monotonic() - self.began, 3),
             )
         else:
@@ -167,9 +184,46 @@ def duration(seconds):
 def report_of(collection):
     """What a result's collection remembers of its bake."""
     try:
-        return json.loads(collection.cairn.report)
+        told = json.loads(collection.cairn.report)
     except ValueError:
-        return {}
+        told = {}
+    return told if "measures" in told else _late.get(collection.cairn.bake_id, told)
+
+
+def wait_for_report(made):
+    """The pile of a bake is there, but for the report: that is added when it comes."""
+    measuring.append(made)
+    if not bpy.app.timers.is_registered(_collect):
+        bpy.app.timers.register(_collect, first_interval=TICK)
+
+
+def _collect():
+    for made in list(measuring):
+        made.poll()
+        if made.end:
+            measuring.remove(made)
+        if made.end == "done":
+            told = _late[made.job.bake_id] = made.told()
+            for collection in bpy.data.collections:
+                if collection.cairn.is_result and collection.cairn.bake_id == made.job.bake_id:
+                    collection.cairn.report = json.dumps(told)
+                    collection.cairn.result_hash = told["result_hash"]
+    for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
+        if area.type == "VIEW_3D":
+            area.tag_redraw()
+    return TICK if measuring else None
+
+
+def forget_all():
+    """Another file is opened, or the add-on ends: the server bakes on, and nobody listens."""
+    global bake, plan, left
+    for other in [bake, *measuring]:
+        if other is not None:
+            other.job.detach()
+    measuring.clear()
+    bake = plan = left = None
+    if bpy.app.timers.is_registered(_collect):
+        bpy.app.timers.unregister(_collect)
 
 
 def recipe_of(collection):

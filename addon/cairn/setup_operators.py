@@ -8,7 +8,7 @@ from bpy.types import Operator
 
 from . import job, preferences, preview, request, running
 from .client import Fault
-from .operators import explain, is_running, start_frame
+from .operators import explain, explaining, is_running, start_frame
 from .properties import GROUPS
 
 # How often an answer of the server is looked for, s, and how long the preferences wait for one.
@@ -43,7 +43,11 @@ class CAIRN_OT_add_props(Operator):
         settings = context.scene.cairn
         known = {item.object for item in settings.props} | {settings.control_mesh}
         chosen = set(context.selected_objects)
-        new = [s for s in context.selected_objects if s.type in request.PLACED and s.parent not in chosen and s not in known]
+        new = [
+            s
+            for s in context.selected_objects
+            if s.type in request.PLACED and s.parent not in chosen and s not in known
+        ]
         if not new:
             return explain(self, Fault("Select the objects that the pile shall be made of, then press this button."))
         settings.prop_source = "LIST"
@@ -90,15 +94,14 @@ class CAIRN_OT_check(Operator):
         self.answer = job.plan(preferences.server(context), taken.spec, taken.contents)
 
     def invoke(self, context, _):
-        if bpy.app.background:
-            return self.execute(context)
-        try:
+        with explaining(self):
+            if bpy.app.background:
+                return self.execute(context)
             self._ask(context)
-        except Fault as fault:
-            return explain(self, fault)
-        self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
+            self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
+            context.window_manager.modal_handler_add(self)
+            return {"RUNNING_MODAL"}
+        return {"CANCELLED"}
 
     def modal(self, context, event):
         if event.type == "ESC" and event.value == "PRESS":
@@ -117,11 +120,10 @@ class CAIRN_OT_check(Operator):
         preview.redraw(context)
 
     def execute(self, context):
-        try:
+        with explaining(self):
             self._ask(context)
-        except Fault as fault:
-            return explain(self, fault)
-        return self._take()
+            return self._take()
+        return {"CANCELLED"}
 
     def _take(self):
         try:

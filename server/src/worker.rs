@@ -284,7 +284,8 @@ impl Observer for Watcher {
     fn progress(&mut self, progress: &Progress) -> ControlFlow<()> {
         let began = self.pace.follow(progress);
         let now = Instant::now();
-        if now.duration_since(self.logged) >= LOG_PAUSE {
+        // Whoever hears of a stage has the frames of the one before.
+        if began || now.duration_since(self.logged) >= LOG_PAUSE {
             self.log_so_far();
         }
         if began || self.told.is_none_or(|told| now.duration_since(told) >= PROGRESS_PAUSE) {

@@ -113,10 +113,14 @@ def bake():
     from cairn import running
 
     told = running.report_of(collection)
-    ours = cpu() - began + told["cpu_seconds"]
+    here = cpu() - began
+    ours = here + told["cpu_seconds"]
     preferences.stop_server()
-    print(f"Cairn: {len(collection.objects)} bodies, {told['frame_count']} frames, {ours:.1f} s CPU, {wall:.1f} s wall", flush=True)
-
+    measured = told["stage_seconds"]["measure"]
+    print(f"Cairn: {len(collection.objects)} bodies, {told['frame_count']} frames")
+    print(
+        f"{ours:.1f} s CPU, {wall:.1f} s wall; of the CPU time {here:.1f} s in Blender, {measured:.1f} s for the report"
+    )
     bodies = list(collection.objects)
     bpy.context.scene.frame_set(1)
     poses = [body.matrix_world.copy() for body in bodies]
@@ -125,7 +129,7 @@ def bake():
         body.matrix_world = pose
     theirs, seconds = rigid_bodies(bodies)
     print(f"Blender's rigid bodies: {len(bodies)} bodies, {FRAMES} frames, {theirs:.1f} s CPU, {seconds:.1f} s wall")
-    print(f"{theirs / ours:.1f} times less CPU time", flush=True)
+    print(f"{theirs / (ours - measured):.1f} times less CPU time to the keyframes, {theirs / ours:.1f} with the report")
 
 
 def rigid_bodies(bodies):
@@ -141,8 +145,6 @@ def rigid_bodies(bodies):
         body.select_set(True)
     bpy.context.view_layer.objects.active = bodies[0]
     bpy.ops.rigidbody.objects_add(type="ACTIVE")
-    for body in bodies:
-        body.rigid_body.collision_shape = "BOX"
     bpy.context.scene.rigidbody_world.point_cache.frame_end = FRAMES
     began, wall = cpu(), time.perf_counter()
     bpy.ops.ptcache.bake_all(bake=True)

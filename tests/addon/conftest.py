@@ -50,7 +50,10 @@ def mesh_object(name, vertices, faces, collection=None):
 
 
 def cuboid(name, size, collection=None, location=(0, 0, 0)):
-    corners = [tuple(l + (s if n >> a & 1 else -s) / 2 for a, (s, l) in enumerate(zip(size, location))) for n in range(8)]
+    corners = [
+        tuple(at + (edge if n >> axis & 1 else -edge) / 2 for axis, (edge, at) in enumerate(zip(size, location)))
+        for n in range(8)
+    ]
     faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     return mesh_object(name, corners, faces, collection)
 

@@ -1,4 +1,4 @@
-"""Runs pytest inside Blender: `blender --background --python in_blender.py -- ARGUMENTS`, or with a Python that has bpy.
+"""Runs pytest in Blender: `blender --background --python in_blender.py -- ARGUMENTS`, or with a Python that has bpy.
 
 The folders of $CAIRN_TEST_PATH hold pytest.
 """

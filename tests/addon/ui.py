@@ -17,7 +17,8 @@ import bpy
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
 # there; the button; and Cancel, which is shown above the rest while a bake runs.
 TAB = 1144, 192
-BAKE = 1030, 477
+BAKE_BELOW_ACCURACIES = 1030, 393
+ACCURACY_HEIGHT = 21
 CANCEL = 1050, 219
 PATIENCE = 60.0
 SCREENSHOTS = os.environ["CAIRN_SCREENSHOTS"]
@@ -86,8 +87,10 @@ def wait(until, what):
 
 def walk():
     """The steps; what is yielded is the pause until the next, s."""
-    from cairn import running
+    from cairn import properties, running
 
+    # One line for each accuracy that there is.
+    bake_button = BAKE_BELOW_ACCURACIES[0], BAKE_BELOW_ACCURACIES[1] + ACCURACY_HEIGHT * len(properties.ACCURACIES)
     for source in list(bpy.data.objects):
         bpy.data.objects.remove(source)
     area = sidebar()
@@ -106,7 +109,7 @@ def walk():
     # To be stopped on the way.
     settings.accuracy, settings.use_frame_count, settings.frame_count = "DRAFT", True, 100000
     for name, stop in (("escape", lambda: press("Escape")), ("button", lambda: click(*CANCEL))):
-        yield from click(*BAKE)
+        yield from click(*bake_button)
         yield from wait(lambda: running.bake and running.bake.frame_count > 5, f"frames, to stop by {name}")
         yield 0.5
         picture(f"3-{name}.png")
@@ -123,21 +126,28 @@ def walk():
         yield 0.5
 
     settings.accuracy, settings.use_frame_count = "STANDARD", False
-    yield from click(*BAKE)
+    yield from click(*bake_button)
     yield from wait(lambda: running.bake and running.bake.job.latest, "the pile to form")
     yield 1.5
     picture("5-during.png")
     yield from wait(lambda: running.bake is None, "the pile")
+    pile = bpy.data.collections["Cone Pile"]
+    count, frames = len(pile.objects), running.report_of(pile)["frame_count"]
+    assert count > 20 and running.report_of(pile)["is_whole"]
+    # The figures may come later.
+    yield from wait(lambda: "measures" in running.report_of(bpy.data.collections["Cone Pile"]), "the report")
+    told = running.report_of(bpy.data.collections["Cone Pile"])
+    assert (told["body_count"], told["frame_count"]) == (count, frames), told
+    assert told["result_hash"]
     yield 1.0
     picture("6-after.png")
-    count = len(bpy.data.collections["Cone Pile"].objects)
-    assert count > 20
     with view(area):
         bpy.ops.ed.undo()
     assert "Cone Pile" not in bpy.data.collections and sorted(bpy.data.objects.keys()) == objects
     with view(area):
         bpy.ops.ed.redo()
     assert len(bpy.data.collections["Cone Pile"].objects) == count
+    assert "measures" in running.report_of(bpy.data.collections["Cone Pile"])
     print("1 passed, 0 failed", flush=True)
 
 

@@ -1,0 +1,147 @@
+"""The panels below the button, closed at first: parameters, and what is placed by hand."""
+
+from bpy.types import Panel
+
+from .operators import is_running
+from .panels import Pile, draw_field
+from .properties import GROUPS, fields_of, knows
+
+
+class _Parameters(Pile):
+    """Parameters of some of the schema's groups."""
+
+    bl_parent_id = "CAIRN_PT_pile"
+    bl_options = {"DEFAULT_CLOSED"}
+    messages = ()
+
+    def draw(self, context):
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.enabled = not is_running()
+        self.draw_more(layout, context.scene.cairn)
+        for message in self.messages:
+            group = getattr(context.scene.cairn, GROUPS[message], None)
+            for field in fields_of(message) if group else ():
+                if (message, field["name"]) != ("Fill", "count"):
+                    draw_field(layout, group, field["name"])
+
+    def draw_more(self, layout, settings):
+        pass
+
+
+class CAIRN_PT_material(_Parameters, Panel):
+    bl_label = "Material"
+
+    def draw_more(self, layout, settings):
+        is_common = settings.prop_source == "COLLECTION"
+        items = [settings.prop_common] if is_common else settings.props
+        for item in items:
+            column = layout.column(align=True)
+            if not is_common and item.object:
+                column.label(text=item.object.name)
+            for name in ("density", "friction", "restitution"):
+                column.prop(item, name)
+            if knows("Prop", "tilt_max"):
+                column.prop(item, "tilt")
+        layout.prop(settings, "collider_friction", text="Ground Friction")
+
+
+class CAIRN_PT_fill(_Parameters, Panel):
+    bl_label = "Fill"
+    messages = ("Fill", "Base")
+
+
+class CAIRN_PT_release(_Parameters, Panel):
+    bl_label = "Release"
+    messages = ("Release", "Hold")
+
+
+class CAIRN_PT_control(_Parameters, Panel):
+    bl_label = "Control"
+    messages = ("Control",)
+
+
+class CAIRN_PT_physics(_Parameters, Panel):
+    bl_label = "Simulation"
+    messages = ("Physics",)
+
+    def draw_more(self, layout, settings):
+        layout.prop(settings, "gravity")
+
+
+class CAIRN_PT_keep(_Parameters, Panel):
+    bl_label = "Keep"
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Body")
+
+    def draw_more(self, layout, settings):
+        layout.prop(settings, "keep", text="Objects")
+
+
+class CAIRN_PT_drop(_Parameters, Panel):
+    bl_label = "Drop and Impact"
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Body") and knows("Emitter")
+
+    def draw_more(self, layout, settings):
+        column = layout.column()
+        column.prop(settings, "drop_mesh")
+        details = column.column()
+        details.active = settings.drop_mesh is not None
+        for name in ("drop_frame", "drop_rate", "drop_count", "drop_velocity"):
+            details.prop(settings, name)
+        layout.separator()
+        column = layout.column()
+        column.prop(settings, "impact")
+        details = column.column()
+        details.active = settings.impact is not None
+        for name in ("impact_frame", "impact_velocity"):
+            details.prop(settings, name)
+        row = details.row(heading="Mass")
+        row.prop(settings, "use_impact_mass", text="")
+        value = row.row()
+        value.active = settings.use_impact_mass
+        value.prop(settings, "impact_mass", text="")
+
+
+class CAIRN_PT_region(_Parameters, Panel):
+    bl_label = "Region"
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Body")
+
+    def draw_more(self, layout, settings):
+        layout.prop(settings, "region")
+
+
+class CAIRN_PT_output(_Parameters, Panel):
+    bl_label = "Output"
+    messages = ("Output",)
+
+    def draw_more(self, layout, settings):
+        layout.prop(settings, "output_mode")
+        layout.prop(settings, "start_frame")
+        row = layout.row(heading="Frames")
+        row.prop(settings, "use_frame_count", text="")
+        value = row.row()
+        value.active = settings.use_frame_count
+        value.prop(settings, "frame_count", text="")
+
+
+CLASSES = [
+    CAIRN_PT_material,
+    CAIRN_PT_fill,
+    CAIRN_PT_release,
+    CAIRN_PT_control,
+    CAIRN_PT_drop,
+    CAIRN_PT_region,
+    CAIRN_PT_keep,
+    CAIRN_PT_physics,
+    CAIRN_PT_output,
+]

@@ -1,0 +1,133 @@
+"""What a scene has besides the fill: scenery that moves, a region, bodies that stay, are thrown or drop in."""
+
+import numpy as np
+
+from . import axes, keyframes
+from .client import Fault
+from .properties import knows
+
+# A scale that changes by more than this while a collider moves cannot be followed.
+SAME_SCALE = 1e-3
+
+
+def is_animated(source):
+    """Whether an object moves over time, by itself or with a parent."""
+    while source:
+        if source.animation_data and (source.animation_data.action or source.animation_data.drivers):
+            return True
+        if source.constraints or source.rigid_body:
+            return True
+        source = source.parent
+    return False
+
+
+def moving(context, colliders):
+    """Those colliders that are to be followed."""
+    if not knows("Keyframe"):
+        return []
+    view = set(context.view_layer.objects)
+    # Blender does not move what it does not show.
+    return [source for source in colliders if is_animated(source) and source in view and source.visible_get()]
+
+
+class Extras:
+    """Adds to a scene's message what it has of these, and keeps what the caller has to know of it."""
+
+    def __init__(self, v1, told, exporter, settings):
+        self.v1, self.told, self.exporter, self.settings = v1, told, exporter, settings
+        self.models, self.names = [], {}
+        # Props that only bodies placed by hand have, after those of the fill; and those of them that stay.
+        self.props, self.kept = [], []
+
+    def _add(self, model, source):
+        self.models.append(model)
+        self.names[model.uri] = source.name
+        return model.uri
+
+    def _frame(self, number):
+        """A frame of the scene, as one of the result."""
+        return max(0, number - self.settings.start_frame)
+
+    def _pose(self, message, location, rotation):
+        message.position.extend(axes.points_to_server(np.array(location), self.exporter.metres).tolist())
+        message.rotation.extend(axes.rotations_to_server(np.array(rotation)).tolist())
+
+    def add_region(self):
+        if self.settings.region and knows("Body"):
+            self.told.region.path = self._add(self.exporter.region(self.settings.region), self.settings.region)
+
+    def add_drops(self):
+        settings = self.settings
+        if settings.drop_mesh and knows("Emitter"):
+            place = self._add(self.exporter.region(settings.drop_mesh), settings.drop_mesh)
+            drops = self.told.emitters.add(mesh=place, rate=round(settings.drop_rate, 6), count=settings.drop_count)
+            drops.velocity.extend(velocity(settings.drop_velocity))
+            drops.start_frame = self._frame(settings.drop_frame)
+
+    def add_bodies(self, keep, impact):
+        """Objects that stay, and objects that are thrown."""
+        settings = self.settings
+        if not knows("Body"):
+            return
+        for prop in self._placed(keep):
+            self._body(prop).kept = True
+            self.kept.append(prop)
+        for prop in self._placed(impact):
+            body = self._body(prop)
+            body.velocity.extend(velocity(settings.impact_velocity))
+            body.start_frame = self._frame(settings.impact_frame)
+            if settings.use_impact_mass:
+                body.mass = round(settings.impact_mass, 6)
+
+    def _placed(self, sources):
+        """Props that the fill does not draw."""
+        for prop in self.exporter.props(sources):
+            self.told.props.add(path=self._add(prop.model, prop.source), weight=0.0)
+            self.props.append(prop)
+            yield prop
+
+    def _body(self, prop):
+        body = self.told.bodies.add(prop=str(len(self.told.props) - 1))
+        location, rotation, _ = prop.frame.decompose()
+        self._pose(body, location, rotation)
+        return body
+
+    def add_moving(self, context, sources):
+        """Colliders with a pose for each frame at which they are not where the frames around have them."""
+        if not sources:
+            return
+        friction = round(self.settings.collider_friction, 6)
+        models = self.exporter.props(sources)
+        positions, rotations = self._poses(context, sources)
+        keyed = keyframes.needed(positions, rotations)
+        for number, prop in enumerate(models):
+            scenery = self.told.statics.add(path=self._add(prop.model, prop.source), friction=friction)
+            for frame in np.flatnonzero(keyed[:, number]):
+                key = scenery.keyframes.add(frame=float(frame))
+                self._pose(key, positions[frame, number], rotations[frame, number])
+
+    def _poses(self, context, sources):
+        """Positions [f, n, 3] and rotations [f, n, 4] in Blender's space, from the start frame on."""
+        scene, settings = context.scene, self.settings
+        last = settings.frame_count if settings.use_frame_count else scene.frame_end - settings.start_frame
+        positions, rotations, sizes = [], [], []
+        try:
+            for frame in range(max(last, 0) + 1):
+                scene.frame_set(settings.start_frame + frame)
+                graph = context.evaluated_depsgraph_get()
+                places = [source.evaluated_get(graph).matrix_world.decompose() for source in sources]
+                positions.append([tuple(location) for location, _, _ in places])
+                rotations.append([tuple(rotation) for _, rotation, _ in places])
+                sizes.append([tuple(scale) for _, _, scale in places])
+        finally:
+            scene.frame_set(settings.start_frame)
+        changes = np.ptp(np.array(sizes), axis=0).max(axis=1)
+        wrong = [source.name for source, change in zip(sources, changes) if change > SAME_SCALE]
+        if wrong:
+            raise Fault(f"These colliders change their size: {', '.join(wrong)}. Only moving and turning is followed.")
+        return np.array(positions), np.array(rotations)
+
+
+def velocity(vector):
+    """m/s, in the server's axes."""
+    return [round(float(value), 6) for value in axes.points_to_server(np.array(vector))]

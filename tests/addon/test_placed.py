@@ -1,0 +1,117 @@
+"""What is placed by hand: colliders that move, objects that stay, projectiles, drops."""
+
+import bpy
+import numpy as np
+import pytest
+from conftest import cuboid, shown_vertices
+
+
+@pytest.fixture
+def placing(desk):
+    """A desk, if the server's schema has bodies."""
+    if not desk.addon("properties").knows("Body"):
+        pytest.skip("the schema has no bodies placed by hand")
+    desk.add_stick()
+    return desk
+
+
+def collection(name, *objects):
+    made = bpy.data.collections.new(name)
+    bpy.context.scene.collection.children.link(made)
+    for source in objects:
+        bpy.context.scene.collection.objects.unlink(source)
+        made.objects.link(source)
+    return made
+
+
+def test_moving_colliders_are_followed(placing):
+    wall = cuboid("Wall", (0.2, 1.2, 1.0))
+    wall.scale = (1, 1, 0.8)
+    wall.rotation_euler.z = 0.2
+    for frame, x in ((1, 1.5), (10, 1.5), (20, 0.3)):
+        wall.location.x = x
+        wall.keyframe_insert("location", frame=frame)
+    made = placing.bake(colliders=collection("Walls", wall), use_frame_count=True, frame_count=24)
+    (told,) = placing.request.spec.scene.statics
+    numbers = [key.frame for key in told.keyframes]
+    # Standing, moving, standing.
+    assert numbers[0] == 0 and 9 in numbers and 19 in numbers and 23 not in numbers and 5 not in numbers
+    assert told.keyframes[0].position[0] == pytest.approx(1.5)
+    assert told.keyframes[-1].position[0] == pytest.approx(0.3)
+    # It has pushed the pile.
+    bpy.context.scene.frame_set(25)
+    names = {body.name for body in made.objects}
+    points = [points for (name, _), points in shown_vertices().items() if name in names]
+    assert np.median([p[:, 0].mean() for p in points]) < -0.02
+    assert bpy.context.scene.frame_current == 25
+
+
+def test_colliders_that_grow_are_refused(placing):
+    wall = cuboid("Wall", (0.2, 1.2, 1.0), location=(1, 0, 0))
+    for frame, size in ((1, 1.0), (10, 2.0)):
+        wall.scale.z = size
+        wall.keyframe_insert("scale", frame=frame)
+    placing.settings.colliders = collection("Walls", wall)
+    with pytest.raises(RuntimeError, match="change their size: Wall"):
+        bpy.ops.cairn.bake()
+
+
+def test_what_is_kept_stays_and_is_not_made_twice(placing):
+    rock = cuboid("Rock", (0.3, 0.3, 0.3))
+    rock.location, rock.rotation_euler = (0.05, 0.02, 0.151), (0, 0, 0.5)
+    kept = collection("Kept", rock)
+    before = rock.matrix_basis.copy()
+    made = placing.bake(keep=kept)
+    (body,) = placing.request.spec.scene.bodies
+    assert body.kept and body.position == pytest.approx([0.05, 0.151, -0.02], abs=1e-6)
+    assert len(made.objects) == (placing.motion.props == 0).sum() == len(placing.motion.props) - 1
+    where = placing.expected(-1)[placing.motion.props == 1][0]
+    assert np.abs(where - np.array(rock.matrix_world)).max() < 1e-5
+    assert rock.matrix_basis == before and not rock.hide_render
+    assert not [body for body in made.objects if body.name.startswith("Rock")]
+
+
+def test_projectiles_appear_and_hit(placing):
+    ball = cuboid("Ball", (0.2, 0.2, 0.2))
+    ball.location = (2.0, 0, 0.25)
+    made = placing.bake(
+        impact=collection("Thrown", ball),
+        impact_frame=6,
+        impact_velocity=(-8, 0, 1),
+        use_impact_mass=True,
+        impact_mass=50,
+        use_frame_count=True,
+        frame_count=30,
+    )
+    (thrown,) = placing.request.spec.scene.bodies
+    assert thrown.start_frame == 5 and thrown.mass == 50 and list(thrown.velocity) == [-8, 1, 0]
+    (body,) = [body for body in made.objects if body.name.startswith("Ball")]
+    bpy.context.scene.frame_set(4)
+    assert body.hide_render and body.hide_viewport
+    bpy.context.scene.frame_set(7)
+    assert not body.hide_render and 1.0 < body.matrix_world.translation.x < 2.0
+    bpy.context.scene.frame_set(31)
+    assert body.matrix_world.translation.x < 1.0
+
+
+def test_drops(placing):
+    cloud = cuboid("Cloud", (0.8, 0.8, 0.8), location=(0, 0, 1.6))
+    made = placing.bake(
+        drop_mesh=cloud,
+        drop_frame=3,
+        drop_count=4,
+        drop_rate=20,
+        use_frame_count=True,
+        frame_count=30,
+        region=placing.control,
+    )
+    assert placing.request.spec.scene.HasField("region")
+    present = placing.motion.present
+    assert present[-1].sum() == present[0].sum() + 4
+    assert len(made.objects) == len(placing.motion.props)
+
+
+def test_tilt(placing):
+    placing.settings.prop_common.tilt = 20
+    placing.bake(output_mode="POSE")
+    assert placing.request.spec.scene.props[0].tilt_max == 20
