@@ -106,7 +106,7 @@ fn a_late_body_is_not_there_before_its_frame() {
 
 #[test]
 fn what_is_kept_stays_while_the_rest_is_filled_around_it() {
-    let mut scene = scene(cone(0.9, 2.0), stick());
+    let mut scene = scene(cone(0.7, 1.0), stick());
     scene.props.push(Prop { weight: 0.0, ..prop("brick", block(DVec3::new(0.4, 0.2, 0.2))) });
     let pose = at(0.1, 0.5, 0.0);
     scene.bodies = vec![Given { kept: true, ..Given::new(1, pose) }];
@@ -237,12 +237,12 @@ fn the_control_ends_when_told() {
 fn a_stand_leaves_the_pile_to_itself() {
     let mut params = Params::new(Accuracy::Draft);
     params.control.stand = true;
-    let bake = baked(&scene(cone(0.9, 2.0), stick()), &params);
+    let bake = baked(&scene(cone(0.7, 1.0), stick()), &params);
     assert!(figure(&bake, "shape_iou_after") > 0.8 * figure(&bake, "shape_iou"), "the shape kept by standing is told");
     assert!(figure(&bake, "resting_speed_max_rel") < 0.01);
     assert_eq!(figure(&bake, "hanging"), 0.0);
     params.control.mode = ControlMode::Off;
-    let off = baked(&scene(cone(0.9, 2.0), stick()), &params);
+    let off = baked(&scene(cone(0.7, 1.0), stick()), &params);
     assert!(!off.report.measures.contains_key("shape_iou_after"), "what is not controlled needs no end of it");
 }
 
