@@ -43,7 +43,7 @@ struct Emission<'a> {
 /// Spots tried for a body before it has to wait for the next step.
 const TRIES: usize = 30;
 /// An emitter that finds no free spot for so long, natural times, gives up: a pile has grown into it.
-const PATIENCE: f64 = 10.0;
+const PATIENCE: f64 = 20.0;
 /// Emitters' random numbers differ from the fill's and from each other's.
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
