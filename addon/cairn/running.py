@@ -206,6 +206,8 @@ def _collect():
             told = _late[made.job.bake_id] = made.told()
             for collection in bpy.data.collections:
                 if collection.cairn.is_result and collection.cairn.bake_id == made.job.bake_id:
+                    if report_of(collection)["frame_count"] != told["frame_count"]:
+                        told["warnings"].append("the server told of its last frames too late; bake again to have them")
                     collection.cairn.report = json.dumps(told)
                     collection.cairn.result_hash = told["result_hash"]
     for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
