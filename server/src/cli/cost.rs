@@ -1,5 +1,6 @@
 //! `cairn cost`: what accuracy costs in time, for a scene.
 
+use super::progress::Tally;
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, print};
 use crate::cost::{self, Ledger, Record, Study, Variant};
@@ -8,7 +9,6 @@ use crate::machine;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use cairn_core::observer::{Observer, Progress};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -103,11 +103,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut Ledger) -> Result<Vec<String>, Failure> {
     let budget = args.budget.map_or(f64::INFINITY, |budget| budget.as_secs_f64());
     let began = machine::cpu_seconds();
-    let mut watch = Watch { bar: bar(wanted.len()), end: began + budget };
+    let mut watch = Watch { tally: Tally::new(wanted.len()), end: began + budget };
     let mut left_out = Vec::new();
     for want in wanted {
         let name = format!("{} (seed {})", variants[want.variant].name, want.seed);
-        watch.bar.set_message(name.clone());
+        watch.tally.begin(&name);
         if ledger.find(&want.key).is_none() {
             // What a run will take, from those that were made.
             let rate = |r: &Record| {
@@ -118,7 +118,6 @@ fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut L
             let mean = rates.iter().sum::<f64>() / rates.len().max(1) as f64;
             if machine::cpu_seconds() + mean * cost::work(&want.tree) > watch.end {
                 left_out.push(name);
-                watch.bar.inc(1);
                 continue;
             }
             let job = Job::read(&want.tree.to_message()).map_err(Failure::Input)?;
@@ -129,9 +128,8 @@ fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut L
                 Err(error) => return Err(error.into()),
             }
         }
-        watch.bar.inc(1);
     }
-    watch.bar.finish_and_clear();
+    watch.tally.finish();
     Ok(left_out)
 }
 
@@ -147,14 +145,14 @@ fn write(study: &Study, folder: &Path) -> Result<(), Failure> {
 
 /// Cancels what the budget does not allow, and tells where the study is.
 struct Watch {
-    bar: ProgressBar,
+    tally: Tally,
     /// CPU seconds of this process.
     end: f64,
 }
 
 impl Observer for Watch {
     fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
-        self.bar.tick();
+        self.tally.tick();
         if interrupt::asked() || machine::cpu_seconds() > self.end {
             ControlFlow::Break(())
         } else {
@@ -165,10 +163,4 @@ impl Observer for Watch {
     fn cpu_seconds(&mut self) -> f64 {
         machine::cpu_seconds()
     }
-}
-
-fn bar(runs: usize) -> ProgressBar {
-    let style = ProgressStyle::with_template("{bar:24} {pos}/{len}  {msg}  {elapsed}, {eta} left");
-    ProgressBar::with_draw_target(Some(runs as u64), ProgressDrawTarget::stderr())
-        .with_style(style.expect("the template is valid"))
 }

@@ -140,3 +140,34 @@ fn counts(progress: &Progress) -> String {
         .collect::<Vec<_>>()
         .join(", ")
 }
+
+/// How many of several bakes are done, on a terminal's stderr.
+pub struct Tally {
+    bar: ProgressBar,
+    begun: u64,
+}
+
+impl Tally {
+    pub fn new(bakes: usize) -> Tally {
+        let style = ProgressStyle::with_template("{bar:24} {pos}/{len}  {msg}  {elapsed}, {eta} left");
+        let bar = ProgressBar::with_draw_target(Some(bakes as u64), ProgressDrawTarget::stderr())
+            .with_style(style.expect("the template is valid"));
+        Tally { bar, begun: 0 }
+    }
+
+    /// The bake before is done.
+    pub fn begin(&mut self, name: &str) {
+        self.bar.set_position(self.begun);
+        self.bar.set_message(name.to_owned());
+        self.begun += 1;
+    }
+
+    /// Keeps the time running.
+    pub fn tick(&self) {
+        self.bar.tick();
+    }
+
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
