@@ -40,7 +40,8 @@ fn a_scene_without_its_parts() {
 #[test]
 fn weights_that_are_none() {
     let desk = Desk::new();
-    for weight in ["0", "-1", "nan", "inf", "-inf"] {
+    refused(&desk, "--control cone.glb --prop stick.glb:0", &["weight 0", "stick.glb", "give one"]);
+    for weight in ["-1", "nan", "inf", "-inf"] {
         refused(
             &desk,
             &format!("--control cone.glb --prop stick.glb:{weight}"),

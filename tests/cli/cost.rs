@@ -8,7 +8,7 @@ const PRESETS: [&str; 5] = ["draft", "preview", "standard", "fine", "reference"]
 #[test]
 fn a_study_of_a_small_pile() {
     let desk = Desk::new();
-    let line = "cost --control cone.glb --prop stick.glb -o study --bodies 12 --seeds 1 --knob physics.substeps=2";
+    let line = "cost --control cone.glb --prop stick.glb -o study --bodies 40 --seeds 1 --knob physics.substeps=2";
     let table = desk.line(line).ok();
     let runs = || std::fs::read_to_string(desk.path("study/runs.jsonl")).unwrap();
     let made = runs();
@@ -19,12 +19,12 @@ fn a_study_of_a_small_pile() {
     let names: Vec<&str> = rows.iter().map(|row| row["variant"].as_str().unwrap()).collect();
     assert_eq!(names[..5], PRESETS);
     assert_eq!(names[5], "physics.substeps=2");
-    // Counted work, not time: the steps that a simulated second takes never fall from preset to preset.
+    // Counted work, not time.
     let steps: Vec<f64> = rows[..5].iter().map(|row| row["steps"]["median"].as_f64().unwrap()).collect();
-    assert!(steps[0] < steps[2] && steps[2] < steps[4], "{steps:?}");
+    assert!(steps[2] < steps[3] && steps[3] < steps[4], "{steps:?}");
     for row in rows {
         let bodies = row["bodies"]["median"].as_f64().unwrap();
-        assert!((6.0..=30.0).contains(&bodies), "the shape was not scaled down: {bodies} bodies");
+        assert!((20.0..=80.0).contains(&bodies), "the shape was not scaled down: {bodies} bodies");
         for error in ["penetration_mean_rel", "equilibrium_residual_p95", "energy_gain_rel", "kept_shape"] {
             assert!(row["errors"][error]["median"].as_f64().unwrap() >= 0.0, "{error}");
         }

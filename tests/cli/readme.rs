@@ -51,8 +51,8 @@ fn commands() {
                     words.drain(server..server + 2);
                 }
             }
-            // Its flags must be right; it would not end.
-            "serve" => words.push("--help"),
+            // Its flags must be right; it would not end, or not soon.
+            "serve" | "cost" => words.push("--help"),
             "render" => continue,
             _ => {}
         }

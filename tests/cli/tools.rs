@@ -44,7 +44,8 @@ fn the_scene_schema_knows_every_field() {
     let of = |path: &str| schema.pointer(&format!("/definitions/{path}")).unwrap_or_else(|| panic!("no {path}"));
     assert_eq!(of("Scene/properties/gravity/minimum"), 0.01);
     assert_eq!(of("Scene/properties/gravity/default"), 9.81);
-    assert_eq!(of("Prop/anyOf/0/properties/weight/exclusiveMinimum"), 0);
+    assert_eq!(of("Prop/anyOf/0/properties/weight/minimum"), 0);
+    assert_eq!(of("Control/anyOf/0/properties/speed/exclusiveMinimum"), 0);
     assert_eq!(of("Scene/properties/props/items/$ref"), "#/definitions/Prop");
     let described = |field: &Value| field["description"].as_str().is_some_and(|text| !text.is_empty());
     let groups = schema["definitions"].as_object().unwrap();

@@ -20,7 +20,7 @@ async fn the_server_tells_what_it_is() {
     assert_eq!(info.versions.unwrap().cairn, env!("CARGO_PKG_VERSION"));
     let limits = info.limits.unwrap();
     assert_eq!((limits.worker_count, limits.queue_size), (3, 7));
-    assert_eq!(info.accuracy_presets.len(), 4);
+    assert_eq!(info.accuracy_presets.len(), 6);
     let paper = info.accuracy_presets.iter().find(|preset| preset.accuracy() == Accuracy::Paper).unwrap();
     assert_eq!(paper.parameters.as_ref().unwrap().control.unwrap().mode(), ControlMode::Nails);
 

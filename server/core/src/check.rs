@@ -210,7 +210,7 @@ fn prop_mesh(
     if !size.closed {
         warnings.push(format!("{name}: the mesh is open, so that its mass is taken from its collision shape"));
     }
-    let filled = scene.control.as_ref().filter(|_| fills(scene, params) && prop.weight > 0.0);
+    let filled = scene.control.as_ref().filter(|_| fills(scene, params) && prop.weight != 0.0);
     let Some((lo, hi)) = filled.map(|model| model.mesh.bounds()) else { return Ok(()) };
     let mut room = (hi - lo).to_array();
     room.sort_by(f64::total_cmp);

@@ -301,18 +301,8 @@ impl Params {
         };
         match accuracy {
             Accuracy::Standard => {}
-            Accuracy::Draft => {
-                params.physics.step = Time::Natural(0.1);
-                params.physics.substeps = 6;
-                params.physics.shape_tolerance = 0.1;
-                params.physics.max_parts = 4;
-                params.control.period = 3;
-            }
-            Accuracy::Preview => {
-                params.physics.substeps = 5;
-                params.physics.shape_tolerance = 0.06;
-                params.physics.max_parts = 8;
-            }
+            Accuracy::Draft => params.physics.substeps = 4,
+            Accuracy::Preview => params.physics.substeps = 6,
             Accuracy::Reference => {
                 params.physics.step = Time::Natural(0.0125);
                 params.physics.substeps = 16;

@@ -17,9 +17,13 @@ const MOST_BODIES: u64 = 100_000;
 
 /// All problems of the three.
 pub fn check(scene: &Scene, params: &Params, problems: &mut Vec<Problem>) {
-    let drawn = scene.props.iter().any(|p| p.weight > 0.0);
+    // What is no weight at all is told by its own field.
+    let drawn = scene.props.iter().any(|p| p.weight != 0.0);
     if fills(scene, params) && !drawn && !scene.props.is_empty() {
-        problems.push(Problem::new("props", "props: none has a weight; give one of those that the fill shall draw"));
+        let names: Vec<&str> = scene.props.iter().map(|p| &*p.model.name).collect();
+        let text =
+            format!("props: all have the weight 0 ({}); give one to those that the fill shall draw", names.join(", "));
+        problems.push(Problem::new("props", text));
     }
     for (i, body) in scene.bodies.iter().enumerate() {
         given(&format!("bodies.{i}"), body, scene, problems);
