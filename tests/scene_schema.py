@@ -35,7 +35,7 @@ BAD = [
     {"fill": {"count": 0}},
     {"fill": {"count": 1.5}},
     {"control": "glue"},
-    {"props": [{"path": "examples/assets/stick.glb", "weight": 0}]},
+    {"props": [{"path": "examples/assets/stick.glb", "weight": -1}]},
     {"physics": {"step_seconds": 0.01, "step_natural": 0.05}},
 ]
 
