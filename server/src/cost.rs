@@ -18,7 +18,6 @@ use cairn_core::mesh::TriMesh;
 use cairn_core::observer::Observer;
 use cairn_core::params::Params;
 use glam::DVec3;
-use std::collections::BTreeMap;
 
 /// Figures that are an error by themselves: 0 is the truth.
 pub const ACCURACY: [&str; 6] = [
@@ -55,15 +54,14 @@ pub fn run(
     observer: &mut dyn Observer,
 ) -> Result<Record, cairn_core::Error> {
     let mut scene = job.scene.clone();
-    let expected = cairn_core::plan(&scene, &job.params)?.expected_bodies;
-    if let (Some(bodies), Some(control)) = (bodies, &mut scene.control) {
-        shrink(&mut control.mesh, &job.params, bodies as f64 / expected as f64);
+    if let Some(bodies) = bodies {
+        let expected = cairn_core::plan(&scene, &job.params)?.expected_bodies;
+        if let Some(control) = &mut scene.control {
+            shrink(&mut control.mesh, &job.params, bodies as f64 / expected as f64);
+        }
     }
-    let bake = cairn_core::bake(&scene, &job.params, observer)?;
-    let report = bake.report;
-    let named = |figures: BTreeMap<&'static str, Option<f64>>| {
-        figures.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
-    };
+    let report = cairn_core::bake(&scene, &job.params, observer)?.report;
+    let figures = report.measures.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
     let seconds = report.seconds.iter().map(|(&stage, &s)| (crate::pace::name(stage).to_owned(), s)).collect();
     let steps = ["fill_steps", "steps"].iter().map(|name| report.counts[name]).sum();
     Ok(Record {
@@ -73,7 +71,7 @@ pub fn run(
         bodies: report.bodies,
         steps,
         seconds,
-        measures: named(report.measures),
+        measures: figures.collect(),
     })
 }
 
