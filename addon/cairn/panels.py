@@ -80,11 +80,7 @@ class CAIRN_PT_pile(Pile, Panel):
         draw_props(layout, context, settings)
         layout.separator()
         layout.prop(settings, "colliders")
-        row = layout.row(heading="Ground")
-        row.prop(settings, "use_ground_height", text="")
-        value = row.row()
-        value.active = settings.use_ground_height
-        value.prop(settings, "ground_height", text="")
+        draw_optional(layout, settings, "ground_height", "Ground")
         layout.separator()
         draw_accuracies(layout, settings)
         layout.prop(settings, "seed")
@@ -154,18 +150,27 @@ def expected(accuracy):
     return f"~{plan['body_count']} bodies"
 
 
-def draw_field(layout, group, name):
-    """A parameter that is the accuracy's unless it is set."""
-    row = layout.row(heading=group.bl_rna.properties[name].name)
+def draw_switch(layout, group, name, heading):
+    """The tick of a value that may be left unset, and the row for the value, active when it is set."""
+    row = layout.row(heading=heading)
     row.prop(group, "use_" + name, text="")
     value = row.row()
-    is_set = getattr(group, "use_" + name)
-    if is_set or group.id_data.cairn.accuracy == "STANDARD":
-        value.active = is_set
+    value.active = getattr(group, "use_" + name)
+    return value
+
+
+def draw_optional(layout, group, name, heading):
+    """A value that may be left unset."""
+    draw_switch(layout, group, name, heading).prop(group, name, text="")
+
+
+def draw_field(layout, group, name):
+    """A parameter that is the accuracy's unless it is set."""
+    value = draw_switch(layout, group, name, group.bl_rna.properties[name].name)
+    if value.active or group.id_data.cairn.accuracy == "STANDARD":
         value.prop(group, name, text="")
     else:
         # The defaults that are known here are the standard's.
-        value.active = False
         value.label(text="by accuracy")
 
 

@@ -3,7 +3,7 @@
 from bpy.types import Panel
 
 from .operators import is_running
-from .panels import Pile, draw_field
+from .panels import Pile, draw_field, draw_optional
 from .properties import GROUPS, fields_of, knows
 
 
@@ -102,11 +102,7 @@ class CAIRN_PT_drop(_Parameters, Panel):
         details.active = settings.impact is not None
         for name in ("impact_frame", "impact_velocity"):
             details.prop(settings, name)
-        row = details.row(heading="Mass")
-        row.prop(settings, "use_impact_mass", text="")
-        value = row.row()
-        value.active = settings.use_impact_mass
-        value.prop(settings, "impact_mass", text="")
+        draw_optional(details, settings, "impact_mass", "Mass")
 
 
 class CAIRN_PT_region(_Parameters, Panel):
@@ -127,11 +123,7 @@ class CAIRN_PT_output(_Parameters, Panel):
     def draw_more(self, layout, settings):
         layout.prop(settings, "output_mode")
         layout.prop(settings, "start_frame")
-        row = layout.row(heading="Frames")
-        row.prop(settings, "use_frame_count", text="")
-        value = row.row()
-        value.active = settings.use_frame_count
-        value.prop(settings, "frame_count", text="")
+        draw_optional(layout, settings, "frame_count", "Frames")
 
 
 CLASSES = [
