@@ -39,7 +39,7 @@ pub fn card_pull(engine: Engine, _: Extent) -> Outcome {
     let mut scene = cards(1.0, 0.7);
     let pulled = scene.bodies.remove(0);
     let model = Model { name: "pulled".into(), mesh: scene.props[0].model.mesh.clone() };
-    let out = cairn_core::pose::Pose { translation: pulled.pose.translation - DVec3::X * 0.3, ..pulled.pose };
+    let out = cairn_core::pose::Pose { translation: pulled.pose.translation + DVec3::Z * 0.3, ..pulled.pose };
     let keys = vec![Key { time: START, pose: pulled.pose }, Key { time: START + 0.3, pose: out }];
     scene.statics.push(StaticModel { model, friction: 0.05, keys });
     let motion = run(engine, &scene, START + 2.0);
@@ -47,7 +47,9 @@ pub fn card_pull(engine: Engine, _: Extent) -> Outcome {
     let thickness = 0.00088;
     let earlier = motion.drift(0, before - 2);
     // How long after the pull the partner has sunk by ten thicknesses.
-    let fallen = |frame: &usize| motion.place(before, 0).y - motion.place(*frame, 0).y > 10.0 * thickness;
+    // A card's origin is in its lower edge.
+    let top = |frame: usize| motion.frames[frame][0].transform_point(DVec3::Y * 0.088).y;
+    let fallen = |frame: &usize| top(before) - top(*frame) > 10.0 * thickness;
     let when = (before..motion.frames.len()).find(fallen).map(|frame| (frame - before) as f64 / FPS);
     all([
         (format!("moves {:.1} mm before", 1e3 * earlier), earlier < 10.0 * thickness),
