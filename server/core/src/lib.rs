@@ -10,6 +10,7 @@ pub mod control;
 pub mod equilibrium;
 pub mod estimate;
 pub mod events;
+mod extremes;
 pub mod figures;
 pub mod fill;
 pub mod free_pour;

@@ -4,6 +4,7 @@
 use crate::Error;
 use crate::control::Control;
 use crate::events::Events;
+use crate::extremes;
 use crate::fill::Placed;
 use crate::observer::{Frame, Observer, Progress, Shown, Stage, observe};
 use crate::params::{Output, Params, ReleaseOrder};
@@ -68,7 +69,9 @@ pub fn turn_over<'a>(
     let thickness = filled.chain(given).chain(emitted).map(|(prop, scale)| shapes[prop].thickness() * scale);
     let thickness = thickness.fold(f64::INFINITY, f64::min);
     let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
-    let mut world = World::new(units, &params.physics, thickness / units.length, compounds);
+    let mass_ratio = extremes::mass_ratio(scene, params, |prop| shapes[prop].mass);
+    let physics = extremes::stiffened(&params.physics, mass_ratio, units.time);
+    let mut world = World::new(units, &physics, thickness / units.length, compounds);
     world.add_ground(ground / units.length, params.ground_friction);
     for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {
         world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;

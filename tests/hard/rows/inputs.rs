@@ -70,7 +70,7 @@ pub fn bad_container(engine: Engine, _: Extent) -> Outcome {
         ("self-intersecting", pair(DVec3::new(0.5, 0.0, 0.3))),
     ];
     let part = |(name, mesh): (&str, TriMesh)| {
-        let scene = filled(mesh, prop("brick", block(DVec3::new(0.3, 0.2, 0.15)), 0.7));
+        let scene = filled(mesh, prop("brick", block(DVec3::new(0.4, 0.3, 0.2)), 0.7));
         let mut params = params(engine, 0.5);
         params.release.order = ReleaseOrder::BottomUp;
         match cairn_core::bake(&scene, &params, &mut cairn_core::observer::Silent) {

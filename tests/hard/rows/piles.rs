@@ -44,8 +44,8 @@ fn rests(motion: &Motion, hold: f64) -> Outcome {
 
 pub fn rest_sticks(engine: Engine, extent: Extent) -> Outcome {
     let (count, hold) = if extent == Extent::Full { (609, 60.0) } else { (150, 20.0) };
-    let stick = prop("stick", block(DVec3::new(0.1, 1.0, 0.1)), 0.7);
-    let factor = (f64::from(count) * 0.01 / 0.42 / 3.1).cbrt();
+    let stick = prop("stick", block(DVec3::new(0.05, 0.5, 0.05)), 0.7);
+    let factor = 0.5 * (f64::from(count) * 0.01 / 0.42 / 3.1).cbrt();
     let scene = filled(cone(factor * 0.96, factor * 2.9), stick);
     rests(&baked(&scene, &filled_params(engine, count, hold)), hold)
 }

@@ -5,6 +5,7 @@
 //! [`Units`] is the one place of the conversion.
 
 mod contacts;
+mod creep;
 mod hits;
 mod motion;
 mod nails;
@@ -115,6 +116,7 @@ pub struct World {
     bodies: Vec<WorldBody>,
     nails: nails::Nails,
     moving: Vec<scenery::Moving>,
+    marks: creep::Marks,
     /// Steps taken.
     pub steps: u64,
 }
@@ -168,7 +170,15 @@ impl World {
             FrictionModel::Simplified => rapier3d::prelude::FrictionModel::Simplified,
             FrictionModel::Coulomb => rapier3d::prelude::FrictionModel::Coulomb,
         };
-        World { units, engine, bodies: Vec::new(), nails: nails::Nails::default(), moving: Vec::new(), steps: 0 }
+        World {
+            units,
+            engine,
+            bodies: Vec::new(),
+            nails: nails::Nails::default(),
+            moving: Vec::new(),
+            marks: creep::Marks::default(),
+            steps: 0,
+        }
     }
 
     /// The ground, a half-space below `height`.
@@ -410,6 +420,7 @@ impl World {
         for &id in &ids {
             self.remove(id);
         }
+        self.keep_awake_what_creeps();
         ids
     }
 }
