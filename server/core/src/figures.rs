@@ -6,6 +6,7 @@ use crate::container::Container;
 use crate::equilibrium::global;
 use crate::fill::{Filled, Removed};
 use crate::free_pour;
+use crate::guard;
 use crate::hold::Held;
 use crate::measure::{self, Contact, Gauge, Overlap, ShapeMeasures};
 use crate::mesh::TriMesh;
@@ -324,6 +325,8 @@ fn counts(filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'static str, u64> {
         ("removed_overlapping", removed.overlapping as u64),
         ("removed_escaped", removed.escaped as u64),
         ("bodies_lost", pile.lost.len() as u64),
+        ("guard_retries", pile.guard.actions.retries),
+        ("guard_stiffened", pile.guard.actions.stiffened),
         ("control_cycles", tally.cycles),
         ("analyses", tally.analyses),
         ("verdicts_kept", tally.settled),
@@ -384,14 +387,30 @@ fn fill_warnings(inputs: &Inputs, filled: &Filled, first: &ShapeMeasures) -> Vec
     warnings
 }
 
+/// What the guard did.
+fn guard_warnings(pile: &Pile) -> Vec<String> {
+    let name = |id: BodyId| format!("{id} ({})", pile.scene().props[pile.bodies[id].prop].model.name);
+    let actions = &pile.guard.actions;
+    let mut warnings = guard::told(&actions.aside, name);
+    warnings.iter_mut().for_each(|text| text.push_str(" and were set aside"));
+    if actions.retries > 0 {
+        warnings.push(format!("{} steps gained energy or speed and were taken again in smaller ones", actions.retries));
+    }
+    let deep = if actions.stiffened > 0 { pile.guard.still_deep(&pile.world) } else { 0 };
+    if deep > 0 {
+        warnings.push(format!(
+            "{deep} pairs of bodies overlap by more than half of the thinner one's thickness in the end, even with stiffer contacts"
+        ));
+    }
+    warnings
+}
+
 fn end_warnings(pile: &Pile, held: Held, measures: &Figures) -> Vec<String> {
     let mut warnings = Vec::new();
     if !held.at_rest {
         warnings.push("the pile was still moving at the last frame; bake more frames, or raise hold.patience".into());
     }
-    if !pile.lost.is_empty() {
-        warnings.push(format!("bodies {:?} became numerically unstable and were set aside", pile.lost));
-    }
+    warnings.extend(guard_warnings(pile));
     if let Some(Some(hanging)) = measures.get("hanging")
         && *hanging > 0.0
     {

@@ -14,6 +14,7 @@ mod extremes;
 pub mod figures;
 pub mod fill;
 pub mod free_pour;
+pub mod guard;
 pub mod hold;
 pub mod measure;
 pub mod mesh;

@@ -6,6 +6,7 @@ use crate::control::Control;
 use crate::events::Events;
 use crate::extremes;
 use crate::fill::Placed;
+use crate::guard::Guard;
 use crate::observer::{Frame, Observer, Progress, Shown, Stage, observe};
 use crate::params::{Output, Params, ReleaseOrder};
 use crate::pose::Pose;
@@ -40,8 +41,9 @@ pub struct Pile<'a> {
     /// CPU seconds in the control, and in the engine's steps.
     pub control_seconds: f64,
     pub step_seconds: f64,
-    /// Bodies set aside because their state became non-finite.
+    /// Bodies set aside.
     pub lost: Vec<BodyId>,
+    pub guard: Guard,
     damping: f64,
     /// The step in which a gentle end of the control began.
     standing: Option<u64>,
@@ -96,6 +98,7 @@ pub fn turn_over<'a>(
         control_seconds: 0.0,
         step_seconds: 0.0,
         lost: Vec::new(),
+        guard: Guard::new(scene, units, ground / units.length),
         damping: params.release.damping,
         shapes,
         output: &params.output,
@@ -289,7 +292,7 @@ impl<'a> Pile<'a> {
             self.control.cycle(&mut self.world);
         }
         let controlled = observer.cpu_seconds();
-        self.lost.extend(self.world.step());
+        self.lost.extend(self.guard.step(&mut self.world)?);
         let stepped = observer.cpu_seconds();
         self.control.after_step(&mut self.world);
         self.control_seconds += controlled - begin + (observer.cpu_seconds() - stepped);

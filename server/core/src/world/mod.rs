@@ -6,6 +6,7 @@
 
 mod contacts;
 mod creep;
+mod guarded;
 mod hits;
 mod motion;
 mod nails;
@@ -22,6 +23,7 @@ use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
+pub use guarded::{Gain, State};
 pub use hits::Hit;
 pub use motion::{FrictionExcess, Momentum};
 pub use nails::NailId;
