@@ -11,7 +11,7 @@ use crate::hold::Held;
 use crate::measure::{self, Contact, Gauge, Overlap, ShapeMeasures};
 use crate::mesh::TriMesh;
 use crate::observer::{Observer, Progress, Stage, observe};
-use crate::params::Params;
+use crate::params::{FillMethod, Params};
 use crate::plan::Plan;
 use crate::pose::Pose;
 use crate::region::Region;
@@ -100,6 +100,9 @@ pub fn report(
             warnings.extend(fill_warnings(inputs, filled, &first));
         }
         warnings.extend(first.caveats());
+    }
+    if let Some((_, filled)) = filled {
+        measures.insert("pocket_fraction", Some(filled.pockets));
     }
     observe(observer, &progress(0.8))?;
     measures.extend(contact_figures(&pile.world));
@@ -344,6 +347,8 @@ fn counts(filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'static str, u64> {
     ])
 }
 
+/// More of the volume than this in pockets is worth a word.
+const MOST_POCKETS: f64 = 0.02;
 /// Emptier than this, the fill is worth a warning: half of what random props reach.
 const POOR_FILL: f64 = 0.2;
 
@@ -376,6 +381,13 @@ fn fill_warnings(inputs: &Inputs, filled: &Filled, first: &ShapeMeasures) -> Vec
         warnings.push(format!(
             "only {:.0} % of the control mesh could be filled: its parts are narrow for these props; smaller props reach farther",
             100.0 * first.fill_fraction
+        ));
+    }
+    if filled.full && filled.pockets > MOST_POCKETS {
+        warnings.push(format!(
+            "{:.0} % of the control mesh's volume lies in pockets that the fill did not reach; smaller props{} reach farther",
+            100.0 * filled.pockets,
+            if inputs.params.fill.method == FillMethod::Pour { ", or fill.method = \"insert\"," } else { "" }
         ));
     }
     if !filled.full && inputs.params.fill.count.is_none() {

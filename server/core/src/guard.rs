@@ -57,8 +57,8 @@ const PUSH_OUT_FALL: f64 = 1.0;
 /// light body more.
 const SPEED_FACTOR: f64 = 2.0;
 const BOUNCE_FACTOR: f64 = 4.0;
-/// A long body's ends may be this much faster than its middle.
-const SPIN_FACTOR: f64 = 3.0;
+/// What turns may have this much more speed in its turning than in its motion: a light rod that a heavy body hits at its end.
+const SPIN_FACTOR: f64 = 2.0;
 /// Overlaps are looked for every so many steps: they grow slowly, and each look goes over all contacts.
 const DEPTH_PERIOD: u64 = 8;
 /// Bodies are deep in each other beyond this share of the thinner one's thickness ...

@@ -72,7 +72,7 @@ pub fn turn_over<'a>(
     let thickness = thickness.fold(f64::INFINITY, f64::min);
     let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
     let mass_ratio = extremes::mass_ratio(scene, params, |prop| shapes[prop].mass);
-    let physics = extremes::stiffened(&params.physics, mass_ratio, units.time);
+    let physics = extremes::stiffened(&params.physics, mass_ratio, thickness / units.length, units.time);
     let mut world = World::new(units, &physics, thickness / units.length, compounds);
     world.add_ground(ground / units.length, params.ground_friction);
     for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {

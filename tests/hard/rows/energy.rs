@@ -27,26 +27,32 @@ struct Thrown {
 }
 
 pub fn spin(engine: Engine, _: Extent) -> Outcome {
-    growth(engine, &Thrown {
-        prop: prop("disk", disc(0.1, 0.02), 0.3),
-        pose: Pose { translation: DVec3::Y * 0.1, rotation: DQuat::from_rotation_x(1.4) },
-        angular_velocity: DVec3::Y * 30.0,
-        gravity: 9.81,
-        step: None,
-        lowest: 0.01,
-    })
+    growth(
+        engine,
+        &Thrown {
+            prop: prop("disk", disc(0.1, 0.02), 0.3),
+            pose: Pose { translation: DVec3::Y * 0.1, rotation: DQuat::from_rotation_x(1.4) },
+            angular_velocity: DVec3::Y * 30.0,
+            gravity: 9.81,
+            step: None,
+            lowest: 0.01,
+        },
+    )
 }
 
 /// Gravity is what scales the natural time: a world without it steps in seconds.
 pub fn zero_g(engine: Engine, _: Extent) -> Outcome {
-    growth(engine, &Thrown {
-        prop: prop("brick", block(DVec3::new(0.4, 0.2, 0.1)), 0.3),
-        pose: Pose { translation: DVec3::Y * 1e3, rotation: DQuat::IDENTITY },
-        angular_velocity: DVec3::new(0.1, 6.0, 0.1),
-        gravity: 1e-9,
-        step: Some(Time::Seconds(1.0 / 60.0)),
-        lowest: 0.0,
-    })
+    growth(
+        engine,
+        &Thrown {
+            prop: prop("brick", block(DVec3::new(0.4, 0.2, 0.1)), 0.3),
+            pose: Pose { translation: DVec3::Y * 1e3, rotation: DQuat::IDENTITY },
+            angular_velocity: DVec3::new(0.1, 6.0, 0.1),
+            gravity: 1e-9,
+            step: Some(Time::Seconds(1.0 / 60.0)),
+            lowest: 0.0,
+        },
+    )
 }
 
 /// Largest rise of the energy above its beginning, as a share of that.

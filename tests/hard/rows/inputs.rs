@@ -41,7 +41,8 @@ pub fn degenerate_mesh(engine: Engine, _: Extent) -> Outcome {
                 let motion = baked(&scene, &params);
                 let shape = &motion.report.as_ref().expect("a bake").shapes[0];
                 let how = shape.mass_fallback.as_deref().unwrap_or("as its outward twin");
-                let sound = motion.is_finite() && shape.mass > 0.0 && (shape.mass_fallback.is_some() || !is_open(&mesh));
+                let sound =
+                    motion.is_finite() && shape.mass > 0.0 && (shape.mass_fallback.is_some() || !is_open(&mesh));
                 (format!("{name}: {how}"), sound)
             }
         }
@@ -116,7 +117,8 @@ pub fn scaled_node(_: Engine, _: Extent) -> Outcome {
     let read = asset::read(&source).expect("a sound file").mesh;
     let prop = prop("box", read.clone(), 0.5);
     let size = Size::of(&read);
-    let shape = Shape::new(&prop, size, &cairn_core::params::Params::new(cairn_core::params::Accuracy::Standard).physics);
+    let shape =
+        Shape::new(&prop, size, &cairn_core::params::Params::new(cairn_core::params::Accuracy::Standard).physics);
     let mass = shape.expect("a prop with volume").mass;
     let exact = 1000.0 * 0.2 * 0.4 * 0.6 * 3.0;
     let error = (mass / exact - 1.0).abs();

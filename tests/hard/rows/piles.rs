@@ -22,6 +22,20 @@ pub fn balls(engine: Engine, extent: Extent) -> Outcome {
     ])
 }
 
+/// A ball that rolls at 1 m/s on level ground stops after 0.7 v^2 / (c g), c the coefficient of rolling resistance.
+pub fn rolling(engine: Engine, _: Extent) -> Outcome {
+    const RADIUS: f64 = 0.05;
+    const SPEED: f64 = 1.0;
+    let mut scene = placed(prop("ball", ball(RADIUS), 0.7), [at(0.0, RADIUS, 0.0)]);
+    scene.bodies[0].velocity = DVec3::X * SPEED;
+    scene.bodies[0].angular_velocity = DVec3::NEG_Z * SPEED / RADIUS;
+    let coefficient = params(engine, 0.0).physics.rolling_resistance;
+    let exact = 0.7 * SPEED * SPEED / (coefficient * 9.81);
+    let reached = run(engine, &scene, 10.0).last()[0].translation.x;
+    let error = (reached / exact - 1.0).abs();
+    all([(format!("stops after {reached:.2} m, by theory {exact:.2}"), error < 0.05)])
+}
+
 fn filled_params(engine: Engine, count: u32, hold: f64) -> Params {
     let mut params = params(engine, hold);
     params.release.order = ReleaseOrder::BottomUp;

@@ -134,6 +134,13 @@ impl World {
         self.what(collider).filter(|side| !matches!(side, Side::Body(id) if *id <= a))
     }
 
+    /// The body that a collider is of. `None`, too, for what has been removed since the last step: the engine's contacts
+    /// still name it.
+    pub(super) fn body_of(&self, collider: ColliderHandle) -> Option<BodyId> {
+        let data = self.engine.colliders.get(collider)?.user_data;
+        (FIRST_BODY..FIRST_MOVING).contains(&data).then(|| (data - FIRST_BODY) as usize)
+    }
+
     /// What a collider is; `None` for a container.
     pub(super) fn what(&self, collider: &Collider) -> Option<Side> {
         match collider.user_data {
@@ -223,10 +230,7 @@ impl World {
 
     /// Held bodies on which free bodies press with more than `limit` times their own mass (engine units of force).
     pub fn overloaded(&self, limit: f64) -> Vec<BodyId> {
-        let free = |h: ColliderHandle| {
-            let data = self.engine.colliders[h].user_data;
-            (FIRST_BODY..FIRST_MOVING).contains(&data) && self.bodies[(data - FIRST_BODY) as usize].role == Role::Free
-        };
+        let free = |h: ColliderHandle| self.body_of(h).is_some_and(|id| self.bodies[id].role == Role::Free);
         let load = |id: BodyId| -> f64 {
             let me = self.bodies[id].collider;
             let pairs = self.engine.narrow_phase.contact_pairs_with(me);

@@ -41,7 +41,8 @@ impl World {
             let turned = before.rotation.angle_between(pose.rotation) * body.radius as f32;
             let moved = before.translation.distance(pose.translation).max(turned);
             let creeps = body.role == Role::Free && moved > CREEP as f32;
-            if creeps && let Some(rigid) = self.engine.bodies.get_mut(body.handle).filter(|rigid| !rigid.is_sleeping()) {
+            if creeps && let Some(rigid) = self.engine.bodies.get_mut(body.handle).filter(|rigid| !rigid.is_sleeping())
+            {
                 rigid.activation_mut().time_since_can_sleep = 0.0;
             }
         }

@@ -1,7 +1,7 @@
 //! What the guard needs of the world: the state before a step, the same step once more in smaller ones, and how deep
 //! bodies are in each other by the engine's own account.
 
-use super::{BodyId, FIRST_BODY, FIRST_MOVING, Role, World};
+use super::{BodyId, Role, World};
 use rapier3d::prelude::*;
 
 /// The moving bodies before a step.
@@ -77,10 +77,6 @@ impl World {
 
     /// Pairs that overlap by more than `share` of the thinner one's thickness, as the engine's contacts have it.
     pub fn deep_pairs(&self, share: f64) -> Vec<(BodyId, Option<BodyId>)> {
-        let body = |handle: ColliderHandle| {
-            let data = self.engine.colliders[handle].user_data;
-            (FIRST_BODY..FIRST_MOVING).contains(&data).then(|| (data - FIRST_BODY) as usize)
-        };
         let deepest = |pair: &ContactPair| {
             let points = pair.manifolds().iter().flat_map(|m| &m.points);
             f64::from(points.map(|p| -p.dist).fold(0.0, f32::max))
@@ -91,7 +87,7 @@ impl World {
             if depth <= 0.0 {
                 continue;
             }
-            let (a, b) = match (body(pair.collider1), body(pair.collider2)) {
+            let (a, b) = match (self.body_of(pair.collider1), self.body_of(pair.collider2)) {
                 (Some(a), b) => (a, b),
                 (None, Some(b)) => (b, None),
                 (None, None) => continue,
@@ -122,8 +118,11 @@ impl World {
         p.static_contact_softness.natural_frequency /= factor as f32;
     }
 
-    /// Speed of the rim of a body by its turning.
+    /// The speed at which a body would have as much energy by moving as it has by turning.
     pub fn spin(&self, id: BodyId) -> f64 {
-        f64::from(self.engine.bodies[self.bodies[id].handle].angvel().length()) * self.bodies[id].radius
+        let rigid = &self.engine.bodies[self.bodies[id].handle];
+        let inertia = rigid.mass_properties().local_mprops.reconstruct_inertia_matrix();
+        let spin = rigid.rotation().inverse() * rigid.angvel();
+        (f64::from(spin.dot(inertia * spin)) / self.bodies[id].mass).sqrt()
     }
 }

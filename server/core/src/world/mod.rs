@@ -10,6 +10,7 @@ mod guarded;
 mod hits;
 mod motion;
 mod nails;
+mod rolling;
 mod scenery;
 
 use crate::mesh::TriMesh;
@@ -119,6 +120,7 @@ pub struct World {
     nails: nails::Nails,
     moving: Vec<scenery::Moving>,
     marks: creep::Marks,
+    rolling: rolling::Rolling,
     /// Steps taken.
     pub steps: u64,
 }
@@ -179,6 +181,7 @@ impl World {
             nails: nails::Nails::default(),
             moving: Vec::new(),
             marks: creep::Marks::default(),
+            rolling: rolling::Rolling { coefficient: physics.rolling_resistance, round: Vec::new() },
             steps: 0,
         }
     }
@@ -254,6 +257,7 @@ impl World {
             .user_data(FIRST_BODY + id as u128);
         let (handle, collider) = self.engine.insert(rigid, collider);
         let size = body.scale * length;
+        self.rolling.round.extend(shape.size.round.map(|radius| (id, radius * size)));
         self.bodies.push(WorldBody {
             prop: body.prop,
             scale: body.scale,
@@ -422,6 +426,7 @@ impl World {
         for &id in &ids {
             self.remove(id);
         }
+        self.resist_rolling();
         self.keep_awake_what_creeps();
         ids
     }
