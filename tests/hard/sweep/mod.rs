@@ -22,8 +22,9 @@ pub enum Verdict {
 /// d (the sag of contacts does not shrink with a sheet's thickness).
 const MOST_PENETRATION: f64 = 0.5;
 const MOST_DEPTH: f64 = 0.05;
-/// Energy may grow by so much of m g d summed over the bodies: frames tell it only roughly.
-const MOST_GAIN: f64 = 0.05;
+/// Energy may grow by so much of m g d summed over the bodies after a fill, which leaves overlaps of up to a quarter of a
+/// thickness: half of that is what pushes bodies up.
+const MOST_GAIN: f64 = 0.125;
 /// Bodies that overlap in the beginning are pushed apart: that raises them.
 const MOST_PUSH: f64 = 1.0;
 
