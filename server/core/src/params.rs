@@ -273,7 +273,7 @@ impl Params {
             physics: Physics {
                 step: Time::Natural(0.05),
                 substeps: 8,
-                contact_frequency: 30.0,
+                contact_frequency: 22.0,
                 contact_damping_ratio: 10.0,
                 friction_model: FrictionModel::Simplified,
                 shape_tolerance: 0.04,
@@ -315,16 +315,16 @@ impl Params {
             Accuracy::Standard => {}
             Accuracy::Draft => {
                 params.physics.substeps = 4;
-                params.physics.contact_frequency = 20.0;
+                params.physics.contact_frequency = 10.0;
             }
             Accuracy::Preview => {
                 params.physics.substeps = 6;
-                params.physics.contact_frequency = 25.0;
+                params.physics.contact_frequency = 15.0;
             }
             Accuracy::Reference => {
                 params.physics.step = Time::Natural(0.0125);
                 params.physics.substeps = 16;
-                params.physics.contact_frequency = 120.0;
+                params.physics.contact_frequency = 30.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
                 params.physics.max_parts = 48;
@@ -332,7 +332,7 @@ impl Params {
             }
             Accuracy::Fine => {
                 params.physics.step = Time::Natural(0.025);
-                params.physics.contact_frequency = 60.0;
+                params.physics.contact_frequency = 26.0;
                 params.physics.shape_tolerance = 0.02;
                 params.physics.max_parts = 24;
                 params.control.period = 10;

@@ -395,6 +395,11 @@ impl World {
         from_engine(self.engine.bodies[self.bodies[id].handle].position())
     }
 
+    /// Moves a body without any motion.
+    pub fn put(&mut self, id: BodyId, pose: &Pose) {
+        self.engine.bodies[self.bodies[id].handle].set_position(to_engine(pose), false);
+    }
+
     pub fn step_length(&self) -> f64 {
         self.engine.integration_parameters.dt as f64
     }
