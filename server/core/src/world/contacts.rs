@@ -137,6 +137,13 @@ impl World {
         self.what(collider).filter(|side| !matches!(side, Side::Body(id) if *id <= a))
     }
 
+    /// The body that a collider is of. `None`, too, for what has been removed since the last step: the engine's contacts
+    /// still name it.
+    pub(super) fn body_of(&self, collider: ColliderHandle) -> Option<BodyId> {
+        let data = self.engine.colliders.get(collider)?.user_data;
+        (FIRST_BODY..FIRST_MOVING).contains(&data).then(|| (data - FIRST_BODY) as usize)
+    }
+
     /// What a collider is; `None` for a container.
     pub(super) fn what(&self, collider: &Collider) -> Option<Side> {
         match collider.user_data {
@@ -228,10 +235,7 @@ impl World {
     /// of the usual stiffness. Stiffer springs press harder for the same overlap, by the square of their frequency, which is
     /// no load of the pile's.
     pub fn overloaded(&self, limit: f64) -> Vec<BodyId> {
-        let free = |h: ColliderHandle| {
-            let data = self.engine.colliders[h].user_data;
-            (FIRST_BODY..FIRST_MOVING).contains(&data) && self.bodies[(data - FIRST_BODY) as usize].role == Role::Free
-        };
+        let free = |h: ColliderHandle| self.body_of(h).is_some_and(|id| self.bodies[id].role == Role::Free);
         let load = |id: BodyId| -> f64 {
             let me = self.bodies[id].collider;
             let pairs = self.engine.narrow_phase.contact_pairs_with(me);
