@@ -3,7 +3,9 @@
 import bpy
 from bpy.types import Panel, UIList
 
-from . import preferences, request, result, running
+import numpy as np
+
+from . import preferences, request, result, running, states
 from .operators import is_running
 from .properties import ACCURACIES
 
@@ -80,7 +82,9 @@ class CAIRN_PT_pile(Pile, Panel):
         draw_props(layout, context, settings)
         layout.separator()
         layout.prop(settings, "colliders")
-        draw_optional(layout, settings, "ground_height", "Ground")
+        layout.row(heading="Ground").prop(settings, "use_ground", text="")
+        if settings.use_ground:
+            draw_optional(layout, settings, "ground_height", "Height")
         layout.separator()
         draw_accuracies(layout, settings)
         layout.prop(settings, "seed")
@@ -211,6 +215,42 @@ def draw_warning(layout, context, text, names):
             column.operator("cairn.select", text=f"Select “{name}”", icon="RESTRICT_SELECT_OFF").object = name
 
 
+class CAIRN_PT_states(Pile, Panel):
+    bl_label = "States"
+    bl_parent_id = "CAIRN_PT_pile"
+
+    @classmethod
+    def poll(cls, context):
+        return running.bake is not None or result.chosen(context) is not None
+
+    def draw(self, context):
+        layout = self.layout
+        layout.prop(context.window_manager, "cairn_states")
+        if not states.is_shown:
+            return
+        if running.bake:
+            latest = running.bake.job.latest
+            now = None if latest is None else latest.states[latest.present]
+        else:
+            now = states.at(result.chosen(context), context.scene.frame_current)
+        if now is None:
+            text = "No bodies yet." if running.bake else "The control was off, or the server does not tell of states."
+            wrapped(layout, context, text, "INFO")
+            return
+        column = layout.column(align=True)
+        counts = np.bincount(now, minlength=len(states.STATES))
+        for number, (title, _) in enumerate(states.STATES):
+            if counts[number] or number in states.USUAL:
+                row = column.split(factor=0.75)
+                row.label(text=title, icon_value=states.icon(number))
+                row.label(text=str(counts[number]))
+        shading = context.space_data.shading
+        if shading.type != "SOLID":
+            layout.prop_enum(shading, "type", "SOLID", text="Colours Need Solid Shading")
+        elif shading.color_type != "OBJECT":
+            layout.prop_enum(shading, "color_type", "OBJECT", text="Show the Objects' Colours")
+
+
 class CAIRN_PT_report(Pile, Panel):
     bl_label = "Report"
     bl_parent_id = "CAIRN_PT_pile"
@@ -267,6 +307,6 @@ class CAIRN_PT_server(Pile, Panel):
         layout.operator("cairn.preferences", icon="PREFERENCES")
 
 
-CLASSES = [CAIRN_UL_props, CAIRN_PT_pile, CAIRN_PT_report]
+CLASSES = [CAIRN_UL_props, CAIRN_PT_pile, CAIRN_PT_report, CAIRN_PT_states]
 # After all others.
 LAST = [CAIRN_PT_server]

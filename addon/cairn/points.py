@@ -12,6 +12,8 @@ MAX_ROWS = 1 << 24
 AXES = ("axis_x", "axis_z")
 # A body that is not there has axes of length 0.
 THERE = 0.5
+# What the nodes read of each body.
+READ = {"first": np.intc, "count": np.intc, "offset": np.intc, "prop": np.intc, "size": np.float32}
 
 
 def write(name, motion, parts_collection, start_frame):
@@ -62,11 +64,68 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
     _attribute(mesh, "count", "INT", "value", count)
     _attribute(mesh, "offset", "INT", "value", np.cumsum(count) - count)
     _attribute(mesh, "prop", "INT", "value", motion.props[part])
+    # For materials, as an attribute of the instancer: that of the last frame.
+    _attribute(mesh, "state", "INT", "value", motion.states[-1, part])
     _attribute(mesh, "size", "FLOAT", "value", motion.scales[part])
     shown = bpy.data.objects.new(name, mesh)
+    shown.cairn.number = part.start + 1
     modifier = shown.modifiers.new("Pile", "NODES")
     modifier.node_group = _nodes(name, table_object, parts_collection, start_frame)
     return shown
+
+
+def show_states(shown, states, colors, collection):
+    """Shows bodies in their states' colours: instances have that of their instancer, so that each state gets one of its
+    own in `collection`, which renders do not see."""
+    first = shown.cairn.number - 1
+    now = states[first : first + len(shown.data.vertices)]
+    own, modifier = shown.cairn, shown.modifiers["Pile"]
+    if own.is_coloured and np.array_equal(_values(shown.data, "state", np.intc), now):
+        return
+    if not own.is_coloured:
+        own.is_coloured, own.was_shown, modifier.show_viewport = True, modifier.show_viewport, False
+    _set(shown.data, "state", now)
+    values = {name: _values(shown.data, name, kind) for name, kind in READ.items()}
+    made = {part.cairn.number: part for part in collection.objects if part.parent == shown}
+    for state in {*made, *(1 + np.flatnonzero(np.bincount(now)))}:
+        part = made.get(state) or _of_state(shown, int(state), colors[state - 1], collection)
+        here = now == state - 1
+        part.data.clear_geometry()
+        _fill(part.data, np.zeros((here.sum(), 3)))
+        for name, kind in READ.items():
+            number = ("INT", "value") if kind is np.intc else ("FLOAT", "value")
+            _attribute(part.data, name, *number, values[name][here])
+        part.data.update()
+
+
+def hide_states(shown, last):
+    """Undoes that, but for what is in the collection. `last`: the states in the last frame."""
+    own = shown.cairn
+    if own.is_coloured:
+        shown.modifiers["Pile"].show_viewport, own.is_coloured = own.was_shown, False
+        first = own.number - 1
+        _set(shown.data, "state", last[first : first + len(shown.data.vertices)])
+
+
+def _of_state(shown, number, color, collection):
+    name = f"{shown.name} State {number - 1}"
+    part = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+    part.parent, part.cairn.number, part.color = shown, number, color
+    part.hide_render = part.hide_select = True
+    part.modifiers.new("Pile", "NODES").node_group = shown.modifiers["Pile"].node_group
+    collection.objects.link(part)
+    return part
+
+
+def _values(mesh, name, kind):
+    values = np.empty(len(mesh.vertices), kind)
+    mesh.attributes[name].data.foreach_get("value", values)
+    return values
+
+
+def _set(mesh, name, values):
+    mesh.attributes[name].data.foreach_set("value", np.ascontiguousarray(values, np.intc))
+    mesh.update()
 
 
 def axes_of(rotations):

@@ -26,7 +26,8 @@ def made_up(addon, bodies=20, frames=12, seed=3):
     present = np.ones((frames, bodies), bool)
     Motion = addon("recording").Motion
     scales = random.uniform(0.5, 1.5, bodies).astype(np.float32)
-    return Motion(np.zeros(bodies, np.int32), scales, positions, rotations, present)
+    states = np.sort(random.integers(1, 5, (frames, bodies)), axis=0).astype(np.uint8)
+    return Motion(np.zeros(bodies, np.int32), scales, positions, rotations, present, states)
 
 
 def write(desk, motion, mode):
@@ -147,7 +148,11 @@ def test_the_preview_draws_boxes_of_large_piles(addon):
     preview, recording = addon("preview"), addon("recording")
     motion = made_up(addon)
     snapshot = recording.Snapshot(
-        3, motion.props, motion.scales, motion.positions[0], motion.rotations[0], motion.present[0]
+        3,
+        motion.props,
+        motion.scales,
+        *(v[0] for v in (motion.positions, motion.rotations)),
+        *(v[0] for v in (motion.present, motion.states)),
     )
     shape = np.random.default_rng(1).normal(size=(100, 3, 3))
     drawn = preview.Preview.__new__(preview.Preview)

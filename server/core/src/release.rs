@@ -5,7 +5,7 @@ use crate::Error;
 use crate::control::Control;
 use crate::events::Events;
 use crate::fill::Placed;
-use crate::observer::{Frame, Observer, Progress, Shown, Stage, observe};
+use crate::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
 use crate::params::{Output, Params, ReleaseOrder};
 use crate::pose::Pose;
 use crate::record::Recorder;
@@ -41,6 +41,10 @@ pub struct Pile<'a> {
     pub step_seconds: f64,
     /// Bodies set aside because their state became non-finite.
     pub lost: Vec<BodyId>,
+    /// Where there is no ground: bodies whose centre of mass is below this, engine units, are set aside; and how many
+    /// were.
+    depth: Option<f64>,
+    pub fallen: usize,
     damping: f64,
     /// The step in which a gentle end of the control began.
     standing: Option<u64>,
@@ -69,7 +73,10 @@ pub fn turn_over<'a>(
     let thickness = thickness.fold(f64::INFINITY, f64::min);
     let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
     let mut world = World::new(units, &params.physics, thickness / units.length, compounds);
-    world.add_ground(ground / units.length, params.ground_friction);
+    if params.ground {
+        world.add_ground(ground / units.length, params.ground_friction);
+    }
+    let depth = (!params.ground).then(|| scene.lowest().min(ground) / units.length - FALL_DEPTH);
     for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {
         world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;
     }
@@ -93,6 +100,8 @@ pub fn turn_over<'a>(
         control_seconds: 0.0,
         step_seconds: 0.0,
         lost: Vec::new(),
+        depth,
+        fallen: 0,
         damping: params.release.damping,
         shapes,
         output: &params.output,
@@ -113,6 +122,9 @@ pub fn turn_over<'a>(
     pile.first_frames.fill(0);
     Ok(pile)
 }
+
+/// What has fallen this far below all of the scene, in d, meets nothing any more.
+const FALL_DEPTH: f64 = 50.0;
 
 /// Lets the layers go, one after the other.
 pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Result<(), Error> {
@@ -170,10 +182,18 @@ impl<'a> Pile<'a> {
             return;
         }
         let last = self.output.frames.map_or(usize::MAX, |n| n as usize);
-        while self.shown < self.recorder.frames.len() && self.shown <= last {
+        let count = self.recorder.frames.len();
+        if self.shown >= count {
+            return;
+        }
+        let states = self.control.states(&self.world);
+        while self.shown < count && self.shown <= last {
             let number = self.shown;
-            let shown = |(pose, b): (Pose, &Placed)| Some(Shown { prop: b.prop, scale: b.scale, pose });
-            let bodies: Vec<Option<Shown>> = self.prop_frame(number).zip(&self.bodies).map(shown).collect();
+            let shown = |((pose, b), &state): ((Pose, &Placed), &State)| {
+                Some(Shown { prop: b.prop, scale: b.scale, pose, state })
+            };
+            let poses = self.prop_frame(number).zip(&self.bodies);
+            let bodies: Vec<Option<Shown>> = poses.zip(&states).map(shown).collect();
             let time = number as f64 / self.output.fps;
             observer.frame(&Frame { stage, number, time, bodies: &bodies });
             self.shown += 1;
@@ -268,6 +288,16 @@ impl<'a> Pile<'a> {
         self.set_all_damping(damping.max(self.damping));
     }
 
+    fn set_fallen_aside(&mut self) {
+        let Some(depth) = self.depth else { return };
+        for id in self.world.present().collect::<Vec<_>>() {
+            if self.world.pose(id).translation.y < depth {
+                self.world.remove(id);
+                self.fallen += 1;
+            }
+        }
+    }
+
     /// One step of world and control.
     pub fn advance(
         &mut self,
@@ -287,6 +317,7 @@ impl<'a> Pile<'a> {
         }
         let controlled = observer.cpu_seconds();
         self.lost.extend(self.world.step());
+        self.set_fallen_aside();
         let stepped = observer.cpu_seconds();
         self.control.after_step(&mut self.world);
         self.control_seconds += controlled - begin + (observer.cpu_seconds() - stepped);

@@ -14,10 +14,11 @@ pub struct Momentum {
 impl World {
     /// Speed of the fastest point of a body.
     pub fn speed(&self, id: BodyId) -> f64 {
-        let body = self.rigid(id);
-        if self.bodies[id].role != Role::Free || body.is_sleeping() {
+        // What is gone has no body to look at.
+        if !self.is_awake(id) {
             return 0.0;
         }
+        let body = self.rigid(id);
         body.linvel().length() as f64 + body.angvel().length() as f64 * self.bodies[id].radius
     }
 
