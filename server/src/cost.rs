@@ -24,7 +24,7 @@ pub const ACCURACY: [&str; 6] = [
     "penetration_mean_rel",
     "penetration_max_rel",
     "equilibrium_residual_p95",
-    "friction_violation_max",
+    "friction_violation_mean",
     "energy_gain_rel",
     "unsupported_fraction",
 ];

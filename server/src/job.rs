@@ -9,9 +9,10 @@ use crate::scene_file::SceneTree;
 use crate::{files, from_proto, machine, proto, report, to_proto};
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::bake::Bake;
+use cairn_core::estimate::Estimate;
 use cairn_core::mesh::TriMesh;
 use cairn_core::observer::Observer;
-use cairn_core::params::Params;
+use cairn_core::params::{Accuracy, Params};
 use cairn_core::scene::{Key, Model, Place, Prop, Scene, StaticModel};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -22,6 +23,8 @@ use std::time::Instant;
 pub struct Job {
     pub scene: Scene,
     pub params: Params,
+    /// The parameters that the scene would have at each accuracy, from the quickest on.
+    pub ladder: Vec<Params>,
     /// What was read otherwise than it stands in the files, one sentence each.
     pub notes: Vec<String>,
     /// The scene with every parameter and every prop's value set: baked again, it gives the same.
@@ -118,12 +121,23 @@ impl Job {
         let emitters = scene.emitters.iter().enumerate().map(emitter).collect();
         reader.problems.append(&mut added.problems);
         let effective = effective(scene, &params);
+        let ladder = Accuracy::LADDER.iter().map(|&accuracy| {
+            let accuracy = to_proto::accuracy(accuracy).into();
+            from_proto::params_and_problems(&proto::Scene { accuracy, ..scene.clone() }).0
+        });
+        let ladder = ladder.collect();
         let scene = Scene { control, region, props: prop_models, statics: static_models, bodies, emitters };
         if !reader.problems.is_empty() {
             reader.check_values(&scene, &params);
             return Err(reader.problems);
         }
-        Ok(Job { scene, params, notes: reader.notes, effective, began, props, statics, files: reader.files })
+        Ok(Job { scene, params, ladder, notes: reader.notes, effective, began, props, statics, files: reader.files })
+    }
+
+    /// What each accuracy is expected to cost on this machine. Measures the machine, for a few tenths of a second.
+    pub fn estimates(&self) -> Result<Vec<Estimate>, cairn_core::Error> {
+        let machine = cairn_core::estimate::calibrate(machine::cpu_seconds)?;
+        cairn_core::estimates(&self.scene, &self.ladder, machine)
     }
 
     /// The bake, and its files. `output`: what the report calls the result.

@@ -2,6 +2,7 @@
 
 use crate::problem::Problem;
 use crate::proto;
+use cairn_core::estimate::Estimate;
 use cairn_core::observer::{Progress, Stage, State};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
@@ -61,7 +62,14 @@ pub fn body_state(state: State) -> proto::BodyState {
     }
 }
 
-pub fn plan(plan: &Plan, notes: &[String]) -> proto::Plan {
+pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate]) -> proto::Plan {
+    let estimate = |estimate: &Estimate| proto::Estimate {
+        accuracy: accuracy(estimate.accuracy).into(),
+        cpu_seconds: estimate.cpu_seconds,
+        factor: estimate.factor,
+        penetration_mean_rel: estimate.penetration_mean_rel,
+        equilibrium_residual_p95: estimate.equilibrium_residual_p95,
+    };
     let effect =
         |effect: &Effect| proto::Effect { name: effect.name.to_owned(), on: effect.on, reason: effect.reason.clone() };
     proto::Plan {
@@ -72,6 +80,7 @@ pub fn plan(plan: &Plan, notes: &[String]) -> proto::Plan {
         stages: plan.stages.iter().map(|&s| stage(s).into()).collect(),
         effects: plan.effects.iter().map(effect).collect(),
         warnings: notes.iter().chain(&plan.warnings).cloned().collect(),
+        estimates: estimates.iter().map(estimate).collect(),
     }
 }
 
@@ -109,7 +118,7 @@ pub fn field_problem(problem: &Problem) -> proto::FieldProblem {
     proto::FieldProblem { field, description: problem.to_string() }
 }
 
-fn accuracy(accuracy: Accuracy) -> proto::Accuracy {
+pub fn accuracy(accuracy: Accuracy) -> proto::Accuracy {
     match accuracy {
         Accuracy::Paper => proto::Accuracy::Paper,
         Accuracy::Draft => proto::Accuracy::Draft,

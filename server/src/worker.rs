@@ -127,9 +127,10 @@ pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
 pub fn plan(folder: &Path) -> Result<(), Error> {
     let (spec, job) = read(folder)?;
     let plan = cairn_core::plan(&job.scene, &job.params).map_err(job::Error::from)?;
+    let estimates = job.estimates().map_err(job::Error::from)?;
     debug_assert!(spec.scene.is_some());
     tell(News::Planned(Box::new(proto::Accepted {
-        plan: Some(to_proto::plan(&plan, &job.notes)),
+        plan: Some(to_proto::plan(&plan, &job.notes, &estimates)),
         effective_scene: Some(job.effective),
         ..Default::default()
     })));

@@ -39,9 +39,21 @@ fn commands_that_say_too_little() {
 fn help_and_version() {
     let desk = Desk::new();
     assert_eq!(desk.line("--version").ok(), format!("cairn {}\n", env!("CARGO_PKG_VERSION")));
-    for command in
-        ["", "bake", "cancel", "check", "completions", "doctor", "man", "render", "scene", "schema", "serve", "watch"]
-    {
+    for command in [
+        "",
+        "bake",
+        "cancel",
+        "check",
+        "completions",
+        "doctor",
+        "man",
+        "plan",
+        "render",
+        "scene",
+        "schema",
+        "serve",
+        "watch",
+    ] {
         let help = desk.line(&format!("{command} --help")).ok();
         assert!(help.contains("Examples:"), "{help}");
     }

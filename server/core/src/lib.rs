@@ -8,6 +8,7 @@ pub mod check;
 pub mod container;
 pub mod control;
 pub mod equilibrium;
+pub mod estimate;
 pub mod events;
 pub mod figures;
 pub mod fill;
@@ -35,6 +36,7 @@ use bake::Bake;
 use check::Checked;
 use container::{Container, grid};
 use control::Control;
+use estimate::Estimate;
 use fill::Filled;
 use observer::{Observer, Stage};
 use params::Params;
@@ -64,6 +66,15 @@ pub enum Error {
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     Ok(plan::of(scene, params, &checked))
+}
+
+/// Tells what the scene will cost with each of these parameters; simulates nothing of it. `machine`: from
+/// [`estimate::calibrate`].
+pub fn estimates(scene: &Scene, params: &[Params], machine: f64) -> Result<Vec<Estimate>, Error> {
+    let Some(first) = params.first() else { return Ok(Vec::new()) };
+    // What checking finds out does not depend on the accuracy.
+    let checked = check::run(scene, first).map_err(Error::Invalid)?;
+    Ok(params.iter().map(|params| estimate::of(scene, params, &checked, machine)).collect())
 }
 
 /// The method: shapes, fill, turn over, release, hold. A scene may bring its bodies along instead of a fill.

@@ -41,6 +41,27 @@ const USUAL_HOLD: f64 = 8.0;
 pub fn of(scene: &Scene, params: &Params, checked: &Checked) -> Plan {
     let natural_time = (checked.diameter / params.gravity).sqrt();
     let filled = checked.control.as_ref().filter(|_| fills(scene, params));
+    let fill_bodies = filled.map_or(0, |c| fill::expected_bodies(scene, &checked.sizes, c.volume(), &params.fill));
+    let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
+    let fill_stage = filled.map(|_| Stage::Fill);
+    Plan {
+        expected_bodies: fill_bodies + scene.bodies.len() + emitted,
+        expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + release_steps(scene, params, checked) as usize,
+        prop_diameter: checked.diameter,
+        natural_time,
+        stages: [Some(Stage::Shape), fill_stage, Some(Stage::Release), Some(Stage::Hold), Some(Stage::Measure)]
+            .into_iter()
+            .flatten()
+            .collect(),
+        effects: effects(scene, params),
+        warnings: checked.warnings.clone(),
+    }
+}
+
+/// Steps of release and hold, as far as they can be foretold.
+pub(crate) fn release_steps(scene: &Scene, params: &Params, checked: &Checked) -> f64 {
+    let natural_time = (checked.diameter / params.gravity).sqrt();
+    let filled = checked.control.as_ref().filter(|_| fills(scene, params));
     let height = filled.map_or(0.0, |control| {
         let (lo, hi) = control.mesh.bounds();
         hi.y - lo.y.max(checked.ground)
@@ -55,21 +76,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked) -> Plan {
                 + (last_event(scene, params) / step - release).max(0.0)
         }
     };
-    let fill_bodies = filled.map_or(0, |c| fill::expected_bodies(scene, &checked.sizes, c.volume(), &params.fill));
-    let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
-    let fill_stage = filled.map(|_| Stage::Fill);
-    Plan {
-        expected_bodies: fill_bodies + scene.bodies.len() + emitted,
-        expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + (release + hold) as usize,
-        prop_diameter: checked.diameter,
-        natural_time,
-        stages: [Some(Stage::Shape), fill_stage, Some(Stage::Release), Some(Stage::Hold), Some(Stage::Measure)]
-            .into_iter()
-            .flatten()
-            .collect(),
-        effects: effects(scene, params),
-        warnings: checked.warnings.clone(),
-    }
+    release + hold
 }
 
 /// When the last drop, throw, move or end of the control is due, s after frame 0.

@@ -4,7 +4,7 @@ use crate::Error;
 use crate::observer::{Observer, Progress, Stage, observe};
 use crate::pose::Pose;
 use crate::release::Pile;
-use crate::world::{BodyId, Momentum, Role, World};
+use crate::world::{BodyId, FrictionExcess, Momentum, Role, World};
 use std::collections::BTreeMap;
 
 /// s (measures.md).
@@ -17,7 +17,7 @@ const RESTING: f64 = 0.01;
 const LEAST_LOAD: f64 = 0.01;
 
 /// `free_standing_fraction`, and how exactly the engine balances what stands: `equilibrium_residual_max` and `_p95`,
-/// `friction_violation_max`, `energy_gain_rel`.
+/// `friction_violation_max` and `_mean` (weighted by the force that Coulomb's law allows), `energy_gain_rel`.
 pub fn measure(pile: &mut Pile, observer: &mut dyn Observer) -> Result<BTreeMap<&'static str, Option<f64>>, Error> {
     pile.control.end(&mut pile.world);
     let world = &mut pile.world;
@@ -59,7 +59,7 @@ struct Strain {
     /// Sum over steps of the squared residual. Shape `[body]`, (mg)^2.
     squares: Vec<f64>,
     steps: u64,
-    friction: f64,
+    friction: FrictionExcess,
     energy: f64,
     /// Sum of all rises of the mechanical energy.
     gain: f64,
@@ -72,7 +72,7 @@ impl Strain {
             momentum: ids.iter().map(|&id| world.momentum(id)).collect(),
             squares: vec![0.0; ids.len()],
             steps: 0,
-            friction: 0.0,
+            friction: FrictionExcess::default(),
             energy: world.mechanical_energy(),
             gain: 0.0,
             weight: ids.iter().map(|&id| world.bodies()[id].mass).sum(),
@@ -89,7 +89,10 @@ impl Strain {
             self.squares[k] += force.length_squared() + torque.length_squared();
             self.momentum[k] = now;
         }
-        self.friction = self.friction.max(world.friction_violation(LEAST_LOAD));
+        let friction = world.friction_excess(LEAST_LOAD);
+        self.friction.max = self.friction.max.max(friction.max);
+        self.friction.excess += friction.excess;
+        self.friction.limit += friction.limit;
         let energy = world.mechanical_energy();
         self.gain += (energy - self.energy).max(0.0);
         self.energy = energy;
@@ -104,7 +107,8 @@ impl Strain {
         BTreeMap::from([
             ("equilibrium_residual_p95", p95.copied()),
             ("equilibrium_residual_max", residuals.last().copied()),
-            ("friction_violation_max", Some(self.friction)),
+            ("friction_violation_max", Some(self.friction.max)),
+            ("friction_violation_mean", Some(self.friction.excess / self.friction.limit.max(f64::MIN_POSITIVE))),
             ("energy_gain_rel", Some(self.gain / self.weight.max(f64::MIN_POSITIVE))),
         ])
     }

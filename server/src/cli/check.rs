@@ -26,7 +26,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let result = plan(&args.scene);
+    let result = read(&args.scene).map(|(job, plan)| (plan, job.notes));
     if args.json {
         let told = match &result {
             Ok((plan, notes)) => json!({ "ok": true, "problems": [], "notes": notes, "plan": plan }),
@@ -45,14 +45,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     result.map(|_| ())
 }
 
-fn plan(scene: &SceneArgs) -> Result<(Plan, Vec<String>), Failure> {
+/// A scene with all its files, and what a bake of it would do.
+pub fn read(scene: &SceneArgs) -> Result<(Job, Plan), Failure> {
     let job = Job::read(&scene.tree()?.to_message()).map_err(Failure::Input)?;
     let plan = cairn_core::plan(&job.scene, &job.params)?;
-    Ok((plan, job.notes))
+    Ok((job, plan))
 }
 
 /// The plan for a person.
-fn describe(plan: &Plan, notes: &[String]) -> String {
+pub fn describe(plan: &Plan, notes: &[String]) -> String {
     let mut text = String::from("The scene can be baked.\n");
     let mut line = |name: &str, value: String| writeln!(text, "  {name:<16}{value}").expect("a string takes all");
     line("bodies", format!("about {}", plan.expected_bodies));

@@ -11,6 +11,7 @@ mod fault;
 mod interrupt;
 mod man;
 mod output;
+mod plan;
 mod progress;
 mod remote;
 mod render;
@@ -49,6 +50,7 @@ enum Command {
     Cost(cost::Args),
     Doctor(doctor::Args),
     Man(man::Args),
+    Plan(plan::Args),
     Render(render::Args),
     Scene(scene::Args),
     Schema(schema::Args),
@@ -68,6 +70,8 @@ Examples:
         Writes the same as a scene file, to keep and to edit.
   cairn check pile.toml
         Tells everything that is wrong with a scene, and what a bake would do.
+  cairn plan pile.toml
+        Tells what a bake would do, and what each accuracy would cost.
   cairn doctor
         Tells whether this machine is fit, and tries a small bake on it.
 
@@ -85,6 +89,7 @@ pub fn main() -> ExitCode {
         Command::Cost(args) => cost::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Man(args) => man::run(&args),
+        Command::Plan(args) => plan::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Schema(args) => schema::run(&args),

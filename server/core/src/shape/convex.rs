@@ -25,19 +25,13 @@ const DECOMPOSITION_RESOLUTION: u32 = 64;
 /// One hull where that is close enough to the mesh, else up to `max_parts` convex parts. The second value is the
 /// deviation, m: the largest distance, both ways, between sampled points of mesh and shape.
 pub fn decompose(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
-    let scale = 1.0 / diameter;
-    let origin = mesh.bounds().0;
-    let unit: Vec<Vector> = mesh.points.iter().map(|&p| ((p - origin) * scale).as_vec3()).collect();
-    let back = |points: Vec<Vector>| points.into_iter().map(|p| p.as_dvec3() / scale + origin).collect::<Vec<_>>();
-    let reference = EngineMesh::new(unit.clone(), mesh.triangles.clone());
-    let deviation = |parts: &[Vec<Vector>]| reference.as_ref().map_or(0.0, |r| deviation(r, closed, parts));
-
-    let mut best = vec![domed(reduced(hull_points(&unit)))];
-    let mut best_deviation = deviation(&best);
+    let unit = Unit::new(mesh, diameter, closed);
+    let mut best = vec![unit.hull()];
+    let mut best_deviation = unit.deviation(&best);
     if physics.max_parts > 1 && best_deviation > physics.shape_tolerance {
         for concavity in CONCAVITIES {
-            let Some(parts) = vhacd(&unit, &mesh.triangles, concavity, closed, physics.max_parts) else { continue };
-            let found = deviation(&parts);
+            let Some(parts) = unit.vhacd(concavity, physics.max_parts) else { continue };
+            let found = unit.deviation(&parts);
             if found < best_deviation {
                 (best, best_deviation) = (parts, found);
             }
@@ -46,33 +40,66 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics)
             }
         }
     }
-    (Solid::Convex(best.into_iter().map(back).collect()), best_deviation * diameter)
+    (Solid::Convex(best.into_iter().map(|part| unit.back(part)).collect()), best_deviation * diameter)
+}
+
+/// Whether one hull would do, and how many corners it has: known without a decomposition.
+pub fn outline(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> (bool, usize) {
+    let unit = Unit::new(mesh, diameter, closed);
+    let hull = vec![unit.hull()];
+    (physics.max_parts == 1 || unit.deviation(&hull) <= physics.shape_tolerance, hull[0].len())
 }
 
 /// From coarse to fine: the first that is close enough is the cheapest to simulate.
 const CONCAVITIES: [f32; 3] = [0.06, 0.02, 0.008];
 
-fn vhacd(
-    points: &[Vector],
-    triangles: &[[u32; 3]],
-    concavity: f32,
+/// A prop's mesh, scaled to the diameter 1.
+struct Unit<'a> {
+    points: Vec<Vector>,
+    triangles: &'a [[u32; 3]],
+    /// `None` where the geometry library refuses the mesh.
+    reference: Option<EngineMesh>,
     closed: bool,
-    max_parts: u32,
-) -> Option<Vec<Vec<Vector>>> {
-    let params = VHACDParameters {
-        concavity,
-        resolution: DECOMPOSITION_RESOLUTION,
-        fill_mode: if closed { FillMode::FloodFill { detect_cavities: false } } else { FillMode::SurfaceOnly },
-        ..VHACDParameters::default()
-    };
-    // The library panics on some dirty meshes; one hull is then the answer, and the report tells its deviation.
-    let parts = catch_unwind(AssertUnwindSafe(|| {
-        VHACD::decompose(&params, points, triangles, true).compute_exact_convex_hulls(points, triangles)
-    }))
-    .ok()?;
-    let hull = |(points, _): (Vec<Vector>, _)| domed(reduced(hull_points(&points)));
-    let parts: Vec<_> = parts.into_iter().map(hull).filter(|p| p.len() >= 4).collect();
-    (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
+    origin: DVec3,
+    diameter: f64,
+}
+
+impl<'a> Unit<'a> {
+    fn new(mesh: &'a TriMesh, diameter: f64, closed: bool) -> Unit<'a> {
+        let origin = mesh.bounds().0;
+        let points: Vec<Vector> = mesh.points.iter().map(|&p| ((p - origin) / diameter).as_vec3()).collect();
+        let reference = EngineMesh::new(points.clone(), mesh.triangles.clone()).ok();
+        Unit { points, triangles: &mesh.triangles, reference, closed, origin, diameter }
+    }
+
+    fn back(&self, points: Vec<Vector>) -> Vec<DVec3> {
+        points.into_iter().map(|p| p.as_dvec3() * self.diameter + self.origin).collect()
+    }
+
+    /// In prop diameters.
+    fn deviation(&self, parts: &[Vec<Vector>]) -> f64 {
+        self.reference.as_ref().map_or(0.0, |mesh| deviation(mesh, self.closed, parts))
+    }
+
+    fn hull(&self) -> Vec<Vector> {
+        domed(reduced(hull_points(&self.points)))
+    }
+
+    fn vhacd(&self, concavity: f32, max_parts: u32) -> Option<Vec<Vec<Vector>>> {
+        let fill_mode =
+            if self.closed { FillMode::FloodFill { detect_cavities: false } } else { FillMode::SurfaceOnly };
+        let resolution = DECOMPOSITION_RESOLUTION;
+        let params = VHACDParameters { concavity, resolution, fill_mode, ..VHACDParameters::default() };
+        // The library panics on some dirty meshes; one hull is then the answer, and the report tells its deviation.
+        let parts = catch_unwind(AssertUnwindSafe(|| {
+            let split = VHACD::decompose(&params, &self.points, self.triangles, true);
+            split.compute_exact_convex_hulls(&self.points, self.triangles)
+        }))
+        .ok()?;
+        let hull = |(points, _): (Vec<Vector>, _)| domed(reduced(hull_points(&points)));
+        let parts: Vec<_> = parts.into_iter().map(hull).filter(|p| p.len() >= 4).collect();
+        (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
+    }
 }
 
 /// Corners of the hull, or the points themselves where they have none (flat, or fewer than four).

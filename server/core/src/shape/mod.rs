@@ -272,27 +272,57 @@ fn collision_solid(
     closed: bool,
     physics: &Physics,
 ) -> (Solid, f64) {
-    let primitive = PRIMITIVE_TOLERANCE * diameter;
+    primitive(mesh, around, diameter, closed).unwrap_or_else(|| convex::decompose(mesh, diameter, closed, physics))
+}
+
+/// The box or the ball that the mesh is, or the box of a sheet, and how far it is from the mesh, m.
+fn primitive(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool) -> Option<(Solid, f64)> {
+    let tolerance = PRIMITIVE_TOLERANCE * diameter;
     let flat = FLAT_THICKNESS * diameter;
     if around.half.min_element() * 2.0 < flat {
         // A sheet: its box, given some thickness.
         let b = OrientedBox { half: around.half.max(DVec3::splat(flat / 2.0)), ..*around };
-        return (Solid::Box(b), flat / 2.0);
+        return Some((Solid::Box(b), flat / 2.0));
+    }
+    if !closed {
+        return None;
     }
     let volume = mass::moments(mesh).volume;
-    let filled = |v: f64| !closed || (volume / v - 1.0).abs() < 0.05;
     let box_deviation = around.deviation(mesh);
-    if closed && box_deviation < primitive && filled(around.volume()) {
-        return (Solid::Box(*around), box_deviation);
+    if box_deviation < tolerance && (volume / around.volume() - 1.0).abs() < 0.05 {
+        return Some((Solid::Box(*around), box_deviation));
     }
     let (center, radius) = fit::bounding_sphere(mesh);
     // A faceted ball lies inside its sphere: the collision ball has the mesh's own volume.
     let ball_radius = (volume.abs() * 0.75 / std::f64::consts::PI).cbrt();
-    if closed && radius > 0.0 && ball_radius / radius > BALL_ROUNDNESS && mesh.triangles.len() >= BALL_TRIANGLES {
+    let round = radius > 0.0 && ball_radius / radius > BALL_ROUNDNESS && mesh.triangles.len() >= BALL_TRIANGLES;
+    round.then(|| {
         let deviation = fit::ball_deviation(mesh, center, ball_radius);
-        return (Solid::Ball { center, radius: ball_radius }, deviation);
+        (Solid::Ball { center, radius: ball_radius }, deviation)
+    })
+}
+
+/// What a prop's collision shape will be, as far as that is known without a decomposition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outline {
+    Ball,
+    /// One convex shape with this many corners.
+    Convex(usize),
+    /// Several convex shapes.
+    Parts,
+}
+
+/// What the collision shape of a checked prop will be.
+pub fn outline(prop: &Prop, size: &Size, physics: &Physics) -> Outline {
+    let mesh = &prop.model.mesh.outward();
+    match primitive(mesh, &fit::oriented_box(mesh), size.diameter, size.closed) {
+        Some((Solid::Ball { .. }, _)) => Outline::Ball,
+        Some(_) => Outline::Convex(8),
+        None => match convex::outline(mesh, size.diameter, size.closed, physics) {
+            (true, corners) => Outline::Convex(corners),
+            (false, _) => Outline::Parts,
+        },
     }
-    convex::decompose(mesh, diameter, closed, physics)
 }
 
 /// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume)...

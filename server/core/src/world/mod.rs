@@ -22,7 +22,7 @@ use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
 pub use hits::Hit;
-pub use motion::Momentum;
+pub use motion::{FrictionExcess, Momentum};
 pub use nails::NailId;
 pub use scenery::MovingId;
 

@@ -1,0 +1,53 @@
+//! `cairn plan`: what a bake would do, and what each accuracy would cost.
+
+use super::check::{describe, read};
+use super::scene_args::SceneArgs;
+use super::{Failure, print};
+use crate::to_proto;
+use cairn_core::estimate::Estimate;
+use serde_json::json;
+use std::fmt::Write;
+use std::time::Duration;
+
+/// Tell what a bake would do, and what each accuracy would cost
+///
+/// Reads the scene and all its files, and simulates nothing of it; a short run tells how fast this machine is.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  cairn plan pile.toml
+  cairn plan --control dome.glb --prop stick.glb --json")]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+
+    /// JSON instead of text: an object of notes, plan and estimates
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let (job, plan) = read(&args.scene)?;
+    let estimates = job.estimates()?;
+    if args.json {
+        return print(&format!("{:#}\n", json!({ "notes": job.notes, "plan": plan, "estimates": estimates })));
+    }
+    print(&(describe(&plan, &job.notes) + &prices(&estimates)))
+}
+
+/// The price list.
+fn prices(estimates: &[Estimate]) -> String {
+    let factor = estimates.first().map_or(1.0, |e| e.factor);
+    let mut text = format!(
+        "\nExpected CPU time on this machine (nine of ten bakes: within a factor of {factor:.1}) and error:\n  {:<16}{:>12}{:>26}{:>22}\n",
+        "accuracy", "CPU time", "contacts sink in by", "forces unbalanced"
+    );
+    for e in estimates {
+        let time = humantime::format_duration(Duration::from_secs(e.cpu_seconds.ceil() as u64)).to_string();
+        let sink = format!("{:.2} % of a thickness", 100.0 * e.penetration_mean_rel);
+        let force = format!("{:.1e} of a weight", e.equilibrium_residual_p95);
+        let name = to_proto::accuracy_name(e.accuracy);
+        writeln!(text, "  {name:<16}{time:>12}{sink:>26}{force:>22}").expect("a string takes all");
+    }
+    text
+}
