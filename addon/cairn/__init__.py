@@ -6,6 +6,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from . import (
+    estimates,
     job,
     operators,
     panels,
@@ -45,6 +46,7 @@ def _before_load(*_):
     """Another file is about to be opened. The server bakes on; this file's note says so."""
     running.forget_all()
     states.forget()
+    estimates.forget()
 
 
 @persistent

@@ -5,7 +5,7 @@ from bpy.types import Panel, UIList
 
 import numpy as np
 
-from . import preferences, request, result, running, states
+from . import estimates, preferences, request, result, running, states
 from .operators import is_running
 from .properties import ACCURACIES
 
@@ -26,7 +26,7 @@ FIGURES = [
 def wrapped(layout, context, text, icon="NONE"):
     """A text in as many lines as the sidebar's width asks for."""
     scale = context.preferences.system.ui_scale
-    signs = max(20, int((context.region.width / scale - 50) / SIGN))
+    signs = max(16, int((context.region.width / scale - (62 if icon == "NONE" else 84)) / SIGN))
     column = layout.column(align=True)
     line = ""
     lines = []
@@ -63,6 +63,7 @@ class CAIRN_PT_pile(Pile, Panel):
     def draw(self, context):
         layout = self.layout
         settings = context.scene.cairn
+        estimates.shown(context)
         if running.bake:
             draw_bake(layout, context)
         elif running.left:
@@ -132,14 +133,17 @@ def draw_props(layout, context, settings):
         size = layout.column(align=True)
         size.prop(item, "scale_min", text="Size Min")
         size.prop(item, "scale_max", text="Max")
-    draw_field(layout, settings.fill, "count")
+    count = running.plan["body_count"] if running.plan else 0
+    draw_field(layout, settings.fill, "count", f"about {count}" if count else "as many as fit")
 
 
 def draw_accuracies(layout, settings):
     """Each with what it is expected to cost, as far as the server has told."""
     column = layout.column(align=True)
     column.use_property_split = False
-    column.label(text="Accuracy")
+    row = column.split(factor=0.35)
+    row.label(text="Accuracy")
+    row.label(text=reliance())
     for name, *_ in ACCURACIES:
         row = column.row(align=True)
         row.prop_enum(settings, "accuracy", name)
@@ -148,10 +152,21 @@ def draw_accuracies(layout, settings):
 
 def expected(accuracy):
     """What a bake of an accuracy takes, in a few signs; empty before it is known."""
-    plan = running.plan
-    if not plan or plan["accuracy"] != accuracy:
+    told = running.plan["estimates"].get(accuracy) if running.plan else None
+    if not told:
         return ""
-    return f"~{plan['body_count']} bodies"
+    seconds, unit = max(told[0], 1.0), "s"
+    for larger in ("min", "h"):
+        if seconds >= 60:
+            seconds, unit = seconds / 60, larger
+    # More than two digits would be a promise.
+    return f"~{float(f'{seconds:.2g}'):g} {unit}"
+
+
+def reliance():
+    """What the expected times are, and how far they may be off."""
+    factors = [factor for _, factor in running.plan["estimates"].values()] if running.plan else []
+    return f"CPU time, ×÷ {max(factors):.2g}" if factors else ""
 
 
 def draw_switch(layout, group, name, heading):
@@ -168,14 +183,14 @@ def draw_optional(layout, group, name, heading):
     draw_switch(layout, group, name, heading).prop(group, name, text="")
 
 
-def draw_field(layout, group, name):
+def draw_field(layout, group, name, unset=""):
     """A parameter that is the accuracy's unless it is set."""
     value = draw_switch(layout, group, name, group.bl_rna.properties[name].name)
-    if value.active or group.id_data.cairn.accuracy == "STANDARD":
+    if value.active or (group.id_data.cairn.accuracy == "STANDARD" and not unset):
         value.prop(group, name, text="")
     else:
         # The defaults that are known here are the standard's.
-        value.label(text="by accuracy")
+        value.label(text=unset or "by accuracy")
 
 
 def draw_bake(layout, context):
@@ -307,6 +322,6 @@ class CAIRN_PT_server(Pile, Panel):
         layout.operator("cairn.preferences", icon="PREFERENCES")
 
 
-CLASSES = [CAIRN_UL_props, CAIRN_PT_pile, CAIRN_PT_report, CAIRN_PT_states]
+CLASSES = [CAIRN_UL_props, CAIRN_PT_pile, CAIRN_PT_states, CAIRN_PT_report]
 # After all others.
 LAST = [CAIRN_PT_server]

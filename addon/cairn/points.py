@@ -32,9 +32,11 @@ def write(name, motion, parts_collection, start_frame):
 
 def spans(motion):
     """For each body the first frame that its rows are for, and their number: before and after, it stands still."""
-    same = (motion.positions[1:] == motion.positions[:-1]).all(axis=2)
-    same &= (motion.rotations[1:] == motion.rotations[:-1]).all(axis=2) & (motion.present[1:] == motion.present[:-1])
-    changes = ~same
+    changes = motion.present[1:] != motion.present[:-1]
+    for values in (motion.positions, motion.rotations):
+        # Component by component: many times faster than a sum over the few components of each.
+        for component in range(values.shape[2]):
+            changes |= values[1:, :, component] != values[:-1, :, component]
     moves = changes.any(axis=0)
     frames = len(changes)
     if not frames:
@@ -48,18 +50,23 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
     frames = np.arange(len(motion.positions))[:, None]
     # Shape [n, f]: rows go body by body.
     kept = ((frames >= first) & (frames < first + count)).T
-    positions = motion.positions[:, part].transpose(1, 0, 2)
-    rotations = motion.rotations[:, part].transpose(1, 0, 2)[kept]
-    present = motion.present[:, part].T[kept]
+    is_whole = kept.all()
 
+    def rows(values):
+        by_body = values[:, part].swapaxes(0, 1)
+        return by_body.reshape(-1, *by_body.shape[2:]) if is_whole else by_body[kept]
+
+    present = rows(motion.present)
     table = bpy.data.meshes.new(f"{name} Motion")
-    _fill(table, positions[kept])
-    for key, axis in zip(AXES, axes_of(rotations)):
-        _attribute(table, key, "FLOAT_VECTOR", "vector", axis * present[:, None])
+    _fill(table, rows(motion.positions))
+    for key, axis in zip(AXES, axes_of(rows(motion.rotations))):
+        if not present.all():
+            axis *= present[:, None]
+        _attribute(table, key, "FLOAT_VECTOR", "vector", axis)
     table_object = bpy.data.objects.new(table.name, table)
 
     mesh = bpy.data.meshes.new(name)
-    _fill(mesh, positions[:, -1])
+    _fill(mesh, motion.positions[-1, part])
     _attribute(mesh, "first", "INT", "value", first)
     _attribute(mesh, "count", "INT", "value", count)
     _attribute(mesh, "offset", "INT", "value", np.cumsum(count) - count)

@@ -69,26 +69,38 @@ def build(context, motion, recipe, told):
     name = f"{recipe['control']} Pile"
     yield 0.0
 
-    made = parts.make(context, sources, locals_, as_collections=mode == "POINTS")
-    if mode == "POINTS":
-        objects = points.write(name, moved, _numbered(name, made), recipe["start_frame"])
-        yield 1.0
-    else:
-        moved.rotations = keyframes.continuous(moved.rotations)
-        objects = []
-        for batch in range(0, len(moved.props), BATCH):
-            for body in range(batch, min(batch + BATCH, len(moved.props))):
-                objects.append(_body(made, moved, body, mode, recipe["start_frame"]))
-            yield len(objects) / len(moved.props)
+    objects = []
+    try:
+        made = parts.make(context, sources, locals_, as_collections=mode == "POINTS")
+        if mode == "POINTS":
+            objects += points.write(name, moved, _numbered(name, made), recipe["start_frame"])
+            yield 1.0
+        else:
+            moved.rotations = keyframes.continuous(moved.rotations)
+            for batch in range(0, len(moved.props), BATCH):
+                for body in range(batch, min(batch + BATCH, len(moved.props))):
+                    objects.append(_body(made, moved, body, mode, recipe["start_frame"]))
+                yield len(objects) / len(moved.props)
+    except GeneratorExit:
+        # Cancelled on the way.
+        unwanted = bpy.data.collections.new(name)
+        _link(objects, unwanted)
+        clear(unwanted)
+        bpy.data.collections.remove(unwanted)
+        raise
 
     collection = _collection(scene, control, name)
     # Slow for many one by one; and until here nobody has seen them.
-    for made_object in objects:
-        collection.objects.link(made_object)
+    _link(objects, collection)
     _remember(collection, recipe, told, mode, control)
     collection.cairn.states = states.packed(moved.states, recipe["start_frame"])
     states.refresh(scene)
     return collection
+
+
+def _link(objects, collection):
+    for made_object in objects:
+        collection.objects.link(made_object)
 
 
 def finish(generator):

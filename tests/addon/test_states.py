@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from test_bake import count_blocks
+from conftest import count_blocks
 from test_motion import made_up, write
 
 
