@@ -55,7 +55,8 @@ pub struct Physics {
     pub step: Time,
     /// Solver substeps per step, 1 to 64. More hold higher stacks; cost grows in proportion.
     pub substeps: u32,
-    /// Contact spring frequency, per natural time. Stiffer sinks less and rattles more.
+    /// Contact spring frequency, per natural time, for bodies a tenth as thick as wide; see [`Physics::stiffness`].
+    /// Stiffer sinks less, and holds fewer bodies.
     pub contact_frequency: f64,
     /// Contact spring damping ratio. Below 10, loaded piles creep.
     pub contact_damping_ratio: f64,
@@ -65,6 +66,17 @@ pub struct Physics {
     pub shape_tolerance: f64,
     /// Convex parts that a nonconvex prop may be split into, 1 to 64.
     pub max_parts: u32,
+}
+
+/// The thickness, in d, that `contact_frequency` is meant for, and the largest factor for thinner bodies.
+const THIN: (f64, f64) = (0.1, 5.0);
+
+impl Physics {
+    /// The frequency of the contact springs, per natural time, where the thinnest body has this thickness (in d). A body sinks in
+    /// by g / omega^2: thin ones are given stiffer springs, so that it is the same share of their thickness.
+    pub fn stiffness(&self, thickness: f64) -> f64 {
+        self.contact_frequency * (THIN.0 / thickness).sqrt().clamp(1.0, THIN.1)
+    }
 }
 
 /// A duration in one of the two clocks.
@@ -264,7 +276,7 @@ impl Params {
             physics: Physics {
                 step: Time::Natural(0.05),
                 substeps: 8,
-                contact_frequency: 20.0,
+                contact_frequency: 30.0,
                 contact_damping_ratio: 10.0,
                 friction_model: FrictionModel::Simplified,
                 shape_tolerance: 0.04,
@@ -304,11 +316,18 @@ impl Params {
         };
         match accuracy {
             Accuracy::Standard => {}
-            Accuracy::Draft => params.physics.substeps = 4,
-            Accuracy::Preview => params.physics.substeps = 6,
+            Accuracy::Draft => {
+                params.physics.substeps = 4;
+                params.physics.contact_frequency = 20.0;
+            }
+            Accuracy::Preview => {
+                params.physics.substeps = 6;
+                params.physics.contact_frequency = 25.0;
+            }
             Accuracy::Reference => {
                 params.physics.step = Time::Natural(0.0125);
                 params.physics.substeps = 16;
+                params.physics.contact_frequency = 120.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
                 params.physics.max_parts = 48;
@@ -316,6 +335,7 @@ impl Params {
             }
             Accuracy::Fine => {
                 params.physics.step = Time::Natural(0.025);
+                params.physics.contact_frequency = 60.0;
                 params.physics.shape_tolerance = 0.02;
                 params.physics.max_parts = 24;
                 params.control.period = 10;
