@@ -134,7 +134,11 @@ def draw_props(layout, context, settings):
         size.prop(item, "scale_min", text="Size Min")
         size.prop(item, "scale_max", text="Max")
     count = running.plan["body_count"] if running.plan else 0
-    draw_field(layout, settings.fill, "count", f"about {count}" if count else "as many as fit")
+    value = draw_switch(layout, settings.fill, "count", "Count")
+    if value.active:
+        value.prop(settings.fill, "count", text="")
+    else:
+        value.label(text=f"about {count}" if count else "as many as fit")
 
 
 def draw_accuracies(layout, settings):
@@ -183,14 +187,24 @@ def draw_optional(layout, group, name, heading):
     draw_switch(layout, group, name, heading).prop(group, name, text="")
 
 
-def draw_field(layout, group, name, unset=""):
+def draw_field(layout, group, field):
     """A parameter that is the accuracy's unless it is set."""
-    value = draw_switch(layout, group, name, group.bl_rna.properties[name].name)
-    if value.active or (group.id_data.cairn.accuracy == "STANDARD" and not unset):
-        value.prop(group, name, text="")
-    else:
+    name = field["name"]
+    row = layout.split(factor=0.5 if field["kind"] == "enum" else 0.62)
+    row.use_property_split = False
+    row.prop(group, "use_" + name, text=group.bl_rna.properties[name].name)
+    value = row.row()
+    is_set = getattr(group, "use_" + name)
+    value.enabled = is_set
+    if not is_set and field["default"] is None:
+        value.label(text="–")
+    elif not is_set and group.id_data.cairn.accuracy != "STANDARD":
         # The defaults that are known here are the standard's.
-        value.label(text=unset or "by accuracy")
+        value.label(text="preset")
+    elif field["kind"] == "bool":
+        value.prop(group, name, text="On" if getattr(group, name) else "Off", toggle=True)
+    else:
+        value.prop(group, name, text="")
 
 
 def draw_bake(layout, context):
