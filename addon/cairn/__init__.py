@@ -15,6 +15,7 @@ from . import (
     pile_operators,
     preferences,
     properties,
+    report_panels,
     running,
     setup_operators,
     states,
@@ -36,6 +37,7 @@ CLASSES = [
     *pile_operators.CLASSES,
     *setup_operators.CLASSES,
     *panels.CLASSES,
+    *report_panels.CLASSES,
     *parameter_panels.CLASSES,
     *panels.LAST,
 ]

@@ -212,7 +212,7 @@ def _draw_choice(self, _):
 
 
 class CAIRN_OT_bake(_Bakes, Operator):
-    """Fill the control mesh with props, let them go, and make the pile. Baked again, it replaces the pile"""
+    """Fill the shape with props, let them go, and make the pile. Baked again, it replaces the pile"""
 
     bl_idname = "cairn.bake"
     bl_label = "Bake Pile"

@@ -84,8 +84,9 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
 def show_states(shown, states, colors, collection):
     """Shows bodies in their states' colours: instances have that of their instancer, so that each state gets one of its
     own in `collection`, which renders do not see."""
-    first = shown.cairn.number - 1
-    now = states[first : first + len(shown.data.vertices)]
+    now = _of(shown, states)
+    if now is None:
+        return
     own, modifier = shown.cairn, shown.modifiers["Pile"]
     if own.is_coloured and np.array_equal(_values(shown.data, "state", np.intc), now):
         return
@@ -109,9 +110,20 @@ def hide_states(shown, last):
     """Undoes that, but for what is in the collection. `last`: the states in the last frame."""
     own = shown.cairn
     if own.is_coloured:
-        shown.modifiers["Pile"].show_viewport, own.is_coloured = own.was_shown, False
-        first = own.number - 1
-        _set(shown.data, "state", last[first : first + len(shown.data.vertices)])
+        own.is_coloured = False
+        if "Pile" in shown.modifiers:
+            shown.modifiers["Pile"].show_viewport = own.was_shown
+        now = _of(shown, last)
+        if now is not None:
+            _set(shown.data, "state", now)
+
+
+def _of(shown, states):
+    """The states of an object's own bodies; None if it was changed by hand, so that it shows no bodies any more."""
+    count = len(shown.data.vertices) if shown.type == "MESH" else 0
+    now = states[shown.cairn.number - 1 :][:count] if shown.cairn.number else ()
+    is_whole = "Pile" in shown.modifiers and {*READ, "state"} <= {*shown.data.attributes.keys()}
+    return now if is_whole and 0 < count == len(now) else None
 
 
 def _of_state(shown, number, color, collection):

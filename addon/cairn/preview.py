@@ -51,7 +51,7 @@ class Preview:
             axes.rotations_to_blender(snapshot.rotations[here]),
             snapshot.scales[here],
         ).astype(np.float32)
-        tints = states.COLORS[snapshot.states[here]] if states.is_shown else COLORS[props % len(COLORS)]
+        tints = states.COLORS[states.known(snapshot.states[here])] if states.is_shown else COLORS[props % len(COLORS)]
         counts = np.bincount(props, minlength=len(self.shapes))
         total = sum(count * len(shape) for count, shape in zip(counts, self.shapes))
         shapes = self.shapes if total <= MAX_TRIANGLES else self.boxes

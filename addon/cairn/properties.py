@@ -196,8 +196,9 @@ class CairnSettings(PropertyGroup):
     """What the next bake does."""
 
     control_mesh: PointerProperty(
-        name="Control Mesh",
-        description="The shape that the pile shall have: a closed mesh, standing on the ground",
+        name="Shape",
+        description="The shape that the pile shall have: a closed mesh, standing on the ground. The server calls it "
+        "the control mesh",
         type=bpy.types.Object,
         poll=_is_solid,
     )
@@ -283,7 +284,7 @@ class CairnSettings(PropertyGroup):
     )
     use_ground_height: BoolProperty(
         name="Set Ground Height",
-        description="Give the ground's height, instead of the control mesh's lowest point",
+        description="Give the ground's height, instead of the shape's lowest point",
     )
     ground_height: FloatProperty(
         name="Ground Height", description="Height of the ground plane, in scene units", unit="LENGTH", precision=3

@@ -64,7 +64,7 @@ def missing(settings):
     if settings.control_mesh is None:
         return "Choose the mesh that the pile shall have the shape of."
     if settings.control_mesh.type != "MESH":
-        return "Choose a mesh as the control mesh."
+        return "Choose a mesh as the shape."
     if not props_of(settings):
         return "Choose the things that the pile is made of: a collection of objects, or some objects in the list."
     if not settings.use_ground and not colliders_of(settings) and not objects_of(settings.keep):

@@ -17,7 +17,7 @@ PATIENCE = 20.0
 
 
 class CAIRN_OT_use_selected(Operator):
-    """Take the active mesh as the control mesh"""
+    """Take the active mesh as the shape that the pile shall have"""
 
     bl_idname = "cairn.use_selected"
     bl_label = "Use Active Mesh"

@@ -52,7 +52,12 @@ def packed(states, start_frame):
 def _unpacked(text):
     told = json.loads(text)
     states = np.frombuffer(zlib.decompress(base64.b64decode(told["data"])), np.uint8)
-    return told["start"], np.minimum(states, len(STATES) - 1).reshape(-1, told["frames"])
+    return told["start"], known(states).reshape(-1, told["frames"])
+
+
+def known(states):
+    """A newer server's further states are free, as far as is known here."""
+    return np.where(states < len(STATES), states, 0)
 
 
 def at(collection, frame):
@@ -156,7 +161,9 @@ def forget():
 
 @persistent
 def _on_frame(scene, *_):
-    refresh(scene)
+    # A render has its own thread, in which no objects are made.
+    if not bpy.app.is_job_running("RENDER"):
+        refresh(scene)
 
 
 def _follow(on):

@@ -76,6 +76,20 @@ def test_points_of_each_state_have_an_instancer_of_its_colour(desk, addon, show)
     assert len(instances()) == len(motion.props) and all(color == (1, 1, 1, 1) for _, color in instances())
 
 
+def test_what_was_changed_by_hand_is_left_alone(desk, addon, show):
+    collection = write(desk, made_up(addon), "POINTS")
+    (shown,) = collection.objects
+    collection.objects.link(desk.control)
+    show(True)
+    shown.data.attributes.remove(shown.data.attributes["state"])
+    bpy.context.scene.frame_set(7)
+    show(False)
+    assert shown.modifiers["Pile"].show_viewport
+    shown.modifiers.clear()
+    show(True)
+    show(False)
+
+
 @pytest.mark.parametrize("mode", ["ANIMATION", "POINTS"])
 def test_the_file_and_the_undo_history_never_keep_them(desk, addon, show, mode, tmp_path):
     states = addon("states")

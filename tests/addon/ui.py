@@ -147,10 +147,11 @@ def walk():
     settings.accuracy, settings.use_frame_count = "STANDARD", False
     yield from click(*bake_button)
     yield from wait(lambda: running.bake and running.bake.job.latest, "the pile to form")
-    yield 1.5
+    yield 1.0
     picture("5-during.png")
     bpy.context.window_manager.cairn_states = True
-    yield 0.6
+    yield from wait(lambda: not running.bake or running.bake.job.latest.states.any(), "states")
+    yield 0.3
     picture("5-during-by-state.png")
     bpy.context.window_manager.cairn_states = False
     yield from wait(lambda: running.bake is None, "the pile")
