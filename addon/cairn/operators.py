@@ -20,7 +20,8 @@ PRINT = 2.0
 
 
 def is_running():
-    return running.bake is not None and not running.bake.end
+    """Whether a bake runs, or its objects are being made; one that was stopped waits for a decision."""
+    return running.bake is not None and running.bake.end != "stopped"
 
 
 def explain(operator, fault):
@@ -264,7 +265,7 @@ class CAIRN_OT_stop(Operator):
 
     @classmethod
     def poll(cls, _):
-        return running.bake is not None and running.bake.end != "stopped"
+        return is_running()
 
     def execute(self, _):
         running.bake.stop()
