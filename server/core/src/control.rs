@@ -1,6 +1,7 @@
 //! The control cycle (paper, 3): local equilibrium analysis, candidates, and what is held until the next cycle.
 
 mod impact;
+mod state;
 
 use crate::equilibrium::{
     Analyser, Candidacy, CandidateRules, Contact, FrictionLaw, FrictionReserve, Options, Problem, Solver, Spread,

@@ -15,6 +15,8 @@ pub struct Params {
     pub accuracy: Accuracy,
     /// Gravity along -Y, m/s^2, 0.01 to 1000. Default 9.81.
     pub gravity: f64,
+    /// Whether there is a ground. Default: yes.
+    pub ground: bool,
     /// Friction of the ground, 0 to 2. Default 0.7.
     pub ground_friction: f64,
     /// Height of the ground, metres. `None`: the control mesh's lowest point.
@@ -271,6 +273,7 @@ impl Params {
             seed: 1,
             accuracy,
             gravity: 9.81,
+            ground: true,
             ground_friction: 0.7,
             ground_height: None,
             physics: Physics {
