@@ -1,21 +1,26 @@
 //! Bakes pairs of props and control meshes drawn from a collection, and judges each:
-//! `cargo run --release --example pairs -- [--pairs 60] [--seed 1] [--only 0..60] [--out table.md]`.
+//! `cargo run --release --example pairs -- [--pairs 60] [--seed 1] [--only 0..60] [--out table.md] [--runs FOLDER]`.
 //!
 //! The collection is a folder with a `MANIFEST.tsv` (name, kind, source, licence, bytes, triangles, watertight, ...):
 //! `CAIRN_DATA`, or `../shared/data` beside the workspace. Drawn are its watertight glTF files of the kinds `object`
 //! and `control`. A prop is scaled so that about 220 fit into the control mesh, first by volume and then, if fewer than
-//! 150 or more than 300 do, by what the fill found. One Markdown row per pair, written as soon as it is known.
+//! 150 or more than 300 do, by what the fill found. One Markdown row per pair, written as soon as it is known. With
+//! `--runs`, what each bake took is kept for the example `fit_estimate`.
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
+use cairn::cost::{Ledger, Record};
+use cairn::machine;
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::bake::Bake;
 use cairn_core::check;
+use cairn_core::estimate;
 use cairn_core::free_pour::free_pour;
 use cairn_core::mesh::TriMesh;
 use cairn_core::observer::{Observer, Progress, Stage};
 use cairn_core::params::{Accuracy, Params};
 use cairn_core::scene::{Model, Prop, Scene};
 use cairn_core::shape;
+use clap::Parser;
 use cpu_time::ThreadTime;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -39,23 +44,44 @@ const LEAST_RATIO: f64 = 0.8;
 const REST_SPEED: f64 = 0.01;
 
 const HEADER: &str = "| # | prop | control | bodies | shape | deviation | fill | free pour | ratio | iou start | kept | \
-protrusion | penetration max | mean | speed | hanging | unsupported | removed out/overlap/escaped | CPU s shape/fill/release+hold | verdict |\n\
-|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+protrusion | penetration max | mean | speed | hanging | unsupported | removed out/overlap/escaped | CPU s shape/fill/release+hold/measure | CPU s expected | verdict |\n\
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
+/// Bakes pairs of props and control meshes drawn from a collection, and judges each.
+#[derive(clap::Parser)]
 struct Arguments {
+    /// Pairs drawn
+    #[arg(long, default_value_t = 60)]
     pairs: usize,
+    /// Of the drawing
+    #[arg(long, default_value_t = 1)]
     seed: u64,
-    only: Range<usize>,
+    /// Bake these only, such as 10..20
+    #[arg(long, value_parser = range)]
+    only: Option<Range<usize>>,
+    /// File for the table, besides the standard output
+    #[arg(long)]
     out: Option<PathBuf>,
+    /// Folder for what the bakes took
+    #[arg(long)]
+    runs: Option<PathBuf>,
+}
+
+fn range(text: &str) -> Result<Range<usize>, String> {
+    let numbers = text.split_once("..").and_then(|(from, to)| Some(from.parse().ok()?..to.parse().ok()?));
+    numbers.ok_or_else(|| "give a range such as 10..20".into())
 }
 
 fn main() -> anyhow::Result<()> {
-    let arguments = arguments()?;
+    let arguments = Arguments::parse();
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let folder = std::env::var_os("CAIRN_DATA").map_or(beside, PathBuf::from);
     let (props, controls) = collection(&folder)?;
     let drawn = draw(&props, &controls, arguments.pairs, arguments.seed);
     let mut out = arguments.out.map(File::create).transpose()?;
+    let mut runs = arguments.runs.map(|folder| Ledger::open(&folder)).transpose().map_err(|e| anyhow!("{e}"))?;
+    let machine = estimate::calibrate(machine::cpu_seconds)?;
+    let only = arguments.only.unwrap_or(0..usize::MAX);
     let mut tell = |line: &str| -> anyhow::Result<()> {
         println!("{line}");
         if let Some(file) = &mut out {
@@ -67,11 +93,13 @@ fn main() -> anyhow::Result<()> {
     tell(HEADER)?;
     let mut tally = BTreeMap::<&str, usize>::new();
     let mut poured = BTreeMap::<&str, Option<f64>>::new();
-    for (i, (prop, control)) in drawn.iter().enumerate().filter(|(i, _)| arguments.only.contains(i)) {
+    for (i, (prop, control)) in drawn.iter().enumerate().filter(|(i, _)| only.contains(i)) {
         let start = ThreadTime::now();
-        let row = catch_unwind(AssertUnwindSafe(|| pair(&folder, prop, control, &mut poured))).unwrap_or_else(|_| {
-            Row { cells: "| | | | | | | | | | | | | | | | ".into(), verdict: "fail: panic".into() }
-        });
+        let row = catch_unwind(AssertUnwindSafe(|| pair(&folder, (prop, control), machine, &mut poured)))
+            .unwrap_or_else(|_| Row::without_figures("fail: panic"));
+        if let (Some(runs), Some(record)) = (&mut runs, row.record) {
+            runs.add(record).map_err(|e| anyhow!("{e}"))?;
+        }
         let kind = row.verdict.split(':').next().unwrap_or_default().to_owned();
         *tally.entry(["pass", "refused", "fail"].into_iter().find(|k| *k == kind).unwrap_or("fail")).or_default() += 1;
         let seconds = start.elapsed().as_secs_f64();
@@ -79,25 +107,6 @@ fn main() -> anyhow::Result<()> {
     }
     let count = |kind| tally.get(kind).copied().unwrap_or(0);
     tell(&format!("\n{} pass, {} refused, {} fail", count("pass"), count("refused"), count("fail")))
-}
-
-fn arguments() -> anyhow::Result<Arguments> {
-    let mut found = Arguments { pairs: 60, seed: 1, only: 0..usize::MAX, out: None };
-    let mut words = std::env::args().skip(1);
-    while let Some(word) = words.next() {
-        let value = words.next().with_context(|| format!("{word} needs a value"))?;
-        match word.as_str() {
-            "--pairs" => found.pairs = value.parse()?,
-            "--seed" => found.seed = value.parse()?,
-            "--only" => {
-                let (from, to) = value.split_once("..").context("--only takes a range such as 10..20")?;
-                found.only = from.parse()?..to.parse()?;
-            }
-            "--out" => found.out = Some(value.into()),
-            _ => bail!("{word} is not known; known are --pairs, --seed, --only and --out"),
-        }
-    }
-    Ok(found)
 }
 
 /// Watertight props and control meshes, by name.
@@ -153,12 +162,16 @@ struct Row {
     /// All columns between the control mesh and the verdict, each with its bar in front.
     cells: String,
     verdict: String,
+    record: Option<Record>,
 }
 
 impl Row {
+    fn without_figures(verdict: &str) -> Row {
+        Row { cells: "| ".repeat(17), verdict: verdict.replace(['|', '\n'], " "), record: None }
+    }
+
     fn refused(reason: &str) -> Row {
-        let cells = "| ".repeat(16);
-        Row { cells, verdict: format!("refused: {}", reason.replace(['|', '\n'], " ")) }
+        Row::without_figures(&format!("refused: {reason}"))
     }
 }
 
@@ -210,7 +223,12 @@ impl Observer for Watch {
 }
 
 /// Bakes one pair at a size that lets about as many bodies fit as wanted.
-fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&'a str, Option<f64>>) -> Row {
+fn pair<'a>(
+    folder: &Path,
+    (prop, control): (&'a str, &str),
+    machine: f64,
+    poured: &mut BTreeMap<&'a str, Option<f64>>,
+) -> Row {
     let name = prop;
     let (prop_model, control) = match (model(folder, prop), model(folder, control)) {
         (Ok(prop), Ok(control)) => (prop, control),
@@ -254,17 +272,26 @@ fn pair<'a>(folder: &Path, prop: &'a str, control: &str, poured: &mut BTreeMap<&
                 scale = if small < guess && guess < large { guess } else { (small * large).sqrt() };
             }
             Err(cairn_core::Error::Cancelled) => {
-                return Row { cells: "| ".repeat(16), verdict: format!("fail: not done within {BUDGET} CPU s") };
+                return Row::without_figures(&format!("fail: not done within {BUDGET} CPU s"));
             }
             Err(e) => return Row::refused(&e.to_string()),
         }
     }
     watch.begin(false);
     let Some(bake) = last else {
-        return Row { cells: "| ".repeat(16), verdict: "fail: no size lets 150 to 300 fit".into() };
+        return Row::without_figures("fail: no size lets 150 to 300 fit");
     };
     let reference = *poured.entry(name).or_insert_with(|| reference(&scene, &params, &mut watch));
-    judge(&bake, reference)
+    let expected = cairn_core::estimates(&scene, &[params.clone()], machine).map_or(f64::NAN, |all| all[0].cpu_seconds);
+    let mut row = judge(&bake, reference, expected);
+    row.record = Record::new(
+        format!("{name} in {}", scene.control.as_ref().map_or("", |c| &c.name)),
+        "pair".into(),
+        (&scene, &params),
+        bake.report,
+    )
+    .ok();
+    row
 }
 
 fn volume(mesh: &TriMesh) -> f64 {
@@ -277,7 +304,7 @@ fn reference(scene: &Scene, params: &Params, watch: &mut Watch) -> Option<f64> {
     free_pour(&scene.props[0], &shapes[0], params, watch).ok()?
 }
 
-fn judge(bake: &Bake, reference: Option<f64>) -> Row {
+fn judge(bake: &Bake, reference: Option<f64>, expected: f64) -> Row {
     let report = &bake.report;
     let measure = |name: &str| report.measures.get(name).copied().flatten().unwrap_or(f64::NAN);
     let count = |name: &str| report.counts.get(name).copied().unwrap_or(0);
@@ -288,7 +315,7 @@ fn judge(bake: &Bake, reference: Option<f64>) -> Row {
     let stage = |name: &str| seconds.get(name).copied().unwrap_or(0.0);
     let cells = format!(
         "| {} | {} {} | {:.3} | {fill:.3} | {free:.3} | {:.2} | {:.3} | {:.3} | {:.3} | {:.2} | {:.4} | {speed:.4} | {} | {:.3} \
-         | {}/{}/{} | {:.1}/{:.1}/{:.1} ",
+         | {}/{}/{} | {:.1}/{:.1}/{:.1}/{:.1} | {expected:.0} ",
         bake.bodies.len(),
         shape.kind,
         shape.parts,
@@ -307,6 +334,7 @@ fn judge(bake: &Bake, reference: Option<f64>) -> Row {
         stage("Shape"),
         stage("Fill"),
         stage("Release") + stage("Hold"),
+        stage("Measure"),
     );
     let finite = bake.frames.iter().flatten().all(|p| p.translation.is_finite() && p.rotation.is_finite());
     let faults: Vec<&str> = [
@@ -320,5 +348,5 @@ fn judge(bake: &Bake, reference: Option<f64>) -> Row {
     .filter_map(|(what, fine)| (!fine).then_some(what))
     .collect();
     let verdict = if faults.is_empty() { "pass".into() } else { format!("fail: {}", faults.join(", ")) };
-    Row { cells, verdict }
+    Row { cells, verdict, record: None }
 }

@@ -6,6 +6,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from . import (
+    estimates,
     job,
     operators,
     panels,
@@ -14,8 +15,10 @@ from . import (
     pile_operators,
     preferences,
     properties,
+    report_panels,
     running,
     setup_operators,
+    states,
 )
 
 bl_info = {
@@ -34,6 +37,7 @@ CLASSES = [
     *pile_operators.CLASSES,
     *setup_operators.CLASSES,
     *panels.CLASSES,
+    *report_panels.CLASSES,
     *parameter_panels.CLASSES,
     *panels.LAST,
 ]
@@ -43,11 +47,20 @@ CLASSES = [
 def _before_load(*_):
     """Another file is about to be opened. The server bakes on; this file's note says so."""
     running.forget_all()
+    states.forget()
+    estimates.forget()
 
 
 @persistent
 def _after_load(*_):
     running.left = pending.of_this_file()
+    # A file that Blender saved by itself.
+    states.restore()
+
+
+@persistent
+def _before_save(*_):
+    states.restore()
 
 
 @persistent
@@ -55,15 +68,30 @@ def _after_save(*_):
     bake = running.bake
     if bake is not None and not bake.end and bake.job.bake_id:
         pending.note(bake.job.bake_id, bake.recipe)
+    states.refresh(bpy.context.scene)
 
 
-HANDLERS = {"load_pre": _before_load, "load_post": _after_load, "save_post": _after_save}
+@persistent
+def _after_undo(*_):
+    # The step may be one of before the colours, or of before they were taken away.
+    states.refresh(bpy.context.scene)
+
+
+HANDLERS = {
+    "load_pre": _before_load,
+    "load_post": _after_load,
+    "save_pre": _before_save,
+    "save_post": _after_save,
+    "undo_post": _after_undo,
+    "redo_post": _after_undo,
+}
 
 
 def register():
     properties.register()
     for cls in CLASSES:
         bpy.utils.register_class(cls)
+    states.register()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
     atexit.register(preferences.stop_server)
@@ -71,6 +99,7 @@ def register():
 
 def unregister():
     atexit.unregister(preferences.stop_server)
+    states.unregister()
     _before_load()
     preferences.stop_server()
     job.end()

@@ -66,7 +66,7 @@ class Exporter:
         with evaluated(self.context, [source]) as geometry:
             meshes = geometry(source)
             if not meshes:
-                raise Fault(f"“{source.name}” has no faces. Choose a closed mesh as the control mesh.")
+                raise Fault(f"“{source.name}” has no faces. Choose a closed mesh as the shape.")
             return self._model(source.name, meshes, Matrix())
 
     def scenery(self, sources):

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import bpy
 from bpy.types import Operator
 
-from . import pending, preferences, preview, request, result, running
+from . import estimates, pending, preferences, preview, request, result, running
 from .client import Fault
 
 # How often news are looked at, and how long Blender may be kept from its user at a time, s.
@@ -20,7 +20,8 @@ PRINT = 2.0
 
 
 def is_running():
-    return running.bake is not None and not running.bake.end
+    """Whether a bake runs, or its objects are being made; one that was stopped waits for a decision."""
+    return running.bake is not None and running.bake.end != "stopped"
 
 
 def explain(operator, fault):
@@ -79,11 +80,10 @@ class _Bakes:
             if bake is None:
                 # Another file was opened.
                 return self._leave(context, {"CANCELLED"})
-            if event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS" and self.writer is None:
-                if not bake.is_stopping:
+            if event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS":
+                if bake.end != "stopped":
                     bake.stop()
-                return {"RUNNING_MODAL"}
-            if event.type != "TIMER":
+            elif event.type != "TIMER":
                 # While objects are made, what the artist did would end up between them.
                 return {"PASS_THROUGH"} if self.writer is None else {"RUNNING_MODAL"}
             try:
@@ -95,6 +95,9 @@ class _Bakes:
         return {"CANCELLED"}
 
     def _tick(self, context, bake):
+        if self.writer and bake.end == "stopped":
+            self.writer.close()
+            self.writer = bake.written = None
         if self.writer:
             return self._write(context, bake)
         bake.poll()
@@ -210,13 +213,14 @@ def _draw_choice(self, _):
 
 
 class CAIRN_OT_bake(_Bakes, Operator):
-    """Fill the control mesh with props, let them go, and make the pile. Baked again, it replaces the pile"""
+    """Fill the shape with props, let them go, and make the pile. Baked again, it replaces the pile"""
 
     bl_idname = "cairn.bake"
     bl_label = "Bake Pile"
 
     def begin(self, context):
         server = preferences.server(context)
+        estimates.stand_aside(context.scene)
         with start_frame(context):
             taken = request.take(context)
         return running.Bake(server, taken.recipe, taken), taken.props
@@ -261,7 +265,7 @@ class CAIRN_OT_stop(Operator):
 
     @classmethod
     def poll(cls, _):
-        return is_running() and not running.bake.is_stopping
+        return is_running()
 
     def execute(self, _):
         running.bake.stop()

@@ -3,28 +3,18 @@
 import bpy
 from bpy.types import Panel, UIList
 
-from . import preferences, request, result, running
+from . import estimates, preferences, request, result, running
 from .operators import is_running
 from .properties import ACCURACIES
 
 # Width of a sign of the interface's font, in pixels at scale 1, on average.
 SIGN = 6.2
-# Figures of the report, by their names there: what the panel calls them, what they mean, and how they are shown.
-FIGURES = [
-    ("kept_shape", "Kept shape", "{:.1%}"),
-    ("shape_iou", "Shape overlap", "{:.1%}"),
-    ("at_rest_fraction", "At rest", "{:.1%}"),
-    ("unsupported_fraction", "Unsupported", "{:.1%}"),
-    # Relative to the thinner body.
-    ("penetration_max_rel", "Penetration", "{:.1%}"),
-    ("nails_end", "Nails at the end", "{:.0f}"),
-]
 
 
 def wrapped(layout, context, text, icon="NONE"):
     """A text in as many lines as the sidebar's width asks for."""
     scale = context.preferences.system.ui_scale
-    signs = max(20, int((context.region.width / scale - 50) / SIGN))
+    signs = max(16, int((context.region.width / scale - (62 if icon == "NONE" else 84)) / SIGN))
     column = layout.column(align=True)
     line = ""
     lines = []
@@ -61,6 +51,7 @@ class CAIRN_PT_pile(Pile, Panel):
     def draw(self, context):
         layout = self.layout
         settings = context.scene.cairn
+        estimates.shown(context)
         if running.bake:
             draw_bake(layout, context)
         elif running.left:
@@ -80,7 +71,9 @@ class CAIRN_PT_pile(Pile, Panel):
         draw_props(layout, context, settings)
         layout.separator()
         layout.prop(settings, "colliders")
-        draw_optional(layout, settings, "ground_height", "Ground")
+        layout.row(heading="Ground").prop(settings, "use_ground", text="")
+        if settings.use_ground:
+            draw_optional(layout, settings, "ground_height", "Height")
         layout.separator()
         draw_accuracies(layout, settings)
         layout.prop(settings, "seed")
@@ -128,14 +121,21 @@ def draw_props(layout, context, settings):
         size = layout.column(align=True)
         size.prop(item, "scale_min", text="Size Min")
         size.prop(item, "scale_max", text="Max")
-    draw_field(layout, settings.fill, "count")
+    count = running.plan["body_count"] if running.plan else 0
+    value = draw_switch(layout, settings.fill, "count", "Count")
+    if value.active:
+        value.prop(settings.fill, "count", text="")
+    else:
+        value.label(text=f"about {count}" if count else "as many as fit")
 
 
 def draw_accuracies(layout, settings):
     """Each with what it is expected to cost, as far as the server has told."""
     column = layout.column(align=True)
     column.use_property_split = False
-    column.label(text="Accuracy")
+    row = column.split(factor=0.35)
+    row.label(text="Accuracy")
+    row.label(text=reliance())
     for name, *_ in ACCURACIES:
         row = column.row(align=True)
         row.prop_enum(settings, "accuracy", name)
@@ -144,10 +144,21 @@ def draw_accuracies(layout, settings):
 
 def expected(accuracy):
     """What a bake of an accuracy takes, in a few signs; empty before it is known."""
-    plan = running.plan
-    if not plan or plan["accuracy"] != accuracy:
+    told = running.plan["estimates"].get(accuracy) if running.plan else None
+    if not told:
         return ""
-    return f"~{plan['body_count']} bodies"
+    seconds, unit = max(told[0], 1.0), "s"
+    for larger in ("min", "h"):
+        if seconds >= 60:
+            seconds, unit = seconds / 60, larger
+    # More than two digits would be a promise.
+    return f"~{float(f'{seconds:.2g}'):g} {unit}"
+
+
+def reliance():
+    """What the expected times are, and how far they may be off."""
+    factors = [factor for _, factor in running.plan["estimates"].values()] if running.plan else []
+    return f"CPU time, ×÷ {max(factors):.2g}" if factors else ""
 
 
 def draw_switch(layout, group, name, heading):
@@ -164,14 +175,24 @@ def draw_optional(layout, group, name, heading):
     draw_switch(layout, group, name, heading).prop(group, name, text="")
 
 
-def draw_field(layout, group, name):
+def draw_field(layout, group, field):
     """A parameter that is the accuracy's unless it is set."""
-    value = draw_switch(layout, group, name, group.bl_rna.properties[name].name)
-    if value.active or group.id_data.cairn.accuracy == "STANDARD":
-        value.prop(group, name, text="")
-    else:
+    name = field["name"]
+    row = layout.split(factor=0.5 if field["kind"] == "enum" else 0.62)
+    row.use_property_split = False
+    row.prop(group, "use_" + name, text=group.bl_rna.properties[name].name)
+    value = row.row()
+    is_set = getattr(group, "use_" + name)
+    value.enabled = is_set
+    if not is_set and field["default"] is None:
+        value.label(text="–")
+    elif not is_set and group.id_data.cairn.accuracy != "STANDARD":
         # The defaults that are known here are the standard's.
-        value.label(text="by accuracy")
+        value.label(text="preset")
+    elif field["kind"] == "bool":
+        value.prop(group, name, text="On" if getattr(group, name) else "Off", toggle=True)
+    else:
+        value.prop(group, name, text="")
 
 
 def draw_bake(layout, context):
@@ -211,46 +232,6 @@ def draw_warning(layout, context, text, names):
             column.operator("cairn.select", text=f"Select “{name}”", icon="RESTRICT_SELECT_OFF").object = name
 
 
-class CAIRN_PT_report(Pile, Panel):
-    bl_label = "Report"
-    bl_parent_id = "CAIRN_PT_pile"
-
-    @classmethod
-    def poll(cls, context):
-        return result.chosen(context) is not None
-
-    def draw(self, context):
-        layout = self.layout
-        collection = result.chosen(context)
-        told = running.report_of(collection)
-        if not told.get("is_whole"):
-            wrapped(layout, context, "This bake was cancelled: it is not whole.", "INFO")
-        elif any(made.job.bake_id == told["bake_id"] for made in running.measuring):
-            layout.label(text="Being measured…", icon="TIME")
-        column = layout.column(align=True)
-        frames = told.get("frame_count", 0)
-        draw_figure(column, "Bodies", str(told.get("body_count", 0)))
-        draw_figure(column, "Frames", str(frames))
-        for name, title, form in FIGURES:
-            value = told.get("measures", {}).get(name)
-            if value is not None:
-                draw_figure(column, title, form.format(value))
-        if "seconds" in told:
-            draw_figure(column, "Time", running.duration(told["seconds"]))
-        names = running.recipe_of(collection).get("names", {})
-        for warning in told.get("warnings", ()):
-            draw_warning(layout, context, warning, names)
-        row = layout.row(align=True)
-        row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
-        row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
-
-
-def draw_figure(layout, title, value):
-    split = layout.split(factor=0.7)
-    split.label(text=title)
-    split.label(text=value)
-
-
 class CAIRN_PT_server(Pile, Panel):
     bl_label = "Server"
     bl_parent_id = "CAIRN_PT_pile"
@@ -267,6 +248,6 @@ class CAIRN_PT_server(Pile, Panel):
         layout.operator("cairn.preferences", icon="PREFERENCES")
 
 
-CLASSES = [CAIRN_UL_props, CAIRN_PT_pile, CAIRN_PT_report]
+CLASSES = [CAIRN_UL_props, CAIRN_PT_pile]
 # After all others.
 LAST = [CAIRN_PT_server]

@@ -24,7 +24,7 @@ class _Parameters(Pile):
             group = getattr(context.scene.cairn, GROUPS[message], None)
             for field in fields_of(message) if group else ():
                 if (message, field["name"]) != ("Fill", "count"):
-                    draw_field(layout, group, field["name"])
+                    draw_field(layout, group, field)
 
     def draw_more(self, layout, settings):
         pass
@@ -44,7 +44,9 @@ class CAIRN_PT_material(_Parameters, Panel):
                 column.prop(item, name)
             if knows("Prop", "tilt_max"):
                 column.prop(item, "tilt")
-        layout.prop(settings, "collider_friction", text="Ground Friction")
+        column = layout.column(align=True)
+        column.label(text="Ground and colliders")
+        column.prop(settings, "collider_friction")
 
 
 class CAIRN_PT_fill(_Parameters, Panel):

@@ -46,7 +46,7 @@ class CAIRN_OT_discard(Operator):
 
 
 class CAIRN_OT_delete(Operator):
-    """Take the pile away, with its animation, and show the control mesh as it was before the bake"""
+    """Take the pile away, with its animation, and show the shape as it was before the bake"""
 
     bl_idname = "cairn.delete"
     bl_label = "Delete Bake"
@@ -61,7 +61,9 @@ class CAIRN_OT_delete(Operator):
     def execute(self, context):
         collection = _chosen(context, self.collection)
         if collection is None:
-            return explain(self, Fault("There is no baked pile of this control mesh. Choose the mesh of the pile."))
+            return explain(
+                self, Fault("There is no baked pile of this shape. Choose the shape of the one that you mean.")
+            )
         result.delete(collection)
         return {"FINISHED"}
 
@@ -78,7 +80,9 @@ class CAIRN_OT_restore_settings(Operator):
     def execute(self, context):
         collection = _chosen(context, self.collection)
         if collection is None:
-            return explain(self, Fault("There is no baked pile of this control mesh. Choose the mesh of the pile."))
+            return explain(
+                self, Fault("There is no baked pile of this shape. Choose the shape of the one that you mean.")
+            )
         request.from_dict(context.scene.cairn, running.recipe_of(collection)["settings"])
         return {"FINISHED"}
 

@@ -124,7 +124,8 @@ class Extras:
         changes = np.ptp(np.array(sizes), axis=0).max(axis=1)
         wrong = [source.name for source, change in zip(sources, changes) if change > SAME_SCALE]
         if wrong:
-            raise Fault(f"These colliders change their size: {', '.join(wrong)}. Only moving and turning is followed.")
+            told = f"These colliders change their size: {', '.join(wrong)}. Only moving and turning is followed: "
+            raise Fault(told + "take the animation of their scale away.")
         return np.array(positions), np.array(rotations)
 
 

@@ -12,6 +12,10 @@ MAX_ROWS = 1 << 24
 AXES = ("axis_x", "axis_z")
 # A body that is not there has axes of length 0.
 THERE = 0.5
+# Rows that are worked on at once.
+BLOCK = 1 << 14
+# What the nodes read of each body.
+READ = {"first": np.intc, "count": np.intc, "offset": np.intc, "prop": np.intc, "size": np.float32}
 
 
 def write(name, motion, parts_collection, start_frame):
@@ -30,9 +34,11 @@ def write(name, motion, parts_collection, start_frame):
 
 def spans(motion):
     """For each body the first frame that its rows are for, and their number: before and after, it stands still."""
-    same = (motion.positions[1:] == motion.positions[:-1]).all(axis=2)
-    same &= (motion.rotations[1:] == motion.rotations[:-1]).all(axis=2) & (motion.present[1:] == motion.present[:-1])
-    changes = ~same
+    changes = motion.present[1:] != motion.present[:-1]
+    for values in (motion.positions, motion.rotations):
+        # Component by component: many times faster than a sum over the few components of each.
+        for component in range(values.shape[2]):
+            changes |= values[1:, :, component] != values[:-1, :, component]
     moves = changes.any(axis=0)
     frames = len(changes)
     if not frames:
@@ -46,34 +52,112 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
     frames = np.arange(len(motion.positions))[:, None]
     # Shape [n, f]: rows go body by body.
     kept = ((frames >= first) & (frames < first + count)).T
-    positions = motion.positions[:, part].transpose(1, 0, 2)
-    rotations = motion.rotations[:, part].transpose(1, 0, 2)[kept]
-    present = motion.present[:, part].T[kept]
+    is_whole = kept.all()
 
+    def rows(values):
+        by_body = values[:, part].swapaxes(0, 1)
+        return by_body.reshape(-1, *by_body.shape[2:]) if is_whole else by_body[kept]
+
+    present = rows(motion.present)
     table = bpy.data.meshes.new(f"{name} Motion")
-    _fill(table, positions[kept])
-    for key, axis in zip(AXES, axes_of(rotations)):
-        _attribute(table, key, "FLOAT_VECTOR", "vector", axis * present[:, None])
+    _fill(table, rows(motion.positions))
+    for key, axis in zip(AXES, axes_of(rows(motion.rotations))):
+        if not present.all():
+            axis *= present[:, None]
+        _attribute(table, key, "FLOAT_VECTOR", "vector", axis)
     table_object = bpy.data.objects.new(table.name, table)
 
     mesh = bpy.data.meshes.new(name)
-    _fill(mesh, positions[:, -1])
+    _fill(mesh, motion.positions[-1, part])
     _attribute(mesh, "first", "INT", "value", first)
     _attribute(mesh, "count", "INT", "value", count)
     _attribute(mesh, "offset", "INT", "value", np.cumsum(count) - count)
     _attribute(mesh, "prop", "INT", "value", motion.props[part])
+    # For materials, as an attribute of the instancer: that of the last frame.
+    _attribute(mesh, "state", "INT", "value", motion.states[-1, part])
     _attribute(mesh, "size", "FLOAT", "value", motion.scales[part])
     shown = bpy.data.objects.new(name, mesh)
+    shown.cairn.number = part.start + 1
     modifier = shown.modifiers.new("Pile", "NODES")
     modifier.node_group = _nodes(name, table_object, parts_collection, start_frame)
     return shown
 
 
+def show_states(shown, states, colors, collection):
+    """Shows bodies in their states' colours: instances have that of their instancer, so that each state gets one of its
+    own in `collection`, which renders do not see."""
+    now = _of(shown, states)
+    if now is None:
+        return
+    own, modifier = shown.cairn, shown.modifiers["Pile"]
+    if own.is_coloured and np.array_equal(_values(shown.data, "state", np.intc), now):
+        return
+    if not own.is_coloured:
+        own.is_coloured, own.was_shown, modifier.show_viewport = True, modifier.show_viewport, False
+    _set(shown.data, "state", now)
+    values = {name: _values(shown.data, name, kind) for name, kind in READ.items()}
+    made = {part.cairn.number: part for part in collection.objects if part.parent == shown}
+    for state in {*made, *(1 + np.flatnonzero(np.bincount(now)))}:
+        part = made.get(state) or _of_state(shown, int(state), colors[state - 1], collection)
+        here = now == state - 1
+        part.data.clear_geometry()
+        _fill(part.data, np.zeros((here.sum(), 3)))
+        for name, kind in READ.items():
+            number = ("INT", "value") if kind is np.intc else ("FLOAT", "value")
+            _attribute(part.data, name, *number, values[name][here])
+        part.data.update()
+
+
+def hide_states(shown, last):
+    """Undoes that, but for what is in the collection. `last`: the states in the last frame."""
+    own = shown.cairn
+    if own.is_coloured:
+        own.is_coloured = False
+        if "Pile" in shown.modifiers:
+            shown.modifiers["Pile"].show_viewport = own.was_shown
+        now = _of(shown, last)
+        if now is not None:
+            _set(shown.data, "state", now)
+
+
+def _of(shown, states):
+    """The states of an object's own bodies; None if it was changed by hand, so that it shows no bodies any more."""
+    count = len(shown.data.vertices) if shown.type == "MESH" else 0
+    now = states[shown.cairn.number - 1 :][:count] if shown.cairn.number else ()
+    is_whole = "Pile" in shown.modifiers and {*READ, "state"} <= {*shown.data.attributes.keys()}
+    return now if is_whole and 0 < count == len(now) else None
+
+
+def _of_state(shown, number, color, collection):
+    name = f"{shown.name} State {number - 1}"
+    part = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+    part.parent, part.cairn.number, part.color = shown, number, color
+    part.hide_render = part.hide_select = True
+    part.modifiers.new("Pile", "NODES").node_group = shown.modifiers["Pile"].node_group
+    collection.objects.link(part)
+    return part
+
+
+def _values(mesh, name, kind):
+    values = np.empty(len(mesh.vertices), kind)
+    mesh.attributes[name].data.foreach_get("value", values)
+    return values
+
+
+def _set(mesh, name, values):
+    mesh.attributes[name].data.foreach_set("value", np.ascontiguousarray(values, np.intc))
+    mesh.update()
+
+
 def axes_of(rotations):
     """The X and the Z axis of quaternions [n, 4], w x y z."""
-    w, x, y, z = np.moveaxis(rotations, -1, 0)
-    along_x = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
-    along_z = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
+    along_x, along_z = (np.empty((len(rotations), 3), rotations.dtype) for _ in range(2))
+    # Block by block: what lies between stays in the processor's cache.
+    for begin in range(0, len(rotations), BLOCK):
+        w, x, y, z = rotations[begin : begin + BLOCK].T
+        part_x, part_z = along_x[begin : begin + BLOCK].T, along_z[begin : begin + BLOCK].T
+        part_x[:] = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
+        part_z[:] = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
     return along_x, along_z
 
 

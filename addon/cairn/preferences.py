@@ -5,7 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from .client import Fault, Target
 from .job import Server
@@ -46,12 +46,20 @@ class CairnPreferences(bpy.types.AddonPreferences):
         subtype="FILE_PATH",
     )
 
+    estimates: BoolProperty(
+        name="Expected Times",
+        description="Ask the server on this computer what each accuracy is expected to take, whenever the scene has "
+        "changed while the tab is seen. It is started for that. Off: only Check asks",
+        default=True,
+    )
+
     def draw(self, _):
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "server", expand=True)
         if self.server == "LOCAL":
             layout.prop(self, "program")
+            layout.prop(self, "estimates")
             problem = program_problem(self)
             if problem:
                 for line in problem.split(". "):
@@ -64,7 +72,7 @@ class CairnPreferences(bpy.types.AddonPreferences):
 
 
 # Of an add-on that a script has enabled for itself alone.
-DEFAULTS = SimpleNamespace(server="LOCAL", program="", address="", token="", certificates="")
+DEFAULTS = SimpleNamespace(server="LOCAL", program="", address="", token="", certificates="", estimates=True)
 
 
 def of(context):

@@ -5,7 +5,7 @@ import gpu
 import numpy as np
 from mathutils import Matrix
 
-from . import axes
+from . import axes, states
 
 # Triangles that may be drawn at once, and of one body; beyond it bodies are drawn as boxes.
 MAX_TRIANGLES = 120_000
@@ -26,6 +26,7 @@ class Preview:
         self.shapes = [tris if len(tris) <= MAX_BODY_TRIANGLES else box(tris) for tris in props]
         self.boxes = [box(tris) for tris in props]
         self.snapshot = None
+        self.is_by_state = False
         self.arrays = self.batch = None
         self.handle = bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")
 
@@ -36,9 +37,9 @@ class Preview:
 
     def update(self, snapshot):
         """Takes the latest. Whether there is anything new to draw."""
-        if snapshot is None or snapshot is self.snapshot:
+        if snapshot is None or (snapshot is self.snapshot and self.is_by_state == states.is_shown):
             return False
-        self.snapshot = snapshot
+        self.snapshot, self.is_by_state = snapshot, states.is_shown
         self.arrays, self.batch = self._triangles(snapshot), None
         return True
 
@@ -50,6 +51,7 @@ class Preview:
             axes.rotations_to_blender(snapshot.rotations[here]),
             snapshot.scales[here],
         ).astype(np.float32)
+        tints = states.COLORS[states.known(snapshot.states[here])] if states.is_shown else COLORS[props % len(COLORS)]
         counts = np.bincount(props, minlength=len(self.shapes))
         total = sum(count * len(shape) for count, shape in zip(counts, self.shapes))
         shapes = self.shapes if total <= MAX_TRIANGLES else self.boxes
@@ -63,7 +65,7 @@ class Preview:
             normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-20)
             shade = AMBIENT + (1 - AMBIENT) * np.clip(normals @ LIGHT, 0, 1)
             color = np.ones((len(corners), 4), np.float32)
-            color[:, :3] = shade[:, None] * COLORS[prop % len(COLORS)]
+            color[:, :3] = shade[:, None] * np.repeat(tints[props == prop], len(shape), axis=0)
             vertices.append(corners.reshape(-1, 3))
             colors.append(np.repeat(color, 3, axis=0))
         return np.concatenate(vertices), np.concatenate(colors)

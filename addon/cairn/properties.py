@@ -196,8 +196,9 @@ class CairnSettings(PropertyGroup):
     """What the next bake does."""
 
     control_mesh: PointerProperty(
-        name="Control Mesh",
-        description="The shape that the pile shall have: a closed mesh, standing on the ground",
+        name="Shape",
+        description="The shape that the pile shall have: a closed mesh, standing on the ground. The server calls it "
+        "the control mesh",
         type=bpy.types.Object,
         poll=_is_solid,
     )
@@ -276,9 +277,14 @@ class CairnSettings(PropertyGroup):
     drop_velocity: FloatVectorProperty(
         name="Velocity", description="Velocity along X, Y and Z with which they appear, m/s", precision=2
     )
+    use_ground: BoolProperty(
+        name="Ground",
+        description="Whether there is a ground plane. Without one, what misses the colliders falls and is set aside",
+        default=True,
+    )
     use_ground_height: BoolProperty(
         name="Set Ground Height",
-        description="Give the ground's height, instead of the control mesh's lowest point",
+        description="Give the ground's height, instead of the shape's lowest point",
     )
     ground_height: FloatProperty(
         name="Ground Height", description="Height of the ground plane, in scene units", unit="LENGTH", precision=3
@@ -287,7 +293,10 @@ class CairnSettings(PropertyGroup):
         name="Gravity", description="Acceleration of gravity, downwards, m/s²", default=9.81, min=0.01, max=1000.0
     )
     accuracy: EnumProperty(
-        name="Accuracy", description="How carefully is simulated", items=ACCURACIES, default="STANDARD"
+        name="Accuracy",
+        description="How carefully is simulated. Beside each: the CPU time that a bake is expected to take",
+        items=ACCURACIES,
+        default="STANDARD",
     )
     seed: IntProperty(
         name="Seed",
@@ -307,6 +316,17 @@ class CairnSettings(PropertyGroup):
     frame_count: IntProperty(name="Frames", description="Frames after the start frame", default=250, min=0, max=100000)
 
 
+class CairnBody(PropertyGroup):
+    """What an object of a pile remembers."""
+
+    # Which body of the pile it is, counted from 1, or the first of those that it shows; 0: none.
+    number: IntProperty()
+    # While it is coloured by state: the colour that is its own; of points, whether they were shown.
+    is_coloured: BoolProperty()
+    color: FloatVectorProperty(size=4)
+    was_shown: BoolProperty()
+
+
 class CairnResult(PropertyGroup):
     """What a collection with a baked pile remembers: enough to bake it again, and to tell how it went."""
 
@@ -317,13 +337,17 @@ class CairnResult(PropertyGroup):
     # JSON.
     settings: StringProperty()
     report: StringProperty()
+    # As `states` packs them.
+    states: StringProperty()
+    # Not a result, but in one, with what shows points by state.
+    is_of_state: BoolProperty()
     control: PointerProperty(type=bpy.types.Object)
     # How the control mesh was shown before.
     control_hide_render: BoolProperty()
     control_display_type: StringProperty()
 
 
-CLASSES = [*PARAMETERS.values(), CairnProp, CairnSettings, CairnResult]
+CLASSES = [*PARAMETERS.values(), CairnProp, CairnSettings, CairnBody, CairnResult]
 
 
 def register():
@@ -334,9 +358,11 @@ def register():
         bpy.utils.register_class(cls)
     bpy.types.Scene.cairn = PointerProperty(type=CairnSettings)
     bpy.types.Collection.cairn = PointerProperty(type=CairnResult)
+    bpy.types.Object.cairn = PointerProperty(type=CairnBody)
 
 
 def unregister():
+    del bpy.types.Object.cairn
     del bpy.types.Collection.cairn
     del bpy.types.Scene.cairn
     for cls in reversed(CLASSES):

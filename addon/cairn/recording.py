@@ -12,12 +12,14 @@ class Snapshot:
     """All bodies at a moment. Never changed once made: threads may share it."""
 
     stage: int
-    # Shape [n]: which prop; [n]: its scale; [n, 3]: m; [n, 4]: x y z w; [n]: whether the body is there.
+    # Shape [n]: which prop; [n]: its scale; [n, 3]: m; [n, 4]: x y z w; [n]: whether the body is there;
+    # [n]: its `BodyState`.
     props: np.ndarray
     scales: np.ndarray
     positions: np.ndarray
     rotations: np.ndarray
     present: np.ndarray
+    states: np.ndarray
 
 
 class Recording:
@@ -34,6 +36,7 @@ class Recording:
         self.positions = np.empty((0, 3), np.float32)
         self.rotations = np.empty((0, 4), np.float32)
         self.present = np.empty(0, bool)
+        self.states = np.empty(0, np.uint8)
 
     def add_table(self, table):
         """Bodies that later frames speak of."""
@@ -50,6 +53,7 @@ class Recording:
         self.positions = np.concatenate([self.positions, np.zeros((new, 3), np.float32)])
         self.rotations = np.concatenate([self.rotations, identity])
         self.present = np.concatenate([self.present, np.zeros(new, bool)])
+        self.states = np.concatenate([self.states, np.zeros(new, np.uint8)])
 
     def add_frame(self, frame):
         """Returns the bodies as they are now."""
@@ -64,7 +68,10 @@ class Recording:
             scales = scales.copy()
             scales[moved] = np.frombuffer(frame.scales, "<f4")
         self.positions, self.rotations, self.present, self.scales = positions, rotations, present, scales
-        snapshot = Snapshot(frame.stage, self.props, scales, positions, rotations, present)
+        if frame.state_body_indices:
+            self.states = self.states.copy()
+            self.states[np.asarray(frame.state_body_indices, np.intp)] = frame.states
+        snapshot = Snapshot(frame.stage, self.props, scales, positions, rotations, present, self.states)
         if frame.stage != v1.STAGE_FILL and frame.frame_number == len(self.frames):
             self.frames.append(snapshot)
         return snapshot
@@ -77,13 +84,14 @@ class Recording:
 
 @dataclass(frozen=True)
 class Motion:
-    """The result. Shapes: props [n], scales [n], positions [f, n, 3], rotations [f, n, 4], present [f, n]."""
+    """The result. Shapes: props, scales [n], positions [f, n, 3], rotations [f, n, 4], present, states [f, n]."""
 
     props: np.ndarray
     scales: np.ndarray
     positions: np.ndarray
     rotations: np.ndarray
     present: np.ndarray
+    states: np.ndarray
 
     @staticmethod
     def of(frames):
@@ -98,5 +106,10 @@ class Motion:
             return out
 
         return Motion(
-            last.props, last.scales, all_of("positions", (3,)), all_of("rotations", (4,)), all_of("present", ())
+            last.props,
+            last.scales,
+            all_of("positions", (3,)),
+            all_of("rotations", (4,)),
+            all_of("present", ()),
+            all_of("states", ()),
         )

@@ -64,9 +64,11 @@ def missing(settings):
     if settings.control_mesh is None:
         return "Choose the mesh that the pile shall have the shape of."
     if settings.control_mesh.type != "MESH":
-        return "Choose a mesh as the control mesh."
+        return "Choose a mesh as the shape."
     if not props_of(settings):
         return "Choose the things that the pile is made of: a collection of objects, or some objects in the list."
+    if not settings.use_ground and not colliders_of(settings) and not objects_of(settings.keep):
+        return "Everything would fall for ever. Switch the ground on, or choose colliders."
     return ""
 
 
@@ -93,6 +95,8 @@ def take(context):
         gravity=round(settings.gravity, 6),
         ground_friction=round(settings.collider_friction, 6),
     )
+    if not settings.use_ground:
+        told.ground = False
     if settings.use_ground_height:
         told.ground_height = settings.ground_height * exporter.metres
     for prop, (_, item) in zip(props, chosen):

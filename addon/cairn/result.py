@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import axes, keyframes, parts, points
+from . import axes, keyframes, parts, points, states
 from .client import Fault
 
 # Bodies up to which `AUTO` animates objects. More of them make Blender slow.
@@ -17,7 +17,7 @@ BATCH = 4
 
 class BodyMotion:
     """The motion in Blender's space. Shapes: props [n], scales [n], positions [f, n, 3] in scene units, rotations
-    [f, n, 4] w x y z, present [f, n]."""
+    [f, n, 4] w x y z, present and states [f, n]."""
 
     def __init__(self, motion, recipe):
         metres = recipe["metres"]
@@ -28,7 +28,7 @@ class BodyMotion:
         self.props, self.scales = motion.props[ever], motion.scales[ever]
         self.positions = axes.points_to_blender(motion.positions[:, ever], metres)
         self.rotations = axes.rotations_to_blender(motion.rotations[:, ever])
-        self.present = motion.present[:, ever]
+        self.present, self.states = motion.present[:, ever], motion.states[:, ever]
 
 
 def existing(scene, control):
@@ -69,24 +69,38 @@ def build(context, motion, recipe, told):
     name = f"{recipe['control']} Pile"
     yield 0.0
 
-    made = parts.make(context, sources, locals_, as_collections=mode == "POINTS")
-    if mode == "POINTS":
-        objects = points.write(name, moved, _numbered(name, made), recipe["start_frame"])
-        yield 1.0
-    else:
-        moved.rotations = keyframes.continuous(moved.rotations)
-        objects = []
-        for batch in range(0, len(moved.props), BATCH):
-            for body in range(batch, min(batch + BATCH, len(moved.props))):
-                objects.append(_body(made, moved, body, mode, recipe["start_frame"]))
-            yield len(objects) / len(moved.props)
+    objects = []
+    try:
+        made = parts.make(context, sources, locals_, as_collections=mode == "POINTS")
+        if mode == "POINTS":
+            objects += points.write(name, moved, _numbered(name, made), recipe["start_frame"])
+            yield 1.0
+        else:
+            moved.rotations = keyframes.continuous(moved.rotations)
+            for batch in range(0, len(moved.props), BATCH):
+                for body in range(batch, min(batch + BATCH, len(moved.props))):
+                    objects.append(_body(made, moved, body, mode, recipe["start_frame"]))
+                yield len(objects) / len(moved.props)
+    except GeneratorExit:
+        # Cancelled on the way.
+        unwanted = bpy.data.collections.new(name)
+        _link(objects, unwanted)
+        clear(unwanted)
+        bpy.data.collections.remove(unwanted)
+        raise
 
     collection = _collection(scene, control, name)
     # Slow for many one by one; and until here nobody has seen them.
+    _link(objects, collection)
+    _remember(collection, recipe, told, mode, control)
+    collection.cairn.states = states.packed(moved.states, recipe["start_frame"])
+    states.refresh(scene)
+    return collection
+
+
+def _link(objects, collection):
     for made_object in objects:
         collection.objects.link(made_object)
-    _remember(collection, recipe, told, mode, control)
-    return collection
 
 
 def finish(generator):
@@ -102,6 +116,7 @@ def _body(made, moved, body, mode, start_frame):
     part = made[moved.props[body]]
     factor = float(moved.scales[body])
     shown = part.body(f"{part.name} Body", factor)
+    shown.cairn.number = body + 1
     here = moved.present[:, body]
     # Where it is first or last seen.
     at = np.flatnonzero(here)[-1 if mode == "POSE" else 0]
@@ -161,6 +176,7 @@ def _remember(collection, recipe, told, mode, control):
 
 def clear(collection):
     """Takes the bodies away, and what was made for them alone."""
+    states.restore()
     before = _made_by(collection)
     bpy.data.batch_remove(list(collection.objects))
     # What only they used: first those that hold others.
@@ -177,6 +193,7 @@ def delete(collection):
         note.control.display_type = note.control_display_type or "TEXTURED"
     clear(collection)
     bpy.data.collections.remove(collection)
+    states.refresh(bpy.context.scene)
 
 
 def _made_by(collection):

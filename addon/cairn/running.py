@@ -58,9 +58,13 @@ class Bake:
         self.job.start()
 
     def stop(self):
+        """Ends at once; the server hears of it in the background."""
         self.is_stopping = True
         self.state = "Stopping"
         self.job.stop()
+        self.end = "stopped"
+        self.summary = None
+        pending.forget()
 
     def poll(self, wait=0.0):
         """Takes the news. Whether there were any."""

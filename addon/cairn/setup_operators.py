@@ -6,7 +6,7 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 from bpy.types import Operator
 
-from . import job, preferences, preview, request, running
+from . import estimates, job, preferences, preview, request, running
 from .client import Fault
 from .operators import explain, explaining, is_running, start_frame
 from .properties import GROUPS
@@ -17,7 +17,7 @@ PATIENCE = 20.0
 
 
 class CAIRN_OT_use_selected(Operator):
-    """Take the active mesh as the control mesh"""
+    """Take the active mesh as the shape that the pile shall have"""
 
     bl_idname = "cairn.use_selected"
     bl_label = "Use Active Mesh"
@@ -91,6 +91,7 @@ class CAIRN_OT_check(Operator):
         with start_frame(context):
             taken = request.take(context)
         self.accuracy = context.scene.cairn.accuracy
+        estimates.asked(context)
         self.answer = job.plan(preferences.server(context), taken.spec, taken.contents)
 
     def invoke(self, context, _):
@@ -131,13 +132,7 @@ class CAIRN_OT_check(Operator):
         except Fault as fault:
             running.plan = None
             return explain(self, fault)
-        running.plan = {
-            "accuracy": self.accuracy,
-            "body_count": plan.expected_body_count,
-            "step_count": plan.expected_step_count,
-            "warnings": list(plan.warnings),
-            "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
-        }
+        estimates.take(plan, self.accuracy)
         if bpy.app.background:
             print(f"Cairn: about {plan.expected_body_count} bodies, {plan.expected_step_count} steps", flush=True)
         return {"FINISHED"}

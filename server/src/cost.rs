@@ -61,18 +61,7 @@ pub fn run(
         }
     }
     let report = cairn_core::bake(&scene, &job.params, observer)?.report;
-    let figures = report.measures.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
-    let seconds = report.seconds.iter().map(|(&stage, &s)| (crate::pace::name(stage).to_owned(), s)).collect();
-    let steps = ["fill_steps", "steps"].iter().map(|name| report.counts[name]).sum();
-    Ok(Record {
-        key,
-        variant: variant.name.clone(),
-        seed: job.params.seed,
-        bodies: report.bodies,
-        steps,
-        seconds,
-        measures: figures.collect(),
-    })
+    Record::new(key, variant.name.clone(), (&scene, &job.params), report)
 }
 
 /// Scales a control mesh about the middle of its foot, so that its volume is at most this share.

@@ -2,7 +2,7 @@
 
 use crate::proto::bake_event::Kind;
 use crate::{proto, to_proto};
-use cairn_core::observer::{Frame, Shown, Stage};
+use cairn_core::observer::{Frame, Shown, Stage, State};
 
 /// What a reader of the messages so far knows.
 #[derive(Default)]
@@ -11,6 +11,8 @@ pub struct FrameDelta {
     is_result: bool,
     /// Shape `[body]`; `None` once removed.
     known: Vec<Option<Known>>,
+    /// Shape `[body]`.
+    states: Vec<State>,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -35,7 +37,7 @@ impl FrameDelta {
     pub fn next(&mut self, frame: &Frame) -> impl Iterator<Item = Kind> + use<> {
         let is_fill = frame.stage == Stage::Fill;
         if !is_fill && !self.is_result {
-            *self = FrameDelta { is_result: true, known: Vec::new() };
+            *self = FrameDelta { is_result: true, ..Default::default() };
         }
         let first = self.known.len();
         let table = (first < frame.bodies.len()).then(|| body_table(frame, first));
@@ -64,7 +66,20 @@ impl FrameDelta {
                 None => self.known.push(now),
             }
         }
+        self.tell_states(frame, &mut told);
         table.map(Kind::BodyTable).into_iter().chain([Kind::Frame(told)])
+    }
+
+    fn tell_states(&mut self, frame: &Frame, told: &mut proto::Frame) {
+        self.states.resize(frame.bodies.len(), State::Free);
+        for (id, (known, shown)) in self.states.iter_mut().zip(frame.bodies).enumerate() {
+            let now = shown.map_or(State::Free, |shown| shown.state);
+            if *known != now {
+                *known = now;
+                told.state_body_indices.push(to_proto::signed(id));
+                told.states.push(to_proto::body_state(now).into());
+            }
+        }
     }
 }
 
@@ -92,7 +107,7 @@ mod tests {
 
     fn body(x: f64, scale: f64) -> Option<Shown> {
         let pose = Pose { translation: DVec3::new(x, 0.0, 0.0), rotation: DQuat::IDENTITY };
-        Some(Shown { prop: 1, scale, pose })
+        Some(Shown { prop: 1, scale, pose, state: State::Free })
     }
 
     fn messages(
@@ -131,5 +146,19 @@ mod tests {
         assert_eq!((frame.body_indices, frame.scales), (vec![0], vec![]));
         let (table, frame) = messages(&mut delta, Stage::Hold, &[body(1.0, 1.0)]);
         assert!(table.is_none() && frame.body_indices.is_empty());
+    }
+
+    #[test]
+    fn a_state_is_told_when_it_changes() {
+        let mut delta = FrameDelta::default();
+        let of = |state| Some(Shown { state, ..body(1.0, 1.0).unwrap() });
+        let (_, frame) = messages(&mut delta, Stage::Release, &[of(State::Waiting), of(State::Free)]);
+        assert_eq!((frame.state_body_indices, frame.states), (vec![0], vec![proto::BodyState::Waiting.into()]));
+        let (_, frame) = messages(&mut delta, Stage::Release, &[of(State::Waiting), of(State::Free)]);
+        assert_eq!((frame.state_body_indices, frame.states), (vec![], vec![]));
+        let (_, frame) = messages(&mut delta, Stage::Release, &[of(State::Free), of(State::Held)]);
+        let told = [proto::BodyState::Unspecified.into(), proto::BodyState::Held.into()];
+        assert_eq!((frame.state_body_indices, frame.states), (vec![0, 1], told.to_vec()));
+        assert!(frame.body_indices.is_empty());
     }
 }

@@ -35,6 +35,7 @@ pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
         params.seed = counts.natural("seed", seed);
     }
     set(&mut params.gravity, scene.gravity);
+    set(&mut params.ground, scene.ground);
     set(&mut params.ground_friction, scene.ground_friction);
     params.ground_height = scene.ground_height.or(params.ground_height);
     physics(&mut params.physics, &scene.physics.unwrap_or_default(), &mut counts);

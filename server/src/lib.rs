@@ -4,7 +4,7 @@ mod accessor;
 pub mod cli;
 pub mod client;
 pub mod config;
-mod cost;
+pub mod cost;
 mod deadline;
 mod decompress;
 pub mod document;

@@ -3,7 +3,7 @@
 use crate::problem::Problem;
 use crate::proto;
 use cairn_core::estimate::Estimate;
-use cairn_core::observer::{Progress, Stage};
+use cairn_core::observer::{Progress, Stage, State};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
     Neighbours, Params, Physics, ReleaseOrder, Spread, Time,
@@ -16,6 +16,7 @@ pub fn params(params: &Params) -> proto::Scene {
         accuracy: accuracy(params.accuracy).into(),
         seed: Some(signed(params.seed)),
         gravity: Some(params.gravity),
+        ground: Some(params.ground),
         ground_friction: Some(params.ground_friction),
         ground_height: params.ground_height,
         physics: Some(physics(&params.physics)),
@@ -46,6 +47,18 @@ pub fn stage(stage: Stage) -> proto::Stage {
         Stage::Release => proto::Stage::Release,
         Stage::Hold => proto::Stage::Hold,
         Stage::Measure => proto::Stage::Measure,
+    }
+}
+
+pub fn body_state(state: State) -> proto::BodyState {
+    match state {
+        State::Free => proto::BodyState::Unspecified,
+        State::Waiting => proto::BodyState::Waiting,
+        State::Unstable => proto::BodyState::Unstable,
+        State::Candidate => proto::BodyState::Candidate,
+        State::Held => proto::BodyState::Held,
+        State::Outside => proto::BodyState::Outside,
+        State::Kept => proto::BodyState::Kept,
     }
 }
 

@@ -72,6 +72,7 @@ def motion(bodies, frames):
         random.normal(size=(frames, bodies, 3)).astype(np.float32),
         rotations,
         np.ones((frames, bodies), bool),
+        np.sort(random.integers(1, 5, (frames, bodies), np.uint8), axis=0),
     )
 
 

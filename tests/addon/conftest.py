@@ -153,3 +153,8 @@ def gap(first, second):
     """Largest distance from a point of either set to the other set."""
     distances = np.linalg.norm(first[:, None] - second[None], axis=2)
     return max(distances.min(axis=0).max(), distances.min(axis=1).max())
+
+
+def count_blocks():
+    kinds = ("objects", "meshes", "actions", "collections", "node_groups", "materials", "scenes")
+    return {kind: len(getattr(bpy.data, kind)) for kind in kinds}

@@ -5,7 +5,7 @@ import json
 import bpy
 import numpy as np
 import pytest
-from conftest import gap, shown_vertices
+from conftest import count_blocks, cuboid, gap, shown_vertices
 
 CLOSE = 1e-5
 
@@ -13,11 +13,6 @@ CLOSE = 1e-5
 def bodies_of(collection):
     """In the order of the server's bodies."""
     return list(collection.objects)
-
-
-def count_blocks():
-    kinds = ("objects", "meshes", "actions", "collections", "node_groups", "materials", "scenes")
-    return {kind: len(getattr(bpy.data, kind)) for kind in kinds}
 
 
 def test_bodies_move_as_the_server_says(desk):
@@ -137,3 +132,39 @@ def test_check_tells_what_a_bake_would_do(desk, addon):
     assert bpy.ops.cairn.check() == {"FINISHED"}
     plan = addon("running").plan
     assert 5 < plan["body_count"] < 100 and plan["step_count"] > 0
+
+
+def test_check_tells_what_each_accuracy_costs(desk, addon):
+    desk.add_stick()
+    running, panels, estimates = addon("running"), addon("panels"), addon("estimates")
+    assert panels.expected("STANDARD") == ""
+    bpy.ops.cairn.check()
+    assert panels.expected("STANDARD") and panels.reliance()
+    running.plan["estimates"] = {"DRAFT": (0.3, 1.6), "STANDARD": (43.4, 1.6), "FINE": (250.0, 2.5)}
+    assert [panels.expected(name) for name in ("DRAFT", "STANDARD", "FINE", "PAPER")] == [
+        "~1 s",
+        "~43 s",
+        "~4.2 min",
+        "",
+    ]
+    assert panels.reliance().endswith("2.5")
+    # What a plan depends on, and what it does not.
+    asked = estimates._fingerprint(bpy.context.scene)
+    desk.settings.accuracy, desk.settings.output_mode = "FINE", "POSE"
+    assert estimates._fingerprint(bpy.context.scene) == asked
+    desk.settings.fill.use_count = True
+    assert estimates._fingerprint(bpy.context.scene) != asked
+
+
+def test_without_a_ground_there_is_something_to_fall_on(desk, addon):
+    desk.add_stick()
+    desk.settings.use_ground = False
+    with pytest.raises(RuntimeError, match="Switch the ground on"):
+        bpy.ops.cairn.bake()
+    desk.settings.colliders = bpy.data.collections.new("Colliders")
+    bpy.context.scene.collection.children.link(desk.settings.colliders)
+    cuboid("Shelf", (0.5, 2.0, 0.2), desk.settings.colliders, location=(-0.2, 0, -0.1))
+    collection = desk.bake()
+    told = json.loads(collection.cairn.report)
+    assert any("fell past the scenery" in text for text in told["warnings"])
+    assert 0 < (desk.motion.positions[-1, :, 1] < -1).sum() < len(desk.motion.props)

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from conftest import gap, shown_vertices
+from conftest import count_blocks, gap, shown_vertices
 
 CLOSE = 1e-5
 
@@ -26,22 +26,26 @@ def made_up(addon, bodies=20, frames=12, seed=3):
     present = np.ones((frames, bodies), bool)
     Motion = addon("recording").Motion
     scales = random.uniform(0.5, 1.5, bodies).astype(np.float32)
-    return Motion(np.zeros(bodies, np.int32), scales, positions, rotations, present)
+    states = np.sort(random.integers(1, 5, (frames, bodies)), axis=0).astype(np.uint8)
+    return Motion(np.zeros(bodies, np.int32), scales, positions, rotations, present, states)
 
 
-def write(desk, motion, mode):
-    """What a bake would make of it."""
-    stick = desk.add_stick()
-    desk.motion = motion
-    desk.recipe = {
+def recipe_of(desk, mode):
+    return {
         "scene": bpy.context.scene.name,
         "control": desk.control.name,
-        "props": [{"name": stick.name, "local": [list(row) for row in stick.matrix_basis]}],
+        "props": [{"name": "Stick", "local": np.eye(4).tolist()}],
         "metres": 1.0,
         "start_frame": 1,
         "output_mode": mode,
         "settings": {},
     }
+
+
+def write(desk, motion, mode):
+    """What a bake would make of it."""
+    desk.add_stick()
+    desk.motion, desk.recipe = motion, recipe_of(desk, mode)
     result = desk.addon("result")
     return result.finish(result.build(bpy.context, motion, desk.recipe, {}))
 
@@ -87,6 +91,19 @@ def test_between_frames_points_move_as_objects_do(desk, addon):
     collection = write(desk, motion, "POINTS")
     matrices = (desk.expected(4) + desk.expected(5)) / 2
     check(desk, collection, 5.5, matrices, motion.present[4])
+
+
+@pytest.mark.parametrize("mode", ["ANIMATION", "POINTS"])
+def test_what_is_given_up_on_the_way_leaves_nothing(desk, addon, mode):
+    desk.add_stick()
+    blocks = count_blocks()
+    result = addon("result")
+    recipe = recipe_of(desk, mode)
+    writer = result.build(bpy.context, made_up(addon), recipe, {})
+    assert next(writer) == 0.0 and next(writer) > 0.0
+    assert count_blocks() != blocks
+    writer.close()
+    assert count_blocks() == blocks
 
 
 def test_what_stands_still_is_not_keyed(desk, addon):
@@ -147,7 +164,11 @@ def test_the_preview_draws_boxes_of_large_piles(addon):
     preview, recording = addon("preview"), addon("recording")
     motion = made_up(addon)
     snapshot = recording.Snapshot(
-        3, motion.props, motion.scales, motion.positions[0], motion.rotations[0], motion.present[0]
+        3,
+        motion.props,
+        motion.scales,
+        *(v[0] for v in (motion.positions, motion.rotations)),
+        *(v[0] for v in (motion.present, motion.states)),
     )
     shape = np.random.default_rng(1).normal(size=(100, 3, 3))
     drawn = preview.Preview.__new__(preview.Preview)

@@ -2,7 +2,8 @@
 
     blender --factory-startup --window-geometry 0 0 1400 900 --python ui.py
 
-Bakes three times: stopped by Esc, stopped by the Cancel button, and to the end. $CAIRN_ADDON is the add-on's zip,
+Bakes five times: stopped by Esc, by the right mouse button and by the Cancel button, and to the end, as objects and as
+points, both of them coloured by state, too. $CAIRN_ADDON is the add-on's zip,
 $CAIRN_SCREENSHOTS a folder for pictures of the window.
 """
 
@@ -17,32 +18,44 @@ import bpy
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
 # there; the button; and Cancel, which is shown above the rest while a bake runs.
 TAB = 1144, 192
-BAKE_BELOW_ACCURACIES = 1030, 393
+BAKE_BELOW_ACCURACIES = 1030, 416
 ACCURACY_HEIGHT = 21
 CANCEL = 1050, 219
+VIEW = 600, 500
 PATIENCE = 60.0
 SCREENSHOTS = os.environ["CAIRN_SCREENSHOTS"]
 PROGRAM = os.environ["CAIRN_PROGRAM"]
+
+
+pressed_at = 0.0
 
 
 def xdotool(*words):
     subprocess.run(["xdotool", *map(str, words)], check=True)
 
 
-def click(x, y):
+def click(x, y, button=1):
     """Moves and presses as a hand does: in steps, between which Blender looks."""
     for step in (8, 4, 0):
         xdotool("mousemove", x, y + step)
         yield 0.1
-    xdotool("mousedown", 1)
+    xdotool("mousedown", button)
     yield 0.1
-    xdotool("mouseup", 1)
-    yield 0.1
+    press_done()
+    xdotool("mouseup", button)
+    yield 0.02
 
 
 def press(key):
+    press_done()
     xdotool("key", key)
-    yield 0.0
+    yield 0.02
+
+
+def press_done():
+    """What is asked for is asked for now: a button acts when it is let go."""
+    global pressed_at
+    pressed_at = time.monotonic()
 
 
 def picture(name):
@@ -82,7 +95,7 @@ def wait(until, what):
     end = time.monotonic() + PATIENCE
     while not until():
         assert time.monotonic() < end, f"waited in vain for {what}"
-        yield 0.1
+        yield 0.02
 
 
 def walk():
@@ -103,12 +116,17 @@ def walk():
     yield 1.0
     picture("2-before.png")
     objects = sorted(bpy.data.objects.keys())
+    yield from wait(lambda: running.plan, "what a bake is expected to take")
+    assert {"DRAFT", "STANDARD", "FINE"} <= set(running.plan["estimates"])
+    yield 0.5
+    picture("2-expected.png")
     with view(area):
         bpy.ops.ed.undo_push(message="scene")
 
     # To be stopped on the way.
     settings.accuracy, settings.use_frame_count, settings.frame_count = "DRAFT", True, 100000
-    for name, stop in (("escape", lambda: press("Escape")), ("button", lambda: click(*CANCEL))):
+    stops = {"escape": lambda: press("Escape"), "mouse": lambda: click(*VIEW, 3), "button": lambda: click(*CANCEL)}
+    for name, stop in stops.items():
         yield from click(*bake_button)
         yield from wait(lambda: running.bake and running.bake.frame_count > 5, f"frames, to stop by {name}")
         yield 0.5
@@ -116,6 +134,7 @@ def walk():
         bake = running.bake
         yield from stop()
         yield from wait(lambda: bake.end, f"the end by {name}")
+        print(f"stopped by {name}: at most {time.monotonic() - pressed_at:.2f} s later", flush=True)
         assert bake.end == "stopped" and sorted(bpy.data.objects.keys()) == objects
         yield 0.5
         picture(f"4-stopped-by-{name}.png")
@@ -128,8 +147,13 @@ def walk():
     settings.accuracy, settings.use_frame_count = "STANDARD", False
     yield from click(*bake_button)
     yield from wait(lambda: running.bake and running.bake.job.latest, "the pile to form")
-    yield 1.5
+    yield 1.0
     picture("5-during.png")
+    bpy.context.window_manager.cairn_states = True
+    yield from wait(lambda: not running.bake or running.bake.job.latest.states.any(), "states")
+    yield 0.3
+    picture("5-during-by-state.png")
+    bpy.context.window_manager.cairn_states = False
     yield from wait(lambda: running.bake is None, "the pile")
     pile = bpy.data.collections["Cone Pile"]
     count, frames = len(pile.objects), running.report_of(pile)["frame_count"]
@@ -148,7 +172,29 @@ def walk():
         bpy.ops.ed.redo()
     assert len(bpy.data.collections["Cone Pile"].objects) == count
     assert "measures" in running.report_of(bpy.data.collections["Cone Pile"])
+    yield from by_state(area, "objects")
+    # Undo has put another scene in the old one's place.
+    bpy.context.scene.cairn.output_mode = "POINTS"
+    with view(area):
+        bpy.ops.cairn.bake("INVOKE_DEFAULT")
+    yield from wait(lambda: running.bake is None, "the pile of points")
+    yield from by_state(area, "points")
     print("1 passed, 0 failed", flush=True)
+
+
+def by_state(area, name):
+    """Pictures on the way; and nothing of it stays."""
+    shading, scene = area.spaces[0].shading, bpy.context.scene
+    before, objects = shading.color_type, sorted(bpy.data.objects.keys())
+    bpy.context.window_manager.cairn_states = True
+    for frame in (1, 12, 100):
+        scene.frame_set(frame)
+        yield 0.6
+        picture(f"7-{name}-by-state-{frame}.png")
+    assert shading.color_type == "OBJECT"
+    bpy.context.window_manager.cairn_states = False
+    yield 0.4
+    assert shading.color_type == before and sorted(bpy.data.objects.keys()) == objects
 
 
 def end(code):

@@ -5,6 +5,8 @@
 
 mod model;
 
+pub use model::CALIBRATION_SECONDS;
+
 use crate::Error;
 use crate::check::{Checked, fills};
 use crate::mesh::TriMesh;

@@ -422,6 +422,10 @@ fn end_warnings(pile: &Pile, held: Held, measures: &Figures) -> Vec<String> {
     if !held.at_rest {
         warnings.push("the pile was still moving at the last frame; bake more frames, or raise hold.patience".into());
     }
+    if pile.fallen > 0 {
+        let who = if pile.fallen == 1 { "1 body".into() } else { format!("{} bodies", pile.fallen) };
+        warnings.push(format!("{who} fell past the scenery and were set aside: there is no ground"));
+    }
     warnings.extend(guard_warnings(pile));
     if let Some(Some(hanging)) = measures.get("hanging")
         && *hanging > 0.0

@@ -6,7 +6,7 @@ mod pour;
 
 use crate::Error;
 use crate::container::Container;
-use crate::observer::{Frame, Observer, Progress, Shown, Stage, observe};
+use crate::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
 use crate::params::{Fill as FillParams, FillMethod, Params};
 use crate::pose::Pose;
 use crate::scene::{Prop, Scene};
@@ -230,7 +230,12 @@ impl<'a> Filling<'a> {
         }
         let shown = |(id, body): (BodyId, &WorldBody)| {
             let pose = || self.shapes[body.prop].prop_pose(&units.pose_to_si(&self.world.pose(id)), body.scale);
-            (body.role != Role::Gone).then(|| Shown { prop: body.prop, scale: body.scale, pose: pose() })
+            (body.role != Role::Gone).then(|| Shown {
+                prop: body.prop,
+                scale: body.scale,
+                pose: pose(),
+                state: State::Free,
+            })
         };
         let bodies: Vec<Option<Shown>> = self.world.bodies().iter().enumerate().map(shown).collect();
         observer.frame(&Frame { stage: Stage::Fill, number, time, bodies: &bodies });

@@ -38,7 +38,7 @@ use bake::Bake;
 use check::Checked;
 use container::{Container, grid};
 use control::Control;
-use estimate::Estimate;
+use estimate::{Estimate, Workload};
 use fill::Filled;
 use observer::{Observer, Stage};
 use params::Params;
@@ -68,6 +68,12 @@ pub enum Error {
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     Ok(plan::of(scene, params, &checked))
+}
+
+/// The numbers that decide what a bake of the scene costs.
+pub fn workload(scene: &Scene, params: &Params) -> Result<Workload, Error> {
+    let checked = check::run(scene, params).map_err(Error::Invalid)?;
+    Ok(Workload::of(scene, params, &checked))
 }
 
 /// Tells what the scene will cost with each of these parameters; simulates nothing of it. `machine`: from

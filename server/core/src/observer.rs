@@ -53,6 +53,27 @@ pub struct Shown {
     pub scale: f64,
     /// From the prop's own frame, scaled, to the world; metres.
     pub pose: Pose,
+    pub state: State,
+}
+
+/// What the control makes of a body.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum State {
+    /// It moves freely; the control is off, or has ended, or has not begun.
+    #[default]
+    Free,
+    /// Not let go yet.
+    Waiting,
+    /// Free: too fast for a verdict, or not found stable enough by the latest.
+    Unstable,
+    /// Free, but a candidate in the latest verdict.
+    Candidate,
+    /// Held, or nailed.
+    Held,
+    /// Free, with its centre of mass outside the region.
+    Outside,
+    /// Placed by hand, to stay.
+    Kept,
 }
 
 /// What a bake asks of its caller.

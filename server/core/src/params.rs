@@ -15,6 +15,8 @@ pub struct Params {
     pub accuracy: Accuracy,
     /// Gravity along -Y, m/s^2, 0.01 to 1000. Default 9.81.
     pub gravity: f64,
+    /// Whether there is a ground. Default: yes.
+    pub ground: bool,
     /// Friction of the ground, 0 to 2. Default 0.7.
     pub ground_friction: f64,
     /// Height of the ground, metres. `None`: the control mesh's lowest point.
@@ -53,7 +55,8 @@ pub struct Physics {
     pub step: Time,
     /// Solver substeps per step, 1 to 64. More hold higher stacks; cost grows in proportion.
     pub substeps: u32,
-    /// Contact spring frequency, per natural time. Stiffer sinks less and rattles more.
+    /// Contact spring frequency, per natural time, for bodies a tenth as thick as wide; see [`Physics::stiffness`].
+    /// Stiffer sinks less, and holds fewer bodies.
     pub contact_frequency: f64,
     /// Contact spring damping ratio. Below 10, loaded piles creep.
     pub contact_damping_ratio: f64,
@@ -66,6 +69,17 @@ pub struct Physics {
     pub shape_tolerance: f64,
     /// Convex parts that a nonconvex prop may be split into, 1 to 64.
     pub max_parts: u32,
+}
+
+/// The thickness, in d, that `contact_frequency` is meant for, and the largest factor for thinner bodies.
+const THIN: (f64, f64) = (0.1, 5.0);
+
+impl Physics {
+    /// The frequency of the contact springs, per natural time, where the thinnest body has this thickness (in d). A body sinks in
+    /// by g / omega^2: thin ones are given stiffer springs, so that it is the same share of their thickness.
+    pub fn stiffness(&self, thickness: f64) -> f64 {
+        self.contact_frequency * (THIN.0 / thickness).sqrt().clamp(1.0, THIN.1)
+    }
 }
 
 /// A duration in one of the two clocks.
@@ -259,12 +273,13 @@ impl Params {
             seed: 1,
             accuracy,
             gravity: 9.81,
+            ground: true,
             ground_friction: 0.7,
             ground_height: None,
             physics: Physics {
                 step: Time::Natural(0.05),
                 substeps: 8,
-                contact_frequency: 20.0,
+                contact_frequency: 22.0,
                 contact_damping_ratio: 10.0,
                 friction_model: FrictionModel::Simplified,
                 rolling_resistance: 0.02,
@@ -305,11 +320,18 @@ impl Params {
         };
         match accuracy {
             Accuracy::Standard => {}
-            Accuracy::Draft => params.physics.substeps = 4,
-            Accuracy::Preview => params.physics.substeps = 6,
+            Accuracy::Draft => {
+                params.physics.substeps = 4;
+                params.physics.contact_frequency = 10.0;
+            }
+            Accuracy::Preview => {
+                params.physics.substeps = 6;
+                params.physics.contact_frequency = 15.0;
+            }
             Accuracy::Reference => {
                 params.physics.step = Time::Natural(0.0125);
                 params.physics.substeps = 16;
+                params.physics.contact_frequency = 30.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
                 params.physics.max_parts = 48;
@@ -317,6 +339,7 @@ impl Params {
             }
             Accuracy::Fine => {
                 params.physics.step = Time::Natural(0.025);
+                params.physics.contact_frequency = 26.0;
                 params.physics.shape_tolerance = 0.02;
                 params.physics.max_parts = 24;
                 params.control.period = 10;

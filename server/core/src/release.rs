@@ -7,7 +7,7 @@ use crate::events::Events;
 use crate::extremes;
 use crate::fill::Placed;
 use crate::guard::Guard;
-use crate::observer::{Frame, Observer, Progress, Shown, Stage, observe};
+use crate::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
 use crate::params::{Output, Params, ReleaseOrder};
 use crate::pose::Pose;
 use crate::record::Recorder;
@@ -44,6 +44,10 @@ pub struct Pile<'a> {
     /// Bodies set aside.
     pub lost: Vec<BodyId>,
     pub guard: Guard,
+    /// Where there is no ground: bodies whose centre of mass is below this, engine units, are set aside; and how many
+    /// were.
+    depth: Option<f64>,
+    pub fallen: usize,
     damping: f64,
     /// The step in which a gentle end of the control began.
     standing: Option<u64>,
@@ -74,7 +78,10 @@ pub fn turn_over<'a>(
     let mass_ratio = extremes::mass_ratio(scene, params, |prop| shapes[prop].mass);
     let physics = extremes::stiffened(&params.physics, mass_ratio, thickness / units.length, units.time);
     let mut world = World::new(units, &physics, thickness / units.length, compounds);
-    world.add_ground(ground / units.length, params.ground_friction);
+    if params.ground {
+        world.add_ground(ground / units.length, params.ground_friction);
+    }
+    let depth = (!params.ground).then(|| scene.lowest().min(ground) / units.length - FALL_DEPTH);
     for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {
         world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;
     }
@@ -98,7 +105,9 @@ pub fn turn_over<'a>(
         control_seconds: 0.0,
         step_seconds: 0.0,
         lost: Vec::new(),
-        guard: Guard::new(scene, units, ground / units.length),
+        guard: Guard::new(scene, units, depth.map_or(ground / units.length, |depth| depth - FALL_DEPTH)),
+        depth,
+        fallen: 0,
         damping: params.release.damping,
         shapes,
         output: &params.output,
@@ -119,6 +128,9 @@ pub fn turn_over<'a>(
     pile.first_frames.fill(0);
     Ok(pile)
 }
+
+/// What has fallen this far below all of the scene, in d, meets nothing any more.
+const FALL_DEPTH: f64 = 50.0;
 
 /// Lets the layers go, one after the other.
 pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Result<(), Error> {
@@ -176,10 +188,18 @@ impl<'a> Pile<'a> {
             return;
         }
         let last = self.output.frames.map_or(usize::MAX, |n| n as usize);
-        while self.shown < self.recorder.frames.len() && self.shown <= last {
+        let count = self.recorder.frames.len();
+        if self.shown >= count {
+            return;
+        }
+        let states = self.control.states(&self.world);
+        while self.shown < count && self.shown <= last {
             let number = self.shown;
-            let shown = |(pose, b): (Pose, &Placed)| Some(Shown { prop: b.prop, scale: b.scale, pose });
-            let bodies: Vec<Option<Shown>> = self.prop_frame(number).zip(&self.bodies).map(shown).collect();
+            let shown = |((pose, b), &state): ((Pose, &Placed), &State)| {
+                Some(Shown { prop: b.prop, scale: b.scale, pose, state })
+            };
+            let poses = self.prop_frame(number).zip(&self.bodies);
+            let bodies: Vec<Option<Shown>> = poses.zip(&states).map(shown).collect();
             let time = number as f64 / self.output.fps;
             observer.frame(&Frame { stage, number, time, bodies: &bodies });
             self.shown += 1;
@@ -274,6 +294,16 @@ impl<'a> Pile<'a> {
         self.set_all_damping(damping.max(self.damping));
     }
 
+    fn set_fallen_aside(&mut self) {
+        let Some(depth) = self.depth else { return };
+        for id in self.world.present().collect::<Vec<_>>() {
+            if self.world.pose(id).translation.y < depth {
+                self.world.remove(id);
+                self.fallen += 1;
+            }
+        }
+    }
+
     /// One step of world and control.
     pub fn advance(
         &mut self,
@@ -293,6 +323,7 @@ impl<'a> Pile<'a> {
         }
         let controlled = observer.cpu_seconds();
         self.lost.extend(self.guard.step(&mut self.world)?);
+        self.set_fallen_aside();
         let stepped = observer.cpu_seconds();
         self.control.after_step(&mut self.world);
         self.control_seconds += controlled - begin + (observer.cpu_seconds() - stepped);

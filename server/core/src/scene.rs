@@ -57,6 +57,14 @@ pub struct StaticModel {
 }
 
 impl StaticModel {
+    /// Where it never is below, m.
+    fn lowest(&self) -> f64 {
+        // However it turns about its file's origin.
+        let reach = || self.model.mesh.points.iter().map(|p| p.length()).fold(0.0, f64::max);
+        let keyed = self.keys.iter().map(|key| key.pose.translation.y).reduce(f64::min);
+        keyed.map_or_else(|| self.model.mesh.bounds().0.y, |low| low - reach())
+    }
+
     /// The pose at a time in s; a point as placed -> the world.
     pub fn pose_at(&self, time: f64) -> Pose {
         let next = self.keys.partition_point(|k| k.time <= time);
@@ -163,6 +171,16 @@ impl Scene {
     /// The shape that the pile is measured against: the control mesh, or else the region.
     pub fn target(&self) -> Option<&Model> {
         self.control.as_ref().or(self.region.as_ref())
+    }
+
+    /// Below everything that stands still, is moved or placed, or appears, m: a bound, not exact for moving scenery.
+    /// Infinite for an empty scene.
+    pub fn lowest(&self) -> f64 {
+        let target = self.target().map(|model| model.mesh.bounds().0.y);
+        let placed = self.bodies.iter().map(|body| body.pose.translation.y);
+        let emitted = self.emitters.iter().map(|emitter| emitter.place.bounds().0.y);
+        let scenery = self.statics.iter().map(StaticModel::lowest);
+        target.into_iter().chain(placed).chain(emitted).chain(scenery).fold(f64::INFINITY, f64::min)
     }
 
     /// The props that an emitter draws from.

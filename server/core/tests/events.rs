@@ -4,7 +4,7 @@ mod common;
 
 use cairn_core::bake::Bake;
 use cairn_core::mesh::TriMesh;
-use cairn_core::observer::{Frame, Observer, Progress, Silent};
+use cairn_core::observer::{Frame, Observer, Progress, Silent, State};
 use cairn_core::params::{Accuracy, ContactSelection, ControlMode, Params, ReleaseOrder};
 use cairn_core::pose::Pose;
 use cairn_core::scene::{Emitter, Given, Key, Model, Place, Prop, Scene, StaticModel};
@@ -318,4 +318,69 @@ fn all_problems_of_added_things_are_told_at_once() {
     }
     let none = Scene { props: scene.props.clone(), ..Scene::default() };
     assert!(matches!(cairn_core::plan(&none, &params()), Err(Error::Invalid(_))), "nothing to bake");
+}
+
+/// Keeps every frame's states.
+#[derive(Default)]
+struct States(Vec<Vec<State>>);
+
+impl Observer for States {
+    fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn cpu_seconds(&mut self) -> f64 {
+        0.0
+    }
+
+    fn wants_frames(&self) -> bool {
+        true
+    }
+
+    fn frame(&mut self, frame: &Frame) {
+        self.0.push(frame.bodies.iter().map(|shown| shown.unwrap().state).collect());
+    }
+}
+
+#[test]
+fn frames_tell_what_the_control_makes_of_each_body() {
+    let kept = Given { kept: true, ..Given::new(0, at(2.0, 0.1, 0.0)) };
+    let late = Given { start: 2.0 / 24.0, ..Given::new(0, at(5.0, 0.1, 0.0)) };
+    let mut scene = bricks([tower(3), vec![kept, late]].concat());
+    scene.region = Some(Model { name: "region".into(), mesh: block(DVec3::splat(8.0)) });
+    let mut params = params();
+    params.release.order = ReleaseOrder::BottomUp;
+    params.control.mode = ControlMode::Hold;
+    params.control.stand = false;
+    let mut told = States::default();
+    bake(&scene, &params, &mut told).unwrap();
+    use State::{Held, Kept, Outside, Waiting};
+    assert_eq!(told.0[0], [Waiting, Waiting, Waiting, Kept]);
+    assert_eq!(told.0.last().unwrap()[..], [Held, Held, Held, Kept, Outside]);
+
+    params.control.mode = ControlMode::Off;
+    let mut told = States::default();
+    bake(&scene, &params, &mut told).unwrap();
+    assert!(told.0.iter().flatten().all(|&state| state == State::Free));
+}
+
+#[test]
+fn without_a_ground_what_misses_the_scenery_is_set_aside() {
+    let mut scene = bricks(vec![Given::new(0, at(0.0, 0.1, 0.0)), Given::new(0, at(9.0, 0.1, 0.0))]);
+    let params = Params { ground: false, ..params() };
+    let Err(Error::Invalid(problems)) = bake(&scene, &params, &mut Silent) else { panic!("nothing to fall on") };
+    assert_eq!(problems.iter().map(|p| &*p.field).collect::<Vec<_>>(), ["ground"]);
+    let mut mesh = block(DVec3::new(4.0, 1.0, 4.0));
+    mesh.points.iter_mut().for_each(|p| p.y -= 0.5);
+    scene.statics = vec![StaticModel { model: Model { name: "table".into(), mesh }, friction: 0.7, keys: Vec::new() }];
+    let bake = baked(&scene, &params);
+    let last = bake.frames.last().unwrap();
+    assert!(last[0].translation.distance(DVec3::new(0.0, 0.1, 0.0)) < 0.02, "the table carries it");
+    // From 50 diameters below the table's underside on.
+    assert!((-40.0..-24.0).contains(&last[1].translation.y), "{}", last[1].translation);
+    let warnings = &bake.report.warnings;
+    assert!(warnings.iter().any(|text| text.starts_with("1 body fell past the scenery")), "{warnings:?}");
+
+    scene.bodies.remove(0);
+    assert_eq!(baked(&scene, &params).bodies.len(), 1, "even if nothing is left");
 }

@@ -1,6 +1,10 @@
 //! The runs that were made, kept as lines of JSON: a study that is called again goes on where it ended.
 
 use crate::problem::Problem;
+use cairn_core::estimate::Workload;
+use cairn_core::params::Params;
+use cairn_core::report::Report;
+use cairn_core::scene::Scene;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -15,12 +19,35 @@ pub struct Record {
     pub seed: u64,
     pub bodies: usize,
     pub steps: u64,
+    /// What the estimate of the costs is made from.
+    pub workload: Workload,
     /// CPU seconds by stage.
     pub seconds: BTreeMap<String, f64>,
     pub measures: BTreeMap<String, f64>,
 }
 
 impl Record {
+    /// Of a bake that is done. `of`: the scene and its parameters as they were baked.
+    pub fn new(
+        key: String,
+        variant: String,
+        of: (&Scene, &Params),
+        report: Report,
+    ) -> Result<Record, cairn_core::Error> {
+        let figures = report.measures.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
+        let seconds = report.seconds.iter().map(|(&stage, &s)| (crate::pace::name(stage).to_owned(), s)).collect();
+        Ok(Record {
+            key,
+            variant,
+            seed: report.seed,
+            bodies: report.bodies,
+            steps: ["fill_steps", "steps"].iter().map(|name| report.counts[name]).sum(),
+            workload: cairn_core::workload(of.0, of.1)?,
+            seconds,
+            measures: figures.collect(),
+        })
+    }
+
     /// CPU seconds of the bake itself: measuring it is the study's own expense.
     pub fn cost(&self) -> f64 {
         self.seconds.iter().filter(|(stage, _)| *stage != "measure").map(|(_, seconds)| seconds).sum()

@@ -155,6 +155,21 @@ pub fn front(rows: &[Row], name: &str) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cairn_core::estimate::Workload;
+
+    const WORKLOAD: Workload = Workload {
+        bodies: 10.0,
+        filled: 10.0,
+        corners: 8.0,
+        parts: 1.0,
+        slenderness: 2.0,
+        walls: 12.0,
+        times: 10.0,
+        step_rate: 20.0,
+        substeps: 8.0,
+        coulomb: false,
+        controlled: true,
+    };
 
     fn run(name: &str, cost: f64, error: f64, kept: f64) -> (Variant, Vec<Record>) {
         let record = |seed: u64| Record {
@@ -163,6 +178,7 @@ mod tests {
             seed,
             bodies: 10,
             steps: 100,
+            workload: WORKLOAD,
             seconds: [("fill".to_owned(), cost), ("measure".to_owned(), 50.0)].into(),
             measures: [("penetration_mean_rel".to_owned(), error * seed as f64), ("kept_shape".to_owned(), kept)]
                 .into(),

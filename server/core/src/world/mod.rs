@@ -153,15 +153,15 @@ impl World {
     /// An empty world. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
     pub fn new(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> World {
         let mut engine = PhysicsWorld { gravity: Vector::NEG_Y, ..PhysicsWorld::new() };
-        let softness = |frequency: f64| SpringCoefficients {
-            natural_frequency: frequency as f32,
+        let softness = SpringCoefficients {
+            natural_frequency: physics.stiffness(thickness) as f32,
             damping_ratio: physics.contact_damping_ratio as f32,
         };
         let p = &mut engine.integration_parameters;
         p.dt = units.duration(physics.step) as f32;
         p.num_solver_iterations = physics.substeps as usize;
-        p.contact_softness = softness(physics.contact_frequency);
-        p.static_contact_softness = softness(physics.contact_frequency);
+        p.contact_softness = softness;
+        p.static_contact_softness = softness;
         p.length_unit = 1.0;
         p.warmstart_joints = true;
         p.normalized_prediction_distance = PREDICTION as f32;
@@ -406,6 +406,11 @@ impl World {
 
     pub fn pose(&self, id: BodyId) -> Pose {
         from_engine(self.engine.bodies[self.bodies[id].handle].position())
+    }
+
+    /// Moves a body without any motion.
+    pub fn put(&mut self, id: BodyId, pose: &Pose) {
+        self.engine.bodies[self.bodies[id].handle].set_position(to_engine(pose), false);
     }
 
     pub fn step_length(&self) -> f64 {

@@ -24,6 +24,7 @@ pub struct FrictionExcess {
 impl World {
     /// Speed of the fastest point of a body.
     pub fn speed(&self, id: BodyId) -> f64 {
+        // What is gone has no body to look at.
         if !self.is_awake(id) {
             return 0.0;
         }

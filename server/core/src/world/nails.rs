@@ -78,6 +78,18 @@ impl World {
         self.nails.driven.len()
     }
 
+    /// Whether a nail holds it. Shape `[body]`.
+    pub fn nailed(&self) -> Vec<bool> {
+        let mut nailed = vec![false; self.bodies.len()];
+        for nail in self.nails.driven.values() {
+            nailed[nail.a] = true;
+            if let Some(b) = nail.b {
+                nailed[b] = true;
+            }
+        }
+        nailed
+    }
+
     /// Removes the nails whose force exceeds `limit` (per unit of the lighter body's mass) and returns how many, with
     /// the largest force per weight of the lighter body among those that hold.
     pub fn break_nails(&mut self, limit: f64) -> (usize, f64) {

@@ -1,0 +1,97 @@
+"""The panels below the button that tell of a pile: the states of its bodies, and how the bake went."""
+
+import numpy as np
+from bpy.types import Panel
+
+from . import result, running, states
+from .panels import Pile, draw_warning, wrapped
+
+# Figures of the report, by their names there: what the panel calls them, what they mean, and how they are shown.
+FIGURES = [
+    ("kept_shape", "Kept shape", "{:.1%}"),
+    ("shape_iou", "Shape overlap", "{:.1%}"),
+    ("at_rest_fraction", "At rest", "{:.1%}"),
+    ("unsupported_fraction", "Unsupported", "{:.1%}"),
+    # Relative to the thinner body.
+    ("penetration_max_rel", "Penetration", "{:.1%}"),
+    ("nails_end", "Nails at the end", "{:.0f}"),
+]
+
+
+class CAIRN_PT_states(Pile, Panel):
+    bl_label = "States"
+    bl_parent_id = "CAIRN_PT_pile"
+
+    @classmethod
+    def poll(cls, context):
+        return running.bake is not None or result.chosen(context) is not None
+
+    def draw(self, context):
+        layout = self.layout
+        layout.prop(context.window_manager, "cairn_states")
+        if not states.is_shown:
+            return
+        if running.bake:
+            latest = running.bake.job.latest
+            now = None if latest is None else states.known(latest.states[latest.present])
+        else:
+            now = states.at(result.chosen(context), context.scene.frame_current)
+        if now is None:
+            text = "No bodies yet." if running.bake else "The control was off, or the server does not tell of states."
+            wrapped(layout, context, text, "INFO")
+            return
+        column = layout.column(align=True)
+        counts = np.bincount(now, minlength=len(states.STATES))
+        for number, (title, _) in enumerate(states.STATES):
+            if counts[number] or number in states.USUAL:
+                row = column.split(factor=0.75)
+                row.label(text=title, icon_value=states.icon(number))
+                row.label(text=str(counts[number]))
+        shading = context.space_data.shading
+        if shading.type != "SOLID":
+            layout.prop_enum(shading, "type", "SOLID", text="Colours Need Solid Shading")
+        elif shading.color_type != "OBJECT":
+            layout.prop_enum(shading, "color_type", "OBJECT", text="Show the Objects' Colours")
+
+
+class CAIRN_PT_report(Pile, Panel):
+    bl_label = "Report"
+    bl_parent_id = "CAIRN_PT_pile"
+
+    @classmethod
+    def poll(cls, context):
+        return result.chosen(context) is not None
+
+    def draw(self, context):
+        layout = self.layout
+        collection = result.chosen(context)
+        told = running.report_of(collection)
+        if not told.get("is_whole"):
+            wrapped(layout, context, "This bake was cancelled: it is not whole.", "INFO")
+        elif any(made.job.bake_id == told["bake_id"] for made in running.measuring):
+            layout.label(text="Being measured…", icon="TIME")
+        column = layout.column(align=True)
+        frames = told.get("frame_count", 0)
+        draw_figure(column, "Bodies", str(told.get("body_count", 0)))
+        draw_figure(column, "Frames", str(frames))
+        for name, title, form in FIGURES:
+            value = told.get("measures", {}).get(name)
+            if value is not None:
+                draw_figure(column, title, form.format(value))
+        if "seconds" in told:
+            draw_figure(column, "Time", running.duration(told["seconds"]))
+        names = running.recipe_of(collection).get("names", {})
+        for warning in told.get("warnings", ()):
+            draw_warning(layout, context, warning, names)
+        row = layout.row(align=True)
+        row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
+        row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
+
+
+def draw_figure(layout, title, value):
+    split = layout.split(factor=0.7)
+    split.label(text=title)
+    split.label(text=value)
+
+
+CLASSES = [CAIRN_PT_states, CAIRN_PT_report]

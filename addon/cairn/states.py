@@ -1,0 +1,214 @@
+"""Bodies coloured by what the control made of them, as long as that is switched on. The .blend never has the colours:
+they are taken away before it is saved, and the handler that follows the frames is not part of it."""
+
+import base64
+import functools
+import json
+import zlib
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+from bpy.props import BoolProperty
+
+from . import points
+
+# By the number of `BodyState`: what the panel calls it, and its colour (sRGB) from a palette (Okabe and Ito's) that the
+# colour-blind tell apart, too.
+STATES = [
+    ("Free", (0.93, 0.93, 0.93)),
+    ("Waiting", (0.50, 0.50, 0.50)),
+    ("Unstable", (0.84, 0.37, 0.00)),
+    ("Candidate", (0.34, 0.71, 0.91)),
+    ("Held", (0.00, 0.45, 0.70)),
+    ("Outside the region", (0.94, 0.89, 0.26)),
+    ("Kept", (0.80, 0.47, 0.65)),
+]
+COLORS = np.array([color for _, color in STATES])
+# As Blender keeps colours of objects: linear, in single precision.
+LINEAR = np.where(COLORS <= 0.04045, COLORS / 12.92, ((COLORS + 0.055) / 1.055) ** 2.4)
+LINEAR = np.concatenate([LINEAR, np.ones((len(LINEAR), 1))], axis=1).astype(np.float32)
+# Those that the panel tells of, even if no body has them: the others are rare.
+USUAL = (1, 2, 3, 4)
+# Edge of a colour's icon, in pixels.
+ICON = 16
+
+is_shown = False
+_icons = None
+# How the 3D Views were coloured before.
+_shadings = {}
+
+
+def packed(states, start_frame):
+    """The states of a pile's bodies, shape [f, n], as a text; empty where the control was off."""
+    if not states.any():
+        return ""
+    # Body by body, a state lasts long.
+    data = zlib.compress(np.ascontiguousarray(states.T, np.uint8).tobytes(), 1)
+    return json.dumps({"start": start_frame, "frames": len(states), "data": base64.b64encode(data).decode()})
+
+
+@functools.lru_cache(maxsize=4)
+def _unpacked(text):
+    told = json.loads(text)
+    states = np.frombuffer(zlib.decompress(base64.b64decode(told["data"])), np.uint8)
+    return told["start"], known(states).reshape(-1, told["frames"])
+
+
+def known(states):
+    """A newer server's further states are free, as far as is known here."""
+    return np.where(states < len(STATES), states, 0)
+
+
+def at(collection, frame):
+    """The states of a pile's bodies at a frame of the scene, shape [n]; None if there are none."""
+    if not collection.cairn.states:
+        return None
+    start, states = _unpacked(collection.cairn.states)
+    last = states.shape[1] - 1
+    number = last if collection.cairn.mode == "POSE" else min(max(frame - start, 0), last)
+    return states[:, number]
+
+
+def refresh(scene):
+    """The colours as they are to be: those of the states, or the objects' own."""
+    if not is_shown:
+        restore()
+        return
+    for collection in scene.collection.children_recursive:
+        now = at(collection, scene.frame_current) if collection.cairn.is_result else None
+        if now is None:
+            continue
+        if collection.cairn.mode == "POINTS":
+            for shown in collection.objects:
+                points.show_states(shown, now, LINEAR, _inside(collection))
+        else:
+            _color(collection.objects, now)
+    _shade(True)
+
+
+def _inside(collection):
+    """Where the objects are that show its states."""
+    for child in collection.children:
+        if child.cairn.is_of_state:
+            return child
+    made = bpy.data.collections.new(f"{collection.name} States")
+    made.cairn.is_of_state = True
+    collection.children.link(made)
+    return made
+
+
+def _color(objects, now):
+    for body in objects:
+        own = body.cairn
+        if not 0 < own.number <= len(now):
+            continue
+        wanted = LINEAR[now[own.number - 1]]
+        if not own.is_coloured:
+            own.color, own.is_coloured = body.color, True
+        elif np.array_equal(body.color, wanted):
+            # Blender would draw it anew.
+            continue
+        body.color = wanted
+
+
+def restore():
+    """Gives everything its own colours back."""
+    colors = np.empty((len(bpy.data.objects), 4), np.float32)
+    bpy.data.objects.foreach_get("color", colors.ravel())
+    is_of_state = (colors[:, None] == LINEAR).all(axis=2).any(axis=1)
+    for number in np.flatnonzero(is_of_state):
+        body = bpy.data.objects[number]
+        if body.cairn.is_coloured:
+            body.color, body.cairn.is_coloured = body.cairn.color, False
+    for collection in bpy.data.collections:
+        if collection.cairn.is_result and collection.cairn.mode == "POINTS" and collection.cairn.states:
+            _, states = _unpacked(collection.cairn.states)
+            for shown in collection.objects:
+                points.hide_states(shown, states[:, -1])
+    made = [collection for collection in bpy.data.collections if collection.cairn.is_of_state]
+    parts = [part for collection in made for part in collection.objects]
+    meshes = [part.data for part in parts]
+    for unwanted in (parts, made, meshes):
+        bpy.data.batch_remove(unwanted)
+    _shade(False)
+
+
+def _shade(by_object):
+    """Solid 3D Views show the objects' colours, or what they did before."""
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            space = area.spaces.active
+            if area.type != "VIEW_3D":
+                continue
+            key = space.as_pointer()
+            if by_object and key not in _shadings:
+                _shadings[key] = space.shading.color_type
+                space.shading.color_type = "OBJECT"
+            elif not by_object and key in _shadings:
+                before = _shadings.pop(key)
+                if space.shading.color_type == "OBJECT":
+                    space.shading.color_type = before
+
+
+def forget():
+    """Another file is opened."""
+    global is_shown
+    is_shown = False
+    _shadings.clear()
+    _follow(False)
+
+
+@persistent
+def _on_frame(scene, *_):
+    # A render has its own thread, in which no objects are made.
+    if not bpy.app.is_job_running("RENDER"):
+        refresh(scene)
+
+
+def _follow(on):
+    # Before Blender looks at the frame: it then takes the colours along.
+    handlers = bpy.app.handlers.frame_change_pre
+    if on and _on_frame not in handlers:
+        handlers.append(_on_frame)
+    elif not on and _on_frame in handlers:
+        handlers.remove(_on_frame)
+
+
+def show(on):
+    """Switches the colours on or off."""
+    global is_shown
+    is_shown = on
+    _follow(on)
+    refresh(bpy.context.scene)
+
+
+def icon(state):
+    return _icons[str(state)].icon_id
+
+
+def register():
+    global _icons
+    from bpy.utils import previews
+
+    _icons = previews.new()
+    for number, color in enumerate(COLORS):
+        made = _icons.new(str(number))
+        made.icon_size = ICON, ICON
+        made.icon_pixels_float = [*color, 1.0] * ICON * ICON
+    # Of this session, not of the file.
+    bpy.types.WindowManager.cairn_states = BoolProperty(
+        name="Colour by State",
+        description="Show what the control makes of each body at the current frame, as colours of the objects in Solid "
+        "shading. Switched off, everything has its own colours again; they are not saved either way",
+        get=lambda _: is_shown,
+        set=lambda _, on: show(on),
+    )
+
+
+def unregister():
+    show(False)
+    del bpy.types.WindowManager.cairn_states
+    from bpy.utils import previews
+
+    previews.remove(_icons)

@@ -1,0 +1,78 @@
+//! Fits the model behind the estimate of a bake's CPU time, and tells how far it is from what it was fitted to:
+//! `cargo run --release --example fit_estimate -- runs.jsonl...`.
+//!
+//! The runs are those of `cairn cost` and of the example `pairs`. Least squares of the logarithms, each file with the same
+//! weight, slightly regularised since single parameters vary in few files; printed as the constants of
+//! `server/core/src/estimate/model.rs`.
+
+use anyhow::Context;
+use cairn::cost::Record;
+use cairn_core::estimate::{FEATURES, Weights, calibrate};
+use clap::Parser;
+use nalgebra::{DMatrix, DVector};
+use std::path::PathBuf;
+
+/// Fits the model of a bake's CPU time to measured bakes.
+#[derive(Parser)]
+struct Arguments {
+    /// Files of runs, as `cairn cost` and the example `pairs` leave them
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+}
+
+/// Of the exponents, against a weight of 1 for each file.
+const RIDGE: f64 = 1e-3;
+/// The stages that a law is fitted for, by the names of the constants.
+const LAWS: [(&str, &[&str]); 3] =
+    [("FILL", &["fill"]), ("RELEASE_AND_HOLD", &["release", "hold"]), ("MEASURE", &["measure", "shape"])];
+
+fn main() -> anyhow::Result<()> {
+    let mut runs: Vec<(f64, Record)> = Vec::new();
+    for path in Arguments::parse().runs {
+        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let records: Vec<Record> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+        let weight = 1.0 / records.len() as f64;
+        runs.extend(records.into_iter().map(|record| (weight, record)));
+    }
+    println!(
+        "pub const CALIBRATION_SECONDS: f64 = {:.4};",
+        calibrate(cairn::machine::cpu_seconds)? * cairn_core::estimate::CALIBRATION_SECONDS
+    );
+    let mut expected = vec![0.0; runs.len()];
+    for (name, stages) in LAWS {
+        let seconds = |r: &Record| stages.iter().filter_map(|s| r.seconds.get(*s)).sum::<f64>();
+        let law = fit(&runs, &seconds);
+        for (sum, (_, r)) in expected.iter_mut().zip(&runs).filter(|(_, (_, r))| seconds(r) > 0.0) {
+            *sum += predict(&law, r);
+        }
+        let numbers: Vec<String> = law.iter().map(|w| format!("{w:.3}")).collect();
+        println!("/// Of {}.\npub const {name}: Weights = [{}];", FEATURES.join(", "), numbers.join(", "));
+    }
+    let total = |r: &Record| r.seconds.values().sum::<f64>();
+    let mut factors: Vec<f64> = expected.iter().zip(&runs).map(|(e, (_, r))| (e / total(r)).ln().abs().exp()).collect();
+    factors.sort_by(f64::total_cmp);
+    let at = |share: f64| factors[((factors.len() - 1) as f64 * share) as usize];
+    println!(
+        "// {} runs; within a factor of {:.2} (half), {:.2} (90 %), {:.2} (all)",
+        runs.len(),
+        at(0.5),
+        at(0.9),
+        at(1.0)
+    );
+    Ok(())
+}
+
+fn predict(law: &Weights, run: &Record) -> f64 {
+    run.workload.features().iter().zip(law).map(|(f, w)| f * w).sum::<f64>().exp()
+}
+
+/// Weighted least squares of the logarithm of the seconds, where there are any.
+fn fit(runs: &[(f64, Record)], seconds: &dyn Fn(&Record) -> f64) -> Weights {
+    let used: Vec<&(f64, Record)> = runs.iter().filter(|(_, r)| seconds(r) > 0.0).collect();
+    let row = |i: usize, j: usize| used[i].0.sqrt() * used[i].1.workload.features()[j];
+    let a = DMatrix::from_fn(used.len(), FEATURES.len(), row);
+    let b = DVector::from_fn(used.len(), |i, _| used[i].0.sqrt() * seconds(&used[i].1).ln());
+    let normal = a.transpose() * &a + DMatrix::identity(FEATURES.len(), FEATURES.len()) * RIDGE;
+    let weights = normal.cholesky().expect("a ridge makes it positive definite").solve(&(a.transpose() * b));
+    std::array::from_fn(|i| weights[i])
+}
