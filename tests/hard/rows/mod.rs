@@ -73,7 +73,7 @@ pub const ROWS: &[Row] = &[
     row("card_thin", "the same, of cards 0.1 mm thick", stacks::card_thin, ONE, ALL),
     row(
         "card_pull",
-        "a card of the lowest storey is pulled out: its neighbours fall within 0.5 s",
+        "one of two cards that lean against each other is pulled out: the other falls within 0.5 s",
         stacks::card_pull,
         BOTH,
         ALL,
