@@ -13,9 +13,6 @@ pub const MOST_MASS_RATIO: f64 = 1000.0;
 const SAG: f64 = 0.1;
 /// What it may sink by.
 const MOST_SAG: f64 = 0.008;
-/// The same for a prop so thin that what it carries is many times its weight: contacts so stiff for a thickness of d, in
-/// proportion to its inverse root. A house of cards, at 1:100, then sinks by a tenth of a card.
-const THIN_FREQUENCY: f64 = 2.5;
 /// A spring is stable up to this share of the substeps' rate, and stiff up to it.
 const FREQUENCY_PER_SUBSTEP: f64 = 0.25;
 /// As in `physics.substeps`.
@@ -84,18 +81,17 @@ pub fn warnings(
     sizes.into_iter().chain(masses).collect()
 }
 
-/// The engine's settings under which a heavy body does not sink into a light one, nor a thin one into another: contacts as
-/// stiff as the ratio of the masses (up to [`MOST_MASS_RATIO`]) asks, with as many substeps as such contacts need, and as
-/// the smallest thickness asks (in d), as far as the substeps allow.
+/// The engine's settings under which a heavy body does not sink into a light one: contacts as stiff as the ratio of the
+/// masses (up to [`MOST_MASS_RATIO`]) asks, with as many substeps as such contacts need. `thickness` of the thinnest body, in
+/// d: that it is thin stiffens the contacts by itself.
 pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64, natural_time: f64) -> Physics {
-    let step = physics.step.seconds(natural_time) / natural_time;
-    let for_masses = (SAG * ratio.min(MOST_MASS_RATIO) / MOST_SAG).sqrt();
-    let allowed = FREQUENCY_PER_SUBSTEP * f64::from(physics.substeps) / step;
-    let needed = (THIN_FREQUENCY / thickness.sqrt()).min(allowed).max(for_masses);
-    if needed <= physics.contact_frequency {
+    let needed = (SAG * ratio.min(MOST_MASS_RATIO) / MOST_SAG).sqrt();
+    let given = physics.stiffness(thickness);
+    if needed <= given {
         return physics.clone();
     }
+    let step = physics.step.seconds(natural_time) / natural_time;
     let substeps = (needed * step / FREQUENCY_PER_SUBSTEP).ceil() as u32;
     let substeps = physics.substeps.max(substeps.min(MOST_SUBSTEPS));
-    Physics { contact_frequency: needed, substeps, ..physics.clone() }
+    Physics { contact_frequency: physics.contact_frequency * needed / given, substeps, ..physics.clone() }
 }
