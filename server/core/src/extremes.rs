@@ -30,8 +30,9 @@ fn bodies<'a>(
     };
     let ends =
         (0..scene.props.len()).filter(move |&i| drawn(i)).flat_map(|i| scene.props[i].scale.map(|s| (i, s, None)));
-    // What stays where it is carries like scenery.
-    let moving = scene.bodies.iter().filter(|b| !b.kept || b.kept_until.is_some());
+    // What stays where it is carries like scenery; what is thrown in later is no part of the pile, and the guard looks after
+    // what it sinks into.
+    let moving = scene.bodies.iter().filter(|b| b.is_stacked() && (!b.kept || b.kept_until.is_some()));
     let given = moving.map(|b| (b.prop, b.scale, b.mass));
     ends.chain(given).map(move |(prop, scale, mass)| (prop, value(prop, scale, mass)))
 }
