@@ -23,7 +23,7 @@ const CARDS: &str = "\
 # At this friction the house falls by itself (--set control=off). With more of it (--set props.0.friction=0.7
 # --set ground_friction=0.7) it stands without control until it is hit. Written by the example make_stacks.
 
-ground_friction = 0.38
+ground_friction = 0.5
 
 [release]
 order = \"at_once\"
@@ -33,12 +33,12 @@ frames = 216
 
 [[props]]
 path = \"assets/card.glb\"
-friction = 0.38
+friction = 0.5
 density = 1200
 
 [[props]]
 path = \"assets/cube.glb\"
-friction = 0.38
+friction = 0.5
 ";
 
 /// Edges of a card: height, width, thickness.

@@ -2,33 +2,24 @@
 //!
 //!     cargo run --release --example verdicts
 
-use cairn_core::container::Container;
-use cairn_core::control::{Control, LocalProblem};
+mod piles;
+
+use cairn_core::control::LocalProblem;
 use cairn_core::equilibrium::{
-    Analyser, Candidacy, CandidateRules, FrictionLaw, FrictionReserve, Options, Solver, Spread, global,
+    Analyser, Candidacy, CandidateRules, FrictionLaw, FrictionReserve, Options, Solver, Spread,
 };
-use cairn_core::observer::{Observer, Progress, Silent, Stage};
-use cairn_core::params::{Accuracy, Params};
-use cairn_core::scene::{Model, Prop, Scene};
-use cairn_core::world::{Side, Units, World};
-use cairn_core::{check, fill, release, shape};
-use std::ops::ControlFlow;
+use cairn_core::observer::{Silent, Stage};
+use std::path::Path;
 use std::time::Instant;
 
 /// Relative change of friction within which a verdict may turn: Clarabel decides no finer.
 const BAND: f64 = 1e-5;
 
 fn main() -> anyhow::Result<()> {
-    let scene = scene()?;
-    let params = Params::new(Accuracy::Standard);
-    let checked = check::run(&scene, &params).map_err(cairn_core::Error::Invalid)?;
-    let shapes = shape::run(&scene, &params, &checked, &mut Silent)?;
-    let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
-    let control = checked.control.as_ref().expect("the scene has a control mesh");
-    let container = Container::new(&control.mesh, &control.topology, units.length, checked.ground);
-    let full = fill::run(&scene, &shapes, &params, units, &container, &mut Silent)?;
-    let control = Control::new(&params.control, params.gravity, params.seed, Some(&container.distance));
-    let mut pile = release::turn_over(&scene, &shapes, &params, units, &full.bodies, checked.ground, control)?;
+    let sticks = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/sticks.toml");
+    let full = piles::Full::of(&sticks, &[])?;
+    let params = &full.job.params;
+    let mut pile = full.turn_over()?;
 
     // A bake's own release, interrupted before every cycle.
     let mut tally = Tally::default();
@@ -43,9 +34,9 @@ fn main() -> anyhow::Result<()> {
             tally.cycles += 1;
             last.iter().for_each(|p| tally.compare(p, params.control.kinetic_ratio));
         }
-        pile.advance(&mut Ignore, Stage::Hold, |_| 0.0)?;
+        pile.advance(&mut Silent, Stage::Hold, |_| 0.0)?;
     }
-    println!("{} bodies, {} cycles, {} problems", full.bodies.len(), tally.cycles, tally.problems);
+    println!("{} bodies, {} cycles, {} problems", pile.bodies.len(), tally.cycles, tally.problems);
     println!(
         "candidates {}, differing {} of which outside the band {}",
         tally.candidates, tally.differing, tally.outside
@@ -61,7 +52,7 @@ fn main() -> anyhow::Result<()> {
             |p: &LocalProblem| analyser.analyse(&p.problem(), &options(Solver::Fast)).is_ok_and(|v| v.is_stable());
         std::hint::black_box(last.iter().map(stands).filter(|&s| s).count());
     });
-    let global = time(|| drop(whole(&pile.world)));
+    let global = time(|| drop(piles::whole(&pile.world)));
     println!(
         "whole pile: local {:.2} ms, global {:.0} ms, {:.0} times as long",
         local * 1e3,
@@ -112,78 +103,8 @@ fn candidate(analyser: &mut Analyser, p: &LocalProblem, solver: Solver, kinetic_
     analyser.candidate(&p.problem(), &options(solver), &rules) == Ok(Candidacy::Candidate)
 }
 
-/// The global program over all contacts.
-fn whole(world: &World) -> Option<global::Report> {
-    let bodies: Vec<global::Body> = world
-        .present()
-        .map(|id| {
-            let b = &world.bodies()[id];
-            global::Body { mass: b.mass, center_of_mass: world.pose(id).translation, radius: b.radius }
-        })
-        .collect();
-    let other = |side: Side| match side {
-        Side::Body(b) => Some(b),
-        Side::Ground | Side::Scenery | Side::Moving => None,
-    };
-    let touches = world.touches(0.05);
-    let contacts: Vec<global::Contact> = touches
-        .iter()
-        .flat_map(|t| t.points.iter().map(move |p| (t, p)))
-        .map(|(t, p)| global::Contact {
-            body: t.a,
-            other: other(t.b),
-            point: p.point,
-            normal: p.normal,
-            friction: t.friction,
-        })
-        .collect();
-    let pile = global::Pile { bodies: &bodies, contacts: &contacts, gravity: glam::DVec3::NEG_Y };
-    global::analyse(&pile, global::Objective::SumOfNorms { sharpen: 0 }).ok()
-}
-
 fn time(work: impl FnOnce()) -> f64 {
     let begin = Instant::now();
     work();
     begin.elapsed().as_secs_f64()
-}
-
-fn scene() -> anyhow::Result<Scene> {
-    let stick = model("stick")?;
-    let prop = Prop {
-        model: stick,
-        weight: 1.0,
-        friction: 0.7,
-        density: 500.0,
-        restitution: 0.0,
-        scale: [1.0; 2],
-        tilt_max: 180.0,
-    };
-    Ok(Scene { control: Some(model("cone")?), props: vec![prop], ..Scene::default() })
-}
-
-fn model(name: &str) -> anyhow::Result<Model> {
-    let path =
-        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(name).with_extension("glb");
-    let bytes = std::fs::read(&path)?;
-    let source = cairn_core::asset::Source {
-        name,
-        bytes: &bytes,
-        node: None,
-        resolve: &|uri| Err(format!("{uri}: the examples have no external files")),
-        limits: Default::default(),
-    };
-    let asset = cairn_core::asset::read(&source).map_err(|problems| anyhow::anyhow!("{problems:?}"))?;
-    Ok(Model { name: name.into(), mesh: asset.mesh })
-}
-
-struct Ignore;
-
-impl Observer for Ignore {
-    fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
-        ControlFlow::Continue(())
-    }
-
-    fn cpu_seconds(&mut self) -> f64 {
-        0.0
-    }
 }

@@ -119,6 +119,7 @@ fn physics(physics: &mut Physics, given: &proto::Physics, counts: &mut Counts) {
         proto::FrictionModel::Simplified => physics.friction_model = FrictionModel::Simplified,
         proto::FrictionModel::Coulomb => physics.friction_model = FrictionModel::Coulomb,
     }
+    set(&mut physics.rolling_resistance, given.rolling_resistance);
     set(&mut physics.shape_tolerance, given.shape_tolerance);
     set(&mut physics.max_parts, given.max_parts.map(|n| counts.natural("physics.max_parts", n)));
 }

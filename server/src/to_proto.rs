@@ -149,6 +149,7 @@ fn physics(physics: &Physics) -> proto::Physics {
             FrictionModel::Coulomb => proto::FrictionModel::Coulomb,
         }
         .into(),
+        rolling_resistance: Some(physics.rolling_resistance),
         shape_tolerance: Some(physics.shape_tolerance),
         max_parts: Some(signed(physics.max_parts)),
     }

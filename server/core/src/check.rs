@@ -3,6 +3,7 @@
 
 mod added;
 
+use crate::extremes;
 use crate::mesh::TriMesh;
 use crate::params::{FillMethod, Params};
 use crate::problem::Problem;
@@ -107,6 +108,8 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
     let shares = added::shares(scene, params);
     let diameter = median_diameter(scene, &sizes, &shares);
     warnings.extend(added::energy_warnings(scene, params, ground, diameter));
+    let mass = |i: usize| sizes[i].volume * scene.props[i].density;
+    warnings.extend(extremes::warnings(scene, params, |i| sizes[i].diameter, mass));
     Ok(Checked { diameter, ground, control, region, sizes, shares, warnings })
 }
 

@@ -43,6 +43,7 @@ pub struct Tally {
 /// One body's local equilibrium, as the control poses it; engine units, mass and gravity 1.
 #[derive(Clone, Debug)]
 pub struct LocalProblem {
+    pub body: BodyId,
     pub contacts: Vec<Contact>,
     pub center_of_mass: DVec3,
     pub radius: f64,
@@ -198,7 +199,7 @@ impl<'a> Control<'a> {
             .map(|(id, contacts)| {
                 let body = &world.bodies()[id];
                 let center_of_mass = world.pose(id).translation;
-                LocalProblem { contacts, center_of_mass, radius: body.radius, face_area: body.face_area }
+                LocalProblem { body: id, contacts, center_of_mass, radius: body.radius, face_area: body.face_area }
             })
             .collect()
     }

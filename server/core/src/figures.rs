@@ -6,11 +6,12 @@ use crate::container::Container;
 use crate::equilibrium::global;
 use crate::fill::{Filled, Removed};
 use crate::free_pour;
+use crate::guard;
 use crate::hold::Held;
 use crate::measure::{self, Contact, Gauge, Overlap, ShapeMeasures};
 use crate::mesh::TriMesh;
 use crate::observer::{Observer, Progress, Stage, observe};
-use crate::params::Params;
+use crate::params::{FillMethod, Params};
 use crate::plan::Plan;
 use crate::pose::Pose;
 use crate::region::Region;
@@ -99,6 +100,9 @@ pub fn report(
             warnings.extend(fill_warnings(inputs, filled, &first));
         }
         warnings.extend(first.caveats());
+    }
+    if let Some((_, filled)) = filled {
+        measures.insert("pocket_fraction", Some(filled.pockets));
     }
     observe(observer, &progress(0.8))?;
     measures.extend(contact_figures(&pile.world));
@@ -324,6 +328,8 @@ fn counts(filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'static str, u64> {
         ("removed_overlapping", removed.overlapping as u64),
         ("removed_escaped", removed.escaped as u64),
         ("bodies_lost", pile.lost.len() as u64),
+        ("guard_retries", pile.guard.actions.retries),
+        ("guard_stiffened", pile.guard.actions.stiffened),
         ("control_cycles", tally.cycles),
         ("analyses", tally.analyses),
         ("verdicts_kept", tally.settled),
@@ -341,6 +347,8 @@ fn counts(filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'static str, u64> {
     ])
 }
 
+/// More of the volume than this in pockets is worth a word.
+const MOST_POCKETS: f64 = 0.02;
 /// Emptier than this, the fill is worth a warning: half of what random props reach.
 const POOR_FILL: f64 = 0.2;
 
@@ -375,10 +383,35 @@ fn fill_warnings(inputs: &Inputs, filled: &Filled, first: &ShapeMeasures) -> Vec
             100.0 * first.fill_fraction
         ));
     }
+    if filled.full && filled.pockets > MOST_POCKETS {
+        warnings.push(format!(
+            "{:.0} % of the control mesh's volume lies in pockets that the fill did not reach; smaller props{} reach farther",
+            100.0 * filled.pockets,
+            if inputs.params.fill.method == FillMethod::Pour { ", or fill.method = \"insert\"," } else { "" }
+        ));
+    }
     if !filled.full && inputs.params.fill.count.is_none() {
         warnings.push(format!(
             "the fill stopped at its limit of {} bodies before the control mesh was full; raise fill.max_bodies or use larger props",
             inputs.params.fill.max_bodies
+        ));
+    }
+    warnings
+}
+
+/// What the guard did.
+fn guard_warnings(pile: &Pile) -> Vec<String> {
+    let name = |id: BodyId| format!("{id} ({})", pile.scene().props[pile.bodies[id].prop].model.name);
+    let actions = &pile.guard.actions;
+    let mut warnings = guard::told(&actions.aside, name);
+    warnings.iter_mut().for_each(|text| text.push_str(" and were set aside"));
+    if actions.retries > 0 {
+        warnings.push(format!("{} steps gained energy or speed and were taken again in smaller ones", actions.retries));
+    }
+    let deep = if actions.stiffened > 0 { pile.guard.still_deep(&pile.world) } else { 0 };
+    if deep > 0 {
+        warnings.push(format!(
+            "{deep} pairs of bodies overlap by more than half of the thinner one's thickness in the end, even with stiffer contacts"
         ));
     }
     warnings
@@ -393,9 +426,7 @@ fn end_warnings(pile: &Pile, held: Held, measures: &Figures) -> Vec<String> {
         let who = if pile.fallen == 1 { "1 body".into() } else { format!("{} bodies", pile.fallen) };
         warnings.push(format!("{who} fell past the scenery and were set aside: there is no ground"));
     }
-    if !pile.lost.is_empty() {
-        warnings.push(format!("bodies {:?} became numerically unstable and were set aside", pile.lost));
-    }
+    warnings.extend(guard_warnings(pile));
     if let Some(Some(hanging)) = measures.get("hanging")
         && *hanging > 0.0
     {

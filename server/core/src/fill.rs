@@ -1,6 +1,7 @@
 //! Filling the container with props (Cho et al. 2007; paper, 4.1).
 
 mod insert;
+mod pockets;
 mod pour;
 
 use crate::Error;
@@ -23,6 +24,8 @@ pub struct Filled {
     pub steps: u64,
     /// Whether the container was full, rather than a limit reached.
     pub full: bool,
+    /// Share of the container's volume that no body is near.
+    pub pockets: f64,
 }
 
 /// A body where the fill left it.
@@ -110,7 +113,8 @@ pub fn run(
     filling.world.remove_wall(walls);
     filling.world.remove_wall(floor);
     let bodies = filling.loose().map(|id| filling.placed(id)).collect();
-    Ok(Filled { bodies, removed: filling.removed, steps: filling.world.steps, full })
+    let pockets = pockets::fraction(&filling);
+    Ok(Filled { bodies, removed: filling.removed, steps: filling.world.steps, full, pockets })
 }
 
 /// Pours the props through the opening and leaves them as they fell, upside down: no settling, no clean-up.

@@ -61,6 +61,9 @@ pub struct Physics {
     /// Contact spring damping ratio. Below 10, loaded piles creep.
     pub contact_damping_ratio: f64,
     pub friction_model: FrictionModel,
+    /// Rolling and spinning resistance of the props that are round, as a share of the radius on which they roll, 0 to 1. Default
+    /// 0.02: wood on wood. Props that are not round have none, and cost nothing.
+    pub rolling_resistance: f64,
     /// Deviation allowed between a prop's mesh and its collision shape, relative to the prop's
     /// bounding diameter, 0.001 to 0.5.
     pub shape_tolerance: f64,
@@ -276,9 +279,10 @@ impl Params {
             physics: Physics {
                 step: Time::Natural(0.05),
                 substeps: 8,
-                contact_frequency: 30.0,
+                contact_frequency: 22.0,
                 contact_damping_ratio: 10.0,
                 friction_model: FrictionModel::Simplified,
+                rolling_resistance: 0.02,
                 shape_tolerance: 0.04,
                 max_parts: 12,
             },
@@ -318,16 +322,16 @@ impl Params {
             Accuracy::Standard => {}
             Accuracy::Draft => {
                 params.physics.substeps = 4;
-                params.physics.contact_frequency = 20.0;
+                params.physics.contact_frequency = 10.0;
             }
             Accuracy::Preview => {
                 params.physics.substeps = 6;
-                params.physics.contact_frequency = 25.0;
+                params.physics.contact_frequency = 15.0;
             }
             Accuracy::Reference => {
                 params.physics.step = Time::Natural(0.0125);
                 params.physics.substeps = 16;
-                params.physics.contact_frequency = 120.0;
+                params.physics.contact_frequency = 30.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
                 params.physics.max_parts = 48;
@@ -335,13 +339,14 @@ impl Params {
             }
             Accuracy::Fine => {
                 params.physics.step = Time::Natural(0.025);
-                params.physics.contact_frequency = 60.0;
+                params.physics.contact_frequency = 26.0;
                 params.physics.shape_tolerance = 0.02;
                 params.physics.max_parts = 24;
                 params.control.period = 10;
             }
             Accuracy::Paper => {
                 params.physics.step = Time::Seconds(1.0 / 240.0);
+                params.physics.rolling_resistance = 0.0;
                 params.fill.method = FillMethod::Pour;
                 params.fill.friction = 0.7;
                 params.control = Control {
@@ -361,9 +366,10 @@ impl Params {
         params
     }
 
-    /// The engine's settings for the fill: half the substeps, since nothing has to balance there.
+    /// The engine's settings for the fill: half the substeps, since nothing has to balance there, and
+    /// nothing has to stop rolling.
     pub fn fill_physics(&self) -> Physics {
-        Physics { substeps: self.physics.substeps.div_ceil(2), ..self.physics.clone() }
+        Physics { substeps: self.physics.substeps.div_ceil(2), rolling_resistance: 0.0, ..self.physics.clone() }
     }
 
     /// What is out of range, and what to give instead.
@@ -383,6 +389,7 @@ impl Params {
             ("physics.substeps", f64::from(self.physics.substeps), 1.0, 64.0),
             ("physics.contact_frequency", self.physics.contact_frequency, 1.0, 1000.0),
             ("physics.contact_damping_ratio", self.physics.contact_damping_ratio, 0.1, 100.0),
+            ("physics.rolling_resistance", self.physics.rolling_resistance, 0.0, 1.0),
             ("physics.shape_tolerance", self.physics.shape_tolerance, 0.001, 0.5),
             ("physics.max_parts", f64::from(self.physics.max_parts), 1.0, 64.0),
             ("base.height", self.base.height, 0.001, 0.5),

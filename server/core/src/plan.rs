@@ -1,6 +1,7 @@
 //! What would be simulated, told before anything runs.
 
 use crate::check::{Checked, fills};
+use crate::extremes;
 use crate::fill;
 use crate::observer::Stage;
 use crate::params::{ControlMode, FillMethod, FrictionCone, Params, ReleaseOrder};
@@ -53,7 +54,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked) -> Plan {
             .into_iter()
             .flatten()
             .collect(),
-        effects: effects(scene, params),
+        effects: [effects(scene, params), physics_effects(scene, params, checked)].concat(),
         warnings: checked.warnings.clone(),
     }
 }
@@ -85,6 +86,39 @@ fn last_event(scene: &Scene, params: &Params) -> f64 {
     let emitters = scene.emitters.iter().map(|e| Some(e.start + f64::from(e.count - 1) / e.rate));
     let moves = scene.statics.iter().map(|m| m.keys.last().map(|k| k.time));
     bodies.chain(emitters).chain(moves).chain([params.control.until]).flatten().fold(0.0, f64::max)
+}
+
+/// What the props' own shapes and masses ask of the engine.
+fn physics_effects(scene: &Scene, params: &Params, checked: &Checked) -> Vec<Effect> {
+    let round: Vec<&str> = scene
+        .props
+        .iter()
+        .zip(&checked.sizes)
+        .filter(|(_, size)| size.round.is_some())
+        .map(|(prop, _)| &*prop.model.name)
+        .collect();
+    let resistance = params.physics.rolling_resistance;
+    let rolling = match round.as_slice() {
+        [] => "no prop is round".into(),
+        _ if resistance == 0.0 => "switched off by the scene".into(),
+        names => format!("round: {}; rolling resistance {resistance}", names.join(", ")),
+    };
+    let mass = |i: usize| checked.sizes[i].volume * scene.props[i].density;
+    let ratio = extremes::mass_ratio(scene, params, mass);
+    let physics =
+        extremes::stiffened(&params.physics, ratio, f64::INFINITY, (checked.diameter / params.gravity).sqrt());
+    let is_stiff = physics != params.physics;
+    let stiff = match is_stiff {
+        true => format!(
+            "masses differ by {ratio:.0}:1: contact frequency {:.0}, {} substeps",
+            physics.contact_frequency, physics.substeps
+        ),
+        false => format!("masses differ by {ratio:.0}:1, which the contacts carry as they are"),
+    };
+    vec![
+        Effect { name: "rolling_resistance", on: !round.is_empty() && resistance > 0.0, reason: rolling },
+        Effect { name: "stiff_contacts", on: is_stiff, reason: stiff },
+    ]
 }
 
 fn effects(scene: &Scene, params: &Params) -> Vec<Effect> {

@@ -4,7 +4,9 @@
 use crate::Error;
 use crate::control::Control;
 use crate::events::Events;
+use crate::extremes;
 use crate::fill::Placed;
+use crate::guard::Guard;
 use crate::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
 use crate::params::{Output, Params, ReleaseOrder};
 use crate::pose::Pose;
@@ -39,8 +41,9 @@ pub struct Pile<'a> {
     /// CPU seconds in the control, and in the engine's steps.
     pub control_seconds: f64,
     pub step_seconds: f64,
-    /// Bodies set aside because their state became non-finite.
+    /// Bodies set aside.
     pub lost: Vec<BodyId>,
+    pub guard: Guard,
     /// Where there is no ground: bodies whose centre of mass is below this, engine units, are set aside; and how many
     /// were.
     depth: Option<f64>,
@@ -72,7 +75,9 @@ pub fn turn_over<'a>(
     let thickness = filled.chain(given).chain(emitted).map(|(prop, scale)| shapes[prop].thickness() * scale);
     let thickness = thickness.fold(f64::INFINITY, f64::min);
     let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
-    let mut world = World::new(units, &params.physics, thickness / units.length, compounds);
+    let mass_ratio = extremes::mass_ratio(scene, params, |prop| shapes[prop].mass);
+    let physics = extremes::stiffened(&params.physics, mass_ratio, thickness / units.length, units.time);
+    let mut world = World::new(units, &physics, thickness / units.length, compounds);
     if params.ground {
         world.add_ground(ground / units.length, params.ground_friction);
     }
@@ -100,6 +105,7 @@ pub fn turn_over<'a>(
         control_seconds: 0.0,
         step_seconds: 0.0,
         lost: Vec::new(),
+        guard: Guard::new(scene, units, depth.map_or(ground / units.length, |depth| depth - FALL_DEPTH)),
         depth,
         fallen: 0,
         damping: params.release.damping,
@@ -316,7 +322,7 @@ impl<'a> Pile<'a> {
             self.control.cycle(&mut self.world);
         }
         let controlled = observer.cpu_seconds();
-        self.lost.extend(self.world.step());
+        self.lost.extend(self.guard.step(&mut self.world)?);
         self.set_fallen_aside();
         let stepped = observer.cpu_seconds();
         self.control.after_step(&mut self.world);

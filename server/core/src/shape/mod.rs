@@ -6,6 +6,7 @@
 mod convex;
 mod fit;
 mod mass;
+mod round;
 
 use crate::Error;
 use crate::check::Checked;
@@ -34,12 +35,14 @@ pub struct Size {
     pub volume: f64,
     /// The mesh encloses a volume.
     pub closed: bool,
+    /// The radius on which it rolls, m; `None` where it is not round.
+    pub round: Option<f64>,
 }
 
 impl Size {
     pub fn of(mesh: &TriMesh) -> Size {
         if mesh.triangles.is_empty() {
-            return Size { diameter: 0.0, extents: DVec3::ZERO, volume: 0.0, closed: false };
+            return Size { diameter: 0.0, extents: DVec3::ZERO, volume: 0.0, closed: false, round: None };
         }
         let diameter = 2.0 * fit::bounding_sphere(mesh).1;
         let around = fit::oriented_box(mesh);
@@ -49,7 +52,8 @@ impl Size {
         let bulk = extents.iter().product::<f64>();
         let closed = topology::inspect(mesh).is_watertight() && own.abs() > MIN_VOLUME_SHARE * bulk;
         let volume = if closed { own.abs() } else { bulk / 2.0 };
-        Size { diameter, extents: DVec3::from_array(extents), volume, closed }
+        let round = round::rolling_radius(mesh, &around);
+        Size { diameter, extents: DVec3::from_array(extents), volume, closed, round }
     }
 }
 

@@ -68,6 +68,9 @@ impl Touch {
 /// The spatial index holds the boxes of the beginning of the last step: a slow body has not moved farther since.
 pub(super) const STALE_INDEX: f64 = 0.02;
 
+/// Of contact springs, per natural time, for which loads are compared with kappa as they are.
+const USUAL_FREQUENCY: f64 = 20.0;
+
 impl World {
     /// Pairs with a gap of at most `tolerance` times the thinner one's thickness, in order of `(a, b)`. Exact: from the
     /// poses, not from the engine's memory. Walls of a container are not told.
@@ -132,6 +135,13 @@ impl World {
     /// What a collider is to body `a`; `None` for itself, for a body already visited and for a container.
     fn side(&self, a: BodyId, collider: &Collider) -> Option<Side> {
         self.what(collider).filter(|side| !matches!(side, Side::Body(id) if *id <= a))
+    }
+
+    /// The body that a collider is of. `None`, too, for what has been removed since the last step: the engine's contacts
+    /// still name it.
+    pub(super) fn body_of(&self, collider: ColliderHandle) -> Option<BodyId> {
+        let data = self.engine.colliders.get(collider)?.user_data;
+        (FIRST_BODY..FIRST_MOVING).contains(&data).then(|| (data - FIRST_BODY) as usize)
     }
 
     /// What a collider is; `None` for a container.
@@ -221,12 +231,11 @@ impl World {
         self.engine.integration_parameters.dt = dt;
     }
 
-    /// Held bodies on which free bodies press with more than `limit` times their own mass (engine units of force).
+    /// Held bodies on which free bodies press with more than `limit` times their own mass (engine units of force), in contacts
+    /// of the usual stiffness. Stiffer springs press harder for the same overlap, by the square of their frequency, which is
+    /// no load of the pile's.
     pub fn overloaded(&self, limit: f64) -> Vec<BodyId> {
-        let free = |h: ColliderHandle| {
-            let data = self.engine.colliders[h].user_data;
-            (FIRST_BODY..FIRST_MOVING).contains(&data) && self.bodies[(data - FIRST_BODY) as usize].role == Role::Free
-        };
+        let free = |h: ColliderHandle| self.body_of(h).is_some_and(|id| self.bodies[id].role == Role::Free);
         let load = |id: BodyId| -> f64 {
             let me = self.bodies[id].collider;
             let pairs = self.engine.narrow_phase.contact_pairs_with(me);
@@ -236,7 +245,8 @@ impl World {
                 .sum()
         };
         let held = |&id: &BodyId| self.bodies[id].role == Role::Held;
-        let limit = limit * self.step_length();
+        let stiffness = self.engine.integration_parameters.contact_softness.natural_frequency as f64 / USUAL_FREQUENCY;
+        let limit = limit * self.step_length() * stiffness.powi(2).max(1.0);
         self.present().filter(held).filter(|&id| load(id) > limit * self.bodies[id].mass).collect()
     }
 

@@ -5,9 +5,12 @@
 //! [`Units`] is the one place of the conversion.
 
 mod contacts;
+mod creep;
+mod guarded;
 mod hits;
 mod motion;
 mod nails;
+mod rolling;
 mod scenery;
 
 use crate::mesh::TriMesh;
@@ -21,6 +24,7 @@ use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
+pub use guarded::{Gain, State};
 pub use hits::Hit;
 pub use motion::{FrictionExcess, Momentum};
 pub use nails::NailId;
@@ -115,6 +119,8 @@ pub struct World {
     bodies: Vec<WorldBody>,
     nails: nails::Nails,
     moving: Vec<scenery::Moving>,
+    marks: creep::Marks,
+    rolling: rolling::Rolling,
     /// Steps taken.
     pub steps: u64,
 }
@@ -168,7 +174,16 @@ impl World {
             FrictionModel::Simplified => rapier3d::prelude::FrictionModel::Simplified,
             FrictionModel::Coulomb => rapier3d::prelude::FrictionModel::Coulomb,
         };
-        World { units, engine, bodies: Vec::new(), nails: nails::Nails::default(), moving: Vec::new(), steps: 0 }
+        World {
+            units,
+            engine,
+            bodies: Vec::new(),
+            nails: nails::Nails::default(),
+            moving: Vec::new(),
+            marks: creep::Marks::default(),
+            rolling: rolling::Rolling { coefficient: physics.rolling_resistance, round: Vec::new() },
+            steps: 0,
+        }
     }
 
     /// The ground, a half-space below `height`.
@@ -242,6 +257,7 @@ impl World {
             .user_data(FIRST_BODY + id as u128);
         let (handle, collider) = self.engine.insert(rigid, collider);
         let size = body.scale * length;
+        self.rolling.round.extend(shape.size.round.map(|radius| (id, radius * size)));
         self.bodies.push(WorldBody {
             prop: body.prop,
             scale: body.scale,
@@ -395,6 +411,11 @@ impl World {
         from_engine(self.engine.bodies[self.bodies[id].handle].position())
     }
 
+    /// Moves a body without any motion.
+    pub fn put(&mut self, id: BodyId, pose: &Pose) {
+        self.engine.bodies[self.bodies[id].handle].set_position(to_engine(pose), false);
+    }
+
     pub fn step_length(&self) -> f64 {
         self.engine.integration_parameters.dt as f64
     }
@@ -410,6 +431,8 @@ impl World {
         for &id in &ids {
             self.remove(id);
         }
+        self.resist_rolling();
+        self.keep_awake_what_creeps();
         ids
     }
 }

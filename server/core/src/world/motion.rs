@@ -1,6 +1,6 @@
 //! How the bodies move, and what the engine's last step left undone.
 
-use super::{BodyId, FIRST_BODY, Role, World};
+use super::{BodyId, Role, World};
 use glam::DVec3;
 use rapier3d::prelude::*;
 
@@ -92,10 +92,7 @@ impl World {
     }
 
     fn moves(&self, a: ColliderHandle, b: ColliderHandle) -> bool {
-        let awake = |h: ColliderHandle| {
-            let data = self.engine.colliders[h].user_data;
-            data >= FIRST_BODY && self.is_awake((data - FIRST_BODY) as usize)
-        };
+        let awake = |h: ColliderHandle| self.body_of(h).is_some_and(|id| self.is_awake(id));
         awake(a) || awake(b)
     }
 

@@ -1,0 +1,129 @@
+//! What becomes of every control mesh of a collection: filled, repaired and filled, or refused, and why:
+//! `CAIRN_DATA=FOLDER cargo run --release --example control_meshes -- [--bodies 60]`.
+//!
+//! The collection is a folder with a `MANIFEST.tsv` (name, kind, source, licence, bytes, triangles, watertight, ...):
+//! `CAIRN_DATA`, or `../shared/data` beside the workspace. Taken are all its glTF files of the kind `control`. The prop is a
+//! brick, of a size of which about as many fit as wanted. One Markdown row per file.
+
+use cairn_core::asset::{self, Limits, Source};
+use cairn_core::mesh::TriMesh;
+use cairn_core::observer::Silent;
+use cairn_core::params::{Accuracy, Params, ReleaseOrder};
+use cairn_core::scene::{Model, Prop, Scene};
+use cairn_core::{Error, bake};
+use clap::Parser;
+use glam::DVec3;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+#[derive(Parser)]
+struct Args {
+    /// Bricks wanted in each.
+    #[arg(long, default_value_t = 60.0)]
+    bodies: f64,
+}
+
+fn main() {
+    let args = Args::parse();
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let folder = std::env::var_os("CAIRN_DATA").map_or(beside, PathBuf::from);
+    let manifest = folder.join("MANIFEST.tsv");
+    let Ok(text) = std::fs::read_to_string(&manifest) else {
+        println!("There is no collection: {} cannot be read. Name its folder in CAIRN_DATA.", manifest.display());
+        return;
+    };
+    let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split('\t').collect()).collect();
+    let is_gltf = |name: &str| name.ends_with(".glb") || name.ends_with(".gltf");
+    let mut wanted: Vec<(&str, &str)> = (rows.iter())
+        .filter(|row| row.len() > 6 && row[1] == "control" && is_gltf(row[0]))
+        .map(|row| (row[0], row[6]))
+        .collect();
+    wanted.sort_unstable();
+    println!("| control mesh | watertight | what becomes of it | bodies | fill | in pockets | lost |");
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    let mut tally = BTreeMap::<(bool, &str), usize>::new();
+    std::panic::set_hook(Box::new(|_| {}));
+    for (name, watertight) in wanted {
+        let found = catch_unwind(AssertUnwindSafe(|| fate(&folder, name, args.bodies)));
+        let fate = found.unwrap_or_else(|_| Fate { kind: "panic", told: String::new(), figures: " | | | ".into() });
+        *tally.entry((watertight == "yes", fate.kind)).or_default() += 1;
+        let told = if fate.told.is_empty() { fate.kind.to_owned() } else { format!("{}: {}", fate.kind, fate.told) };
+        println!("| {name} | {watertight} | {} | {} |", told.replace('|', " "), fate.figures);
+    }
+    for ((watertight, kind), count) in tally {
+        println!("\n{}: {count} {kind}", if watertight { "watertight" } else { "others" });
+    }
+}
+
+struct Fate {
+    kind: &'static str,
+    told: String,
+    figures: String,
+}
+
+fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
+    let refused = |told: String| Fate { kind: "refused", told: told.replace('\n', "; "), figures: " | | | ".into() };
+    let mesh = match read(folder, name) {
+        Ok(mesh) => mesh,
+        Err(told) => return refused(told),
+    };
+    // Bricks fill about half of the room. An open mesh has none, but is refused by itself.
+    let volume = (mesh.signed_volume().abs() * 0.5 / wanted).max(f64::MIN_POSITIVE);
+    let edge = (volume / (1.0 * 0.7 * 0.5)).cbrt();
+    let brick = Prop {
+        model: Model { name: "brick".into(), mesh: block(DVec3::new(1.0, 0.7, 0.5) * edge) },
+        weight: 1.0,
+        friction: 0.7,
+        density: 1000.0,
+        restitution: 0.0,
+        scale: [1.0; 2],
+        tilt_max: 180.0,
+    };
+    let control = Some(Model { name: name.into(), mesh });
+    let scene = Scene { control, props: vec![brick], ..Scene::default() };
+    let mut params = Params::new(Accuracy::Draft);
+    params.fill.max_bodies = (4.0 * wanted) as u32;
+    // The fill is what matters here.
+    params.release.order = ReleaseOrder::AtOnce;
+    params.output.frames = Some(1);
+    match bake(&scene, &params, &mut Silent) {
+        Ok(bake) => {
+            let report = &bake.report;
+            let measure = |name: &str| report.measures.get(name).copied().flatten().unwrap_or(f64::NAN);
+            let own = |w: &&String| w.starts_with(name) && !w.contains("underside") && !w.contains("filled inside");
+            let repairs: Vec<&str> =
+                report.plan.warnings.iter().filter(own).map(|w| w[name.len() + 2..].trim()).collect();
+            let kind = if repairs.is_empty() { "filled" } else { "repaired and filled" };
+            let lost = report.counts["bodies_lost"] + report.counts["removed_escaped"];
+            let (fill, pockets) = (measure("fill_fraction"), measure("pocket_fraction"));
+            let figures = format!("{} | {fill:.2} | {pockets:.2} | {lost}", bake.bodies.len());
+            Fate { kind, told: repairs.join("; "), figures }
+        }
+        Err(Error::Invalid(problems)) => {
+            let told: Vec<String> = problems.iter().map(|p| p.text.replace(&format!("{name}: "), "")).collect();
+            refused(told.join("; "))
+        }
+        Err(other) => Fate { kind: "failed", told: other.to_string(), figures: " | | | ".into() },
+    }
+}
+
+fn read(folder: &Path, name: &str) -> Result<TriMesh, String> {
+    let path = folder.join(name);
+    let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let beside = path.parent().unwrap_or(folder).to_owned();
+    let resolve = |relative: &str| std::fs::read(beside.join(relative)).map_err(|e| e.to_string());
+    let source = Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() };
+    let problems = |all: Vec<asset::Problem>| all.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    Ok(asset::read(&source).map_err(problems)?.mesh)
+}
+
+/// A box of these edges about the origin.
+fn block(size: DVec3) -> TriMesh {
+    let corner = |i: u32| {
+        size / 2.0 * (DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 2.0 - DVec3::ONE)
+    };
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    TriMesh { points: (0..8).map(corner).collect(), triangles }
+}

@@ -1,0 +1,101 @@
+//! How far apart the sizes and masses of a scene's bodies are, and what that asks of the engine.
+
+use crate::check;
+use crate::params::{Params, Physics};
+use crate::scene::Scene;
+
+/// Beyond these the bodies are no longer simulated well, and the user is told.
+pub const MOST_SIZE_RATIO: f64 = 100.0;
+pub const MOST_MASS_RATIO: f64 = 1000.0;
+
+/// A light body under one of r times its mass sinks by this share of its edge times r, at a contact frequency of 1 per natural
+/// time: a spring's sag under the load. Measured on two cubes.
+const SAG: f64 = 0.1;
+/// What it may sink by.
+const MOST_SAG: f64 = 0.008;
+/// The same for a prop so thin that what it carries is many times its weight: contacts so stiff for a thickness of d, in
+/// proportion to its inverse root. A house of cards, at 1:100, then sinks by a tenth of a card.
+const THIN_FREQUENCY: f64 = 2.5;
+/// A spring is stable up to this share of the substeps' rate, and stiff up to it.
+const FREQUENCY_PER_SUBSTEP: f64 = 0.25;
+/// As in `physics.substeps`.
+const MOST_SUBSTEPS: u32 = 64;
+
+/// The bodies that the world will have: prop, and the range of a value of theirs.
+fn bodies<'a>(
+    scene: &'a Scene,
+    params: &Params,
+    value: impl Fn(usize, f64, Option<f64>) -> f64 + 'a,
+) -> impl Iterator<Item = (usize, f64)> + 'a {
+    let fills = check::fills(scene, params);
+    let drawn = move |i: usize| {
+        scene.props[i].weight > 0.0 && (fills || scene.emitters.iter().any(|e| scene.emitted(e).any(|k| k == i)))
+    };
+    let ends =
+        (0..scene.props.len()).filter(move |&i| drawn(i)).flat_map(|i| scene.props[i].scale.map(|s| (i, s, None)));
+    // What stays where it is carries like scenery.
+    let moving = scene.bodies.iter().filter(|b| !b.kept || b.kept_until.is_some());
+    let given = moving.map(|b| (b.prop, b.scale, b.mass));
+    ends.chain(given).map(move |(prop, scale, mass)| (prop, value(prop, scale, mass)))
+}
+
+/// The largest value over the smallest, and the props that have them.
+fn ratio(values: impl Iterator<Item = (usize, f64)>) -> Option<(f64, usize, usize)> {
+    let all: Vec<(usize, f64)> = values.collect();
+    let least = all.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let most = all.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (least.1 > 0.0).then(|| (most.1 / least.1, least.0, most.0))
+}
+
+/// Largest mass over smallest, where `mass` tells a prop's at scale 1; 1 where there are no bodies.
+pub fn mass_ratio(scene: &Scene, params: &Params, mass: impl Fn(usize) -> f64) -> f64 {
+    let of = move |prop: usize, scale: f64, kg: Option<f64>| kg.unwrap_or_else(|| mass(prop) * scale.powi(3));
+    ratio(bodies(scene, params, of)).map_or(1.0, |found| found.0)
+}
+
+/// What is too far apart, in words. `diameter` and `mass` tell a prop's at scale 1.
+pub fn warnings(
+    scene: &Scene,
+    params: &Params,
+    diameter: impl Fn(usize) -> f64,
+    mass: impl Fn(usize) -> f64,
+) -> Vec<String> {
+    let name = |prop: usize| scene.props[prop].model.name.as_str();
+    let size_of = |prop: usize, scale: f64, _| diameter(prop) * scale;
+    let sizes = ratio(bodies(scene, params, size_of)).filter(|found| found.0 > MOST_SIZE_RATIO * 1.001);
+    let sizes = sizes.map(|(ratio, small, large)| {
+        format!(
+            "sizes differ by {ratio:.0}:1 ({} and {}); beyond {MOST_SIZE_RATIO:.0}:1 the small ones are simulated coarsely: bake \
+             them apart, or bring the sizes nearer to each other",
+            name(small),
+            name(large)
+        )
+    });
+    let mass_of = |prop: usize, scale: f64, kg: Option<f64>| kg.unwrap_or_else(|| mass(prop) * scale.powi(3));
+    let masses = ratio(bodies(scene, params, mass_of)).filter(|found| found.0 > MOST_MASS_RATIO * 1.001);
+    let masses = masses.map(|(ratio, light, heavy)| {
+        format!(
+            "masses differ by {ratio:.0}:1 ({} and {}); beyond {MOST_MASS_RATIO:.0}:1 a heavy body sinks into a light one below it: \
+             bring densities or sizes nearer to each other",
+            name(light),
+            name(heavy)
+        )
+    });
+    sizes.into_iter().chain(masses).collect()
+}
+
+/// The engine's settings under which a heavy body does not sink into a light one, nor a thin one into another: contacts as
+/// stiff as the ratio of the masses (up to [`MOST_MASS_RATIO`]) asks, with as many substeps as such contacts need, and as
+/// the smallest thickness asks (in d), as far as the substeps allow.
+pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64, natural_time: f64) -> Physics {
+    let step = physics.step.seconds(natural_time) / natural_time;
+    let for_masses = (SAG * ratio.min(MOST_MASS_RATIO) / MOST_SAG).sqrt();
+    let allowed = FREQUENCY_PER_SUBSTEP * f64::from(physics.substeps) / step;
+    let needed = (THIN_FREQUENCY / thickness.sqrt()).min(allowed).max(for_masses);
+    if needed <= physics.contact_frequency {
+        return physics.clone();
+    }
+    let substeps = (needed * step / FREQUENCY_PER_SUBSTEP).ceil() as u32;
+    let substeps = physics.substeps.max(substeps.min(MOST_SUBSTEPS));
+    Physics { contact_frequency: needed, substeps, ..physics.clone() }
+}

@@ -1,0 +1,144 @@
+//! The guard against provoked faults: what no scene does by itself is put into a pile from outside.
+
+use crate::rows::engines::{Engine, params};
+use crate::rows::scenes::{at, block, placed, prop};
+use cairn_core::control::Control;
+use cairn_core::guard::Fault;
+use cairn_core::observer::{Silent, Stage};
+use cairn_core::params::{Params, Time};
+use cairn_core::release::Pile;
+use cairn_core::scene::{Key, Model, Scene, StaticModel};
+use cairn_core::world::{Role, Units};
+use cairn_core::{Error, bake, check, release, shape};
+use glam::DVec3;
+
+const BODIES: usize = 10;
+
+fn stacks() -> Scene {
+    let pose = |k: usize| at((k / 5) as f64, 0.1 * ((k % 5) as f64 + 0.5), 0.0);
+    placed(prop("cube", block(DVec3::splat(0.1)), 0.5), (0..BODIES).map(pose))
+}
+
+/// Two stacks of five; `fault` meddles with the world before each step.
+fn provoked(params: &Params, steps: u64, fault: impl Fn(&mut Pile, u64)) -> Result<Outcome, Error> {
+    run(&stacks(), params, steps, fault)
+}
+
+/// One cube under a plate that comes down on it: from above to this height in this time.
+fn pressed(to: f64, seconds: f64) -> Outcome {
+    let mut scene = placed(prop("cube", block(DVec3::splat(0.1)), 0.5), [at(0.0, 0.05, 0.0)]);
+    let plate = Model { name: "plate".into(), mesh: block(DVec3::new(4.0, 0.2, 4.0)) };
+    let key = |time: f64, low: f64| Key { time, pose: at(0.0, low + 0.1, 0.0) };
+    scene.statics =
+        vec![StaticModel { model: plate, friction: 0.5, keys: vec![key(0.2, 0.12), key(0.2 + seconds, to)] }];
+    run(&scene, &uncontrolled(), 200, |_, _| {}).unwrap()
+}
+
+fn run(scene: &Scene, params: &Params, steps: u64, fault: impl Fn(&mut Pile, u64)) -> Result<Outcome, Error> {
+    let checked = check::run(scene, params).map_err(Error::Invalid)?;
+    let shapes = shape::run(scene, params, &checked, &mut Silent)?;
+    let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
+    let control = Control::new(&params.control, params.gravity, params.seed, None);
+    let mut pile = release::turn_over(scene, &shapes, params, units, &[], 0.0, control)?;
+    pile.world.present().collect::<Vec<_>>().into_iter().for_each(|id| pile.let_go(id));
+    for step in 0..steps {
+        fault(&mut pile, step);
+        pile.advance(&mut Silent, Stage::Hold, |_| 0.0)?;
+    }
+    let actions = pile.guard.actions.clone();
+    let fastest = pile.world.present().map(|id| pile.world.speed(id)).fold(0.0, f64::max);
+    Ok(Outcome { aside: actions.aside, retries: actions.retries, stiffened: actions.stiffened, fastest })
+}
+
+#[derive(Debug)]
+struct Outcome {
+    aside: Vec<(usize, Fault)>,
+    retries: u64,
+    stiffened: u64,
+    fastest: f64,
+}
+
+fn launch(pile: &mut Pile, id: usize, velocity: DVec3) {
+    pile.world.set_role(id, Role::Free);
+    pile.world.launch(id, velocity, DVec3::ZERO);
+}
+
+fn uncontrolled() -> Params {
+    params(Engine::Uncontrolled, 1.0)
+}
+
+#[test]
+fn nothing_is_done_where_nothing_is_wrong() {
+    let found = provoked(&uncontrolled(), 200, |_, _| {}).unwrap();
+    assert_eq!((found.aside.len(), found.retries, found.stiffened), (0, 0, 0), "{found:?}");
+}
+
+#[test]
+fn what_is_no_number_is_set_aside() {
+    let found = provoked(&uncontrolled(), 60, |pile, step| {
+        if step == 20 {
+            launch(pile, 2, DVec3::splat(f64::NAN));
+        }
+    });
+    assert_eq!(found.unwrap().aside, [(2, Fault::NotFinite)]);
+}
+
+#[test]
+fn what_is_too_fast_is_tried_again_and_set_aside() {
+    let found = provoked(&uncontrolled(), 60, |pile, step| {
+        if step == 20 {
+            launch(pile, 4, DVec3::new(0.0, 60.0, 0.0));
+        }
+    });
+    let found = found.unwrap();
+    assert_eq!(found.aside, [(4, Fault::TooFast)]);
+    assert!(found.retries > 0 && found.fastest < 1.0, "{found:?}");
+}
+
+/// A plate hammers it down into the ground, where nothing can be.
+#[test]
+fn what_falls_through_the_ground_is_set_aside() {
+    assert_eq!(pressed(-3.0, 1.0).aside, [(0, Fault::BelowGround)]);
+}
+
+/// A plate presses it to a third of its height.
+#[test]
+fn bodies_deep_in_each_other_meet_stiffer_contacts() {
+    let found = pressed(0.035, 1.0);
+    assert!(found.stiffened > 0 && found.aside.is_empty(), "{found:?}");
+}
+
+#[test]
+fn too_many_set_aside_end_the_bake_with_a_remedy() {
+    let end = provoked(&uncontrolled(), 60, |pile, step| {
+        if step == 20 {
+            (0..6).for_each(|id| launch(pile, id, DVec3::new(0.0, 60.0 + id as f64, 0.0)));
+        }
+    });
+    let Err(Error::Invalid(problems)) = end else { panic!("it went on") };
+    assert!(
+        problems[0].text.contains("does not stay stable") && problems[0].field == "physics.substeps",
+        "{problems:?}"
+    );
+}
+
+/// Steps twenty times too long, with springs that ring: the guard's finer steps keep what it can together, and all of it is told.
+#[test]
+fn a_bad_setting_is_held_together_or_told() {
+    let mut params = uncontrolled();
+    params.physics.step = Time::Natural(1.0);
+    params.physics.substeps = 1;
+    params.physics.contact_damping_ratio = 0.1;
+    params.physics.contact_frequency = 400.0;
+    match bake(&stacks(), &params, &mut Silent) {
+        Ok(bake) => {
+            assert!(bake.frames.iter().flatten().all(|p| p.translation.is_finite()));
+            let (retries, lost) = (bake.report.counts["guard_retries"], bake.report.counts["bodies_lost"]);
+            assert!(retries > 0, "such steps gain energy");
+            let told = |part: &str| bake.report.warnings.iter().any(|w| w.contains(part));
+            assert!(told("taken again in smaller ones") && (lost == 0 || told("set aside")));
+        }
+        Err(Error::Invalid(problems)) => assert!(problems[0].text.contains("does not stay stable")),
+        Err(other) => panic!("{other}"),
+    }
+}

@@ -1,0 +1,198 @@
+//! The hard cases, one row each: what builds it, what passing means, and what was measured. Tests run the rows;
+//! `examples/hard_cases.rs` prints them as a table.
+#![allow(dead_code, reason = "the tests and the example use different parts")]
+
+pub mod edges;
+pub mod energy;
+pub mod engines;
+pub mod inputs;
+pub mod piles;
+pub mod scenes;
+pub mod stacks;
+pub mod starts;
+
+use engines::Engine::{self, Cairn, Plain, Uncontrolled};
+
+/// How large a case is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// As the tests run it.
+    Short,
+    /// As the row says.
+    Full,
+}
+
+/// What a case came to.
+pub struct Outcome {
+    /// The figures that decide.
+    pub told: String,
+    pub passed: bool,
+}
+
+/// Of several parts: all must pass.
+pub fn all(parts: impl IntoIterator<Item = (String, bool)>) -> Outcome {
+    let (told, passed): (Vec<String>, Vec<bool>) = parts.into_iter().unzip();
+    Outcome { told: told.join("; "), passed: passed.into_iter().all(|p| p) }
+}
+
+pub struct Row {
+    pub name: &'static str,
+    pub passes_when: &'static str,
+    pub run: fn(Engine, Extent) -> Outcome,
+    /// What must pass.
+    pub judged: &'static [Engine],
+    /// What can run it.
+    pub shown: &'static [Engine],
+    /// Why it cannot be passed, where it cannot.
+    pub fails: Option<&'static str>,
+}
+
+const ALL: &[Engine] = &[Cairn, Uncontrolled, Plain];
+const BOTH: &[Engine] = &[Cairn, Uncontrolled];
+const ONE: &[Engine] = &[Cairn];
+
+const fn row(
+    name: &'static str,
+    passes_when: &'static str,
+    run: fn(Engine, Extent) -> Outcome,
+    judged: &'static [Engine],
+    shown: &'static [Engine],
+) -> Row {
+    Row { name, passes_when, run, judged, shown, fails: None }
+}
+
+/// All rows, in the order of the table.
+pub const ROWS: &[Row] = &[
+    row(
+        "card_tower",
+        "a house of 40 cards, thickness 1:100, friction 0.7: moves < 2 % of its height in 60 s, penetration < 12 % of a thickness; at 0.2 it falls",
+        stacks::card_tower,
+        ONE,
+        ALL,
+    ),
+    row("card_thin", "the same, of cards 0.1 mm thick", stacks::card_thin, ONE, ALL),
+    row(
+        "card_pull",
+        "a card of the lowest storey is pulled out: its neighbours fall within 0.5 s",
+        stacks::card_pull,
+        BOTH,
+        ALL,
+    ),
+    row(
+        "heavy_on_light",
+        "a cube on a cube, 10, 100, 1000, 10000 : 1: sinks < 1 % to 1000:1; 10000:1 is held or reported",
+        stacks::heavy_on_light,
+        BOTH,
+        ALL,
+    ),
+    row(
+        "tower",
+        "10 cubes of 1 mm, 1 cm, 10 cm, 1 m, 100 m: sinks < 5 %, moves sideways < 1 % of its height in 20 s",
+        stacks::tower,
+        BOTH,
+        ALL,
+    ),
+    row(
+        "thin_stack",
+        "900 books of 40 mm in 20 columns: mean penetration < 1 % of a thickness",
+        stacks::thin_stack,
+        ONE,
+        ALL,
+    ),
+    row(
+        "edge_hover",
+        "a 10 mm cube pushed over a table's edge: drops within 10 % of its edge of the exact place",
+        edges::edge_hover,
+        BOTH,
+        ALL,
+    ),
+    row(
+        "overhang",
+        "5 blocks that overhang by sum 1/2i: stand at -1 %, fall at +1 %",
+        edges::overhang,
+        &[Uncontrolled],
+        ALL,
+    ),
+    row(
+        "slope",
+        "a block on a slope, friction 0, 0.05, 0.7, 1, 1.5, in 4 azimuths: slips from atan mu +- 2 % or 0.1 degrees on",
+        edges::slope,
+        &[Uncontrolled],
+        ALL,
+    ),
+    row(
+        "projectile",
+        "a ball of 1, 10, 100 times a cube's mass at 1, 10, 100 m/s into a held wall: nothing is passed through, no energy is gained",
+        edges::projectile,
+        BOTH,
+        ALL,
+    ),
+    row(
+        "needles",
+        "60 rods of 1:100 fall in a heap: no point faster than 2 sqrt(2 g h), none lost",
+        starts::needles,
+        BOTH,
+        ALL,
+    ),
+    row("overlap", "27 cubes that overlap by 25 %: no faster than 1 m/s, none tunnels", starts::overlap, BOTH, ALL),
+    row("coincident", "20 cubes at one pose: no faster than 3 m/s, all end apart", starts::coincident, BOTH, ALL),
+    row(
+        "nan_inside",
+        "a body's state becomes NaN: it is named and set aside, bodies apart from it stay bit-identical, the bake says so",
+        starts::nan_inside,
+        ONE,
+        ONE,
+    ),
+    row(
+        "spin",
+        "a disk spun upright on the ground for 60 s: energy grows < 0.5 %",
+        energy::spin,
+        &[Uncontrolled],
+        &[Uncontrolled, Plain],
+    ),
+    row(
+        "zero_g",
+        "a tumbling brick without gravity for 60 s: energy grows < 0.5 %",
+        energy::zero_g,
+        &[Uncontrolled],
+        &[Uncontrolled, Plain],
+    ),
+    row("balls", "1000 spheres in a heap come to rest and stay (200 in the tests)", piles::balls, BOTH, ALL),
+    row(
+        "rolling",
+        "a ball that rolls at 1 m/s stops within 5 % of 0.7 v^2 / (c g), c its rolling resistance",
+        piles::rolling,
+        &[Uncontrolled],
+        ALL,
+    ),
+    row(
+        "rest_sticks",
+        "609 sticks (150 in the tests): all at rest 2 s after the last release, no creep in 60 s",
+        piles::rest_sticks,
+        ONE,
+        BOTH,
+    ),
+    row("rest_bananas", "1000 nonconvex bananas (80 in the tests): the same", piles::rest_bananas, ONE, BOTH),
+    row("long", "a held pile for 10 minutes (1 in the tests): drifts < d/100", piles::long, ONE, ONE),
+    row("many", "10,000 and 100,000 bodies (1,000 in the tests): finishes, none lost", piles::many, ONE, ONE),
+    row(
+        "degenerate_mesh",
+        "no area, flat, empty, one triangle, inside out: an error that names the mesh, or a stated fallback",
+        inputs::degenerate_mesh,
+        ONE,
+        ONE,
+    ),
+    row(
+        "bad_container",
+        "open, non-manifold, inverted, several parts, self-intersecting: filled and nothing lost, or refused with the reason",
+        inputs::bad_container,
+        ONE,
+        ONE,
+    ),
+    row("scaled_node", "a node scaled by (2, 0.5, -3): mass within 1 %, faces outward", inputs::scaled_node, ONE, ONE),
+];
+
+/// The row of a name.
+pub fn of(name: &str) -> &'static Row {
+    ROWS.iter().find(|row| row.name == name).expect("a row of this name")
+}

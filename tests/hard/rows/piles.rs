@@ -1,0 +1,115 @@
+//! Piles that must come to rest, and stay.
+
+use super::engines::{Engine, FPS, Motion, baked, params, run};
+use super::scenes::{asset, at, ball, block, cloud, cone, cylinder, filled, placed, prop};
+use super::{Extent, Outcome, all};
+use cairn_core::params::{Params, ReleaseOrder};
+use glam::DVec3;
+
+pub fn balls(engine: Engine, extent: Extent) -> Outcome {
+    const RADIUS: f64 = 0.05;
+    let (count, across) = if extent == Extent::Full { (1000, 8) } else { (200, 5) };
+    let seconds = 25.0;
+    let scene = placed(prop("ball", ball(RADIUS), 0.7), cloud(count, across, 2.2 * RADIUS, 5));
+    let motion = run(engine, &scene, seconds);
+    let end = motion.frames.len() - 1;
+    let speed = motion.speeds(end).into_iter().fold(0.0, f64::max);
+    let limit = 0.01 * (9.81 * 2.0 * RADIUS).sqrt();
+    let creep = motion.drift(end - 5 * FPS as usize, end) / (2.0 * RADIUS);
+    all([
+        (format!("{count} balls: fastest after {seconds} s {speed:.4} m/s of {limit:.4}"), speed < limit),
+        (format!("creep in the last 5 s {creep:.4} d"), creep < 0.01),
+    ])
+}
+
+/// A ball that rolls at 1 m/s on level ground stops after 0.7 v^2 / (c g), c the coefficient of rolling resistance.
+pub fn rolling(engine: Engine, _: Extent) -> Outcome {
+    const RADIUS: f64 = 0.05;
+    const SPEED: f64 = 1.0;
+    let mut scene = placed(prop("ball", ball(RADIUS), 0.7), [at(0.0, RADIUS, 0.0)]);
+    scene.bodies[0].velocity = DVec3::X * SPEED;
+    scene.bodies[0].angular_velocity = DVec3::NEG_Z * SPEED / RADIUS;
+    let coefficient = params(engine, 0.0).physics.rolling_resistance;
+    let exact = 0.7 * SPEED * SPEED / (coefficient * 9.81);
+    let reached = run(engine, &scene, 10.0).last()[0].translation.x;
+    let error = (reached / exact - 1.0).abs();
+    all([(format!("stops after {reached:.2} m, by theory {exact:.2}"), error < 0.05)])
+}
+
+fn filled_params(engine: Engine, count: u32, hold: f64) -> Params {
+    let mut params = params(engine, hold);
+    params.release.order = ReleaseOrder::BottomUp;
+    params.output.frames = None;
+    params.output.fps = 24.0;
+    params.fill.count = Some(count);
+    params
+}
+
+/// At rest 2 s after the last release, and no creep from then on.
+fn rests(motion: &Motion, hold: f64) -> Outcome {
+    let (rest, creep) = (motion.figure("rest_seconds"), motion.figure("creep_max_rel"));
+    let bodies = motion.first().len();
+    all([
+        (format!("{bodies} bodies at rest after {rest:.2} s"), rest < 2.0),
+        (format!("creep {creep:.4} d in {hold} s"), creep < 0.01),
+        (format!("{} hanging", motion.figure("hanging")), motion.figure("hanging") == 0.0),
+    ])
+}
+
+pub fn rest_sticks(engine: Engine, extent: Extent) -> Outcome {
+    let (count, hold) = if extent == Extent::Full { (609, 60.0) } else { (150, 20.0) };
+    let stick = prop("stick", block(DVec3::new(0.05, 0.5, 0.05)), 0.7);
+    let factor = 0.5 * (f64::from(count) * 0.01 / 0.42 / 3.1).cbrt();
+    let scene = filled(cone(factor * 0.96, factor * 2.9), stick);
+    rests(&baked(&scene, &filled_params(engine, count, hold)), hold)
+}
+
+pub fn rest_bananas(engine: Engine, extent: Extent) -> Outcome {
+    let (count, hold) = if extent == Extent::Full { (1000, 60.0) } else { (80, 10.0) };
+    let banana = prop("banana", asset("banana.glb"), 0.7);
+    let volume = banana.model.mesh.signed_volume().abs() * f64::from(count) / 0.42;
+    let radius = (volume / 3.6).cbrt();
+    let scene = filled(cone(radius * 1.4, radius * 1.9), banana);
+    rests(&baked(&scene, &filled_params(engine, count, hold)), hold)
+}
+
+pub fn long(engine: Engine, extent: Extent) -> Outcome {
+    let hold = if extent == Extent::Full { 600.0 } else { 60.0 };
+    let stick = prop("stick", block(DVec3::new(0.06, 0.6, 0.06)), 0.7);
+    let motion = baked(&filled(cylinder(0.6, 1.5), stick), &filled_params(engine, 200, hold));
+    let creep = motion.figure("creep_max_rel");
+    all([(format!("{} bodies drift {creep:.5} d in {hold} s", motion.first().len()), creep < 0.01)])
+}
+
+/// Columns of four, which fall a little.
+pub fn many(engine: Engine, extent: Extent) -> Outcome {
+    let counts: &[usize] = if extent == Extent::Full { &[10_000, 100_000] } else { &[1_000] };
+    let part = |&count: &usize| {
+        let across = ((count / 4) as f64).sqrt().ceil() as usize;
+        let pose = |k: usize| {
+            let (column, level) = (k / 4, k % 4);
+            let (x, z) = ((column % across) as f64, (column / across) as f64);
+            at(0.15 * x, 0.05 + 0.101 * level as f64, 0.15 * z)
+        };
+        let scene = placed(prop("cube", block(DVec3::splat(0.1)), 0.7), (0..count).map(pose));
+        let mut params = params(engine, 0.5);
+        params.output.fps = 4.0;
+        params.output.frames = Some(2);
+        let before = peak_memory();
+        let motion = baked(&scene, &params);
+        let lost = motion.last().iter().filter(|p| p.translation.y < 0.0).count();
+        let kept = motion.is_finite() && motion.last().len() == count && lost == 0;
+        let memory = match (before, peak_memory()) {
+            (Some(before), Some(after)) => format!(", {:.1} KiB each", (after - before) / count as f64),
+            _ => String::new(),
+        };
+        (format!("{count} bodies, {lost} lost{memory}"), kept)
+    };
+    all(counts.iter().map(part).collect::<Vec<_>>())
+}
+
+/// Largest resident memory of this process so far, KiB; `None` where the system does not tell.
+fn peak_memory() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix("kB")?.trim().parse().ok())
+}

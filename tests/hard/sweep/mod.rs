@@ -1,0 +1,107 @@
+//! The stability sweep: random scenes, and what must hold in each of them.
+#![allow(dead_code, reason = "the tests and the example use different parts")]
+
+pub mod file;
+pub mod recipe;
+
+use cairn_core::bake::Bake;
+use cairn_core::observer::Silent;
+use cairn_core::{Error, bake, check, shape};
+use glam::DVec3;
+use recipe::Recipe;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// What a scene came to.
+pub enum Verdict {
+    Sound(Bake),
+    /// Refused before anything ran, with the reason.
+    Refused(String),
+}
+
+/// No pair may be deeper in each other at the end than the larger of these: shares of the thinner one's thickness, and of
+/// d (the sag of contacts does not shrink with a sheet's thickness).
+const MOST_PENETRATION: f64 = 0.5;
+const MOST_DEPTH: f64 = 0.05;
+/// Energy may grow by so much of m g d summed over the bodies: frames tell it only roughly.
+const MOST_GAIN: f64 = 0.05;
+/// Bodies that overlap in the beginning are pushed apart: that raises them.
+const MOST_PUSH: f64 = 1.0;
+
+/// Bakes a recipe; an error is a violated invariant.
+pub fn run(recipe: &Recipe) -> Result<Verdict, String> {
+    let (scene, params) = recipe.scene();
+    let baked = catch_unwind(AssertUnwindSafe(|| bake(&scene, &params, &mut Silent)));
+    let baked = baked.map_err(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+        format!("panic: {}", text.unwrap_or("?"))
+    })?;
+    match baked {
+        Ok(bake) => {
+            judge(recipe, &bake)?;
+            Ok(Verdict::Sound(bake))
+        }
+        Err(Error::Invalid(problems)) if problems.iter().all(|p| is_refusal(&p.text)) => {
+            Ok(Verdict::Refused(problems.iter().map(ToString::to_string).collect()))
+        }
+        Err(error) => Err(format!("error: {error}")),
+    }
+}
+
+/// Props that do not fit into the control mesh.
+fn is_refusal(text: &str) -> bool {
+    text.contains("larger than the control mesh") || text.contains("found room")
+}
+
+fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
+    let (scene, params) = recipe.scene();
+    let checked = check::run(&scene, &params).map_err(|e| format!("{e:?}"))?;
+    let shapes = shape::run(&scene, &params, &checked, &mut Silent).map_err(|e| e.to_string())?;
+    let (d, g) = (checked.diameter, params.gravity);
+    let must = |holds: bool, told: String| if holds { Ok(()) } else { Err(told) };
+    let finite = |p: &cairn_core::pose::Pose| p.translation.is_finite() && p.rotation.is_finite();
+    must(bake.frames.iter().flatten().all(finite), "a pose is not finite".into())?;
+
+    let count = |name: &str| bake.report.counts[name];
+    must(count("bodies_lost") == 0, format!("{} bodies set aside: {:?}", count("bodies_lost"), bake.report.warnings))?;
+    let verdicts = count("verdicts_stable") + count("verdicts_unstable");
+    must(count("verdicts_undecided") == 0 && verdicts == count("analyses"), "a verdict is undecided".into())?;
+
+    // From here on by centres of mass.
+    let center = |frame: &[cairn_core::pose::Pose], k: usize| -> DVec3 {
+        let body = bake.bodies[k];
+        shapes[body.prop].body_pose(&frame[k], body.scale).translation
+    };
+    let bodies = bake.bodies.len();
+    let mass =
+        |k: usize| recipe.mass(k).unwrap_or_else(|| shapes[bake.bodies[k].prop].mass * bake.bodies[k].scale.powi(3));
+    let first = &bake.frames[0];
+    let last = &bake.frames[bake.frames.len() - 1];
+    let highest = (0..bodies).map(|k| center(first, k).y - checked.ground).fold(0.0, f64::max) + d;
+    let limit = 2.0 * (2.0 * g * highest).sqrt();
+    let all: f64 = (0..bodies).map(mass).sum();
+    let energy = |frame: &[cairn_core::pose::Pose], before: Option<&[cairn_core::pose::Pose]>| {
+        let of = |k: usize| {
+            let speed = before.map_or(0.0, |b| center(frame, k).distance(center(b, k)) * bake.fps);
+            mass(k) * (speed * speed / 2.0 + g * (center(frame, k).y - checked.ground))
+        };
+        (0..bodies).map(of).sum::<f64>()
+    };
+    let start = energy(first, None);
+    let allowed = all * g * d * if recipe.overlaps() { MOST_PUSH } else { MOST_GAIN };
+    for pair in bake.frames.windows(2) {
+        let speed =
+            (0..bodies).map(|k| center(&pair[0], k).distance(center(&pair[1], k)) * bake.fps).fold(0.0, f64::max);
+        must(speed <= limit, format!("a body moves at {speed:.3} m/s, more than {limit:.3}"))?;
+        let gained = energy(&pair[1], Some(&pair[0])) - start;
+        must(gained <= allowed, format!("energy grew by {:.3} of m g d", gained / (all * g * d)))?;
+    }
+    for k in 0..bodies {
+        let (at, thickness) = (center(last, k), shapes[bake.bodies[k].prop].thickness() * bake.bodies[k].scale);
+        must(at.y > checked.ground - thickness.max(0.02 * d), format!("body {k} is at {at}, below the ground"))?;
+        must((at - center(first, k)).length() < 10.0 * highest + 20.0 * d, format!("body {k} escaped to {at}"))?;
+    }
+    let deepest = bake.report.measures["penetration_max_rel"].unwrap_or(0.0);
+    let thinnest = shapes.iter().map(|s| s.thickness()).fold(f64::INFINITY, f64::min) / d;
+    let limit = MOST_PENETRATION.max(MOST_DEPTH / thinnest);
+    must(deepest <= limit, format!("two bodies are {deepest:.2} thicknesses deep in each other"))
+}
