@@ -211,7 +211,7 @@ def draw_bake(layout, context):
     else:
         box.label(text=f"{title}  {share:.0%}", icon="TIME")
     # Both lines always: a button that jumps is hard to press.
-    for text in (bake.counts(), bake.time_left()):
+    for text in (bake.counts(2), bake.time_left()):
         box.label(text=text)
     box.operator("cairn.stop", icon="CANCEL")
 

@@ -113,19 +113,19 @@ class Bake:
     def share(self):
         return self.progress.fraction if self.progress else 0.0
 
-    def counts(self):
-        """Bodies, and what they do, as one line."""
+    def counts(self, most=None):
+        """Bodies, and what they do, as one line of `most` figures."""
         progress = self.progress
         if progress is None or not progress.body_count:
             return ""
         parts = [f"{progress.body_count} bodies"]
-        if progress.released_count:
+        if 0 < progress.released_count < progress.body_count:
             parts.append(f"{progress.released_count} let go")
         if progress.at_rest_count:
             parts.append(f"{progress.at_rest_count} at rest")
         if progress.nail_count:
             parts.append(f"{progress.nail_count} nails")
-        return ", ".join(parts)
+        return ", ".join(parts[:most])
 
     def time_left(self):
         progress = self.progress

@@ -22,6 +22,8 @@ fn a_study_of_a_small_pile() {
     // Counted work, not time.
     let steps: Vec<f64> = rows[..5].iter().map(|row| row["steps"]["median"].as_f64().unwrap()).collect();
     assert!(steps[2] < steps[3] && steps[3] < steps[4], "{steps:?}");
+    let sunk = |row: usize| rows[row]["errors"]["penetration_mean_rel"]["median"].as_f64().unwrap();
+    assert!(sunk(0) > sunk(2), "draft {} sinks in less than standard {}", sunk(0), sunk(2));
     for row in rows {
         let bodies = row["bodies"]["median"].as_f64().unwrap();
         assert!((20.0..=80.0).contains(&bodies), "the shape was not scaled down: {bodies} bodies");

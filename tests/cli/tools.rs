@@ -84,3 +84,20 @@ fn the_doctor_tells_the_machine_and_tries_a_bake() {
     assert!(findings["kept_shape"].as_str().is_some_and(|told| told.contains("expected")), "{told:#}");
     assert!(desk.files().iter().all(|name| name.ends_with(".glb")), "it leaves nothing behind");
 }
+
+#[test]
+fn a_plan_tells_what_each_accuracy_is_expected_to_cost() {
+    let desk = Desk::new();
+    let told = desk.line("plan --control cone.glb --prop stick.glb").ok();
+    for word in ["bodies", "control", "draft", "reference", "CPU time", "of a thickness"] {
+        assert!(told.contains(word), "{told}");
+    }
+    let plan: Value = serde_json::from_str(&desk.line("plan --json --control cone.glb --prop stick.glb").ok()).unwrap();
+    let seconds = |i: usize| plan["estimates"][i]["cpu_seconds"].as_f64().unwrap();
+    assert!((1..5).all(|i| seconds(i - 1) < seconds(i)), "{plan:#}");
+    // A field of the scene's own holds at each accuracy.
+    let fewer = desk.line("plan --json --control cone.glb --prop stick.glb --set fill.count=5").ok();
+    let fewer: Value = serde_json::from_str(&fewer).unwrap();
+    assert!(fewer["estimates"][4]["cpu_seconds"].as_f64().unwrap() < seconds(4));
+    desk.line("plan --control cone.glb --prop stik.glb").fails(65, &["stick.glb"]);
+}

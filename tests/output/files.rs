@@ -32,6 +32,8 @@ pub fn bake_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> Bake {
         plan,
         params: Params::new(Accuracy::Standard),
         measures: Default::default(),
+        error_sources: Default::default(),
+        limited_by: None,
         counts: Default::default(),
         shapes: vec![],
         seconds: Default::default(),

@@ -30,8 +30,9 @@ fn bodies<'a>(
     };
     let ends =
         (0..scene.props.len()).filter(move |&i| drawn(i)).flat_map(|i| scene.props[i].scale.map(|s| (i, s, None)));
-    // What stays where it is carries like scenery.
-    let moving = scene.bodies.iter().filter(|b| !b.kept || b.kept_until.is_some());
+    // What stays where it is carries like scenery; what is thrown in later is no part of the pile, and the guard looks after
+    // what it sinks into.
+    let moving = scene.bodies.iter().filter(|b| b.is_stacked() && (!b.kept || b.kept_until.is_some()));
     let given = moving.map(|b| (b.prop, b.scale, b.mass));
     ends.chain(given).map(move |(prop, scale, mass)| (prop, value(prop, scale, mass)))
 }
@@ -82,15 +83,16 @@ pub fn warnings(
 }
 
 /// The engine's settings under which a heavy body does not sink into a light one: contacts as stiff as the ratio of the
-/// masses (up to [`MOST_MASS_RATIO`]) asks, and as many substeps as such contacts need. `thickness`: the smallest, d.
+/// masses (up to [`MOST_MASS_RATIO`]) asks, with as many substeps as such contacts need. `thickness` of the thinnest body, in
+/// d: that it is thin stiffens the contacts by itself.
 pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64, natural_time: f64) -> Physics {
     let needed = (SAG * ratio.min(MOST_MASS_RATIO) / MOST_SAG).sqrt();
-    let stiffness = physics.stiffness(thickness);
-    if needed <= stiffness {
+    let given = physics.stiffness(thickness);
+    if needed <= given {
         return physics.clone();
     }
     let step = physics.step.seconds(natural_time) / natural_time;
     let substeps = (needed * step / FREQUENCY_PER_SUBSTEP).ceil() as u32;
     let substeps = physics.substeps.max(substeps.min(MOST_SUBSTEPS));
-    Physics { contact_frequency: physics.contact_frequency * needed / stiffness, substeps, ..physics.clone() }
+    Physics { contact_frequency: physics.contact_frequency * needed / given, substeps, ..physics.clone() }
 }

@@ -11,6 +11,7 @@ use crate::hold::Held;
 use crate::measure::{self, Contact, Gauge, Overlap, ShapeMeasures};
 use crate::mesh::TriMesh;
 use crate::observer::{Observer, Progress, Stage, observe};
+use crate::params::ControlMode;
 use crate::params::{FillMethod, Params};
 use crate::plan::Plan;
 use crate::pose::Pose;
@@ -115,17 +116,41 @@ pub fn report(
         measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
     }
     warnings.extend(end_warnings(pile, held, &measures));
+    let error_sources = error_sources(inputs, &pile.world, &measures);
+    let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name);
     Ok(Report {
         seed: params.seed,
         bodies,
         plan: inputs.plan.clone(),
         params: params.clone(),
         measures,
+        error_sources,
+        limited_by,
         counts: counts(filled.map(|(_, filled)| filled), pile),
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds: BTreeMap::new(),
         warnings,
     })
+}
+
+/// Lengths by which a pile may differ from the true one, in d, by the parameter that lessens each: how far the collision
+/// shapes are from the meshes, how far contacts sink in, the gap across which bodies may be held, and how far a body falls
+/// within a step.
+fn error_sources(inputs: &Inputs, world: &World, measures: &Figures) -> BTreeMap<&'static str, f64> {
+    let mut thickness: Vec<f64> = world.present().map(|id| world.bodies()[id].thickness).collect();
+    thickness.sort_by(f64::total_cmp);
+    let thickness = thickness.get(thickness.len() / 2).copied().unwrap_or(0.0);
+    let used = inputs.shapes.iter().enumerate().filter(|(i, _)| inputs.bodies.iter().any(|b| b.prop == *i));
+    let deviation = used.map(|(_, shape)| shape.report.deviation_rel).fold(0.0, f64::max);
+    let sunk = measures.get("penetration_mean_rel").copied().flatten().unwrap_or(0.0);
+    let control = &inputs.params.control;
+    let gap = if control.mode == ControlMode::Off { 0.0 } else { control.contact_tolerance };
+    BTreeMap::from([
+        ("physics.shape_tolerance", deviation),
+        ("physics.contact_frequency", sunk * thickness),
+        ("physics.step", world.step_length().powi(2) / 2.0),
+        ("control.contact_tolerance", gap * thickness),
+    ])
 }
 
 type Figures = BTreeMap<&'static str, Option<f64>>;

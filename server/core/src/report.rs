@@ -16,6 +16,10 @@ pub struct Report {
     pub params: Params,
     /// Figures by name, those of measures.md; `null` where a figure has no meaning for this scene.
     pub measures: BTreeMap<&'static str, Option<f64>>,
+    /// What keeps the result from the truth, in d, by the parameter that lessens it.
+    pub error_sources: BTreeMap<&'static str, f64>,
+    /// The largest of them: the parameter that limits the accuracy.
+    pub limited_by: Option<&'static str>,
     /// Counts by name: steps, solves, verdicts, nails, removed bodies.
     pub counts: BTreeMap<&'static str, u64>,
     /// Per prop: what its collision shape is and how far it is from the mesh.

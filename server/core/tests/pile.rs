@@ -4,6 +4,8 @@ mod common;
 
 use cairn_core::observer::{Observer, Progress, Silent};
 use cairn_core::params::{Accuracy, ControlMode, FillMethod, Params};
+use cairn_core::pose::Pose;
+use cairn_core::scene::Scene;
 use cairn_core::world::Role;
 use cairn_core::{bake, control, fill, release};
 use common::{cone, scene, stick};
@@ -57,21 +59,48 @@ fn another_seed_gives_another_pile() {
 }
 
 #[test]
-fn a_scene_a_thousandth_as_large_gives_the_same_pile() {
-    let large = scene(cone(0.8, 1.2), stick());
+fn a_scene_a_thousand_times_smaller_or_larger_gives_the_same_pile() {
+    let normal = scene(cone(0.8, 1.2), stick());
+    let bake = |scene: &Scene| bake(scene, &params(), &mut Silent).unwrap();
+    let a = bake(&normal);
     // A power of two changes no digit of any coordinate.
-    let factor = 1.0 / 1024.0;
-    let mut small = large.clone();
-    let control = small.control.as_mut().unwrap();
-    control.mesh = control.mesh.scaled(factor);
-    small.props[0].model.mesh = small.props[0].model.mesh.scaled(factor);
-    let (a, b) = (bake(&large, &params(), &mut Silent).unwrap(), bake(&small, &params(), &mut Silent).unwrap());
-    assert_eq!(a.bodies.len(), b.bodies.len());
-    assert_eq!(a.report.counts["steps"], b.report.counts["steps"]);
-    let apart =
-        |(p, q): (&cairn_core::pose::Pose, &cairn_core::pose::Pose)| p.translation.distance(q.translation / factor);
-    let largest = a.frames[0].iter().zip(&b.frames[0]).map(apart).fold(0.0, f64::max);
-    assert!(largest < 1e-5, "the piles differ by {largest} m");
+    for factor in [1.0 / 1024.0, 1024.0] {
+        let mut scaled = normal.clone();
+        let control = scaled.control.as_mut().unwrap();
+        control.mesh = control.mesh.scaled(factor);
+        scaled.props[0].model.mesh = scaled.props[0].model.mesh.scaled(factor);
+        let b = bake(&scaled);
+        assert_eq!(a.bodies.len(), b.bodies.len());
+        assert_eq!(a.report.counts["steps"], b.report.counts["steps"]);
+        let apart = |(p, q): (&Pose, &Pose)| p.translation.distance(q.translation / factor);
+        let largest = a.frames[0].iter().zip(&b.frames[0]).map(apart).fold(0.0, f64::max);
+        assert!(largest < 1e-5, "the piles differ by {largest} m");
+        for name in
+            ["penetration_mean_rel", "penetration_max_rel", "kept_shape", "fill_fraction", "unsupported_fraction"]
+        {
+            let (x, y) = (a.report.measures[name].unwrap(), b.report.measures[name].unwrap());
+            assert!((x - y).abs() <= 1e-3 * x.abs().max(0.01), "{name}: {x}, {factor} times as large {y}");
+        }
+    }
+}
+
+#[test]
+fn each_accuracy_is_expected_to_cost_more_than_the_one_before() {
+    let scene = scene(cone(0.8, 1.2), stick());
+    let estimates = |machine| {
+        let ladder = Accuracy::LADDER.map(Params::new);
+        cairn_core::estimates(&scene, &ladder, machine).unwrap()
+    };
+    let (here, slower) = (estimates(1.0), estimates(3.0));
+    assert_eq!(here.iter().map(|e| e.accuracy).collect::<Vec<_>>(), Accuracy::LADDER);
+    for pair in here.windows(2) {
+        assert!(pair[0].cpu_seconds < pair[1].cpu_seconds, "{pair:?}");
+        assert!(pair[0].penetration_mean_rel >= pair[1].penetration_mean_rel, "{pair:?}");
+    }
+    for (here, slower) in here.iter().zip(&slower) {
+        assert!(here.cpu_seconds.is_finite() && here.factor >= 1.0);
+        assert_eq!(slower.cpu_seconds, 3.0 * here.cpu_seconds);
+    }
 }
 
 #[test]

@@ -55,7 +55,7 @@ pub fn read(scene: &SceneArgs) -> Result<(Job, Plan), Failure> {
 /// The plan for a person.
 pub fn describe(plan: &Plan, notes: &[String]) -> String {
     let mut text = String::from("The scene can be baked.\n");
-    let mut line = |name: &str, value: String| writeln!(text, "  {name:<16}{value}").expect("a string takes all");
+    let mut line = |name: &str, value: String| writeln!(text, "  {name:<20}{value}").expect("a string takes all");
     line("bodies", format!("about {}", plan.expected_bodies));
     line("steps", format!("about {}", plan.expected_steps));
     line("prop diameter", format!("{:.3} m", plan.prop_diameter));
