@@ -24,7 +24,7 @@ use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
-pub use guarded::{Gain, State};
+pub use guarded::{Energy, State};
 pub use hits::Hit;
 pub use motion::{FrictionExcess, Momentum};
 pub use nails::NailId;
