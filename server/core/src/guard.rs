@@ -90,8 +90,10 @@ pub struct Guard {
     /// Retries in a row, and the step until which a gain of energy is let pass.
     in_a_row: u32,
     resting_until: u64,
-    /// Pairs that were deep in each other at the last look: placed so, or told already.
+    /// Pairs that were deep in each other at two looks in a row: placed so, or met with stiffer contacts already.
     deep: BTreeSet<(BodyId, Option<BodyId>)>,
+    /// Those of the latest look.
+    latest: BTreeSet<(BodyId, Option<BodyId>)>,
     stiff_until: Option<u64>,
     step: u64,
     /// The bodies before the current step.
@@ -115,6 +117,7 @@ impl Guard {
             in_a_row: 0,
             resting_until: 0,
             deep: BTreeSet::new(),
+            latest: BTreeSet::new(),
             stiff_until: None,
             step: 0,
             before: State::default(),
@@ -189,8 +192,11 @@ impl Guard {
             return;
         }
         let deep: BTreeSet<_> = world.deep_pairs(DEEP).into_iter().collect();
-        let is_new = self.step > 0 && !deep.is_subset(&self.deep);
-        self.deep.extend(deep);
+        // A hard fall is over by the next look.
+        let stays: BTreeSet<_> = deep.intersection(&self.latest).copied().collect();
+        let is_new = self.step > DEPTH_PERIOD && !stays.is_subset(&self.deep);
+        self.deep.extend(stays);
+        self.latest = deep;
         if is_new && self.stiff_until.is_none() && self.actions.stiffened < MOST_STIFFENINGS {
             self.actions.stiffened += 1;
             self.stiff_until = Some(self.step + STIFF_STEPS);

@@ -103,7 +103,10 @@ pub fn many(engine: Engine, extent: Extent) -> Outcome {
         let lost = motion.last().iter().filter(|p| p.translation.y < 0.0).count();
         let kept = motion.is_finite() && motion.last().len() == count && lost == 0;
         let memory = match (before, peak_memory()) {
-            (Some(before), Some(after)) => format!(", {:.1} KiB each", (after - before) / count as f64),
+            // In a process that needed more before, nothing is learnt.
+            (Some(before), Some(after)) if after > before => {
+                format!(", {:.1} KiB each", (after - before) / count as f64)
+            }
             _ => String::new(),
         };
         (format!("{count} bodies, {lost} lost{memory}"), kept)
