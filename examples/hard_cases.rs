@@ -6,6 +6,9 @@
 #[path = "../tests/hard/rows/mod.rs"]
 mod rows;
 
+use cairn_core::guard::Guard;
+use cairn_core::observer::Silent;
+use cairn_core::world::{Insertion, Units, World};
 use clap::Parser;
 use rows::engines::Engine;
 use rows::{Extent, Row};
@@ -16,12 +19,18 @@ struct Args {
     /// Every row in the size that it names.
     #[arg(long)]
     full: bool,
+    /// Instead, what the guard costs where it has nothing to do: CPU time of guarded steps over that of plain ones.
+    #[arg(long)]
+    guard_cost: bool,
     /// Only these rows.
     rows: Vec<String>,
 }
 
 fn main() {
     let args = Args::parse();
+    if args.guard_cost {
+        return guard_cost();
+    }
     let extent = if args.full { Extent::Full } else { Extent::Short };
     println!("| row | passes when | Cairn | without control | plain rapier |");
     println!("| --- | --- | --- | --- | --- |");
@@ -45,4 +54,51 @@ fn cell(row: &Row, engine: Engine, extent: Extent) -> String {
         (false, _) => "**fails**".into(),
     };
     format!("{verdict}: {}", outcome.told)
+}
+
+/// Sticks that fall into a heap and come to rest: the same steps by the world alone and under the guard, in turn.
+fn guard_cost() {
+    const STEPS: usize = 200;
+    const ROUNDS: usize = 7;
+    let stick = rows::scenes::prop("stick", rows::scenes::block(glam::DVec3::new(0.5, 0.05, 0.05)), 0.7);
+    let scene = rows::scenes::placed(stick, rows::scenes::cloud(600, 6, 0.4, 1));
+    let params = rows::engines::params(Engine::Uncontrolled, 1.0);
+    let checked = cairn_core::check::run(&scene, &params).expect("a sound scene");
+    let shapes = cairn_core::shape::run(&scene, &params, &checked, &mut Silent).expect("props with volume");
+    let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
+    let world = || {
+        let mut world = World::new(units, &params.physics, shapes[0].thickness() / units.length, false);
+        world.add_ground(0.0, 0.7);
+        for given in &scene.bodies {
+            let pose = units.pose_to_engine(&given.pose);
+            let body = Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 };
+            world.insert(&shapes[0], &body).expect("a prop with volume");
+        }
+        world
+    };
+    let mut ratios = Vec::new();
+    for _ in 0..ROUNDS {
+        let (mut plain, mut guarded, mut guard) = (world(), world(), Guard::new(&scene, units, 0.0, 1.0));
+        let (mut by_plain, mut by_guard) = (0.0, 0.0);
+        for _ in 0..STEPS {
+            by_plain += cpu(|| drop(plain.step()));
+            by_guard += cpu(|| drop(guard.step(&mut guarded)));
+        }
+        assert_eq!(guard.actions.retries, 0, "the guard has nothing to do here");
+        ratios.push(by_guard / by_plain);
+    }
+    ratios.sort_by(f64::total_cmp);
+    println!(
+        "guarded over plain steps, median of {ROUNDS}: {:.4} ({:.4} to {:.4})",
+        ratios[ROUNDS / 2],
+        ratios[0],
+        ratios[ROUNDS - 1]
+    );
+}
+
+/// CPU seconds of this thread.
+fn cpu(work: impl FnOnce()) -> f64 {
+    let clock = cpu_time::ThreadTime::now();
+    work();
+    clock.elapsed().as_secs_f64()
 }

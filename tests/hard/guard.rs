@@ -3,12 +3,13 @@
 use crate::rows::engines::{Engine, params};
 use crate::rows::scenes::{at, block, placed, prop};
 use cairn_core::control::Control;
-use cairn_core::guard::Fault;
+use cairn_core::guard::{Fault, Guard};
 use cairn_core::observer::{Silent, Stage};
 use cairn_core::params::{Params, Time};
+use cairn_core::pose::Pose;
 use cairn_core::release::Pile;
 use cairn_core::scene::{Key, Model, Scene, StaticModel};
-use cairn_core::world::{Role, Units};
+use cairn_core::world::{Insertion, Role, Units, World};
 use cairn_core::{Error, bake, check, release, shape};
 use glam::DVec3;
 
@@ -95,10 +96,19 @@ fn what_is_too_fast_is_tried_again_and_set_aside() {
     assert!(found.retries > 0 && found.fastest < 1.0, "{found:?}");
 }
 
-/// A plate hammers it down into the ground, where nothing can be.
+/// The same world without its ground.
 #[test]
 fn what_falls_through_the_ground_is_set_aside() {
-    assert_eq!(pressed(-3.0, 1.0).aside, [(0, Fault::BelowGround)]);
+    let (scene, params) = (stacks(), uncontrolled());
+    let checked = check::run(&scene, &params).unwrap();
+    let shapes = shape::run(&scene, &params, &checked, &mut Silent).unwrap();
+    let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
+    let mut world = World::new(units, &params.physics, 0.5, false);
+    let pose = Pose { translation: DVec3::Y, ..Pose::IDENTITY };
+    world.insert(&shapes[0], &Insertion { prop: 0, scale: 1.0, pose, friction: 0.5, restitution: 0.0 }).unwrap();
+    let mut guard = Guard::new(&scene, units, 0.0, 1.0);
+    let aside: Vec<usize> = (0..60).flat_map(|_| guard.step(&mut world).unwrap()).collect();
+    assert_eq!((aside, guard.actions.aside), (vec![0], vec![(0, Fault::BelowGround)]));
 }
 
 /// A plate presses it to a third of its height.

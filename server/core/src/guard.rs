@@ -5,7 +5,7 @@
 use crate::Error;
 use crate::problem::Problem;
 use crate::scene::{Scene, StaticModel};
-use crate::world::{BodyId, Role, State, Units, World};
+use crate::world::{BodyId, Energy, Role, State, Units, World};
 use std::collections::BTreeSet;
 
 /// What the guard has done.
@@ -42,6 +42,8 @@ impl Fault {
 
 /// A step that failed is taken again in this many.
 const RETRY_PARTS: u32 = 8;
+/// Energy is weighed in every so many steps: it takes longer than all else, and what bursts goes on bursting.
+const ENERGY_PERIOD: u64 = 4;
 /// Steps retried in a row before the guard gives up on a gain of energy that finer steps do not cure.
 const MOST_RETRIES_IN_A_ROW: u32 = 4;
 /// ... and for how many steps it then looks away: a scene that needs a finer step everywhere would take eight times as long.
@@ -54,9 +56,11 @@ const PUSH_OUT: f64 = 0.35;
 /// Pushed apart, bodies get as fast as by a fall from so many d.
 const PUSH_OUT_FALL: f64 = 1.0;
 /// A body is too fast beyond so many times the speed of a fall from the highest place (hard cases: 2); what bounces hands a
-/// light body more.
+/// light body more, and so does a heavy one that squeezes it out sideways like a pip.
 const SPEED_FACTOR: f64 = 2.0;
 const BOUNCE_FACTOR: f64 = 4.0;
+/// Heavy and light, by their masses' ratio.
+const SQUEEZING: f64 = 100.0;
 /// What turns may have this much more speed in its turning than in its motion: a light rod that a heavy body hits at its end.
 const SPIN_FACTOR: f64 = 2.0;
 /// Overlaps are looked for every so many steps: they grow slowly, and each look goes over all contacts.
@@ -90,10 +94,13 @@ pub struct Guard {
     deep: BTreeSet<(BodyId, Option<BodyId>)>,
     stiff_until: Option<u64>,
     step: u64,
+    /// The bodies before the current step.
+    before: State,
 }
 
 impl Guard {
-    pub fn new(scene: &Scene, units: Units, ground: f64) -> Guard {
+    /// `ground`: its height, engine units. `mass_ratio`: of the heaviest body over the lightest.
+    pub fn new(scene: &Scene, units: Units, ground: f64, mass_ratio: f64) -> Guard {
         let bounces = scene.props.iter().any(|prop| prop.restitution > 0.0);
         let scenery = scene.statics.iter().map(scenery_speed).fold(0.0, f64::max);
         let emitted = scene.emitters.iter().map(|e| e.velocity.length()).fold(0.0, f64::max);
@@ -101,7 +108,7 @@ impl Guard {
         Guard {
             actions: Actions::default(),
             ground,
-            speed_factor: if bounces { BOUNCE_FACTOR } else { SPEED_FACTOR },
+            speed_factor: if bounces || mass_ratio > SQUEEZING { BOUNCE_FACTOR } else { SPEED_FACTOR },
             highest: 0.0,
             thrown: scenery.max(emitted).max(spun) * units.time / units.length,
             known: 0,
@@ -110,6 +117,7 @@ impl Guard {
             deep: BTreeSet::new(),
             stiff_until: None,
             step: 0,
+            before: State::default(),
         }
     }
 
@@ -117,17 +125,18 @@ impl Guard {
     pub fn step(&mut self, world: &mut World) -> Result<Vec<BodyId>, Error> {
         // The engine does not know the inertia of a new body before its first step.
         let watched = !self.meet(world) && world.nail_count() == 0 && !world.scenery_moves();
-        let before = world.state();
+        let weighed = watched && self.step >= self.resting_until && self.step.is_multiple_of(ENERGY_PERIOD);
+        world.note(&mut self.before);
+        let energy = weighed.then(|| world.energy_of(&self.before));
         let mut lost = world.step();
-        let gains = |guard: &Guard, world: &World| watched && guard.gained(world, &before);
-        if gains(self, world) || !self.faults(world).is_empty() {
+        if energy.is_some_and(|energy| self.gained(world, energy)) || !self.faults(world).is_empty() {
             self.actions.retries += 1;
             self.in_a_row += 1;
-            lost.extend(world.step_again(&before, RETRY_PARTS));
+            lost.extend(world.step_again(&self.before, RETRY_PARTS));
             if self.in_a_row == MOST_RETRIES_IN_A_ROW {
                 (self.in_a_row, self.resting_until) = (0, self.step + REST_STEPS);
             }
-        } else {
+        } else if weighed {
             self.in_a_row = 0;
         }
         let unstable = lost.iter().map(|&id| (id, Fault::NotFinite));
@@ -155,30 +164,19 @@ impl Guard {
         self.speed_factor * ((2.0 * (self.highest + PUSH_OUT_FALL)).sqrt() + self.thrown)
     }
 
-    fn gained(&self, world: &World, before: &State) -> bool {
-        if self.step < self.resting_until {
-            return false;
-        }
-        let gain = world.gain_since(before);
-        gain.gained > ENERGY_SHARE * gain.kinetic + PUSH_OUT * world.step_length() * gain.mass
+    /// Whether the step gave the bodies energy out of nothing.
+    fn gained(&self, world: &World, before: Energy) -> bool {
+        let after = world.energy_of(&self.before);
+        after.whole - before.whole > ENERGY_SHARE * before.kinetic + PUSH_OUT * world.step_length() * before.mass
     }
 
     /// Bodies that are where, or as fast as, none can be.
     fn faults(&self, world: &World) -> Vec<(BodyId, Fault)> {
         let most = self.most_speed();
-        let fault = |id: BodyId| {
-            if !world.is_awake(id) {
-                return None;
-            }
-            let body = &world.bodies()[id];
-            if world.velocity(id).length() > most || world.spin(id) > SPIN_FACTOR * most {
-                return Some((id, Fault::TooFast));
-            }
-            // What is placed below the ground is on its way up.
-            let below = world.pose(id).translation.y < self.ground - body.radius && world.velocity(id).y < -PUSH_OUT;
-            below.then_some((id, Fault::BelowGround))
-        };
-        (0..world.bodies().len()).filter_map(fault).collect()
+        // What is placed below the ground is on its way up.
+        let astray = world.astray(most, SPIN_FACTOR * most, self.ground, PUSH_OUT);
+        let fault = |(id, too_fast)| (id, if too_fast { Fault::TooFast } else { Fault::BelowGround });
+        astray.into_iter().map(fault).collect()
     }
 
     /// Bodies that sink into each other meet stiffer contacts for a while.

@@ -105,7 +105,7 @@ pub fn turn_over<'a>(
         control_seconds: 0.0,
         step_seconds: 0.0,
         lost: Vec::new(),
-        guard: Guard::new(scene, units, depth.map_or(ground / units.length, |depth| depth - FALL_DEPTH)),
+        guard: Guard::new(scene, units, depth.map_or(ground / units.length, |depth| depth - FALL_DEPTH), mass_ratio),
         depth,
         fallen: 0,
         damping: params.release.damping,

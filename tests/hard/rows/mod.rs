@@ -73,7 +73,7 @@ pub const ROWS: &[Row] = &[
     row("card_thin", "the same, of cards 0.1 mm thick", stacks::card_thin, ONE, ALL),
     row(
         "card_pull",
-        "a card of the lowest storey is pulled out: its neighbours fall within 0.5 s",
+        "one of two cards that lean against each other is pulled out: the other falls within 0.5 s",
         stacks::card_pull,
         BOTH,
         ALL,
@@ -160,7 +160,7 @@ pub const ROWS: &[Row] = &[
     row("balls", "1000 spheres in a heap come to rest and stay (200 in the tests)", piles::balls, BOTH, ALL),
     row(
         "rolling",
-        "a ball that rolls at 1 m/s stops within 5 % of 0.7 v^2 / (c g), c its rolling resistance",
+        "a ball that rolls at 1 m/s slows by c g / 1.4 within 5 %, c its rolling resistance",
         piles::rolling,
         &[Uncontrolled],
         ALL,

@@ -2,11 +2,15 @@
 
 use crate::rows::scenes::{ball, block, cone, cylinder, prop};
 use cairn_core::mesh::TriMesh;
+use cairn_core::observer::Silent;
 use cairn_core::params::{Accuracy, ControlMode, Params, ReleaseOrder};
 use cairn_core::pose::Pose;
-use cairn_core::scene::{Given, Model, Scene};
+use cairn_core::scene::{Given, Model, Prop, Scene};
+use cairn_core::world::{Insertion, Side, Touch, Units, World};
+use cairn_core::{check, shape};
 use glam::{DAffine3, DQuat, DVec3};
 use proptest::prelude::*;
+use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 #[derive(Clone, Debug)]
@@ -97,7 +101,7 @@ fn prop_kind() -> impl Strategy<Value = PropKind> {
 }
 
 fn placed(props: usize) -> impl Strategy<Value = Placed> {
-    let place = [-2.0..2.0f64, 0.3..6.0f64, -2.0..2.0f64];
+    let place = [-2.0..2.0f64, 0.1..6.0f64, -2.0..2.0f64];
     (0..props, place, [0.0..1.0f64, 0.0..1.0f64], decades(1.0, 1000.0)).prop_map(|(prop, place, turn, mass)| Placed {
         prop,
         place,
@@ -191,12 +195,65 @@ impl Target {
     }
 }
 
+/// Bodies placed by hand overlap by at most this share of the thinner one's thickness.
+pub const MOST_OVERLAP: f64 = 0.5;
+
+/// The contacts of the bodies placed by hand, and the world that they are in.
+fn overlaps(scene: &Scene, params: &Params) -> (World, Vec<Touch>) {
+    let checked = check::run(scene, params).expect("a sound recipe");
+    let shapes = shape::run(scene, params, &checked, &mut Silent).expect("props with volume");
+    let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
+    let mut world = World::new(units, &params.physics, 0.01, true);
+    world.add_ground(0.0, 0.0);
+    for given in &scene.bodies {
+        let pose = units.pose_to_engine(&shapes[given.prop].body_pose(&given.pose, given.scale));
+        let body = Insertion { prop: given.prop, scale: given.scale, pose, friction: 0.0, restitution: 0.0 };
+        world.insert(&shapes[given.prop], &body).expect("props with volume");
+    }
+    world.refresh();
+    let touches = world.touches(0.0);
+    (world, touches)
+}
+
+/// Leaves out the bodies that are deeper in others, or in the ground: later ones first.
+fn thinned(scene: Scene, params: &Params) -> Scene {
+    let (world, touches) = overlaps(&scene, params);
+    let mut out = BTreeSet::new();
+    for touch in touches.iter().filter(|t| t.depth() > MOST_OVERLAP * world.pair_thickness(t)) {
+        let last = if let Side::Body(b) = touch.b { b } else { touch.a };
+        if !out.contains(&touch.a) {
+            out.insert(last);
+        }
+    }
+    let kept = |(k, body): (usize, Given)| (!out.contains(&k)).then_some(body);
+    Scene { bodies: scene.bodies.into_iter().enumerate().filter_map(kept).collect(), ..scene }
+}
+
+/// What pushing apart all that overlaps can raise: the sum over the contacts of depth times the masses, kg m.
+pub fn overlap_moment(scene: &Scene, params: &Params) -> f64 {
+    if scene.bodies.is_empty() {
+        return 0.0;
+    }
+    let (world, touches) = overlaps(scene, params);
+    let mass = |id: usize| scene.bodies[id].mass.unwrap_or(0.0);
+    let moment = |t: &Touch| {
+        let other = if let Side::Body(b) = t.b { mass(b) } else { 0.0 };
+        t.depth() * world.units.length * (mass(t.a) + other)
+    };
+    touches.iter().map(moment).sum()
+}
+
 impl Recipe {
     pub fn scene(&self) -> (Scene, Params) {
         let mut scene = Scene::default();
         for (i, kind) in self.props.iter().enumerate() {
             let factor = self.size * if i == 0 { 1.0 } else { kind.relative };
-            scene.props.push(prop(&format!("prop{i}"), kind.mesh().scaled(factor), self.friction));
+            let mesh = kind.mesh().scaled(factor);
+            // Where masses are not given, they differ by no more than 1000:1 either.
+            let volume = mesh.signed_volume().abs();
+            let first = scene.props.first().map_or(volume, |first| first.model.mesh.signed_volume().abs());
+            let density = 1000.0 * (volume / first).clamp(1.0 / 30.0, 30.0) * first / volume;
+            scene.props.push(Prop { density, ..prop(&format!("prop{i}"), mesh, self.friction) });
         }
         let turn = |t: [f64; 2]| DQuat::from_rotation_y(TAU * t[0]) * DQuat::from_rotation_x(TAU * t[1]);
         for body in &self.bodies {
@@ -219,16 +276,9 @@ impl Recipe {
         let seconds = 20.0 * (self.size / params.gravity).sqrt();
         params.output.fps = (40.0 / seconds).clamp(1.0, 1000.0);
         params.output.frames = Some((seconds * params.output.fps).ceil().max(4.0) as u32);
+        if !scene.bodies.is_empty() {
+            scene = thinned(scene, &params);
+        }
         (scene, params)
-    }
-
-    /// Of a body, kg, where it is not that of its prop.
-    pub fn mass(&self, body: usize) -> Option<f64> {
-        self.bodies.get(body).map(|b| (b.mass * self.size.powi(3) * 1e3).clamp(1e-9, 1e12))
-    }
-
-    /// Whether bodies may overlap in the beginning, each other or the ground.
-    pub fn overlaps(&self) -> bool {
-        !self.bodies.is_empty()
     }
 }

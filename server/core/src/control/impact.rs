@@ -15,6 +15,9 @@ use std::collections::{BTreeSet, VecDeque};
 const LEAST_BLOW: f64 = 0.5;
 /// Bodies placed by hand overlap if by more than this share of the thinner one's thickness: as much as a contact may gape.
 const MOST_OVERLAP: f64 = 0.05;
+/// What is deeper in another body, or in the ground, is not held there, however it came there: a hard fall, or a squeeze. The
+/// fill leaves less than this.
+const DEEP: f64 = 0.35;
 /// How long a body that was let go stays free at least, natural times: a fall over half of d.
 const SHOCK_TIME: f64 = 1.0;
 
@@ -89,20 +92,18 @@ impl Control<'_> {
     /// Bodies that may not be held now, whatever their contacts say. Shape `[body]`; empty where there are none.
     pub(super) fn barred(&mut self, world: &World, touches: &[Touch]) -> Vec<bool> {
         let mut barred = self.carried(world, touches);
-        if self.placed.is_empty() {
+        let sunk = overlapping(world, touches, DEEP);
+        if self.placed.is_empty() && sunk.is_empty() {
             return barred;
         }
-        // Those of the overlapping ones that still do; once apart, a body is like all others.
-        let mut deep = BTreeSet::new();
-        for t in touches.iter().filter(|t| t.depth() > MOST_OVERLAP * world.pair_thickness(t)) {
-            deep.insert(t.a);
-            if let Side::Body(b) = t.b {
-                deep.insert(b);
-            }
-        }
-        self.placed.retain(|id| deep.contains(id) || world.bodies()[*id].role == Role::Waiting);
         barred.resize(world.bodies().len(), false);
-        self.placed.iter().for_each(|&id| barred[id] = true);
+        sunk.into_iter().for_each(|id| barred[id] = true);
+        if !self.placed.is_empty() {
+            // Those of the overlapping ones that still do; once apart, a body is like all others.
+            let deep = overlapping(world, touches, MOST_OVERLAP);
+            self.placed.retain(|id| deep.contains(id) || world.bodies()[*id].role == Role::Waiting);
+            self.placed.iter().for_each(|&id| barred[id] = true);
+        }
         barred
     }
 
@@ -122,6 +123,12 @@ impl Control<'_> {
         }
         carried
     }
+}
+
+/// Bodies deeper in something else than this share of the thinner one's thickness.
+fn overlapping(world: &World, touches: &[Touch], share: f64) -> BTreeSet<BodyId> {
+    let deep = touches.iter().filter(|t| t.depth() > share * world.pair_thickness(t));
+    deep.flat_map(|t| [Some(t.a), if let Side::Body(b) = t.b { Some(b) } else { None }]).flatten().collect()
 }
 
 /// The bodies that each body touches. Shape `[body]`, each in order of the touches.

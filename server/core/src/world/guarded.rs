@@ -5,6 +5,7 @@ use super::{BodyId, Role, World};
 use rapier3d::prelude::*;
 
 /// The moving bodies before a step.
+#[derive(Default)]
 pub struct State(Vec<Moved>);
 
 struct Moved {
@@ -12,46 +13,42 @@ struct Moved {
     pose: Pose,
     linear: Vector,
     angular: Vector,
-    /// Kinetic and potential; gravity is 1 downward.
-    energy: f64,
 }
 
-/// What a step did to the energy of the bodies that moved.
+/// The energy of the bodies of a state, at another time.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Gain {
-    pub gained: f64,
-    /// Kinetic, before the step.
+pub struct Energy {
+    /// Kinetic and potential; gravity is 1 downward.
+    pub whole: f64,
     pub kinetic: f64,
     /// Mass of the bodies.
     pub mass: f64,
 }
 
 impl World {
-    /// The free bodies that are awake, as they are now.
-    pub fn state(&self) -> State {
-        let moved = |id: BodyId| {
-            let rigid = &self.engine.bodies[self.bodies[id].handle];
-            let (linear, angular) = (rigid.linvel(), rigid.angvel());
-            Moved { id, pose: *rigid.position(), linear, angular, energy: self.energy(id) }
-        };
-        State((0..self.bodies.len()).filter(|&id| self.is_awake(id)).map(moved).collect())
-    }
-
-    fn energy(&self, id: BodyId) -> f64 {
-        let rigid = &self.engine.bodies[self.bodies[id].handle];
-        f64::from(rigid.kinetic_energy()) + self.bodies[id].mass * f64::from(rigid.translation().y)
-    }
-
-    /// What the last step did to the bodies that were awake before it.
-    pub fn gain_since(&self, before: &State) -> Gain {
-        let mut gain = Gain::default();
-        for was in before.0.iter().filter(|was| self.is_present(was.id)) {
-            let mass = self.bodies[was.id].mass;
-            gain.gained += self.energy(was.id) - was.energy;
-            gain.kinetic += was.energy - mass * f64::from(was.pose.translation.y);
-            gain.mass += mass;
+    /// Takes note of the free bodies that are awake, as they are now.
+    pub fn note(&self, state: &mut State) {
+        state.0.clear();
+        for (id, body) in self.bodies.iter().enumerate().filter(|(_, body)| body.role == Role::Free) {
+            let rigid = &self.engine.bodies[body.handle];
+            if !rigid.is_sleeping() {
+                let (linear, angular) = (rigid.linvel(), rigid.angvel());
+                state.0.push(Moved { id, pose: *rigid.position(), linear, angular });
+            }
         }
-        gain
+    }
+
+    /// What the bodies of a state have now.
+    pub fn energy_of(&self, state: &State) -> Energy {
+        let mut energy = Energy::default();
+        for id in state.0.iter().map(|moved| moved.id).filter(|&id| self.is_present(id)) {
+            let rigid = &self.engine.bodies[self.bodies[id].handle];
+            let (kinetic, mass) = (f64::from(rigid.kinetic_energy()), self.bodies[id].mass);
+            energy.whole += kinetic + mass * f64::from(rigid.translation().y);
+            energy.kinetic += kinetic;
+            energy.mass += mass;
+        }
+        energy
     }
 
     /// Puts the bodies back to where they were, and takes the same step in `parts` smaller ones. Returns the bodies that the
@@ -68,8 +65,12 @@ impl World {
             }
         }
         let (dt, steps) = (self.engine.integration_parameters.dt, self.steps);
+        // The impulses that contacts remember are those of a whole step: as a first guess for a small one they would burst.
+        let warm = std::mem::take(&mut self.engine.integration_parameters.warmstart_coefficient);
         self.engine.integration_parameters.dt = dt / parts as f32;
-        let lost = (0..parts).flat_map(|_| self.step()).collect();
+        let mut lost = self.step();
+        self.engine.integration_parameters.warmstart_coefficient = warm;
+        lost.extend((1..parts).flat_map(|_| self.step()).collect::<Vec<_>>());
         self.engine.integration_parameters.dt = dt;
         self.steps = steps;
         lost
@@ -118,8 +119,28 @@ impl World {
         p.static_contact_softness.natural_frequency /= factor as f32;
     }
 
-    /// The speed at which a body would have as much energy by moving as it has by turning.
-    pub fn spin(&self, id: BodyId) -> f64 {
+    /// Free bodies that are awake and move, or turn, faster than this, or are farther below `ground` than they are large and
+    /// sink faster than `sinking`: whether too fast, and which. Turning counts by the speed of as much energy.
+    pub fn astray(&self, most: f64, most_spin: f64, ground: f64, sinking: f64) -> Vec<(BodyId, bool)> {
+        let mut astray = Vec::new();
+        for (id, body) in self.bodies.iter().enumerate().filter(|(_, body)| body.role == Role::Free) {
+            let rigid = &self.engine.bodies[body.handle];
+            if rigid.is_sleeping() {
+                continue;
+            }
+            // The rim is faster than what counts: most bodies need no more than this look.
+            let may_spin = f64::from(rigid.angvel().length()) * body.radius > most_spin;
+            let too_fast = f64::from(rigid.linvel().length()) > most || may_spin && self.spin(id) > most_spin;
+            let below =
+                f64::from(rigid.translation().y) < ground - body.radius && f64::from(rigid.linvel().y) < -sinking;
+            if too_fast || below {
+                astray.push((id, too_fast));
+            }
+        }
+        astray
+    }
+
+    fn spin(&self, id: BodyId) -> f64 {
         let rigid = &self.engine.bodies[self.bodies[id].handle];
         let inertia = rigid.mass_properties().local_mprops.reconstruct_inertia_matrix();
         let spin = rigid.rotation().inverse() * rigid.angvel();

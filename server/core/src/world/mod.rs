@@ -24,7 +24,7 @@ use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
-pub use guarded::{Gain, State};
+pub use guarded::{Energy, State};
 pub use hits::Hit;
 pub use motion::{FrictionExcess, Momentum};
 pub use nails::NailId;
@@ -287,12 +287,9 @@ impl World {
     /// Throws a free body: m/s and rad/s.
     pub fn launch(&mut self, id: BodyId, velocity: DVec3, angular_velocity: DVec3) {
         let units = self.units;
-        let thickness = self.bodies[id].thickness;
         let body = &mut self.engine.bodies[self.bodies[id].handle];
         body.set_linvel((velocity * units.time / units.length).as_vec3(), true);
         body.set_angvel((angular_velocity * units.time).as_vec3(), true);
-        // A fast one must not pass through what it hits.
-        body.enable_ccd(body.linvel().length() as f64 * self.engine.integration_parameters.dt as f64 > thickness / 2.0);
     }
 
     /// Gives a body another scale, about its centre of mass.
@@ -422,6 +419,7 @@ impl World {
 
     /// One step. Returns the bodies whose state became non-finite and that the engine set aside.
     pub fn step(&mut self) -> Vec<BodyId> {
+        self.watch_fast_ones();
         self.engine.step();
         self.steps += 1;
         let broken = self.engine.quarantine().bodies().to_vec();

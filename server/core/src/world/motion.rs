@@ -32,6 +32,20 @@ impl World {
         body.linvel().length() as f64 + body.angvel().length() as f64 * self.bodies[id].radius
     }
 
+    /// Before a step: what will move by more than half of its thickness must not pass through what it hits, nor stop deep in it.
+    pub(super) fn watch_fast_ones(&mut self) {
+        let dt = self.engine.integration_parameters.dt;
+        for body in self.bodies.iter().filter(|body| body.role == Role::Free) {
+            let rigid = &self.engine.bodies[body.handle];
+            let is_fast = rigid.linvel().length() * dt > (body.thickness / 2.0) as f32;
+            if is_fast != rigid.is_ccd_enabled()
+                && let Some(rigid) = self.engine.bodies.get_mut(body.handle)
+            {
+                rigid.enable_ccd(is_fast);
+            }
+        }
+    }
+
     /// Whether the engine simulates the body at present.
     pub fn is_awake(&self, id: BodyId) -> bool {
         self.bodies[id].role == Role::Free && !self.rigid(id).is_sleeping()
