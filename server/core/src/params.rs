@@ -328,21 +328,19 @@ impl Params {
                 params.physics.substeps = 6;
                 params.physics.contact_frequency = 15.0;
             }
-            Accuracy::Reference => {
-                params.physics.step = Time::Natural(0.0125);
+            Accuracy::Fine => {
                 params.physics.substeps = 16;
                 params.physics.contact_frequency = 30.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
-                params.physics.shape_tolerance = 0.01;
-                params.physics.max_parts = 48;
-                params.control.period = 20;
-            }
-            Accuracy::Fine => {
-                params.physics.step = Time::Natural(0.025);
-                params.physics.contact_frequency = 26.0;
                 params.physics.shape_tolerance = 0.02;
                 params.physics.max_parts = 24;
-                params.control.period = 10;
+            }
+            Accuracy::Reference => {
+                params.physics.substeps = 32;
+                params.physics.contact_frequency = 34.0;
+                params.physics.friction_model = FrictionModel::Coulomb;
+                params.physics.shape_tolerance = 0.01;
+                params.physics.max_parts = 48;
             }
             Accuracy::Paper => {
                 params.physics.step = Time::Seconds(1.0 / 240.0);

@@ -18,7 +18,8 @@ pub struct Record {
     pub variant: String,
     pub seed: u64,
     pub bodies: usize,
-    pub steps: u64,
+    /// Of the solver, over all stages.
+    pub substeps: u64,
     /// What the estimate of the costs is made from.
     pub workload: Workload,
     /// CPU seconds by stage.
@@ -41,7 +42,8 @@ impl Record {
             variant,
             seed: report.seed,
             bodies: report.bodies,
-            steps: ["fill_steps", "steps"].iter().map(|name| report.counts[name]).sum(),
+            substeps: report.counts["fill_steps"] * u64::from(of.1.fill_physics().substeps)
+                + report.counts["steps"] * u64::from(of.1.physics.substeps),
             workload: cairn_core::workload(of.0, of.1)?,
             seconds,
             measures: figures.collect(),

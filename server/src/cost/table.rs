@@ -32,7 +32,8 @@ pub struct Row {
     pub bodies: Spread,
     /// CPU seconds, without measuring.
     pub cost: Spread,
-    pub steps: Spread,
+    /// Solver substeps over all stages: the work counted.
+    pub substeps: Spread,
     /// By name: [`ACCURACY`] as measured, [`SHAPE`] as distance from the reference's median.
     pub errors: BTreeMap<&'static str, Spread>,
     /// All figures as measured.
@@ -82,7 +83,7 @@ impl Study {
                 seeds: records.iter().map(|r| r.seed).collect(),
                 bodies: over(&|r| r.bodies as f64)?,
                 cost: over(&Record::cost)?,
-                steps: over(&|r| r.steps as f64)?,
+                substeps: over(&|r| r.substeps as f64)?,
                 errors,
                 measures: names.into_iter().filter_map(|n| Some((n.clone(), measured(n, records)?))).collect(),
                 best_in: Vec::new(),
@@ -177,7 +178,7 @@ mod tests {
             variant: name.into(),
             seed,
             bodies: 10,
-            steps: 100,
+            substeps: 100,
             workload: WORKLOAD,
             seconds: [("fill".to_owned(), cost), ("measure".to_owned(), 50.0)].into(),
             measures: [("penetration_mean_rel".to_owned(), error * seed as f64), ("kept_shape".to_owned(), kept)]

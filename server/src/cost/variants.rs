@@ -23,13 +23,14 @@ pub enum Kind {
 }
 
 /// Single parameters, each on both sides of what `standard` has. Lists of assignments that belong together.
-const KNOBS: [&[&str]; 18] = [
+const KNOBS: [&[&str]; 19] = [
     &["physics.step_natural=0.1", "control.period=3"],
     &["physics.step_natural=0.025", "control.period=10"],
     &["physics.step_natural=0.0125", "control.period=20"],
     &["physics.substeps=2"],
     &["physics.substeps=4"],
     &["physics.substeps=16"],
+    &["physics.substeps=32"],
     &["physics.contact_frequency=10"],
     &["physics.contact_frequency=40"],
     &["physics.contact_frequency=80"],
