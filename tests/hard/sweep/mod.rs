@@ -13,7 +13,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// What a scene came to.
 pub enum Verdict {
-    Sound(Bake),
+    Sound(Box<Bake>),
     /// Refused before anything ran, with the reason.
     Refused(String),
 }
@@ -40,7 +40,7 @@ pub fn run(recipe: &Recipe) -> Result<Verdict, String> {
     match baked {
         Ok(bake) => {
             judge(recipe, &bake)?;
-            Ok(Verdict::Sound(bake))
+            Ok(Verdict::Sound(Box::new(bake)))
         }
         Err(Error::Invalid(problems)) if problems.iter().all(|p| is_refusal(&p.text)) => {
             Ok(Verdict::Refused(problems.iter().map(ToString::to_string).collect()))
