@@ -66,13 +66,29 @@ fn predict(law: &Weights, run: &Record) -> f64 {
     run.workload.features().iter().zip(law).map(|(f, w)| f * w).sum::<f64>().exp()
 }
 
+/// Features that nothing gets cheaper by: their exponents are kept from being negative, which few or noisy runs would make
+/// them.
+const DEARER: [&str; 8] = ["bodies", "corners", "parts", "walls", "times", "step_rate", "substeps", "coulomb"];
+
 /// Weighted least squares of the logarithm of the seconds, where there are any.
 fn fit(runs: &[(f64, Record)], seconds: &dyn Fn(&Record) -> f64) -> Weights {
     let used: Vec<&(f64, Record)> = runs.iter().filter(|(_, r)| seconds(r) > 0.0).collect();
-    let row = |i: usize, j: usize| used[i].0.sqrt() * used[i].1.workload.features()[j];
-    let a = DMatrix::from_fn(used.len(), FEATURES.len(), row);
-    let b = DVector::from_fn(used.len(), |i, _| used[i].0.sqrt() * seconds(&used[i].1).ln());
-    let normal = a.transpose() * &a + DMatrix::identity(FEATURES.len(), FEATURES.len()) * RIDGE;
-    let weights = normal.cholesky().expect("a ridge makes it positive definite").solve(&(a.transpose() * b));
-    std::array::from_fn(|i| weights[i])
+    let mut columns: Vec<usize> = (0..FEATURES.len()).collect();
+    loop {
+        let row = |i: usize, j: usize| used[i].0.sqrt() * used[i].1.workload.features()[columns[j]];
+        let a = DMatrix::from_fn(used.len(), columns.len(), row);
+        let b = DVector::from_fn(used.len(), |i, _| used[i].0.sqrt() * seconds(&used[i].1).ln());
+        let normal = a.transpose() * &a + DMatrix::identity(columns.len(), columns.len()) * RIDGE;
+        let found = normal.cholesky().expect("a ridge makes it positive definite").solve(&(a.transpose() * b));
+        let weights = columns.iter().zip(found.iter());
+        let wrong = weights.clone().filter(|(i, w)| DEARER.contains(&FEATURES[**i]) && **w < 0.0);
+        match wrong.min_by(|a, b| a.1.total_cmp(b.1)).map(|(&i, _)| i) {
+            Some(negative) => columns.retain(|&i| i != negative),
+            None => {
+                let mut all = [0.0; FEATURES.len()];
+                weights.for_each(|(&i, &w)| all[i] = w);
+                return all;
+            }
+        }
+    }
 }
