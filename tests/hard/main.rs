@@ -124,7 +124,7 @@ fn a_random_scene_replays_from_its_file() {
         let tree = cairn::scene_file::SceneTree::load(&path).expect("a sound scene file");
         let job = cairn::job::Job::read(&tree.to_message()).expect("sound models");
         let again = cairn_core::bake(&job.scene, &job.params, &mut cairn_core::observer::Silent).expect("it bakes");
-        assert_eq!(again.bodies.len(), bake.bodies.len());
+        assert!(recipe.control.is_some() || again.bodies.len() == bake.bodies.len());
         let apart = |(a, b): (&cairn_core::pose::Pose, &cairn_core::pose::Pose)| a.translation.distance(b.translation);
         // Files have single precision: the beginning is the same, as far as that goes.
         let largest = bake.frames[0].iter().zip(&again.frames[0]).map(apart).fold(0.0, f64::max);

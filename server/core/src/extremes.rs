@@ -13,11 +13,6 @@ pub const MOST_MASS_RATIO: f64 = 1000.0;
 const SAG: f64 = 0.1;
 /// What it may sink by.
 const MOST_SAG: f64 = 0.008;
-/// A spring is stable up to this share of the substeps' rate, and stiff up to it.
-const FREQUENCY_PER_SUBSTEP: f64 = 0.25;
-/// As in `physics.substeps`.
-const MOST_SUBSTEPS: u32 = 64;
-
 /// The bodies that the world will have: prop, and the range of a value of theirs.
 fn bodies<'a>(
     scene: &'a Scene,
@@ -91,8 +86,6 @@ pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64, natural_time: f6
     if needed <= given {
         return physics.clone();
     }
-    let step = physics.step.seconds(natural_time) / natural_time;
-    let substeps = (needed * step / FREQUENCY_PER_SUBSTEP).ceil() as u32;
-    let substeps = physics.substeps.max(substeps.min(MOST_SUBSTEPS));
+    let substeps = physics.substeps_for(needed, physics.step.seconds(natural_time) / natural_time);
     Physics { contact_frequency: physics.contact_frequency * needed / given, substeps, ..physics.clone() }
 }

@@ -73,12 +73,21 @@ pub struct Physics {
 
 /// The thickness, in d, that `contact_frequency` is meant for, and the largest factor for thinner bodies.
 const THIN: (f64, f64) = (0.1, 5.0);
+/// A contact spring is stable up to this share of the substeps' rate, and stiff up to it.
+const FREQUENCY_PER_SUBSTEP: f64 = 0.25;
+/// As the range of `substeps`.
+const MOST_SUBSTEPS: u32 = 64;
 
 impl Physics {
     /// The frequency of the contact springs, per natural time, where the thinnest body has this thickness (in d). A body sinks in
     /// by g / omega^2: thin ones are given stiffer springs, so that it is the same share of their thickness.
     pub fn stiffness(&self, thickness: f64) -> f64 {
         self.contact_frequency * (THIN.0 / thickness).sqrt().clamp(1.0, THIN.1)
+    }
+
+    /// The substeps that contacts of this frequency need in a step of this length, natural times, and at least `substeps`.
+    pub fn substeps_for(&self, frequency: f64, step: f64) -> u32 {
+        self.substeps.max(((frequency * step / FREQUENCY_PER_SUBSTEP).ceil() as u32).min(MOST_SUBSTEPS))
     }
 }
 
@@ -337,7 +346,7 @@ impl Params {
             }
             Accuracy::Reference => {
                 params.physics.substeps = 32;
-                params.physics.contact_frequency = 34.0;
+                params.physics.contact_frequency = 30.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
                 params.physics.max_parts = 48;

@@ -153,13 +153,14 @@ impl World {
     /// An empty world. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
     pub fn new(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> World {
         let mut engine = PhysicsWorld { gravity: Vector::NEG_Y, ..PhysicsWorld::new() };
+        let frequency = physics.stiffness(thickness);
         let softness = SpringCoefficients {
-            natural_frequency: physics.stiffness(thickness) as f32,
+            natural_frequency: frequency as f32,
             damping_ratio: physics.contact_damping_ratio as f32,
         };
         let p = &mut engine.integration_parameters;
         p.dt = units.duration(physics.step) as f32;
-        p.num_solver_iterations = physics.substeps as usize;
+        p.num_solver_iterations = physics.substeps_for(frequency, units.duration(physics.step)) as usize;
         p.contact_softness = softness;
         p.static_contact_softness = softness;
         p.length_unit = 1.0;
