@@ -68,7 +68,7 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate]) -> proto::Pla
         cpu_seconds: estimate.cpu_seconds,
         factor: estimate.factor,
         penetration_mean_rel: estimate.penetration_mean_rel,
-        equilibrium_residual_p95: estimate.equilibrium_residual_p95,
+        friction_violation_mean: estimate.friction_violation_mean,
     };
     let effect =
         |effect: &Effect| proto::Effect { name: effect.name.to_owned(), on: effect.on, reason: effect.reason.clone() };

@@ -10,7 +10,7 @@ pub use model::CALIBRATION_SECONDS;
 use crate::Error;
 use crate::check::{Checked, fills};
 use crate::mesh::TriMesh;
-use crate::params::{Accuracy, ControlMode, FrictionModel, Params};
+use crate::params::{Accuracy, FrictionModel, Params};
 use crate::plan;
 use crate::pose::Pose;
 use crate::scene::{Model, Prop, Scene};
@@ -28,8 +28,8 @@ pub struct Estimate {
     pub factor: f64,
     /// Expected `penetration_mean_rel`: median over the scenes that the preset was studied on.
     pub penetration_mean_rel: f64,
-    /// Expected `equilibrium_residual_p95`, in the same way.
-    pub equilibrium_residual_p95: f64,
+    /// Expected `friction_violation_mean`, in the same way.
+    pub friction_violation_mean: f64,
 }
 
 /// The numbers that decide what a bake costs.
@@ -54,26 +54,14 @@ pub struct Workload {
     pub substeps: f64,
     /// Each contact point has a friction force of its own.
     pub coulomb: bool,
-    pub controlled: bool,
 }
 
 const USUAL_PARTS: f64 = 6.0;
 const USUAL_CORNERS: f64 = 16.0;
 
 /// What the power laws are of.
-pub const FEATURES: [&str; 11] = [
-    "1",
-    "bodies",
-    "corners",
-    "parts",
-    "slenderness",
-    "walls",
-    "times",
-    "step_rate",
-    "substeps",
-    "coulomb",
-    "controlled",
-];
+pub const FEATURES: [&str; 10] =
+    ["1", "bodies", "corners", "parts", "slenderness", "walls", "times", "step_rate", "substeps", "coulomb"];
 /// An exponent for each of the features.
 pub type Weights = [f64; FEATURES.len()];
 
@@ -108,7 +96,6 @@ impl Workload {
             step_rate,
             substeps: f64::from(params.physics.substeps),
             coulomb: params.physics.friction_model == FrictionModel::Coulomb,
-            controlled: params.control.mode != ControlMode::Off,
         }
     }
 
@@ -125,7 +112,6 @@ impl Workload {
             self.step_rate.ln(),
             self.substeps.ln(),
             f64::from(u8::from(self.coulomb)),
-            f64::from(u8::from(self.controlled)),
         ]
     }
 
@@ -140,13 +126,13 @@ impl Workload {
 
 /// The estimate for a checked scene. `machine`: from [`calibrate`].
 pub fn of(scene: &Scene, params: &Params, checked: &Checked, machine: f64) -> Estimate {
-    let [penetration_mean_rel, equilibrium_residual_p95] = model::errors(params.accuracy);
+    let [penetration_mean_rel, friction_violation_mean] = model::errors(params.accuracy);
     Estimate {
         accuracy: params.accuracy,
         cpu_seconds: machine * Workload::of(scene, params, checked).cpu_seconds(),
         factor: model::FACTOR,
         penetration_mean_rel,
-        equilibrium_residual_p95,
+        friction_violation_mean,
     }
 }
 

@@ -40,12 +40,12 @@ fn prices(estimates: &[Estimate]) -> String {
     let factor = estimates.first().map_or(1.0, |e| e.factor);
     let mut text = format!(
         "\nExpected CPU time on this machine (nine of ten bakes: within a factor of {factor:.1}) and error:\n  {:<16}{:>12}{:>26}{:>22}\n",
-        "accuracy", "CPU time", "contacts sink in by", "forces unbalanced"
+        "accuracy", "CPU time", "contacts sink in by", "friction beyond mu"
     );
     for e in estimates {
         let time = humantime::format_duration(Duration::from_secs(e.cpu_seconds.ceil() as u64)).to_string();
         let sink = format!("{:.2} % of a thickness", 100.0 * e.penetration_mean_rel);
-        let force = format!("{:.1e} of a weight", e.equilibrium_residual_p95);
+        let force = format!("{:.2} %", 100.0 * e.friction_violation_mean);
         let name = to_proto::accuracy_name(e.accuracy);
         writeln!(text, "  {name:<16}{time:>12}{sink:>26}{force:>22}").expect("a string takes all");
     }
