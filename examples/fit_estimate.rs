@@ -31,7 +31,7 @@ fn main() -> anyhow::Result<()> {
     let mut runs: Vec<(f64, Record)> = Vec::new();
     let paths = Arguments::parse().runs;
     for path in &paths {
-        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
         let records: Vec<Record> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
         // Never the same for two files.
         let weight = 1.0 / (records.len() as f64 + 1e-6 * runs.len() as f64);
