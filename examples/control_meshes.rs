@@ -5,7 +5,8 @@
 //! `CAIRN_DATA`, or `../shared/data` beside the workspace. Taken are all its glTF files of the kind `control`. The prop is a
 //! brick, of a size of which about as many fit as wanted. One Markdown row per file.
 
-use cairn_core::asset::{self, Limits, Source};
+mod collection;
+
 use cairn_core::mesh::TriMesh;
 use cairn_core::observer::Silent;
 use cairn_core::params::{Accuracy, Params, ReleaseOrder};
@@ -15,7 +16,7 @@ use clap::Parser;
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 #[derive(Parser)]
 struct Args {
@@ -26,25 +27,17 @@ struct Args {
 
 fn main() {
     let args = Args::parse();
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let folder = std::env::var_os("CAIRN_DATA").map_or(beside, PathBuf::from);
-    let manifest = folder.join("MANIFEST.tsv");
+    let folder = collection::folder();
+    let manifest = collection::manifest(&folder);
     let Ok(text) = std::fs::read_to_string(&manifest) else {
         println!("There is no collection: {} cannot be read. Name its folder in CAIRN_DATA.", manifest.display());
         return;
     };
-    let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split('\t').collect()).collect();
-    let is_gltf = |name: &str| name.ends_with(".glb") || name.ends_with(".gltf");
-    let mut wanted: Vec<(&str, &str)> = (rows.iter())
-        .filter(|row| row.len() > 6 && row[1] == "control" && is_gltf(row[0]))
-        .map(|row| (row[0], row[6]))
-        .collect();
-    wanted.sort_unstable();
     println!("| control mesh | watertight | what becomes of it | bodies | fill | in pockets | lost |");
     println!("| --- | --- | --- | --- | --- | --- | --- |");
     let mut tally = BTreeMap::<(bool, &str), usize>::new();
     std::panic::set_hook(Box::new(|_| {}));
-    for (name, watertight) in wanted {
+    for (name, watertight) in collection::of_kind(&text, "control") {
         let found = catch_unwind(AssertUnwindSafe(|| fate(&folder, name, args.bodies)));
         let fate = found.unwrap_or_else(|_| Fate { kind: "panic", told: String::new(), figures: " | | | ".into() });
         *tally.entry((watertight == "yes", fate.kind)).or_default() += 1;
@@ -64,8 +57,8 @@ struct Fate {
 
 fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
     let refused = |told: String| Fate { kind: "refused", told: told.replace('\n', "; "), figures: " | | | ".into() };
-    let mesh = match read(folder, name) {
-        Ok(mesh) => mesh,
+    let mesh = match collection::model(folder, name) {
+        Ok(model) => model.mesh,
         Err(told) => return refused(told),
     };
     // Bricks fill about half of the room. An open mesh has none, but is refused by itself.
@@ -106,16 +99,6 @@ fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
         }
         Err(other) => Fate { kind: "failed", told: other.to_string(), figures: " | | | ".into() },
     }
-}
-
-fn read(folder: &Path, name: &str) -> Result<TriMesh, String> {
-    let path = folder.join(name);
-    let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-    let beside = path.parent().unwrap_or(folder).to_owned();
-    let resolve = |relative: &str| std::fs::read(beside.join(relative)).map_err(|e| e.to_string());
-    let source = Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() };
-    let problems = |all: Vec<asset::Problem>| all.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-    Ok(asset::read(&source).map_err(problems)?.mesh)
 }
 
 /// A box of these edges about the origin.

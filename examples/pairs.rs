@@ -7,10 +7,11 @@
 //! 150 or more than 300 do, by what the fill found. One Markdown row per pair, written as soon as it is known. With
 //! `--runs`, what each bake took is kept for the example `fit_estimate`.
 
+mod collection;
+
 use anyhow::{Context, anyhow, bail};
 use cairn::cost::{Ledger, Record};
 use cairn::machine;
-use cairn_core::asset::{self, Limits, Source};
 use cairn_core::bake::Bake;
 use cairn_core::check;
 use cairn_core::estimate;
@@ -18,7 +19,7 @@ use cairn_core::free_pour::free_pour;
 use cairn_core::mesh::TriMesh;
 use cairn_core::observer::{Observer, Progress, Stage};
 use cairn_core::params::{Accuracy, Params};
-use cairn_core::scene::{Model, Prop, Scene};
+use cairn_core::scene::{Prop, Scene};
 use cairn_core::shape;
 use clap::Parser;
 use cpu_time::ThreadTime;
@@ -74,9 +75,8 @@ fn range(text: &str) -> Result<Range<usize>, String> {
 
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let folder = std::env::var_os("CAIRN_DATA").map_or(beside, PathBuf::from);
-    let (props, controls) = collection(&folder)?;
+    let folder = collection::folder();
+    let (props, controls) = watertight(&folder)?;
     let drawn = draw(&props, &controls, arguments.pairs, arguments.seed);
     let mut out = arguments.out.map(File::create).transpose()?;
     let mut runs = arguments.runs.map(|folder| Ledger::open(&folder)).transpose().map_err(|e| anyhow!("{e}"))?;
@@ -110,16 +110,12 @@ fn main() -> anyhow::Result<()> {
 }
 
 /// Watertight props and control meshes, by name.
-fn collection(folder: &Path) -> anyhow::Result<(Vec<String>, Vec<String>)> {
-    let path = folder.join("MANIFEST.tsv");
+fn watertight(folder: &Path) -> anyhow::Result<(Vec<String>, Vec<String>)> {
+    let path = collection::manifest(folder);
     let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-    let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split('\t').collect()).collect();
-    let of = |kind: &str| {
-        let is_gltf = |name: &str| name.ends_with(".glb") || name.ends_with(".gltf");
-        let fits = |row: &&Vec<&str>| row.len() > 6 && row[1] == kind && row[6] == "yes" && is_gltf(row[0]);
-        let mut names: Vec<String> = rows.iter().filter(fits).map(|row| row[0].to_owned()).collect();
-        names.sort();
-        names
+    let of = |kind: &str| -> Vec<String> {
+        let all = collection::of_kind(&text, kind).into_iter();
+        all.filter(|(_, watertight)| *watertight == "yes").map(|(name, _)| name.to_owned()).collect()
     };
     let found = (of("object"), of("control"));
     if found.0.is_empty() || found.1.is_empty() {
@@ -146,16 +142,6 @@ fn draw<'a>(props: &'a [String], controls: &'a [String], pairs: usize, seed: u64
         }
     }
     drawn
-}
-
-fn model(folder: &Path, name: &str) -> Result<Model, String> {
-    let path = folder.join(name);
-    let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-    let beside = path.parent().unwrap_or(folder).to_owned();
-    let resolve = |relative: &str| std::fs::read(beside.join(relative)).map_err(|e| e.to_string());
-    let source = Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() };
-    let problems = |all: Vec<asset::Problem>| all.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-    Ok(Model { name: name.to_owned(), mesh: asset::read(&source).map_err(problems)?.mesh })
 }
 
 struct Row {
@@ -230,7 +216,7 @@ fn pair<'a>(
     poured: &mut BTreeMap<&'a str, Option<f64>>,
 ) -> Row {
     let name = prop;
-    let (prop_model, control) = match (model(folder, prop), model(folder, control)) {
+    let (prop_model, control) = match (collection::model(folder, prop), collection::model(folder, control)) {
         (Ok(prop), Ok(control)) => (prop, control),
         (Err(e), _) | (_, Err(e)) => return Row::refused(&e),
     };
