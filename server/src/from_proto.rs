@@ -8,8 +8,8 @@ use crate::problem::Problem;
 use crate::proto;
 use cairn_core::observer::{Progress, Stage};
 use cairn_core::params::{
-    Accuracy, ContactSelection, Control, ControlMode, Fill, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
-    Hold, Neighbours, Output, Params, Physics, Release, ReleaseOrder, Spread, Time,
+    Accuracy, ContactSelection, Control, ControlMode, ControlSwitches, Fill, FillMethod, FrictionCone, FrictionModel,
+    FrictionReserve, Hold, Neighbours, Output, Params, Physics, PhysicsSwitches, Release, ReleaseOrder, Spread, Switch, Time,
 };
 
 /// The values of a prop that are not set.
@@ -46,6 +46,7 @@ pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     hold(&mut params.hold, &scene.hold.unwrap_or_default());
     output(&mut params.output, &scene.output.unwrap_or_default(), &mut counts);
     until(&mut params, scene, &mut counts);
+    effects(&mut params, &scene.effects.unwrap_or_default());
     (params, counts.problems)
 }
 
@@ -202,6 +203,33 @@ fn control(control: &mut Control, given: &proto::Control, counts: &mut Counts) {
     set(&mut control.kappa, given.kappa);
     set(&mut control.nails_per_body, given.nails_per_body.map(|n| counts.natural("control.nails_per_body", n)));
     set(&mut control.stand, given.stand);
+}
+
+fn effects(params: &mut Params, given: &proto::Effects) {
+    params.physics.switches = PhysicsSwitches {
+        primitives: switch(given.primitives()),
+        decomposition: switch(given.decomposition()),
+        continuous_collision: switch(given.continuous_collision()),
+        stiff_contacts: switch(given.stiff_contacts()),
+        rolling_resistance: switch(given.rolling_resistance()),
+        restitution: switch(given.restitution()),
+    };
+    params.control.switches = ControlSwitches {
+        impact: switch(given.impact()),
+        breaking: switch(given.breaking()),
+        region: switch(given.region()),
+        kept_verdicts: switch(given.kept_verdicts()),
+    };
+    params.guard = switch(given.guard());
+    params.output.keeps_frames = switch(given.frames());
+}
+
+fn switch(switch: proto::Switch) -> Switch {
+    match switch {
+        proto::Switch::Unspecified | proto::Switch::Auto => Switch::Auto,
+        proto::Switch::On => Switch::On,
+        proto::Switch::Off => Switch::Off,
+    }
 }
 
 /// When the control ends: its frames are the output's.

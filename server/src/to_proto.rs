@@ -6,9 +6,10 @@ use cairn_core::estimate::Estimate;
 use cairn_core::observer::{Progress, Stage, State};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
-    Neighbours, Params, Physics, ReleaseOrder, Spread, Time,
+    Neighbours, Params, Physics, ReleaseOrder, Spread, Switch, Time,
 };
-use cairn_core::plan::{Effect, Plan};
+use cairn_core::effects::Effect;
+use cairn_core::plan::Plan;
 
 /// A scene of these parameters, without models.
 pub fn params(params: &Params) -> proto::Scene {
@@ -31,8 +32,36 @@ pub fn params(params: &Params) -> proto::Scene {
             free_standing: Some(params.output.free_standing),
             free_pour: Some(params.output.free_pour),
         }),
+        effects: Some(effects(params)),
         ..Default::default()
     }
+}
+
+fn effects(params: &Params) -> proto::Effects {
+    let (physics, control) = (&params.physics.switches, &params.control.switches);
+    proto::Effects {
+        primitives: switch(physics.primitives),
+        decomposition: switch(physics.decomposition),
+        continuous_collision: switch(physics.continuous_collision),
+        stiff_contacts: switch(physics.stiff_contacts),
+        rolling_resistance: switch(physics.rolling_resistance),
+        restitution: switch(physics.restitution),
+        guard: switch(params.guard),
+        impact: switch(control.impact),
+        breaking: switch(control.breaking),
+        region: switch(control.region),
+        kept_verdicts: switch(control.kept_verdicts),
+        frames: switch(params.output.keeps_frames),
+    }
+}
+
+fn switch(switch: Switch) -> i32 {
+    let switch = match switch {
+        Switch::Auto => proto::Switch::Auto,
+        Switch::On => proto::Switch::On,
+        Switch::Off => proto::Switch::Off,
+    };
+    switch.into()
 }
 
 /// A count as the wire has it. The core's ranges keep counts far below the wire's limits.

@@ -2,6 +2,9 @@
 
 mod impact;
 mod state;
+mod tally;
+
+pub use tally::{LocalProblem, Tally};
 
 use crate::equilibrium::{
     Analyser, Candidacy, CandidateRules, Contact, FrictionLaw, FrictionReserve, Options, Problem, Solver, Spread,
@@ -13,50 +16,8 @@ use crate::world::{BodyId, Role, Side, Touch, World};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
-
-/// What the control has done so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Tally {
-    pub cycles: u64,
-    /// Local analyses.
-    pub analyses: u64,
-    /// Verdicts kept because nothing that they rest on had changed.
-    pub settled: u64,
-    pub stable: u64,
-    pub unstable: u64,
-    pub candidates: u64,
-    pub nails_driven: u64,
-    pub nails_broken: u64,
-    pub nails_peak: u64,
-    /// Held bodies let go within a cycle because the load on them exceeded kappa.
-    pub holds_broken: u64,
-    /// Bodies that slid without friction for a cycle, because they were jammed above a gap.
-    pub unjammed: u64,
-    pub held_peak: u64,
-    /// Held bodies let go because something was about to hit them, or others in contact with them.
-    pub shaken: u64,
-    /// Largest force of a nail that held, in weights of the lighter body.
-    pub nail_load_max: f64,
-}
-
-/// One body's local equilibrium, as the control poses it; engine units, mass and gravity 1.
-#[derive(Clone, Debug)]
-pub struct LocalProblem {
-    pub body: BodyId,
-    pub contacts: Vec<Contact>,
-    pub center_of_mass: DVec3,
-    pub radius: f64,
-    /// Of the body's smallest face.
-    pub face_area: f64,
-}
-
-impl LocalProblem {
-    pub fn problem(&self) -> Problem<'_> {
-        let LocalProblem { contacts, center_of_mass, radius, .. } = self;
-        Problem { contacts, mass: 1.0, center_of_mass: *center_of_mass, radius: *radius, gravity: DVec3::NEG_Y }
-    }
-}
 
 /// The control and its memory: which bodies were certified in the latest cycle.
 pub struct Control<'a> {
@@ -87,6 +48,7 @@ pub struct Control<'a> {
     placed: BTreeSet<BodyId>,
     /// It has ended for good.
     ended: bool,
+    region_tests: Cell<u64>,
 }
 
 /// A body whose hold broke under its load is squeezed between its neighbours: holding it again at once would only
@@ -138,6 +100,7 @@ impl<'a> Control<'a> {
             dropped: BTreeSet::new(),
             placed: BTreeSet::new(),
             ended: false,
+            region_tests: Cell::new(0),
         }
     }
 
@@ -183,6 +146,11 @@ impl<'a> Control<'a> {
         }
     }
 
+    /// How often it was asked whether a body is inside the region.
+    pub fn region_tests(&self) -> u64 {
+        self.region_tests.get()
+    }
+
     /// Bodies that passed the latest cycle.
     pub fn certified(&self) -> &[bool] {
         &self.certified
@@ -224,6 +192,9 @@ impl<'a> Control<'a> {
         self.damp(world, &touches);
         self.unjam(world, &hanging);
         self.touches = touches;
+        if !self.params.switches.kept_verdicts.is_on(true) {
+            return;
+        }
         let stands = |role: Role| matches!(role, Role::Held | Role::Waiting | Role::Kept);
         self.still = world.bodies().iter().map(|b| stands(b.role)).collect();
     }
@@ -241,6 +212,10 @@ impl<'a> Control<'a> {
 
     /// After each step: what carries more than kappa allows lets go.
     pub fn after_step(&mut self, world: &mut World) {
+        if !self.is_on() || !self.params.switches.breaking.is_on(true) {
+            return;
+        }
+        self.tally.break_checks += 1;
         match self.params.mode {
             ControlMode::Off => {}
             ControlMode::Nails => {
@@ -320,6 +295,7 @@ impl<'a> Control<'a> {
 
     fn is_inside(&self, world: &World, id: BodyId) -> bool {
         let Some(region) = self.region else { return true };
+        self.region_tests.set(self.region_tests.get() + 1);
         region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE
     }
 

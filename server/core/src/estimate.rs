@@ -14,7 +14,7 @@ use crate::params::{Accuracy, FrictionModel, Params};
 use crate::plan;
 use crate::pose::Pose;
 use crate::scene::{Model, Prop, Scene};
-use crate::shape::{Outline, Shape, Size, outline};
+use crate::shape::{Outline, Shape, Size, outlines};
 use crate::world::{Insertion, Units, World};
 use glam::{DQuat, DVec3};
 
@@ -68,13 +68,15 @@ pub type Weights = [f64; FEATURES.len()];
 impl Workload {
     /// Of a checked scene. Fits hulls, but splits and simulates nothing.
     pub fn of(scene: &Scene, params: &Params, checked: &Checked) -> Workload {
-        let plan = plan::of(scene, params, checked);
+        let outlines = outlines(scene, params, checked);
+        let plan = plan::of(scene, params, checked, &outlines);
         let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
         let mut mean = [0.0; 3];
-        for ((prop, size), share) in scene.props.iter().zip(&checked.sizes).zip(&checked.shares) {
-            let (parts, corners) = match outline(prop, size, &params.physics) {
+        for ((outline, size), share) in outlines.iter().zip(&checked.sizes).zip(&checked.shares) {
+            let (parts, corners) = match outline {
                 Outline::Ball => (1.0, 1.0),
-                Outline::Convex(corners) => (1.0, corners as f64),
+                Outline::Box => (1.0, 8.0),
+                Outline::Hull(corners) => (1.0, *corners as f64),
                 Outline::Parts => (USUAL_PARTS, USUAL_PARTS * USUAL_CORNERS),
             };
             let slenderness = size.diameter.powi(3) / size.volume;

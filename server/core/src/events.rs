@@ -177,6 +177,7 @@ impl<'a> Events<'a> {
             emission.blocked = None;
             emission.emitted += 1;
             let id = pile.insert(body)?;
+            pile.work.bodies_emitted += 1;
             pile.world.launch(id, emitter.velocity, DVec3::ZERO);
             pile.control.drop_in(id);
             pile.latest_event = pile.step;

@@ -1,7 +1,7 @@
 //! How far apart the sizes and masses of a scene's bodies are, and what that asks of the engine.
 
 use crate::check;
-use crate::params::{Params, Physics};
+use crate::params::{Params, Physics, Switch};
 use crate::scene::Scene;
 
 /// Beyond these the bodies are no longer simulated well, and the user is told.
@@ -81,7 +81,12 @@ pub fn warnings(
 /// masses (up to [`MOST_MASS_RATIO`]) asks, with as many substeps as such contacts need. `thickness` of the thinnest body, in
 /// d: that it is thin stiffens the contacts by itself.
 pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64, natural_time: f64) -> Physics {
-    let needed = (SAG * ratio.min(MOST_MASS_RATIO) / MOST_SAG).sqrt();
+    let ratio = match physics.switches.stiff_contacts {
+        Switch::Auto => ratio.min(MOST_MASS_RATIO),
+        Switch::On => MOST_MASS_RATIO,
+        Switch::Off => return physics.clone(),
+    };
+    let needed = (SAG * ratio / MOST_SAG).sqrt();
     let given = physics.stiffness(thickness);
     if needed <= given {
         return physics.clone();

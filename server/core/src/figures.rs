@@ -19,7 +19,7 @@ use crate::region::Region;
 use crate::release::Pile;
 use crate::report::Report;
 use crate::scene::{Given, Scene};
-use crate::shape::Shape;
+use crate::shape::{Outline, Shape};
 use crate::standing;
 use crate::world::{BodyId, Role, Side, Touch, TouchPoint, World};
 use std::collections::BTreeMap;
@@ -126,7 +126,7 @@ pub fn report(
         measures,
         error_sources,
         limited_by,
-        counts: counts(filled.map(|(_, filled)| filled), pile),
+        counts: counts(scene, filled.map(|(_, filled)| filled), pile),
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds: BTreeMap::new(),
         warnings,
@@ -308,8 +308,10 @@ fn motion_figures(inputs: &Inputs, pile: &Pile, prop_frames: &[Vec<Pose>]) -> Fi
     if let Some(rest) = inputs.held.rest {
         let seconds = rest.steps as f64 * pile.world.step_length() * units.time;
         figures.insert("rest_seconds", Some(seconds));
-        let creep = displacements(rest.frame.min(last), last).into_iter().fold(0.0, f64::max);
-        figures.insert("creep_max_rel", Some(creep));
+        // Where frames are not kept, nobody knows where the bodies were then.
+        let from = pile.recorder.keeps().then_some(rest.frame.min(last));
+        let creep = from.map(|from| displacements(from, last).into_iter().fold(0.0, f64::max));
+        figures.insert("creep_max_rel", creep);
     }
     if inputs.scene.bodies.iter().any(Given::is_stacked) || pile.disturbed_frame.is_some() {
         let stack = placed(inputs.bodies, &prop_frames[0], 0);
@@ -343,8 +345,10 @@ fn control_figures(pile: &Pile) -> Figures {
     ])
 }
 
-fn counts(filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'static str, u64> {
-    let tally = pile.control.tally;
+fn counts(scene: &Scene, filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'static str, u64> {
+    let (tally, work, world) = (pile.control.tally, pile.work, &pile.world);
+    let of_kind = |is: fn(&Outline) -> bool| pile.shapes.iter().filter(|s| is(&s.solid.outline())).count() as u64;
+    let steps_if = |on: bool| if on { pile.step } else { 0 };
     let removed = filled.map(|filled| filled.removed).unwrap_or_default();
     BTreeMap::from([
         ("fill_steps", filled.map_or(0, |filled| filled.steps)),
@@ -368,7 +372,24 @@ fn counts(filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'static str, u64> {
         ("holds_broken", tally.holds_broken),
         ("unjammed", tally.unjammed),
         ("shaken", tally.shaken),
-        ("frames", pile.recorder.frames.len() as u64),
+        ("frames", if pile.recorder.keeps() { pile.recorder.frames.len() as u64 } else { 0 }),
+        ("props_as_primitives", of_kind(|outline| matches!(outline, Outline::Box | Outline::Ball))),
+        ("props_split", of_kind(|outline| matches!(outline, Outline::Parts))),
+        ("release_layers", work.layers),
+        ("scenery_pieces", scene.statics.len() as u64),
+        ("bodies_placed", scene.bodies.len() as u64),
+        ("bodies_emitted", work.bodies_emitted),
+        ("bouncing_bodies", work.bouncing_bodies),
+        ("stand_steps", work.stand_steps),
+        ("free_standing_steps", work.free_standing_steps),
+        ("steps_with_stiff_contacts", steps_if(work.is_stiff)),
+        ("steps_with_friction_per_point", steps_if(world.has_friction_per_point())),
+        ("ccd_body_steps", world.work.ccd_body_steps + filled.map_or(0, |filled| filled.work.ccd_body_steps)),
+        ("rolling_body_steps", world.work.rolling_body_steps),
+        ("guard_steps", pile.guard.actions.steps),
+        ("region_tests", pile.control.region_tests()),
+        ("break_checks", tally.break_checks),
+        ("impact_looks", tally.impact_looks),
     ])
 }
 

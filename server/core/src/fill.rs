@@ -11,7 +11,7 @@ use crate::params::{Fill as FillParams, FillMethod, Params};
 use crate::pose::Pose;
 use crate::scene::{Prop, Scene};
 use crate::shape::{Shape, Size, Solid};
-use crate::world::{BodyId, Insertion, Role, Units, World, WorldBody};
+use crate::world::{BodyId, Insertion, Role, Units, Work, World, WorldBody};
 use glam::{DQuat, DVec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -26,6 +26,7 @@ pub struct Filled {
     pub full: bool,
     /// Share of the container's volume that no body is near.
     pub pockets: f64,
+    pub work: Work,
 }
 
 /// A body where the fill left it.
@@ -114,7 +115,8 @@ pub fn run(
     filling.world.remove_wall(floor);
     let bodies = filling.loose().map(|id| filling.placed(id)).collect();
     let pockets = pockets::fraction(&filling);
-    Ok(Filled { bodies, removed: filling.removed, steps: filling.world.steps, full, pockets })
+    let (steps, work) = (filling.world.steps, filling.world.work);
+    Ok(Filled { bodies, removed: filling.removed, steps, full, pockets, work })
 }
 
 /// Pours the props through the opening and leaves them as they fell, upside down: no settling, no clean-up.

@@ -3,6 +3,7 @@
 //! help is set aside by name; and when too many are, the bake ends and says so. Each action is counted and told.
 
 use crate::Error;
+use crate::params::Params;
 use crate::problem::Problem;
 use crate::scene::{Scene, StaticModel};
 use crate::world::{BodyId, Energy, Role, State, Units, World};
@@ -11,6 +12,8 @@ use std::collections::BTreeSet;
 /// What the guard has done.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Actions {
+    /// Steps watched.
+    pub steps: u64,
     /// Steps taken again in smaller ones.
     pub retries: u64,
     /// Times that the contacts were stiffened for a while, because bodies were deep in each other.
@@ -77,6 +80,7 @@ const MOST_STIFFENINGS: u64 = 4;
 const MOST_ASIDE: f64 = 0.2;
 
 pub struct Guard {
+    watches: bool,
     pub actions: Actions,
     /// Height of the ground, engine units.
     ground: f64,
@@ -102,12 +106,13 @@ pub struct Guard {
 
 impl Guard {
     /// `ground`: its height, engine units. `mass_ratio`: of the heaviest body over the lightest.
-    pub fn new(scene: &Scene, units: Units, ground: f64, mass_ratio: f64) -> Guard {
-        let bounces = scene.props.iter().any(|prop| prop.restitution > 0.0);
+    pub fn new(scene: &Scene, params: &Params, units: Units, ground: f64, mass_ratio: f64) -> Guard {
+        let bounces = scene.bounces(params);
         let scenery = scene.statics.iter().map(scenery_speed).fold(0.0, f64::max);
         let emitted = scene.emitters.iter().map(|e| e.velocity.length()).fold(0.0, f64::max);
         let spun = scene.bodies.iter().map(|b| b.velocity.length()).fold(0.0, f64::max);
         Guard {
+            watches: params.guard.is_on(true),
             actions: Actions::default(),
             ground,
             speed_factor: if bounces || mass_ratio > SQUEEZING { BOUNCE_FACTOR } else { SPEED_FACTOR },
@@ -126,6 +131,10 @@ impl Guard {
 
     /// One step of the world. Returns the bodies set aside.
     pub fn step(&mut self, world: &mut World) -> Result<Vec<BodyId>, Error> {
+        if !self.watches {
+            return Ok(self.unwatched(world));
+        }
+        self.actions.steps += 1;
         // The engine does not know the inertia of a new body before its first step.
         let watched = !self.meet(world) && world.nail_count() == 0 && !world.scenery_moves();
         let weighed = watched && self.step >= self.resting_until && self.step.is_multiple_of(ENERGY_PERIOD);
@@ -150,6 +159,13 @@ impl Guard {
         self.step += 1;
         self.end_if_hopeless(world)?;
         Ok(faults.into_iter().map(|f| f.0).collect())
+    }
+
+    /// A step that nobody watches: only what the engine itself gives up is set aside.
+    fn unwatched(&mut self, world: &mut World) -> Vec<BodyId> {
+        let lost = world.step();
+        self.actions.aside.extend(lost.iter().map(|&id| (id, Fault::NotFinite)));
+        lost
     }
 
     /// Takes note of the bodies that came since the last step. Returns whether any did.

@@ -74,16 +74,16 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
         (calm, top_speed) =
             if pile.top_speed < REST_SPEED { (calm + 1, top_speed.max(pile.top_speed)) } else { (0, 0.0) };
         if calm == 1 {
-            rest =
-                Some(Rest { steps: (pile.step - 1).saturating_sub(pile.latest_event), frame: pile.recorder.count() });
+            let steps = (pile.step - 1).saturating_sub(pile.latest_event);
+            rest = Some(Rest { steps, frame: pile.recorder.count() });
         } else if calm == 0 {
             rest = None;
         }
     }
     let at_rest = calm >= rest_steps;
+    pile.recorder.mark(&pile.world);
     if let Some(n) = params.output.frames {
-        pile.recorder.hold((n as usize).saturating_sub(pile.recorder.count()));
-        pile.recorder.frames.truncate(n as usize + 1);
+        pile.recorder.fit(n as usize);
         pile.show(observer, Stage::Hold);
     }
     Ok(Held { at_rest, resting_speed_max: top_speed.max(pile.top_speed), rest: rest.filter(|_| at_rest) })

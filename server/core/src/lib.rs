@@ -10,6 +10,7 @@ pub mod control;
 pub mod equilibrium;
 pub mod estimate;
 pub mod events;
+pub mod effects;
 mod extremes;
 pub mod figures;
 pub mod fill;
@@ -67,7 +68,7 @@ pub enum Error {
 /// Checks the scene and tells what would be simulated; simulates nothing.
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    Ok(plan::of(scene, params, &checked))
+    Ok(plan::of(scene, params, &checked, &shape::outlines(scene, params, &checked)))
 }
 
 /// The numbers that decide what a bake of the scene costs.
@@ -139,10 +140,12 @@ pub fn release_pile(
     observer: &mut dyn Observer,
 ) -> Result<Bake, Error> {
     let FullContainer { checked, shapes, units, filled, region, seconds } = full;
-    let plan = plan::of(scene, params, checked);
+    let outlines: Vec<_> = shapes.iter().map(|shape| shape.solid.outline()).collect();
+    let plan = plan::of(scene, params, checked, &outlines);
     let mut clock = figures::Clock::new(observer);
 
     let inside = region.as_ref().or(filled.as_ref().map(|(container, _)| &container.distance));
+    let inside = inside.filter(|_| params.control.switches.region.is_on(true));
     let control = Control::new(&params.control, params.gravity, params.seed, inside);
     let bodies = filled.as_ref().map_or(&[][..], |(_, filled)| &filled.bodies);
     let mut pile = release::turn_over(scene, shapes, params, *units, bodies, checked.ground, control)?;
@@ -152,7 +155,7 @@ pub fn release_pile(
     let held = hold::run(&mut pile, params, observer)?;
     clock.lap(Stage::Hold, observer);
 
-    let (bodies, frames) = figures::prop_frames(&pile);
+    let (mut bodies, mut frames) = figures::prop_frames(&pile);
     if bodies.is_empty() {
         let text = "bodies, emitters: not one body appears before the last frame; bake more frames";
         return Err(Error::Invalid(vec![Problem::new("output.frames", text)]));
@@ -164,7 +167,14 @@ pub fn release_pile(
     let mut report = figures::report(&inputs, &mut pile, &frames, observer)?;
     clock.lap(Stage::Measure, observer);
     report.seconds = seconds.iter().map(|(&s, &t)| (s, t)).chain(clock.into_seconds()).collect();
-    let scenery = scenery_frames(scene, params.output.fps, frames.len());
+    let keeps = pile.recorder.keeps();
+    let count = if keeps { frames.len() } else { pile.recorder.count() + 1 };
+    let mut scenery = scenery_frames(scene, params.output.fps, count);
+    if !keeps {
+        frames.drain(..frames.len() - 1);
+        bodies.iter_mut().for_each(|body| body.first_frame = 0);
+        scenery.iter_mut().for_each(|poses| drop(poses.drain(..poses.len().saturating_sub(1))));
+    }
     Ok(Bake { fps: params.output.fps, bodies, frames, scenery, report })
 }
 

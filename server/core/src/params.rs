@@ -4,6 +4,10 @@
 //! a prop's thickness where said so; times called *natural* are in units of `t = sqrt(d / g)`. A pile
 //! of 1 cm props and one of 1 m props therefore take the same steps (method.md, Parameters).
 
+mod switches;
+
+pub use switches::{ControlSwitches, PhysicsSwitches, Switch};
+
 use crate::problem::Problem;
 
 /// The parameters of a bake. [`Params::new`] gives an accuracy preset's; every field may be changed.
@@ -28,6 +32,8 @@ pub struct Params {
     pub control: Control,
     pub hold: Hold,
     pub output: Output,
+    /// Steps are watched, and taken again where they fail.
+    pub guard: Switch,
 }
 
 /// A named, complete set of parameters.
@@ -69,6 +75,7 @@ pub struct Physics {
     pub shape_tolerance: f64,
     /// Convex parts that a nonconvex prop may be split into, 1 to 64.
     pub max_parts: u32,
+    pub switches: PhysicsSwitches,
 }
 
 /// The thickness, in d, that `contact_frequency` is meant for, and the largest factor for thinner bodies.
@@ -202,6 +209,7 @@ pub struct Control {
     pub until: Option<f64>,
     /// The control ends gently: at `until`, or when the pile is at rest.
     pub stand: bool,
+    pub switches: ControlSwitches,
 }
 
 /// What is done with the bodies that may be held until the next verdict.
@@ -273,6 +281,8 @@ pub struct Output {
     pub free_standing: bool,
     /// Also measure `free_pour_fraction`, per prop by weight (a further simulation).
     pub free_pour: bool,
+    /// Off: the result is the final pose alone.
+    pub keeps_frames: Switch,
 }
 
 impl Params {
@@ -294,7 +304,9 @@ impl Params {
                 rolling_resistance: 0.02,
                 shape_tolerance: 0.04,
                 max_parts: 12,
+                switches: PhysicsSwitches::default(),
             },
+            guard: Switch::Auto,
             base: Base { height: 0.02 },
             fill: Fill {
                 method: FillMethod::Insert,
@@ -323,9 +335,10 @@ impl Params {
                 nails_per_body: 1,
                 until: None,
                 stand: false,
+                switches: ControlSwitches::default(),
             },
             hold: Hold { patience: 60.0, least: 0.0 },
-            output: Output { fps: 24.0, frames: None, free_standing: false, free_pour: false },
+            output: Output { fps: 24.0, frames: None, free_standing: false, free_pour: false, keeps_frames: Switch::Auto },
         };
         match accuracy {
             Accuracy::Standard => {}

@@ -1,25 +1,42 @@
 //! Frames: the poses of all bodies at the frame rate, between steps where a frame falls there.
 //!
-//! Frames do not pace the physics: another frame rate gives the same motion.
+//! Frames do not pace the physics: another frame rate gives the same motion, and so does none.
 
+use crate::params::Params;
 use crate::pose::Pose;
-use crate::world::{Role, World};
+use crate::world::{Role, Units, World};
+
+/// When frames are due, and whether they are kept.
+#[derive(Clone, Copy, Debug)]
+pub struct Pace {
+    /// Engine time of a frame.
+    interval: f64,
+    keeps: bool,
+}
+
+impl Pace {
+    pub fn new(params: &Params, units: Units) -> Pace {
+        Pace { interval: 1.0 / params.output.fps / units.time, keeps: params.output.keeps_frames.is_on(true) }
+    }
+}
 
 /// Collects frames while a world runs. Poses are those of the bodies (centre of mass), engine units.
 pub struct Recorder {
-    /// Engine time of a frame.
-    interval: f64,
+    pace: Pace,
     time: f64,
+    /// Frames due so far, without frame 0.
+    due: usize,
     last: Vec<Pose>,
-    /// Shape `[frame][body]`; a frame has the bodies that were there at its time: more from frame to frame.
+    /// Shape `[frame][body]`; a frame has the bodies that were there at its time: more from frame to frame. Where none are
+    /// kept: those that were marked.
     pub frames: Vec<Vec<Pose>>,
 }
 
 impl Recorder {
-    /// Frame 0 is the world as it stands. `interval`: engine time between frames.
-    pub fn new(world: &World, interval: f64) -> Recorder {
+    /// Frame 0 is the world as it stands.
+    pub fn new(world: &World, pace: Pace) -> Recorder {
         let first = poses(world, &[]);
-        Recorder { interval, time: 0.0, last: first.clone(), frames: vec![first] }
+        Recorder { pace, time: 0.0, due: 0, last: first.clone(), frames: vec![first] }
     }
 
     /// Called when bodies were added since the last step.
@@ -30,29 +47,55 @@ impl Recorder {
 
     /// Called after every step.
     pub fn step(&mut self, world: &World) {
-        let now = poses(world, &self.last);
+        let now = if self.pace.keeps { poses(world, &self.last) } else { Vec::new() };
         let length = world.step_length();
         loop {
-            let due = self.frames.len() as f64 * self.interval;
+            let due = (self.due + 1) as f64 * self.pace.interval;
             // A frame at the end of a step belongs to it, whatever the rounding.
             if due > self.time + length * (1.0 + 1e-9) {
                 break;
             }
-            let s = ((due - self.time) / length).clamp(0.0, 1.0);
-            self.frames.push(self.last.iter().zip(&now).map(|(a, b)| a.interpolate(b, s)).collect());
+            self.due += 1;
+            if self.pace.keeps {
+                let s = ((due - self.time) / length).clamp(0.0, 1.0);
+                self.frames.push(self.last.iter().zip(&now).map(|(a, b)| a.interpolate(b, s)).collect());
+            }
         }
         self.time += length;
-        self.last = now;
+        if self.pace.keeps {
+            self.last = now;
+        }
     }
 
-    /// Frames so far, without frame 0.
+    /// Whether the frames are kept.
+    pub fn keeps(&self) -> bool {
+        self.pace.keeps
+    }
+
+    /// Frames due so far, without frame 0.
     pub fn count(&self) -> usize {
+        self.due
+    }
+
+    /// The index of the latest frame. Where none are kept, the world as it stands becomes one.
+    pub fn mark(&mut self, world: &World) -> usize {
+        if !self.pace.keeps {
+            self.last = poses(world, &self.last);
+            self.frames.push(self.last.clone());
+        }
         self.frames.len() - 1
     }
 
-    /// Repeats the last pose for `count` frames.
-    pub fn hold(&mut self, count: usize) {
-        self.frames.extend(std::iter::repeat_n(self.last.clone(), count));
+    /// The first frame that a body has which appears now.
+    pub fn next(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Makes it `count` frames after frame 0, repeating the last pose.
+    pub fn fit(&mut self, count: usize) {
+        if self.pace.keeps {
+            self.frames.resize(count + 1, self.last.clone());
+        }
     }
 }
 

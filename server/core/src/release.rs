@@ -10,14 +10,29 @@ use crate::guard::Guard;
 use crate::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
 use crate::params::{Output, Params, ReleaseOrder};
 use crate::pose::Pose;
-use crate::record::Recorder;
+use crate::record::{Pace, Recorder};
 use crate::scene::{Given, Scene};
 use crate::shape::Shape;
 use crate::world::{BodyId, Insertion, Role, Units, World};
 
+/// What effects of release and hold have done so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    pub layers: u64,
+    pub bouncing_bodies: u64,
+    pub bodies_emitted: u64,
+    /// Steps in which everything was damped because the control ended gently.
+    pub stand_steps: u64,
+    /// Steps of the further simulation that tells what stands by itself.
+    pub free_standing_steps: u64,
+    /// The masses stiffen the contacts.
+    pub is_stiff: bool,
+}
+
 /// A pile being released: the world, its control and the frames so far.
 pub struct Pile<'a> {
     pub world: World,
+    pub work: Work,
     pub control: Control<'a>,
     pub recorder: Recorder,
     /// Steps since turning over.
@@ -54,6 +69,7 @@ pub struct Pile<'a> {
     events: Option<Events<'a>>,
     scene: &'a Scene,
     pub shapes: &'a [Shape],
+    bounces: bool,
     output: &'a Output,
     /// Frames shown.
     shown: usize,
@@ -85,9 +101,11 @@ pub fn turn_over<'a>(
     for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {
         world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;
     }
-    let recorder = Recorder::new(&world, 1.0 / params.output.fps / units.time);
+    let frames = Pace::new(params, units);
+    let recorder = Recorder::new(&world, frames);
     let mut pile = Pile {
         world,
+        work: Work { is_stiff: physics != params.physics, ..Work::default() },
         control,
         recorder,
         disturbed_frame: None,
@@ -105,11 +123,12 @@ pub fn turn_over<'a>(
         control_seconds: 0.0,
         step_seconds: 0.0,
         lost: Vec::new(),
-        guard: Guard::new(scene, units, depth.map_or(ground / units.length, |depth| depth - FALL_DEPTH), mass_ratio),
+        guard: Guard::new(scene, params, units, depth.map_or(ground / units.length, |depth| depth - FALL_DEPTH), mass_ratio),
         depth,
         fallen: 0,
         damping: params.release.damping,
         shapes,
+        bounces: scene.bounces(params),
         output: &params.output,
         shown: 0,
     };
@@ -124,7 +143,7 @@ pub fn turn_over<'a>(
     }
     pile.world.refresh();
     pile.events = Events::new(&mut pile, params)?;
-    pile.recorder = Recorder::new(&pile.world, 1.0 / params.output.fps / units.time);
+    pile.recorder = Recorder::new(&pile.world, frames);
     pile.first_frames.fill(0);
     Ok(pile)
 }
@@ -140,12 +159,13 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
     let total = layers.len() as u64 * interval;
     pile.show(observer, Stage::Release);
     for layer in layers {
+        pile.work.layers += 1;
         layer.into_iter().for_each(|id| pile.let_go(id));
         for _ in 0..interval {
             pile.advance(observer, Stage::Release, |pile| pile.step as f64 / total as f64)?;
         }
     }
-    pile.hold_frame = pile.recorder.count();
+    pile.hold_frame = pile.recorder.mark(&pile.world);
     Ok(())
 }
 
@@ -184,7 +204,7 @@ impl<'a> Pile<'a> {
 
     /// Shows the frames that were recorded since, except those that the result will not have.
     pub fn show(&mut self, observer: &mut dyn Observer, stage: Stage) {
-        if !observer.wants_frames() {
+        if !observer.wants_frames() || !self.recorder.keeps() {
             return;
         }
         let last = self.output.frames.map_or(usize::MAX, |n| n as usize);
@@ -209,12 +229,13 @@ impl<'a> Pile<'a> {
     /// Adds a free body.
     pub fn insert(&mut self, body: Placed) -> Result<BodyId, Error> {
         let prop = &self.scene.props[body.prop];
-        let (friction, restitution) = (prop.friction, prop.restitution);
+        let (friction, restitution) = (prop.friction, if self.bounces { prop.restitution } else { 0.0 });
+        self.work.bouncing_bodies += u64::from(restitution > 0.0);
         let insertion = Insertion { prop: body.prop, scale: body.scale, pose: body.pose, friction, restitution };
         let id = self.world.insert(&self.shapes[body.prop], &insertion).map_err(Error::Internal)?;
         self.world.set_damping(id, self.damping);
         self.bodies.push(body);
-        self.first_frames.push(self.recorder.frames.len());
+        self.first_frames.push(self.recorder.next());
         Ok(id)
     }
 
@@ -244,7 +265,7 @@ impl<'a> Pile<'a> {
     pub fn disturb(&mut self) {
         self.latest_event = self.step;
         if self.hold_frame > 0 {
-            self.disturbed_frame.get_or_insert(self.recorder.count());
+            self.disturbed_frame.get_or_insert_with(|| self.recorder.mark(&self.world));
         }
     }
 
@@ -264,6 +285,7 @@ impl<'a> Pile<'a> {
     /// Damps everything as long as the control's gentle end lasts.
     fn stand(&mut self) {
         let Some(begin) = self.standing else { return };
+        self.work.stand_steps += 1;
         let time = (self.step - begin) as f64 * self.world.step_length();
         let share = ((STAND_TIME + STAND_RAMP - time) / STAND_RAMP).clamp(0.0, 1.0);
         self.set_all_damping((STAND_DAMPING * share).max(self.damping));

@@ -1,6 +1,7 @@
 //! What a bake is asked to do, with every mesh already read: plain values, no files.
 
 use crate::mesh::TriMesh;
+use crate::params::Params;
 use crate::pose::Pose;
 use glam::DVec3;
 
@@ -181,6 +182,11 @@ impl Scene {
         let emitted = self.emitters.iter().map(|emitter| emitter.place.bounds().0.y);
         let scenery = self.statics.iter().map(StaticModel::lowest);
         target.into_iter().chain(placed).chain(emitted).chain(scenery).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether any body bounces.
+    pub fn bounces(&self, params: &Params) -> bool {
+        params.physics.switches.restitution.is_on(true) && self.props.iter().any(|prop| prop.restitution > 0.0)
     }
 
     /// The props that an emitter draws from.

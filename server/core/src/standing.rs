@@ -32,6 +32,7 @@ pub fn measure(pile: &mut Pile, observer: &mut dyn Observer) -> Result<BTreeMap<
             (strain, at) = (Strain::new(world, &ids), poses(world, &ids));
         }
         world.step();
+        pile.work.free_standing_steps += 1;
         if k >= judged {
             strain.add(world, &ids);
         }

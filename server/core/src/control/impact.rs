@@ -24,9 +24,11 @@ const SHOCK_TIME: f64 = 1.0;
 impl Control<'_> {
     /// Lets go what is about to be hit.
     pub fn before_step(&mut self, world: &mut World) {
-        if !(self.watches_hits && self.is_on() && self.params.mode == ControlMode::Hold) {
+        let looks = self.params.switches.impact.is_on(self.watches_hits);
+        if !(looks && self.is_on() && self.params.mode == ControlMode::Hold) {
             return;
         }
+        self.tally.impact_looks += 1;
         let mass = |id: BodyId| world.bodies()[id].mass;
         let is_blow = |hit: &Hit| mass(hit.hitter) * hit.speed > LEAST_BLOW * (mass(hit.hitter) + mass(hit.held));
         let blows: Vec<Hit> = world.hits_ahead(LEAST_BLOW).into_iter().filter(is_blow).collect();

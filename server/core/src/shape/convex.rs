@@ -1,7 +1,7 @@
 //! Convex hulls and approximate convex decomposition, each with its measured distance from the mesh.
 
 use crate::mesh::TriMesh;
-use crate::params::Physics;
+use crate::params::{Physics, Switch};
 use crate::shape::Solid;
 use glam::DVec3;
 use rapier3d::math::Vector;
@@ -28,14 +28,15 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics)
     let unit = Unit::new(mesh, diameter, closed);
     let mut best = vec![unit.hull()];
     let mut best_deviation = unit.deviation(&best);
-    if physics.max_parts > 1 && best_deviation > physics.shape_tolerance {
+    let tolerance = tolerance(physics);
+    if physics.max_parts > 1 && best_deviation > tolerance {
         for concavity in CONCAVITIES {
             let Some(parts) = unit.vhacd(concavity, physics.max_parts) else { continue };
             let found = unit.deviation(&parts);
             if found < best_deviation {
                 (best, best_deviation) = (parts, found);
             }
-            if best_deviation <= physics.shape_tolerance {
+            if best_deviation <= tolerance {
                 break;
             }
         }
@@ -43,11 +44,20 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics)
     (Solid::Convex(best.into_iter().map(|part| unit.back(part)).collect()), best_deviation * diameter)
 }
 
+/// The deviation allowed, in prop diameters.
+fn tolerance(physics: &Physics) -> f64 {
+    match physics.switches.decomposition {
+        Switch::Auto => physics.shape_tolerance,
+        Switch::On => 0.0,
+        Switch::Off => f64::INFINITY,
+    }
+}
+
 /// Whether one hull would do, and how many corners it has: known without a decomposition.
 pub fn outline(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> (bool, usize) {
     let unit = Unit::new(mesh, diameter, closed);
     let hull = vec![unit.hull()];
-    (physics.max_parts == 1 || unit.deviation(&hull) <= physics.shape_tolerance, hull[0].len())
+    (physics.max_parts == 1 || unit.deviation(&hull) <= tolerance(physics), hull[0].len())
 }
 
 /// From coarse to fine: the first that is close enough is the cheapest to simulate.

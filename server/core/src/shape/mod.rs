@@ -12,7 +12,7 @@ use crate::Error;
 use crate::check::Checked;
 use crate::mesh::TriMesh;
 use crate::observer::{Observer, Progress, Stage, observe};
-use crate::params::{Params, Physics};
+use crate::params::{Params, Physics, Switch};
 use crate::pose::Pose;
 use crate::problem::Problem;
 use crate::report::ShapeReport;
@@ -217,11 +217,20 @@ impl Shape {
 
 impl Solid {
     fn kind(&self) -> &'static str {
+        match self.outline() {
+            Outline::Box => "box",
+            Outline::Ball => "ball",
+            Outline::Hull(_) => "hull",
+            Outline::Parts => "parts",
+        }
+    }
+
+    pub fn outline(&self) -> Outline {
         match self {
-            Solid::Box(_) => "box",
-            Solid::Ball { .. } => "ball",
-            Solid::Convex(parts) if parts.len() == 1 => "hull",
-            Solid::Convex(_) => "parts",
+            Solid::Box(_) => Outline::Box,
+            Solid::Ball { .. } => Outline::Ball,
+            Solid::Convex(parts) if parts.len() == 1 => Outline::Hull(parts[0].len()),
+            Solid::Convex(_) => Outline::Parts,
         }
     }
 
@@ -276,11 +285,18 @@ fn collision_solid(
     closed: bool,
     physics: &Physics,
 ) -> (Solid, f64) {
-    primitive(mesh, around, diameter, closed).unwrap_or_else(|| convex::decompose(mesh, diameter, closed, physics))
+    let fitted = primitive(mesh, around, diameter, closed, physics.switches.primitives);
+    fitted.unwrap_or_else(|| convex::decompose(mesh, diameter, closed, physics))
 }
 
 /// The box or the ball that the mesh is, or the box of a sheet, and how far it is from the mesh, m.
-fn primitive(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool) -> Option<(Solid, f64)> {
+fn primitive(
+    mesh: &TriMesh,
+    around: &OrientedBox,
+    diameter: f64,
+    closed: bool,
+    switch: Switch,
+) -> Option<(Solid, f64)> {
     let tolerance = PRIMITIVE_TOLERANCE * diameter;
     let flat = FLAT_THICKNESS * diameter;
     if around.half.min_element() * 2.0 < flat {
@@ -288,7 +304,7 @@ fn primitive(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool) 
         let b = OrientedBox { half: around.half.max(DVec3::splat(flat / 2.0)), ..*around };
         return Some((Solid::Box(b), flat / 2.0));
     }
-    if !closed {
+    if !closed || !switch.is_on(true) {
         return None;
     }
     let volume = mass::moments(mesh).volume;
@@ -309,24 +325,29 @@ fn primitive(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool) 
 /// What a prop's collision shape will be, as far as that is known without a decomposition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outline {
+    Box,
     Ball,
     /// One convex shape with this many corners.
-    Convex(usize),
+    Hull(usize),
     /// Several convex shapes.
     Parts,
 }
 
 /// What the collision shape of a checked prop will be.
-pub fn outline(prop: &Prop, size: &Size, physics: &Physics) -> Outline {
+fn outline(prop: &Prop, size: &Size, physics: &Physics) -> Outline {
     let mesh = &prop.model.mesh.outward();
-    match primitive(mesh, &fit::oriented_box(mesh), size.diameter, size.closed) {
-        Some((Solid::Ball { .. }, _)) => Outline::Ball,
-        Some(_) => Outline::Convex(8),
+    match primitive(mesh, &fit::oriented_box(mesh), size.diameter, size.closed, physics.switches.primitives) {
+        Some((solid, _)) => solid.outline(),
         None => match convex::outline(mesh, size.diameter, size.closed, physics) {
-            (true, corners) => Outline::Convex(corners),
+            (true, corners) => Outline::Hull(corners),
             (false, _) => Outline::Parts,
         },
     }
+}
+
+/// What the collision shapes of a checked scene's props will be.
+pub fn outlines(scene: &Scene, params: &Params, checked: &Checked) -> Vec<Outline> {
+    scene.props.iter().zip(&checked.sizes).map(|(prop, size)| outline(prop, size, &params.physics)).collect()
 }
 
 /// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume)...

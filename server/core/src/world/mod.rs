@@ -14,7 +14,7 @@ mod rolling;
 mod scenery;
 
 use crate::mesh::TriMesh;
-use crate::params::{FrictionModel, Physics, Time};
+use crate::params::{FrictionModel, Physics, Switch, Time};
 use crate::pose::Pose;
 use crate::shape::Shape;
 use glam::{DQuat, DVec3};
@@ -101,6 +101,15 @@ pub struct WorldBody {
     collider: ColliderHandle,
 }
 
+/// What effects have done so far: bodies, summed over the steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Swept along their way.
+    pub ccd_body_steps: u64,
+    /// Kept from rolling.
+    pub rolling_body_steps: u64,
+}
+
 /// How a body enters the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Insertion {
@@ -121,8 +130,10 @@ pub struct World {
     moving: Vec<scenery::Moving>,
     marks: creep::Marks,
     rolling: rolling::Rolling,
+    ccd: Switch,
     /// Steps taken.
     pub steps: u64,
+    pub work: Work,
 }
 
 /// Colliders tell what they are by their user data: these, or [`FIRST_BODY`] plus a body's index.
@@ -182,8 +193,10 @@ impl World {
             nails: nails::Nails::default(),
             moving: Vec::new(),
             marks: creep::Marks::default(),
-            rolling: rolling::Rolling { coefficient: physics.rolling_resistance, round: Vec::new() },
+            rolling: rolling::Rolling::new(physics),
+            ccd: physics.switches.continuous_collision,
             steps: 0,
+            work: Work::default(),
         }
     }
 
@@ -258,7 +271,7 @@ impl World {
             .user_data(FIRST_BODY + id as u128);
         let (handle, collider) = self.engine.insert(rigid, collider);
         let size = body.scale * length;
-        self.rolling.round.extend(shape.size.round.map(|radius| (id, radius * size)));
+        self.rolling.round.extend(self.rolling.radius(shape).map(|radius| (id, radius * size)));
         self.bodies.push(WorldBody {
             prop: body.prop,
             scale: body.scale,
@@ -312,6 +325,11 @@ impl World {
         body.radius = shape.radius * size;
         body.thickness = shape.thickness() * size;
         body.face_area = shape.size.extents.x * shape.size.extents.y * size * size;
+    }
+
+    /// Each contact point has a friction force of its own.
+    pub fn has_friction_per_point(&self) -> bool {
+        self.engine.integration_parameters.friction_model == rapier3d::prelude::FrictionModel::Coulomb
     }
 
     pub fn bodies(&self) -> &[WorldBody] {

@@ -1,6 +1,7 @@
 //! How the bodies move, and what the engine's last step left undone.
 
 use super::{BodyId, Role, World};
+use crate::params::Switch;
 use glam::DVec3;
 use rapier3d::prelude::*;
 
@@ -35,9 +36,13 @@ impl World {
     /// Before a step: what will move by more than half of its thickness must not pass through what it hits, nor stop deep in it.
     pub(super) fn watch_fast_ones(&mut self) {
         let dt = self.engine.integration_parameters.dt;
+        if self.ccd == Switch::Off {
+            return;
+        }
         for body in self.bodies.iter().filter(|body| body.role == Role::Free) {
             let rigid = &self.engine.bodies[body.handle];
-            let is_fast = rigid.linvel().length() * dt > (body.thickness / 2.0) as f32;
+            let is_fast = self.ccd.is_on(rigid.linvel().length() * dt > (body.thickness / 2.0) as f32);
+            self.work.ccd_body_steps += u64::from(is_fast && !rigid.is_sleeping());
             if is_fast != rigid.is_ccd_enabled()
                 && let Some(rigid) = self.engine.bodies.get_mut(body.handle)
             {

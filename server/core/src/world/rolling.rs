@@ -5,6 +5,8 @@
 //! it on a slope less steep than the coefficient.
 
 use super::{BodyId, World};
+use crate::params::{Physics, Switch};
+use crate::shape::Shape;
 use rapier3d::prelude::*;
 
 /// What rolls.
@@ -12,16 +14,29 @@ use rapier3d::prelude::*;
 pub struct Rolling {
     /// Share of the radius; 0: nothing is resisted.
     pub coefficient: f64,
+    /// Bodies that are not round are resisted, too.
+    pub of_all: bool,
     /// Bodies that are round, and the radius on which they roll.
     pub round: Vec<(BodyId, f64)>,
+}
+
+impl Rolling {
+    pub fn new(physics: &Physics) -> Rolling {
+        let off = physics.switches.rolling_resistance == Switch::Off;
+        let coefficient = if off { 0.0 } else { physics.rolling_resistance };
+        Rolling { coefficient, of_all: physics.switches.rolling_resistance == Switch::On, round: Vec::new() }
+    }
+
+    /// The radius on which a body of this shape rolls, m; `None` where nothing resists it.
+    pub fn radius(&self, shape: &Shape) -> Option<f64> {
+        let all = || self.of_all.then(|| shape.thickness() / 2.0);
+        shape.size.round.or_else(all).filter(|_| self.coefficient > 0.0)
+    }
 }
 
 impl World {
     /// After a step: the contacts' torque against rolling, by the forces of that step.
     pub(super) fn resist_rolling(&mut self) {
-        if self.rolling.coefficient == 0.0 {
-            return;
-        }
         for &(id, radius) in &self.rolling.round {
             if !self.is_awake(id) {
                 continue;
@@ -36,6 +51,7 @@ impl World {
             }
             let inertia = rigid.mass_properties().local_mprops.reconstruct_inertia_matrix();
             let momentum = f64::from((inertia * (rigid.rotation().inverse() * spin)).length());
+            self.work.rolling_body_steps += 1;
             let braked = 1.0 - self.rolling.coefficient * radius * pressed / momentum;
             let handle = body.handle;
             if let Some(rigid) = self.engine.bodies.get_mut(handle).filter(|_| braked.is_finite()) {

@@ -1,0 +1,52 @@
+//! What a control has done so far, and the problems that it poses.
+
+use crate::equilibrium::{Contact, Problem};
+use crate::world::BodyId;
+use glam::DVec3;
+
+/// What the control has done so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally {
+    pub cycles: u64,
+    /// Local analyses.
+    pub analyses: u64,
+    /// Verdicts kept because nothing that they rest on had changed.
+    pub settled: u64,
+    pub stable: u64,
+    pub unstable: u64,
+    pub candidates: u64,
+    pub nails_driven: u64,
+    pub nails_broken: u64,
+    pub nails_peak: u64,
+    /// Held bodies let go within a cycle because the load on them exceeded kappa.
+    pub holds_broken: u64,
+    /// Bodies that slid without friction for a cycle, because they were jammed above a gap.
+    pub unjammed: u64,
+    pub held_peak: u64,
+    /// Held bodies let go because something was about to hit them, or others in contact with them.
+    pub shaken: u64,
+    /// Steps in which the loads on what is held or nailed were looked at.
+    pub break_checks: u64,
+    /// Steps in which it was looked for what is about to be hit.
+    pub impact_looks: u64,
+    /// Largest force of a nail that held, in weights of the lighter body.
+    pub nail_load_max: f64,
+}
+
+/// One body's local equilibrium, as the control poses it; engine units, mass and gravity 1.
+#[derive(Clone, Debug)]
+pub struct LocalProblem {
+    pub body: BodyId,
+    pub contacts: Vec<Contact>,
+    pub center_of_mass: DVec3,
+    pub radius: f64,
+    /// Of the body's smallest face.
+    pub face_area: f64,
+}
+
+impl LocalProblem {
+    pub fn problem(&self) -> Problem<'_> {
+        let LocalProblem { contacts, center_of_mass, radius, .. } = self;
+        Problem { contacts, mass: 1.0, center_of_mass: *center_of_mass, radius: *radius, gravity: DVec3::NEG_Y }
+    }
+}

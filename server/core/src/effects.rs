@@ -1,0 +1,303 @@
+//! What a bake may leave out: every effect, whether the scene calls for it, and the user's word on it.
+//!
+//! An effect that is off costs nothing: its [`Effect::counters`] in the report are 0.
+
+use crate::check::{Checked, fills};
+use crate::extremes;
+use crate::params::{ControlMode, FillMethod, FrictionCone, FrictionModel, Params, ReleaseOrder, Switch};
+use crate::scene::{Given, Scene};
+use crate::shape::Outline;
+
+/// Something that costs time and may be left out.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Effect {
+    pub name: &'static str,
+    pub on: bool,
+    /// One sentence.
+    pub reason: String,
+    /// The field of the scene that forces it, and the value that switches it off; `None`: nothing does.
+    pub switch: Option<&'static str>,
+    /// The counts of the report that tell what it did: all 0 where it is off.
+    pub counters: &'static [&'static str],
+}
+
+/// All effects of a checked scene, in the order of the stages. `outlines`: what the props are simulated as.
+pub fn of(scene: &Scene, params: &Params, checked: &Checked, outlines: &[Outline]) -> Vec<Effect> {
+    [shapes(scene, params, outlines), stages(scene, params), physics(scene, params, checked), control(scene, params)]
+        .concat()
+        .into_iter()
+        .chain(output(params))
+        .collect()
+}
+
+/// An effect that the scene's own contents decide on.
+fn plain(name: &'static str, on: bool, reason: impl Into<String>, counters: &'static [&'static str]) -> Effect {
+    Effect { name, on, reason: reason.into(), switch: None, counters }
+}
+
+/// An effect with a parameter of its own.
+fn set_by(field: &'static str, effect: Effect) -> Effect {
+    Effect { switch: Some(field), ..effect }
+}
+
+/// An effect that the user's word decides on, and else the scene; with the reason why the scene does or does not.
+fn switched(
+    (name, field): (&'static str, &'static str),
+    switch: Switch,
+    (called_for, reason): (bool, String),
+    counters: &'static [&'static str],
+) -> Effect {
+    let reason = match switch {
+        Switch::Auto => reason,
+        Switch::On => format!("switched on by {field}"),
+        Switch::Off => format!("switched off by {field}"),
+    };
+    set_by(field, plain(name, switch.is_on(called_for), reason, counters))
+}
+
+/// "a, b and 3 more".
+fn listed(names: &[&str]) -> String {
+    const SHOWN: usize = 3;
+    let shown = names[..names.len().min(SHOWN)].join(", ");
+    match names.len().checked_sub(SHOWN) {
+        None | Some(0) => shown,
+        Some(more) => format!("{shown} and {more} more"),
+    }
+}
+
+/// What the props are simulated as.
+fn shapes(scene: &Scene, params: &Params, outlines: &[Outline]) -> Vec<Effect> {
+    let switches = &params.physics.switches;
+    let names = |is: fn(&Outline) -> bool| -> Vec<&str> {
+        let props = scene.props.iter().zip(outlines).filter(|(_, outline)| is(outline));
+        props.map(|(prop, _)| &*prop.model.name).collect()
+    };
+    let primitives = names(|outline| matches!(outline, Outline::Box | Outline::Ball));
+    let split = names(|outline| matches!(outline, Outline::Parts));
+    let boxes = match primitives.as_slice() {
+        [] => "no prop is a box or a ball".into(),
+        names => format!("box or ball: {}", listed(names)),
+    };
+    let parts = match split.as_slice() {
+        [] => "one convex shape is near enough to each prop".into(),
+        names => format!("nonconvex: {}; at most {} parts each", listed(names), params.physics.max_parts),
+    };
+    vec![
+        switched(
+            ("primitives", "effects.primitives"),
+            switches.primitives,
+            (!primitives.is_empty(), boxes),
+            &["props_as_primitives"],
+        ),
+        switched(
+            ("decomposition", "effects.decomposition"),
+            switches.decomposition,
+            (!split.is_empty(), parts),
+            &["props_split"],
+        ),
+    ]
+}
+
+/// What happens, from the fill on.
+fn stages(scene: &Scene, params: &Params) -> Vec<Effect> {
+    let fill = fills(scene, params);
+    let filling = match params.fill.method {
+        _ if scene.control.is_none() => "there is no control mesh",
+        FillMethod::Insert => "props grow at free places inside the closed container",
+        FillMethod::Pour => "props are dropped through the container's opening",
+        FillMethod::Off => "switched off by the scene",
+    };
+    let turning = if fill { "the container is filled upside down" } else { "there is no fill" };
+    let releasing = match params.release.order {
+        ReleaseOrder::BottomUp => "layers are let go from the bottom to the top",
+        ReleaseOrder::TopDown => "layers are let go from the top to the bottom",
+        ReleaseOrder::AtOnce => "everything is let go at frame 0",
+    };
+    let moving = scene.statics.iter().filter(|m| !m.keys.is_empty()).count();
+    let scenery = match scene.statics.len() {
+        0 => "there is no geometry besides the ground".into(),
+        n => format!("{n} pieces of geometry besides the ground, {moving} of them moving"),
+    };
+    let placed = match scene.bodies.len() {
+        0 => "no body is placed by hand".into(),
+        n => format!("{n} bodies are placed by hand"),
+    };
+    let emission = match scene.emitters.len() {
+        0 => "there is no emitter".into(),
+        n => format!("{n} emitters let bodies appear"),
+    };
+    vec![
+        set_by("fill.method", plain("fill", fill, filling, &["fill_steps"])),
+        plain("turn_over", fill, turning, &["fill_steps"]),
+        set_by(
+            "release.order",
+            plain("staged_release", params.release.order != ReleaseOrder::AtOnce, releasing, &["release_layers"]),
+        ),
+        plain("scenery", !scene.statics.is_empty(), scenery, &["scenery_pieces"]),
+        plain("bodies", !scene.bodies.is_empty(), placed, &["bodies_placed"]),
+        plain("emitters", !scene.emitters.is_empty(), emission, &["bodies_emitted"]),
+    ]
+}
+
+/// What the engine does besides contacts between rigid bodies.
+fn physics(scene: &Scene, params: &Params, checked: &Checked) -> Vec<Effect> {
+    let switches = &params.physics.switches;
+    let prop_names = |is: &dyn Fn(usize) -> bool| -> Vec<&str> {
+        let props = scene.props.iter().enumerate().filter(|(i, _)| is(*i));
+        props.map(|(_, prop)| &*prop.model.name).collect()
+    };
+    let round = prop_names(&|i| checked.sizes[i].round.is_some());
+    let resistance = params.physics.rolling_resistance;
+    let rolling = match round.as_slice() {
+        [] => "no prop is round".into(),
+        _ if resistance == 0.0 => "physics.rolling_resistance is 0".into(),
+        names => format!("round: {}; rolling resistance {resistance}", listed(names)),
+    };
+    let bouncing = prop_names(&|i| scene.props[i].restitution > 0.0);
+    let bounce = if bouncing.is_empty() { "no prop bounces".into() } else { format!("bounces: {}", listed(&bouncing)) };
+    let mass = |i: usize| checked.sizes[i].volume * scene.props[i].density;
+    let ratio = extremes::mass_ratio(scene, params, mass);
+    let stiffened = extremes::stiffened(&params.physics, ratio, f64::INFINITY, (checked.diameter / params.gravity).sqrt());
+    let is_stiff = stiffened != params.physics;
+    let stiff = match is_stiff {
+        true => format!(
+            "masses differ by {ratio:.0}:1: contact frequency {:.0}, {} substeps",
+            stiffened.contact_frequency, stiffened.substeps
+        ),
+        false => format!("masses differ by {ratio:.0}:1, which the contacts carry as they are"),
+    };
+    let (coulomb, law) = match params.physics.friction_model {
+        FrictionModel::Simplified => (false, "one friction force per contact patch is enough at this accuracy"),
+        FrictionModel::Coulomb => (true, "one friction force per contact point"),
+    };
+    let swept = "whatever moves by more than half of its thickness in a step is swept along its way, while it does";
+    vec![
+        switched(
+            ("continuous_collision", "effects.continuous_collision"),
+            switches.continuous_collision,
+            (true, swept.into()),
+            &["ccd_body_steps"],
+        ),
+        set_by("physics.friction_model", plain("friction_per_point", coulomb, law, &["steps_with_friction_per_point"])),
+        switched(
+            ("restitution", "effects.restitution"),
+            switches.restitution,
+            (!bouncing.is_empty(), bounce),
+            &["bouncing_bodies"],
+        ),
+        switched(
+            ("rolling_resistance", "effects.rolling_resistance"),
+            switches.rolling_resistance,
+            (!round.is_empty() && resistance > 0.0, rolling),
+            &["rolling_body_steps"],
+        ),
+        switched(
+            ("stiff_contacts", "effects.stiff_contacts"),
+            switches.stiff_contacts,
+            (is_stiff, stiff),
+            &["steps_with_stiff_contacts"],
+        ),
+        switched(
+            ("guard", "effects.guard"),
+            params.guard,
+            (true, "every step is watched, which costs less than one in a hundred".into()),
+            &["guard_steps", "guard_retries", "guard_stiffened"],
+        ),
+        plain("same_on_all_machines", true, "the engine's arithmetic is the same on every processor", &[]),
+    ]
+}
+
+/// What keeps the shape.
+fn control(scene: &Scene, params: &Params) -> Vec<Effect> {
+    let (control, switches) = (&params.control, &params.control.switches);
+    let on = control.mode != ControlMode::Off;
+    let only = |called_for: bool, reason: &str| match on {
+        true => (called_for, reason.to_owned()),
+        false => (false, "nothing is controlled".to_owned()),
+    };
+    // What nothing is controlled for stays off, whatever it is forced to.
+    let word = |switch: Switch| if on { switch } else { Switch::Auto };
+    let holding = match control.mode {
+        ControlMode::Off => "switched off by the scene",
+        ControlMode::Nails => "certified pairs are nailed together until the next verdict",
+        ControlMode::Hold => "certified bodies are held until the next verdict",
+    };
+    let nailing = if control.mode == ControlMode::Hold { "bodies are held, not nailed" } else { holding };
+    let cone = match control.friction_cone {
+        FrictionCone::Pyramid => "four-sided friction pyramid, as in the paper",
+        FrictionCone::Cone => "exact friction cone",
+    };
+    let analysis = only(on, cone);
+    let holds = control.mode == ControlMode::Hold;
+    let hits = something_hits(scene);
+    let hit = match (holds, hits) {
+        (false, _) => "nothing is held",
+        (true, true) => "something flies, falls or moves, or kept bodies are let go",
+        (true, false) => "nothing flies in, falls or moves",
+    };
+    let inside = scene.region.is_some() || scene.control.is_some();
+    let where_to =
+        if inside { "bodies outside are never controlled" } else { "no region, no test: the control acts everywhere" };
+    let breaking = only(on, &format!("what carries more than kappa = {} N s per kg lets go", control.kappa));
+    let kept = if holds { "a verdict holds until something that it rests on changes" } else { "nothing is held" };
+    let stand = on && control.stand;
+    vec![
+        set_by("control.mode", plain("control", on, holding, &["control_cycles"])),
+        set_by("control.friction_cone", plain("analysis", analysis.0, analysis.1, &["analyses"])),
+        switched(
+            ("kept_verdicts", "effects.kept_verdicts"),
+            if holds { switches.kept_verdicts } else { Switch::Auto },
+            only(holds, kept),
+            &["verdicts_kept"],
+        ),
+        switched(
+            ("region", "effects.region"),
+            if inside { word(switches.region) } else { Switch::Auto },
+            only(inside, where_to),
+            &["region_tests"],
+        ),
+        set_by("control.mode", plain("nails", control.mode == ControlMode::Nails, nailing, &["nails_driven"])),
+        switched(
+            ("breaking", "effects.breaking"),
+            word(switches.breaking),
+            breaking,
+            &["break_checks", "nails_broken", "holds_broken"],
+        ),
+        switched(
+            ("impact", "effects.impact"),
+            if holds { switches.impact } else { Switch::Auto },
+            only(holds && hits, hit),
+            &["impact_looks", "shaken"],
+        ),
+        set_by(
+            "control.stand",
+            plain("stand", stand, "the control ends gently only where `control.stand` asks for it", &["stand_steps"]),
+        ),
+    ]
+}
+
+/// What is made of the bake.
+fn output(params: &Params) -> [Effect; 3] {
+    let request = "only on request: it is a further simulation";
+    [
+        switched(
+            ("frames", "effects.frames"),
+            params.output.keeps_frames,
+            (true, format!("{} per second; without them, the result is the final pose", params.output.fps)),
+            &["frames"],
+        ),
+        set_by(
+            "output.free_standing",
+            plain("free_standing", params.output.free_standing, request, &["free_standing_steps"]),
+        ),
+        set_by("output.free_pour", plain("free_pour", params.output.free_pour, request, &["free_pour_bodies"])),
+    ]
+}
+
+/// Whether anything may hit a held body, besides the bodies of the pile.
+pub fn something_hits(scene: &Scene) -> bool {
+    let late = scene.bodies.iter().any(|body| !body.is_stacked());
+    let let_go = scene.bodies.iter().any(|body: &Given| body.kept && body.kept_until.is_some());
+    let moving = scene.statics.iter().any(|model| !model.keys.is_empty());
+    late || let_go || moving || !scene.emitters.is_empty()
+}
