@@ -91,7 +91,9 @@ pub fn body_state(state: State) -> proto::BodyState {
     }
 }
 
-pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate]) -> proto::Plan {
+/// `estimates`: none where the machine is not to be told. `params`: the scene's own.
+pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Params) -> proto::Plan {
+    let expected = estimates.iter().find(|estimate| estimate.accuracy == params.accuracy);
     let estimate = |estimate: &Estimate| proto::Estimate {
         accuracy: accuracy(estimate.accuracy).into(),
         cpu_seconds: estimate.cpu_seconds,
@@ -99,8 +101,13 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate]) -> proto::Pla
         penetration_mean_rel: estimate.penetration_mean_rel,
         friction_violation_mean: estimate.friction_violation_mean,
     };
-    let effect =
-        |effect: &Effect| proto::Effect { name: effect.name.to_owned(), on: effect.on, reason: effect.reason.clone() };
+    let effect = |effect: &Effect| proto::Effect {
+        name: effect.name.to_owned(),
+        on: effect.on,
+        reason: effect.reason.clone(),
+        switch_field: effect.switch.unwrap_or_default().to_owned(),
+        expected_share: expected.and_then(|expected| expected.share(effect.name)).filter(|_| effect.on),
+    };
     proto::Plan {
         expected_body_count: signed(plan.expected_bodies),
         expected_step_count: signed(plan.expected_steps),

@@ -130,7 +130,7 @@ pub fn plan(folder: &Path) -> Result<(), Error> {
     let estimates = job.estimates().map_err(job::Error::from)?;
     debug_assert!(spec.scene.is_some());
     tell(News::Planned(Box::new(proto::Accepted {
-        plan: Some(to_proto::plan(&plan, &job.notes, &estimates)),
+        plan: Some(to_proto::plan(&plan, &job.notes, &estimates, &job.params)),
         effective_scene: Some(job.effective),
         ..Default::default()
     })));

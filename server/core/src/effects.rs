@@ -7,6 +7,7 @@ use crate::extremes;
 use crate::params::{ControlMode, FillMethod, FrictionCone, FrictionModel, Params, ReleaseOrder, Switch};
 use crate::scene::{Given, Scene};
 use crate::shape::Outline;
+use std::collections::BTreeMap;
 
 /// Something that costs time and may be left out.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -19,6 +20,40 @@ pub struct Effect {
     pub switch: Option<&'static str>,
     /// The counts of the report that tell what it did: all 0 where it is off.
     pub counters: &'static [&'static str],
+}
+
+/// What an effect did in a bake, and what it cost.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Charge {
+    pub name: &'static str,
+    pub on: bool,
+    /// CPU seconds; `None` where it is part of the engine's steps or of another stage.
+    pub seconds: Option<f64>,
+    /// Of the bake's CPU seconds.
+    pub share: Option<f64>,
+    /// Its counters.
+    pub counts: BTreeMap<&'static str, u64>,
+}
+
+/// The bill of a bake: each effect with its counts, and the CPU seconds that are its own.
+pub fn bill(
+    effects: &[Effect],
+    counts: &BTreeMap<&'static str, u64>,
+    seconds: &BTreeMap<&'static str, f64>,
+    total: f64,
+) -> Vec<Charge> {
+    let charge = |effect: &Effect| {
+        let own = seconds.get(effect.name).copied().filter(|_| effect.on);
+        let count = |&name: &&'static str| Some((name, *counts.get(name)?));
+        Charge {
+            name: effect.name,
+            on: effect.on,
+            seconds: own,
+            share: own.filter(|_| total > 0.0).map(|own| own / total),
+            counts: effect.counters.iter().filter_map(count).collect(),
+        }
+    };
+    effects.iter().map(charge).collect()
 }
 
 /// All effects of a checked scene, in the order of the stages. `outlines`: what the props are simulated as.

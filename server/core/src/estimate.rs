@@ -24,12 +24,27 @@ pub struct Estimate {
     pub accuracy: Accuracy,
     /// CPU seconds of the whole bake.
     pub cpu_seconds: f64,
+    /// ... of the fill, and of release and hold; the rest is for shapes and measures.
+    pub fill_seconds: f64,
+    pub release_seconds: f64,
     /// Nine of ten bakes take between `cpu_seconds` / `factor` and `cpu_seconds` * `factor`.
     pub factor: f64,
     /// Expected `penetration_mean_rel`: median over the scenes that the preset was studied on.
     pub penetration_mean_rel: f64,
     /// Expected `friction_violation_mean`, in the same way.
     pub friction_violation_mean: f64,
+}
+
+impl Estimate {
+    /// The share of the whole that an effect which is on will take; `None` for those that are part of others.
+    pub fn share(&self, effect: &str) -> Option<f64> {
+        let seconds = match effect {
+            "fill" => self.fill_seconds,
+            "control" => model::CONTROL_SHARE * self.release_seconds,
+            _ => return None,
+        };
+        Some(seconds / self.cpu_seconds)
+    }
 }
 
 /// The numbers that decide what a bake costs.
@@ -117,21 +132,31 @@ impl Workload {
         ]
     }
 
-    /// Expected CPU seconds of the whole bake, on the machine that the model was fitted on.
-    pub fn cpu_seconds(&self) -> f64 {
+    /// Expected CPU seconds of fill, of release and hold, and of shapes and measures, on the machine that the model was
+    /// fitted on.
+    pub fn stage_seconds(&self) -> [f64; 3] {
         let features = self.features();
         let law = |weights: &Weights| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
         let fill = if self.filled > 0.0 { law(&model::FILL) } else { 0.0 };
-        fill + law(&model::RELEASE_AND_HOLD) + law(&model::MEASURE)
+        [fill, law(&model::RELEASE_AND_HOLD), law(&model::MEASURE)]
+    }
+
+    /// The sum of [`Workload::stage_seconds`].
+    pub fn cpu_seconds(&self) -> f64 {
+        self.stage_seconds().iter().sum()
     }
 }
 
 /// The estimate for a checked scene. `machine`: from [`calibrate`].
 pub fn of(scene: &Scene, params: &Params, checked: &Checked, machine: f64) -> Estimate {
     let [penetration_mean_rel, friction_violation_mean] = model::errors(params.accuracy);
+    let [fill_seconds, release_seconds, rest] =
+        Workload::of(scene, params, checked).stage_seconds().map(|seconds| machine * seconds);
     Estimate {
         accuracy: params.accuracy,
-        cpu_seconds: machine * Workload::of(scene, params, checked).cpu_seconds(),
+        cpu_seconds: fill_seconds + release_seconds + rest,
+        fill_seconds,
+        release_seconds,
         factor: model::FACTOR,
         penetration_mean_rel,
         friction_violation_mean,

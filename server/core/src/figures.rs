@@ -110,7 +110,9 @@ pub fn report(
     measures.extend(motion_figures(inputs, pile, frames));
     measures.extend(control_figures(pile));
     if params.output.free_standing {
+        let begin = observer.cpu_seconds();
         measures.extend(standing::measure(pile, observer)?);
+        pile.standing_seconds = observer.cpu_seconds() - begin;
     }
     if params.output.free_pour {
         measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
@@ -129,6 +131,7 @@ pub fn report(
         counts: counts(scene, filled.map(|(_, filled)| filled), pile),
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds: BTreeMap::new(),
+        bill: Vec::new(),
         warnings,
     })
 }

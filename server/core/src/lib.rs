@@ -167,6 +167,16 @@ pub fn release_pile(
     let mut report = figures::report(&inputs, &mut pile, &frames, observer)?;
     clock.lap(Stage::Measure, observer);
     report.seconds = seconds.iter().map(|(&s, &t)| (s, t)).chain(clock.into_seconds()).collect();
+    let stage = |stage: Stage| report.seconds.get(&stage).copied().unwrap_or(0.0);
+    let own = BTreeMap::from([
+        ("decomposition", stage(Stage::Shape)),
+        ("fill", stage(Stage::Fill)),
+        ("control", pile.control_seconds),
+        ("frames", pile.frame_seconds),
+        ("free_standing", pile.standing_seconds),
+    ]);
+    let total = report.seconds.values().sum();
+    report.bill = effects::bill(&report.plan.effects, &report.counts, &own, total);
     let keeps = pile.recorder.keeps();
     let count = if keeps { frames.len() } else { pile.recorder.count() + 1 };
     let mut scenery = scenery_frames(scene, params.output.fps, count);

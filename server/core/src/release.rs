@@ -56,6 +56,9 @@ pub struct Pile<'a> {
     /// CPU seconds in the control, and in the engine's steps.
     pub control_seconds: f64,
     pub step_seconds: f64,
+    /// ... in frames, and in telling what stands by itself.
+    pub frame_seconds: f64,
+    pub standing_seconds: f64,
     /// Bodies set aside.
     pub lost: Vec<BodyId>,
     pub guard: Guard,
@@ -122,6 +125,8 @@ pub fn turn_over<'a>(
         hold_frame: 0,
         control_seconds: 0.0,
         step_seconds: 0.0,
+        frame_seconds: 0.0,
+        standing_seconds: 0.0,
         lost: Vec::new(),
         guard: Guard::new(scene, params, units, depth.map_or(ground / units.length, |depth| depth - FALL_DEPTH), mass_ratio),
         depth,
@@ -348,11 +353,13 @@ impl<'a> Pile<'a> {
         self.set_fallen_aside();
         let stepped = observer.cpu_seconds();
         self.control.after_step(&mut self.world);
-        self.control_seconds += controlled - begin + (observer.cpu_seconds() - stepped);
+        let after = observer.cpu_seconds();
+        self.control_seconds += controlled - begin + (after - stepped);
         self.step_seconds += stepped - controlled;
         self.step += 1;
         self.recorder.step(&self.world);
         self.show(observer, stage);
+        self.frame_seconds += observer.cpu_seconds() - after;
         self.top_speed = self.world.present().map(|id| self.world.speed(id)).fold(0.0, f64::max);
         self.active_body_steps += self.world.present().filter(|&id| self.world.is_awake(id)).count() as u64;
         let bodies = self.world.present().count();

@@ -1,6 +1,7 @@
 //! The figures of a bake, under the names of measures.md. Everything but `seconds` and `memory` is the same for the
 //! same scene, seed and version.
 
+use crate::effects::Charge;
 use crate::observer::Stage;
 use crate::params::Params;
 use crate::plan::Plan;
@@ -26,6 +27,8 @@ pub struct Report {
     pub shapes: Vec<ShapeReport>,
     /// CPU seconds by stage.
     pub seconds: BTreeMap<Stage, f64>,
+    /// What each effect did and cost.
+    pub bill: Vec<Charge>,
     /// Sentences for a person: what was repaired, removed, left empty, not at rest.
     pub warnings: Vec<String>,
 }

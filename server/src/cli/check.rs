@@ -4,6 +4,7 @@ use super::scene_args::SceneArgs;
 use super::{Failure, print};
 use crate::job::Job;
 use crate::problem::Problem;
+use cairn_core::estimate::Estimate;
 use cairn_core::plan::Plan;
 use serde_json::json;
 use std::fmt::Write;
@@ -40,7 +41,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         };
         print(&format!("{told:#}\n"))?;
     } else if let Ok((plan, notes)) = &result {
-        print(&describe(plan, notes))?;
+        print(&describe(plan, notes, None))?;
     }
     result.map(|_| ())
 }
@@ -52,16 +53,21 @@ pub fn read(scene: &SceneArgs) -> Result<(Job, Plan), Failure> {
     Ok((job, plan))
 }
 
-/// The plan for a person.
-pub fn describe(plan: &Plan, notes: &[String]) -> String {
+/// The plan for a person. `expected`: what the scene will cost as it is.
+pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>) -> String {
     let mut text = String::from("The scene can be baked.\n");
-    let mut line = |name: &str, value: String| writeln!(text, "  {name:<20}{value}").expect("a string takes all");
+    let mut line = |name: &str, value: String| writeln!(text, "  {name:<22}{value}").expect("a string takes all");
     line("bodies", format!("about {}", plan.expected_bodies));
     line("steps", format!("about {}", plan.expected_steps));
     line("prop diameter", format!("{:.3} m", plan.prop_diameter));
     line("natural time", format!("{:.3} s", plan.natural_time));
-    for effect in &plan.effects {
-        line(effect.name, format!("{}: {}", if effect.on { "on" } else { "off" }, effect.reason));
+    for effect in plan.effects.iter().filter(|effect| effect.on) {
+        let share = expected.and_then(|expected| expected.share(effect.name));
+        let share = share.map_or(String::new(), |share| format!(" (about {:.0} % of the time)", 100.0 * share));
+        line(effect.name, format!("on: {}{share}", effect.reason));
+    }
+    for effect in plan.effects.iter().filter(|effect| !effect.on) {
+        line(effect.name, format!("off: {}", effect.reason));
     }
     for note in notes.iter().chain(&plan.warnings) {
         line("note", note.clone());

@@ -32,7 +32,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         return print(&format!("{:#}\n", json!({ "notes": job.notes, "plan": plan, "estimates": estimates })));
     }
-    print(&(describe(&plan, &job.notes) + &prices(&estimates)))
+    let own = estimates.iter().find(|estimate| estimate.accuracy == job.params.accuracy);
+    print(&(describe(&plan, &job.notes, own) + &prices(&estimates)))
 }
 
 /// The price list.

@@ -8,6 +8,9 @@ pub const CALIBRATION_SECONDS: f64 = 0.0553;
 /// Nine of ten bakes of props and control meshes that no study knows were within this factor of the model.
 pub const FACTOR: f64 = 3.6;
 
+/// Of the CPU time of release and hold, the control's: median over the study's scenes.
+pub const CONTROL_SHARE: f64 = 0.45;
+
 /// Of 1, bodies, corners, parts, slenderness, walls, times, step_rate, substeps, coulomb.
 pub const FILL: Weights = [-5.300, 1.000, 0.434, 0.076, -0.102, 0.111, 0.000, 0.000, 0.083, 0.000];
 pub const RELEASE_AND_HOLD: Weights = [-9.752, 1.000, 0.300, 0.000, -0.208, 0.175, 0.818, 0.000, 0.307, 0.000];
