@@ -3,6 +3,7 @@
 //!
 //!     cargo run --release --example acceptance -- --seeds 5
 
+use cairn_core::memory::NoMemory;
 use cairn_core::observer::{Observer, Progress};
 use cairn_core::params::{Accuracy, ControlMode, Params};
 use cairn_core::report::Report;
@@ -49,7 +50,7 @@ fn main() -> Result<(), String> {
     for shape in &args.shapes {
         let scene = scene(shape, &args.prop)?;
         let params = |seed| Params { seed, ..Params::new(Accuracy::Standard) };
-        let fill = |seed| cairn_core::fill_container(&scene, &params(seed), &mut Cpu).map_err(|e| e.to_string());
+        let fill = |seed| cairn_core::fill_container(&scene, &params(seed), &mut NoMemory, &mut Cpu).map_err(|e| e.to_string());
         let full = (1..=args.seeds).map(fill).collect::<Result<Vec<_>, _>>()?;
         for (name, change) in variants() {
             let mut reports = Vec::new();

@@ -54,7 +54,7 @@ async fn overhead(server: &Server, connection: &mut Connection, folder: &Path) -
         let began = Instant::now();
         let mut bake = Command::new(program()?);
         bake.args(["bake", "--control", "cone-small.glb", "--prop", "stick.glb", "--quiet", "-o"]).arg(&near);
-        bake.args(["--seed", &seed.to_string()]).current_dir(asset(""));
+        bake.args(["--no-cache", "--seed", &seed.to_string()]).current_dir(asset(""));
         ensure!(bake.status()?.success(), "the bake failed");
         let near_time = began.elapsed().as_secs_f64();
 

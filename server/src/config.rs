@@ -36,6 +36,9 @@ pub struct Config {
     pub store_mib: u64,
     /// Assets and bakes that nobody used for so long go, days; 0: never. Default: 30.
     pub store_days: u64,
+    /// Whether the fill of an earlier bake is used again where it is the same; kept in the data directory, up to 2 GiB.
+    /// Default: true.
+    pub reuse: bool,
     /// What becomes of the bakes that ran when the server ended. Default: restart.
     pub unfinished: Unfinished,
     /// How long running bakes may go on after the server was asked to end, s. Default: 30.
@@ -83,6 +86,7 @@ impl Default for Config {
             asset_mib: 256,
             store_mib: 20_480,
             store_days: 30,
+            reuse: true,
             unfinished: Unfinished::Restart,
             drain_seconds: 30,
             metrics: None,

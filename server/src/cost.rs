@@ -1,6 +1,7 @@
 //! What accuracy costs in time: one scene baked over the presets and over single parameters, several seeds each; a table
 //! and a plot of error over CPU time.
 
+pub mod effects;
 mod ledger;
 mod plot;
 mod table;

@@ -5,6 +5,7 @@ use crate::document::Resolver;
 use crate::export::{self, ExportError, ExportScene, Format, SourceModel};
 use crate::from_proto::added::{self, Added};
 use crate::problem::Problem;
+use crate::reuse::Cache;
 use crate::scene_file::SceneTree;
 use crate::{files, from_proto, machine, proto, report, to_proto};
 use cairn_core::asset::{self, Limits, Source};
@@ -141,9 +142,18 @@ impl Job {
     }
 
     /// The bake, and its files. `output`: what the report calls the result.
-    pub fn run(&self, format: Format, output: &str, observer: &mut dyn Observer) -> Result<Outcome, Error> {
+    ///
+    /// Fill and shapes of an earlier bake are taken from the cache where they are the same; where nobody wants frames, so is a
+    /// whole bake.
+    pub fn run(
+        &self,
+        format: Format,
+        output: &str,
+        cache: &mut Cache,
+        observer: &mut dyn Observer,
+    ) -> Result<Outcome, Error> {
         let read_seconds = machine::cpu_seconds();
-        let bake = cairn_core::bake(&self.scene, &self.params, observer)?;
+        let bake = self.bake(cache, observer)?;
         let baked_at = machine::cpu_seconds();
         let result = export::encode(format, &bake, &self.export_scene())?;
         let around = [("read", read_seconds), ("encode", machine::cpu_seconds() - baked_at)];
@@ -151,6 +161,20 @@ impl Job {
         let scene = SceneTree::from_message(&self.effective);
         let report = format!("{:#}\n", report::json(&bake, hash, &scene, &self.notes, output, &around, seconds));
         Ok(Outcome { bake, result, report, hash, seconds })
+    }
+
+    fn bake(&self, cache: &mut Cache, observer: &mut dyn Observer) -> Result<Bake, cairn_core::Error> {
+        // The frames of a bake under way tell more than its result.
+        let may_recall = !observer.wants_frames();
+        if let Some(mut bake) = cache.bake(&self.scene, &self.params).filter(|_| may_recall) {
+            bake.report.recall();
+            return Ok(bake);
+        }
+        let bake = cairn_core::bake_with(&self.scene, &self.params, cache, observer)?;
+        if may_recall {
+            cache.keep_bake(&self.scene, &self.params, &bake);
+        }
+        Ok(bake)
     }
 
     /// The files that the scene reads.

@@ -21,6 +21,7 @@ pub mod problem;
 mod process;
 pub mod render;
 pub mod report;
+pub mod reuse;
 pub mod scene_file;
 pub mod serve;
 mod service;

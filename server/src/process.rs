@@ -51,6 +51,9 @@ impl Worker {
         if let Some(bytes) = config.bake_memory() {
             command.arg("--memory").arg(bytes.to_string());
         }
+        if config.reuse {
+            command.arg("--cache").arg(config.data.join("cache"));
+        }
         if config.threads > 0 {
             command.env("RAYON_NUM_THREADS", config.threads.to_string());
         }

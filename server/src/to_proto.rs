@@ -102,11 +102,11 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         friction_violation_mean: estimate.friction_violation_mean,
     };
     let effect = |effect: &Effect| proto::Effect {
-        name: effect.name.to_owned(),
+        name: effect.name.to_string(),
         on: effect.on,
         reason: effect.reason.clone(),
-        switch_field: effect.switch.unwrap_or_default().to_owned(),
-        expected_share: expected.and_then(|expected| expected.share(effect.name)).filter(|_| effect.on),
+        switch_field: effect.switch.as_deref().unwrap_or_default().to_owned(),
+        expected_share: expected.and_then(|expected| expected.share(&effect.name)).filter(|_| effect.on),
     };
     proto::Plan {
         expected_body_count: signed(plan.expected_bodies),

@@ -10,6 +10,7 @@ use crate::frame_delta::FrameDelta;
 use crate::job::{self, Job, Open, Outcome};
 use crate::pace::Pace;
 use crate::problem::Problem;
+use crate::reuse::Cache;
 use crate::proto::{self, OutputFormat, bake_event::Kind};
 use crate::{machine, to_proto};
 use cairn_core::observer::{Frame, Observer, Progress};
@@ -138,13 +139,13 @@ pub fn plan(folder: &Path) -> Result<(), Error> {
 }
 
 /// Bakes, and leaves the files in the folder.
-pub fn bake(folder: &Path) -> Result<(), Error> {
+pub fn bake(folder: &Path, cache: &mut Cache) -> Result<(), Error> {
     let (spec, job) = read(folder)?;
     let name = result_name(spec.format());
     let path = folder.join(name);
     let format = export::check_destination(&path).map_err(job::Error::from)?;
     let mut watcher = Watcher::new(Writer::resume(&folder.join(EVENTS))?);
-    let done = job.run(format, name, &mut watcher);
+    let done = job.run(format, name, cache, &mut watcher);
     if let Some(error) = watcher.failed {
         return Err(error.into());
     }
@@ -220,13 +221,12 @@ fn read_file(path: &Path) -> std::io::Result<Vec<u8>> {
 
 fn summary(done: &Outcome, notes: &[String]) -> proto::Summary {
     let report = &done.bake.report;
-    let owned = |name: &&'static str| (*name).to_owned();
     proto::Summary {
         body_count: to_proto::signed(report.bodies),
         frame_count: to_proto::signed(done.bake.frames.len()),
         frame_rate: done.bake.fps,
-        measures: report.measures.iter().filter_map(|(name, value)| Some((owned(name), (*value)?))).collect(),
-        counts: report.counts.iter().map(|(name, count)| (owned(name), to_proto::signed(*count))).collect(),
+        measures: report.measures.iter().filter_map(|(name, value)| Some((name.to_string(), (*value)?))).collect(),
+        counts: report.counts.iter().map(|(name, count)| (name.to_string(), to_proto::signed(*count))).collect(),
         stage_seconds: (report.seconds.iter())
             .map(|(stage, seconds)| (crate::pace::name(*stage).to_owned(), *seconds))
             .collect(),

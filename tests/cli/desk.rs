@@ -45,18 +45,15 @@ impl Desk {
 
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_cairn"));
+        // Each run is to show what it does itself; a test of the cache takes this back.
+        command.env_remove("CAIRN_CACHE").env("CAIRN_NO_CACHE", "1");
         command.args(args).current_dir(self.folder.path()).stdin(Stdio::null());
         command
     }
 
     /// Runs `cairn ARGS` in the folder.
     pub fn run(&self, args: &[&str]) -> Done {
-        let Output { status, stdout, stderr } = self.command(args).output().unwrap();
-        Done {
-            code: status.code().expect("not ended by a signal"),
-            stdout: String::from_utf8(stdout).unwrap(),
-            stderr: String::from_utf8(stderr).unwrap(),
-        }
+        Done::of(self.command(args).output().unwrap())
     }
 
     /// Runs a command line without quotes in it.
@@ -66,6 +63,15 @@ impl Desk {
 }
 
 impl Done {
+    pub fn of(output: Output) -> Done {
+        let Output { status, stdout, stderr } = output;
+        Done {
+            code: status.code().expect("not ended by a signal"),
+            stdout: String::from_utf8(stdout).unwrap(),
+            stderr: String::from_utf8(stderr).unwrap(),
+        }
+    }
+
     /// Ended well; the output.
     #[track_caller]
     pub fn ok(self) -> String {

@@ -4,6 +4,7 @@ mod bad_input;
 mod bake;
 mod cost;
 mod desk;
+mod effects;
 mod examples;
 mod outputs;
 mod readme;

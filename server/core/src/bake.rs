@@ -4,7 +4,7 @@ use crate::pose::Pose;
 use crate::report::Report;
 
 /// The result of a bake. Frame 0 is the pile right after turning over.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Bake {
     /// Frames per second.
     pub fps: f64,
@@ -19,7 +19,7 @@ pub struct Bake {
 }
 
 /// One prop in the pile.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Body {
     /// Index into the scene's props.
     pub prop: usize,

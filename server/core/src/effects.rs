@@ -5,48 +5,49 @@
 use crate::check::{Checked, fills};
 use crate::extremes;
 use crate::params::{ControlMode, FillMethod, FrictionCone, FrictionModel, Params, ReleaseOrder, Switch};
+use crate::report::Name;
 use crate::scene::{Given, Scene};
 use crate::shape::Outline;
 use std::collections::BTreeMap;
 
 /// Something that costs time and may be left out.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Effect {
-    pub name: &'static str,
+    pub name: Name,
     pub on: bool,
     /// One sentence.
     pub reason: String,
     /// The field of the scene that forces it, and the value that switches it off; `None`: nothing does.
-    pub switch: Option<&'static str>,
+    pub switch: Option<Name>,
     /// The counts of the report that tell what it did: all 0 where it is off.
-    pub counters: &'static [&'static str],
+    pub counters: Vec<Name>,
 }
 
 /// What an effect did in a bake, and what it cost.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Charge {
-    pub name: &'static str,
+    pub name: Name,
     pub on: bool,
     /// CPU seconds; `None` where it is part of the engine's steps or of another stage.
     pub seconds: Option<f64>,
     /// Of the bake's CPU seconds.
     pub share: Option<f64>,
     /// Its counters.
-    pub counts: BTreeMap<&'static str, u64>,
+    pub counts: BTreeMap<Name, u64>,
 }
 
 /// The bill of a bake: each effect with its counts, and the CPU seconds that are its own.
 pub fn bill(
     effects: &[Effect],
-    counts: &BTreeMap<&'static str, u64>,
+    counts: &BTreeMap<Name, u64>,
     seconds: &BTreeMap<&'static str, f64>,
     total: f64,
 ) -> Vec<Charge> {
     let charge = |effect: &Effect| {
-        let own = seconds.get(effect.name).copied().filter(|_| effect.on);
-        let count = |&name: &&'static str| Some((name, *counts.get(name)?));
+        let own = seconds.get(&*effect.name).copied().filter(|_| effect.on);
+        let count = |name: &Name| Some((name.clone(), *counts.get(name)?));
         Charge {
-            name: effect.name,
+            name: effect.name.clone(),
             on: effect.on,
             seconds: own,
             share: own.filter(|_| total > 0.0).map(|own| own / total),
@@ -67,12 +68,13 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, outlines: &[Outline
 
 /// An effect that the scene's own contents decide on.
 fn plain(name: &'static str, on: bool, reason: impl Into<String>, counters: &'static [&'static str]) -> Effect {
-    Effect { name, on, reason: reason.into(), switch: None, counters }
+    let counters = counters.iter().map(|&name| name.into()).collect();
+    Effect { name: name.into(), on, reason: reason.into(), switch: None, counters }
 }
 
 /// An effect with a parameter of its own.
 fn set_by(field: &'static str, effect: Effect) -> Effect {
-    Effect { switch: Some(field), ..effect }
+    Effect { switch: Some(field.into()), ..effect }
 }
 
 /// An effect that the user's word decides on, and else the scene; with the reason why the scene does or does not.
@@ -325,7 +327,7 @@ fn output(params: &Params) -> [Effect; 3] {
             "output.free_standing",
             plain("free_standing", params.output.free_standing, request, &["free_standing_steps"]),
         ),
-        set_by("output.free_pour", plain("free_pour", params.output.free_pour, request, &["free_pour_bodies"])),
+        set_by("output.free_pour", plain("free_pour", params.output.free_pour, request, &[])),
     ]
 }
 

@@ -17,7 +17,7 @@ use crate::plan::Plan;
 use crate::pose::Pose;
 use crate::region::Region;
 use crate::release::Pile;
-use crate::report::Report;
+use crate::report::{Name, Report};
 use crate::scene::{Given, Scene};
 use crate::shape::{Outline, Shape};
 use crate::standing;
@@ -119,21 +119,25 @@ pub fn report(
     }
     warnings.extend(end_warnings(pile, held, &measures));
     let error_sources = error_sources(inputs, &pile.world, &measures);
-    let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name);
+    let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
     Ok(Report {
         seed: params.seed,
         bodies,
         plan: inputs.plan.clone(),
         params: params.clone(),
-        measures,
-        error_sources,
+        measures: named(measures),
+        error_sources: named(error_sources),
         limited_by,
-        counts: counts(scene, filled.map(|(_, filled)| filled), pile),
+        counts: named(counts(scene, filled.map(|(_, filled)| filled), pile)),
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds: BTreeMap::new(),
         bill: Vec::new(),
         warnings,
     })
+}
+
+fn named<T>(values: BTreeMap<&'static str, T>) -> BTreeMap<Name, T> {
+    values.into_iter().map(|(name, value)| (name.into(), value)).collect()
 }
 
 /// Lengths by which a pile may differ from the true one, in d, by the parameter that lessens each: how far the collision
@@ -355,7 +359,9 @@ fn counts(scene: &Scene, filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'sta
     let removed = filled.map(|filled| filled.removed).unwrap_or_default();
     BTreeMap::from([
         ("fill_steps", filled.map_or(0, |filled| filled.steps)),
+        ("fill_steps_recalled", 0),
         ("steps", pile.step),
+        ("steps_recalled", 0),
         ("removed_sticking_out", removed.sticking_out as u64),
         ("removed_overlapping", removed.overlapping as u64),
         ("removed_escaped", removed.escaped as u64),

@@ -17,7 +17,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 /// A full container. Plain data: a release starts from it as often as one likes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Filled {
     pub bodies: Vec<Placed>,
     pub removed: Removed,
@@ -30,7 +30,7 @@ pub struct Filled {
 }
 
 /// A body where the fill left it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Placed {
     pub prop: usize,
     pub scale: f64,
@@ -39,7 +39,7 @@ pub struct Placed {
 }
 
 /// Bodies that the fill took out again, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Removed {
     pub sticking_out: usize,
     pub overlapping: usize,

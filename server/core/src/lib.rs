@@ -18,6 +18,7 @@ pub mod free_pour;
 pub mod guard;
 pub mod hold;
 pub mod measure;
+pub mod memory;
 pub mod mesh;
 pub mod observer;
 pub mod params;
@@ -41,6 +42,7 @@ use container::{Container, grid};
 use control::Control;
 use estimate::{Estimate, Workload};
 use fill::Filled;
+use memory::{FillInputs, Found, Memory, NoMemory, Witness};
 use observer::{Observer, Stage};
 use params::Params;
 use plan::Plan;
@@ -88,7 +90,17 @@ pub fn estimates(scene: &Scene, params: &[Params], machine: f64) -> Result<Vec<E
 
 /// The method: shapes, fill, turn over, release, hold. A scene may bring its bodies along instead of a fill.
 pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<Bake, Error> {
-    let full = fill_container(scene, params, observer)?;
+    bake_with(scene, params, &mut NoMemory, observer)
+}
+
+/// The same, for a caller who knows of earlier bakes.
+pub fn bake_with(
+    scene: &Scene,
+    params: &Params,
+    memory: &mut dyn Memory,
+    observer: &mut dyn Observer,
+) -> Result<Bake, Error> {
+    let full = fill_container(scene, params, memory, observer)?;
     release_pile(scene, params, &full, observer)
 }
 
@@ -100,15 +112,27 @@ pub struct FullContainer {
     filled: Option<(Container, Filled)>,
     /// Where the control acts, if that is not the inside of the container; engine units.
     region: Option<DistanceGrid>,
+    /// Nothing was filled now: it was known.
+    is_recalled: bool,
     seconds: BTreeMap<Stage, f64>,
 }
 
 /// The first half of [`bake`]: collision shapes, and the fill.
-pub fn fill_container(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<FullContainer, Error> {
+pub fn fill_container(
+    scene: &Scene,
+    params: &Params,
+    memory: &mut dyn Memory,
+    observer: &mut dyn Observer,
+) -> Result<FullContainer, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     let mut clock = figures::Clock::new(observer);
 
-    let shapes = shape::run(scene, params, &checked, observer)?;
+    let inputs = FillInputs::new(scene, params, &checked);
+    let known = if memory.keeps() { memory.recall(&inputs, observer.wants_frames()) } else { None };
+    let shapes = match &known {
+        Some(known) => known.shapes.clone(),
+        None => shape::run(scene, params, &checked, observer)?,
+    };
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
     let filled_mesh = checked.control.as_ref().filter(|_| check::fills(scene, params));
     let container = filled_mesh.map(|c| Container::new(&c.mesh, &c.topology, units.length, checked.ground));
@@ -116,9 +140,16 @@ pub fn fill_container(scene: &Scene, params: &Params, observer: &mut dyn Observe
     let region = own.map(|mesh| grid(&mesh.mesh, units.length).1);
     clock.lap(Stage::Shape, observer);
 
+    if let Some(known) = known {
+        known.show(observer);
+        let filled = container.zip(known.filled);
+        let seconds = clock.into_seconds();
+        return Ok(FullContainer { checked, shapes, units, filled, region, is_recalled: true, seconds });
+    }
     let mut filled = None;
+    let mut witness = Witness::new(observer, memory.keeps());
     if let Some(container) = container {
-        let bodies = fill::run(scene, &shapes, params, units, &container, observer)?;
+        let bodies = fill::run(scene, &shapes, params, units, &container, &mut witness)?;
         if bodies.bodies.is_empty() {
             let text = format!(
                 "{}: not one prop found room inside; make the control mesh larger, or the props smaller",
@@ -127,9 +158,15 @@ pub fn fill_container(scene: &Scene, params: &Params, observer: &mut dyn Observe
             return Err(Error::Invalid(vec![Problem::new("control_mesh", text)]));
         }
         filled = Some((container, bodies));
-        clock.lap(Stage::Fill, observer);
+        clock.lap(Stage::Fill, &mut witness);
     }
-    Ok(FullContainer { checked, shapes, units, filled, region, seconds: clock.into_seconds() })
+    let shown = witness.into_shown();
+    let found = Found { shapes, filled: filled.as_ref().map(|(_, filled)| filled.clone()), shown };
+    if memory.keeps() {
+        memory.keep(&inputs, &found);
+    }
+    let (shapes, seconds) = (found.shapes, clock.into_seconds());
+    Ok(FullContainer { checked, shapes, units, filled, region, is_recalled: false, seconds })
 }
 
 /// The second half of [`bake`]: turn over, release, hold. `params` may differ from the fill's in what comes after it.
@@ -139,7 +176,7 @@ pub fn release_pile(
     full: &FullContainer,
     observer: &mut dyn Observer,
 ) -> Result<Bake, Error> {
-    let FullContainer { checked, shapes, units, filled, region, seconds } = full;
+    let FullContainer { checked, shapes, units, filled, region, is_recalled, seconds } = full;
     let outlines: Vec<_> = shapes.iter().map(|shape| shape.solid.outline()).collect();
     let plan = plan::of(scene, params, checked, &outlines);
     let mut clock = figures::Clock::new(observer);
@@ -176,6 +213,9 @@ pub fn release_pile(
         ("free_standing", pile.standing_seconds),
     ]);
     let total = report.seconds.values().sum();
+    if *is_recalled {
+        report.recall_fill();
+    }
     report.bill = effects::bill(&report.plan.effects, &report.counts, &own, total);
     let keeps = pile.recorder.keeps();
     let count = if keeps { frames.len() } else { pile.recorder.count() + 1 };

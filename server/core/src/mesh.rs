@@ -6,7 +6,7 @@ use glam::{DAffine3, DVec3};
 
 /// Points and triangles. Every index is below `points.len()` and every coordinate is finite:
 /// the reader refuses anything else, so nothing behind it checks again.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct TriMesh {
     /// Shape `[n]`, metres.
     pub points: Vec<DVec3>,

@@ -4,7 +4,7 @@ use crate::pose::Pose;
 use std::ops::ControlFlow;
 
 /// The stages of a bake, in their order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// Collision shapes and masses.
@@ -45,7 +45,7 @@ pub struct Frame<'a> {
 }
 
 /// One body of a frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Shown {
     /// Index into the scene's props.
     pub prop: usize,
@@ -57,7 +57,7 @@ pub struct Shown {
 }
 
 /// What the control makes of a body.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum State {
     /// It moves freely; the control is off, or has ended, or has not begun.
     #[default]

@@ -11,7 +11,7 @@ pub use switches::{ControlSwitches, PhysicsSwitches, Switch};
 use crate::problem::Problem;
 
 /// The parameters of a bake. [`Params::new`] gives an accuracy preset's; every field may be changed.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Params {
     /// Seeds every random choice. Default 1.
     pub seed: u64,
@@ -37,7 +37,7 @@ pub struct Params {
 }
 
 /// A named, complete set of parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Accuracy {
     /// Hsu & Keyser's Table 1, literal and in SI.
     Paper,
@@ -55,7 +55,7 @@ impl Accuracy {
 }
 
 /// How the engine steps.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Physics {
     /// One step. Default 0.05 natural times (1/63 s for a prop of 1 m).
     pub step: Time,
@@ -99,7 +99,7 @@ impl Physics {
 }
 
 /// A duration in one of the two clocks.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Time {
     /// Multiples of sqrt(d / g): follows the props' size.
     Natural(f64),
@@ -117,7 +117,7 @@ impl Time {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum FrictionModel {
     /// One friction constraint per contact patch, and a twist.
     Simplified,
@@ -126,14 +126,14 @@ pub enum FrictionModel {
 }
 
 /// How the control mesh stands on the ground.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Base {
     /// Faces within this height above the ground count as the base, as a share of the control mesh's height,
     /// 0.001 to 0.5. Default 0.02.
     pub height: f64,
 }
 
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Fill {
     pub method: FillMethod,
     /// Friction between props while filling, 0 to 2: it decides the density (0 packs densest).
@@ -152,7 +152,7 @@ pub struct Fill {
     pub overlap: f64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum FillMethod {
     /// Grown at free places inside the closed container.
     Insert,
@@ -162,7 +162,7 @@ pub enum FillMethod {
     Off,
 }
 
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Release {
     /// Height of a layer, relative to d.
     pub layer: f64,
@@ -173,7 +173,7 @@ pub struct Release {
     pub order: ReleaseOrder,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum ReleaseOrder {
     BottomUp,
     TopDown,
@@ -181,7 +181,7 @@ pub enum ReleaseOrder {
     AtOnce,
 }
 
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Control {
     pub mode: ControlMode,
     /// Steps of one control cycle, 1 to 1000.
@@ -213,7 +213,7 @@ pub struct Control {
 }
 
 /// What is done with the bodies that may be held until the next verdict.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum ControlMode {
     Off,
     /// The paper's: a breakable constraint between each pair.
@@ -222,14 +222,14 @@ pub enum ControlMode {
     Hold,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum ContactSelection {
     /// Only contacts whose normal points upward (paper, 3.2).
     Conservative,
     All,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum FrictionReserve {
     /// The solver's forces are tested against mu_k (Eq. 5, literal).
     Paper,
@@ -237,7 +237,7 @@ pub enum FrictionReserve {
     Sharp,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum FrictionCone {
     /// The paper's four-sided pyramid (Eq. 2, 4).
     Pyramid,
@@ -246,7 +246,7 @@ pub enum FrictionCone {
 }
 
 /// How far apart a candidate's contacts must be.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Spread {
     /// Eq. 6 with alpha in m^2, in the order of the contacts.
     Paper(f64),
@@ -255,7 +255,7 @@ pub enum Spread {
     Relative(f64),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Neighbours {
     /// A body is held when all that it touches are candidates (S_c a subset of C).
     All,
@@ -263,7 +263,7 @@ pub enum Neighbours {
     Either,
 }
 
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Hold {
     /// Longest time from the last release, drop or impact until the pile is declared restless, natural times.
     pub patience: f64,
@@ -271,7 +271,7 @@ pub struct Hold {
     pub least: f64,
 }
 
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Output {
     /// Frames per second, 1 to 1000. Default 24.
     pub fps: f64,

@@ -9,7 +9,7 @@ use crate::scene::Scene;
 use crate::shape::Outline;
 
 /// The stages that a bake will run and the effects that are switched on, each with its reason.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Plan {
     /// Bodies expected, from the volumes and the packing that the fill usually reaches.
     pub expected_bodies: usize,

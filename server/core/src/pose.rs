@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 
 /// Rotation, then translation, from a body's own frame (the prop's origin) to the world.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Pose {
     /// Metres.
     pub translation: DVec3,

@@ -5,10 +5,14 @@ use crate::effects::Charge;
 use crate::observer::Stage;
 use crate::params::Params;
 use crate::plan::Plan;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
+/// The name of a figure, a count or an effect.
+pub type Name = Cow<'static, str>;
+
 /// What a bake tells of itself.
-#[derive(Clone, Debug, serde::Serialize)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Report {
     pub seed: u64,
     pub bodies: usize,
@@ -16,13 +20,13 @@ pub struct Report {
     /// Effective parameters.
     pub params: Params,
     /// Figures by name, those of measures.md; `null` where a figure has no meaning for this scene.
-    pub measures: BTreeMap<&'static str, Option<f64>>,
+    pub measures: BTreeMap<Name, Option<f64>>,
     /// What keeps the result from the truth, in d, by the parameter that lessens it.
-    pub error_sources: BTreeMap<&'static str, f64>,
+    pub error_sources: BTreeMap<Name, f64>,
     /// The largest of them: the parameter that limits the accuracy.
-    pub limited_by: Option<&'static str>,
+    pub limited_by: Option<Name>,
     /// Counts by name: steps, solves, verdicts, nails, removed bodies.
-    pub counts: BTreeMap<&'static str, u64>,
+    pub counts: BTreeMap<Name, u64>,
     /// Per prop: what its collision shape is and how far it is from the mesh.
     pub shapes: Vec<ShapeReport>,
     /// CPU seconds by stage.
@@ -33,12 +37,31 @@ pub struct Report {
     pub warnings: Vec<String>,
 }
 
+impl Report {
+    /// The fill was known, and nothing of it was simulated: what it once took is told apart.
+    pub fn recall_fill(&mut self) {
+        if let Some(steps) = self.counts.insert("fill_steps".into(), 0).filter(|&steps| steps > 0) {
+            self.counts.insert("fill_steps_recalled".into(), steps);
+        }
+    }
+
+    /// The whole bake was known.
+    pub fn recall(&mut self) {
+        self.recall_fill();
+        if let Some(steps) = self.counts.insert("steps".into(), 0).filter(|&steps| steps > 0) {
+            self.counts.insert("steps_recalled".into(), steps);
+        }
+        self.seconds.clear();
+        self.bill.iter_mut().for_each(|charge| (charge.seconds, charge.share) = (None, None));
+    }
+}
+
 /// How a prop is simulated.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ShapeReport {
     pub prop: String,
     /// `box`, `ball`, `hull` or `parts`.
-    pub kind: &'static str,
+    pub kind: Name,
     pub parts: usize,
     /// Largest distance between the mesh and its collision shape, relative to the prop's diameter.
     pub deviation_rel: f64,

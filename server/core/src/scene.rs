@@ -6,7 +6,7 @@ use crate::pose::Pose;
 use glam::DVec3;
 
 /// Everything a bake needs besides its [`Params`](crate::params::Params).
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Scene {
     /// The pile's shape, as placed by the artist. Closed. Needed for a fill.
     pub control: Option<Model>,
@@ -22,7 +22,7 @@ pub struct Scene {
 }
 
 /// A named mesh.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Model {
     /// What messages call it: the file, and the node if one was chosen (`kit.glb#Brick`).
     pub name: String,
@@ -30,7 +30,7 @@ pub struct Model {
 }
 
 /// A thing that the pile is made of. Its mesh stands in the prop's own frame.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Prop {
     pub model: Model,
     /// Relative frequency among the props, >= 0. 0: only placed by hand.
@@ -48,7 +48,7 @@ pub struct Prop {
 }
 
 /// A piece of scenery.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct StaticModel {
     pub model: Model,
     /// Coulomb friction coefficient, 0 to 2.
@@ -78,7 +78,7 @@ impl StaticModel {
 }
 
 /// A pose at a moment.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Key {
     /// s after frame 0.
     pub time: f64,
@@ -86,7 +86,7 @@ pub struct Key {
 }
 
 /// A body placed by hand.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Given {
     /// Index into the scene's props.
     pub prop: usize,
@@ -135,7 +135,7 @@ impl Given {
 }
 
 /// A place where bodies appear.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Emitter {
     pub place: Place,
     /// Indices into the scene's props; empty: all, by weight.
@@ -150,7 +150,7 @@ pub struct Emitter {
 }
 
 /// Where an emitter's bodies appear.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub enum Place {
     /// Middle and edges, m.
     Box { center: DVec3, size: DVec3 },

@@ -7,7 +7,9 @@ use super::{Failure, interrupt, output, summary, tell};
 use crate::export;
 use crate::job::{Job, Outcome};
 use crate::problem::Problem;
+use crate::reuse::Cache;
 use anstyle::AnsiColor;
+use clap::builder::FalseyValueParser;
 use std::path::{Path, PathBuf};
 
 /// Fill a shape with props and write their motion
@@ -47,6 +49,15 @@ pub struct Args {
 
     #[command(flatten)]
     access: Access,
+
+    /// Where fills and bakes are kept, to be used again where nothing that they depend on has changed [default: the user's own
+    /// cache folder]
+    #[arg(long, value_name = "FOLDER", env = "CAIRN_CACHE", help_heading = "Cache")]
+    cache: Option<PathBuf>,
+
+    /// Make everything anew, and keep nothing
+    #[arg(long, env = "CAIRN_NO_CACHE", value_parser = FalseyValueParser::new(), help_heading = "Cache")]
+    no_cache: bool,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -64,7 +75,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     check_outputs(args, job.inputs())?;
 
     let mut reporter = Reporter::new(if args.quiet { Mode::None } else { args.progress });
-    let done = job.run(format, &args.output.display().to_string(), &mut reporter);
+    let done = job.run(format, &args.output.display().to_string(), &mut cache(args), &mut reporter);
     reporter.finish(done.is_ok());
     let Outcome { bake, result, report, seconds, .. } = done?;
     write(&args.output, &result, args.report.as_deref().map(|path| (path, report)))?;
@@ -73,12 +84,26 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
             tell("warning", AnsiColor::Yellow, warning);
         }
+        let recalled = |name: &str| bake.report.counts.get(name).is_some_and(|&steps| steps > 0);
+        if recalled("steps_recalled") {
+            tell("note", AnsiColor::Cyan, "nothing was simulated: this very pile was baked before (--no-cache bakes anew)");
+        } else if recalled("fill_steps_recalled") {
+            tell("note", AnsiColor::Cyan, "the fill is that of an earlier bake (--no-cache fills anew)");
+        }
         let measure = |name: &str| bake.report.measures.get(name).copied().flatten();
         for line in summary::lines(bake.report.bodies, bake.frames.len(), measure, seconds, &args.output) {
             anstream::eprintln!("{line}");
         }
     }
     Ok(())
+}
+
+fn cache(args: &Args) -> Cache {
+    match &args.cache {
+        _ if args.no_cache => Cache::none(),
+        Some(folder) => Cache::at(folder),
+        None => Cache::of_user(),
+    }
 }
 
 /// Both files can be written: asked before the long part.

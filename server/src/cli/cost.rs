@@ -22,7 +22,8 @@ use std::time::Duration;
 Examples:
   cairn cost pile.toml -o cost --budget 200s
   cairn cost pile.toml -o cost --bodies 150 --seeds 5
-  cairn cost pile.toml -o cost --knob physics.substeps=4 --knob physics.substeps=16")]
+  cairn cost pile.toml -o cost --knob physics.substeps=4 --knob physics.substeps=16
+  cairn cost pile.toml -o cost --effects")]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
@@ -50,6 +51,11 @@ pub struct Args {
     /// Presets only
     #[arg(long, conflicts_with = "knobs")]
     presets_only: bool,
+
+    /// Switch one effect of the plan at a time the other way instead, and write what each costs and changes (effects.md,
+    /// effects.json)
+    #[arg(long, conflicts_with_all = ["knobs", "presets_only"])]
+    effects: bool,
 }
 
 /// A bake that is wanted, with all that it takes.
@@ -63,12 +69,13 @@ struct Wanted {
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
     let tree = args.scene.tree()?;
+    let job = Job::read(&tree.to_message()).map_err(Failure::Input)?;
     let variants = match (&args.knobs[..], args.presets_only) {
+        _ if args.effects => cost::effects::switched(&cairn_core::plan(&job.scene, &job.params)?),
         (_, true) => cost::variants(Some(&[])),
         ([], false) => cost::variants(None),
         (knobs, false) => cost::variants(Some(knobs)),
     };
-    let job = Job::read(&tree.to_message()).map_err(Failure::Input)?;
     if args.bodies.is_some() && job.scene.control.is_none() {
         let problem = Problem::new("--bodies", "the scene has no control mesh to scale down", "Leave --bodies out.");
         return Err(Failure::Usage(vec![problem]));
@@ -93,6 +100,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             (variant, keys.filter_map(|w| ledger.find(&w.key).cloned()).collect())
         })
         .collect();
+    if args.effects {
+        return tell_effects(&runs, &left_out, &args.output);
+    }
     let scene = args.scene.scene.as_ref().map_or("scene".into(), |path| path.display().to_string());
     let study = Study::new(scene, machine::name(), &runs, left_out);
     write(&study, &args.output)?;
@@ -131,6 +141,18 @@ fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut L
     }
     watch.tally.finish();
     Ok(left_out)
+}
+
+fn tell_effects(runs: &[(Variant, Vec<Record>)], left_out: &[String], folder: &Path) -> Result<(), Failure> {
+    let rows = cost::effects::rows(runs);
+    let mut text = cost::effects::markdown(&rows);
+    if !left_out.is_empty() {
+        text += &format!("\nNot baked within the budget: {}\n", left_out.join(", "));
+    }
+    let json = serde_json::to_string_pretty(&rows).expect("rows have a JSON form") + "\n";
+    super::output::write(&folder.join("effects.json"), json.as_bytes())?;
+    super::output::write(&folder.join("effects.md"), text.as_bytes())?;
+    print(&text)
 }
 
 fn write(study: &Study, folder: &Path) -> Result<(), Failure> {

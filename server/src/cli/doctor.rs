@@ -5,6 +5,7 @@ use super::{Failure, interrupt, print};
 use crate::export::Format;
 use crate::job::{Job, Outcome};
 use crate::problem::Problem;
+use crate::reuse::Cache;
 use crate::scene_file::SceneTree;
 use crate::{machine, report};
 use anstyle::{AnsiColor, Style};
@@ -158,7 +159,7 @@ fn self_test(progress: Mode) -> Result<Vec<Finding>, Failure> {
 fn self_bake(progress: Mode) -> Result<Outcome, Failure> {
     let job = Job::read_with(&scene()?, Arc::new(open)).map_err(Failure::Input)?;
     let mut reporter = Reporter::new(progress);
-    let done = job.run(Format::Csv, "self-test", &mut reporter);
+    let done = job.run(Format::Csv, "self-test", &mut Cache::none(), &mut reporter);
     reporter.finish(done.is_ok());
     Ok(done?)
 }

@@ -1,6 +1,7 @@
 //! `cairn worker`: one bake for a server, which starts it. Not for the command line.
 
 use super::Failure;
+use crate::reuse::Cache;
 use crate::worker::{self, News};
 use std::path::PathBuf;
 
@@ -13,6 +14,10 @@ pub struct Args {
     /// Most memory to use, bytes
     #[arg(long)]
     memory: Option<u64>,
+
+    /// Where earlier fills are kept
+    #[arg(long)]
+    cache: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -28,7 +33,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let result = match args.task {
         Task::Plan => worker::plan(&args.folder),
-        Task::Bake => worker::bake(&args.folder),
+        Task::Bake => {
+            let mut cache = args.cache.as_deref().map_or_else(Cache::none, Cache::at);
+            worker::bake(&args.folder, &mut cache)
+        }
     };
     match result {
         Ok(()) => Ok(()),

@@ -35,7 +35,7 @@ impl Record {
         of: (&Scene, &Params),
         report: Report,
     ) -> Result<Record, cairn_core::Error> {
-        let figures = report.measures.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
+        let figures = report.measures.into_iter().filter_map(|(name, value)| Some((name.into_owned(), value?)));
         let seconds = report.seconds.iter().map(|(&stage, &s)| (crate::pace::name(stage).to_owned(), s)).collect();
         Ok(Record {
             key,

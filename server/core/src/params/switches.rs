@@ -2,7 +2,7 @@
 //! [`crate::effects`].
 
 /// The user's word on an effect.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Switch {
     /// On where the scene calls for it.
@@ -24,7 +24,7 @@ impl Switch {
 }
 
 /// Effects of shapes and engine that have no parameter of their own.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PhysicsSwitches {
     /// A prop that is a box or a ball is simulated as one. Off: as a hull.
     pub primitives: Switch,
@@ -42,7 +42,7 @@ pub struct PhysicsSwitches {
 }
 
 /// Effects of the control that have no parameter of their own.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ControlSwitches {
     /// What is about to be hit is let go before. Auto: where something flies, falls or moves.
     pub impact: Switch,

@@ -5,7 +5,7 @@ use crate::mesh::TriMesh;
 use glam::{DMat3, DQuat, DVec3};
 
 /// A box with its own axes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
 pub struct OrientedBox {
     pub center: DVec3,
     /// From the box's axes to the mesh's.

@@ -25,7 +25,7 @@ use rapier3d::prelude::{MassProperties, SharedShape};
 pub use fit::OrientedBox;
 
 /// What is known of a prop without building its collision shape; at scale 1.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Size {
     /// Of the bounding sphere, m.
     pub diameter: f64,
@@ -75,7 +75,7 @@ pub fn run(
 }
 
 /// A prop, ready to be simulated.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Shape {
     /// Centre of mass in the prop's frame, m.
     pub center: DVec3,
@@ -95,7 +95,7 @@ pub struct Shape {
 }
 
 /// The collision shape, about the centre of mass, m.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub enum Solid {
     Box(OrientedBox),
     Ball {
@@ -140,7 +140,7 @@ impl Shape {
         let solid = solid.moved(-moments.center);
         let report = ShapeReport {
             prop: prop.model.name.clone(),
-            kind: solid.kind(),
+            kind: solid.kind().into(),
             parts: solid.parts(),
             deviation_rel: deviation / diameter,
             mass,

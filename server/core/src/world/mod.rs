@@ -102,7 +102,7 @@ pub struct WorldBody {
 }
 
 /// What effects have done so far: bodies, summed over the steps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Work {
     /// Swept along their way.
     pub ccd_body_steps: u64,

@@ -1,0 +1,84 @@
+//! What each effect costs and changes: the scene as it is, and with one effect at a time switched the other way.
+
+use super::table::Spread;
+use super::{Kind, Record, Variant};
+use cairn_core::plan::Plan;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// The name of the scene as it is.
+const AS_IS: &str = "as it is";
+/// The figures told beside the time.
+const TOLD: [&str; 4] = ["kept_shape", "penetration_mean_rel", "resting_speed_max_rel", "hanging"];
+
+/// The scene as it is, and each effect of its plan that can be switched, the other way.
+pub fn switched(plan: &Plan) -> Vec<Variant> {
+    let as_is = Variant { name: AS_IS.into(), kind: Kind::Knob, set: Vec::new() };
+    let other = |effect: &cairn_core::effects::Effect| {
+        let field = effect.switch.as_deref()?;
+        let to = if effect.on { "off" } else { "on" };
+        let set = match field {
+            // What has parameters of its own has an off, and no on.
+            "control.mode" if effect.name == "control" && effect.on => "control.mode=off".into(),
+            _ if field.starts_with("effects.") => format!("{field}={to}"),
+            _ => return None,
+        };
+        Some(Variant { name: format!("{} {to}", effect.name), kind: Kind::Knob, set: vec![set] })
+    };
+    std::iter::once(as_is).chain(plan.effects.iter().filter_map(other)).collect()
+}
+
+/// A row of the table: medians over the seeds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    pub variant: String,
+    pub seeds: usize,
+    /// CPU seconds of the bake, without the measures.
+    pub seconds: f64,
+    /// Over those of the scene as it is, seed by seed.
+    pub ratio: f64,
+    pub figures: BTreeMap<String, f64>,
+}
+
+/// One row for each variant that was baked.
+pub fn rows(runs: &[(Variant, Vec<Record>)]) -> Vec<Row> {
+    let base: BTreeMap<u64, f64> = runs.first().map_or_else(BTreeMap::new, |(_, records)| costs(records).collect());
+    let row = |(variant, records): &(Variant, Vec<Record>)| {
+        let ratios = costs(records).filter_map(|(seed, cost)| Some(cost / base.get(&seed)?)).collect();
+        let figure = |name: &str| {
+            let values: Vec<f64> = records.iter().filter_map(|r| r.measures.get(name).copied()).collect();
+            (!values.is_empty()).then(|| (name.to_owned(), median(values)))
+        };
+        Row {
+            variant: variant.name.clone(),
+            seeds: records.len(),
+            seconds: median(costs(records).map(|(_, cost)| cost).collect()),
+            ratio: median(ratios),
+            figures: TOLD.into_iter().filter_map(figure).collect(),
+        }
+    };
+    runs.iter().filter(|(_, records)| !records.is_empty()).map(row).collect()
+}
+
+/// The table, as Markdown.
+pub fn markdown(rows: &[Row]) -> String {
+    let mut text = format!("| effect | CPU s | of as it is | {} |\n", TOLD.join(" | "));
+    text += &format!("| --- | --- | --- |{}\n", " --- |".repeat(TOLD.len()));
+    for row in rows {
+        let figure = |name: &&str| row.figures.get(*name).map_or("-".into(), |value| format!("{value:.4}"));
+        let figures: Vec<String> = TOLD.iter().map(figure).collect();
+        writeln!(text, "| {} | {:.2} | {:.2} | {} |", row.variant, row.seconds, row.ratio, figures.join(" | "))
+            .expect("a string takes all");
+    }
+    text
+}
+
+fn costs(records: &[Record]) -> impl Iterator<Item = (u64, f64)> + '_ {
+    records.iter().map(|record| (record.seed, record.cost()))
+}
+
+/// NaN where there are none.
+fn median(values: Vec<f64>) -> f64 {
+    Spread::of(values).map_or(f64::NAN, |spread| spread.median)
+}

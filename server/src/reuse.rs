@@ -1,0 +1,110 @@
+//! What earlier bakes left: collision shapes and fills, and whole bakes, by the hash of all that they depend on.
+//!
+//! A cache never decides what a result is, only how long it takes: what cannot be read is made anew, and what cannot be
+//! written is left out.
+
+use crate::report;
+use cairn_core::bake::Bake;
+use cairn_core::memory::{FillInputs, Found, Memory};
+use cairn_core::params::Params;
+use cairn_core::scene::Scene;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+
+/// What all entries together may take, bytes: the oldest go first.
+const MOST: usize = 2 << 30;
+/// A larger one is not kept, bytes.
+const LARGEST: usize = 256 << 20;
+
+/// Where earlier bakes are looked for.
+#[derive(Clone, Debug, Default)]
+pub struct Cache {
+    /// `None`: nowhere.
+    folder: Option<PathBuf>,
+}
+
+impl Cache {
+    pub fn none() -> Cache {
+        Cache::default()
+    }
+
+    pub fn at(folder: &Path) -> Cache {
+        Cache { folder: Some(folder.to_owned()) }
+    }
+
+    /// The user's own, where the system has such a place.
+    pub fn of_user() -> Cache {
+        let folders = directories::ProjectDirs::from("", "", "cairn");
+        Cache { folder: folders.map(|folders| folders.cache_dir().to_owned()) }
+    }
+
+    /// The bake of this scene, if it is known.
+    pub fn bake(&self, scene: &Scene, params: &Params) -> Option<Bake> {
+        self.folder.as_ref()?;
+        self.read(&key("bake", &(scene, params))?)
+    }
+
+    pub fn keep_bake(&self, scene: &Scene, params: &Params, bake: &Bake) {
+        if self.folder.is_some()
+            && let Some(key) = key("bake", &(scene, params))
+        {
+            self.write(&key, bake);
+        }
+    }
+
+    fn read<T: DeserializeOwned>(&self, key: &str) -> Option<T> {
+        let bytes = cacache::read_sync(self.folder.as_ref()?, key).ok()?;
+        postcard::from_bytes(&bytes).ok()
+    }
+
+    fn write<T: Serialize>(&self, key: &str, value: &T) {
+        let Some(folder) = &self.folder else { return };
+        let Ok(bytes) = postcard::to_stdvec(value) else { return };
+        if bytes.len() <= LARGEST && cacache::write_sync(folder, key, &bytes).is_ok() {
+            trim(folder);
+        }
+    }
+}
+
+impl Memory for Cache {
+    fn recall(&mut self, inputs: &FillInputs, with_frames: bool) -> Option<Found> {
+        let found: Found = self.read(&key("fill", inputs)?)?;
+        (found.shown.is_some() || !with_frames).then_some(found)
+    }
+
+    fn keep(&mut self, inputs: &FillInputs, found: &Found) {
+        if let Some(key) = key("fill", inputs) {
+            self.write(&key, found);
+        }
+    }
+
+    fn keeps(&self) -> bool {
+        self.folder.is_some()
+    }
+}
+
+/// The hash of the versions that decide a result, and of all that it depends on.
+fn key(kind: &str, inputs: &impl Serialize) -> Option<String> {
+    let versions = report::versions();
+    let mut hasher = blake3::Hasher::new();
+    for part in [&*versions.cairn, &*versions.rapier3d, &*versions.clarabel] {
+        hasher.update(part.as_bytes()).update(b"\n");
+    }
+    postcard::to_io(inputs, &mut hasher).ok()?;
+    Some(format!("{kind} {}", hasher.finalize().to_hex()))
+}
+
+/// Takes out the oldest entries until the rest is small enough.
+fn trim(folder: &Path) {
+    let mut entries: Vec<cacache::Metadata> = cacache::list_sync(folder).filter_map(Result::ok).collect();
+    let mut total: usize = entries.iter().map(|entry| entry.size).sum();
+    entries.sort_by_key(|entry| std::cmp::Reverse(entry.time));
+    while total > MOST
+        && let Some(oldest) = entries.pop()
+    {
+        total -= oldest.size;
+        let _ = cacache::remove_sync(folder, &oldest.key);
+        let _ = cacache::remove_hash_sync(folder, &oldest.integrity);
+    }
+}

@@ -1,0 +1,201 @@
+//! What a scene does not need costs nothing, what it needs comes on by itself, and the user's word counts. And what was
+//! simulated before is not simulated again.
+
+use crate::desk::{Desk, Done};
+use serde_json::Value;
+
+/// A small pile of boxes in which nothing bounces, rolls, flies or is split.
+const PILE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";
+
+/// An effect, and the counts that only it makes.
+const FORCIBLE: [(&str, &[&str]); 12] = [
+    ("primitives", &["props_as_primitives"]),
+    ("decomposition", &["props_split"]),
+    ("continuous_collision", &["ccd_body_steps"]),
+    ("stiff_contacts", &["steps_with_stiff_contacts"]),
+    ("rolling_resistance", &["rolling_body_steps"]),
+    ("restitution", &["bouncing_bodies"]),
+    ("guard", &["guard_steps", "guard_retries", "guard_stiffened"]),
+    ("impact", &["impact_looks", "shaken"]),
+    ("breaking", &["break_checks", "holds_broken", "nails_broken"]),
+    ("region", &["region_tests"]),
+    ("kept_verdicts", &["verdicts_kept"]),
+    ("frames", &["frames"]),
+];
+
+/// Bakes, and gives the report.
+fn bake(desk: &Desk, args: &str) -> Value {
+    desk.line(&format!("bake {args} -o pile.json --report report.json --quiet")).ok();
+    serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap()
+}
+
+fn count(report: &Value, name: &str) -> u64 {
+    report["counts"][name].as_u64().unwrap_or_else(|| panic!("there is no count {name}"))
+}
+
+/// Whether the plan of a report has an effect on.
+fn is_on(report: &Value, effect: &str) -> bool {
+    let effects = report["plan"]["effects"].as_array().unwrap();
+    effects.iter().find(|e| e["name"] == effect).unwrap_or_else(|| panic!("there is no effect {effect}"))["on"] == true
+}
+
+#[test]
+fn what_is_off_leaves_no_trace() {
+    let desk = Desk::new();
+    let auto = bake(&desk, PILE);
+    for effect in auto["plan"]["effects"].as_array().unwrap().iter().filter(|effect| effect["on"] == false) {
+        for counter in effect["counters"].as_array().unwrap() {
+            assert_eq!(count(&auto, counter.as_str().unwrap()), 0, "{effect}");
+        }
+    }
+    for (effect, counters) in FORCIBLE {
+        let off = bake(&desk, &format!("{PILE} --set effects.{effect}=off"));
+        assert!(!is_on(&off, effect));
+        for counter in counters {
+            assert_eq!(count(&off, counter), 0, "{counter} while {effect} is off");
+        }
+        if !is_on(&auto, effect) {
+            assert_eq!(off["result_blake3"], auto["result_blake3"], "{effect} was off already");
+        }
+    }
+}
+
+#[test]
+fn what_is_forced_on_is_at_work() {
+    let desk = Desk::new();
+    for (effect, counter) in [
+        ("continuous_collision", "ccd_body_steps"),
+        ("stiff_contacts", "steps_with_stiff_contacts"),
+        ("rolling_resistance", "rolling_body_steps"),
+        ("impact", "impact_looks"),
+    ] {
+        let on = bake(&desk, &format!("{PILE} --set effects.{effect}=on"));
+        assert!(is_on(&on, effect));
+        assert!(count(&on, counter) > 0, "{effect}");
+    }
+}
+
+#[test]
+fn a_kept_verdict_is_the_verdict_of_a_new_look() {
+    let desk = Desk::new();
+    let (kept, anew) = (bake(&desk, PILE), bake(&desk, &format!("{PILE} --set effects.kept_verdicts=off")));
+    assert_eq!(kept["result_blake3"], anew["result_blake3"]);
+    assert!(count(&kept, "analyses") < count(&anew, "analyses"));
+}
+
+/// All numbers of a value, in order.
+fn numbers(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(values) => values.iter().flat_map(numbers).collect(),
+        other => other.as_f64().into_iter().collect(),
+    }
+}
+
+#[test]
+fn the_final_pose_alone() {
+    let desk = Desk::new();
+    let last = |desk: &Desk| {
+        let pile: Value = serde_json::from_slice(&std::fs::read(desk.path("pile.json")).unwrap()).unwrap();
+        let frames = pile["frames"].as_array().unwrap();
+        (frames.len(), frames.last().unwrap().clone())
+    };
+    let all = bake(&desk, PILE);
+    let (count, pose) = last(&desk);
+    assert!(count > 1);
+    let still = bake(&desk, &format!("{PILE} --set effects.frames=off"));
+    let (count, alone) = last(&desk);
+    assert_eq!(count, 1);
+    // The last frame falls a little before the end of the last step.
+    for (alone, pose) in numbers(&alone).into_iter().zip(numbers(&pose)) {
+        assert!((alone - pose).abs() < 0.01, "{alone} and {pose}");
+    }
+    for measure in ["kept_shape", "hanging", "penetration_mean_rel", "resting_speed_max"] {
+        assert_eq!(still["measures"][measure], all["measures"][measure], "{measure}");
+    }
+    assert!(still["measures"]["creep_max_rel"].is_null(), "it takes frames");
+}
+
+#[test]
+fn the_bill_has_every_effect() {
+    let desk = Desk::new();
+    let report = bake(&desk, PILE);
+    let (effects, bill) = (report["plan"]["effects"].as_array().unwrap(), report["bill"].as_array().unwrap());
+    assert!(effects.iter().zip(bill).all(|(e, b)| e["name"] == b["name"] && e["on"] == b["on"]));
+    assert_eq!(effects.len(), bill.len());
+    let fill = bill.iter().find(|charge| charge["name"] == "fill").unwrap();
+    assert!(fill["seconds"].as_f64().unwrap() > 0.0 && fill["share"].as_f64().unwrap() < 1.0);
+    assert!(fill["counts"]["fill_steps"].as_u64().unwrap() > 0);
+}
+
+#[test]
+fn a_misspelt_effect_names_the_nearest() {
+    let desk = Desk::new();
+    desk.line(&format!("bake {PILE} --set effects.gaurd=off -o pile.json")).fails(2, &["gaurd", "guard"]);
+}
+
+#[test]
+fn a_table_of_effects() {
+    let desk = Desk::new();
+    let table = desk.line(&format!("cost {PILE} -o study --seeds 1 --effects")).ok();
+    for row in ["| as it is |", "| control off |", "| guard off |", "| primitives off |", "| rolling_resistance on |"] {
+        assert!(table.contains(row), "{row} is missing in\n{table}");
+    }
+    assert_eq!(std::fs::read_to_string(desk.path("study/effects.md")).unwrap(), table);
+}
+
+/// The same with a cache in the desk's folder.
+fn bake_with_cache(desk: &Desk, args: &str) -> (Value, Done) {
+    let line = format!("bake {args} --report report.json --cache cache");
+    let mut command = desk.command(&line.split_whitespace().collect::<Vec<_>>());
+    let done = Done::of(command.env_remove("CAIRN_NO_CACHE").output().unwrap());
+    let report = serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap();
+    (report, done)
+}
+
+#[test]
+fn a_stage_is_not_simulated_twice() {
+    let desk = Desk::new();
+    let fresh = bake(&desk, &format!("{PILE} --set release.layer=1"));
+
+    let (first, _) = bake_with_cache(&desk, &format!("{PILE} -o pile.glb"));
+    assert!(count(&first, "fill_steps") > 0 && count(&first, "fill_steps_recalled") == 0);
+
+    // Another release: the fill is the same.
+    let (second, done) = bake_with_cache(&desk, &format!("{PILE} --set release.layer=1 -o pile.glb"));
+    assert_eq!((count(&second, "fill_steps"), count(&second, "fill_steps_recalled")), (0, count(&first, "fill_steps")));
+    assert!(count(&second, "steps") > 0);
+    assert_eq!(second["result_blake3"], fresh["result_blake3"], "a cache changes no result");
+    assert!(done.stderr.contains("the fill is that of an earlier bake"), "{}", done.stderr);
+
+    // Another output: all is the same.
+    let (third, done) = bake_with_cache(&desk, &format!("{PILE} --set release.layer=1 -o pile.csv"));
+    assert_eq!((count(&third, "fill_steps"), count(&third, "steps")), (0, 0));
+    assert_eq!(third["result_blake3"], fresh["result_blake3"]);
+    assert!(done.stderr.contains("nothing was simulated"), "{}", done.stderr);
+
+    // Another seed, or another fill: nothing is.
+    for change in ["--seed 9", "--set fill.friction=0.1"] {
+        let (other, _) = bake_with_cache(&desk, &format!("{PILE} {change} -o pile.glb"));
+        assert_eq!(count(&other, "fill_steps_recalled"), 0, "{change}");
+    }
+}
+
+#[test]
+fn a_broken_cache_is_made_anew() {
+    let desk = Desk::new();
+    let (first, _) = bake_with_cache(&desk, &format!("{PILE} -o pile.glb"));
+    let mut broken = 0;
+    for entry in walk(&desk.path("cache")) {
+        std::fs::write(&entry, b"not what was written").unwrap();
+        broken += 1;
+    }
+    assert!(broken > 0);
+    let (second, _) = bake_with_cache(&desk, &format!("{PILE} -o pile.glb"));
+    assert_eq!(second["result_blake3"], first["result_blake3"]);
+    assert!(count(&second, "fill_steps") > 0);
+}
+
+fn walk(folder: &std::path::Path) -> Vec<std::path::PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries.flat_map(|path| if path.is_dir() { walk(&path) } else { vec![path] }).collect()
+}
