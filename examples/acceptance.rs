@@ -50,7 +50,9 @@ fn main() -> Result<(), String> {
     for shape in &args.shapes {
         let scene = scene(shape, &args.prop)?;
         let params = |seed| Params { seed, ..Params::new(Accuracy::Standard) };
-        let fill = |seed| cairn_core::fill_container(&scene, &params(seed), &mut NoMemory, &mut Cpu).map_err(|e| e.to_string());
+        let fill = |seed| {
+            cairn_core::fill_container(&scene, &params(seed), &mut NoMemory, &mut Cpu).map_err(|e| e.to_string())
+        };
         let full = (1..=args.seeds).map(fill).collect::<Result<Vec<_>, _>>()?;
         for (name, change) in variants() {
             let mut reports = Vec::new();

@@ -9,7 +9,8 @@ use crate::proto;
 use cairn_core::observer::{Progress, Stage};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, ControlSwitches, Fill, FillMethod, FrictionCone, FrictionModel,
-    FrictionReserve, Hold, Neighbours, Output, Params, Physics, PhysicsSwitches, Release, ReleaseOrder, Spread, Switch, Time,
+    FrictionReserve, Hold, Neighbours, Output, Params, Physics, PhysicsSwitches, Release, ReleaseOrder, Spread, Switch,
+    Time,
 };
 
 /// The values of a prop that are not set.

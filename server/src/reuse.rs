@@ -8,6 +8,7 @@ use cairn_core::bake::Bake;
 use cairn_core::memory::{FillInputs, Found, Memory};
 use cairn_core::params::Params;
 use cairn_core::scene::Scene;
+use etcetera::BaseStrategy;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
@@ -35,8 +36,8 @@ impl Cache {
 
     /// The user's own, where the system has such a place.
     pub fn of_user() -> Cache {
-        let folders = directories::ProjectDirs::from("", "", "cairn");
-        Cache { folder: folders.map(|folders| folders.cache_dir().to_owned()) }
+        let folders = etcetera::choose_base_strategy().ok();
+        Cache { folder: folders.map(|folders| folders.cache_dir().join("cairn")) }
     }
 
     /// The bake of this scene, if it is known.

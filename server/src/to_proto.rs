@@ -2,13 +2,13 @@
 
 use crate::problem::Problem;
 use crate::proto;
+use cairn_core::effects::Effect;
 use cairn_core::estimate::Estimate;
 use cairn_core::observer::{Progress, Stage, State};
 use cairn_core::params::{
     Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
     Neighbours, Params, Physics, ReleaseOrder, Spread, Switch, Time,
 };
-use cairn_core::effects::Effect;
 use cairn_core::plan::Plan;
 
 /// A scene of these parameters, without models.

@@ -194,7 +194,8 @@ fn physics(scene: &Scene, params: &Params, checked: &Checked) -> Vec<Effect> {
     let bounce = if bouncing.is_empty() { "no prop bounces".into() } else { format!("bounces: {}", listed(&bouncing)) };
     let mass = |i: usize| checked.sizes[i].volume * scene.props[i].density;
     let ratio = extremes::mass_ratio(scene, params, mass);
-    let stiffened = extremes::stiffened(&params.physics, ratio, f64::INFINITY, (checked.diameter / params.gravity).sqrt());
+    let stiffened =
+        extremes::stiffened(&params.physics, ratio, f64::INFINITY, (checked.diameter / params.gravity).sqrt());
     let is_stiff = stiffened != params.physics;
     let stiff = match is_stiff {
         true => format!(

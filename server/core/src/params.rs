@@ -338,7 +338,13 @@ impl Params {
                 switches: ControlSwitches::default(),
             },
             hold: Hold { patience: 60.0, least: 0.0 },
-            output: Output { fps: 24.0, frames: None, free_standing: false, free_pour: false, keeps_frames: Switch::Auto },
+            output: Output {
+                fps: 24.0,
+                frames: None,
+                free_standing: false,
+                free_pour: false,
+                keeps_frames: Switch::Auto,
+            },
         };
         match accuracy {
             Accuracy::Standard => {}

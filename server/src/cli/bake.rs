@@ -86,7 +86,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }
         let recalled = |name: &str| bake.report.counts.get(name).is_some_and(|&steps| steps > 0);
         if recalled("steps_recalled") {
-            tell("note", AnsiColor::Cyan, "nothing was simulated: this very pile was baked before (--no-cache bakes anew)");
+            tell(
+                "note",
+                AnsiColor::Cyan,
+                "nothing was simulated: this very pile was baked before (--no-cache bakes anew)",
+            );
         } else if recalled("fill_steps_recalled") {
             tell("note", AnsiColor::Cyan, "the fill is that of an earlier bake (--no-cache fills anew)");
         }
