@@ -101,6 +101,11 @@ pub struct Args {
     #[serde(skip_serializing_if = "Option::is_none")]
     store_days: Option<u64>,
 
+    /// Whether the fill of an earlier bake is used again where it is the same [default: true]
+    #[arg(long, value_name = "BOOL", env = "CAIRN_REUSE")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reuse: Option<bool>,
+
     /// What becomes of bakes that ran when the server ended [default: restart]
     #[arg(long, value_parser = ["restart", "fail"], env = "CAIRN_UNFINISHED")]
     #[serde(skip_serializing_if = "Option::is_none")]
