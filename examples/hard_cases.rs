@@ -78,7 +78,7 @@ fn guard_cost() {
     };
     let mut ratios = Vec::new();
     for _ in 0..ROUNDS {
-        let (mut plain, mut guarded, mut guard) = (world(), world(), Guard::new(&scene, units, 0.0, 1.0));
+        let (mut plain, mut guarded, mut guard) = (world(), world(), Guard::new(&scene, &params, units, 0.0, 1.0));
         let (mut by_plain, mut by_guard) = (0.0, 0.0);
         for _ in 0..STEPS {
             by_plain += cpu(|| drop(plain.step()));

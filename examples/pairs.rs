@@ -268,7 +268,8 @@ fn pair<'a>(
         return Row::without_figures("fail: no size lets 150 to 300 fit");
     };
     let reference = *poured.entry(name).or_insert_with(|| reference(&scene, &params, &mut watch));
-    let expected = cairn_core::estimates(&scene, &[params.clone()], machine).map_or(f64::NAN, |all| all[0].cpu_seconds);
+    let expected =
+        cairn_core::estimates(&scene, &params, &[params.clone()], machine).map_or(f64::NAN, |all| all[0].cpu_seconds);
     let mut row = judge(&bake, reference, expected);
     row.record = Record::new(
         format!("{name} in {}", scene.control.as_ref().map_or("", |c| &c.name)),

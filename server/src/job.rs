@@ -138,7 +138,7 @@ impl Job {
     /// What each accuracy is expected to cost on this machine. Measures the machine, for a few tenths of a second.
     pub fn estimates(&self) -> Result<Vec<Estimate>, cairn_core::Error> {
         let machine = cairn_core::estimate::calibrate(machine::cpu_seconds)?;
-        cairn_core::estimates(&self.scene, &self.ladder, machine)
+        cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
     }
 
     /// The bake, and its files. `output`: what the report calls the result.

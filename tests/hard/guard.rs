@@ -106,7 +106,7 @@ fn what_falls_through_the_ground_is_set_aside() {
     let mut world = World::new(units, &params.physics, 0.5, false);
     let pose = Pose { translation: DVec3::Y, ..Pose::IDENTITY };
     world.insert(&shapes[0], &Insertion { prop: 0, scale: 1.0, pose, friction: 0.5, restitution: 0.0 }).unwrap();
-    let mut guard = Guard::new(&scene, units, 0.0, 1.0);
+    let mut guard = Guard::new(&scene, &params, units, 0.0, 1.0);
     let aside: Vec<usize> = (0..60).flat_map(|_| guard.step(&mut world).unwrap()).collect();
     assert_eq!((aside, guard.actions.aside), (vec![0], vec![(0, Fault::BelowGround)]));
 }

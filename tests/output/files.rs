@@ -37,6 +37,7 @@ pub fn bake_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> Bake {
         counts: Default::default(),
         shapes: vec![],
         seconds: Default::default(),
+        bill: Vec::new(),
         warnings: vec![],
     };
     let bodies = bodies.iter().map(|&(prop, scale)| Body { prop, scale, first_frame: 0 }).collect();

@@ -14,7 +14,7 @@ use crate::params::{Accuracy, FrictionModel, Params};
 use crate::plan;
 use crate::pose::Pose;
 use crate::scene::{Model, Prop, Scene};
-use crate::shape::{Outline, Shape, Size, outlines};
+use crate::shape::{Outline, Shape, Size};
 use crate::world::{Insertion, Units, World};
 use glam::{DQuat, DVec3};
 
@@ -53,10 +53,9 @@ pub struct Workload {
     pub bodies: f64,
     /// Those of them that the fill places.
     pub filled: f64,
-    /// Corners of a body's collision shape, 1 for a ball; mean over the bodies.
+    /// Corners of a body's collision shape, over all parts, 1 for a ball; mean over the bodies.
     pub corners: f64,
-    /// Convex parts of a body; mean over the bodies. How many a prop needs is known only once it has been split, so
-    /// that [`USUAL_PARTS`] stand for any number above 1.
+    /// Convex parts of a body; mean over the bodies.
     pub parts: f64,
     /// Cube of a body's diameter over its volume; mean over the bodies. Slender bodies touch more others.
     pub slenderness: f64,
@@ -71,9 +70,6 @@ pub struct Workload {
     pub coulomb: bool,
 }
 
-const USUAL_PARTS: f64 = 6.0;
-const USUAL_CORNERS: f64 = 16.0;
-
 /// What the power laws are of.
 pub const FEATURES: [&str; 10] =
     ["1", "bodies", "corners", "parts", "slenderness", "walls", "times", "step_rate", "substeps", "coulomb"];
@@ -81,22 +77,18 @@ pub const FEATURES: [&str; 10] =
 pub type Weights = [f64; FEATURES.len()];
 
 impl Workload {
-    /// Of a checked scene. Fits hulls, but splits and simulates nothing.
-    pub fn of(scene: &Scene, params: &Params, checked: &Checked) -> Workload {
-        let outlines = outlines(scene, params, checked);
+    /// Of a checked scene, with its collision shapes: how many parts a prop needs is known only once it has been split.
+    pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape]) -> Workload {
+        let outlines: Vec<Outline> = shapes.iter().map(|shape| shape.solid.outline()).collect();
         let plan = plan::of(scene, params, checked, &outlines);
         let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
         let mut mean = [0.0; 3];
-        for ((outline, size), share) in outlines.iter().zip(&checked.sizes).zip(&checked.shares) {
-            let (parts, corners) = match outline {
-                Outline::Ball => (1.0, 1.0),
-                Outline::Box => (1.0, 8.0),
-                Outline::Hull(corners) => (1.0, *corners as f64),
-                Outline::Parts => (USUAL_PARTS, USUAL_PARTS * USUAL_CORNERS),
-            };
+        let all: f64 = checked.shares.iter().sum();
+        for ((shape, size), share) in shapes.iter().zip(&checked.sizes).zip(&checked.shares) {
+            let (parts, corners) = (shape.solid.parts() as f64, shape.solid.corners() as f64);
             let slenderness = size.diameter.powi(3) / size.volume;
             for (sum, value) in mean.iter_mut().zip([parts, corners, slenderness]) {
-                *sum += share * value;
+                *sum += share / all * value;
             }
         }
         let [parts, corners, slenderness] = mean;
@@ -148,10 +140,10 @@ impl Workload {
 }
 
 /// The estimate for a checked scene. `machine`: from [`calibrate`].
-pub fn of(scene: &Scene, params: &Params, checked: &Checked, machine: f64) -> Estimate {
+pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], machine: f64) -> Estimate {
     let [penetration_mean_rel, friction_violation_mean] = model::errors(params.accuracy);
     let [fill_seconds, release_seconds, rest] =
-        Workload::of(scene, params, checked).stage_seconds().map(|seconds| machine * seconds);
+        Workload::of(scene, params, checked, shapes).stage_seconds().map(|seconds| machine * seconds);
     Estimate {
         accuracy: params.accuracy,
         cpu_seconds: fill_seconds + release_seconds + rest,

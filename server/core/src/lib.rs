@@ -43,7 +43,7 @@ use control::Control;
 use estimate::{Estimate, Workload};
 use fill::Filled;
 use memory::{FillInputs, Found, Memory, NoMemory, Witness};
-use observer::{Observer, Stage};
+use observer::{Observer, Silent, Stage};
 use params::Params;
 use plan::Plan;
 use pose::Pose;
@@ -73,19 +73,20 @@ pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     Ok(plan::of(scene, params, &checked, &shape::outlines(scene, params, &checked)))
 }
 
-/// The numbers that decide what a bake of the scene costs.
+/// The numbers that decide what a bake of the scene costs. Makes the collision shapes, and simulates nothing.
 pub fn workload(scene: &Scene, params: &Params) -> Result<Workload, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    Ok(Workload::of(scene, params, &checked))
+    let shapes = shape::run(scene, params, &checked, &mut Silent)?;
+    Ok(Workload::of(scene, params, &checked, &shapes))
 }
 
-/// Tells what the scene will cost with each of these parameters; simulates nothing of it. `machine`: from
-/// [`estimate::calibrate`].
-pub fn estimates(scene: &Scene, params: &[Params], machine: f64) -> Result<Vec<Estimate>, Error> {
-    let Some(first) = params.first() else { return Ok(Vec::new()) };
+/// Tells what the scene will cost with each of `ladder`; makes the collision shapes that `params` ask for, which stand for those
+/// of the others, and simulates nothing of it. `machine`: from [`estimate::calibrate`].
+pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64) -> Result<Vec<Estimate>, Error> {
     // What checking finds out does not depend on the accuracy.
-    let checked = check::run(scene, first).map_err(Error::Invalid)?;
-    Ok(params.iter().map(|params| estimate::of(scene, params, &checked, machine)).collect())
+    let checked = check::run(scene, params).map_err(Error::Invalid)?;
+    let shapes = shape::run(scene, params, &checked, &mut Silent)?;
+    Ok(ladder.iter().map(|params| estimate::of(scene, params, &checked, &shapes, machine)).collect())
 }
 
 /// The method: shapes, fill, turn over, release, hold. A scene may bring its bodies along instead of a fill.

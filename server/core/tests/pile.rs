@@ -93,7 +93,7 @@ fn each_accuracy_is_expected_to_cost_more_than_the_one_before() {
     let scene = scene(cone(0.8, 1.2), stick());
     let estimates = |machine| {
         let ladder = Accuracy::LADDER.map(Params::new);
-        cairn_core::estimates(&scene, &ladder, machine).unwrap()
+        cairn_core::estimates(&scene, &ladder[0], &ladder, machine).unwrap()
     };
     let (here, slower) = (estimates(1.0), estimates(3.0));
     assert_eq!(here.iter().map(|e| e.accuracy).collect::<Vec<_>>(), Accuracy::LADDER);

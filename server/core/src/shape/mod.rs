@@ -234,6 +234,15 @@ impl Solid {
         }
     }
 
+    /// Corners of all parts; 1 for a ball.
+    pub fn corners(&self) -> usize {
+        match self {
+            Solid::Box(_) => 8,
+            Solid::Ball { .. } => 1,
+            Solid::Convex(parts) => parts.iter().map(Vec::len).sum(),
+        }
+    }
+
     /// Convex pieces.
     pub fn parts(&self) -> usize {
         match self {
