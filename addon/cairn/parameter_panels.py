@@ -72,6 +72,15 @@ class CAIRN_PT_physics(_Parameters, Panel):
         layout.prop(settings, "gravity")
 
 
+class CAIRN_PT_effects(_Parameters, Panel):
+    bl_label = "Effects"
+    messages = ("Effects",)
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Effects")
+
+
 class CAIRN_PT_keep(_Parameters, Panel):
     bl_label = "Keep"
 
@@ -137,5 +146,6 @@ CLASSES = [
     CAIRN_PT_region,
     CAIRN_PT_keep,
     CAIRN_PT_physics,
+    CAIRN_PT_effects,
     CAIRN_PT_output,
 ]

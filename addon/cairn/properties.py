@@ -18,7 +18,7 @@ from bpy.types import PropertyGroup
 
 FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
 # What the add-on sets itself, from its own properties or from Blender's scene.
-OWN = {("Output", "fps"), ("Output", "frames")}
+OWN = {("Output", "fps"), ("Output", "frames"), ("Effects", "frames")}
 # Names of groups in the settings, by message: those whose fields have values in the accuracy's preset.
 GROUPS = {
     "Physics": "physics",
@@ -28,6 +28,7 @@ GROUPS = {
     "Control": "control",
     "Hold": "hold",
     "Output": "output",
+    "Effects": "effects",
 }
 
 

@@ -124,6 +124,42 @@ async fn download(connection: &mut cairn::client::Connection, id: &str, artifact
 }
 
 #[tokio::test]
+async fn a_fill_is_simulated_once() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let mut told = Vec::new();
+    for change in ["release.layer=0.5", "release.layer=1"] {
+        let stream = connection.service.bake(request(spec(&["fill.count=12", change]))).await.unwrap().into_inner();
+        let (events, end) = events(stream).await;
+        end.unwrap();
+        told.push(events);
+    }
+    let fill = |events: &[BakeEvent]| -> Vec<Kind> {
+        let frames = numbered(events).into_iter().filter_map(|event| event.kind.clone());
+        frames.filter(|kind| matches!(kind, Kind::Frame(frame) if frame.stage() == Stage::Fill)).collect()
+    };
+    assert!(fill(&told[0]).len() > 1);
+    assert_eq!(fill(&told[0]), fill(&told[1]), "who watches sees the same");
+    let counts = |events: &[BakeEvent]| match &events.last().unwrap().kind {
+        Some(Kind::Summary(summary)) => (summary.counts["fill_steps"], summary.counts["fill_steps_recalled"]),
+        _ => panic!("the summary last"),
+    };
+    let (first, second) = (counts(&told[0]), counts(&told[1]));
+    assert!(first.0 > 0 && first.1 == 0, "{first:?}");
+    assert_eq!(second, (0, first.0));
+
+    // Where that is not wanted, nothing is kept.
+    let server = Server::start(&["--reuse", "false"]);
+    let mut connection = server.ready().await;
+    for change in ["release.layer=0.5", "release.layer=1"] {
+        let stream = connection.service.bake(request(spec(&["fill.count=12", change]))).await.unwrap().into_inner();
+        let (events, end) = events(stream).await;
+        end.unwrap();
+        assert!(counts(&events).0 > 0);
+    }
+}
+
+#[tokio::test]
 async fn the_same_request_is_baked_once() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;
