@@ -34,6 +34,13 @@ impl Cache {
         Cache { folder: Some(folder.to_owned()) }
     }
 
+    /// Why nothing can be kept there.
+    pub fn fault(&self) -> Option<std::io::Error> {
+        self.folder
+            .as_ref()
+            .and_then(|folder| std::fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).err())
+    }
+
     /// The user's own, where the system has such a place.
     pub fn of_user() -> Cache {
         let folders = etcetera::choose_base_strategy().ok();
@@ -69,9 +76,8 @@ impl Cache {
 }
 
 impl Memory for Cache {
-    fn recall(&mut self, inputs: &FillInputs, with_frames: bool) -> Option<Found> {
-        let found: Found = self.read(&key("fill", inputs)?)?;
-        (found.shown.is_some() || !with_frames).then_some(found)
+    fn recall(&mut self, inputs: &FillInputs) -> Option<Found> {
+        self.read(&key("fill", inputs)?)
     }
 
     fn keep(&mut self, inputs: &FillInputs, found: &Found) {
@@ -89,11 +95,17 @@ impl Memory for Cache {
 fn key(kind: &str, inputs: &impl Serialize) -> Option<String> {
     let versions = report::versions();
     let mut hasher = blake3::Hasher::new();
-    for part in [&*versions.cairn, &*versions.rapier3d, &*versions.clarabel] {
+    for part in [&*program(), &*versions.cairn, &*versions.rapier3d, &*versions.clarabel] {
         hasher.update(part.as_bytes()).update(b"\n");
     }
     postcard::to_io(inputs, &mut hasher).ok()?;
     Some(format!("{kind} {}", hasher.finalize().to_hex()))
+}
+
+/// This program's file, by size and time: two builds of a version may differ.
+fn program() -> String {
+    let file = std::env::current_exe().and_then(std::fs::metadata).ok();
+    file.map_or(String::new(), |file| format!("{} {:?}", file.len(), file.modified().ok()))
 }
 
 /// Takes out the oldest entries until the rest is small enough.

@@ -153,15 +153,15 @@ fn stages(scene: &Scene, params: &Params) -> Vec<Effect> {
     let moving = scene.statics.iter().filter(|m| !m.keys.is_empty()).count();
     let scenery = match scene.statics.len() {
         0 => "there is no geometry besides the ground".into(),
-        n => format!("{n} pieces of geometry besides the ground, {moving} of them moving"),
+        n => format!("geometry besides the ground: {n}, of which {moving} moving"),
     };
     let placed = match scene.bodies.len() {
         0 => "no body is placed by hand".into(),
-        n => format!("{n} bodies are placed by hand"),
+        n => format!("placed by hand: {n}"),
     };
     let emission = match scene.emitters.len() {
         0 => "there is no emitter".into(),
-        n => format!("{n} emitters let bodies appear"),
+        n => format!("where bodies appear: {n}"),
     };
     vec![
         set_by("fill.method", plain("fill", fill, filling, &["fill_steps"])),
@@ -199,10 +199,11 @@ fn physics(scene: &Scene, params: &Params, checked: &Checked) -> Vec<Effect> {
     let is_stiff = stiffened != params.physics;
     let stiff = match is_stiff {
         true => format!(
-            "masses differ by {ratio:.0}:1: contact frequency {:.0}, {} substeps",
+            "the masses of the pile differ by {ratio:.0}:1: contact frequency {:.0}, {} substeps",
             stiffened.contact_frequency, stiffened.substeps
         ),
-        false => format!("masses differ by {ratio:.0}:1, which the contacts carry as they are"),
+        false if ratio < 1.5 => "the bodies of the pile have about the same mass".into(),
+        false => format!("the masses of the pile differ by {ratio:.0}:1, which the contacts carry as they are"),
     };
     let (coulomb, law) = match params.physics.friction_model {
         FrictionModel::Simplified => (false, "one friction force per contact patch is enough at this accuracy"),
@@ -309,14 +310,22 @@ fn control(scene: &Scene, params: &Params) -> Vec<Effect> {
         ),
         set_by(
             "control.stand",
-            plain("stand", stand, "the control ends gently only where `control.stand` asks for it", &["stand_steps"]),
+            plain(
+                "stand",
+                stand,
+                if stand { "the control ends gently" } else { "only on request: the control would end gently" },
+                &["stand_steps"],
+            ),
         ),
     ]
 }
 
 /// What is made of the bake.
 fn output(params: &Params) -> [Effect; 3] {
-    let request = "only on request: it is a further simulation";
+    let request = |on: bool| match on {
+        true => "asked for: a further simulation",
+        false => "only on request: it is a further simulation",
+    };
     [
         switched(
             ("frames", "effects.frames"),
@@ -326,9 +335,14 @@ fn output(params: &Params) -> [Effect; 3] {
         ),
         set_by(
             "output.free_standing",
-            plain("free_standing", params.output.free_standing, request, &["free_standing_steps"]),
+            plain(
+                "free_standing",
+                params.output.free_standing,
+                request(params.output.free_standing),
+                &["free_standing_steps"],
+            ),
         ),
-        set_by("output.free_pour", plain("free_pour", params.output.free_pour, request, &[])),
+        set_by("output.free_pour", plain("free_pour", params.output.free_pour, request(params.output.free_pour), &[])),
     ]
 }
 

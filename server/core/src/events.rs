@@ -138,6 +138,7 @@ impl<'a> Events<'a> {
             let begin = pile.step as f64 * step;
             let mut placed = given.clone();
             placed.pose.translation -= given.velocity * (given.start - begin).clamp(0.0, step);
+            pile.disturb();
             let id = pile.place(&placed)?;
             if given.kept {
                 pile.world.set_role(id, Role::Kept);
@@ -146,7 +147,6 @@ impl<'a> Events<'a> {
                 pile.world.launch(id, given.velocity, given.angular_velocity);
                 pile.control.drop_in(id);
             }
-            pile.disturb();
         }
         Ok(())
     }

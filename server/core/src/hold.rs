@@ -81,7 +81,7 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
         }
     }
     let at_rest = calm >= rest_steps;
-    pile.recorder.mark(&pile.world);
+    pile.recorder.mark();
     if let Some(n) = params.output.frames {
         pile.recorder.fit(n as usize);
         pile.show(observer, Stage::Hold);

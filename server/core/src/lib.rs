@@ -128,8 +128,8 @@ pub fn fill_container(
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     let mut clock = figures::Clock::new(observer);
 
-    let inputs = FillInputs::new(scene, params, &checked);
-    let known = if memory.keeps() { memory.recall(&inputs, observer.wants_frames()) } else { None };
+    let inputs = FillInputs::new(scene, params, &checked, observer.wants_frames());
+    let known = if memory.keeps() { memory.recall(&inputs) } else { None };
     let shapes = match &known {
         Some(known) => known.shapes.clone(),
         None => shape::run(scene, params, &checked, observer)?,
@@ -163,7 +163,8 @@ pub fn fill_container(
     }
     let shown = witness.into_shown();
     let found = Found { shapes, filled: filled.as_ref().map(|(_, filled)| filled.clone()), shown };
-    if memory.keeps() {
+    let is_whole = found.shown.is_some() || !observer.wants_frames();
+    if memory.keeps() && is_whole {
         memory.keep(&inputs, &found);
     }
     let (shapes, seconds) = (found.shapes, clock.into_seconds());

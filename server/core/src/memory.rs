@@ -25,12 +25,12 @@ pub struct FillInputs<'a> {
     physics: &'a Physics,
     base: &'a Base,
     fill: &'a Fill,
-    /// The rate of the frames that are shown.
-    fps: f64,
+    /// The rate of the frames that are shown; `None` where none are.
+    fps: Option<f64>,
 }
 
 impl<'a> FillInputs<'a> {
-    pub(crate) fn new(scene: &'a Scene, params: &'a Params, checked: &'a Checked) -> FillInputs<'a> {
+    pub(crate) fn new(scene: &'a Scene, params: &'a Params, checked: &'a Checked, with_frames: bool) -> FillInputs<'a> {
         FillInputs {
             control: &scene.control,
             props: &scene.props,
@@ -43,7 +43,7 @@ impl<'a> FillInputs<'a> {
             physics: &params.physics,
             base: &params.base,
             fill: &params.fill,
-            fps: params.output.fps,
+            fps: with_frames.then_some(params.output.fps),
         }
     }
 }
@@ -68,8 +68,8 @@ pub struct Still {
 
 /// Who knows of earlier bakes.
 pub trait Memory {
-    /// What the same inputs gave before; with the frames shown, where `with_frames`.
-    fn recall(&mut self, inputs: &FillInputs, with_frames: bool) -> Option<Found>;
+    /// What the same inputs gave before.
+    fn recall(&mut self, inputs: &FillInputs) -> Option<Found>;
 
     fn keep(&mut self, inputs: &FillInputs, found: &Found);
 
@@ -81,7 +81,7 @@ pub trait Memory {
 pub struct NoMemory;
 
 impl Memory for NoMemory {
-    fn recall(&mut self, _: &FillInputs, _: bool) -> Option<Found> {
+    fn recall(&mut self, _: &FillInputs) -> Option<Found> {
         None
     }
 

@@ -38,6 +38,7 @@ pub struct Params {
 
 /// A named, complete set of parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Accuracy {
     /// Hsu & Keyser's Table 1, literal and in SI.
     Paper,

@@ -37,6 +37,10 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, outlines: &[Outline
     let fill_bodies = filled.map_or(0, |c| fill::expected_bodies(scene, &checked.sizes, c.volume(), &params.fill));
     let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
     let fill_stage = filled.map(|_| Stage::Fill);
+    let most = params.fill.max_bodies;
+    let limited = (fill_bodies == most as usize && params.fill.count.is_none()).then(|| {
+        format!("more bodies would fit than fill.max_bodies = {most}: the control mesh will not be full; raise it, or use larger props")
+    });
     Plan {
         expected_bodies: fill_bodies + scene.bodies.len() + emitted,
         expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + release_steps(scene, params, checked) as usize,
@@ -47,7 +51,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, outlines: &[Outline
             .flatten()
             .collect(),
         effects: effects::of(scene, params, checked, outlines),
-        warnings: checked.warnings.clone(),
+        warnings: checked.warnings.iter().cloned().chain(limited).collect(),
     }
 }
 

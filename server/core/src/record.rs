@@ -12,11 +12,17 @@ pub struct Pace {
     /// Engine time of a frame.
     interval: f64,
     keeps: bool,
+    /// Frames after frame 0, at most.
+    most: usize,
 }
 
 impl Pace {
     pub fn new(params: &Params, units: Units) -> Pace {
-        Pace { interval: 1.0 / params.output.fps / units.time, keeps: params.output.keeps_frames.is_on(true) }
+        Pace {
+            interval: 1.0 / params.output.fps / units.time,
+            keeps: params.output.keeps_frames.is_on(true),
+            most: params.output.frames.map_or(usize::MAX, |n| n as usize),
+        }
     }
 }
 
@@ -27,6 +33,8 @@ pub struct Recorder {
     /// Frames due so far, without frame 0.
     due: usize,
     last: Vec<Pose>,
+    /// The latest frame, where none are kept.
+    latest: Vec<Pose>,
     /// Shape `[frame][body]`; a frame has the bodies that were there at its time: more from frame to frame. Where none are
     /// kept: those that were marked.
     pub frames: Vec<Vec<Pose>>,
@@ -36,7 +44,7 @@ impl Recorder {
     /// Frame 0 is the world as it stands.
     pub fn new(world: &World, pace: Pace) -> Recorder {
         let first = poses(world, &[]);
-        Recorder { pace, time: 0.0, due: 0, last: first.clone(), frames: vec![first] }
+        Recorder { pace, time: 0.0, due: 0, last: first.clone(), latest: first.clone(), frames: vec![first] }
     }
 
     /// Called when bodies were added since the last step.
@@ -47,7 +55,7 @@ impl Recorder {
 
     /// Called after every step.
     pub fn step(&mut self, world: &World) {
-        let now = if self.pace.keeps { poses(world, &self.last) } else { Vec::new() };
+        let now = poses(world, &self.last);
         let length = world.step_length();
         loop {
             let due = (self.due + 1) as f64 * self.pace.interval;
@@ -56,15 +64,16 @@ impl Recorder {
                 break;
             }
             self.due += 1;
+            let s = ((due - self.time) / length).clamp(0.0, 1.0);
+            let frame = self.last.iter().zip(&now).map(|(a, b)| a.interpolate(b, s)).collect();
             if self.pace.keeps {
-                let s = ((due - self.time) / length).clamp(0.0, 1.0);
-                self.frames.push(self.last.iter().zip(&now).map(|(a, b)| a.interpolate(b, s)).collect());
+                self.frames.push(frame);
+            } else if self.due <= self.pace.most {
+                self.latest = frame;
             }
         }
         self.time += length;
-        if self.pace.keeps {
-            self.last = now;
-        }
+        self.last = now;
     }
 
     /// Whether the frames are kept.
@@ -77,11 +86,10 @@ impl Recorder {
         self.due
     }
 
-    /// The index of the latest frame. Where none are kept, the world as it stands becomes one.
-    pub fn mark(&mut self, world: &World) -> usize {
+    /// The index of the latest frame, which is kept for it.
+    pub fn mark(&mut self) -> usize {
         if !self.pace.keeps {
-            self.last = poses(world, &self.last);
-            self.frames.push(self.last.clone());
+            self.frames.push(self.latest.clone());
         }
         self.frames.len() - 1
     }

@@ -176,7 +176,7 @@ pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Res
             pile.advance(observer, Stage::Release, |pile| pile.step as f64 / total as f64)?;
         }
     }
-    pile.hold_frame = pile.recorder.mark(&pile.world);
+    pile.hold_frame = pile.recorder.mark();
     Ok(())
 }
 
@@ -276,7 +276,7 @@ impl<'a> Pile<'a> {
     pub fn disturb(&mut self) {
         self.latest_event = self.step;
         if self.hold_frame > 0 {
-            self.disturbed_frame.get_or_insert_with(|| self.recorder.mark(&self.world));
+            self.disturbed_frame.get_or_insert_with(|| self.recorder.mark());
         }
     }
 

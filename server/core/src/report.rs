@@ -45,14 +45,17 @@ impl Report {
         }
     }
 
-    /// The whole bake was known.
+    /// The whole bake was known. Counts other than those of the steps stay: they tell how the result came about, then.
     pub fn recall(&mut self) {
         self.recall_fill();
         if let Some(steps) = self.counts.insert("steps".into(), 0).filter(|&steps| steps > 0) {
             self.counts.insert("steps_recalled".into(), steps);
         }
-        self.seconds.clear();
-        self.bill.iter_mut().for_each(|charge| (charge.seconds, charge.share) = (None, None));
+        self.seconds.values_mut().for_each(|seconds| *seconds = 0.0);
+        for charge in &mut self.bill {
+            (charge.seconds, charge.share) = (None, None);
+            charge.counts.values_mut().for_each(|count| *count = 0);
+        }
     }
 }
 

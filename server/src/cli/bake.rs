@@ -9,7 +9,8 @@ use crate::job::{Job, Outcome};
 use crate::problem::Problem;
 use crate::reuse::Cache;
 use anstyle::AnsiColor;
-use clap::builder::FalseyValueParser;
+use clap::builder::{FalseyValueParser, OsStringValueParser};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Fill a shape with props and write their motion
@@ -52,8 +53,8 @@ pub struct Args {
 
     /// Where fills and bakes are kept, to be used again where nothing that they depend on has changed [default: the user's own
     /// cache folder]
-    #[arg(long, value_name = "FOLDER", env = "CAIRN_CACHE", help_heading = "Cache")]
-    cache: Option<PathBuf>,
+    #[arg(long, value_name = "FOLDER", env = "CAIRN_CACHE", value_parser = OsStringValueParser::new(), help_heading = "Cache")]
+    cache: Option<OsString>,
 
     /// Make everything anew, and keep nothing
     #[arg(long, env = "CAIRN_NO_CACHE", value_parser = FalseyValueParser::new(), help_heading = "Cache")]
@@ -103,9 +104,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn cache(args: &Args) -> Cache {
-    match &args.cache {
+    match args.cache.as_ref().filter(|folder| !folder.is_empty()) {
         _ if args.no_cache => Cache::none(),
-        Some(folder) => Cache::at(folder),
+        Some(folder) => {
+            let cache = Cache::at(Path::new(folder));
+            if let Some(error) = cache.fault() {
+                let text = format!(
+                    "{}: nothing can be kept there ({error}); name another folder, or give --no-cache",
+                    folder.display()
+                );
+                tell("warning", AnsiColor::Yellow, &text);
+            }
+            cache
+        }
         None => Cache::of_user(),
     }
 }

@@ -33,14 +33,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return print(&format!("{:#}\n", json!({ "notes": job.notes, "plan": plan, "estimates": estimates })));
     }
     let own = estimates.iter().find(|estimate| estimate.accuracy == job.params.accuracy);
-    print(&(describe(&plan, &job.notes, own) + &prices(&estimates)))
+    print(&(describe(&plan, &job.notes, own) + &prices(&estimates, own)))
 }
 
 /// The price list.
-fn prices(estimates: &[Estimate]) -> String {
+fn prices(estimates: &[Estimate], own: Option<&Estimate>) -> String {
     let factor = estimates.first().map_or(1.0, |e| e.factor);
     let mut text = format!(
-        "\nExpected CPU time on this machine (nine of ten bakes: within a factor of {factor:.1}) and error:\n  {:<16}{:>12}{:>26}{:>22}\n",
+        "\nExpected CPU time on this machine (nine of ten bakes: within a factor of {factor:.1}), and the errors usual in our study:\n  {:<16}{:>12}{:>26}{:>22}\n",
         "accuracy", "CPU time", "contacts sink in by", "friction beyond mu"
     );
     for e in estimates {
@@ -48,7 +48,8 @@ fn prices(estimates: &[Estimate]) -> String {
         let sink = format!("{:.2} % of a thickness", 100.0 * e.penetration_mean_rel);
         let force = format!("{:.2} %", 100.0 * e.friction_violation_mean);
         let name = to_proto::accuracy_name(e.accuracy);
-        writeln!(text, "  {name:<16}{time:>12}{sink:>26}{force:>22}").expect("a string takes all");
+        let mark = if own.is_some_and(|own| own.accuracy == e.accuracy) { "  <- this scene's" } else { "" };
+        writeln!(text, "  {name:<16}{time:>12}{sink:>26}{force:>22}{mark}").expect("a string takes all");
     }
     text
 }

@@ -63,12 +63,13 @@ pub fn rows(runs: &[(Variant, Vec<Record>)]) -> Vec<Row> {
 
 /// The table, as Markdown.
 pub fn markdown(rows: &[Row]) -> String {
-    let mut text = format!("| effect | CPU s | of as it is | {} |\n", TOLD.join(" | "));
-    text += &format!("| --- | --- | --- |{}\n", " --- |".repeat(TOLD.len()));
+    let mut text = format!("| effect | seeds | CPU s | of as it is | {} |\n", TOLD.join(" | "));
+    text += &format!("| --- | --- | --- | --- |{}\n", " --- |".repeat(TOLD.len()));
     for row in rows {
         let figure = |name: &&str| row.figures.get(*name).map_or("-".into(), |value| format!("{value:.4}"));
         let figures: Vec<String> = TOLD.iter().map(figure).collect();
-        writeln!(text, "| {} | {:.2} | {:.2} | {} |", row.variant, row.seconds, row.ratio, figures.join(" | "))
+        let Row { variant, seeds, seconds, ratio, .. } = row;
+        writeln!(text, "| {variant} | {seeds} | {seconds:.2} | {ratio:.2} | {} |", figures.join(" | "))
             .expect("a string takes all");
     }
     text

@@ -24,9 +24,16 @@ pub fn field(message: &MessageDescriptor, name: &str) -> Option<FieldDescriptor>
     message.get_field_by_name(name).or_else(|| message.get_field_by_json_name(name))
 }
 
-/// The field that a plain string in the place of this group stands for: its first, if that is text or a name.
+/// The field that a plain string in the place of this group stands for: its first, if that is text or a name, and the only one
+/// that it could be meant for.
 pub fn shorthand(message: &MessageDescriptor) -> Option<FieldDescriptor> {
-    message.get_field(1).filter(|field| matches!(field.kind(), Kind::String | Kind::Enum(_)) && !field.is_list())
+    let is_alone = |first: &FieldDescriptor| message.get_field(2).is_none_or(|second| second.kind() != first.kind());
+    let first = message.get_field(1).filter(|field| !field.is_list())?;
+    match first.kind() {
+        Kind::String => Some(first),
+        Kind::Enum(_) => Some(first).filter(is_alone),
+        _ => None,
+    }
 }
 
 /// Advice on a field name that the group does not have.

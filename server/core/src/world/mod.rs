@@ -179,6 +179,9 @@ impl World {
         p.normalized_prediction_distance = PREDICTION as f32;
         p.normalized_max_corrective_velocity = PUSH_OUT_SPEED as f32;
         p.normalized_max_linear_velocity = MAX_SPEED as f32;
+        if physics.switches.continuous_collision == Switch::Off {
+            p.max_ccd_substeps = 0;
+        }
         p.normalized_contact_recycle_distance = (RECYCLE_SHARE * thickness).min(MAX_RECYCLE) as f32;
         // Clustering picks other points of a compound from step to step, which rocks it for ever.
         p.contact_clustering = !compounds;

@@ -22,6 +22,11 @@ pub struct FrictionExcess {
     pub limit: f64,
 }
 
+/// A body is fast if it moves by more than this share of its thickness in a step ...
+const FAST: f64 = 0.5;
+/// ... or, where continuous collision is switched on, by this.
+const CAREFULLY_FAST: f64 = 0.1;
+
 impl World {
     /// Speed of the fastest point of a body.
     pub fn speed(&self, id: BodyId) -> f64 {
@@ -33,15 +38,18 @@ impl World {
         body.linvel().length() as f64 + body.angvel().length() as f64 * self.bodies[id].radius
     }
 
-    /// Before a step: what will move by more than half of its thickness must not pass through what it hits, nor stop deep in it.
+    /// Before a step: what will move by more than a share of its thickness must not pass through what it hits, nor stop deep in it.
+    /// The engine never sweeps two such bodies against each other, so that not all may be.
     pub(super) fn watch_fast_ones(&mut self) {
         let dt = self.engine.integration_parameters.dt;
-        if self.ccd == Switch::Off {
-            return;
-        }
+        let share = match self.ccd {
+            Switch::Auto => FAST,
+            Switch::On => CAREFULLY_FAST,
+            Switch::Off => return,
+        };
         for body in self.bodies.iter().filter(|body| body.role == Role::Free) {
             let rigid = &self.engine.bodies[body.handle];
-            let is_fast = self.ccd.is_on(rigid.linvel().length() * dt > (body.thickness / 2.0) as f32);
+            let is_fast = rigid.linvel().length() * dt > (share * body.thickness) as f32;
             self.work.ccd_body_steps += u64::from(is_fast && !rigid.is_sleeping());
             if is_fast != rigid.is_ccd_enabled()
                 && let Some(rigid) = self.engine.bodies.get_mut(body.handle)
