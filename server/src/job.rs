@@ -166,7 +166,7 @@ impl Job {
     fn bake(&self, cache: &mut Cache, observer: &mut dyn Observer) -> Result<Bake, cairn_core::Error> {
         // The frames of a bake under way tell more than its result.
         let may_recall = !observer.wants_frames();
-        if let Some(mut bake) = cache.bake(&self.scene, &self.params).filter(|_| may_recall) {
+        if may_recall && let Some(mut bake) = cache.bake(&self.scene, &self.params) {
             bake.report.recall();
             return Ok(bake);
         }

@@ -349,7 +349,7 @@ fn output(params: &Params) -> [Effect; 3] {
 /// Whether anything may hit a held body, besides the bodies of the pile.
 pub fn something_hits(scene: &Scene) -> bool {
     let late = scene.bodies.iter().any(|body| !body.is_stacked());
-    let let_go = scene.bodies.iter().any(|body: &Given| body.kept && body.kept_until.is_some());
+    let let_go = scene.bodies.iter().any(|body: &Given| body.kept_until.is_some());
     let moving = scene.statics.iter().any(|model| !model.keys.is_empty());
     late || let_go || moving || !scene.emitters.is_empty()
 }

@@ -2,6 +2,7 @@
 //! control. Called before each step of the release and the hold; times are those of the frames.
 
 use crate::Error;
+use crate::effects;
 use crate::fill::{self, Placed};
 use crate::params::Params;
 use crate::pose::Pose;
@@ -81,8 +82,7 @@ impl<'a> Events<'a> {
             events.moving.push((added.map_err(Error::Internal)?, model));
         }
         events.late.reverse();
-        let hits = !events.late.is_empty() || !events.emissions.is_empty() || !events.moving.is_empty();
-        pile.control.watches_hits = hits || !events.kept.is_empty();
+        pile.control.watches_hits = effects::something_hits(scene);
         events.add_late(pile)?;
         let any = pile.control.watches_hits || events.until.is_some();
         Ok(any.then_some(events))

@@ -53,11 +53,10 @@ fn tolerance(physics: &Physics) -> f64 {
     }
 }
 
-/// Whether one hull would do, and how many corners it has: known without a decomposition.
-pub fn outline(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> (bool, usize) {
+/// Whether one hull would do: known without a decomposition.
+pub fn is_one_hull(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> bool {
     let unit = Unit::new(mesh, diameter, closed);
-    let hull = vec![unit.hull()];
-    (physics.max_parts == 1 || unit.deviation(&hull) <= tolerance(physics), hull[0].len())
+    physics.max_parts == 1 || unit.deviation(&[unit.hull()]) <= tolerance(physics)
 }
 
 /// From coarse to fine: the first that is close enough is the cheapest to simulate.

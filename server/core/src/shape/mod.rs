@@ -220,7 +220,7 @@ impl Solid {
         match self.outline() {
             Outline::Box => "box",
             Outline::Ball => "ball",
-            Outline::Hull(_) => "hull",
+            Outline::Hull => "hull",
             Outline::Parts => "parts",
         }
     }
@@ -229,7 +229,7 @@ impl Solid {
         match self {
             Solid::Box(_) => Outline::Box,
             Solid::Ball { .. } => Outline::Ball,
-            Solid::Convex(parts) if parts.len() == 1 => Outline::Hull(parts[0].len()),
+            Solid::Convex(parts) if parts.len() == 1 => Outline::Hull,
             Solid::Convex(_) => Outline::Parts,
         }
     }
@@ -336,8 +336,8 @@ fn primitive(
 pub enum Outline {
     Box,
     Ball,
-    /// One convex shape with this many corners.
-    Hull(usize),
+    /// One convex shape.
+    Hull,
     /// Several convex shapes.
     Parts,
 }
@@ -347,10 +347,8 @@ fn outline(prop: &Prop, size: &Size, physics: &Physics) -> Outline {
     let mesh = &prop.model.mesh.outward();
     match primitive(mesh, &fit::oriented_box(mesh), size.diameter, size.closed, physics.switches.primitives) {
         Some((solid, _)) => solid.outline(),
-        None => match convex::outline(mesh, size.diameter, size.closed, physics) {
-            (true, corners) => Outline::Hull(corners),
-            (false, _) => Outline::Parts,
-        },
+        None if convex::is_one_hull(mesh, size.diameter, size.closed, physics) => Outline::Hull,
+        None => Outline::Parts,
     }
 }
 
