@@ -41,7 +41,7 @@ impl Full {
         let shapes = shape::run(scene, params, &checked, &mut Silent)?;
         let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
         let mesh = checked.control.as_ref().filter(|_| check::fills(scene, params));
-        let container = mesh.map(|c| Container::new(&c.mesh, &c.topology, units.length, checked.ground));
+        let container = mesh.map(|c| Container::new(c, units.length, checked.ground, params.fill.wall_tolerance));
         let fill = |container| fill::run(scene, &shapes, params, units, container, &mut Silent);
         let filled = container.as_ref().map(fill).transpose()?;
         Ok(Full { job, checked, shapes, units, container, filled })

@@ -140,6 +140,7 @@ fn fill(fill: &mut Fill, given: &proto::Fill, counts: &mut Counts) {
     set(&mut fill.settle, given.settle);
     set(&mut fill.protrusion, given.protrusion);
     set(&mut fill.overlap, given.overlap);
+    set(&mut fill.wall_tolerance, given.wall_tolerance);
 }
 
 fn release(release: &mut Release, given: &proto::Release) {

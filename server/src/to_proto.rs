@@ -207,6 +207,7 @@ fn fill(params: &Params) -> proto::Fill {
         settle: Some(fill.settle),
         protrusion: Some(fill.protrusion),
         overlap: Some(fill.overlap),
+        wall_tolerance: Some(fill.wall_tolerance),
     }
 }
 

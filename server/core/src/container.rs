@@ -2,6 +2,9 @@
 //!
 //! The mesh stays upright while it is filled under upward gravity: turning over is then a change of sign.
 
+mod simplify;
+
+use crate::check::Closed;
 use crate::mesh::TriMesh;
 use crate::region::{DistanceGrid, Region};
 use crate::topology::Topology;
@@ -12,7 +15,9 @@ use ndshape::{RuntimeShape, Shape as _};
 /// Walls for the fill, in engine units.
 pub struct Container {
     /// Triangles facing inward; closed.
-    pub walls: TriMesh,
+    walls: TriMesh,
+    /// How far simplified walls may be from these; 0: they stay as they are.
+    tolerance: f64,
     /// Distance to the wall, negative inside.
     pub distance: DistanceGrid,
     /// Height of the base, which a half-space closes as well.
@@ -28,22 +33,48 @@ pub struct Container {
 const MAX_GRID_NODES: usize = 2_000_000;
 /// Grid spacing, in diameters of the median prop.
 const GRID_SPACING: f64 = 0.1;
-/// Contacts with finer walls cost more than the props themselves.
-const MAX_WALL_TRIANGLES: usize = 10_000;
+/// Walls of more triangles than this per d^2 are finer than props need: each prop meets dozens of them.
+const FINE_WALLS: f64 = 50.0;
+/// Parts that reach less deep than this into each other, in d, only touch.
+const TOUCH: f64 = 0.005;
 /// Remeshed walls stand this far inside the mesh, in grid spacings: the surface of a grid rounds edges off, outward at
 /// concave ones.
 const REMESH_INSET: f64 = 0.2;
 
+/// Triangles that props meet.
+pub struct Walls {
+    /// Engine units, facing inward.
+    pub mesh: TriMesh,
+    /// Triangles saved by simplification.
+    pub saved: usize,
+    /// The largest distance of a corner that simplification took out from what is left, in d; 0 where it took none.
+    pub deviation: f64,
+}
+
+/// Whether a mesh is finer than props need, or may become so: then its walls are simplified. `d` in the mesh's unit.
+pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
+    !topology.is_watertight()
+        || topology.components > 1
+        || topology.triangles as f64 > FINE_WALLS * topology.area / d.powi(2)
+}
+
 impl Container {
-    /// `control` in SI, `length` metres per engine unit.
-    pub fn new(control: &TriMesh, topology: &Topology, length: f64, ground: f64) -> Container {
-        let solid = control.scaled(1.0 / length);
-        let (region, distance) = grid(control, length);
+    /// `control` in SI, `length` metres per engine unit. `tolerance`: of simplified walls, in d.
+    pub fn new(control: &Closed, length: f64, ground: f64, tolerance: f64) -> Container {
+        let Closed { mesh, topology } = control;
+        let solid = mesh.scaled(1.0 / length);
+        let (region, distance) = grid(mesh, length);
         let (low, high) = solid.bounds();
-        let simple = topology.is_watertight() && topology.components == 1;
-        let remeshed = !simple || solid.triangles.len() > MAX_WALL_TRIANGLES;
+        let remeshed = !topology.is_watertight() || topology.components > 1 && region.overlaps(TOUCH);
         let walls = if remeshed { surface(&distance) } else { inward(&solid, region.was_inside_out()) };
-        Container { walls, distance, base: low.y.max(ground / length), volume: region.volume(), low, high, remeshed }
+        let tolerance = if has_fine_walls(topology, length) { tolerance } else { 0.0 };
+        let base = low.y.max(ground / length);
+        Container { walls, tolerance, distance, base, volume: region.volume(), low, high, remeshed }
+    }
+
+    /// The walls, closed.
+    pub fn closed(&self) -> Walls {
+        simplify::run(self.walls.clone(), self.tolerance)
     }
 
     /// Whether all points lie inside, up to `slack`.
@@ -53,7 +84,7 @@ impl Container {
 
     /// The walls with an opening where the base was, and a collar below it: faces within `cut` above the base go, and
     /// the rim that they leave is drawn down by `collar`.
-    pub fn opened(&self, cut: f64, collar: f64) -> TriMesh {
+    pub fn opened(&self, cut: f64, collar: f64) -> Walls {
         let below = |v: u32| self.walls.points[v as usize].y <= self.base + cut;
         let (removed, kept): (Vec<[u32; 3]>, Vec<[u32; 3]>) =
             self.walls.triangles.iter().partition(|t| t.iter().all(|&v| below(v)));
@@ -69,7 +100,7 @@ impl Container {
             }
             open.triangles.extend([[a, b, n + 1], [a, n + 1, n]]);
         }
-        open
+        simplify::run(open, self.tolerance)
     }
 }
 

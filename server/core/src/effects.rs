@@ -3,6 +3,7 @@
 //! An effect that is off costs nothing: its [`Effect::counters`] in the report are 0.
 
 use crate::check::{Checked, fills};
+use crate::container;
 use crate::extremes;
 use crate::params::{ControlMode, FillMethod, FrictionCone, FrictionModel, Params, ReleaseOrder, Switch};
 use crate::report::Name;
@@ -59,11 +60,16 @@ pub fn bill(
 
 /// All effects of a checked scene, in the order of the stages. `outlines`: what the props are simulated as.
 pub fn of(scene: &Scene, params: &Params, checked: &Checked, outlines: &[Outline]) -> Vec<Effect> {
-    [shapes(scene, params, outlines), stages(scene, params), physics(scene, params, checked), control(scene, params)]
-        .concat()
-        .into_iter()
-        .chain(output(params))
-        .collect()
+    [
+        shapes(scene, params, outlines),
+        stages(scene, params, checked),
+        physics(scene, params, checked),
+        control(scene, params),
+    ]
+    .concat()
+    .into_iter()
+    .chain(output(params))
+    .collect()
 }
 
 /// An effect that the scene's own contents decide on.
@@ -136,13 +142,22 @@ fn shapes(scene: &Scene, params: &Params, outlines: &[Outline]) -> Vec<Effect> {
 }
 
 /// What happens, from the fill on.
-fn stages(scene: &Scene, params: &Params) -> Vec<Effect> {
+fn stages(scene: &Scene, params: &Params, checked: &Checked) -> Vec<Effect> {
     let fill = fills(scene, params);
     let filling = match params.fill.method {
         _ if scene.control.is_none() => "there is no control mesh",
         FillMethod::Insert => "props grow at free places inside the closed container",
         FillMethod::Pour => "props are dropped through the container's opening",
         FillMethod::Off => "switched off by the scene",
+    };
+    let closed = checked.control.as_ref().filter(|_| fill);
+    let fine = closed.is_some_and(|closed| container::has_fine_walls(&closed.topology, checked.diameter));
+    let tolerance = params.fill.wall_tolerance;
+    let walls = match fine {
+        _ if !fill => "there is no fill".into(),
+        false => "the control mesh is not finer than the props need".into(),
+        true if tolerance == 0.0 => "fill.wall_tolerance is 0".into(),
+        true => format!("the container's walls may be finer than the props need: within {tolerance} d of it"),
     };
     let turning = if fill { "the container is filled upside down" } else { "there is no fill" };
     let releasing = match params.release.order {
@@ -165,6 +180,10 @@ fn stages(scene: &Scene, params: &Params) -> Vec<Effect> {
     };
     vec![
         set_by("fill.method", plain("fill", fill, filling, &["fill_steps"])),
+        set_by(
+            "fill.wall_tolerance",
+            plain("wall_simplification", fine && tolerance > 0.0, walls, &["wall_triangles_saved"]),
+        ),
         plain("turn_over", fill, turning, &["fill_steps"]),
         set_by(
             "release.order",

@@ -104,6 +104,7 @@ pub fn report(
     }
     if let Some((_, filled)) = filled {
         measures.insert("pocket_fraction", Some(filled.pockets));
+        measures.insert("wall_deviation_rel", Some(filled.wall_deviation));
     }
     observe(observer, &progress(0.8))?;
     measures.extend(contact_figures(&pile.world));
@@ -382,6 +383,7 @@ fn counts(scene: &Scene, filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'sta
         ("unjammed", tally.unjammed),
         ("shaken", tally.shaken),
         ("frames", if pile.recorder.keeps() { pile.recorder.frames.len() as u64 } else { 0 }),
+        ("wall_triangles_saved", filled.map_or(0, |filled| filled.wall_triangles_saved as u64)),
         ("props_as_primitives", of_kind(|outline| matches!(outline, Outline::Box | Outline::Ball))),
         ("props_split", of_kind(|outline| matches!(outline, Outline::Parts))),
         ("release_layers", work.layers),
@@ -395,6 +397,7 @@ fn counts(scene: &Scene, filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'sta
         ("steps_with_friction_per_point", steps_if(world.has_friction_per_point())),
         ("ccd_body_steps", world.work.ccd_body_steps + filled.map_or(0, |filled| filled.work.ccd_body_steps)),
         ("rolling_body_steps", world.work.rolling_body_steps),
+        ("rocking_looks", world.work.rocking_looks),
         ("guard_steps", pile.guard.actions.steps),
         ("region_tests", pile.control.region_tests()),
         ("break_checks", tally.break_checks),

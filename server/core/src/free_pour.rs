@@ -6,6 +6,7 @@
 //! the prop.
 
 use crate::Error;
+use crate::check::Closed;
 use crate::container::Container;
 use crate::fill;
 use crate::measure::{self, Gauge};
@@ -51,7 +52,8 @@ pub fn free_pour(
     let prop = Prop { scale: [scale; 2], weight: 1.0, ..prop.clone() };
     let scene = Scene { props: vec![prop], ..Scene::default() };
     let units = Units::new(diameter, shape.mass * scale.powi(3), params.gravity);
-    let container = Container::new(&bin, &topology::inspect(&bin), units.length, 0.0);
+    let bin = Closed { topology: topology::inspect(&bin), mesh: bin };
+    let container = Container::new(&bin, units.length, 0.0, 0.0);
     let shapes = std::slice::from_ref(shape);
     let poured = fill::pour_only(&scene, shapes, &params, units, &container, observer)?;
 

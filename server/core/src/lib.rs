@@ -136,7 +136,8 @@ pub fn fill_container(
     };
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
     let filled_mesh = checked.control.as_ref().filter(|_| check::fills(scene, params));
-    let container = filled_mesh.map(|c| Container::new(&c.mesh, &c.topology, units.length, checked.ground));
+    let tolerance = params.fill.wall_tolerance;
+    let container = filled_mesh.map(|closed| Container::new(closed, units.length, checked.ground, tolerance));
     let own = if container.is_some() { checked.region.as_ref() } else { checked.region.as_ref().or(checked.target()) };
     let region = own.map(|mesh| grid(&mesh.mesh, units.length).1);
     clock.lap(Stage::Shape, observer);

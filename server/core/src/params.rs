@@ -151,6 +151,9 @@ pub struct Fill {
     pub protrusion: f64,
     /// A body may overlap another by this share of the thinner one's thickness; beyond it is removed.
     pub overlap: f64,
+    /// The walls of a control mesh that is finer than the props need may be this far from it, relative to d, 0 to 0.5;
+    /// 0: they are as they were modelled. Default 0.02.
+    pub wall_tolerance: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -318,6 +321,7 @@ impl Params {
                 settle: 2.2,
                 protrusion: 0.05,
                 overlap: 0.25,
+                wall_tolerance: 0.02,
             },
             release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0, order: ReleaseOrder::BottomUp },
             control: Control {
@@ -362,6 +366,7 @@ impl Params {
                 params.physics.contact_frequency = 30.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.02;
+                params.fill.wall_tolerance = 0.006;
                 params.physics.max_parts = 24;
             }
             Accuracy::Reference => {
@@ -369,6 +374,7 @@ impl Params {
                 params.physics.contact_frequency = 30.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
+                params.fill.wall_tolerance = 0.002;
                 params.physics.max_parts = 48;
             }
             Accuracy::Paper => {
@@ -427,6 +433,7 @@ impl Params {
             ("fill.settle", self.fill.settle, 0.0, 1000.0),
             ("fill.protrusion", self.fill.protrusion, 0.0, 1.0),
             ("fill.overlap", self.fill.overlap, 0.01, 1.0),
+            ("fill.wall_tolerance", self.fill.wall_tolerance, 0.0, 0.5),
             ("release.layer", self.release.layer, 0.01, 1000.0),
             ("release.interval", time(self.release.interval), 0.0, 1000.0),
             ("release.damping", self.release.damping, 0.0, 100.0),

@@ -119,6 +119,17 @@ impl Region {
         !self.all.closed
     }
 
+    /// Whether two parts of the mesh overlap: somewhere `depth` below a face, the mesh winds more than once. Parts that
+    /// only touch do not.
+    pub fn overlaps(&self, depth: f64) -> bool {
+        let (lo, hi) = self.bounds;
+        let overlapped = |triangle: [DVec3; 3]| {
+            let mut points = face_points(triangle, lo.distance(hi));
+            unit_normal(triangle).is_some_and(|normal| points.any(|p| self.all.at(p - normal * depth) > 1.0 + INSIDE))
+        };
+        self.all.tree.triangles().par_iter().any(|&triangle| overlapped(triangle))
+    }
+
     /// A point drawn uniformly from the solid. `None` when it fills next to nothing of its box.
     pub fn sample_inside(&self, rng: &mut impl Rng) -> Option<DVec3> {
         let (lo, hi) = self.bounds;
@@ -185,21 +196,34 @@ fn surface_triangles(all: &Winding, triangles: &[(u32, [DVec3; 3])], diagonal: f
     Some(Bvh::new(triangles.iter().zip(bounding).filter(|(_, b)| *b).map(|(t, _)| *t).collect()))
 }
 
-/// Whether the two sides of a triangle differ anywhere, judged at its centroid and then on a lattice. A flat triangle
-/// (without a normal) bounds nothing.
-fn bounds_solid(all: &Winding, &[a, b, c]: &[DVec3; 3], diagonal: f64) -> bool {
-    let Some(normal) = (b - a).cross(c - a).try_normalize() else { return false };
+/// Whether the two sides of a triangle differ anywhere. A flat triangle (without a normal) bounds nothing.
+fn bounds_solid(all: &Winding, &triangle: &[DVec3; 3], diagonal: f64) -> bool {
+    let Some(normal) = unit_normal(triangle) else { return false };
     let offset = normal * (diagonal * SIDE_OFFSET);
     let inside = |p: DVec3| all.at(p) > INSIDE;
-    let differs = |p: DVec3| inside(p + offset) != inside(p - offset);
-    if differs((a + b + c) / 3.0) {
-        return true;
-    }
+    face_points(triangle, diagonal).any(|p| inside(p + offset) != inside(p - offset))
+}
+
+fn unit_normal([a, b, c]: [DVec3; 3]) -> Option<DVec3> {
+    (b - a).cross(c - a).try_normalize()
+}
+
+/// The points at which a face is judged: its centroid, then a lattice.
+fn face_points([a, b, c]: [DVec3; 3], diagonal: f64) -> impl Iterator<Item = DVec3> {
     let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
     let n = ((longest / (diagonal * SIDE_SPACING)).ceil() as usize).clamp(1, SIDE_INTERVALS);
     // Centroids of the n^2 upright sub-triangles and so never on an edge, where sides are undefined.
-    let part = |i: usize| (i as f64 + 1.0 / 3.0) / n as f64;
-    (0..n).any(|i| (0..n - i).any(|j| differs(a + (b - a) * part(i) + (c - a) * part(j))))
+    let part = move |i: usize| (i as f64 + 1.0 / 3.0) / n as f64;
+    let lattice = (0..n).flat_map(move |i| (0..n - i).map(move |j| a + (b - a) * part(i) + (c - a) * part(j)));
+    std::iter::once((a + b + c) / 3.0).chain(lattice)
+}
+
+/// The largest distance of any of the points from the mesh's triangles; 0 without points.
+pub fn farthest(mesh: &TriMesh, points: &[DVec3]) -> f64 {
+    let triangles = (0..mesh.triangles.len()).map(|i| (i as u32, mesh.corners(i))).collect();
+    let tree = Bvh::new(triangles);
+    let distances = points.par_iter().filter_map(|&p| tree.nearest(p, 0));
+    distances.map(|hit| hit.squared).reduce(|| 0.0, f64::max).sqrt()
 }
 
 /// Volume of the solid. What a closed mesh encloses counts each point as often as the mesh winds around it: what a

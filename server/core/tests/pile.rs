@@ -115,7 +115,7 @@ fn whatever_is_held_was_certified_in_its_latest_cycle() {
     let shapes = cairn_core::shape::run(&scene, &params, &checked, &mut Silent).unwrap();
     let units = cairn_core::world::Units::new(checked.diameter, shapes[0].mass, params.gravity);
     let closed = checked.control.as_ref().unwrap();
-    let container = cairn_core::container::Container::new(&closed.mesh, &closed.topology, units.length, 0.0);
+    let container = cairn_core::container::Container::new(closed, units.length, 0.0, 0.0);
     let filled = fill::run(&scene, &shapes, &params, units, &container, &mut Silent).unwrap();
     let control = control::Control::new(&params.control, params.gravity, params.seed, Some(&container.distance));
     let mut pile = release::turn_over(&scene, &shapes, &params, units, &filled.bodies, 0.0, control).unwrap();

@@ -5,8 +5,8 @@ mod common;
 use cairn_core::mesh::TriMesh;
 use cairn_core::params::{Accuracy, Params};
 use cairn_core::pose::Pose;
-use cairn_core::shape::{Shape, Size};
-use cairn_core::world::{Insertion, Units, World};
+use cairn_core::shape::{Shape, Size, Solid, hull_mesh};
+use cairn_core::world::{Insertion, Side, TouchPoint, Units, World};
 use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
 
@@ -49,7 +49,7 @@ fn nail_all(world: &mut World) -> usize {
     touches.len()
 }
 
-/// The engine lets a face touch by four of its corners: they must be those that span it.
+/// The engine by itself lets a face touch by its first four corners only.
 #[test]
 fn a_disc_of_many_corners_lies_flat() {
     let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
@@ -69,6 +69,100 @@ fn a_disc_of_many_corners_lies_flat() {
         assert!((height - thickness / 2.0).abs() < 0.1 * thickness, "disc {id} is at {height}");
         assert_eq!(world.speed(id), 0.0, "disc {id}");
     }
+}
+
+/// Discs on top of each other, every second one shifted by a share of the diameter, given in engine units.
+fn discs(count: usize, shift: f64) -> (World, f64) {
+    let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
+    for k in 0..count {
+        let translation = DVec3::new(shift * (k % 2) as f64, (k as f64 + 0.5) * thickness, 0.0);
+        let pose = Pose { translation, rotation: DQuat::from_rotation_y(0.4 * k as f64) };
+        world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
+    }
+    world.refresh();
+    (world, thickness)
+}
+
+#[test]
+fn discs_touch_wherever_they_overlap() {
+    for shift in [0.0, 0.3, 0.6, 0.9] {
+        let (world, _) = discs(2, shift);
+        let touches = world.touches(0.05);
+        let pair = touches.iter().find(|t| (t.a, t.b) == (0, Side::Body(1))).expect("they touch");
+        let spread = |of: fn(&TouchPoint) -> f64| {
+            let all = || pair.points.iter().map(of);
+            all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min)
+        };
+        // A lens of two circles, of the diameter that a disc has in engine units.
+        let diameter = 1.0 / (1.0f64 + 0.1 * 0.1).sqrt();
+        let (wide, long) = (diameter - shift, (diameter.powi(2) - shift.powi(2)).max(0.0).sqrt());
+        let found = (spread(|p| p.point.x), spread(|p| p.point.z));
+        assert!(found.0.max(found.1) > 0.9 * long, "shift {shift}: {found:?} of {wide} x {long}");
+        assert!(found.0.min(found.1) > 0.6 * wide, "shift {shift}: {found:?} of {wide} x {long}");
+        assert!(pair.points.iter().all(|p| p.gap.abs() < 1e-4 && p.normal.y.abs() > 0.9999), "{:?}", pair.points);
+    }
+}
+
+#[test]
+fn a_tower_of_shifted_discs_stands() {
+    let (mut world, thickness) = discs(8, 0.3);
+    for _ in 0..400 {
+        world.step();
+    }
+    for id in 0..8 {
+        let pose = world.pose(id);
+        assert!((pose.translation.y - (id as f64 + 0.5) * thickness).abs() < 0.1 * thickness, "disc {id}: {pose:?}");
+        assert_eq!(world.speed(id), 0.0, "disc {id}");
+    }
+}
+
+/// A stone: the hull of points spread over an ellipsoid.
+fn stone() -> TriMesh {
+    let spread = |k: u32| {
+        let (y, turn) = (1.0 - (f64::from(k) + 0.5) / 20.0, 2.399963 * f64::from(k));
+        DVec3::new(0.3 * (1.0 - y * y).sqrt() * turn.cos(), 0.1 * y, 0.2 * (1.0 - y * y).sqrt() * turn.sin())
+    };
+    hull_mesh(&(0..40).map(spread).collect::<Vec<_>>())
+}
+
+/// The lowest corner carries, whatever face it is of.
+#[test]
+fn a_tilted_stone_touches_the_ground_by_its_lowest_corner() {
+    for k in 0..200 {
+        let (mut world, shape, _) = world_of(stone());
+        let Solid::Convex(parts) = &shape.solid else { panic!("a stone is a hull") };
+        let rotation = DQuat::from_rotation_x(0.37 * f64::from(k)) * DQuat::from_rotation_z(0.73 * f64::from(k));
+        let height = |p: &DVec3| (rotation * *p).y / world.units.length;
+        let lowest = parts.iter().flatten().map(height).fold(f64::INFINITY, f64::min);
+        let pose = Pose { translation: DVec3::new(0.0, -lowest, 0.0), rotation };
+        world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
+        world.refresh();
+        let touches = world.touches(0.05);
+        let nearest = touches.iter().flat_map(|t| &t.points).map(|p| p.gap).fold(f64::INFINITY, f64::min);
+        assert!(nearest.abs() < 1e-5, "orientation {k}: nearest at {nearest}");
+    }
+}
+
+/// Moves a lying disc by hand, natural times, and gives how often it was seen to move on the spot.
+fn moved_by_hand(times: f64, way: impl Fn(f64) -> f64) -> u64 {
+    let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
+    let place = |x: f64| Pose { translation: DVec3::new(x, thickness / 2.0, 0.0), rotation: DQuat::IDENTITY };
+    let body = Insertion { prop: 0, scale: 1.0, pose: place(0.0), friction: 0.7, restitution: 0.0 };
+    let id = world.insert(&shape, &body).unwrap();
+    let step = world.step_length();
+    for k in 0..(times / step) as u32 {
+        world.put(id, &place(way(f64::from(k) * step)));
+        world.step();
+    }
+    world.work.rocking_looks
+}
+
+#[test]
+fn what_rocks_is_told_from_what_creeps() {
+    let rocking = |t: f64| 0.006 * (3.0 * t).sin();
+    assert_eq!(moved_by_hand(20.0, rocking), 0, "too early to tell");
+    assert!(moved_by_hand(60.0, rocking) > 0);
+    assert_eq!(moved_by_hand(60.0, |t| 0.0016 * t), 0, "what creeps gets somewhere");
 }
 
 #[test]

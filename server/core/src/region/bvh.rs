@@ -71,6 +71,11 @@ impl Bvh {
         self.order[place as usize]
     }
 
+    /// Shape `[m][3]`, metres, in the tree's order.
+    pub fn triangles(&self) -> &[[DVec3; 3]] {
+        &self.corners
+    }
+
     /// The closest point of any triangle. `guess` is the place of a triangle that is likely near.
     /// `None` when there is no triangle.
     pub fn nearest(&self, p: DVec3, guess: u32) -> Option<Hit> {

@@ -22,6 +22,7 @@ use glam::{DMat3, DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::{MassProperties, SharedShape};
 
+pub use convex::hull_mesh;
 pub use fit::OrientedBox;
 
 /// What is known of a prop without building its collision shape; at scale 1.

@@ -8,6 +8,7 @@ mod contacts;
 mod creep;
 mod guarded;
 mod hits;
+mod manifold;
 mod motion;
 mod nails;
 mod rolling;
@@ -108,6 +109,8 @@ pub struct Work {
     pub ccd_body_steps: u64,
     /// Kept from rolling.
     pub rolling_body_steps: u64,
+    /// Looks at a body that moved on the spot, and so was let fall asleep.
+    pub rocking_looks: u64,
 }
 
 /// How a body enters the world.
@@ -163,7 +166,8 @@ const MAX_RECYCLE: f64 = 1.0 / 200.0;
 impl World {
     /// An empty world. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
     pub fn new(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> World {
-        let mut engine = PhysicsWorld { gravity: Vector::NEG_Y, ..PhysicsWorld::new() };
+        let narrow_phase = NarrowPhase::with_query_dispatcher(manifold::Manifolds);
+        let mut engine = PhysicsWorld { gravity: Vector::NEG_Y, narrow_phase, ..PhysicsWorld::new() };
         let frequency = physics.stiffness(thickness);
         let softness = SpringCoefficients {
             natural_frequency: frequency as f32,

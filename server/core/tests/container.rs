@@ -1,0 +1,123 @@
+//! Containers: parts that touch keep their walls, those that overlap become one, and fine walls become coarser.
+
+mod common;
+
+use cairn_core::check::Closed;
+use cairn_core::container::{Container, has_fine_walls};
+use cairn_core::mesh::TriMesh;
+use cairn_core::topology::{inspect, weld};
+use common::cone;
+use glam::DVec3;
+
+/// A box from `low` to `high`, each side cut into `cuts` x `cuts` squares; faces outward.
+fn block(low: DVec3, high: DVec3, cuts: u32) -> TriMesh {
+    let mut mesh = TriMesh::default();
+    for axis in 0..3 {
+        for side in [0.0, 1.0] {
+            let corner = |i: u32, j: u32| {
+                let mut share = DVec3::ZERO;
+                share[axis] = side;
+                share[(axis + 1) % 3] = f64::from(i) / f64::from(cuts);
+                share[(axis + 2) % 3] = f64::from(j) / f64::from(cuts);
+                low + (high - low) * share
+            };
+            for (i, j) in (0..cuts).flat_map(|i| (0..cuts).map(move |j| (i, j))) {
+                let first = mesh.points.len() as u32;
+                mesh.points.extend([corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)]);
+                let quad = [[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| first + v));
+                let outward = |[a, b, c]: [u32; 3]| if side == 1.0 { [a, b, c] } else { [a, c, b] };
+                mesh.triangles.extend(quad.map(outward));
+            }
+        }
+    }
+    weld(&mesh, 1e-9)
+}
+
+fn joined(parts: &[TriMesh]) -> TriMesh {
+    let mut mesh = TriMesh::default();
+    parts.iter().for_each(|part| mesh.append(part));
+    mesh
+}
+
+fn container(mesh: &TriMesh, tolerance: f64) -> Container {
+    Container::new(&Closed { mesh: mesh.clone(), topology: inspect(mesh) }, 1.0, 0.0, tolerance)
+}
+
+fn unit(x: f64, edge: f64) -> TriMesh {
+    let low = DVec3::new(x, 0.0, 0.0);
+    block(low, low + edge, 2)
+}
+
+#[test]
+fn parts_that_touch_or_lie_apart_stay_as_they_are() {
+    for gap in [0.0, 0.5, 1e-4] {
+        let mesh = joined(&[unit(0.0, 4.0), unit(4.0 + gap, 3.0)]);
+        assert!(!container(&mesh, 0.0).remeshed, "gap {gap}");
+    }
+    let hollow = joined(&[unit(0.0, 4.0), {
+        let mut hole = unit(1.0, 2.0);
+        hole.points.iter_mut().for_each(|p| p.y += 1.0);
+        hole.points.iter_mut().for_each(|p| p.z += 1.0);
+        hole.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        hole
+    }]);
+    let hollow = container(&hollow, 0.0);
+    assert!(!hollow.remeshed);
+    assert!((hollow.volume - 56.0).abs() < 1e-6, "{}", hollow.volume);
+}
+
+#[test]
+fn parts_that_overlap_become_one() {
+    let overlapping = joined(&[unit(0.0, 4.0), unit(3.5, 4.0)]);
+    let inside = joined(&[unit(0.0, 4.0), block(DVec3::ONE, DVec3::splat(2.0), 1)]);
+    let beams = joined(&[
+        block(DVec3::new(0.0, 2.0, 2.0), DVec3::new(9.0, 3.0, 3.0), 1),
+        block(DVec3::new(4.0, 0.0, 2.2), DVec3::new(5.0, 9.0, 2.8), 1),
+    ]);
+    for (name, mesh) in [("overlapping", overlapping), ("one in the other", inside), ("crossing", beams)] {
+        assert!(container(&mesh, 0.0).remeshed, "{name}");
+    }
+}
+
+#[test]
+fn fine_walls_become_coarser_within_the_tolerance() {
+    let mesh = block(DVec3::ZERO, DVec3::splat(5.0), 40);
+    let container = container(&mesh, 0.02);
+    assert!(!container.remeshed);
+    let walls = container.closed();
+    assert!(walls.mesh.triangles.len() < 200, "{} of {}", walls.mesh.triangles.len(), mesh.triangles.len());
+    assert_eq!(walls.saved, mesh.triangles.len() - walls.mesh.triangles.len());
+    assert!(walls.deviation < 1e-6, "flat walls stay where they are: {}", walls.deviation);
+    let found = inspect(&walls.mesh);
+    assert!(found.is_watertight());
+    assert!((found.signed_volume + 125.0).abs() < 1e-3, "facing inward: {}", found.signed_volume);
+    let opened = container.opened(0.1, 2.0);
+    assert!(opened.saved > 0 && opened.mesh.bounds().0.y == -2.0);
+}
+
+#[test]
+fn the_walls_of_a_union_stay_within_the_tolerance() {
+    let ball = |x: f64| {
+        let mut ball = block(DVec3::splat(-1.0), DVec3::ONE, 10);
+        ball.points.iter_mut().for_each(|p| *p = p.normalize() * 2.0 + DVec3::new(x, 2.0, 0.0));
+        ball
+    };
+    let union = |tolerance| container(&joined(&[ball(0.0), ball(3.0)]), tolerance).closed();
+    let exact = union(0.0);
+    let mut before = exact.mesh.triangles.len();
+    assert_eq!((exact.saved, exact.deviation), (0, 0.0));
+    for tolerance in [0.005, 0.02, 0.1] {
+        let walls = union(tolerance);
+        assert!(walls.mesh.triangles.len() < before / 2, "{tolerance}: {}", walls.mesh.triangles.len());
+        assert!(walls.deviation <= tolerance, "{tolerance}: {}", walls.deviation);
+        before = walls.mesh.triangles.len();
+    }
+}
+
+#[test]
+fn coarse_walls_are_left_alone() {
+    let mesh = cone(3.0, 6.0);
+    assert!(!has_fine_walls(&inspect(&mesh), 1.0));
+    let walls = container(&mesh, 0.5).closed();
+    assert_eq!((walls.saved, walls.mesh.triangles.len()), (0, mesh.triangles.len()));
+}
