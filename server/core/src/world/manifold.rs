@@ -19,14 +19,25 @@ use rapier3d::parry::query::{
 use rapier3d::parry::shape::{PackedFeatureId, Shape};
 use rapier3d::prelude::*;
 
-/// A point that is farther away than another by this much of their distance is no better than it: the bodies meet there only
-/// after one has turned by as much.
+/// A point that is still apart, by more than the nearest one and by this much of its distance from that, is no better than
+/// it: the bodies meet there only after one has turned by as much.
 const SLOPE: f32 = 0.02;
 /// Points nearer to each other than this, engine units, are one.
 const APART: f32 = 1e-5;
 
 /// The engine's queries, with its own manifolds replaced where a convex polyhedron takes part.
-pub struct Manifolds;
+pub struct Manifolds {
+    /// Which of the points are told.
+    pub points: Points,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Points {
+    /// All of them: what a body stands on.
+    All,
+    /// The four that matter most: the engine's solver takes no more, and chooses with less care.
+    Widest,
+}
 
 impl<M, C> PersistentQueryDispatcher<M, C> for Manifolds
 where
@@ -80,11 +91,11 @@ where
         let constraints = (constraints_a, constraints_b);
         let hulls = (a.as_convex_polyhedron(), b.as_convex_polyhedron());
         if let (Some(plane), Some(body)) = (a.as_halfspace(), hulls.1) {
-            plane::stand(plane, body, pos12, prediction, manifold, false);
+            plane::stand(plane, body, pos12, prediction, self.points, manifold, false);
         } else if let (Some(body), Some(plane)) = (hulls.0, b.as_halfspace()) {
-            plane::stand(plane, body, &pos12.inverse(), prediction, manifold, true);
+            plane::stand(plane, body, &pos12.inverse(), prediction, self.points, manifold, true);
         } else if (hulls.0.is_some() || hulls.1.is_some()) && faces::has_faces(a) && faces::has_faces(b) {
-            faces::meet(pos12, a, b, constraints, prediction, manifold);
+            faces::meet(pos12, a, b, constraints, prediction, self.points, manifold);
         } else {
             let (of_a, of_b) = constraints;
             return DefaultQueryDispatcher
@@ -111,21 +122,30 @@ impl Meeting {
     }
 }
 
+impl Points {
+    fn of(self, all: Vec<Meeting>, normal: Vector) -> Vec<Meeting> {
+        match self {
+            Points::All => all,
+            Points::Widest => widest(&all, normal),
+        }
+    }
+}
+
 /// At most four of the points: the nearest one, the one farthest from it, and those farthest to both sides of the line
 /// through the two; each held against its gap.
-fn widest(all: &[Meeting], normal: Vector) -> impl Iterator<Item = Meeting> {
+fn widest(all: &[Meeting], normal: Vector) -> Vec<Meeting> {
     let first = all.iter().copied().min_by(|a, b| a.gap.total_cmp(&b.gap));
     let farthest = |way: &dyn Fn(Vector) -> f32| {
         let first = first?;
         let reach = |m: &Meeting| way((m.at[0] - first.at[0]).reject_from_normalized(normal));
-        let worth = |m: &Meeting| reach(m) - (m.gap - first.gap) / SLOPE;
+        let worth = |m: &Meeting| reach(m) - (m.gap - first.gap.max(0.0)).max(0.0) / SLOPE;
         all.iter().copied().filter(|m| reach(m) > APART).max_by(|a, b| worth(a).total_cmp(&worth(b)))
     };
     let second = farthest(&|way| way.length());
     let across = first.zip(second).and_then(|(a, b)| normal.cross(b.at[0] - a.at[0]).try_normalize());
     let aside = |sign: f32| across.and_then(|across| farthest(&|way| sign * way.dot(across)));
     let sides = [aside(1.0), aside(-1.0)];
-    [first, second].into_iter().chain(sides).flatten()
+    [first, second].into_iter().chain(sides).flatten().collect()
 }
 
 impl QueryDispatcher for Manifolds {

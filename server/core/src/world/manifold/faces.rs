@@ -1,7 +1,7 @@
 //! Two convex shapes with faces: the polygon in which the faces that look at each other overlap, seen along the normal of
 //! the contact, and the closest points.
 
-use super::{Meeting, widest};
+use super::{Meeting, Points};
 use rapier3d::parry::query::ContactManifold;
 use rapier3d::parry::query::details::{
     NormalConstraints, NormalConstraintsPair, contact_support_map_support_map_with_params,
@@ -32,6 +32,7 @@ pub(super) fn meet<M, C: Default + Copy>(
     b: &dyn Shape,
     constraints: (Option<&dyn NormalConstraints>, Option<&dyn NormalConstraints>),
     prediction: f32,
+    points: Points,
     manifold: &mut ContactManifold<M, C>,
 ) {
     let (Some(solid_a), Some(solid_b)) = (a.as_support_map(), b.as_support_map()) else { return };
@@ -57,7 +58,7 @@ pub(super) fn meet<M, C: Default + Copy>(
                 all.push(Meeting { at: [on_a, on_b], features: [PackedFeatureId::UNKNOWN; 2], gap: depth });
             }
             all.retain(|m| m.gap <= prediction);
-            manifold.points.extend(widest(&all, normal).map(|m| m.tracked(pos12, false)));
+            manifold.points.extend(points.of(all, normal).into_iter().map(|m| m.tracked(pos12, false)));
             (manifold.local_n1, manifold.local_n2) = (normal, back);
         }
         GJKResult::NoIntersection(direction) => manifold.local_n1 = direction,

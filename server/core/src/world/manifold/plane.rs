@@ -1,6 +1,6 @@
 //! A polyhedron on a plane: all of its corners near the plane are candidates, of whatever face they are.
 
-use super::{Meeting, widest};
+use super::{Meeting, Points};
 use rapier3d::parry::query::ContactManifold;
 use rapier3d::parry::shape::{ConvexPolyhedron, HalfSpace, PackedFeatureId};
 use rapier3d::prelude::*;
@@ -11,6 +11,7 @@ pub(super) fn stand<M, C: Default + Copy>(
     body: &ConvexPolyhedron,
     pose: &Pose,
     prediction: f32,
+    points: Points,
     manifold: &mut ContactManifold<M, C>,
     flipped: bool,
 ) {
@@ -23,7 +24,7 @@ pub(super) fn stand<M, C: Default + Copy>(
     };
     let near: Vec<Meeting> = body.points().iter().enumerate().map(corner).filter(|m| m.gap <= prediction).collect();
     let before = std::mem::take(&mut manifold.points);
-    manifold.points.extend(widest(&near, normal).map(|m| m.tracked(pose, flipped)));
+    manifold.points.extend(points.of(near, normal).into_iter().map(|m| m.tracked(pose, flipped)));
     let down = pose.rotation.inverse() * -normal;
     (manifold.local_n1, manifold.local_n2) = if flipped { (down, normal) } else { (normal, down) };
     manifold.match_contacts(&before);
