@@ -58,8 +58,8 @@ fn overlaps_settle() {
     assert_eq!(stack.get("hanging"), 0.0);
 }
 
-/// Fewer and larger books. So few keep 0.63 to 0.97 of their shape, depending on the seed (1 to 6; median 0.93): one of the better.
-const FEW_BOOKS: &str = "seed=6 accuracy=draft props.0.scale_min=1.7 props.0.scale_max=1.7";
+/// Fewer and larger books.
+const FEW_BOOKS: &str = "seed=2 accuracy=draft props.0.scale_min=1.7 props.0.scale_max=1.7";
 
 #[test]
 fn books_stand_until_the_ball_comes() {

@@ -91,7 +91,7 @@ impl<'a> Unit<'a> {
     }
 
     fn hull(&self) -> Vec<Vector> {
-        reduced(hull_points(&self.points))
+        domed(reduced(hull_points(&self.points)))
     }
 
     fn vhacd(&self, concavity: f32, max_parts: u32) -> Option<Vec<Vec<Vector>>> {
@@ -105,7 +105,7 @@ impl<'a> Unit<'a> {
             split.compute_exact_convex_hulls(&self.points, self.triangles)
         }))
         .ok()?;
-        let hull = |(points, _): (Vec<Vector>, _)| reduced(hull_points(&points));
+        let hull = |(points, _): (Vec<Vector>, _)| domed(reduced(hull_points(&points)));
         let parts: Vec<_> = parts.into_iter().map(hull).filter(|p| p.len() >= 4).collect();
         (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
     }
@@ -145,6 +145,57 @@ fn reduced(points: Vec<Vector>) -> Vec<Vector> {
         }
     }
     kept.into_iter().map(|i| points[i]).collect()
+}
+
+/// The engine lets a face touch by its first four corners only: a plate with more of them would stand on one side of
+/// its rim and tip through the ground. So a crowded face keeps the four corners that span most of it, and the others
+/// fall away from it at this slope: just more than the engine takes for one plane (0.026).
+const DOME_SLOPE: f32 = 0.03;
+/// What falls away can be a crowded face again, of fewer corners each time.
+const DOME_ROUNDS: usize = 4;
+
+/// The corners of a hull, moved so that no face has more than four of them.
+fn domed(mut points: Vec<Vector>) -> Vec<Vector> {
+    for _ in 0..DOME_ROUNDS {
+        let Some(shape) = engine_hull(&points) else { return points };
+        let Some(hull) = shape.as_convex_polyhedron() else { return points };
+        let mut moved = hull.points().to_vec();
+        for face in hull.faces() {
+            let from = face.first_vertex_or_edge as usize;
+            let corners = &hull.vertices_adj_to_face()[from..from + face.num_vertices_or_edges as usize];
+            if corners.len() > 4 {
+                let corners: Vec<(usize, Vector)> =
+                    corners.iter().map(|&i| (i as usize, hull.points()[i as usize])).collect();
+                for (i, drop) in drops(&corners, face.normal) {
+                    moved[i] -= face.normal * drop;
+                }
+            }
+        }
+        if moved == hull.points() {
+            break;
+        }
+        points = moved;
+    }
+    points
+}
+
+/// How far each corner of a face but the four that span most of it must fall. Shape `[corner]`: index and place.
+fn drops(corners: &[(usize, Vector)], normal: Vector) -> Vec<(usize, f32)> {
+    let farthest = |key: &dyn Fn(Vector) -> f32| {
+        corners.iter().map(|c| c.1).max_by(|a, b| key(*a).total_cmp(&key(*b))).unwrap_or_default()
+    };
+    let first = corners[0].1;
+    let a = farthest(&|p| p.distance_squared(first));
+    let c = farthest(&|p| p.distance_squared(a));
+    let across = normal.cross(c - a);
+    let (b, d) = (farthest(&|p| -(p - a).dot(across)), farthest(&|p| (p - a).dot(across)));
+    let outside = |p: Vector| {
+        let beyond = |(from, to): (Vector, Vector)| {
+            (p - from).dot((to - from).cross(normal).try_normalize().unwrap_or_default())
+        };
+        [(a, b), (b, c), (c, d), (d, a)].into_iter().map(beyond).fold(0.0, f32::max)
+    };
+    corners.iter().map(|&(i, p)| (i, DOME_SLOPE * outside(p))).collect()
 }
 
 /// The engine's hull of some points; `None` where they span no volume.
