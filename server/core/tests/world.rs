@@ -6,7 +6,7 @@ use cairn_core::mesh::TriMesh;
 use cairn_core::params::{Accuracy, Params};
 use cairn_core::pose::Pose;
 use cairn_core::shape::{Shape, Size, Solid, hull_mesh};
-use cairn_core::world::{Insertion, Units, World};
+use cairn_core::world::{Insertion, Side, TouchPoint, Units, World};
 use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
 
@@ -49,7 +49,7 @@ fn nail_all(world: &mut World) -> usize {
     touches.len()
 }
 
-/// The engine lets a face touch by four of its corners: they must be those that span it.
+/// The engine by itself lets a face touch by its first four corners only.
 #[test]
 fn a_disc_of_many_corners_lies_flat() {
     let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
@@ -71,15 +71,41 @@ fn a_disc_of_many_corners_lies_flat() {
     }
 }
 
-#[test]
-fn a_tower_of_shifted_discs_stands() {
+/// Discs on top of each other, every second one shifted by a share of the diameter, given in engine units.
+fn discs(count: usize, shift: f64) -> (World, f64) {
     let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
-    for k in 0..8 {
-        let translation = DVec3::new(0.3 * f64::from(k % 2), (f64::from(k) + 0.5) * thickness, 0.0);
-        let pose = Pose { translation, rotation: DQuat::from_rotation_y(0.4 * f64::from(k)) };
+    for k in 0..count {
+        let translation = DVec3::new(shift * (k % 2) as f64, (k as f64 + 0.5) * thickness, 0.0);
+        let pose = Pose { translation, rotation: DQuat::from_rotation_y(0.4 * k as f64) };
         world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
     }
     world.refresh();
+    (world, thickness)
+}
+
+#[test]
+fn discs_touch_wherever_they_overlap() {
+    for shift in [0.0, 0.3, 0.6, 0.9] {
+        let (world, _) = discs(2, shift);
+        let touches = world.touches(0.05);
+        let pair = touches.iter().find(|t| (t.a, t.b) == (0, Side::Body(1))).expect("they touch");
+        let spread = |of: fn(&TouchPoint) -> f64| {
+            let all = || pair.points.iter().map(of);
+            all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min)
+        };
+        // A lens of two circles, of the diameter that a disc has in engine units.
+        let diameter = 1.0 / (1.0f64 + 0.1 * 0.1).sqrt();
+        let (wide, long) = (diameter - shift, (diameter.powi(2) - shift.powi(2)).max(0.0).sqrt());
+        let found = (spread(|p| p.point.x), spread(|p| p.point.z));
+        assert!(found.0.max(found.1) > 0.9 * long, "shift {shift}: {found:?} of {wide} x {long}");
+        assert!(found.0.min(found.1) > 0.6 * wide, "shift {shift}: {found:?} of {wide} x {long}");
+        assert!(pair.points.iter().all(|p| p.gap.abs() < 1e-4 && p.normal.y.abs() > 0.9999), "{:?}", pair.points);
+    }
+}
+
+#[test]
+fn a_tower_of_shifted_discs_stands() {
+    let (mut world, thickness) = discs(8, 0.3);
     for _ in 0..400 {
         world.step();
     }

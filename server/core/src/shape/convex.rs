@@ -3,13 +3,13 @@
 use crate::mesh::TriMesh;
 use crate::params::{Physics, Switch};
 use crate::shape::Solid;
+use crate::shape::hull::Hull;
 use glam::DVec3;
 use rapier3d::math::Vector;
 use rapier3d::parry::query::PointQuery;
 use rapier3d::parry::shape::TriMesh as EngineMesh;
 use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
 use rapier3d::parry::transformation::{convex_hull, try_convex_hull, voxelization::FillMode};
-use rapier3d::prelude::SharedShape;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// More corners than this make contact queries slow without being seen.
@@ -91,7 +91,7 @@ impl<'a> Unit<'a> {
     }
 
     fn hull(&self) -> Vec<Vector> {
-        domed(reduced(hull_points(&self.points)))
+        reduced(hull_points(&self.points))
     }
 
     fn vhacd(&self, concavity: f32, max_parts: u32) -> Option<Vec<Vec<Vector>>> {
@@ -105,7 +105,7 @@ impl<'a> Unit<'a> {
             split.compute_exact_convex_hulls(&self.points, self.triangles)
         }))
         .ok()?;
-        let hull = |(points, _): (Vec<Vector>, _)| domed(reduced(hull_points(&points)));
+        let hull = |(points, _): (Vec<Vector>, _)| reduced(hull_points(&points));
         let parts: Vec<_> = parts.into_iter().map(hull).filter(|p| p.len() >= 4).collect();
         (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
     }
@@ -132,7 +132,7 @@ fn reduced(points: Vec<Vector>) -> Vec<Vector> {
     kept.dedup();
     while kept.len() < MAX_HULL_POINTS.min(points.len()) {
         let corners: Vec<Vector> = kept.iter().map(|&i| points[i]).collect();
-        let hull = engine_hull(&corners);
+        let hull = Hull::new(&corners);
         let outside = |p: Vector| match &hull {
             Some(hull) => hull.distance_to_local_point(p, true),
             // Flat as yet.
@@ -145,62 +145,6 @@ fn reduced(points: Vec<Vector>) -> Vec<Vector> {
         }
     }
     kept.into_iter().map(|i| points[i]).collect()
-}
-
-/// The engine lets a face touch by its first four corners only: a plate with more of them would stand on one side of
-/// its rim and tip through the ground. So a crowded face keeps the four corners that span most of it, and the others
-/// fall away from it at this slope: just more than the engine takes for one plane (0.026).
-const DOME_SLOPE: f32 = 0.03;
-/// What falls away can be a crowded face again, of fewer corners each time.
-const DOME_ROUNDS: usize = 4;
-
-/// The corners of a hull, moved so that no face has more than four of them.
-fn domed(mut points: Vec<Vector>) -> Vec<Vector> {
-    for _ in 0..DOME_ROUNDS {
-        let Some(shape) = engine_hull(&points) else { return points };
-        let Some(hull) = shape.as_convex_polyhedron() else { return points };
-        let mut moved = hull.points().to_vec();
-        for face in hull.faces() {
-            let from = face.first_vertex_or_edge as usize;
-            let corners = &hull.vertices_adj_to_face()[from..from + face.num_vertices_or_edges as usize];
-            if corners.len() > 4 {
-                let corners: Vec<(usize, Vector)> =
-                    corners.iter().map(|&i| (i as usize, hull.points()[i as usize])).collect();
-                for (i, drop) in drops(&corners, face.normal) {
-                    moved[i] -= face.normal * drop;
-                }
-            }
-        }
-        if moved == hull.points() {
-            break;
-        }
-        points = moved;
-    }
-    points
-}
-
-/// How far each corner of a face but the four that span most of it must fall. Shape `[corner]`: index and place.
-fn drops(corners: &[(usize, Vector)], normal: Vector) -> Vec<(usize, f32)> {
-    let farthest = |key: &dyn Fn(Vector) -> f32| {
-        corners.iter().map(|c| c.1).max_by(|a, b| key(*a).total_cmp(&key(*b))).unwrap_or_default()
-    };
-    let first = corners[0].1;
-    let a = farthest(&|p| p.distance_squared(first));
-    let c = farthest(&|p| p.distance_squared(a));
-    let across = normal.cross(c - a);
-    let (b, d) = (farthest(&|p| -(p - a).dot(across)), farthest(&|p| (p - a).dot(across)));
-    let outside = |p: Vector| {
-        let beyond = |(from, to): (Vector, Vector)| {
-            (p - from).dot((to - from).cross(normal).try_normalize().unwrap_or_default())
-        };
-        [(a, b), (b, c), (c, d), (d, a)].into_iter().map(beyond).fold(0.0, f32::max)
-    };
-    corners.iter().map(|&(i, p)| (i, DOME_SLOPE * outside(p))).collect()
-}
-
-/// The engine's hull of some points; `None` where they span no volume.
-pub fn engine_hull(points: &[Vector]) -> Option<SharedShape> {
-    catch_unwind(AssertUnwindSafe(|| SharedShape::convex_hull(points))).ok().flatten()
 }
 
 /// The hull of some points as a closed mesh.
@@ -217,10 +161,10 @@ pub fn hull_mesh(points: &[DVec3]) -> TriMesh {
 /// Largest distance between sampled points of the mesh and the parts, and of the parts' outer surface and the mesh;
 /// both in the unit frame.
 fn deviation(mesh: &EngineMesh, closed: bool, parts: &[Vec<Vector>]) -> f64 {
-    let hulls: Vec<(SharedShape, EngineMesh)> = parts
+    let hulls: Vec<(Hull, EngineMesh)> = parts
         .iter()
         .filter_map(|p| {
-            let hull = engine_hull(p)?;
+            let hull = Hull::new(p)?;
             let (points, triangles) = convex_hull(p);
             Some((hull, EngineMesh::new(points, triangles).ok()?))
         })
@@ -229,7 +173,7 @@ fn deviation(mesh: &EngineMesh, closed: bool, parts: &[Vec<Vector>]) -> f64 {
         return f64::INFINITY;
     }
     let to_parts = surface_samples(mesh).into_iter().map(|p| {
-        let near = |h: &(SharedShape, EngineMesh)| h.0.distance_to_local_point(p, true);
+        let near = |h: &(Hull, EngineMesh)| h.0.distance_to_local_point(p, true);
         hulls.iter().map(near).fold(f32::INFINITY, f32::min)
     });
     let mut worst = to_parts.fold(0.0, f32::max);

@@ -5,6 +5,7 @@
 
 mod convex;
 mod fit;
+mod hull;
 mod mass;
 mod round;
 
@@ -24,6 +25,7 @@ use rapier3d::prelude::{MassProperties, SharedShape};
 
 pub use convex::hull_mesh;
 pub use fit::OrientedBox;
+pub use hull::Hull;
 
 /// What is known of a prop without building its collision shape; at scale 1.
 #[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
@@ -192,7 +194,7 @@ impl Shape {
             Solid::Convex(parts) => {
                 let hull = |points: &Vec<DVec3>| {
                     let scaled: Vec<Vector> = points.iter().map(|&p| (p * scale).as_vec3()).collect();
-                    convex::engine_hull(&scaled)
+                    Hull::new(&scaled).map(SharedShape::new)
                 };
                 let hulls: Option<Vec<_>> = parts.iter().map(hull).collect();
                 let mut hulls = hulls?;

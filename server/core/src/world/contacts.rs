@@ -1,7 +1,7 @@
 //! Contacts between bodies, computed afresh from the poses: the engine's own are recycled, clustered and predicted, and
 //! may be gone between two bodies that it does not move.
 
-use super::footing::Footing;
+use super::manifold::{Manifolds, TOLD};
 use super::{BodyId, CONTAINER, FIRST_BODY, FIRST_MOVING, GROUND, Role, World, to_engine};
 use crate::measure::{self, Contact};
 use crate::pose::Pose;
@@ -165,7 +165,7 @@ impl World {
         let pos12 = first.position().inv_mul(second.position());
         let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
         let mut workspace: Option<ContactManifoldsWorkspace> = None;
-        let found = Footing.contact_manifolds(
+        let found = Manifolds { most: TOLD }.contact_manifolds(
             &pos12,
             first.shape(),
             second.shape(),

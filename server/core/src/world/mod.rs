@@ -6,9 +6,9 @@
 
 mod contacts;
 mod creep;
-mod footing;
 mod guarded;
 mod hits;
+mod manifold;
 mod motion;
 mod nails;
 mod rolling;
@@ -27,6 +27,7 @@ use rapier3d::prelude::*;
 pub use contacts::{Side, Touch, TouchPoint};
 pub use guarded::{Energy, State};
 pub use hits::Hit;
+use manifold::{Manifolds, SOLVED};
 pub use motion::{FrictionExcess, Momentum};
 pub use nails::NailId;
 pub use scenery::MovingId;
@@ -166,7 +167,7 @@ const MAX_RECYCLE: f64 = 1.0 / 200.0;
 impl World {
     /// An empty world. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
     pub fn new(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> World {
-        let narrow_phase = NarrowPhase::with_query_dispatcher(footing::Footing);
+        let narrow_phase = NarrowPhase::with_query_dispatcher(Manifolds { most: SOLVED });
         let mut engine = PhysicsWorld { gravity: Vector::NEG_Y, narrow_phase, ..PhysicsWorld::new() };
         let frequency = physics.stiffness(thickness);
         let softness = SpringCoefficients {

@@ -1,0 +1,227 @@
+//! A convex polyhedron, with facets that are flat.
+//!
+//! The engine's own takes faces for one plane whose normals differ by up to a degree and a half, and forgets the corners
+//! between them: a point of such a face may be off by a hundredth of the prop, which is more than a thin prop's thickness.
+
+use rapier3d::math::{Pose, Vector};
+use rapier3d::parry::bounding_volume::{Aabb, BoundingSphere};
+use rapier3d::parry::mass_properties::MassProperties;
+use rapier3d::parry::query::{PointProjection, PointQuery, Ray, RayCast, RayIntersection};
+use rapier3d::parry::shape::{
+    ConvexPolyhedron, FeatureId, PolygonalFeatureMap, Shape, ShapeType, SupportMap, TypedShape,
+};
+use rapier3d::parry::transformation::try_convex_hull;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Triangles are of one facet if their corners are this near to its plane, in sizes of the hull.
+const FLATNESS: f32 = 1e-4;
+
+/// The convex hull of some points.
+#[derive(Clone)]
+pub struct Hull {
+    solid: ConvexPolyhedron,
+    facets: Vec<Facet>,
+    edges: Vec<Edge>,
+}
+
+/// A convex polygon of the surface.
+#[derive(Clone, Debug)]
+pub struct Facet {
+    /// Indices of its corners, counterclockwise from outside.
+    pub corners: Vec<u32>,
+    /// Unit, outwards.
+    pub normal: Vector,
+}
+
+/// Where two facets meet. Indices.
+#[derive(Clone, Debug)]
+pub struct Edge {
+    pub corners: [u32; 2],
+    pub facets: [u32; 2],
+}
+
+impl Hull {
+    /// `None` where the points span no volume.
+    pub fn new(points: &[Vector]) -> Option<Hull> {
+        // The library panics on some dirty points.
+        let hull = || {
+            let (points, triangles) = try_convex_hull(points).ok()?;
+            Some((facets(&points, &triangles), ConvexPolyhedron::from_convex_mesh(points, &triangles)?))
+        };
+        let (facets, solid) = catch_unwind(AssertUnwindSafe(hull)).ok()??;
+        let edges = edges(&facets);
+        Some(Hull { solid, facets, edges })
+    }
+
+    pub fn points(&self) -> &[Vector] {
+        self.solid.points()
+    }
+
+    pub fn facets(&self) -> &[Facet] {
+        &self.facets
+    }
+
+    pub fn edges(&self) -> &[Edge] {
+        &self.edges
+    }
+}
+
+/// Merges triangles that lie in one plane, from the largest on.
+fn facets(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Facet> {
+    let at = |i: u32| points[i as usize];
+    let area = |t: &[u32; 3]| (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0]));
+    let center = points.iter().sum::<Vector>() / points.len() as f32;
+    let size = points.iter().map(|p| p.distance(center)).fold(0.0, f32::max);
+    let mut beyond: BTreeMap<[u32; 2], usize> = BTreeMap::new();
+    for (i, t) in triangles.iter().enumerate() {
+        beyond.extend((0..3).map(|k| ([t[(k + 1) % 3], t[k]], i)));
+    }
+    let mut order: Vec<usize> = (0..triangles.len()).collect();
+    order.sort_by(|&i, &j| area(&triangles[j]).length_squared().total_cmp(&area(&triangles[i]).length_squared()));
+    let mut taken = vec![false; triangles.len()];
+    let mut facets = Vec::new();
+    for seed in order {
+        let Some(normal) = area(&triangles[seed]).try_normalize().filter(|_| !taken[seed]) else { continue };
+        let origin = at(triangles[seed][0]);
+        let is_flat = |t: &[u32; 3]| t.iter().all(|&i| (at(i) - origin).dot(normal).abs() <= FLATNESS * size);
+        taken[seed] = true;
+        let (mut group, mut looked) = (vec![seed], 0);
+        while let Some(&i) = group.get(looked) {
+            looked += 1;
+            let t = triangles[i];
+            for k in 0..3 {
+                let Some(&next) = beyond.get(&[t[k], t[(k + 1) % 3]]) else { continue };
+                if !taken[next] && is_flat(&triangles[next]) {
+                    taken[next] = true;
+                    group.push(next);
+                }
+            }
+        }
+        let outline = outline(group.iter().map(|&i| triangles[i]));
+        match outline {
+            Some(corners) => facets.push(Facet { corners, normal }),
+            None => facets.extend(group.iter().filter_map(|&i| {
+                Some(Facet { corners: triangles[i].to_vec(), normal: area(&triangles[i]).try_normalize()? })
+            })),
+        }
+    }
+    facets
+}
+
+fn edges(facets: &[Facet]) -> Vec<Edge> {
+    let mut facet_of: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+    for (k, facet) in facets.iter().enumerate() {
+        let around = facet.corners.iter().zip(facet.corners.iter().cycle().skip(1));
+        facet_of.extend(around.map(|(&i, &j)| ([i, j], k as u32)));
+    }
+    let edge = |(&[i, j], &facet): (&[u32; 2], &u32)| {
+        let twin = facet_of.get(&[j, i]).copied();
+        (i < j || twin.is_none()).then_some(Edge { corners: [i, j], facets: [facet, twin.unwrap_or(facet)] })
+    };
+    facet_of.iter().filter_map(edge).collect()
+}
+
+/// The corners around a group of triangles; `None` where they are not one loop.
+fn outline(triangles: impl Iterator<Item = [u32; 3]>) -> Option<Vec<u32>> {
+    let mut border: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for t in triangles {
+        for k in 0..3 {
+            let (from, to) = (t[k], t[(k + 1) % 3]);
+            match border.get_mut(&to).and_then(|next| Some((next.iter().position(|&n| n == from)?, next))) {
+                Some((shared, next)) => drop(next.swap_remove(shared)),
+                None => border.entry(from).or_default().push(to),
+            }
+        }
+    }
+    border.retain(|_, next| !next.is_empty());
+    let first = *border.keys().next()?;
+    let mut corners = vec![first];
+    while let [next] = border.get(corners.last()?)?[..] {
+        if next == first {
+            return (corners.len() == border.len()).then_some(corners);
+        }
+        if corners.len() == border.len() {
+            return None;
+        }
+        corners.push(next);
+    }
+    None
+}
+
+impl SupportMap for Hull {
+    fn local_support_point(&self, direction: Vector) -> Vector {
+        self.solid.local_support_point(direction)
+    }
+}
+
+impl PointQuery for Hull {
+    fn project_local_point(&self, point: Vector, solid: bool) -> PointProjection {
+        self.solid.project_local_point(point, solid)
+    }
+
+    fn project_local_point_and_get_feature(&self, point: Vector) -> (PointProjection, FeatureId) {
+        self.solid.project_local_point_and_get_feature(point)
+    }
+}
+
+impl RayCast for Hull {
+    fn cast_local_ray_and_get_normal(&self, ray: &Ray, far: f32, solid: bool) -> Option<RayIntersection> {
+        self.solid.cast_local_ray_and_get_normal(ray, far, solid)
+    }
+}
+
+impl Shape for Hull {
+    fn compute_local_aabb(&self) -> Aabb {
+        self.solid.compute_local_aabb()
+    }
+
+    fn compute_local_bounding_sphere(&self) -> BoundingSphere {
+        self.solid.compute_local_bounding_sphere()
+    }
+
+    fn compute_aabb(&self, position: &Pose) -> Aabb {
+        self.solid.compute_aabb(position)
+    }
+
+    fn clone_dyn(&self) -> Box<dyn Shape> {
+        Box::new(self.clone())
+    }
+
+    fn scale_dyn(&self, scale: Vector, _: u32) -> Option<Box<dyn Shape>> {
+        let scaled: Vec<Vector> = self.points().iter().map(|&p| p * scale).collect();
+        Some(Box::new(Hull::new(&scaled)?))
+    }
+
+    fn mass_properties(&self, density: f32) -> MassProperties {
+        self.solid.mass_properties(density)
+    }
+
+    fn is_convex(&self) -> bool {
+        true
+    }
+
+    fn shape_type(&self) -> ShapeType {
+        ShapeType::Custom
+    }
+
+    fn as_typed_shape(&self) -> TypedShape<'_> {
+        TypedShape::Custom(self)
+    }
+
+    fn ccd_thickness(&self) -> f32 {
+        self.solid.ccd_thickness()
+    }
+
+    fn ccd_angular_thickness(&self) -> f32 {
+        self.solid.ccd_angular_thickness()
+    }
+
+    fn as_support_map(&self) -> Option<&dyn SupportMap> {
+        Some(self)
+    }
+
+    fn as_polygonal_feature_map(&self) -> Option<(&dyn PolygonalFeatureMap, f32)> {
+        self.solid.as_polygonal_feature_map()
+    }
+}

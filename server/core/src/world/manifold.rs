@@ -1,0 +1,194 @@
+//! Contact manifolds of convex polyhedra: the points at which they touch planes, boxes, triangles and each other.
+//!
+//! The engine knows a face by its first four corners, and a plane by one face at a time. So a disc would stand on a sliver
+//! of its rim, and a tilted stone would sink in by one corner until its face is the one most parallel to the ground, be
+//! pushed back, and rock for ever. Here every corner counts; everything else is the engine's.
+
+mod faces;
+mod plane;
+
+use crate::shape::Hull;
+use rapier3d::parry::query::details::{
+    NonlinearRigidMotion, NormalConstraints, ShapeCastOptions, contact_manifolds_composite_shape_composite_shape,
+    contact_manifolds_composite_shape_shape, contact_manifolds_trimesh_shape_shapes,
+};
+use rapier3d::parry::query::{
+    ClosestPoints, Contact, ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher,
+    PersistentQueryDispatcher, QueryDispatcher, ShapeCastHit, ShapeDistance, ShapeIntersection, TrackedContact,
+    Unsupported,
+};
+use rapier3d::parry::shape::{PackedFeatureId, Shape};
+use rapier3d::prelude::*;
+
+/// A point that is still apart, by more than the nearest one and by this much of its distance from that, is no better than
+/// it: the bodies meet there only after one has turned by as much.
+const SLOPE: f32 = 0.02;
+/// Points nearer to each other than this, engine units, are one.
+const APART: f32 = 1e-5;
+
+/// Points of one manifold that the engine's solver takes: it chooses among more with less care.
+pub const SOLVED: usize = 4;
+/// Points that tell what a body stands on: more add next to nothing to the polygon that they span.
+pub const TOLD: usize = 8;
+
+/// The engine's queries, with its own manifolds replaced where a convex polyhedron takes part.
+pub struct Manifolds {
+    /// Points of a manifold, at most.
+    pub most: usize,
+}
+
+impl<M, C> PersistentQueryDispatcher<M, C> for Manifolds
+where
+    M: Default + Clone + Send + Sync,
+    C: Default + Copy + Send + Sync,
+{
+    /// As the engine's, down to pairs of convex shapes.
+    fn contact_manifolds(
+        &self,
+        pos12: &Pose,
+        a: &dyn Shape,
+        b: &dyn Shape,
+        prediction: f32,
+        manifolds: &mut Vec<ContactManifold<M, C>>,
+        workspace: &mut Option<ContactManifoldsWorkspace>,
+    ) -> Result<(), Unsupported> {
+        match (a.as_composite_shape(), b.as_composite_shape()) {
+            (Some(parts), Some(others)) => contact_manifolds_composite_shape_composite_shape(
+                self, pos12, parts, others, prediction, manifolds, workspace,
+            ),
+            _ if a.as_trimesh().is_some() || b.as_trimesh().is_some() => {
+                contact_manifolds_trimesh_shape_shapes(self, pos12, a, b, prediction, manifolds, workspace);
+            }
+            (Some(parts), None) => {
+                contact_manifolds_composite_shape_shape(self, pos12, parts, b, prediction, manifolds, workspace, false);
+            }
+            (None, Some(parts)) => {
+                let pos21 = &pos12.inverse();
+                contact_manifolds_composite_shape_shape(self, pos21, parts, a, prediction, manifolds, workspace, true);
+            }
+            (None, None) => {
+                if manifolds.is_empty() {
+                    manifolds.push(ContactManifold::new());
+                }
+                return self.contact_manifold_convex_convex(pos12, a, b, None, None, prediction, &mut manifolds[0]);
+            }
+        }
+        Ok(())
+    }
+
+    fn contact_manifold_convex_convex(
+        &self,
+        pos12: &Pose,
+        a: &dyn Shape,
+        b: &dyn Shape,
+        constraints_a: Option<&dyn NormalConstraints>,
+        constraints_b: Option<&dyn NormalConstraints>,
+        prediction: f32,
+        manifold: &mut ContactManifold<M, C>,
+    ) -> Result<(), Unsupported> {
+        let constraints = (constraints_a, constraints_b);
+        let hulls = (a.as_shape::<Hull>(), b.as_shape::<Hull>());
+        if let (Some(plane), Some(body)) = (a.as_halfspace(), hulls.1) {
+            plane::stand(plane, body, pos12, prediction, self.most, manifold, false);
+        } else if let (Some(body), Some(plane)) = (hulls.0, b.as_halfspace()) {
+            plane::stand(plane, body, &pos12.inverse(), prediction, self.most, manifold, true);
+        } else if (hulls.0.is_some() || hulls.1.is_some()) && faces::has_faces(a) && faces::has_faces(b) {
+            faces::meet(pos12, a, b, constraints, prediction, self.most, manifold);
+        } else {
+            let (of_a, of_b) = constraints;
+            return DefaultQueryDispatcher
+                .contact_manifold_convex_convex(pos12, a, b, of_a, of_b, prediction, manifold);
+        }
+        Ok(())
+    }
+}
+
+/// Where two shapes may touch.
+#[derive(Clone, Copy)]
+struct Meeting {
+    /// On the first and on the second shape, frame of the first.
+    at: [Vector; 2],
+    features: [PackedFeatureId; 2],
+    gap: f32,
+}
+
+impl Meeting {
+    fn tracked<C: Default + Copy>(self, pos12: &Pose, flipped: bool) -> TrackedContact<C> {
+        let [first, second] = self.at;
+        let [f1, f2] = self.features;
+        TrackedContact::flipped(first, pos12.inverse_transform_point(second), f1, f2, self.gap, flipped)
+    }
+}
+
+/// At most so many of the points: the nearest one, the one farthest from it, those farthest to both sides of the line
+/// through the two, each held against its gap; then what is farthest from all of these.
+fn widest(all: &[Meeting], normal: Vector, most: usize) -> Vec<Meeting> {
+    let first = all.iter().copied().min_by(|a, b| a.gap.total_cmp(&b.gap));
+    let farthest = |way: &dyn Fn(Vector) -> f32| {
+        let first = first?;
+        let reach = |m: &Meeting| way((m.at[0] - first.at[0]).reject_from_normalized(normal));
+        let worth = |m: &Meeting| reach(m) - (m.gap - first.gap.max(0.0)).max(0.0) / SLOPE;
+        all.iter().copied().filter(|m| reach(m) > APART).max_by(|a, b| worth(a).total_cmp(&worth(b)))
+    };
+    let second = farthest(&|way| way.length());
+    let across = first.zip(second).and_then(|(a, b)| normal.cross(b.at[0] - a.at[0]).try_normalize());
+    let aside = |sign: f32| across.and_then(|across| farthest(&|way| sign * way.dot(across)));
+    let mut chosen: Vec<Meeting> = [first, second, aside(1.0), aside(-1.0)].into_iter().flatten().collect();
+    while chosen.len() < most {
+        let apart = |m: &Meeting| chosen.iter().map(|c| c.at[0].distance(m.at[0])).fold(f32::INFINITY, f32::min);
+        let next = all.iter().copied().map(|m| (apart(&m), m)).max_by(|(a, _), (b, _)| a.total_cmp(b));
+        match next {
+            Some((distance, m)) if distance > APART => chosen.push(m),
+            _ => break,
+        }
+    }
+    chosen
+}
+
+impl QueryDispatcher for Manifolds {
+    fn intersection_test(&self, pos12: &Pose, a: &dyn Shape, b: &dyn Shape) -> Result<ShapeIntersection, Unsupported> {
+        DefaultQueryDispatcher.intersection_test(pos12, a, b)
+    }
+
+    fn distance(&self, pos12: &Pose, a: &dyn Shape, b: &dyn Shape) -> Result<ShapeDistance, Unsupported> {
+        DefaultQueryDispatcher.distance(pos12, a, b)
+    }
+
+    fn contact(&self, pos12: &Pose, a: &dyn Shape, b: &dyn Shape, reach: f32) -> Result<Option<Contact>, Unsupported> {
+        DefaultQueryDispatcher.contact(pos12, a, b, reach)
+    }
+
+    fn closest_points(
+        &self,
+        pos12: &Pose,
+        a: &dyn Shape,
+        b: &dyn Shape,
+        reach: f32,
+    ) -> Result<ClosestPoints, Unsupported> {
+        DefaultQueryDispatcher.closest_points(pos12, a, b, reach)
+    }
+
+    fn cast_shapes(
+        &self,
+        pos12: &Pose,
+        velocity: Vector,
+        a: &dyn Shape,
+        b: &dyn Shape,
+        options: ShapeCastOptions,
+    ) -> Result<Option<ShapeCastHit>, Unsupported> {
+        DefaultQueryDispatcher.cast_shapes(pos12, velocity, a, b, options)
+    }
+
+    fn cast_shapes_nonlinear(
+        &self,
+        motion_a: &NonlinearRigidMotion,
+        a: &dyn Shape,
+        motion_b: &NonlinearRigidMotion,
+        b: &dyn Shape,
+        start: f32,
+        end: f32,
+        stop_at_penetration: bool,
+    ) -> Result<Option<ShapeCastHit>, Unsupported> {
+        DefaultQueryDispatcher.cast_shapes_nonlinear(motion_a, a, motion_b, b, start, end, stop_at_penetration)
+    }
+}
