@@ -32,6 +32,20 @@ pub struct Facet {
     pub corners: Vec<u32>,
     /// Unit, outwards.
     pub normal: Vector,
+    /// A bit for each corner.
+    pub mask: u64,
+}
+
+impl Facet {
+    fn new(corners: Vec<u32>, normal: Vector) -> Facet {
+        let mask = corner_mask(&corners);
+        Facet { corners, normal, mask }
+    }
+}
+
+/// Corners beyond the bits are taken for all of them.
+fn corner_mask(corners: &[u32]) -> u64 {
+    corners.iter().fold(0, |mask, &i| mask | 1u64.checked_shl(i).unwrap_or(u64::MAX))
 }
 
 /// Where two facets meet. Indices.
@@ -39,6 +53,8 @@ pub struct Facet {
 pub struct Edge {
     pub corners: [u32; 2],
     pub facets: [u32; 2],
+    /// A bit for each corner.
+    pub mask: u64,
 }
 
 impl Hull {
@@ -100,9 +116,9 @@ fn facets(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Facet> {
         }
         let outline = outline(group.iter().map(|&i| triangles[i]));
         match outline {
-            Some(corners) => facets.push(Facet { corners, normal }),
+            Some(corners) => facets.push(Facet::new(corners, normal)),
             None => facets.extend(group.iter().filter_map(|&i| {
-                Some(Facet { corners: triangles[i].to_vec(), normal: area(&triangles[i]).try_normalize()? })
+                Some(Facet::new(triangles[i].to_vec(), area(&triangles[i]).try_normalize()?))
             })),
         }
     }
@@ -117,7 +133,8 @@ fn edges(facets: &[Facet]) -> Vec<Edge> {
     }
     let edge = |(&[i, j], &facet): (&[u32; 2], &u32)| {
         let twin = facet_of.get(&[j, i]).copied();
-        (i < j || twin.is_none()).then_some(Edge { corners: [i, j], facets: [facet, twin.unwrap_or(facet)] })
+        let facets = [facet, twin.unwrap_or(facet)];
+        (i < j || twin.is_none()).then(|| Edge { corners: [i, j], facets, mask: corner_mask(&[i, j]) })
     };
     facet_of.iter().filter_map(edge).collect()
 }

@@ -103,42 +103,76 @@ where
     }
 }
 
-/// Where two shapes may touch.
+/// The frame in which a contact is looked at: that of the first shape, turned so that its third axis is the normal.
+struct View {
+    axes: Mat3,
+}
+
+impl View {
+    fn along(normal: Vector) -> View {
+        let (right, up) = normal.any_orthonormal_pair();
+        View { axes: Mat3::from_cols(right, up, normal) }
+    }
+
+    fn normal(&self) -> Vector {
+        self.axes.z_axis
+    }
+
+    /// Points of a shape at `pose`.
+    fn of(&self, points: &[Vector], pose: &Pose) -> Vec<Vector> {
+        let to_view = self.axes.transpose();
+        let turned = to_view * Mat3::from_quat(pose.rotation);
+        let origin = to_view * pose.translation;
+        points.iter().map(|&p| turned * p + origin).collect()
+    }
+
+    fn tracked<C: Default + Copy>(&self, meeting: &Meeting, pos12: &Pose, flipped: bool) -> TrackedContact<C> {
+        let [first, second] = meeting.at.map(|p| self.axes * p);
+        let [f1, f2] = meeting.features;
+        TrackedContact::flipped(first, pos12.inverse_transform_point(second), f1, f2, meeting.gap(), flipped)
+    }
+}
+
+/// Where two shapes may touch: on the first and on the second, in the view.
 #[derive(Clone, Copy)]
 struct Meeting {
-    /// On the first and on the second shape, frame of the first.
     at: [Vector; 2],
     features: [PackedFeatureId; 2],
-    gap: f32,
 }
 
 impl Meeting {
-    fn tracked<C: Default + Copy>(self, pos12: &Pose, flipped: bool) -> TrackedContact<C> {
-        let [first, second] = self.at;
-        let [f1, f2] = self.features;
-        TrackedContact::flipped(first, pos12.inverse_transform_point(second), f1, f2, self.gap, flipped)
+    fn gap(&self) -> f32 {
+        self.at[1].z - self.at[0].z
+    }
+
+    fn across(&self) -> Vec2 {
+        self.at[0].truncate()
     }
 }
 
 /// At most so many of the points: the nearest one, the one farthest from it, those farthest to both sides of the line
 /// through the two, each held against its gap; then what is farthest from all of these.
-fn widest(all: &[Meeting], normal: Vector, most: usize) -> Vec<Meeting> {
-    let first = all.iter().copied().min_by(|a, b| a.gap.total_cmp(&b.gap));
-    let farthest = |way: &dyn Fn(Vector) -> f32| {
-        let first = first?;
-        let reach = |m: &Meeting| way((m.at[0] - first.at[0]).reject_from_normalized(normal));
-        let worth = |m: &Meeting| reach(m) - (m.gap - first.gap.max(0.0)).max(0.0) / SLOPE;
-        all.iter().copied().filter(|m| reach(m) > APART).max_by(|a, b| worth(a).total_cmp(&worth(b)))
+fn widest(all: &[Meeting], most: usize) -> Vec<Meeting> {
+    let Some(first) = all.iter().copied().min_by(|a, b| a.gap().total_cmp(&b.gap())) else { return Vec::new() };
+    let (origin, least) = (first.across(), first.gap().max(0.0));
+    let farthest = |way: &dyn Fn(Vec2) -> f32| {
+        let rate = |m: &Meeting| {
+            let reach = way(m.across() - origin);
+            (reach > APART).then(|| (reach - (m.gap() - least).max(0.0) / SLOPE, *m))
+        };
+        all.iter().filter_map(rate).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, m)| m)
     };
     let second = farthest(&|way| way.length());
-    let across = first.zip(second).and_then(|(a, b)| normal.cross(b.at[0] - a.at[0]).try_normalize());
-    let aside = |sign: f32| across.and_then(|across| farthest(&|way| sign * way.dot(across)));
-    let mut chosen: Vec<Meeting> = [first, second, aside(1.0), aside(-1.0)].into_iter().flatten().collect();
+    let along = second.map_or(Vec2::ZERO, |m| (m.across() - origin).normalize_or_zero());
+    let sides = [farthest(&|way| along.perp_dot(way)), farthest(&|way| way.perp_dot(along))];
+    let mut chosen: Vec<Meeting> = [Some(first), second].into_iter().chain(sides).flatten().collect();
     while chosen.len() < most {
-        let apart = |m: &Meeting| chosen.iter().map(|c| c.at[0].distance(m.at[0])).fold(f32::INFINITY, f32::min);
-        let next = all.iter().copied().map(|m| (apart(&m), m)).max_by(|(a, _), (b, _)| a.total_cmp(b));
-        match next {
-            Some((distance, m)) if distance > APART => chosen.push(m),
+        let apart = |m: &Meeting| {
+            let distances = chosen.iter().map(|c| c.across().distance_squared(m.across()));
+            distances.fold(f32::INFINITY, f32::min)
+        };
+        match all.iter().map(|m| (apart(m), m)).max_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((distance, &m)) if distance > APART * APART => chosen.push(m),
             _ => break,
         }
     }

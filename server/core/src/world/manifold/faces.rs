@@ -4,7 +4,7 @@
 //! either side above a facet of the other, and the crossings of their edges. All of these that are near enough are points of
 //! the contact.
 
-use super::{Meeting, widest};
+use super::{Meeting, View, widest};
 use crate::shape::Hull;
 use rapier3d::parry::query::ContactManifold;
 use rapier3d::parry::query::details::{
@@ -64,18 +64,15 @@ pub(super) fn meet<M, C: Default + Copy>(
             if !constraints.project_local_normals(pos12, &mut normal, &mut back) {
                 return;
             }
-            let reach = prediction - pair.separation(normal);
             let view = View::along(normal);
-            let first = view.side(a, &Pose::IDENTITY, Looks::AlongNormal, reach);
-            let second = view.side(b, pos12, Looks::Against, reach);
-            let mut all = corners(&view, &first, &second, reach);
+            let mut all = corners(&view, [(a, &Pose::IDENTITY), (b, pos12)], prediction);
             if normal != direction {
-                all.retain(|m| depth >= 0.0 || m.gap >= BENT_DEPTH * depth);
-            } else if !all.iter().any(|m| m.gap <= depth + CLOSER) {
-                all.push(Meeting { at: [on_a, on_b], features: [PackedFeatureId::UNKNOWN; 2], gap: depth });
+                all.retain(|m| depth >= 0.0 || m.gap() >= BENT_DEPTH * depth);
+            } else if !all.iter().any(|m| m.gap() <= depth + CLOSER) {
+                let at = [on_a, on_b].map(|p| view.axes.transpose() * p);
+                all.push(Meeting { at, features: [PackedFeatureId::UNKNOWN; 2] });
             }
-            all.retain(|m| m.gap <= prediction);
-            manifold.points.extend(widest(&all, normal, most).into_iter().map(|m| m.tracked(pos12, false)));
+            manifold.points.extend(widest(&all, most).iter().map(|m| view.tracked(m, pos12, false)));
             (manifold.local_n1, manifold.local_n2) = (normal, back);
         }
         GJKResult::NoIntersection(direction) => manifold.local_n1 = direction,
@@ -129,136 +126,89 @@ fn engine_face(shape: &dyn Shape, direction: Vector) -> PolygonalFeature {
     face
 }
 
-/// The frame in which both sides are seen: its third axis is the normal of the contact.
-struct View {
-    axes: Mat3,
-}
-
-impl View {
-    fn along(normal: Vector) -> View {
-        let (right, up) = normal.any_orthonormal_pair();
-        View { axes: Mat3::from_cols(right, up, normal) }
-    }
-
-    /// A side of a shape. `reach`: how far below its topmost corner it may touch.
-    fn side<'a>(&self, shape: &'a dyn Shape, pose: &Pose, looks: Looks, reach: f32) -> Side<'a> {
-        let to_view = self.axes.transpose();
-        let direction = pose.rotation.inverse() * (self.axes.z_axis * looks.sign());
-        let turned = to_view * Mat3::from_quat(pose.rotation);
-        let origin = to_view * pose.translation;
-        let see = |points: &[Vector]| -> Vec<Vector> { points.iter().map(|&p| turned * p + origin).collect() };
-        match shape.as_shape::<Hull>() {
-            Some(hull) => {
-                let seen = see(hull.points());
-                let drops = drops(&seen, looks);
-                hull_side(hull, direction, reach, seen, drops)
-            }
-            None => {
-                let face = engine_face(shape, direction);
-                let seen = see(&face.vertices[..face.num_vertices]);
-                let drops = drops(&seen, looks);
-                face_side(&face, seen, drops)
-            }
-        }
-    }
-
-    fn meeting(&self, first: Vector, second: Vector, features: [PackedFeatureId; 2]) -> Meeting {
-        Meeting { at: [self.axes * first, self.axes * second], features, gap: second.z - first.z }
-    }
-}
-
-#[derive(Clone, Copy)]
-enum Looks {
-    AlongNormal,
-    Against,
-}
-
-impl Looks {
-    fn sign(self) -> f32 {
-        match self {
-            Looks::AlongNormal => 1.0,
-            Looks::Against => -1.0,
-        }
-    }
-}
-
-/// How far each corner is below the topmost one.
-fn drops(seen: &[Vector], looks: Looks) -> Vec<f32> {
-    let height = |p: &Vector| p.z * looks.sign();
-    let top = seen.iter().map(height).fold(f32::NEG_INFINITY, f32::max);
-    seen.iter().map(|p| top - height(p)).collect()
-}
-
 /// What a shape turns to the other one.
 struct Side<'a> {
+    face: Face<'a>,
     /// All corners of the shape, in the view.
     seen: Vec<Vector>,
+    /// How far each is below the topmost one.
     drops: Vec<f32>,
-    corner_names: Option<[PackedFeatureId; 4]>,
     edges: Vec<Edge>,
     facets: Vec<(&'a [u32], PackedFeatureId)>,
 }
 
-/// In the view.
-struct Edge {
-    from: Vector,
-    along: Vector,
-    /// Of its upper end.
-    drop: f32,
-    name: PackedFeatureId,
-}
-
-impl Edge {
-    fn new(ends: [u32; 2], name: PackedFeatureId, seen: &[Vector], drops: &[f32]) -> Edge {
-        let [i, j] = ends.map(|i| i as usize);
-        Edge { from: seen[i], along: seen[j] - seen[i], drop: drops[i].min(drops[j]), name }
-    }
-
-    fn overlaps(&self, (low, high): (Vec2, Vec2)) -> bool {
-        let (a, b) = (self.from.truncate(), (self.from + self.along).truncate());
-        a.min(b).cmple(high).all() && a.max(b).cmpge(low).all()
-    }
-
-    /// Where this edge crosses another one, on both.
-    fn crossing(&self, other: &Edge) -> Option<(Vector, Vector)> {
-        let (u, v, w) =
-            (self.along.truncate(), other.along.truncate(), self.from.truncate() - other.from.truncate());
-        let area = u.perp_dot(v);
-        let (s, t) = (v.perp_dot(w) * area, u.perp_dot(w) * area);
-        let whole = area * area;
-        // Before a division: most do not cross.
-        let crosses = s >= 0.0 && t >= 0.0 && s <= whole && t <= whole && whole > 0.0;
-        crosses.then(|| (self.from + self.along * (s / whole), other.from + other.along * (t / whole)))
-    }
-}
-
-/// Facets and edges of a hull that look along `direction` and drop no more than `reach`.
-fn hull_side(hull: &Hull, direction: Vector, reach: f32, seen: Vec<Vector>, drops: Vec<f32>) -> Side<'_> {
-    let near = |&i: &u32| drops[i as usize] <= reach;
-    let faces_it = |k: u32| hull.facets()[k as usize].normal.dot(direction) >= STEEP;
-    let facets = hull.facets().iter().enumerate();
-    let facets = facets.filter(|(k, facet)| facet.corners.iter().any(near) && faces_it(*k as u32));
-    let facets = facets.map(|(k, facet)| (&facet.corners[..], PackedFeatureId::face(k as u32))).collect();
-    let edges = hull.edges().iter().enumerate();
-    let edges = edges.filter(|(_, e)| e.corners.iter().any(near) && e.facets.iter().any(|&k| faces_it(k)));
-    let edges = edges.map(|(k, e)| Edge::new(e.corners, PackedFeatureId::edge(k as u32), &seen, &drops)).collect();
-    Side { seen, drops, corner_names: None, edges, facets }
+enum Face<'a> {
+    Hull(&'a Hull),
+    /// Of the engine's own shapes: the face that looks most towards the other shape.
+    Engine(PolygonalFeature),
 }
 
 /// The corners of a face of the engine's own shapes.
 const FACE_CORNERS: [u32; 4] = [0, 1, 2, 3];
 
-fn face_side(face: &PolygonalFeature, seen: Vec<Vector>, drops: Vec<f32>) -> Side<'static> {
-    let n = face.num_vertices;
-    let edge = |i: usize| Edge::new([i as u32, ((i + 1) % n) as u32], face.eids[i], &seen, &drops);
-    let edges = (0..n).map(edge).collect();
-    Side { seen, drops, corner_names: Some(face.vids), edges, facets: vec![(&FACE_CORNERS[..n], face.fid)] }
-}
+impl<'a> Side<'a> {
+    /// `sign`: of the normal, in the direction of the other shape.
+    fn new(view: &View, shape: &'a dyn Shape, pose: &Pose, sign: f32) -> Side<'a> {
+        let face = match shape.as_shape::<Hull>() {
+            Some(hull) => Face::Hull(hull),
+            None => Face::Engine(engine_face(shape, pose.rotation.inverse() * (view.normal() * sign))),
+        };
+        let seen = match &face {
+            Face::Hull(hull) => view.of(hull.points(), pose),
+            Face::Engine(face) => view.of(&face.vertices[..face.num_vertices], pose),
+        };
+        let top = seen.iter().map(|p| sign * p.z).fold(f32::NEG_INFINITY, f32::max);
+        let drops = seen.iter().map(|p| top - sign * p.z).collect();
+        Side { face, seen, drops, edges: Vec::new(), facets: Vec::new() }
+    }
 
-impl Side<'_> {
+    /// The height of its topmost corner, along the normal.
+    fn top(&self) -> f32 {
+        let top = self.drops.iter().position(|&drop| drop <= 0.0);
+        top.map_or(0.0, |i| self.seen[i].z)
+    }
+
+    /// Finds facets and edges that drop no more than `reach`. `direction`: to the other shape, in the frame of this one.
+    fn find_parts(&mut self, direction: Vector, reach: f32) {
+        match &self.face {
+            Face::Hull(hull) => {
+                let near = self.near(reach);
+                let faces_it = |k: u32| hull.facets()[k as usize].normal.dot(direction) >= STEEP;
+                let facets = hull.facets().iter().enumerate();
+                let facets = facets.filter(|(k, facet)| facet.mask & near != 0 && faces_it(*k as u32));
+                self.facets = facets.map(|(k, f)| (&f.corners[..], PackedFeatureId::face(k as u32))).collect();
+                let edges = hull.edges().iter().enumerate();
+                let edges = edges.filter(|(_, e)| e.mask & near != 0 && e.facets.iter().any(|&k| faces_it(k)));
+                self.edges = edges.map(|(k, e)| self.edge(e.corners, PackedFeatureId::edge(k as u32))).collect();
+            }
+            Face::Engine(face) => {
+                let n = face.num_vertices;
+                self.facets = vec![(&FACE_CORNERS[..n], face.fid)];
+                self.edges = (0..n).map(|i| self.edge([i as u32, ((i + 1) % n) as u32], face.eids[i])).collect();
+            }
+        }
+    }
+
+    /// A bit for each corner that drops no more than `reach`.
+    fn near(&self, reach: f32) -> u64 {
+        match self.drops.len() {
+            0..=64 => self.drops.iter().rev().fold(0, |mask, &drop| mask << 1 | u64::from(drop <= reach)),
+            _ => u64::MAX,
+        }
+    }
+
+    fn edge(&self, ends: [u32; 2], name: PackedFeatureId) -> Edge {
+        let [i, j] = ends.map(|i| i as usize);
+        let from = self.seen[i];
+        Edge { from, along: self.seen[j] - from, drop: self.drops[i].min(self.drops[j]), name }
+    }
+
     /// Corners that drop no more than `reach`, with their names.
     fn corners(&self, reach: f32) -> impl Iterator<Item = (Vector, PackedFeatureId)> {
-        let name = |i: usize| self.corner_names.map_or(PackedFeatureId::vertex(i as u32), |names| names[i]);
+        let name = |i: usize| match &self.face {
+            Face::Hull(_) => PackedFeatureId::vertex(i as u32),
+            Face::Engine(face) => face.vids[i],
+        };
         let near = (0..self.seen.len()).filter(move |&i| self.drops[i] <= reach);
         near.map(move |i| (self.seen[i], name(i)))
     }
@@ -282,31 +232,73 @@ impl Side<'_> {
         others.windows(2).find_map(|pair| {
             let (u, v) = (self.seen[pair[0] as usize] - origin, self.seen[pair[1] as usize] - origin);
             let area = u.truncate().perp_dot(v.truncate());
-            let (s, t) = (w.perp_dot(v.truncate()) / area, u.truncate().perp_dot(w) / area);
-            let inside = area != 0.0 && s >= -RIM && t >= -RIM && s + t <= 1.0 + RIM;
-            inside.then(|| Vector::new(p.x, p.y, origin.z + u.z * s + v.z * t))
+            // Times the square of the area: most are outside, and need no division.
+            let whole = area * area;
+            let (s, t) = (w.perp_dot(v.truncate()) * area, u.truncate().perp_dot(w) * area);
+            let least = -RIM * whole;
+            let inside = s >= least && t >= least && s + t <= whole - least && whole > 0.0;
+            inside.then(|| Vector::new(p.x, p.y, origin.z + (u.z * s + v.z * t) / whole))
         })
     }
 }
 
-/// The corners of the gap between two sides that drop no more than `reach` together.
-fn corners(view: &View, a: &Side, b: &Side, reach: f32) -> Vec<Meeting> {
-    let above = a.corners(reach).filter_map(|(p, name)| {
-        let (q, facet) = b.opposite(p)?;
-        Some(view.meeting(p, q, [name, facet]))
-    });
-    let below = b.corners(reach).filter_map(|(q, name)| {
-        let (p, facet) = a.opposite(q)?;
-        Some(view.meeting(p, q, [facet, name]))
-    });
-    let (of_a, of_b) = (b.bounds(), a.bounds());
-    let others: Vec<&Edge> = b.edges.iter().filter(|e| e.overlaps(of_b)).collect();
-    let crossings = a.edges.iter().filter(|e| e.overlaps(of_a)).flat_map(|first| {
-        let near = others.iter().filter(|second| first.drop + second.drop <= reach);
-        near.filter_map(|second| {
-            let (p, q) = first.crossing(second)?;
-            Some(view.meeting(p, q, [first.name, second.name]))
-        })
-    });
-    above.chain(below).chain(crossings).collect()
+/// In the view.
+struct Edge {
+    from: Vector,
+    along: Vector,
+    /// Of its upper end.
+    drop: f32,
+    name: PackedFeatureId,
+}
+
+impl Edge {
+    fn overlaps(&self, (low, high): (Vec2, Vec2)) -> bool {
+        let (a, b) = (self.from.truncate(), (self.from + self.along).truncate());
+        a.min(b).cmple(high).all() && a.max(b).cmpge(low).all()
+    }
+
+    /// Where this edge crosses another one, on both.
+    fn crossing(&self, other: &Edge) -> Option<[Vector; 2]> {
+        let (u, v, w) = (self.along.truncate(), other.along.truncate(), (self.from - other.from).truncate());
+        let area = u.perp_dot(v);
+        let whole = area * area;
+        let (s, t) = (v.perp_dot(w) * area, u.perp_dot(w) * area);
+        let crosses = s >= 0.0 && t >= 0.0 && s <= whole && t <= whole && whole > 0.0;
+        crosses.then(|| [self.from + self.along * (s / whole), other.from + other.along * (t / whole)])
+    }
+}
+
+/// The corners of the gap between two shapes, as far as it is no wider than `prediction`.
+fn corners(view: &View, [(a, pose_a), (b, pose_b)]: [(&dyn Shape, &Pose); 2], prediction: f32) -> Vec<Meeting> {
+    let (mut first, mut second) = (Side::new(view, a, pose_a, 1.0), Side::new(view, b, pose_b, -1.0));
+    let reach = prediction - (second.top() - first.top());
+    first.find_parts(pose_a.rotation.inverse() * view.normal(), reach);
+    second.find_parts(pose_b.rotation.inverse() * -view.normal(), reach);
+    let mut all = Vec::new();
+    let mut add = |at: [Vector; 2], features| {
+        let meeting = Meeting { at, features };
+        if meeting.gap() <= prediction {
+            all.push(meeting);
+        }
+    };
+    for (p, name) in first.corners(reach) {
+        if let Some((q, facet)) = second.opposite(p) {
+            add([p, q], [name, facet]);
+        }
+    }
+    for (q, name) in second.corners(reach) {
+        if let Some((p, facet)) = first.opposite(q) {
+            add([p, q], [facet, name]);
+        }
+    }
+    let (of_first, of_second) = (second.bounds(), first.bounds());
+    second.edges.retain(|e| e.overlaps(of_second));
+    for e in first.edges.iter().filter(|e| e.overlaps(of_first)) {
+        for other in second.edges.iter().filter(|other| e.drop + other.drop <= reach) {
+            if let Some(at) = e.crossing(other) {
+                add(at, [e.name, other.name]);
+            }
+        }
+    }
+    all
 }

@@ -1,6 +1,6 @@
 //! A polyhedron on a plane: all of its corners near the plane are candidates, of whatever face they are.
 
-use super::{Meeting, widest};
+use super::{Meeting, View, widest};
 use crate::shape::Hull;
 use rapier3d::parry::query::ContactManifold;
 use rapier3d::parry::shape::{HalfSpace, PackedFeatureId};
@@ -16,17 +16,16 @@ pub(super) fn stand<M, C: Default + Copy>(
     manifold: &mut ContactManifold<M, C>,
     flipped: bool,
 ) {
-    let normal = plane.normal;
-    let corner = |(index, &own): (usize, &Vector)| {
-        let place = pose.transform_point(own);
-        let gap = place.dot(normal);
-        let features = [PackedFeatureId::face(0), PackedFeatureId::vertex(index as u32)];
-        Meeting { at: [place - normal * gap, place], features, gap }
+    let view = View::along(plane.normal);
+    let corner = |(index, place): (usize, Vector)| Meeting {
+        at: [place.with_z(0.0), place],
+        features: [PackedFeatureId::face(0), PackedFeatureId::vertex(index as u32)],
     };
-    let near: Vec<Meeting> = body.points().iter().enumerate().map(corner).filter(|m| m.gap <= prediction).collect();
+    let places = view.of(body.points(), pose).into_iter().enumerate();
+    let near: Vec<Meeting> = places.filter(|(_, place)| place.z <= prediction).map(corner).collect();
     let before = std::mem::take(&mut manifold.points);
-    manifold.points.extend(widest(&near, normal, most).into_iter().map(|m| m.tracked(pose, flipped)));
-    let down = pose.rotation.inverse() * -normal;
-    (manifold.local_n1, manifold.local_n2) = if flipped { (down, normal) } else { (normal, down) };
+    manifold.points.extend(widest(&near, most).iter().map(|m| view.tracked(m, pose, flipped)));
+    let (up, down) = (plane.normal, pose.rotation.inverse() * -plane.normal);
+    (manifold.local_n1, manifold.local_n2) = if flipped { (down, up) } else { (up, down) };
     manifold.match_contacts(&before);
 }
