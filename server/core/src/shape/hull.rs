@@ -117,9 +117,11 @@ fn facets(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Facet> {
         let outline = outline(group.iter().map(|&i| triangles[i]));
         match outline {
             Some(corners) => facets.push(Facet::new(corners, normal)),
-            None => facets.extend(group.iter().filter_map(|&i| {
-                Some(Facet::new(triangles[i].to_vec(), area(&triangles[i]).try_normalize()?))
-            })),
+            None => facets.extend(
+                group
+                    .iter()
+                    .filter_map(|&i| Some(Facet::new(triangles[i].to_vec(), area(&triangles[i]).try_normalize()?))),
+            ),
         }
     }
     facets

@@ -150,15 +150,22 @@ impl Meeting {
     }
 }
 
+/// A point that was among the chosen ones in the last step counts as nearer by this, engine units: where many are about as
+/// good, a change of points from step to step would keep bodies trembling.
+const KEPT: f32 = 1e-3;
+
 /// At most so many of the points: the nearest one, the one farthest from it, those farthest to both sides of the line
 /// through the two, each held against its gap; then what is farthest from all of these.
-fn widest(all: &[Meeting], most: usize) -> Vec<Meeting> {
-    let Some(first) = all.iter().copied().min_by(|a, b| a.gap().total_cmp(&b.gap())) else { return Vec::new() };
+fn widest<C>(all: &[Meeting], most: usize, before: &[TrackedContact<C>]) -> Vec<Meeting> {
+    let is_kept = |m: &Meeting| before.iter().any(|c| m.features == [c.fid1, c.fid2] || m.features == [c.fid2, c.fid1]);
+    let bonus = |m: &Meeting| if is_kept(m) { KEPT } else { 0.0 };
+    let nearness = |m: &Meeting| bonus(m) - m.gap();
+    let Some(first) = all.iter().copied().max_by(|a, b| nearness(a).total_cmp(&nearness(b))) else { return Vec::new() };
     let (origin, least) = (first.across(), first.gap().max(0.0));
     let farthest = |way: &dyn Fn(Vec2) -> f32| {
         let rate = |m: &Meeting| {
             let reach = way(m.across() - origin);
-            (reach > APART).then(|| (reach - (m.gap() - least).max(0.0) / SLOPE, *m))
+            (reach > APART).then(|| (reach + (bonus(m) - (m.gap() - least).max(0.0)) / SLOPE, *m))
         };
         all.iter().filter_map(rate).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, m)| m)
     };

@@ -72,7 +72,7 @@ pub(super) fn meet<M, C: Default + Copy>(
                 let at = [on_a, on_b].map(|p| view.axes.transpose() * p);
                 all.push(Meeting { at, features: [PackedFeatureId::UNKNOWN; 2] });
             }
-            manifold.points.extend(widest(&all, most).iter().map(|m| view.tracked(m, pos12, false)));
+            manifold.points.extend(widest(&all, most, &before).iter().map(|m| view.tracked(m, pos12, false)));
             (manifold.local_n1, manifold.local_n2) = (normal, back);
         }
         GJKResult::NoIntersection(direction) => manifold.local_n1 = direction,

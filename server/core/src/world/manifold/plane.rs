@@ -24,7 +24,7 @@ pub(super) fn stand<M, C: Default + Copy>(
     let places = view.of(body.points(), pose).into_iter().enumerate();
     let near: Vec<Meeting> = places.filter(|(_, place)| place.z <= prediction).map(corner).collect();
     let before = std::mem::take(&mut manifold.points);
-    manifold.points.extend(widest(&near, most).iter().map(|m| view.tracked(m, pose, flipped)));
+    manifold.points.extend(widest(&near, most, &before).iter().map(|m| view.tracked(m, pose, flipped)));
     let (up, down) = (plane.normal, pose.rotation.inverse() * -plane.normal);
     (manifold.local_n1, manifold.local_n2) = if flipped { (down, up) } else { (up, down) };
     manifold.match_contacts(&before);
