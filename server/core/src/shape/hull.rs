@@ -224,8 +224,9 @@ impl Shape for Hull {
         ShapeType::Custom
     }
 
+    /// For continuous collision detection: the engine sweeps its own polyhedra many times faster than shapes unknown to it.
     fn as_typed_shape(&self) -> TypedShape<'_> {
-        TypedShape::Custom(self)
+        TypedShape::ConvexPolyhedron(&self.solid)
     }
 
     fn ccd_thickness(&self) -> f32 {
