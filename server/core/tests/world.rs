@@ -116,6 +116,39 @@ fn a_tower_of_shifted_discs_stands() {
     }
 }
 
+/// Of a slope that the engine takes for flat; also where the two just touch.
+#[test]
+fn a_plate_lies_on_the_ridge_of_a_gentle_roof() {
+    let ridge = 0.02;
+    let end = |z: f64| {
+        [(-1.0, 0.0), (-1.0, 0.1), (0.0, 0.1 + ridge), (1.0, 0.1), (1.0, 0.0)].map(|(x, y)| DVec3::new(x, y, z))
+    };
+    let roof = hull_mesh(&[end(-0.5), end(0.5)].concat());
+    for (turn, gap) in
+        [0.0, 0.1, 0.3, 1.0, 1.5].iter().flat_map(|t| [-1e-3, -1e-6, 0.0, 1e-7, 1e-6, 1e-3].map(|g| (*t, g)))
+    {
+        let (mut world, shape, thickness) = world_of(roof.clone());
+        for k in [0.0, 1.0] {
+            let pose =
+                Pose { translation: DVec3::Y * (thickness + gap) * k, rotation: DQuat::from_rotation_y(turn * k) };
+            let pose = shape.body_pose(&pose, 1.0 / world.units.length);
+            world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
+        }
+        world.refresh();
+        let touches = world.touches(0.05);
+        let pair = touches.iter().find(|t| t.b == Side::Body(1)).unwrap_or_else(|| panic!("{turn} {gap}: {touches:?}"));
+        // Beside the ridge, the gap grows by its slope.
+        let expected = |p: &TouchPoint| gap + p.point.x.abs() * ridge;
+        for p in &pair.points {
+            assert!((p.gap - expected(p)).abs() < 2e-5 && p.normal.y < -0.9999, "{turn} {gap}: {p:?}");
+        }
+        for end in [-0.5, 0.5] {
+            let ends = |p: &&TouchPoint| (p.point - DVec3::Z * end / world.units.length).with_y(0.0).length() < 1e-3;
+            assert!(pair.points.iter().any(|p| ends(&p)), "{turn} {gap}: {:?}", pair.points);
+        }
+    }
+}
+
 /// A stone: the hull of points spread over an ellipsoid.
 fn stone() -> TriMesh {
     let spread = |k: u32| {

@@ -58,7 +58,7 @@ pub struct Edge {
 }
 
 impl Hull {
-    /// `None` where the points span no volume.
+    /// `None` where the geometry library finds no hull: too few points, or some that are not finite.
     pub fn new(points: &[Vector]) -> Option<Hull> {
         // The library panics on some dirty points.
         let hull = || {
@@ -243,5 +243,53 @@ impl Shape for Hull {
 
     fn as_polygonal_feature_map(&self) -> Option<(&dyn PolygonalFeatureMap, f32)> {
         self.solid.as_polygonal_feature_map()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A plate whose top is a ridge along z, this high.
+    fn roof(ridge: f32) -> Hull {
+        let end = |z: f32| {
+            [(-1.0, 0.0), (-1.0, 0.1), (0.0, 0.1 + ridge), (1.0, 0.1), (1.0, 0.0)].map(|(x, y)| Vector::new(x, y, z))
+        };
+        Hull::new(&[end(-0.5), end(0.5)].concat()).expect("it has a volume")
+    }
+
+    #[test]
+    fn a_ridge_of_one_degree_parts_two_facets() {
+        assert_eq!(roof(0.01).facets().len(), 7);
+        assert_eq!(roof(0.00005).facets().len(), 6, "flat enough");
+    }
+
+    #[test]
+    fn facets_close_the_surface() {
+        let turn = |k: u32| f32::sin_cos(k as f32 * 0.37);
+        let stone: Vec<Vector> = (0..40).map(|k| Vector::new(turn(k).0, turn(3 * k).1, turn(7 * k + 1).0)).collect();
+        let disc: Vec<Vector> = (0..34u32)
+            .map(|k| {
+                let (x, z) = f32::sin_cos((k / 2) as f32 / 17.0 * std::f32::consts::TAU);
+                Vector::new(x, if k % 2 == 0 { 0.0 } else { 0.05 }, z)
+            })
+            .collect();
+        for (points, facets) in [(stone, None), (disc, Some(19))] {
+            let hull = Hull::new(&points).expect("it has a volume");
+            assert_eq!(hull.points().len() + hull.facets().len(), hull.edges().len() + 2, "Euler");
+            assert!(facets.is_none_or(|n| n == hull.facets().len()), "{}", hull.facets().len());
+            for facet in hull.facets() {
+                let at = |i: &u32| hull.points()[*i as usize].dot(facet.normal);
+                let height = at(&facet.corners[0]);
+                assert!(facet.corners.iter().all(|i| (at(i) - height).abs() < 3.0 * FLATNESS));
+                assert!((0..hull.points().len() as u32).all(|i| at(&i) < height + 3.0 * FLATNESS));
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_body_has_no_hull() {
+        assert!(Hull::new(&[]).is_none());
+        assert!(Hull::new(&[Vector::NAN; 5]).is_none());
     }
 }

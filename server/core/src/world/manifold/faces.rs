@@ -47,19 +47,15 @@ pub(super) fn meet<M, C: Default + Copy>(
     most: usize,
     manifold: &mut ContactManifold<M, C>,
 ) {
-    let (Some(solid_a), Some(solid_b)) = (a.as_support_map(), b.as_support_map()) else { return };
+    let (Some(first), Some(second)) = (a.as_support_map(), b.as_support_map()) else { return };
     if manifold.try_update_contacts_eps(pos12, SAME_TURN, SAME_PLACE) {
         return;
     }
-    let guess = manifold.local_n1.try_normalize();
-    let mut simplex = VoronoiSimplex::new();
-    let found = contact_support_map_support_map_with_params(pos12, solid_a, solid_b, prediction, &mut simplex, guess);
+    let pair = Pair { pos12, shapes: [a, b], solids: [first, second] };
+    let found = pair.nearest(prediction, manifold.local_n1.try_normalize());
     let before = std::mem::take(&mut manifold.points);
     match found {
-        GJKResult::ClosestPoints(on_a, on_b, direction) => {
-            let depth = (on_b - on_a).dot(direction);
-            let pair = Pair { pos12, solids: [solid_a, solid_b] };
-            let direction = if depth.abs() < NEAR { pair.steadied(direction, depth, a, b) } else { direction };
+        Nearest::Within { direction, depth, at } => {
             let (mut normal, mut back) = (direction, pos12.rotation.inverse() * -direction);
             if !constraints.project_local_normals(pos12, &mut normal, &mut back) {
                 return;
@@ -68,26 +64,75 @@ pub(super) fn meet<M, C: Default + Copy>(
             let mut all = corners(&view, [(a, &Pose::IDENTITY), (b, pos12)], prediction);
             if normal != direction {
                 all.retain(|m| depth >= 0.0 || m.gap() >= BENT_DEPTH * depth);
-            } else if !all.iter().any(|m| m.gap() <= depth + CLOSER) {
-                let at = [on_a, on_b].map(|p| view.axes.transpose() * p);
+            } else if let Some(at) = at.filter(|_| !all.iter().any(|m| m.gap() <= depth + CLOSER)) {
+                let at = at.map(|p| view.axes.transpose() * p);
                 all.push(Meeting { at, features: [PackedFeatureId::UNKNOWN; 2] });
             }
             manifold.points.extend(widest(&all, most, &before).iter().map(|m| view.tracked(m, pos12, false)));
             (manifold.local_n1, manifold.local_n2) = (normal, back);
         }
-        GJKResult::NoIntersection(direction) => manifold.local_n1 = direction,
-        _ => manifold.local_n1 = Vector::ZERO,
+        Nearest::Apart(direction) => manifold.local_n1 = direction,
     }
     manifold.match_contacts(&before);
 }
 
-/// `pos12`: of the second shape, in the frame of the first.
+/// Two convex shapes. `pos12`: of the second one, in the frame of the first.
 struct Pair<'a> {
     pos12: &'a Pose,
+    shapes: [&'a dyn Shape; 2],
     solids: [&'a dyn SupportMap; 2],
 }
 
+enum Nearest {
+    Within {
+        /// From the first shape to the second, along which they are farthest apart or overlap least; unit.
+        direction: Vector,
+        /// How far apart they are along it.
+        depth: f32,
+        /// The nearest points, on the first and on the second, in the frame of the first.
+        at: Option<[Vector; 2]>,
+    },
+    /// Farther apart than asked for, along this direction.
+    Apart(Vector),
+}
+
 impl Pair<'_> {
+    /// The engine's answer where the shapes' extents along its direction confirm it. Where they do not, as happens between
+    /// shapes that just touch, the answer for shapes a little farther apart.
+    fn nearest(&self, prediction: f32, guess: Option<Vector>) -> Nearest {
+        let found = self.ask(self.pos12, prediction, guess);
+        match found {
+            GJKResult::ClosestPoints(p, q, direction) => {
+                let depth = (q - p).dot(direction);
+                if direction.is_normalized() && self.separation(direction) >= depth - CLOSER {
+                    let steady = depth.abs() > NEAR;
+                    let direction = if steady { direction } else { self.steadied(direction, depth) };
+                    return Nearest::Within { direction, depth, at: Some([p, q]) };
+                }
+            }
+            GJKResult::NoIntersection(direction) if self.separation(direction) >= prediction - CLOSER => {
+                return Nearest::Apart(direction);
+            }
+            _ => {}
+        }
+        let face = self.farthest_face();
+        let apart = Pose { translation: self.pos12.translation + face * NEAR, ..*self.pos12 };
+        let edge = match self.ask(&apart, prediction + NEAR, Some(face)) {
+            GJKResult::ClosestPoints(_, _, direction) => direction,
+            _ => face,
+        };
+        let direction = if self.separation(edge) > self.separation(face) { edge } else { face };
+        match self.separation(direction) {
+            depth if depth > prediction => Nearest::Apart(direction),
+            depth => Nearest::Within { direction, depth, at: None },
+        }
+    }
+
+    fn ask(&self, pos12: &Pose, prediction: f32, guess: Option<Vector>) -> GJKResult {
+        let [a, b] = self.solids;
+        contact_support_map_support_map_with_params(pos12, a, b, prediction, &mut VoronoiSimplex::new(), guess)
+    }
+
     /// How far apart the shapes are along a direction from the first to the second.
     fn separation(&self, direction: Vector) -> f32 {
         let [a, b] = self.solids;
@@ -96,13 +141,30 @@ impl Pair<'_> {
     }
 
     /// The direction of a contact, or the normal of a face that is as good.
-    fn steadied(&self, direction: Vector, depth: f32, a: &dyn Shape, b: &dyn Shape) -> Vector {
+    fn steadied(&self, direction: Vector, depth: f32) -> Vector {
         let back = self.pos12.rotation.inverse() * -direction;
-        let of_b = face_normal(b, back).map(|n| -(self.pos12.rotation * n));
-        let faces = [face_normal(a, direction), of_b].into_iter().flatten();
-        let separate = faces.map(|n| (self.separation(n), n));
-        let best = separate.max_by(|(s, _), (t, _)| s.total_cmp(t));
+        let of_second = face_normal(self.shapes[1], back).map(|n| -(self.pos12.rotation * n));
+        let faces = [face_normal(self.shapes[0], direction), of_second].into_iter().flatten();
+        let best = faces.map(|n| (self.separation(n), n)).max_by(|(s, _), (t, _)| s.total_cmp(t));
         best.filter(|&(s, _)| s >= depth - SEPARATION_NOISE).map_or(direction, |(_, n)| n)
+    }
+
+    /// Of all faces' normals, the one along which the shapes are farthest apart.
+    fn farthest_face(&self) -> Vector {
+        let of_second = face_normals(self.shapes[1]).into_iter().map(|n| -(self.pos12.rotation * n));
+        let all = face_normals(self.shapes[0]).into_iter().chain(of_second);
+        let best = all.map(|n| (self.separation(n), n)).max_by(|(s, _), (t, _)| s.total_cmp(t));
+        best.map_or(Vector::Y, |(_, n)| n)
+    }
+}
+
+fn face_normals(shape: &dyn Shape) -> Vec<Vector> {
+    match shape.as_shape::<Hull>() {
+        Some(hull) => hull.facets().iter().map(|f| f.normal).collect(),
+        None => {
+            let axes = [Vector::X, Vector::Y, Vector::Z];
+            axes.iter().flat_map(|&axis| [axis, -axis]).filter_map(|axis| face_normal(shape, axis)).collect()
+        }
     }
 }
 
