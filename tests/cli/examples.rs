@@ -58,15 +58,18 @@ fn overlaps_settle() {
     assert_eq!(stack.get("hanging"), 0.0);
 }
 
-/// Fewer and larger books.
-const FEW_BOOKS: &str = "seed=2 accuracy=draft props.0.scale_min=1.7 props.0.scale_max=1.7";
+/// Fewer and larger books: so few keep 0.75 to 0.95 of their shape, by seed.
+const FEW_BOOKS: &str = "accuracy=draft props.0.scale_min=1.7 props.0.scale_max=1.7";
 
 #[test]
 fn books_stand_until_the_ball_comes() {
-    let held = Figures::of("books.toml", FEW_BOOKS);
-    assert!(held.get("kept_shape") > 0.95, "{}", held.get("kept_shape"));
-    assert!(held.get("height_p95_rel") > 0.95 * held.get("height_p95_rel_start"));
-    assert_eq!(held.get("hanging"), 0.0);
+    let seeds = [1, 2, 3];
+    let mut piles = seeds.map(|seed| Figures::of("books.toml", &format!("{FEW_BOOKS} seed={seed}")));
+    piles.sort_by(|a, b| a.get("kept_shape").total_cmp(&b.get("kept_shape")));
+    assert!(piles.iter().all(|pile| pile.get("hanging") == 0.0));
+    let [_, held, _] = piles;
+    assert!(held.get("kept_shape") > 0.85, "{}", held.get("kept_shape"));
+    assert!(held.get("height_p95_rel") > 0.9 * held.get("height_p95_rel_start"));
     assert!(held.count("shaken") > 10);
     assert!(held.get("shape_iou_after") < 0.6 * held.get("shape_iou"), "the ball bursts the pile");
 }

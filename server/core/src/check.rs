@@ -2,6 +2,7 @@
 //! is measured in.
 
 mod added;
+mod narrow;
 
 use crate::extremes;
 use crate::mesh::TriMesh;
@@ -93,6 +94,9 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
             problems.push(Problem::new(format!("props.{i}"), text));
         }
     }
+    if problems.is_empty() {
+        room(scene, params, control.as_ref(), &sizes, (&mut problems, &mut warnings));
+    }
     if !problems.is_empty() {
         return Err(problems);
     }
@@ -144,6 +148,38 @@ fn closed(
     }
     warnings.extend(repair.told().into_iter().map(|t| format!("{name}: {t}")));
     Some(Closed { mesh, topology: found })
+}
+
+/// Less of the control mesh than this being as thick as the thinnest prop, the pile would have another shape.
+const LEAST_THICK: f64 = 0.1;
+/// Less than this is worth a word.
+const MOSTLY_THICK: f64 = 0.5;
+
+/// Whether the props fit between the control mesh's own walls.
+fn room(
+    scene: &Scene,
+    params: &Params,
+    control: Option<&Closed>,
+    sizes: &[Size],
+    (problems, warnings): (&mut Vec<Problem>, &mut Vec<String>),
+) {
+    let (Some(model), Some(control)) = (&scene.control, control.filter(|_| fills(scene, params))) else { return };
+    let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
+    let thickness = drawn.map(|(prop, size)| size.extents.x * prop.scale[0]).fold(f64::INFINITY, f64::min);
+    let share = narrow::thick_share(control, thickness);
+    let told = |end: &str| {
+        let percent = if share < 0.01 { "less than 1".into() } else { format!("only {:.0}", 100.0 * share) };
+        format!(
+            "{}: {percent} % of the control mesh is as thick as the thinnest prop ({thickness:.3} m){end}; make it thicker (is it a \
+             hollow shell?), or the props smaller",
+            model.name
+        )
+    };
+    if share < LEAST_THICK {
+        problems.push(Problem::new("control_mesh", told(", so that next to none would find room")));
+    } else if share < MOSTLY_THICK {
+        warnings.push(told(": the rest stays empty"));
+    }
 }
 
 /// Less of the underside than this on the ground is worth a word.

@@ -2,13 +2,16 @@
 
 mod common;
 
+use cairn_core::mesh::TriMesh;
 use cairn_core::observer::{Observer, Progress, Silent};
 use cairn_core::params::{Accuracy, ControlMode, FillMethod, Params};
 use cairn_core::pose::Pose;
 use cairn_core::scene::Scene;
+use cairn_core::shape::hull_mesh;
 use cairn_core::world::Role;
 use cairn_core::{bake, control, fill, release};
 use common::{cone, scene, stick};
+use glam::DVec3;
 use std::ops::ControlFlow;
 
 fn params() -> Params {
@@ -223,5 +226,29 @@ fn all_problems_of_a_scene_are_told_at_once() {
     let Err(cairn_core::Error::Invalid(problems)) = cairn_core::plan(&scene, &params) else { panic!("accepted") };
     for part in ["physics.substeps", "is open", "weight", "larger than the control mesh"] {
         assert!(problems.iter().any(|p| p.text.contains(part)), "{part} is missing in {problems:#?}");
+    }
+}
+
+/// A cube with a hollow inside, of walls this thick.
+fn shell(thickness: f64) -> TriMesh {
+    let cube = |half: f64| {
+        let corner = |k: u32| DVec3::from_array([0, 1, 2].map(|axis| if k >> axis & 1 == 0 { -half } else { half }));
+        hull_mesh(&(0..8).map(corner).collect::<Vec<_>>())
+    };
+    let (mut solid, mut hollow) = (cube(1.0), cube(1.0 - thickness));
+    hollow.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+    solid.append(&hollow);
+    solid
+}
+
+#[test]
+fn a_shell_thinner_than_the_props_is_refused_before_any_work() {
+    let told = |thickness: f64| cairn_core::plan(&scene(shell(thickness), stick()), &params());
+    let stick = stick().bounds().1 - stick().bounds().0;
+    let Err(cairn_core::Error::Invalid(problems)) = told(0.7 * stick.min_element()) else { panic!("accepted") };
+    assert!(problems.iter().any(|p| p.text.contains("as thick as the thinnest prop")), "{problems:#?}");
+    for thick in [1.2 * stick.min_element(), 0.9] {
+        let plan = told(thick).unwrap_or_else(|problems| panic!("{thick}: {problems}"));
+        assert!(!plan.warnings.iter().any(|w| w.contains("as thick as")), "{:?}", plan.warnings);
     }
 }

@@ -53,6 +53,7 @@ pub fn run(recipe: &Recipe) -> Result<Verdict, String> {
 fn is_refusal(text: &str) -> bool {
     text.contains("larger than the control mesh")
         || text.contains("found room")
+        || text.contains("find room")
         || text.contains("there is none; give a closed mesh")
 }
 
