@@ -11,7 +11,7 @@ const PILE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set f
 const FORCIBLE: [(&str, &[&str]); 12] = [
     ("primitives", &["props_as_primitives"]),
     ("decomposition", &["props_split"]),
-    ("continuous_collision", &["ccd_body_steps"]),
+    ("continuous_collision", &["speculative_body_steps", "ccd_body_steps"]),
     ("stiff_contacts", &["steps_with_stiff_contacts"]),
     ("rolling_resistance", &["rolling_body_steps"]),
     ("restitution", &["bouncing_bodies"]),

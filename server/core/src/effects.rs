@@ -228,13 +228,14 @@ fn physics(scene: &Scene, params: &Params, checked: &Checked) -> Vec<Effect> {
         FrictionModel::Simplified => (false, "one friction force per contact patch is enough at this accuracy"),
         FrictionModel::Coulomb => (true, "one friction force per contact point"),
     };
-    let swept = "whatever moves by more than half of its thickness in a step is swept along its way, while it does";
+    let swept = "whatever moves by more than half of its thickness in a step is swept along its way, while it does; of several parts, its \
+                 contacts are found a step ahead";
     vec![
         switched(
             ("continuous_collision", "effects.continuous_collision"),
             switches.continuous_collision,
             (true, swept.into()),
-            &["ccd_body_steps"],
+            &["speculative_body_steps", "ccd_body_steps"],
         ),
         set_by("physics.friction_model", plain("friction_per_point", coulomb, law, &["steps_with_friction_per_point"])),
         switched(

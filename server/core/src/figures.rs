@@ -21,7 +21,7 @@ use crate::report::{Name, Report};
 use crate::scene::{Given, Scene};
 use crate::shape::{Outline, Shape};
 use crate::standing;
-use crate::world::{BodyId, Role, Side, Touch, TouchPoint, World};
+use crate::world::{BodyId, Role, Side, Touch, TouchPoint, Work, World};
 use std::collections::BTreeMap;
 
 /// CPU seconds by stage.
@@ -358,6 +358,7 @@ fn counts(scene: &Scene, filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'sta
     let of_kind = |is: fn(&Outline) -> bool| pile.shapes.iter().filter(|s| is(&s.solid.outline())).count() as u64;
     let steps_if = |on: bool| if on { pile.step } else { 0 };
     let removed = filled.map(|filled| filled.removed).unwrap_or_default();
+    let both = |of: fn(&Work) -> u64| of(&world.work) + filled.map_or(0, |filled| of(&filled.work));
     BTreeMap::from([
         ("fill_steps", filled.map_or(0, |filled| filled.steps)),
         ("fill_steps_recalled", 0),
@@ -395,7 +396,8 @@ fn counts(scene: &Scene, filled: Option<&Filled>, pile: &Pile) -> BTreeMap<&'sta
         ("free_standing_steps", work.free_standing_steps),
         ("steps_with_stiff_contacts", steps_if(work.is_stiff)),
         ("steps_with_friction_per_point", steps_if(world.has_friction_per_point())),
-        ("ccd_body_steps", world.work.ccd_body_steps + filled.map_or(0, |filled| filled.work.ccd_body_steps)),
+        ("speculative_body_steps", both(|w| w.speculative_body_steps)),
+        ("ccd_body_steps", both(|w| w.ccd_body_steps)),
         ("rolling_body_steps", world.work.rolling_body_steps),
         ("rocking_looks", world.work.rocking_looks),
         ("guard_steps", pile.guard.actions.steps),

@@ -11,10 +11,11 @@ use crate::params::{Fill as FillParams, FillMethod, Params};
 use crate::pose::Pose;
 use crate::scene::{Prop, Scene};
 use crate::shape::{Shape, Size, Solid};
-use crate::world::{BodyId, Insertion, Role, Units, Work, World, WorldBody};
+use crate::world::{BodyId, Insertion, Role, Side, Touch, Units, Work, World, WorldBody};
 use glam::{DQuat, DVec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use std::collections::BTreeMap;
 
 /// A full container. Plain data: a release starts from it as often as one likes.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -297,7 +298,8 @@ impl<'a> Filling<'a> {
             let out = self.loose().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));
-            let overlapping = self.remove_overlapping(0);
+            let pairs = self.overlapping();
+            let overlapping = self.part(pairs, 0);
             self.removed.overlapping += overlapping;
             if (out.is_empty() && overlapping == 0) || round == CLEANUP_ROUNDS {
                 break;
@@ -307,19 +309,21 @@ impl<'a> Filling<'a> {
         Ok(())
     }
 
-    /// Takes out bodies from `first` on that overlap another one too deeply: those with most such pairs first.
-    pub fn remove_overlapping(&mut self, first: BodyId) -> usize {
+    /// Pairs that overlap too deeply, rising; the lower number first.
+    pub fn overlapping(&mut self) -> Vec<(BodyId, BodyId)> {
         self.world.refresh();
-        let limit = self.params.fill.overlap;
-        let too_deep = |w: &World, t: &crate::world::Touch| match t.b {
-            crate::world::Side::Body(b) if b >= first => (t.depth() > limit * w.pair_thickness(t)).then_some((t.a, b)),
+        let too_deep = |t: &Touch| match t.b {
+            Side::Body(b) => (t.depth() > self.params.fill.overlap * self.world.pair_thickness(t)).then_some((t.a, b)),
             _ => None,
         };
-        let mut pairs: Vec<(BodyId, BodyId)> =
-            self.world.touches(0.0).iter().filter_map(|t| too_deep(&self.world, t)).collect();
+        self.world.touches(0.0).iter().filter_map(too_deep).collect()
+    }
+
+    /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how many.
+    pub fn part(&mut self, mut pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
         let mut removed = 0;
         while !pairs.is_empty() {
-            let mut count = std::collections::BTreeMap::<BodyId, usize>::new();
+            let mut count = BTreeMap::<BodyId, usize>::new();
             for &(a, b) in &pairs {
                 for id in [a, b].into_iter().filter(|&id| id >= first && self.world.bodies()[id].role != Role::Kept) {
                     *count.entry(id).or_default() += 1;

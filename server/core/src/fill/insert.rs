@@ -8,6 +8,7 @@ use crate::pose::Pose;
 use crate::world::BodyId;
 use glam::{DQuat, DVec3};
 use rand::RngExt;
+use std::collections::BTreeMap;
 
 /// Size at insertion, as a share of the full size.
 const SEED_SCALE: f64 = 0.4;
@@ -22,6 +23,9 @@ const TRIES_PER_PROP: usize = 40;
 /// Bound on the rounds; a fill takes about 20.
 const MAX_ROUNDS: usize = 200;
 
+/// What a round squeezes, the next one may set free again. Pairs that overlap too deeply after so many rounds in a row are jammed.
+const JAMMED: u32 = 3;
+
 /// Jammed props trade places: a round adds some and squeezes others out. The container is full, too, when this many
 /// rounds together added less than two barren ones may.
 const STALL_ROUNDS: usize = 4;
@@ -32,6 +36,8 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
     let limit = fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize;
     let mut barren = 0;
     let mut counts = Vec::new();
+    // Pairs that overlap too deeply, and for how many rounds in a row.
+    let mut squeezed = BTreeMap::<(BodyId, BodyId), u32>::new();
     for _ in 0..MAX_ROUNDS {
         let before = filling.loose().count();
         if before >= limit {
@@ -42,7 +48,11 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         let seeds = plant(filling, wanted)?;
         grow(filling, &seeds, observer)?;
         filling.remove_escaped();
-        filling.remove_overlapping(first);
+        let deep = filling.overlapping();
+        let (new, old): (Vec<_>, Vec<_>) = deep.into_iter().partition(|&(_, b)| b >= first);
+        filling.part(new, first);
+        squeezed = old.into_iter().map(|pair| (pair, squeezed.get(&pair).map_or(1, |rounds| rounds + 1))).collect();
+        filling.part(squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair).collect(), 0);
         let after = filling.loose().count();
         let added = after.saturating_sub(before) as f64;
         let least = (fill.full_below * after as f64).max(1.0);

@@ -31,8 +31,8 @@ pub struct PhysicsSwitches {
     /// A nonconvex prop is split into convex parts. Auto: where one hull is farther from it than `physics.shape_tolerance`.
     /// On: whatever has no primitive. Off: one hull.
     pub decomposition: Switch,
-    /// What moves by more than half of its thickness in a step is swept along its way. On: by more than a tenth. Off: nothing,
-    /// not even against scenery.
+    /// What moves by more than half of its thickness in a step is swept along its way, or, of several parts, meets its contacts
+    /// a step ahead. On: by more than a tenth. Off: neither, not even against scenery.
     pub continuous_collision: Switch,
     /// Contacts as stiff as the ratio of the bodies' masses asks for. On: as for the largest ratio. Off: as given.
     pub stiff_contacts: Switch,

@@ -229,6 +229,11 @@ impl World {
         // then would not move.
         let dt = std::mem::take(&mut self.engine.integration_parameters.dt);
         self.engine.step();
+        // The engine (rapier 0.36.1) may leave such a step with its tree still set aside for optimisation, and finds nothing
+        // until the next step puts it back.
+        if self.query().bvh.is_empty() {
+            self.engine.step();
+        }
         self.engine.integration_parameters.dt = dt;
     }
 

@@ -106,6 +106,8 @@ pub struct WorldBody {
 /// What effects have done so far: bodies, summed over the steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Work {
+    /// Whose contacts were found a step ahead.
+    pub speculative_body_steps: u64,
     /// Swept along their way.
     pub ccd_body_steps: u64,
     /// Kept from rolling.
@@ -148,8 +150,12 @@ const FIRST_BODY: u128 = 3;
 /// Plus the index of a piece of moving scenery: above all bodies.
 const FIRST_MOVING: u128 = 1 << 64;
 
-/// Contacts are predicted up to this distance: the engine's own choice for objects of its unit size.
+/// Contacts are predicted up to this distance, the engine's own choice for objects of its unit size, ...
 const PREDICTION: f64 = 0.02;
+/// ... where the thinnest body is this thick, ...
+const USUAL_THICKNESS: f64 = 0.1;
+/// ... and farther by up to this much where it is thinner: the rim of a plate that turns over is soon on its other side.
+const FARTHER: f64 = 2.5;
 /// Fastest that overlapping bodies are pushed apart; slower than a fall from one diameter, so that nothing bursts.
 const PUSH_OUT_SPEED: f64 = 0.35;
 /// An island sleeps when all its bodies have been slower than this ...
@@ -163,6 +169,11 @@ const MAX_SPEED: f64 = 100.0;
 const RECYCLE_SHARE: f64 = 0.05;
 /// Nor by more than this: a body would hover above what it seems to rest on.
 const MAX_RECYCLE: f64 = 1.0 / 200.0;
+
+/// Distance up to which contacts are predicted. `thickness`: the smallest of any body; engine units.
+fn prediction(thickness: f64) -> f64 {
+    PREDICTION * (USUAL_THICKNESS / thickness).clamp(1.0, FARTHER)
+}
 
 impl World {
     /// An empty world. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
@@ -181,7 +192,7 @@ impl World {
         p.static_contact_softness = softness;
         p.length_unit = 1.0;
         p.warmstart_joints = true;
-        p.normalized_prediction_distance = PREDICTION as f32;
+        p.normalized_prediction_distance = prediction(thickness) as f32;
         p.normalized_max_corrective_velocity = PUSH_OUT_SPEED as f32;
         p.normalized_max_linear_velocity = MAX_SPEED as f32;
         if physics.switches.continuous_collision == Switch::Off {

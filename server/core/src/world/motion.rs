@@ -38,8 +38,9 @@ impl World {
         body.linvel().length() as f64 + body.angvel().length() as f64 * self.bodies[id].radius
     }
 
-    /// Before a step: what will move by more than a share of its thickness must not pass through what it hits, nor stop deep in it.
-    /// The engine never sweeps two such bodies against each other, so that not all may be.
+    /// Before a step: what is fast must neither pass through what it hits nor stop deep in it. One convex shape is swept along
+    /// its way; the engine never sweeps two such bodies against each other, so that not all may be. Several parts swept one by one
+    /// jam in what they touch already: their contacts are found a step ahead instead (speculative contacts).
     pub(super) fn watch_fast_ones(&mut self) {
         let dt = self.engine.integration_parameters.dt;
         let share = match self.ccd {
@@ -49,12 +50,20 @@ impl World {
         };
         for body in self.bodies.iter().filter(|body| body.role == Role::Free) {
             let rigid = &self.engine.bodies[body.handle];
-            let is_fast = rigid.linvel().length() * dt > (share * body.thickness) as f32;
-            self.work.ccd_body_steps += u64::from(is_fast && !rigid.is_sleeping());
-            if is_fast != rigid.is_ccd_enabled()
+            let has_parts = self.engine.colliders[body.collider].shape().as_compound().is_some();
+            let turn = if has_parts { rigid.angvel().length() * body.radius as f32 } else { 0.0 };
+            let way = (rigid.linvel().length() + turn) * dt;
+            let is_fast = way > (share * body.thickness) as f32;
+            let (is_swept, ahead) = (is_fast && !has_parts, if is_fast && has_parts { way } else { 0.0 });
+            if is_fast && !rigid.is_sleeping() {
+                self.work.ccd_body_steps += u64::from(is_swept);
+                self.work.speculative_body_steps += u64::from(has_parts);
+            }
+            if (is_swept, ahead) != (rigid.is_ccd_enabled(), rigid.soft_ccd_prediction())
                 && let Some(rigid) = self.engine.bodies.get_mut(body.handle)
             {
-                rigid.enable_ccd(is_fast);
+                rigid.enable_ccd(is_swept);
+                rigid.set_soft_ccd_prediction(ahead);
             }
         }
     }
