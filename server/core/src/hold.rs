@@ -14,7 +14,7 @@ const REST_TIME: f64 = 1.0;
 /// would roll on for ever. Most of a rolling body's speed is gone after five natural times.
 const ROLLING_DAMPING: f64 = 0.5;
 /// It sets in after this share of the patience, when the shape is long decided.
-const ROLLING_ONSET: f64 = 0.25;
+const ROLLING_ONSET: f64 = 0.125;
 
 /// How the hold ended.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -342,7 +342,7 @@ impl Params {
                 stand: false,
                 switches: ControlSwitches::default(),
             },
-            hold: Hold { patience: 60.0, least: 0.0 },
+            hold: Hold { patience: 120.0, least: 0.0 },
             output: Output {
                 fps: 24.0,
                 frames: None,
