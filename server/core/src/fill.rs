@@ -299,7 +299,7 @@ impl<'a> Filling<'a> {
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));
             let pairs = self.overlapping();
-            let overlapping = self.part(pairs, 0);
+            let overlapping = self.separate(pairs, 0);
             self.removed.overlapping += overlapping;
             if (out.is_empty() && overlapping == 0) || round == CLEANUP_ROUNDS {
                 break;
@@ -320,7 +320,7 @@ impl<'a> Filling<'a> {
     }
 
     /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how many.
-    pub fn part(&mut self, mut pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
+    pub fn separate(&mut self, mut pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
         let mut removed = 0;
         while !pairs.is_empty() {
             let mut count = BTreeMap::<BodyId, usize>::new();

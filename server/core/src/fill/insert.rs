@@ -50,9 +50,9 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         filling.remove_escaped();
         let deep = filling.overlapping();
         let (new, old): (Vec<_>, Vec<_>) = deep.into_iter().partition(|&(_, b)| b >= first);
-        filling.part(new, first);
+        filling.separate(new, first);
         squeezed = old.into_iter().map(|pair| (pair, squeezed.get(&pair).map_or(1, |rounds| rounds + 1))).collect();
-        filling.part(squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair).collect(), 0);
+        filling.separate(squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair).collect(), 0);
         let after = filling.loose().count();
         let added = after.saturating_sub(before) as f64;
         let least = (fill.full_below * after as f64).max(1.0);
