@@ -85,13 +85,16 @@ fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
             let report = &bake.report;
             let measure = |name: &str| report.measures.get(name).copied().flatten().unwrap_or(f64::NAN);
             let own = |w: &&String| w.starts_with(name) && !w.contains("underside") && !w.contains("filled inside");
-            let repairs: Vec<&str> =
-                report.plan.warnings.iter().filter(own).map(|w| w[name.len() + 2..].trim()).collect();
-            let kind = if repairs.is_empty() { "filled" } else { "repaired and filled" };
+            let told: Vec<&str> = report.plan.warnings.iter().filter(own).map(|w| w[name.len() + 2..].trim()).collect();
+            let kind = match &told[..] {
+                [] => "filled",
+                all if all.iter().all(|w| w.contains("stays empty")) => "filled in part",
+                _ => "repaired and filled",
+            };
             let lost = report.counts["bodies_lost"] + report.counts["removed_escaped"];
             let (fill, pockets) = (measure("fill_fraction"), measure("pocket_fraction"));
             let figures = format!("{} | {fill:.2} | {pockets:.2} | {lost}", bake.bodies.len());
-            Fate { kind, told: repairs.join("; "), figures }
+            Fate { kind, told: told.join("; "), figures }
         }
         Err(Error::Invalid(problems)) => {
             let told: Vec<String> = problems.iter().map(|p| p.text.replace(&format!("{name}: "), "")).collect();
