@@ -3,11 +3,11 @@
 //!
 //!     cargo run --release --example acceptance -- --seeds 5
 
-use cairn_core::memory::NoMemory;
-use cairn_core::observer::{Observer, Progress};
-use cairn_core::params::{Accuracy, ControlMode, Params};
+use cairn_core::input::observer::{Observer, Progress};
+use cairn_core::input::params::{Accuracy, ControlMode, Params};
+use cairn_core::input::scene::{Model, Prop, Scene};
 use cairn_core::report::Report;
-use cairn_core::scene::{Model, Prop, Scene};
+use cairn_core::stages::cache::NoMemory;
 use clap::Parser;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -98,8 +98,8 @@ fn variants() -> [(&'static str, Change); 3] {
     ]
 }
 
-fn stage(stage: &cairn_core::observer::Stage) -> &'static str {
-    use cairn_core::observer::Stage;
+fn stage(stage: &cairn_core::input::observer::Stage) -> &'static str {
+    use cairn_core::input::observer::Stage;
     match stage {
         Stage::Shape => "shape",
         Stage::Fill => "fill",

@@ -7,10 +7,10 @@
 
 mod collection;
 
-use cairn_core::mesh::TriMesh;
-use cairn_core::observer::Silent;
-use cairn_core::params::{Accuracy, Params, ReleaseOrder};
-use cairn_core::scene::{Model, Prop, Scene};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::input::observer::Silent;
+use cairn_core::input::params::{Accuracy, Params, ReleaseOrder};
+use cairn_core::input::scene::{Model, Prop, Scene};
 use cairn_core::{Error, bake};
 use clap::Parser;
 use glam::DVec3;

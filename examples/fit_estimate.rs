@@ -8,7 +8,7 @@
 
 use anyhow::Context;
 use cairn::cost::Record;
-use cairn_core::estimate::{FEATURES, Weights, calibrate};
+use cairn_core::prepare::estimate::{FEATURES, Weights, calibrate};
 use clap::Parser;
 use nalgebra::{DMatrix, DVector};
 use std::path::PathBuf;
@@ -39,7 +39,7 @@ fn main() -> anyhow::Result<()> {
     }
     println!(
         "pub const CALIBRATION_SECONDS: f64 = {:.4};",
-        calibrate(cairn::machine::cpu_seconds)? * cairn_core::estimate::CALIBRATION_SECONDS
+        calibrate(cairn::machine::cpu_seconds)? * cairn_core::prepare::estimate::CALIBRATION_SECONDS
     );
     let mut expected = vec![0.0; runs.len()];
     for (name, stages) in LAWS {

@@ -6,8 +6,8 @@
 #[path = "../tests/hard/rows/mod.rs"]
 mod rows;
 
-use cairn_core::guard::Guard;
-use cairn_core::observer::Silent;
+use cairn_core::input::observer::Silent;
+use cairn_core::sim::guard::Guard;
 use cairn_core::world::{Insertion, Units, World};
 use clap::Parser;
 use rows::engines::Engine;
@@ -63,8 +63,9 @@ fn guard_cost() {
     let stick = rows::scenes::prop("stick", rows::scenes::block(glam::DVec3::new(0.5, 0.05, 0.05)), 0.7);
     let scene = rows::scenes::placed(stick, rows::scenes::cloud(600, 12, 0.6, 1));
     let params = rows::engines::params(Engine::Uncontrolled, 1.0);
-    let checked = cairn_core::check::run(&scene, &params).expect("a sound scene");
-    let shapes = cairn_core::shape::run(&scene, &params, &checked, &mut Silent).expect("props with volume");
+    let checked = cairn_core::prepare::check::run(&scene, &params).expect("a sound scene");
+    let shapes =
+        cairn_core::prepare::shape::run(&scene, &params, &checked.sizes, &mut Silent).expect("props with volume");
     let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
     let world = || {
         let mut world = World::new(units, &params.physics, shapes[0].thickness() / units.length, false);

@@ -12,15 +12,15 @@ mod collection;
 use anyhow::{Context, anyhow, bail};
 use cairn::cost::{Ledger, Record};
 use cairn::machine;
-use cairn_core::bake::Bake;
-use cairn_core::check;
-use cairn_core::estimate;
-use cairn_core::free_pour::free_pour;
-use cairn_core::mesh::TriMesh;
-use cairn_core::observer::{Observer, Progress, Stage};
-use cairn_core::params::{Accuracy, Params};
-use cairn_core::scene::{Prop, Scene};
-use cairn_core::shape;
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::input::observer::{Observer, Progress, Stage};
+use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::input::scene::{Prop, Scene};
+use cairn_core::prepare::check;
+use cairn_core::prepare::estimate;
+use cairn_core::prepare::shape;
+use cairn_core::report::bake::Bake;
+use cairn_core::stages::free_pour::free_pour;
 use clap::Parser;
 use cpu_time::ThreadTime;
 use std::collections::BTreeMap;
@@ -287,7 +287,7 @@ fn volume(mesh: &TriMesh) -> f64 {
 
 fn reference(scene: &Scene, params: &Params, watch: &mut Watch) -> Option<f64> {
     let checked = check::run(scene, params).ok()?;
-    let shapes = shape::run(scene, params, &checked, watch).ok()?;
+    let shapes = shape::run(scene, params, &checked.sizes, watch).ok()?;
     free_pour(&scene.props[0], &shapes[0], params, watch).ok()?
 }
 

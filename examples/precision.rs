@@ -10,15 +10,16 @@
 
 mod piles;
 
-use cairn_core::control::LocalProblem;
+use cairn_core::Error;
 use cairn_core::equilibrium::{
     Analyser, Candidacy, CandidateRules, Fit, FrictionLaw, FrictionReserve, Options, Solver, Spread,
 };
-use cairn_core::observer::{Observer, Progress, Silent};
-use cairn_core::params::{self, Params};
-use cairn_core::release::{self, Pile};
+use cairn_core::input::observer::{Observer, Progress, Silent};
+use cairn_core::input::params::{self, Params};
+use cairn_core::sim::control::LocalProblem;
+use cairn_core::stages::hold;
+use cairn_core::stages::release::{self, Pile};
 use cairn_core::world::{Role, World};
-use cairn_core::{Error, hold};
 use clap::Parser;
 use std::ops::ControlFlow;
 use std::path::PathBuf;

@@ -4,11 +4,11 @@
 
 mod piles;
 
-use cairn_core::control::LocalProblem;
 use cairn_core::equilibrium::{
     Analyser, Candidacy, CandidateRules, FrictionLaw, FrictionReserve, Options, Solver, Spread,
 };
-use cairn_core::observer::{Silent, Stage};
+use cairn_core::input::observer::{Silent, Stage};
+use cairn_core::sim::control::LocalProblem;
 use std::path::Path;
 use std::time::Instant;
 

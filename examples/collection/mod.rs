@@ -2,7 +2,7 @@
 //! triangles, watertight, ...), named in `CAIRN_DATA`, or `../shared/data` beside the workspace.
 
 use cairn_core::asset::{self, Limits, Source};
-use cairn_core::scene::Model;
+use cairn_core::input::scene::Model;
 use std::path::{Path, PathBuf};
 
 pub fn folder() -> PathBuf {

@@ -3,16 +3,17 @@
 use anyhow::{Context, anyhow};
 use cairn::job::Job;
 use cairn::scene_file::SceneTree;
-use cairn_core::check::Checked;
-use cairn_core::container::Container;
-use cairn_core::control::Control;
+use cairn_core::Error;
 use cairn_core::equilibrium::global;
-use cairn_core::fill::{self, Filled};
-use cairn_core::observer::Silent;
-use cairn_core::release::{self, Pile};
-use cairn_core::shape::{self, Shape};
+use cairn_core::input::observer::Silent;
+use cairn_core::prepare::check;
+use cairn_core::prepare::check::Checked;
+use cairn_core::prepare::container::Container;
+use cairn_core::prepare::shape::{self, Shape};
+use cairn_core::sim::control::Control;
+use cairn_core::stages::fill::{self, Filled};
+use cairn_core::stages::release::{self, Pile};
 use cairn_core::world::{Side, Units, World};
-use cairn_core::{Error, check};
 use std::path::Path;
 
 /// A scene whose container is full: any number of piles may be turned over from it.
@@ -38,9 +39,9 @@ impl Full {
         let job = Job::read(&tree.to_message()).map_err(told)?;
         let (scene, params) = (&job.scene, &job.params);
         let checked = check::run(scene, params).map_err(Error::Invalid)?;
-        let shapes = shape::run(scene, params, &checked, &mut Silent)?;
+        let shapes = shape::run(scene, params, &checked.sizes, &mut Silent)?;
         let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
-        let mesh = checked.control.as_ref().filter(|_| check::fills(scene, params));
+        let mesh = checked.control.as_ref().filter(|_| scene.is_filled(params));
         let container = mesh.map(|c| Container::new(c, units.length, checked.ground, params.fill.wall_tolerance));
         let fill = |container| fill::run(scene, &shapes, params, units, container, &mut Silent);
         let filled = container.as_ref().map(fill).transpose()?;

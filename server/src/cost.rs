@@ -15,9 +15,9 @@ pub use variants::{Kind, Variant, variants, work};
 use crate::job::Job;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
-use cairn_core::mesh::TriMesh;
-use cairn_core::observer::Observer;
-use cairn_core::params::Params;
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::input::observer::Observer;
+use cairn_core::input::params::Params;
 use glam::DVec3;
 
 /// Figures that are an error by themselves: 0 is the truth.

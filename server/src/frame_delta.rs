@@ -2,7 +2,7 @@
 
 use crate::proto::bake_event::Kind;
 use crate::{proto, to_proto};
-use cairn_core::observer::{Frame, Shown, Stage, State};
+use cairn_core::input::observer::{Frame, Shown, Stage, State};
 
 /// What a reader of the messages so far knows.
 #[derive(Default)]
@@ -102,7 +102,7 @@ fn body_table(frame: &Frame, first: usize) -> proto::BodyTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_core::pose::Pose;
+    use cairn_core::geometry::pose::Pose;
     use glam::{DQuat, DVec3};
 
     fn body(x: f64, scale: f64) -> Option<Shown> {

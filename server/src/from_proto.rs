@@ -6,8 +6,8 @@ pub mod added;
 
 use crate::problem::Problem;
 use crate::proto;
-use cairn_core::observer::{Progress, Stage};
-use cairn_core::params::{
+use cairn_core::input::observer::{Progress, Stage};
+use cairn_core::input::params::{
     Accuracy, ContactSelection, Control, ControlMode, ControlSwitches, Fill, FillMethod, FrictionCone, FrictionModel,
     FrictionReserve, Hold, Neighbours, Output, Params, Physics, PhysicsSwitches, Release, ReleaseOrder, Spread, Switch,
     Time,

@@ -9,12 +9,12 @@ use crate::reuse::Cache;
 use crate::scene_file::SceneTree;
 use crate::{files, from_proto, machine, proto, report, to_proto};
 use cairn_core::asset::{self, Limits, Source};
-use cairn_core::bake::Bake;
-use cairn_core::estimate::Estimate;
-use cairn_core::mesh::TriMesh;
-use cairn_core::observer::Observer;
-use cairn_core::params::{Accuracy, Params};
-use cairn_core::scene::{Key, Model, Place, Prop, Scene, StaticModel};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::input::observer::Observer;
+use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::input::scene::{Key, Model, Place, Prop, Scene, StaticModel};
+use cairn_core::prepare::estimate::Estimate;
+use cairn_core::report::bake::Bake;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -137,7 +137,7 @@ impl Job {
 
     /// What each accuracy is expected to cost on this machine. Measures the machine, for a few tenths of a second.
     pub fn estimates(&self) -> Result<Vec<Estimate>, cairn_core::Error> {
-        let machine = cairn_core::estimate::calibrate(machine::cpu_seconds)?;
+        let machine = cairn_core::prepare::estimate::calibrate(machine::cpu_seconds)?;
         cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
     }
 
@@ -309,7 +309,7 @@ impl Reader {
 
     /// Adds what the core finds wrong with values. What it says of models that could not be read would mislead.
     fn check_values(&mut self, scene: &Scene, params: &Params) {
-        let Err(found) = cairn_core::check::run(scene, params) else { return };
+        let Err(found) = cairn_core::prepare::check::run(scene, params) else { return };
         for problem in found {
             let is_model = problem.field.rsplit('.').next().is_some_and(|last| last.parse::<usize>().is_ok())
                 || ["control_mesh", "region", "props"].contains(&&*problem.field);

@@ -1,6 +1,6 @@
 //! How long a bake's stage will still take.
 
-use cairn_core::observer::{Progress, Stage};
+use cairn_core::input::observer::{Progress, Stage};
 use std::time::Instant;
 
 /// The pace of the running stage.

@@ -40,8 +40,8 @@ impl fmt::Display for Problem {
 }
 
 /// The core tells place, fault and remedy in one sentence.
-impl From<cairn_core::problem::Problem> for Problem {
-    fn from(problem: cairn_core::problem::Problem) -> Problem {
+impl From<cairn_core::error::Problem> for Problem {
+    fn from(problem: cairn_core::error::Problem) -> Problem {
         Problem::from(problem.text).of_field(&problem.field)
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::scene_file::SceneTree;
 use crate::{VERSION, machine, proto};
-use cairn_core::bake::Bake;
+use cairn_core::report::bake::Bake;
 use serde_json::{Map, Value, json};
 
 /// The report file's content. `around` are CPU seconds of what happens around the core's stages.

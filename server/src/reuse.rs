@@ -4,10 +4,10 @@
 //! written is left out.
 
 use crate::report;
-use cairn_core::bake::Bake;
-use cairn_core::memory::{FillInputs, Found, Memory};
-use cairn_core::params::Params;
-use cairn_core::scene::Scene;
+use cairn_core::input::params::Params;
+use cairn_core::input::scene::Scene;
+use cairn_core::report::bake::Bake;
+use cairn_core::stages::cache::{FillInputs, Found, Memory};
 use etcetera::BaseStrategy;
 use serde::Serialize;
 use serde::de::DeserializeOwned;

@@ -2,14 +2,14 @@
 
 use crate::problem::Problem;
 use crate::proto;
-use cairn_core::effects::Effect;
-use cairn_core::estimate::Estimate;
-use cairn_core::observer::{Progress, Stage, State};
-use cairn_core::params::{
+use cairn_core::input::observer::{Progress, Stage, State};
+use cairn_core::input::params::{
     Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
     Neighbours, Params, Physics, ReleaseOrder, Spread, Switch, Time,
 };
-use cairn_core::plan::Plan;
+use cairn_core::prepare::effects::Effect;
+use cairn_core::prepare::estimate::Estimate;
+use cairn_core::prepare::plan::Plan;
 
 /// A scene of these parameters, without models.
 pub fn params(params: &Params) -> proto::Scene {

@@ -13,7 +13,7 @@ use crate::problem::Problem;
 use crate::proto::{self, OutputFormat, bake_event::Kind};
 use crate::reuse::Cache;
 use crate::{machine, to_proto};
-use cairn_core::observer::{Frame, Observer, Progress};
+use cairn_core::input::observer::{Frame, Observer, Progress};
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;

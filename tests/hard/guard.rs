@@ -2,15 +2,17 @@
 
 use crate::rows::engines::{Engine, params};
 use crate::rows::scenes::{at, block, placed, prop};
-use cairn_core::control::Control;
-use cairn_core::guard::{Fault, Guard};
-use cairn_core::observer::{Silent, Stage};
-use cairn_core::params::{Params, Time};
-use cairn_core::pose::Pose;
-use cairn_core::release::Pile;
-use cairn_core::scene::{Key, Model, Scene, StaticModel};
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::observer::{Silent, Stage};
+use cairn_core::input::params::{Params, Time};
+use cairn_core::input::scene::{Key, Model, Scene, StaticModel};
+use cairn_core::prepare::{check, shape};
+use cairn_core::sim::control::Control;
+use cairn_core::sim::guard::{Fault, Guard};
+use cairn_core::stages::release;
+use cairn_core::stages::release::Pile;
 use cairn_core::world::{Insertion, Role, Units, World};
-use cairn_core::{Error, bake, check, release, shape};
+use cairn_core::{Error, bake};
 use glam::DVec3;
 
 const BODIES: usize = 10;
@@ -37,7 +39,7 @@ fn pressed(to: f64, seconds: f64) -> Outcome {
 
 fn run(scene: &Scene, params: &Params, steps: u64, fault: impl Fn(&mut Pile, u64)) -> Result<Outcome, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    let shapes = shape::run(scene, params, &checked, &mut Silent)?;
+    let shapes = shape::run(scene, params, &checked.sizes, &mut Silent)?;
     let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
     let control = Control::new(&params.control, params.gravity, params.seed, None);
     let mut pile = release::turn_over(scene, &shapes, params, units, &[], 0.0, control)?;
@@ -101,7 +103,7 @@ fn what_is_too_fast_is_tried_again_and_set_aside() {
 fn what_falls_through_the_ground_is_set_aside() {
     let (scene, params) = (stacks(), uncontrolled());
     let checked = check::run(&scene, &params).unwrap();
-    let shapes = shape::run(&scene, &params, &checked, &mut Silent).unwrap();
+    let shapes = shape::run(&scene, &params, &checked.sizes, &mut Silent).unwrap();
     let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
     let mut world = World::new(units, &params.physics, 0.5, false);
     let pose = Pose { translation: DVec3::Y, ..Pose::IDENTITY };

@@ -7,7 +7,7 @@ use crate::files::bake_of;
 use cairn::export::{ExportScene, Format, SourceModel, encode};
 use cairn::files;
 use cairn_core::asset::{self, Limits, Source};
-use cairn_core::pose::Pose;
+use cairn_core::geometry::pose::Pose;
 use glam::{DQuat, DVec3};
 use std::path::{Path, PathBuf};
 

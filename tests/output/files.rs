@@ -2,11 +2,11 @@
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
-use cairn_core::bake::{Bake, Body};
-use cairn_core::params::{Accuracy, Params};
-use cairn_core::plan::Plan;
-use cairn_core::pose::Pose;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::prepare::plan::Plan;
 use cairn_core::report::Report;
+use cairn_core::report::bake::{Bake, Body};
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
 

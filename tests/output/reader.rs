@@ -1,6 +1,6 @@
 //! Reads a result back with the `gltf` crate, which validates it, and evaluates its animation.
 
-use cairn_core::bake::Bake;
+use cairn_core::report::bake::Bake;
 use glam::{DMat4, DQuat, DVec3};
 use gltf::animation::util::ReadOutputs;
 use serde_json::Value;

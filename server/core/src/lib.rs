@@ -3,80 +3,50 @@
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
 
 pub mod asset;
-pub mod bake;
-pub mod check;
-pub mod container;
-pub mod control;
-pub mod effects;
 pub mod equilibrium;
-pub mod estimate;
-pub mod events;
-mod extremes;
-pub mod figures;
-pub mod fill;
-pub mod free_pour;
-pub mod guard;
-pub mod hold;
+pub mod error;
+pub mod geometry;
+pub mod input;
 pub mod measure;
-pub mod memory;
-pub mod mesh;
-pub mod observer;
-pub mod params;
-pub mod plan;
-pub mod pose;
-pub mod problem;
-pub mod record;
-pub mod region;
-pub mod release;
+pub mod prepare;
 pub mod report;
-pub mod scene;
-pub mod shape;
-mod standing;
-pub mod topology;
-mod weld;
+pub mod sim;
+pub mod stages;
 pub mod world;
 
-use bake::Bake;
-use check::Checked;
-use container::{Container, grid};
-use control::Control;
-use estimate::{Estimate, Workload};
-use fill::Filled;
-use memory::{FillInputs, Found, Memory, NoMemory, Witness};
-use observer::{Observer, Silent, Stage};
-use params::Params;
-use plan::Plan;
-use pose::Pose;
-use problem::Problem;
-use region::DistanceGrid;
-use scene::Scene;
-use shape::Shape;
+pub use error::Error;
+
+use error::Problem;
+use geometry::pose::Pose;
+use geometry::region::DistanceGrid;
+use input::observer::{Observer, Silent, Stage};
+use input::params::Params;
+use input::scene::{self, Scene};
+use prepare::check::{self, Checked};
+use prepare::container::{Container, grid};
+use prepare::effects;
+use prepare::estimate::{self, Estimate, Workload};
+use prepare::plan::{self, Plan};
+use prepare::shape::{self, Shape};
+use report::bake::Bake;
+use report::figures;
+use sim::control::Control;
+use stages::cache::{FillInputs, Found, Memory, NoMemory, Witness};
+use stages::fill::Filled;
+use stages::{fill, hold, release};
 use std::collections::BTreeMap;
 use world::Units;
-
-/// Why a scene cannot be baked, or a bake did not finish.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The scene or its parameters are at fault: every problem, each naming its place and the remedy.
-    #[error("{}", .0.iter().map(Problem::to_string).collect::<Vec<_>>().join("\n"))]
-    Invalid(Vec<Problem>),
-    #[error("cancelled")]
-    Cancelled,
-    /// Our fault.
-    #[error("internal error: {0}")]
-    Internal(String),
-}
 
 /// Checks the scene and tells what would be simulated; simulates nothing.
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    Ok(plan::of(scene, params, &checked, &shape::outlines(scene, params, &checked)))
+    Ok(plan::of(scene, params, &checked, &shape::outlines(scene, params, &checked.sizes)))
 }
 
 /// The numbers that decide what a bake of the scene costs. Makes the collision shapes, and simulates nothing.
 pub fn workload(scene: &Scene, params: &Params) -> Result<Workload, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    let shapes = shape::run(scene, params, &checked, &mut Silent)?;
+    let shapes = shape::run(scene, params, &checked.sizes, &mut Silent)?;
     Ok(Workload::of(scene, params, &checked, &shapes))
 }
 
@@ -85,7 +55,7 @@ pub fn workload(scene: &Scene, params: &Params) -> Result<Workload, Error> {
 pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64) -> Result<Vec<Estimate>, Error> {
     // What checking finds out does not depend on the accuracy.
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    let shapes = shape::run(scene, params, &checked, &mut Silent)?;
+    let shapes = shape::run(scene, params, &checked.sizes, &mut Silent)?;
     Ok(ladder.iter().map(|params| estimate::of(scene, params, &checked, &shapes, machine)).collect())
 }
 
@@ -132,10 +102,10 @@ pub fn fill_container(
     let known = if memory.keeps() { memory.recall(&inputs) } else { None };
     let shapes = match &known {
         Some(known) => known.shapes.clone(),
-        None => shape::run(scene, params, &checked, observer)?,
+        None => shape::run(scene, params, &checked.sizes, observer)?,
     };
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
-    let filled_mesh = checked.control.as_ref().filter(|_| check::fills(scene, params));
+    let filled_mesh = checked.control.as_ref().filter(|_| scene.is_filled(params));
     let tolerance = params.fill.wall_tolerance;
     let container = filled_mesh.map(|closed| Container::new(closed, units.length, checked.ground, tolerance));
     let own = if container.is_some() { checked.region.as_ref() } else { checked.region.as_ref().or(checked.target()) };

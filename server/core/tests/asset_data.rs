@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use cairn_core::asset::{self, Asset, Limits, Problem, ProblemKind, Source};
-use cairn_core::mesh::TriMesh;
-use cairn_core::topology::{WELD_TOLERANCE, inspect, oriented, weld};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::topology::{WELD_TOLERANCE, inspect, oriented, weld};
 
 struct Entry {
     name: String,

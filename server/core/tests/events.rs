@@ -2,12 +2,12 @@
 
 mod common;
 
-use cairn_core::bake::Bake;
-use cairn_core::mesh::TriMesh;
-use cairn_core::observer::{Frame, Observer, Progress, Silent, State};
-use cairn_core::params::{Accuracy, ContactSelection, ControlMode, Params, ReleaseOrder};
-use cairn_core::pose::Pose;
-use cairn_core::scene::{Emitter, Given, Key, Model, Place, Prop, Scene, StaticModel};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::observer::{Frame, Observer, Progress, Silent, State};
+use cairn_core::input::params::{Accuracy, ContactSelection, ControlMode, Params, ReleaseOrder};
+use cairn_core::input::scene::{Emitter, Given, Key, Model, Place, Prop, Scene, StaticModel};
+use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake};
 use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
@@ -90,7 +90,7 @@ fn a_late_body_is_not_there_before_its_frame() {
     let mut watcher = Watcher::default();
     let bake = bake(
         &bricks(bodies),
-        &Params { output: cairn_core::params::Output { frames: Some(20), ..params().output }, ..params() },
+        &Params { output: cairn_core::input::params::Output { frames: Some(20), ..params().output }, ..params() },
         &mut watcher,
     )
     .unwrap();

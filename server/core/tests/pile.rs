@@ -2,14 +2,16 @@
 
 mod common;
 
-use cairn_core::mesh::TriMesh;
-use cairn_core::observer::{Observer, Progress, Silent};
-use cairn_core::params::{Accuracy, ControlMode, FillMethod, Params};
-use cairn_core::pose::Pose;
-use cairn_core::scene::Scene;
-use cairn_core::shape::hull_mesh;
+use cairn_core::bake;
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::observer::{Observer, Progress, Silent};
+use cairn_core::input::params::{Accuracy, ControlMode, FillMethod, Params};
+use cairn_core::input::scene::Scene;
+use cairn_core::prepare::shape::hull_mesh;
+use cairn_core::sim::control;
+use cairn_core::stages::{fill, release};
 use cairn_core::world::Role;
-use cairn_core::{bake, control, fill, release};
 use common::{cone, scene, stick};
 use glam::DVec3;
 use std::ops::ControlFlow;
@@ -46,7 +48,7 @@ fn the_same_request_gives_the_same_bits_for_any_number_of_threads() {
     assert_eq!(one.frames, three.frames);
     assert_eq!(one.bodies, three.bodies);
     // Times differ; figures made of them are left out.
-    let timeless = |b: &cairn_core::bake::Bake| {
+    let timeless = |b: &cairn_core::report::bake::Bake| {
         let mut m = b.report.measures.clone();
         m.retain(|name, _| !["control_overhead", "analysis_us_per_body"].contains(&&**name));
         m
@@ -114,11 +116,11 @@ fn each_accuracy_is_expected_to_cost_more_than_the_one_before() {
 fn whatever_is_held_was_certified_in_its_latest_cycle() {
     let scene = scene(cone(0.9, 2.0), stick());
     let params = params();
-    let checked = cairn_core::check::run(&scene, &params).unwrap();
-    let shapes = cairn_core::shape::run(&scene, &params, &checked, &mut Silent).unwrap();
+    let checked = cairn_core::prepare::check::run(&scene, &params).unwrap();
+    let shapes = cairn_core::prepare::shape::run(&scene, &params, &checked.sizes, &mut Silent).unwrap();
     let units = cairn_core::world::Units::new(checked.diameter, shapes[0].mass, params.gravity);
     let closed = checked.control.as_ref().unwrap();
-    let container = cairn_core::container::Container::new(closed, units.length, 0.0, 0.0);
+    let container = cairn_core::prepare::container::Container::new(closed, units.length, 0.0, 0.0);
     let filled = fill::run(&scene, &shapes, &params, units, &container, &mut Silent).unwrap();
     let control = control::Control::new(&params.control, params.gravity, params.seed, Some(&container.distance));
     let mut pile = release::turn_over(&scene, &shapes, &params, units, &filled.bodies, 0.0, control).unwrap();
@@ -128,7 +130,7 @@ fn whatever_is_held_was_certified_in_its_latest_cycle() {
     }
     let mut held_ever = 0;
     for _ in 0..200 {
-        pile.advance(&mut Silent, cairn_core::observer::Stage::Hold, |_| 0.0).unwrap();
+        pile.advance(&mut Silent, cairn_core::input::observer::Stage::Hold, |_| 0.0).unwrap();
         for (id, body) in pile.world.bodies().iter().enumerate() {
             if body.role == Role::Held {
                 assert!(pile.control.certified()[id], "body {id} is held without a certificate");

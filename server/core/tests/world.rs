@@ -2,10 +2,10 @@
 
 mod common;
 
-use cairn_core::mesh::TriMesh;
-use cairn_core::params::{Accuracy, Params};
-use cairn_core::pose::Pose;
-use cairn_core::shape::{Shape, Size, Solid, hull_mesh};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::prepare::shape::{Outline, Shape, Size, Solid, hull_mesh};
 use cairn_core::world::{Insertion, Side, TouchPoint, Units, World};
 use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
@@ -53,7 +53,7 @@ fn nail_all(world: &mut World) -> usize {
 #[test]
 fn a_disc_of_many_corners_lies_flat() {
     let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
-    assert_eq!(shape.report.kind, "hull");
+    assert_eq!(shape.report.kind, Outline::Hull);
     assert!(shape.report.deviation_rel < 0.02, "{}", shape.report.deviation_rel);
     for k in 0..4 {
         let translation = DVec3::new(2.0 * f64::from(k), 0.6, 0.0);

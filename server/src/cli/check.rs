@@ -4,8 +4,8 @@ use super::scene_args::SceneArgs;
 use super::{Failure, print};
 use crate::job::Job;
 use crate::problem::Problem;
-use cairn_core::estimate::Estimate;
-use cairn_core::plan::Plan;
+use cairn_core::prepare::estimate::Estimate;
+use cairn_core::prepare::plan::Plan;
 use serde_json::json;
 use std::fmt::Write;
 

@@ -8,7 +8,7 @@ use crate::job::Job;
 use crate::machine;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
-use cairn_core::observer::{Observer, Progress};
+use cairn_core::input::observer::{Observer, Progress};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

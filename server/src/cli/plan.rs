@@ -4,7 +4,7 @@ use super::check::{describe, read};
 use super::scene_args::SceneArgs;
 use super::{Failure, print};
 use crate::to_proto;
-use cairn_core::estimate::Estimate;
+use cairn_core::prepare::estimate::Estimate;
 use serde_json::json;
 use std::fmt::Write;
 use std::time::Duration;

@@ -3,7 +3,7 @@
 use super::interrupt;
 use crate::machine;
 use crate::pace::{Pace, name};
-use cairn_core::observer::{Observer, Progress};
+use cairn_core::input::observer::{Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::ops::ControlFlow;

@@ -10,7 +10,7 @@ use crate::worker::hex;
 use crate::{document, files, from_proto, job};
 use anstyle::AnsiColor;
 use bytes::Bytes;
-use cairn_core::observer::Observer;
+use cairn_core::input::observer::Observer;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::future::Future;

@@ -2,7 +2,7 @@
 
 use super::table::Spread;
 use super::{Kind, Record, Variant};
-use cairn_core::plan::Plan;
+use cairn_core::prepare::plan::Plan;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -15,7 +15,7 @@ const TOLD: [&str; 4] = ["kept_shape", "penetration_mean_rel", "resting_speed_ma
 /// The scene as it is, and each effect of its plan that can be switched, the other way.
 pub fn switched(plan: &Plan) -> Vec<Variant> {
     let as_is = Variant { name: AS_IS.into(), kind: Kind::Knob, set: Vec::new() };
-    let other = |effect: &cairn_core::effects::Effect| {
+    let other = |effect: &cairn_core::prepare::effects::Effect| {
         let field = effect.switch.as_deref()?;
         let to = if effect.on { "off" } else { "on" };
         let set = match field {

@@ -1,10 +1,10 @@
 //! The runs that were made, kept as lines of JSON: a study that is called again goes on where it ended.
 
 use crate::problem::Problem;
-use cairn_core::estimate::Workload;
-use cairn_core::params::Params;
+use cairn_core::input::params::Params;
+use cairn_core::input::scene::Scene;
+use cairn_core::prepare::estimate::Workload;
 use cairn_core::report::Report;
-use cairn_core::scene::Scene;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::Write;

@@ -156,7 +156,7 @@ pub fn front(rows: &[Row], name: &str) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_core::estimate::Workload;
+    use cairn_core::prepare::estimate::Workload;
 
     const WORKLOAD: Workload = Workload {
         bodies: 10.0,

@@ -3,7 +3,7 @@
 use crate::from_proto::params_and_problems;
 use crate::scene_file::SceneTree;
 use crate::{proto, to_proto};
-use cairn_core::params::{Accuracy, Params};
+use cairn_core::input::params::{Accuracy, Params};
 
 /// One way to bake the scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,7 +63,7 @@ pub fn work(tree: &SceneTree) -> f64 {
     let scene: proto::Scene = tree.to_message();
     let params: Params = params_and_problems(&scene).0;
     let step = match params.physics.step {
-        cairn_core::params::Time::Natural(step) | cairn_core::params::Time::Seconds(step) => step,
+        cairn_core::input::params::Time::Natural(step) | cairn_core::input::params::Time::Seconds(step) => step,
     };
     f64::from(params.physics.substeps) / step
 }

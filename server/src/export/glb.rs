@@ -14,8 +14,8 @@ use super::hierarchy::{Branch, Frame, INSTANCING, branch};
 use super::tracks::{self, Track};
 use super::{ExportError, ExportScene, SourceModel};
 use crate::document::{Document, DocumentError};
-use cairn_core::bake::Bake;
-use cairn_core::pose::Pose;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::report::bake::Bake;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 

@@ -10,7 +10,7 @@ mod table;
 mod tracks;
 
 use crate::document::{DocumentError, Resolver};
-use cairn_core::bake::Bake;
+use cairn_core::report::bake::Bake;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -142,6 +142,6 @@ fn folder_of(path: &Path) -> &Path {
 
 /// What the result calls each body.
 fn body_names(bake: &Bake, scene: &ExportScene) -> Vec<String> {
-    let named = |(i, body): (usize, &cairn_core::bake::Body)| format!("{}.{i:04}", scene.props[body.prop].name);
+    let named = |(i, body): (usize, &cairn_core::report::bake::Body)| format!("{}.{i:04}", scene.props[body.prop].name);
     bake.bodies.iter().enumerate().map(named).collect()
 }

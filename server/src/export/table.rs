@@ -12,8 +12,8 @@
 //! shape `[frame][body][7]`, `null` where a body is not there yet; the `.csv` has no row for it then.
 
 use super::{ExportError, ExportScene, body_names};
-use cairn_core::bake::Bake;
-use cairn_core::pose::Pose;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::report::bake::Bake;
 use serde::Serialize;
 
 const POSE_COLUMNS: [&str; 7] = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"];

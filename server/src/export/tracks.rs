@@ -1,7 +1,7 @@
 //! The keyframes of one body, in the numbers of a glTF file.
 
-use cairn_core::bake::Body;
-use cairn_core::pose::Pose;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::report::bake::Body;
 use glam::DQuat;
 
 /// The keys of one channel that say something.

@@ -2,8 +2,8 @@
 
 use crate::problem::{Problem, nearest};
 use crate::proto;
-use cairn_core::pose::Pose;
-use cairn_core::scene::{Emitter, Given, Key, Place};
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::scene::{Emitter, Given, Key, Place};
 use glam::{DQuat, DVec3};
 
 const EMITTER_SIZE: f64 = 1.0;

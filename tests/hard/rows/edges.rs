@@ -3,9 +3,9 @@
 use super::engines::{Engine, FPS, Motion, run};
 use super::scenes::{at, ball, block, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::mesh::TriMesh;
-use cairn_core::pose::Pose;
-use cairn_core::scene::{Given, Key, Model, StaticModel};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::scene::{Given, Key, Model, StaticModel};
 use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_4;
 

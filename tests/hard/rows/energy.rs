@@ -3,10 +3,10 @@
 use super::engines::Engine;
 use super::scenes::{block, disc, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::params::{Accuracy, Params, Time};
-use cairn_core::pose::Pose;
-use cairn_core::scene::Prop;
-use cairn_core::shape::{Shape, Size};
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::params::{Accuracy, Params, Time};
+use cairn_core::input::scene::Prop;
+use cairn_core::prepare::shape::{Shape, Size};
 use cairn_core::world::{Insertion, Units, World};
 use glam::{DQuat, DVec3};
 use rapier3d::math::Pose as EnginePose;

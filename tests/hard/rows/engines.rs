@@ -1,12 +1,13 @@
 //! The two that a case is run by: Cairn as it is delivered, and rapier with its default parameters.
 
-use cairn_core::observer::Silent;
-use cairn_core::params::{Accuracy, ControlMode, Params, ReleaseOrder};
-use cairn_core::pose::Pose;
+use cairn_core::bake;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::observer::Silent;
+use cairn_core::input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
+use cairn_core::input::scene::{Given, Scene};
+use cairn_core::prepare::shape::Shape;
+use cairn_core::prepare::{check, shape};
 use cairn_core::report::Report;
-use cairn_core::scene::{Given, Scene};
-use cairn_core::shape::Shape;
-use cairn_core::{bake, check, shape};
 use glam::DVec3;
 use rapier3d::math::Pose as EnginePose;
 use rapier3d::prelude::*;
@@ -64,7 +65,7 @@ pub fn baked(scene: &Scene, params: &Params) -> Motion {
 
 fn shapes(scene: &Scene, params: &Params) -> Vec<Shape> {
     let checked = check::run(scene, params).expect("a sound case");
-    shape::run(scene, params, &checked, &mut Silent).expect("props with volume")
+    shape::run(scene, params, &checked.sizes, &mut Silent).expect("props with volume")
 }
 
 fn engine_pose(pose: &Pose) -> EnginePose {

@@ -3,11 +3,12 @@
 use super::engines::{Engine, baked, params};
 use super::scenes::{at, block, filled, placed, prop};
 use super::{Extent, Outcome, all};
+use cairn_core::Error;
 use cairn_core::asset::{self, Source};
-use cairn_core::mesh::TriMesh;
-use cairn_core::params::ReleaseOrder;
-use cairn_core::shape::{Shape, Size};
-use cairn_core::{Error, check};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::input::params::ReleaseOrder;
+use cairn_core::prepare::check;
+use cairn_core::prepare::shape::{Shape, Size};
 use glam::{DAffine3, DVec3};
 
 fn turned_over(mut mesh: TriMesh) -> TriMesh {
@@ -74,7 +75,7 @@ pub fn bad_container(engine: Engine, _: Extent) -> Outcome {
         let scene = filled(mesh, prop("brick", block(DVec3::new(0.4, 0.3, 0.2)), 0.7));
         let mut params = params(engine, 0.5);
         params.release.order = ReleaseOrder::BottomUp;
-        match cairn_core::bake(&scene, &params, &mut cairn_core::observer::Silent) {
+        match cairn_core::bake(&scene, &params, &mut cairn_core::input::observer::Silent) {
             Err(Error::Invalid(problems)) => {
                 let told = problems.iter().any(|p| p.text.contains("open"));
                 (format!("{name}: refused, {}", if told { "as open" } else { "without a reason" }), told)
@@ -117,8 +118,11 @@ pub fn scaled_node(_: Engine, _: Extent) -> Outcome {
     let read = asset::read(&source).expect("a sound file").mesh;
     let prop = prop("box", read.clone(), 0.5);
     let size = Size::of(&read);
-    let shape =
-        Shape::new(&prop, size, &cairn_core::params::Params::new(cairn_core::params::Accuracy::Standard).physics);
+    let shape = Shape::new(
+        &prop,
+        size,
+        &cairn_core::input::params::Params::new(cairn_core::input::params::Accuracy::Standard).physics,
+    );
     let mass = shape.expect("a prop with volume").mass;
     let exact = 1000.0 * 0.2 * 0.4 * 0.6 * 3.0;
     let error = (mass / exact - 1.0).abs();

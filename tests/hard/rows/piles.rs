@@ -3,7 +3,7 @@
 use super::engines::{Engine, FPS, Motion, baked, params, run};
 use super::scenes::{asset, at, ball, block, cloud, cone, cylinder, filled, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::params::{Params, ReleaseOrder};
+use cairn_core::input::params::{Params, ReleaseOrder};
 use glam::DVec3;
 
 pub fn balls(engine: Engine, extent: Extent) -> Outcome {

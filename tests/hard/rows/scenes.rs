@@ -1,8 +1,8 @@
 //! The hard cases' meshes and scenes, made in code. Metres, Y up, the ground at y = 0.
 
-use cairn_core::mesh::TriMesh;
-use cairn_core::pose::Pose;
-use cairn_core::scene::{Given, Model, Prop, Scene};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::scene::{Given, Model, Prop, Scene};
 use glam::{DQuat, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

@@ -3,11 +3,12 @@
 use super::engines::{Engine, Motion, params, run};
 use super::scenes::{at, block, cloud, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::control::Control;
-use cairn_core::observer::{Silent, Stage};
-use cairn_core::pose::Pose;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::observer::{Silent, Stage};
+use cairn_core::prepare::{check, shape};
+use cairn_core::sim::control::Control;
+use cairn_core::stages::release;
 use cairn_core::world::{Role, Units};
-use cairn_core::{check, release, shape};
 use glam::DVec3;
 
 pub fn needles(engine: Engine, _: Extent) -> Outcome {
@@ -78,7 +79,7 @@ fn stacks_of_five(engine: Engine, broken: Option<usize>) -> Ends {
     let scene = placed(prop("cube", block(DVec3::splat(0.1)), 0.5), (0..10).map(pose));
     let params = params(engine, 1.0);
     let checked = check::run(&scene, &params).expect("a sound scene");
-    let shapes = shape::run(&scene, &params, &checked, &mut Silent).expect("props with volume");
+    let shapes = shape::run(&scene, &params, &checked.sizes, &mut Silent).expect("props with volume");
     let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
     let control = Control::new(&params.control, params.gravity, params.seed, None);
     let mut pile = release::turn_over(&scene, &shapes, &params, units, &[], 0.0, control).expect("a pile");

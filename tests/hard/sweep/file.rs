@@ -6,7 +6,7 @@ use base64::prelude::BASE64_STANDARD;
 use cairn::proto;
 use cairn::scene_file::SceneTree;
 use cairn::to_proto;
-use cairn_core::mesh::TriMesh;
+use cairn_core::geometry::mesh::TriMesh;
 use std::path::{Path, PathBuf};
 
 /// Writes `scene.toml` and its models. Returns the scene file's path.

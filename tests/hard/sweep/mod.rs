@@ -4,9 +4,10 @@
 pub mod file;
 pub mod recipe;
 
-use cairn_core::bake::Bake;
-use cairn_core::observer::Silent;
-use cairn_core::{Error, bake, check, shape};
+use cairn_core::input::observer::Silent;
+use cairn_core::prepare::{check, shape};
+use cairn_core::report::bake::Bake;
+use cairn_core::{Error, bake};
 use glam::DVec3;
 use recipe::Recipe;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -60,10 +61,10 @@ fn is_refusal(text: &str) -> bool {
 fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     let (scene, params) = recipe.scene();
     let checked = check::run(&scene, &params).map_err(|e| format!("{e:?}"))?;
-    let shapes = shape::run(&scene, &params, &checked, &mut Silent).map_err(|e| e.to_string())?;
+    let shapes = shape::run(&scene, &params, &checked.sizes, &mut Silent).map_err(|e| e.to_string())?;
     let (d, g) = (checked.diameter, params.gravity);
     let must = |holds: bool, told: String| if holds { Ok(()) } else { Err(told) };
-    let finite = |p: &cairn_core::pose::Pose| p.translation.is_finite() && p.rotation.is_finite();
+    let finite = |p: &cairn_core::geometry::pose::Pose| p.translation.is_finite() && p.rotation.is_finite();
     must(bake.frames.iter().flatten().all(finite), "a pose is not finite".into())?;
 
     let count = |name: &str| bake.report.counts[name];
@@ -72,7 +73,7 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     must(count("verdicts_undecided") == 0 && verdicts == count("analyses"), "a verdict is undecided".into())?;
 
     // From here on by centres of mass.
-    let center = |frame: &[cairn_core::pose::Pose], k: usize| -> DVec3 {
+    let center = |frame: &[cairn_core::geometry::pose::Pose], k: usize| -> DVec3 {
         let body = bake.bodies[k];
         shapes[body.prop].body_pose(&frame[k], body.scale).translation
     };
@@ -94,7 +95,7 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     let all: f64 = (0..bodies).map(mass).sum();
     // By heights: what is pushed out of another body moves without momentum, so that frames do not tell kinetic energy. It is
     // bounded by the speeds; the guard in the bake weighs all of it.
-    let energy = |frame: &[cairn_core::pose::Pose]| {
+    let energy = |frame: &[cairn_core::geometry::pose::Pose]| {
         (0..bodies).map(|k| mass(k) * g * (center(frame, k).y - checked.ground)).sum::<f64>()
     };
     let start = energy(first);

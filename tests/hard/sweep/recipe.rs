@@ -1,13 +1,13 @@
 //! How a random scene is made: few numbers, so that a failure shrinks to few.
 
 use crate::rows::scenes::{ball, block, cone, cylinder, prop};
-use cairn_core::mesh::TriMesh;
-use cairn_core::observer::Silent;
-use cairn_core::params::{Accuracy, ControlMode, Params, ReleaseOrder};
-use cairn_core::pose::Pose;
-use cairn_core::scene::{Given, Model, Prop, Scene};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::observer::Silent;
+use cairn_core::input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
+use cairn_core::input::scene::{Given, Model, Prop, Scene};
+use cairn_core::prepare::{check, shape};
 use cairn_core::world::{Insertion, Side, Touch, Units, World};
-use cairn_core::{check, shape};
 use glam::{DAffine3, DQuat, DVec3};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
@@ -201,7 +201,7 @@ pub const MOST_OVERLAP: f64 = 0.5;
 /// The contacts of the bodies placed by hand, and the world that they are in.
 fn overlaps(scene: &Scene, params: &Params) -> (World, Vec<Touch>) {
     let checked = check::run(scene, params).expect("a sound recipe");
-    let shapes = shape::run(scene, params, &checked, &mut Silent).expect("props with volume");
+    let shapes = shape::run(scene, params, &checked.sizes, &mut Silent).expect("props with volume");
     let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
     let mut world = World::new(units, &params.physics, 0.01, true);
     world.add_ground(0.0, 0.0);

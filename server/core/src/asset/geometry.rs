@@ -14,8 +14,8 @@ use super::json::{Json, element};
 use super::node::{Nodes, Placed, unit};
 use super::problem::{Checked, Log, ProblemKind, clip};
 use super::strip::{self, Mode};
-use crate::mesh::TriMesh;
-use crate::weld::Welder;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::weld::Welder;
 
 /// Metres from the origin beyond which a point is taken for a mistake: the sun is nearer.
 const FARTHEST: f64 = 1e12;

@@ -26,8 +26,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::DMat3;
 
-use crate::mesh::TriMesh;
-use crate::topology::{drop_flat, weld};
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::topology::{drop_flat, weld};
 use accessor::Accessors;
 use buffer::Buffers;
 use geometry::{Builder, Built};

@@ -1,6 +1,6 @@
 //! How large a prop is: its bounding sphere and its smallest extent, from the points that its triangles use.
 
-use crate::mesh::TriMesh;
+use crate::geometry::mesh::TriMesh;
 use glam::DVec3;
 
 /// A point outside the ball by less than this share of its radius is on it.

@@ -9,9 +9,9 @@ use super::solid::{Outline, Solid};
 use super::stamp::control_grid;
 use super::voxels::{Block, Lattice};
 use super::{Pile, PropSolid, ShapeMeasures, pictures};
-use crate::mesh::TriMesh;
-use crate::pose::Pose;
-use crate::region::Region;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
+use crate::geometry::region::Region;
 use glam::DVec3;
 use rayon::prelude::*;
 

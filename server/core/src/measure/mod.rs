@@ -3,9 +3,9 @@
 //! Every length is in metres, heights are along Y, and `d` is the median diameter of the bodies (bounding sphere of
 //! the prop, scaled). A figure never stands alone where it could mislead: the structs carry the caveats.
 
-mod contact;
 mod extent;
 mod gauge;
+mod overlap;
 mod pictures;
 mod raster;
 mod solid;
@@ -14,13 +14,13 @@ mod stamp;
 mod tests;
 mod voxels;
 
-pub use contact::{CARRYING_GAP, Contact, Overlap, Penetration, Side, drift_p95_rel, hanging, penetration};
 pub use extent::{bounding_sphere, percentile, smallest_extent};
 pub use gauge::Gauge;
+pub use overlap::{Overlap, Penetration, penetration};
 pub use solid::Source;
 
-use crate::mesh::TriMesh;
-use crate::pose::Pose;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
 use serde::Serialize;
 
 /// Bodies where they lie: a prop's points are scaled, then posed.

@@ -4,8 +4,8 @@
 use super::Pile;
 use super::gauge::Gauge;
 use super::raster::Frame;
-use crate::mesh::TriMesh;
-use crate::pose::Pose;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 

@@ -5,8 +5,8 @@
 //! flat too; [`Source`] tells.
 
 use super::extent::{bounding_sphere, smallest_extent};
-use crate::mesh::TriMesh;
-use crate::region::Region;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::region::Region;
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rapier3d::parry;

@@ -3,8 +3,8 @@
 use super::gauge::{Gauge, placed, ratio};
 use super::voxels::{Block, Lattice};
 use super::{Pile, ShapeIou};
-use crate::pose::Pose;
-use crate::region::Region;
+use crate::geometry::pose::Pose;
+use crate::geometry::region::Region;
 use glam::DVec3;
 
 /// Cells of the grid around the control mesh: 4 million, about 60 MB while closing.

@@ -1,7 +1,7 @@
 //! Known answers, with shapes simple enough to work them out by hand.
 
 use super::*;
-use crate::region::Region;
+use crate::geometry::region::Region;
 use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::PI;
 

@@ -3,9 +3,9 @@
 
 use super::manifold::{Manifolds, TOLD};
 use super::{BodyId, CONTAINER, FIRST_BODY, FIRST_MOVING, GROUND, Role, World, to_engine};
-use crate::measure::{self, Contact};
-use crate::pose::Pose;
-use crate::shape::Shape;
+use crate::geometry::contact::{self, Contact};
+use crate::geometry::pose::Pose;
+use crate::prepare::shape::Shape;
 use glam::DVec3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::{
@@ -54,13 +54,13 @@ impl Touch {
     /// The same for the measures. What is kept in place carries like scenery.
     pub fn measured<'a>(&'a self, world: &World) -> impl Iterator<Item = Contact> + 'a {
         let side = |id: BodyId| match world.bodies[id].role {
-            Role::Kept => measure::Side::Fixed,
-            _ => measure::Side::Body(id),
+            Role::Kept => contact::Side::Fixed,
+            _ => contact::Side::Body(id),
         };
         let a = side(self.a);
         let b = match self.b {
             Side::Body(id) => side(id),
-            Side::Ground | Side::Scenery | Side::Moving => measure::Side::Fixed,
+            Side::Ground | Side::Scenery | Side::Moving => contact::Side::Fixed,
         };
         self.points.iter().map(move |p| Contact { a, b, normal: p.normal, gap: p.gap })
     }

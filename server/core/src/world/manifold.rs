@@ -7,7 +7,7 @@
 mod faces;
 mod plane;
 
-use crate::shape::Hull;
+use crate::prepare::shape::Hull;
 use rapier3d::parry::query::details::{
     NonlinearRigidMotion, NormalConstraints, ShapeCastOptions, contact_manifolds_composite_shape_composite_shape,
     contact_manifolds_composite_shape_shape, contact_manifolds_trimesh_shape_shapes,

@@ -14,10 +14,10 @@ mod nails;
 mod rolling;
 mod scenery;
 
-use crate::mesh::TriMesh;
-use crate::params::{FrictionModel, Physics, Switch, Time};
-use crate::pose::Pose;
-use crate::shape::Shape;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
+use crate::input::params::{FrictionModel, Physics, Switch, Time};
+use crate::prepare::shape::Shape;
 use glam::{DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::na::Unit;

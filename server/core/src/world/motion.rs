@@ -1,7 +1,7 @@
 //! How the bodies move, and what the engine's last step left undone.
 
 use super::{BodyId, Role, World};
-use crate::params::Switch;
+use crate::input::params::Switch;
 use glam::DVec3;
 use rapier3d::prelude::*;
 

@@ -5,8 +5,8 @@
 //! it on a slope less steep than the coefficient.
 
 use super::{BodyId, World};
-use crate::params::{Physics, Switch};
-use crate::shape::Shape;
+use crate::input::params::{Physics, Switch};
+use crate::prepare::shape::Shape;
 use rapier3d::prelude::*;
 
 /// What rolls.

@@ -1,8 +1,8 @@
 //! Geometry that bodies meet and do not move: it stands still, or is moved from outside.
 
 use super::{FIRST_MOVING, SCENERY, World, to_engine};
-use crate::mesh::TriMesh;
-use crate::pose::Pose;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
 use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::prelude::*;
 

@@ -1,8 +1,8 @@
 //! Small scenes, made in code. No test needs all of them.
 #![allow(dead_code)]
 
-use cairn_core::mesh::TriMesh;
-use cairn_core::scene::{Model, Prop, Scene};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::input::scene::{Model, Prop, Scene};
 use glam::DVec3;
 
 /// A closed cone on the ground, of this radius and height, with 32 sides.

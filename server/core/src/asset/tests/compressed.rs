@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::model::{Model, tetrahedron, told};
 use crate::asset::Limits;
-use crate::topology::inspect;
+use crate::geometry::topology::inspect;
 
 /// The reference encoder's streams of the tetrahedron with positions of 11 bits: by edges, and one vertex after another.
 pub const DRACO: [&str; 2] = [

@@ -5,7 +5,7 @@ use serde_json::json;
 
 use super::model::{CORNERS, FACES, Model, glb, read, read_with, tetrahedron, told};
 use crate::asset::{Asset, Limits};
-use crate::topology::inspect;
+use crate::geometry::topology::inspect;
 
 fn mesh_of(model: &Model) -> Asset {
     model.read().unwrap_or_else(|problems| panic!("{problems:#?}"))

@@ -5,7 +5,7 @@
 //! the contact.
 
 use super::{Meeting, View, widest};
-use crate::shape::Hull;
+use crate::prepare::shape::Hull;
 use rapier3d::parry::query::ContactManifold;
 use rapier3d::parry::query::details::{
     NormalConstraints, NormalConstraintsPair, contact_support_map_support_map_with_params,

@@ -1,7 +1,7 @@
 //! A polyhedron on a plane: all of its corners near the plane are candidates, of whatever face they are.
 
 use super::{Meeting, View, widest};
-use crate::shape::Hull;
+use crate::prepare::shape::Hull;
 use rapier3d::parry::query::ContactManifold;
 use rapier3d::parry::shape::{HalfSpace, PackedFeatureId};
 use rapier3d::prelude::*;

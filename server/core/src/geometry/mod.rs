@@ -1,0 +1,11 @@
+//! Meshes and poses, and what can be said of them without physics.
+
+pub mod closed;
+pub mod contact;
+pub mod mesh;
+pub mod pose;
+pub mod region;
+pub mod topology;
+pub(crate) mod weld;
+
+pub use closed::Closed;

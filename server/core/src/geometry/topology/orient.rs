@@ -1,0 +1,244 @@
+//! Turning triangles until a mesh faces outward, and taking away what is there twice.
+
+use glam::DVec3;
+
+use super::double::drop_doubles;
+use super::{Edges, Flat, Parts, area, drop_flat, weld};
+use crate::geometry::mesh::TriMesh;
+
+/// Volume, relative to the cube of a part's own diagonal, below which it encloses nothing that could tell in from out.
+const FLAT: f64 = 1e-9;
+
+/// Triangles that the search for cavities may look at: seconds of one core. Beyond, all parts are taken for solids.
+const MOST_CAVITY_WORK: usize = 200_000_000;
+
+/// What [`oriented`] did.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Repair {
+    /// Triangles with two equal corners, taken away.
+    pub degenerate: usize,
+    /// Triangles that were there twice, taken away.
+    pub duplicates: usize,
+    /// What came of triangles of no area.
+    pub flat: Flat,
+    /// Triangles turned to face the same way as those around them.
+    pub turned: usize,
+    /// Parts that were inside out as a whole, and now face outward.
+    pub inside_out: usize,
+    /// Parts that are cavities in others: these face inward.
+    pub cavities: usize,
+    /// Edges that no turning makes consistent: the surface has one side only, as a Moebius strip.
+    pub unorientable: usize,
+    /// There were too many parts to look for cavities.
+    pub cavities_not_sought: bool,
+}
+
+impl Repair {
+    /// One sentence for each thing that was done or could not be done; nothing for a clean mesh.
+    pub fn told(&self) -> Vec<String> {
+        let counted = [
+            (self.degenerate, "triangles with two equal corners were taken away"),
+            (self.flat.folded + self.flat.dropped, "triangles of no area were merged with those beside them"),
+            (self.flat.left, "triangles of no area could not be taken away"),
+            (self.duplicates, "triangles that were there twice were taken away"),
+            (self.turned, "triangles were turned to face the same way as those around them"),
+            (self.inside_out, "parts were inside out and were turned"),
+            (self.cavities, "parts are cavities in others"),
+            (self.unorientable, "edges cannot be made consistent: the surface has one side only"),
+        ];
+        let mut told: Vec<String> =
+            counted.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+        if self.cavities_not_sought {
+            told.push("there are too many parts to look for cavities: all were taken for solids".to_owned());
+        }
+        told
+    }
+}
+
+/// The same surface, consistently oriented and facing outward, points welded bit-exactly.
+///
+/// - Doubled triangles become single, also back to back, unless that opens the surface (an inner wall, a fin).
+/// - Triangles of no area are merged with those beside them.
+/// - Orientation is spread over edges of two triangles; what most of the area said before decides.
+/// - A closed part faces outward (positive volume), unless it is a cavity: it lies inside another closed part, and
+///   the file had the two facing opposite ways. One that faces the same way as the part around it is a solid too.
+/// - An open part faces outward as if a fan from the middle of its rim closed it; a flat one stays as it was.
+pub fn oriented(mesh: &TriMesh) -> (TriMesh, Repair) {
+    let mut repair = Repair::default();
+    let mut result = weld(mesh, 0.0);
+    repair.degenerate = mesh.triangles.len() - result.triangles.len();
+    drop_doubles(&mut result, &mut repair);
+    repair.flat = drop_flat(&mut result);
+    if repair != Repair::default() {
+        result = weld(&result, 0.0); // points of what was taken away
+    }
+
+    let edges = Edges::new(&result.triangles);
+    let turn = spread(&result, &edges, &mut repair);
+    turn_over(&mut result, &turn);
+    repair.turned = turn.iter().filter(|&&t| t).count();
+
+    let parts = parts(&result, &edges);
+    let outward = outward(&result, &parts, &mut repair);
+    repair.inside_out = outward.iter().filter(|&&inward| inward).count();
+    for (part, turn) in parts.iter().zip(outward) {
+        if turn {
+            part.faces.iter().for_each(|&f| result.triangles[f].swap(1, 2));
+        }
+    }
+    (result, repair)
+}
+
+fn turn_over(mesh: &mut TriMesh, turn: &[bool]) {
+    for (triangle, _) in mesh.triangles.iter_mut().zip(turn).filter(|(_, turn)| **turn) {
+        triangle.swap(1, 2);
+    }
+}
+
+/// Which triangles to turn, so that any two alone at an edge agree.
+fn spread(mesh: &TriMesh, edges: &Edges, repair: &mut Repair) -> Vec<bool> {
+    let count = mesh.triangles.len();
+    // Neighbours over edges of two triangles, and whether they agree as they are.
+    let mut neighbours: Vec<[(u32, bool); 3]> = vec![[(u32::MAX, true); 3]; count];
+    for edge in edges.iter() {
+        if let [a, b] = edge {
+            let agree = a.forward != b.forward;
+            for (from, to) in [(a.face, b.face), (b.face, a.face)] {
+                let free = neighbours[from as usize].iter_mut().find(|n| n.0 == u32::MAX);
+                if let Some(free) = free {
+                    *free = (to, agree);
+                }
+            }
+        }
+    }
+    let mut turn: Vec<Option<bool>> = vec![None; count];
+    let mut clashes = 0;
+    for start in 0..count {
+        if turn[start].is_some() {
+            continue;
+        }
+        turn[start] = Some(false);
+        let mut patch = vec![start];
+        let mut next = 0;
+        while let Some(&face) = patch.get(next) {
+            next += 1;
+            let turned = turn[face] == Some(true);
+            for &(neighbour, agree) in neighbours[face].iter().filter(|n| n.0 != u32::MAX) {
+                // One of two that agree turns with the other; one of two that do not, without it.
+                let wanted = turned == agree;
+                let neighbour = neighbour as usize;
+                match turn[neighbour] {
+                    None => {
+                        turn[neighbour] = Some(wanted);
+                        patch.push(neighbour);
+                    }
+                    Some(found) => clashes += usize::from(found != wanted),
+                }
+            }
+        }
+        let area_of = |wanted: bool| -> f64 {
+            patch.iter().filter(|&&f| turn[f] == Some(wanted)).map(|&f| area(mesh.corners(f))).sum()
+        };
+        if area_of(true) > area_of(false) {
+            patch.iter().for_each(|&f| turn[f] = turn[f].map(|t| !t));
+        }
+    }
+    repair.unorientable = clashes / 2; // each is met from both sides
+    turn.into_iter().map(|t| t == Some(true)).collect()
+}
+
+/// Triangles that hang together, and what they enclose.
+struct Part {
+    faces: Vec<usize>,
+    low: DVec3,
+    high: DVec3,
+    closed: bool,
+    /// m^3; for an open part, as if a fan from the middle of its rim closed it.
+    volume: f64,
+}
+
+fn parts(mesh: &TriMesh, edges: &Edges) -> Vec<Part> {
+    let mut sets = Parts::new(mesh.triangles.len());
+    for edge in edges.iter() {
+        edge.iter().for_each(|side| sets.join(edge[0].face as usize, side.face as usize));
+    }
+    let (number, count) = sets.numbered();
+    let mut faces: Vec<Vec<usize>> = vec![Vec::new(); count];
+    number.iter().enumerate().for_each(|(face, &n)| faces[n].push(face));
+    // Points at rims, with their number: edges at which an odd number of triangles meets.
+    let mut rims = vec![(DVec3::ZERO, 0.0); count];
+    for edge in edges.iter().filter(|edge| edge.len() % 2 == 1) {
+        let rim = &mut rims[number[edge[0].face as usize]];
+        for v in edge[0].edge {
+            *rim = (rim.0 + mesh.points[v as usize], rim.1 + 1.0);
+        }
+    }
+    let part = |(faces, (sum, n)): (Vec<usize>, (DVec3, f64))| {
+        let corners = || faces.iter().flat_map(|&f| mesh.corners(f));
+        let low = corners().fold(DVec3::INFINITY, DVec3::min);
+        let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let origin = if n > 0.0 { sum / n } else { low };
+        let volume = faces
+            .iter()
+            .map(|&f| {
+                let [a, b, c] = mesh.corners(f).map(|p| p - origin);
+                a.dot(b.cross(c)) / 6.0
+            })
+            .sum();
+        Part { faces, low, high, closed: n == 0.0, volume }
+    };
+    faces.into_iter().zip(rims).map(part).collect()
+}
+
+/// Which parts to turn as a whole.
+fn outward(mesh: &TriMesh, parts: &[Part], repair: &mut Repair) -> Vec<bool> {
+    let solid = |p: &Part| p.volume.abs() > FLAT * p.low.distance(p.high).powi(3);
+    // Larger ones first: what contains a part is larger and has been decided on.
+    let mut order: Vec<usize> = (0..parts.len()).filter(|&i| parts[i].closed && solid(&parts[i])).collect();
+    order.sort_by(|&a, &b| parts[b].volume.abs().total_cmp(&parts[a].volume.abs()).then(a.cmp(&b)));
+
+    let holds = |outer: &Part, inner: &Part| outer.low.cmple(inner.low).all() && outer.high.cmpge(inner.high).all();
+    let mut work = 0usize;
+    let mut faces_inward = vec![false; parts.len()];
+    for (rank, &inner) in order.iter().enumerate() {
+        // From the smallest of the larger ones: the first that holds it is the innermost.
+        let container = order[..rank].iter().rev().find(|&&outer| {
+            work += 1;
+            if work > MOST_CAVITY_WORK || !holds(&parts[outer], &parts[inner]) {
+                return false;
+            }
+            work += 3 * parts[outer].faces.len();
+            contains(mesh, &parts[outer], &parts[inner])
+        });
+        if let Some(&outer) = container {
+            let opposite = (parts[inner].volume < 0.0) != (parts[outer].volume < 0.0);
+            faces_inward[inner] = opposite && !faces_inward[outer];
+        }
+    }
+    if work > MOST_CAVITY_WORK {
+        repair.cavities_not_sought = true;
+        faces_inward.fill(false);
+    }
+    repair.cavities = faces_inward.iter().filter(|&&inward| inward).count();
+    parts.iter().zip(faces_inward).map(|(p, inward)| solid(p) && (p.volume < 0.0) != inward).collect()
+}
+
+/// Is `inner` inside the closed surface `outer`? Three of its points must be: parts that merely cross are apart.
+fn contains(mesh: &TriMesh, outer: &Part, inner: &Part) -> bool {
+    let n = inner.faces.len();
+    [0, n / 2, n - 1].iter().all(|&k| {
+        let [a, b, c] = mesh.corners(inner.faces[k]);
+        winding(mesh, outer, (a + b + c) / 3.0).abs() > 0.5
+    })
+}
+
+/// How often a surface winds around a point, by the solid angles of its triangles (Van Oosterom and Strackee 1983).
+fn winding(mesh: &TriMesh, part: &Part, point: DVec3) -> f64 {
+    let angle = |&face: &usize| {
+        let [a, b, c] = mesh.corners(face).map(|p| p - point);
+        let (la, lb, lc) = (a.length(), b.length(), c.length());
+        let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+        2.0 * f64::atan2(a.dot(b.cross(c)), below)
+    };
+    part.faces.iter().map(angle).sum::<f64>() / (4.0 * std::f64::consts::PI)
+}

@@ -1,0 +1,116 @@
+//! How a running bake talks to its caller: progress and frames out, cancel and the clock in.
+
+use crate::geometry::pose::Pose;
+use std::ops::ControlFlow;
+
+/// The stages of a bake, in their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Collision shapes and masses.
+    Shape,
+    /// The upside-down container is filled and settles.
+    Fill,
+    /// Layers are let go from the bottom to the top.
+    Release,
+    /// Until at rest, or until the last frame.
+    Hold,
+    /// The figures of the report.
+    Measure,
+}
+
+/// Where a bake stands. Counts only: whoever has a clock estimates the time left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    pub stage: Stage,
+    /// 0 to 1 within the stage, never falling.
+    pub fraction: f64,
+    pub bodies: usize,
+    pub released: usize,
+    pub at_rest: usize,
+    pub nails: usize,
+}
+
+/// The bodies at a moment, told while the bake runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// [`Stage::Fill`], [`Stage::Release`] or [`Stage::Hold`].
+    pub stage: Stage,
+    /// From the release on, that of the result's frame. The fill counts its own frames from 0.
+    pub number: usize,
+    /// Since the fill began or since turning over, s.
+    pub time: f64,
+    /// Shape `[body]`; `None` where a body has been taken out. The fill's indices are not those of the result.
+    pub bodies: &'a [Option<Shown>],
+}
+
+/// One body of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Shown {
+    /// Index into the scene's props.
+    pub prop: usize,
+    /// Uniform scale of the prop: bodies grow during the fill.
+    pub scale: f64,
+    /// From the prop's own frame, scaled, to the world; metres.
+    pub pose: Pose,
+    pub state: State,
+}
+
+/// What the control makes of a body.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum State {
+    /// It moves freely; the control is off, or has ended, or has not begun.
+    #[default]
+    Free,
+    /// Not let go yet.
+    Waiting,
+    /// Free: too fast for a verdict, or not found stable enough by the latest.
+    Unstable,
+    /// Free, but a candidate in the latest verdict.
+    Candidate,
+    /// Held, or nailed.
+    Held,
+    /// Free, with its centre of mass outside the region.
+    Outside,
+    /// Placed by hand, to stay.
+    Kept,
+}
+
+/// What a bake asks of its caller.
+pub trait Observer {
+    /// Called at least once per step; `Break` cancels the bake.
+    fn progress(&mut self, progress: &Progress) -> ControlFlow<()>;
+
+    /// CPU seconds used so far by this thread or process: the core has no clock of its own. Used for the report
+    /// only; the result never depends on it.
+    fn cpu_seconds(&mut self) -> f64;
+
+    /// Whether [`Observer::frame`] is to be called. Frames that nobody wants cost nothing.
+    fn wants_frames(&self) -> bool {
+        false
+    }
+
+    /// A frame is there: in order, the fill's at the result's frame rate, then each of the result.
+    fn frame(&mut self, _: &Frame) {}
+}
+
+/// Watches nothing and never cancels; its clock stands still.
+pub struct Silent;
+
+impl Observer for Silent {
+    fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn cpu_seconds(&mut self) -> f64 {
+        0.0
+    }
+}
+
+/// Tells progress, and turns a cancel into an error.
+pub(crate) fn observe(observer: &mut dyn Observer, progress: &Progress) -> Result<(), crate::error::Error> {
+    match observer.progress(progress) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(crate::error::Error::Cancelled),
+    }
+}

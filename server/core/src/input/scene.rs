@@ -1,0 +1,210 @@
+//! What a bake is asked to do, with every mesh already read: plain values, no files.
+
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
+use crate::input::params::{FillMethod, Params};
+use glam::DVec3;
+
+/// Everything a bake needs besides its [`Params`](crate::input::params::Params).
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct Scene {
+    /// The pile's shape, as placed by the artist. Closed. Needed for a fill.
+    pub control: Option<Model>,
+    /// Where the control acts, if not inside `control`. Without either, it acts everywhere. Closed.
+    pub region: Option<Model>,
+    /// At least one. A body is one of these, scaled and placed.
+    pub props: Vec<Prop>,
+    /// Scenery (besides the ground), as placed in the world.
+    pub statics: Vec<StaticModel>,
+    /// Placed by hand.
+    pub bodies: Vec<Given>,
+    pub emitters: Vec<Emitter>,
+}
+
+/// A named mesh.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Model {
+    /// What messages call it: the file, and the node if one was chosen (`kit.glb#Brick`).
+    pub name: String,
+    pub mesh: TriMesh,
+}
+
+/// A thing that the pile is made of. Its mesh stands in the prop's own frame.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Prop {
+    pub model: Model,
+    /// Relative frequency among the props, >= 0. 0: only placed by hand.
+    pub weight: f64,
+    /// Coulomb friction coefficient, 0 to 2. A pair has the mean of its two.
+    pub friction: f64,
+    /// kg/m^3, > 0.
+    pub density: f64,
+    /// 0 to 1.
+    pub restitution: f64,
+    /// Uniform scale drawn between these two, both > 0.
+    pub scale: [f64; 2],
+    /// Largest angle between its up axis and the world's when it is drawn, degrees, 0 to 180. 180: any rotation.
+    pub tilt_max: f64,
+}
+
+/// A piece of scenery.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct StaticModel {
+    pub model: Model,
+    /// Coulomb friction coefficient, 0 to 2.
+    pub friction: f64,
+    /// Where it is over time, rising; empty: it stands still as placed. Still, too, before the first and after the last.
+    pub keys: Vec<Key>,
+}
+
+impl StaticModel {
+    /// Where it never is below, m.
+    fn lowest(&self) -> f64 {
+        // However it turns about its file's origin.
+        let reach = || self.model.mesh.points.iter().map(|p| p.length()).fold(0.0, f64::max);
+        let keyed = self.keys.iter().map(|key| key.pose.translation.y).reduce(f64::min);
+        keyed.map_or_else(|| self.model.mesh.bounds().0.y, |low| low - reach())
+    }
+
+    /// The pose at a time in s; a point as placed -> the world.
+    pub fn pose_at(&self, time: f64) -> Pose {
+        let next = self.keys.partition_point(|k| k.time <= time);
+        match (next.checked_sub(1).map(|i| &self.keys[i]), self.keys.get(next)) {
+            (Some(a), Some(b)) => a.pose.interpolate(&b.pose, (time - a.time) / (b.time - a.time)),
+            (Some(only), None) | (None, Some(only)) => only.pose,
+            (None, None) => Pose::IDENTITY,
+        }
+    }
+}
+
+/// A pose at a moment.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Key {
+    /// s after frame 0.
+    pub time: f64,
+    pub pose: Pose,
+}
+
+/// A body placed by hand.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Given {
+    /// Index into the scene's props.
+    pub prop: usize,
+    /// From the prop's own frame, scaled, to the world; metres.
+    pub pose: Pose,
+    /// Uniform, > 0.
+    pub scale: f64,
+    /// m/s.
+    pub velocity: DVec3,
+    /// rad/s.
+    pub angular_velocity: DVec3,
+    /// kg; `None`: from density and volume.
+    pub mass: Option<f64>,
+    /// When it appears, s after frame 0.
+    pub start: f64,
+    /// It stays where it is.
+    pub kept: bool,
+    /// When a kept body is let go, s after frame 0; `None`: never.
+    pub kept_until: Option<f64>,
+}
+
+impl Given {
+    /// A body at rest that is there from the beginning.
+    pub fn new(prop: usize, pose: Pose) -> Given {
+        Given {
+            prop,
+            pose,
+            scale: 1.0,
+            velocity: DVec3::ZERO,
+            angular_velocity: DVec3::ZERO,
+            mass: None,
+            start: 0.0,
+            kept: false,
+            kept_until: None,
+        }
+    }
+
+    pub fn moves(&self) -> bool {
+        self.velocity != DVec3::ZERO || self.angular_velocity != DVec3::ZERO
+    }
+
+    /// Whether it is part of the pile that is released; the others are free as soon as they appear.
+    pub fn is_stacked(&self) -> bool {
+        self.start <= 0.0 && !self.moves()
+    }
+}
+
+/// A place where bodies appear.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Emitter {
+    pub place: Place,
+    /// Indices into the scene's props; empty: all, by weight.
+    pub props: Vec<usize>,
+    /// 1/s, > 0.
+    pub rate: f64,
+    pub count: u32,
+    /// m/s.
+    pub velocity: DVec3,
+    /// When the first body appears, s after frame 0.
+    pub start: f64,
+}
+
+/// Where an emitter's bodies appear.
+#[derive(Clone, Debug, serde::Serialize)]
+pub enum Place {
+    /// Middle and edges, m.
+    Box { center: DVec3, size: DVec3 },
+    /// The inside of a closed mesh.
+    Mesh(Model),
+}
+
+impl Place {
+    /// Lowest and highest corner, m.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        match self {
+            Place::Box { center, size } => (*center - *size / 2.0, *center + *size / 2.0),
+            Place::Mesh(model) => model.mesh.bounds(),
+        }
+    }
+}
+
+impl Scene {
+    /// The shape that the pile is measured against: the control mesh, or else the region.
+    pub fn target(&self) -> Option<&Model> {
+        self.control.as_ref().or(self.region.as_ref())
+    }
+
+    /// Below everything that stands still, is moved or placed, or appears, m: a bound, not exact for moving scenery.
+    /// Infinite for an empty scene.
+    pub fn lowest(&self) -> f64 {
+        let target = self.target().map(|model| model.mesh.bounds().0.y);
+        let placed = self.bodies.iter().map(|body| body.pose.translation.y);
+        let emitted = self.emitters.iter().map(|emitter| emitter.place.bounds().0.y);
+        let scenery = self.statics.iter().map(StaticModel::lowest);
+        target.into_iter().chain(placed).chain(emitted).chain(scenery).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether the control mesh is to be filled.
+    pub fn is_filled(&self, params: &Params) -> bool {
+        self.control.is_some() && params.fill.method != FillMethod::Off
+    }
+
+    /// Whether anything may hit a held body, besides the bodies of the pile.
+    pub fn something_hits(&self) -> bool {
+        let late = self.bodies.iter().any(|body| !body.is_stacked());
+        let let_go = self.bodies.iter().any(|body| body.kept_until.is_some());
+        let moving = self.statics.iter().any(|model| !model.keys.is_empty());
+        late || let_go || moving || !self.emitters.is_empty()
+    }
+
+    /// Whether any body bounces.
+    pub fn bounces(&self, params: &Params) -> bool {
+        params.physics.switches.restitution.is_on(true) && self.props.iter().any(|prop| prop.restitution > 0.0)
+    }
+
+    /// The props that an emitter draws from.
+    pub fn emitted<'a>(&'a self, emitter: &'a Emitter) -> impl Iterator<Item = usize> + Clone + 'a {
+        let chosen = |i: &usize| self.props[*i].weight > 0.0 && (emitter.props.is_empty() || emitter.props.contains(i));
+        (0..self.props.len()).filter(chosen)
+    }
+}

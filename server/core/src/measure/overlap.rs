@@ -1,0 +1,44 @@
+//! How deep bodies overlap, from plain lists.
+
+use serde::Serialize;
+
+/// How deep a touching pair overlaps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Overlap {
+    /// Metres, recomputed from the final poses; a gap is negative and counts as 0.
+    pub depth: f64,
+    /// Smallest extent of the thinner of the two, metres.
+    pub thickness: f64,
+}
+
+/// `penetration_max_rel` and `penetration_mean_rel`: depth over thickness.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Penetration {
+    pub max_rel: f64,
+    pub mean_rel: f64,
+    /// Touching pairs that the mean is over.
+    pub pairs: usize,
+}
+
+/// Over the touching pairs; all zero without any.
+pub fn penetration(overlaps: &[Overlap]) -> Penetration {
+    let relative = || overlaps.iter().map(|o| (o.depth / o.thickness).max(0.0));
+    Penetration {
+        max_rel: relative().fold(0.0, f64::max),
+        mean_rel: relative().sum::<f64>() / overlaps.len().max(1) as f64,
+        pairs: overlaps.len(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depths_are_relative_to_the_thinner() {
+        let overlaps = [(0.01, 0.1), (-0.5, 0.1), (0.02, 0.1), (0.01, 1.0)];
+        let p = penetration(&overlaps.map(|(depth, thickness)| Overlap { depth, thickness }));
+        assert!((p.max_rel - 0.2).abs() < 1e-12 && (p.mean_rel - 0.31 / 4.0).abs() < 1e-12 && p.pairs == 4);
+        assert_eq!(penetration(&[]), Penetration { max_rel: 0.0, mean_rel: 0.0, pairs: 0 });
+    }
+}

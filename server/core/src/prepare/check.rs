@@ -1,0 +1,267 @@
+//! Everything that can be said about a scene before anything runs: all problems at once, and the sizes that the rest
+//! is measured in.
+
+mod added;
+mod narrow;
+
+use crate::error::Problem;
+use crate::geometry::Closed;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::topology::{self, WELD_TOLERANCE};
+use crate::input::params::Params;
+use crate::input::scene::{Model, Prop, Scene};
+use crate::prepare::extremes;
+use crate::prepare::shape::Size;
+
+/// What checking found out.
+#[derive(Clone, Debug)]
+pub struct Checked {
+    /// d: the median prop diameter (bounding sphere, scaled, by weight), m.
+    pub diameter: f64,
+    /// Height of the ground, m.
+    pub ground: f64,
+    /// The control mesh, where there is one.
+    pub control: Option<Closed>,
+    /// The mesh that says where the control acts, where it is not the control mesh.
+    pub region: Option<Closed>,
+    /// One per prop.
+    pub sizes: Vec<Size>,
+    /// How common each prop is: its share among the drawn ones or, where none is drawn, among those placed.
+    pub shares: Vec<f64>,
+    pub warnings: Vec<String>,
+}
+
+impl Checked {
+    /// The shape that the pile is measured against.
+    pub fn target(&self) -> Option<&Closed> {
+        self.control.as_ref().or(self.region.as_ref())
+    }
+}
+
+/// Checks scene and parameters.
+pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
+    let mut problems = params.problems();
+    let mut warnings = Vec::new();
+    let told = (&mut problems, &mut warnings);
+    let control = scene.control.as_ref().and_then(|model| closed("control_mesh", "control mesh", model, told));
+    let told = (&mut problems, &mut warnings);
+    let region = scene.region.as_ref().and_then(|model| closed("region", "region", model, told));
+    if scene.control.is_none() && scene.bodies.is_empty() && scene.emitters.is_empty() {
+        let text = "control_mesh: there is none; give a closed mesh to fill, or bodies or emitters without one";
+        problems.push(Problem::new("control_mesh", text));
+    }
+    if !params.ground && scene.statics.is_empty() && scene.bodies.iter().all(|body| !body.kept) {
+        let text = "ground: there is none, so that every body falls for ever; set ground = true, or add statics or \
+                    kept bodies to fall on";
+        problems.push(Problem::new("ground", text));
+    }
+    if scene.props.is_empty() {
+        problems.push(Problem::new("props", "props: none given; name at least one prop, such as a stick or a book"));
+    }
+    for (i, prop) in scene.props.iter().enumerate() {
+        prop_values(i, prop, &mut problems);
+    }
+    for (i, model) in scene.statics.iter().enumerate() {
+        let field = format!("statics.{i}");
+        range(&format!("{field}.friction"), &model.model.name, model.friction, [0.0, 2.0], &mut problems);
+        if model.model.mesh.triangles.is_empty() {
+            let text = format!("{}: static geometry without triangles; remove it or give it a mesh", model.model.name);
+            problems.push(Problem::new(field, text));
+        }
+    }
+    added::check(scene, params, &mut problems);
+    let sizes: Vec<Size> = scene.props.iter().map(|p| Size::of(&p.model.mesh)).collect();
+    for (i, (prop, size)) in scene.props.iter().zip(&sizes).enumerate() {
+        if let Err(text) = prop_mesh(scene, params, prop, size, &mut warnings) {
+            problems.push(Problem::new(format!("props.{i}"), text));
+        }
+    }
+    if problems.is_empty() {
+        room(scene, params, control.as_ref(), &sizes, (&mut problems, &mut warnings));
+    }
+    if !problems.is_empty() {
+        return Err(problems);
+    }
+    let low = control.as_ref().map(|c| c.mesh.bounds().0.y);
+    let ground = params.ground_height.or(low).unwrap_or(0.0);
+    if let (Some(model), Some(control)) = (&scene.control, &control) {
+        let below = ground - low.unwrap_or(ground);
+        if below > 0.0 {
+            warnings.push(format!("{}: {below:.3} m of it lie below the ground and stay empty", model.name));
+        }
+        warnings.extend(base(&model.name, &control.mesh, ground, params.base.height));
+    }
+    let shares = added::shares(scene, params);
+    let diameter = median_diameter(scene, &sizes, &shares);
+    warnings.extend(added::energy_warnings(scene, params, ground, diameter));
+    let mass = |i: usize| sizes[i].volume * scene.props[i].density;
+    warnings.extend(extremes::warnings(scene, params, |i| sizes[i].diameter, mass));
+    Ok(Checked { diameter, ground, control, region, sizes, shares, warnings })
+}
+
+/// A closed mesh as it will be used: welded, its parts facing outward. What was repaired is a warning.
+fn closed(
+    field: &str,
+    what: &str,
+    model: &Model,
+    (problems, warnings): (&mut Vec<Problem>, &mut Vec<String>),
+) -> Option<Closed> {
+    let name = &model.name;
+    let mut told = |text| problems.push(Problem::new(field, text));
+    let welded = topology::weld(&model.mesh, WELD_TOLERANCE);
+    let (mesh, repair) = topology::oriented(&welded);
+    let found = topology::inspect(&mesh);
+    if mesh.triangles.is_empty() {
+        told(format!("{name}: the {what} has no triangles; model the pile's rough shape as a closed mesh"));
+        return None;
+    }
+    if !found.closed {
+        told(format!(
+            "{name}: the {what} is open: {} edges belong to one face only; fill its holes (in Blender: Mesh, Clean Up, \
+             Fill Holes)",
+            found.boundary_edges
+        ));
+        return None;
+    }
+    let (lo, hi) = mesh.bounds();
+    let size = hi - lo;
+    if mesh.signed_volume().abs() < MIN_CONTROL_FILL * size.x * size.y * size.z || size.min_element() <= 0.0 {
+        told(format!("{name}: the {what} encloses next to no volume; give it thickness"));
+    }
+    warnings.extend(repair.told().into_iter().map(|t| format!("{name}: {t}")));
+    Some(Closed { mesh, topology: found })
+}
+
+/// Less of the control mesh than this being as thick as the thinnest prop, the pile would have another shape.
+const LEAST_THICK: f64 = 0.1;
+/// Less than this is worth a word.
+const MOSTLY_THICK: f64 = 0.5;
+
+/// Whether the props fit between the control mesh's own walls.
+fn room(
+    scene: &Scene,
+    params: &Params,
+    control: Option<&Closed>,
+    sizes: &[Size],
+    (problems, warnings): (&mut Vec<Problem>, &mut Vec<String>),
+) {
+    let (Some(model), Some(control)) = (&scene.control, control.filter(|_| scene.is_filled(params))) else { return };
+    let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
+    let thickness = drawn.map(|(prop, size)| size.extents.x * prop.scale[0]).fold(f64::INFINITY, f64::min);
+    let share = narrow::thick_share(control, thickness);
+    let told = |end: &str| {
+        let percent = if share < 0.01 { "less than 1".into() } else { format!("only {:.0}", 100.0 * share) };
+        format!(
+            "{}: {percent} % of the control mesh is as thick as the thinnest prop ({thickness:.3} m){end}; make it thicker (is it a \
+             hollow shell?), or the props smaller",
+            model.name
+        )
+    };
+    if share < LEAST_THICK {
+        problems.push(Problem::new("control_mesh", told(", so that next to none would find room")));
+    } else if share < MOSTLY_THICK {
+        warnings.push(told(": the rest stays empty"));
+    }
+}
+
+/// Less of the underside than this on the ground is worth a word.
+const FLAT_BASE: f64 = 0.5;
+
+/// The base is what lies within `height` (a share of the mesh's height) above the ground: a pour's opening is cut there, and
+/// the pile stands on it. Told where most of the underside is higher: a ball, hooves, a hill's hollow underside.
+fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<String> {
+    let cut = ground + height * (mesh.bounds().1.y - ground);
+    let (mut underside, mut base) = (0.0, 0.0);
+    for i in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(i);
+        // Seen from below, m^2.
+        let area = -(b - a).cross(c - a).y / 2.0;
+        if area > 0.0 {
+            underside += area;
+            base += if a.y.max(b.y).max(c.y) <= cut { area } else { 0.0 };
+        }
+    }
+    (base < FLAT_BASE * underside).then(|| {
+        let share = 100.0 * base / underside;
+        let cut = cut - ground;
+        format!(
+            "{name}: only {share:.0} % of its underside lies within {cut:.3} m of the ground and counts as its base (base.height); a \
+             pour enters there, and the pile stands on it"
+        )
+    })
+}
+
+/// A control mesh that fills less of its own box than this has no inside to speak of.
+const MIN_CONTROL_FILL: f64 = 1e-4;
+
+fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<Problem>) {
+    let name = &prop.model.name;
+    let [lo, hi] = prop.scale;
+    for (field, value, bounds) in [
+        ("weight", prop.weight, [0.0, 1e9]),
+        ("friction", prop.friction, [0.0, 2.0]),
+        ("density", prop.density, [1e-3, 1e6]),
+        ("restitution", prop.restitution, [0.0, 1.0]),
+        ("scale_min", lo, [1e-6, 1e6]),
+        ("scale_max", hi, [1e-6, 1e6]),
+        ("tilt_max", prop.tilt_max, [0.0, 180.0]),
+    ] {
+        range(&format!("props.{i}.{field}"), name, value, bounds, problems);
+    }
+    if lo > hi {
+        let field = format!("props.{i}.scale_min");
+        let text = format!("{field} ({name}): the smallest scale {lo} is above the largest {hi}");
+        problems.push(Problem::new(field, text));
+    }
+}
+
+fn range(field: &str, name: &str, value: f64, [lo, hi]: [f64; 2], problems: &mut Vec<Problem>) {
+    if !(lo..=hi).contains(&value) {
+        let text = format!("{field} ({name}): {value} is out of range; give a value from {lo} to {hi}");
+        problems.push(Problem::new(field, text));
+    }
+}
+
+fn prop_mesh(
+    scene: &Scene,
+    params: &Params,
+    prop: &Prop,
+    size: &Size,
+    warnings: &mut Vec<String>,
+) -> Result<(), String> {
+    let name = &prop.model.name;
+    if prop.model.mesh.triangles.is_empty() || size.diameter <= 0.0 {
+        return Err(format!("{name}: the prop has no triangles with area; give it a mesh"));
+    }
+    if !size.closed {
+        warnings.push(format!("{name}: the mesh is open, so that its mass is taken from its collision shape"));
+    }
+    let filled = scene.control.as_ref().filter(|_| scene.is_filled(params) && prop.weight != 0.0);
+    let Some((lo, hi)) = filled.map(|model| model.mesh.bounds()) else { return Ok(()) };
+    let mut room = (hi - lo).to_array();
+    room.sort_by(f64::total_cmp);
+    let prop_extents = size.extents * prop.scale[1];
+    if (0..3).any(|k| prop_extents[k] > room[k]) {
+        return Err(format!(
+            "{name}: at {:.3} x {:.3} x {:.3} m the prop is larger than the control mesh ({:.3} x {:.3} x {:.3} m); scale one of \
+             them, and check that both files are in metres",
+            prop_extents.x, prop_extents.y, prop_extents.z, room[0], room[1], room[2]
+        ));
+    }
+    Ok(())
+}
+
+/// By share, at the middle of each scale range.
+fn median_diameter(scene: &Scene, sizes: &[Size], shares: &[f64]) -> f64 {
+    let mut all: Vec<(f64, f64)> = (scene.props.iter().zip(sizes).zip(shares))
+        .map(|((p, s), &share)| (s.diameter * (p.scale[0] + p.scale[1]) / 2.0, share))
+        .collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = all.iter().map(|a| a.1).sum::<f64>() / 2.0;
+    let mut sum = 0.0;
+    let middle = all.iter().find(|a| {
+        sum += a.1;
+        sum >= half && a.1 > 0.0
+    });
+    middle.or(all.last()).map_or(1.0, |a| a.0)
+}

@@ -1,0 +1,132 @@
+//! The control mesh as a container: walls that face inward, and a base on the ground.
+//!
+//! The mesh stays upright while it is filled under upward gravity: turning over is then a change of sign.
+
+mod simplify;
+
+use crate::geometry::Closed;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::region::{DistanceGrid, Region};
+use crate::geometry::topology::Topology;
+use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
+use glam::DVec3;
+use ndshape::{RuntimeShape, Shape as _};
+
+/// Walls for the fill, in engine units.
+pub struct Container {
+    /// Triangles facing inward; closed.
+    walls: TriMesh,
+    /// How far simplified walls may be from these; 0: they stay as they are.
+    tolerance: f64,
+    /// Distance to the wall, negative inside.
+    pub distance: DistanceGrid,
+    /// Height of the base, which a half-space closes as well.
+    pub base: f64,
+    pub volume: f64,
+    pub low: DVec3,
+    pub high: DVec3,
+    /// The walls are a surface around the union of the mesh's parts, not the mesh itself.
+    pub remeshed: bool,
+}
+
+/// Bound on the distance grid, for memory.
+const MAX_GRID_NODES: usize = 2_000_000;
+/// Grid spacing, in diameters of the median prop.
+const GRID_SPACING: f64 = 0.1;
+/// Walls of more triangles than this per d^2 are finer than props need: each prop meets dozens of them.
+const FINE_WALLS: f64 = 50.0;
+/// Parts that reach less deep than this into each other, in d, only touch.
+const TOUCH: f64 = 0.005;
+/// Remeshed walls stand this far inside the mesh, in grid spacings: the surface of a grid rounds edges off, outward at
+/// concave ones.
+const REMESH_INSET: f64 = 0.2;
+
+/// Triangles that props meet.
+pub struct Walls {
+    /// Engine units, facing inward.
+    pub mesh: TriMesh,
+    /// Triangles saved by simplification.
+    pub saved: usize,
+    /// The largest distance of a corner that simplification took out from what is left, in d; 0 where it took none.
+    pub deviation: f64,
+}
+
+/// Whether a mesh is finer than props need, or may become so: then its walls are simplified. `d` in the mesh's unit.
+pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
+    !topology.is_watertight()
+        || topology.components > 1
+        || topology.triangles as f64 > FINE_WALLS * topology.area / d.powi(2)
+}
+
+impl Container {
+    /// `control` in SI, `length` metres per engine unit. `tolerance`: of simplified walls, in d.
+    pub fn new(control: &Closed, length: f64, ground: f64, tolerance: f64) -> Container {
+        let Closed { mesh, topology } = control;
+        let solid = mesh.scaled(1.0 / length);
+        let (region, distance) = grid(mesh, length);
+        let (low, high) = solid.bounds();
+        let remeshed = !topology.is_watertight() || topology.components > 1 && region.overlaps(TOUCH);
+        let walls = if remeshed { surface(&distance) } else { inward(&solid, region.was_inside_out()) };
+        let tolerance = if has_fine_walls(topology, length) { tolerance } else { 0.0 };
+        let base = low.y.max(ground / length);
+        Container { walls, tolerance, distance, base, volume: region.volume(), low, high, remeshed }
+    }
+
+    /// The walls, closed.
+    pub fn closed(&self) -> Walls {
+        simplify::run(self.walls.clone(), self.tolerance)
+    }
+
+    /// Whether all points lie inside, up to `slack`.
+    pub fn holds(&self, mut points: impl Iterator<Item = DVec3>, slack: f64) -> bool {
+        points.all(|p| p.y >= self.base - slack && self.distance.signed_distance(p) <= slack)
+    }
+
+    /// The walls with an opening where the base was, and a collar below it: faces within `cut` above the base go, and
+    /// the rim that they leave is drawn down by `collar`.
+    pub fn opened(&self, cut: f64, collar: f64) -> Walls {
+        let below = |v: u32| self.walls.points[v as usize].y <= self.base + cut;
+        let (removed, kept): (Vec<[u32; 3]>, Vec<[u32; 3]>) =
+            self.walls.triangles.iter().partition(|t| t.iter().all(|&v| below(v)));
+        let edges = |t: &[u32; 3]| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])];
+        let inner: std::collections::BTreeSet<(u32, u32)> = removed.iter().flat_map(edges).collect();
+        let mut open = TriMesh { points: self.walls.points.clone(), triangles: kept };
+        for (a, b) in inner.iter().copied().filter(|&(a, b)| !inner.contains(&(b, a))) {
+            // The removed face ran from a to b; the collar takes its place and faces the same side as the wall above.
+            let n = open.points.len() as u32;
+            for v in [a, b] {
+                let p = open.points[v as usize];
+                open.points.push(DVec3::new(p.x, self.base - collar, p.z));
+            }
+            open.triangles.extend([[a, b, n + 1], [a, n + 1, n]]);
+        }
+        simplify::run(open, self.tolerance)
+    }
+}
+
+/// The inside of a mesh in SI, and the distance to its surface, in engine units.
+pub fn grid(mesh: &TriMesh, length: f64) -> (Region, DistanceGrid) {
+    let region = Region::new(&mesh.scaled(1.0 / length));
+    let distance = DistanceGrid::new(&region, GRID_SPACING, MAX_GRID_NODES);
+    (region, distance)
+}
+
+fn inward(solid: &TriMesh, inside_out: bool) -> TriMesh {
+    let flip = |&[a, b, c]: &[u32; 3]| [a, c, b];
+    let triangles = if inside_out { solid.triangles.clone() } else { solid.triangles.iter().map(flip).collect() };
+    TriMesh { points: solid.points.clone(), triangles }
+}
+
+/// The surface of the distance grid (naive surface nets), facing inward.
+fn surface(distance: &DistanceGrid) -> TriMesh {
+    let (origin, size, values) = distance.nodes();
+    let inset = REMESH_INSET * distance.spacing();
+    let field: Vec<f32> = values.iter().map(|&v| (v + inset) as f32).collect();
+    let shape = RuntimeShape::<u32, 3>::new(size.map(|n| n as u32));
+    debug_assert_eq!(shape.size() as usize, field.len());
+    let mut net = SurfaceNetsBuffer::default();
+    surface_nets(&field, &shape, [0; 3], size.map(|n| n as u32 - 1), &mut net);
+    let point = |p: &[f32; 3]| origin + DVec3::from_array(p.map(f64::from)) * distance.spacing();
+    let triangles = net.indices.chunks_exact(3).map(|t| [t[0], t[2], t[1]]).collect();
+    TriMesh { points: net.positions.iter().map(point).collect(), triangles }
+}

@@ -1,0 +1,203 @@
+//! What a bake will cost and how accurate it will be, told before it runs: a model fitted on measured bakes.
+//!
+//! For each stage a power law: its CPU time is a product of powers of the numbers that decide it ([`Workload`]). The example
+//! `fit_estimate` fits the exponents to measured bakes and tells how far the model is from them.
+
+mod model;
+
+pub use model::CALIBRATION_SECONDS;
+
+use crate::error::Error;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
+use crate::input::params::{Accuracy, FrictionModel, Params};
+use crate::input::scene::{Model, Prop, Scene};
+use crate::prepare::check::Checked;
+use crate::prepare::plan;
+use crate::prepare::shape::{Outline, Shape, Size};
+use crate::world::{Insertion, Units, World};
+use glam::{DQuat, DVec3};
+
+/// What a bake is expected to cost and to reach.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Estimate {
+    pub accuracy: Accuracy,
+    /// CPU seconds of the whole bake.
+    pub cpu_seconds: f64,
+    /// ... of the fill, and of release and hold; the rest is for shapes and measures.
+    pub fill_seconds: f64,
+    pub release_seconds: f64,
+    /// Nine of ten bakes take between `cpu_seconds` / `factor` and `cpu_seconds` * `factor`.
+    pub factor: f64,
+    /// Expected `penetration_mean_rel`: median over the scenes that the preset was studied on.
+    pub penetration_mean_rel: f64,
+    /// Expected `friction_violation_mean`, in the same way.
+    pub friction_violation_mean: f64,
+}
+
+impl Estimate {
+    /// The share of the whole that an effect which is on will take; `None` for those that are part of others.
+    pub fn share(&self, effect: &str) -> Option<f64> {
+        let seconds = match effect {
+            "fill" => self.fill_seconds,
+            "control" => model::CONTROL_SHARE * self.release_seconds,
+            _ => return None,
+        };
+        Some(seconds / self.cpu_seconds)
+    }
+}
+
+/// The numbers that decide what a bake costs.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Workload {
+    pub bodies: f64,
+    /// Those of them that the fill places.
+    pub filled: f64,
+    /// Corners of a body's collision shape, over all parts, 1 for a ball; mean over the bodies.
+    pub corners: f64,
+    /// Convex parts of a body; mean over the bodies.
+    pub parts: f64,
+    /// Cube of a body's diameter over its volume; mean over the bodies. Slender bodies touch more others.
+    pub slenderness: f64,
+    /// Triangles of the container.
+    pub walls: f64,
+    /// Natural times of release and hold.
+    pub times: f64,
+    /// Steps per natural time.
+    pub step_rate: f64,
+    pub substeps: f64,
+    /// Each contact point has a friction force of its own.
+    pub coulomb: bool,
+}
+
+/// What the power laws are of.
+pub const FEATURES: [&str; 10] =
+    ["1", "bodies", "corners", "parts", "slenderness", "walls", "times", "step_rate", "substeps", "coulomb"];
+/// An exponent for each of the features.
+pub type Weights = [f64; FEATURES.len()];
+
+impl Workload {
+    /// Of a checked scene, with its collision shapes: how many parts a prop needs is known only once it has been split.
+    pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape]) -> Workload {
+        let outlines: Vec<Outline> = shapes.iter().map(|shape| shape.solid.outline()).collect();
+        let plan = plan::of(scene, params, checked, &outlines);
+        let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
+        let mut mean = [0.0; 3];
+        let all: f64 = checked.shares.iter().sum();
+        for ((shape, size), share) in shapes.iter().zip(&checked.sizes).zip(&checked.shares) {
+            let (parts, corners) = (shape.solid.parts() as f64, shape.solid.corners() as f64);
+            let slenderness = size.diameter.powi(3) / size.volume;
+            for (sum, value) in mean.iter_mut().zip([parts, corners, slenderness]) {
+                *sum += share / all * value;
+            }
+        }
+        let [parts, corners, slenderness] = mean;
+        let step_rate = plan.natural_time / params.physics.step.seconds(plan.natural_time);
+        let container = checked.control.as_ref().filter(|_| scene.is_filled(params));
+        Workload {
+            bodies: plan.expected_bodies as f64,
+            filled: (plan.expected_bodies - scene.bodies.len() - emitted) as f64,
+            corners,
+            parts,
+            slenderness,
+            walls: container.map_or(0.0, |c| c.mesh.triangles.len() as f64),
+            times: plan::release_steps(scene, params, checked) / step_rate,
+            step_rate,
+            substeps: f64::from(params.physics.substeps),
+            coulomb: params.physics.friction_model == FrictionModel::Coulomb,
+        }
+    }
+
+    /// Logarithms of the numbers, in the order of [`FEATURES`].
+    pub fn features(&self) -> Weights {
+        [
+            1.0,
+            self.bodies.ln(),
+            self.corners.ln(),
+            self.parts.ln(),
+            self.slenderness.ln(),
+            (1.0 + self.walls).ln(),
+            self.times.max(1.0).ln(),
+            self.step_rate.ln(),
+            self.substeps.ln(),
+            f64::from(u8::from(self.coulomb)),
+        ]
+    }
+
+    /// Expected CPU seconds of fill, of release and hold, and of shapes and measures, on the machine that the model was
+    /// fitted on.
+    pub fn stage_seconds(&self) -> [f64; 3] {
+        let features = self.features();
+        let law = |weights: &Weights| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
+        let fill = if self.filled > 0.0 { law(&model::FILL) } else { 0.0 };
+        [fill, law(&model::RELEASE_AND_HOLD), law(&model::MEASURE)]
+    }
+
+    /// The sum of [`Workload::stage_seconds`].
+    pub fn cpu_seconds(&self) -> f64 {
+        self.stage_seconds().iter().sum()
+    }
+}
+
+/// The estimate for a checked scene. `machine`: from [`calibrate`].
+pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], machine: f64) -> Estimate {
+    let [penetration_mean_rel, friction_violation_mean] = model::errors(params.accuracy);
+    let [fill_seconds, release_seconds, rest] =
+        Workload::of(scene, params, checked, shapes).stage_seconds().map(|seconds| machine * seconds);
+    Estimate {
+        accuracy: params.accuracy,
+        cpu_seconds: fill_seconds + release_seconds + rest,
+        fill_seconds,
+        release_seconds,
+        factor: model::FACTOR,
+        penetration_mean_rel,
+        friction_violation_mean,
+    }
+}
+
+/// Boxes along each edge of the calibration's stack, and its steps.
+const CALIBRATION: (usize, usize) = (5, 60);
+
+/// How slow this machine is, relative to the one that the model was fitted on: a stack of boxes is simulated for about a
+/// tenth of a second, three times, and the quickest counts. `clock`: CPU seconds of this process.
+pub fn calibrate(clock: impl Fn() -> f64) -> Result<f64, Error> {
+    let prop = cube();
+    let physics = Params::new(Accuracy::Standard).physics;
+    let shape = Shape::new(&prop, Size::of(&prop.model.mesh), &physics).map_err(Error::Internal)?;
+    let units = Units::new(shape.size.diameter, shape.mass, 9.81);
+    let (edge, steps) = CALIBRATION;
+    let mut least = f64::INFINITY;
+    for _ in 0..3 {
+        let begin = clock();
+        let mut world = World::new(units, &physics, 0.5, false);
+        world.add_ground(0.0, 0.7);
+        for i in 0..edge.pow(3) {
+            let place = DVec3::new((i % edge) as f64, (i / edge / edge) as f64 + 0.5, (i / edge % edge) as f64);
+            let pose = Pose { translation: place * 0.6, rotation: DQuat::from_rotation_y(0.1 * i as f64) };
+            let body = Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 };
+            world.insert(&shape, &body).map_err(Error::Internal)?;
+        }
+        for _ in 0..steps {
+            world.step();
+        }
+        least = least.min(clock() - begin);
+    }
+    Ok(least / model::CALIBRATION_SECONDS)
+}
+
+/// A cube with the edge 1 m.
+fn cube() -> Prop {
+    let corner = |i: usize| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64) - 0.5;
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    let mesh = TriMesh { points: (0..8).map(corner).collect(), triangles };
+    Prop {
+        model: Model { name: "cube".into(), mesh },
+        weight: 1.0,
+        friction: 0.7,
+        density: 1000.0,
+        restitution: 0.0,
+        scale: [1.0; 2],
+        tilt_max: 180.0,
+    }
+}

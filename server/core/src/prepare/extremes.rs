@@ -1,0 +1,95 @@
+//! How far apart the sizes and masses of a scene's bodies are, and what that asks of the engine.
+
+use crate::input::params::{Params, Physics, Switch};
+use crate::input::scene::Scene;
+
+/// Beyond these the bodies are no longer simulated well, and the user is told.
+pub const MOST_SIZE_RATIO: f64 = 100.0;
+pub const MOST_MASS_RATIO: f64 = 1000.0;
+
+/// A light body under one of r times its mass sinks by this share of its edge times r, at a contact frequency of 1 per natural
+/// time: a spring's sag under the load. Measured on two cubes.
+const SAG: f64 = 0.1;
+/// What it may sink by.
+const MOST_SAG: f64 = 0.008;
+/// The bodies that the world will have: prop, and the range of a value of theirs.
+fn bodies<'a>(
+    scene: &'a Scene,
+    params: &Params,
+    value: impl Fn(usize, f64, Option<f64>) -> f64 + 'a,
+) -> impl Iterator<Item = (usize, f64)> + 'a {
+    let fills = scene.is_filled(params);
+    let drawn = move |i: usize| {
+        scene.props[i].weight > 0.0 && (fills || scene.emitters.iter().any(|e| scene.emitted(e).any(|k| k == i)))
+    };
+    let ends =
+        (0..scene.props.len()).filter(move |&i| drawn(i)).flat_map(|i| scene.props[i].scale.map(|s| (i, s, None)));
+    // What stays where it is carries like scenery; what is thrown in later is no part of the pile, and the guard looks after
+    // what it sinks into.
+    let moving = scene.bodies.iter().filter(|b| b.is_stacked() && (!b.kept || b.kept_until.is_some()));
+    let given = moving.map(|b| (b.prop, b.scale, b.mass));
+    ends.chain(given).map(move |(prop, scale, mass)| (prop, value(prop, scale, mass)))
+}
+
+/// The largest value over the smallest, and the props that have them.
+fn ratio(values: impl Iterator<Item = (usize, f64)>) -> Option<(f64, usize, usize)> {
+    let all: Vec<(usize, f64)> = values.collect();
+    let least = all.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let most = all.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (least.1 > 0.0).then(|| (most.1 / least.1, least.0, most.0))
+}
+
+/// Largest mass over smallest, where `mass` tells a prop's at scale 1; 1 where there are no bodies.
+pub fn mass_ratio(scene: &Scene, params: &Params, mass: impl Fn(usize) -> f64) -> f64 {
+    let of = move |prop: usize, scale: f64, kg: Option<f64>| kg.unwrap_or_else(|| mass(prop) * scale.powi(3));
+    ratio(bodies(scene, params, of)).map_or(1.0, |found| found.0)
+}
+
+/// What is too far apart, in words. `diameter` and `mass` tell a prop's at scale 1.
+pub fn warnings(
+    scene: &Scene,
+    params: &Params,
+    diameter: impl Fn(usize) -> f64,
+    mass: impl Fn(usize) -> f64,
+) -> Vec<String> {
+    let name = |prop: usize| scene.props[prop].model.name.as_str();
+    let size_of = |prop: usize, scale: f64, _| diameter(prop) * scale;
+    let sizes = ratio(bodies(scene, params, size_of)).filter(|found| found.0 > MOST_SIZE_RATIO * 1.001);
+    let sizes = sizes.map(|(ratio, small, large)| {
+        format!(
+            "sizes differ by {ratio:.0}:1 ({} and {}); beyond {MOST_SIZE_RATIO:.0}:1 the small ones are simulated coarsely: bake \
+             them apart, or bring the sizes nearer to each other",
+            name(small),
+            name(large)
+        )
+    });
+    let mass_of = |prop: usize, scale: f64, kg: Option<f64>| kg.unwrap_or_else(|| mass(prop) * scale.powi(3));
+    let masses = ratio(bodies(scene, params, mass_of)).filter(|found| found.0 > MOST_MASS_RATIO * 1.001);
+    let masses = masses.map(|(ratio, light, heavy)| {
+        format!(
+            "masses differ by {ratio:.0}:1 ({} and {}); beyond {MOST_MASS_RATIO:.0}:1 a heavy body sinks into a light one below it: \
+             bring densities or sizes nearer to each other",
+            name(light),
+            name(heavy)
+        )
+    });
+    sizes.into_iter().chain(masses).collect()
+}
+
+/// The engine's settings under which a heavy body does not sink into a light one: contacts as stiff as the ratio of the
+/// masses (up to [`MOST_MASS_RATIO`]) asks, with as many substeps as such contacts need. `thickness` of the thinnest body, in
+/// d: that it is thin stiffens the contacts by itself.
+pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64, natural_time: f64) -> Physics {
+    let ratio = match physics.switches.stiff_contacts {
+        Switch::Auto => ratio.min(MOST_MASS_RATIO),
+        Switch::On => MOST_MASS_RATIO,
+        Switch::Off => return physics.clone(),
+    };
+    let needed = (SAG * ratio / MOST_SAG).sqrt();
+    let given = physics.stiffness(thickness);
+    if needed <= given {
+        return physics.clone();
+    }
+    let substeps = physics.substeps_for(needed, physics.step.seconds(natural_time) / natural_time);
+    Physics { contact_frequency: physics.contact_frequency * needed / given, substeps, ..physics.clone() }
+}

@@ -1,0 +1,100 @@
+//! What would be simulated, told before anything runs.
+
+use crate::input::observer::Stage;
+use crate::input::params::{Fill, Params};
+use crate::input::scene::Scene;
+use crate::prepare::check::Checked;
+use crate::prepare::effects::{self, Effect};
+use crate::prepare::shape::{Outline, Size};
+
+/// The stages that a bake will run and the effects that are switched on, each with its reason.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Plan {
+    /// Bodies expected, from the volumes and the packing that the fill usually reaches.
+    pub expected_bodies: usize,
+    /// Simulation steps expected over all stages.
+    pub expected_steps: usize,
+    /// Length unit d: the median prop diameter, m.
+    pub prop_diameter: f64,
+    /// Natural time sqrt(d / g), s.
+    pub natural_time: f64,
+    pub stages: Vec<Stage>,
+    pub effects: Vec<Effect>,
+    /// What the user should know before baking: open props, a control mesh below the ground, ...
+    pub warnings: Vec<String>,
+}
+
+/// Steps that an `insert` fill usually takes.
+const USUAL_FILL_STEPS: usize = 500;
+/// Natural times from the last release to rest, usually.
+const USUAL_HOLD: f64 = 8.0;
+
+/// The plan of a checked scene. `outlines`: what its props are simulated as.
+pub fn of(scene: &Scene, params: &Params, checked: &Checked, outlines: &[Outline]) -> Plan {
+    let natural_time = (checked.diameter / params.gravity).sqrt();
+    let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
+    let fill_bodies = filled.map_or(0, |c| expected_bodies(scene, &checked.sizes, c.volume(), &params.fill));
+    let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
+    let fill_stage = filled.map(|_| Stage::Fill);
+    let most = params.fill.max_bodies;
+    let limited = (fill_bodies == most as usize && params.fill.count.is_none()).then(|| {
+        format!("more bodies would fit than fill.max_bodies = {most}: the control mesh will not be full; raise it, or use larger props")
+    });
+    Plan {
+        expected_bodies: fill_bodies + scene.bodies.len() + emitted,
+        expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + release_steps(scene, params, checked) as usize,
+        prop_diameter: checked.diameter,
+        natural_time,
+        stages: [Some(Stage::Shape), fill_stage, Some(Stage::Release), Some(Stage::Hold), Some(Stage::Measure)]
+            .into_iter()
+            .flatten()
+            .collect(),
+        effects: effects::of(scene, params, checked, outlines),
+        warnings: checked.warnings.iter().cloned().chain(limited).collect(),
+    }
+}
+
+/// Steps of release and hold, as far as they can be foretold.
+pub(crate) fn release_steps(scene: &Scene, params: &Params, checked: &Checked) -> f64 {
+    let natural_time = (checked.diameter / params.gravity).sqrt();
+    let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
+    let height = filled.map_or(0.0, |control| {
+        let (lo, hi) = control.mesh.bounds();
+        hi.y - lo.y.max(checked.ground)
+    });
+    let step = params.physics.step.seconds(natural_time);
+    let layers = (height / checked.diameter / params.release.layer).ceil();
+    let release = layers * params.release.interval.seconds(natural_time) / step;
+    let hold = match params.output.frames {
+        Some(n) => (f64::from(n) / params.output.fps / step - release).max(0.0),
+        None => {
+            (USUAL_HOLD * natural_time).max(params.hold.least) / step
+                + (last_event(scene, params) / step - release).max(0.0)
+        }
+    };
+    release + hold
+}
+
+/// When the last drop, throw, move or end of the control is due, s after frame 0.
+fn last_event(scene: &Scene, params: &Params) -> f64 {
+    let bodies = scene.bodies.iter().flat_map(|b| [Some(b.start), b.kept_until]);
+    let emitters = scene.emitters.iter().map(|e| Some(e.start + f64::from(e.count - 1) / e.rate));
+    let moves = scene.statics.iter().map(|m| m.keys.last().map(|k| k.time));
+    bodies.chain(emitters).chain(moves).chain([params.control.until]).flatten().fold(0.0, f64::max)
+}
+
+/// Share of the volume that props usually fill.
+pub const USUAL_PACKING: f64 = 0.4;
+
+/// Bodies that fit into a volume in m^3, by the packing that fills usually reach and the limits given.
+pub fn expected_bodies(scene: &Scene, sizes: &[Size], volume: f64, fill: &Fill) -> usize {
+    let total: f64 = scene.props.iter().map(|p| p.weight).sum();
+    let mean: f64 = scene.props.iter().zip(sizes).map(|(p, s)| p.weight / total * s.volume * mean_cube(p.scale)).sum();
+    let fitting = (USUAL_PACKING * volume / mean).ceil().max(1.0);
+    (fitting.min(fill.max_bodies as f64) as usize).min(fill.count.unwrap_or(u32::MAX) as usize).max(1)
+}
+
+/// Mean of s^3 for s even between the two.
+fn mean_cube([lo, hi]: [f64; 2]) -> f64 {
+    (lo + hi) * (lo * lo + hi * hi) / 4.0
+}

@@ -1,0 +1,232 @@
+//! Convex hulls and approximate convex decomposition, each with its measured distance from the mesh.
+
+use crate::geometry::mesh::TriMesh;
+use crate::input::params::{Physics, Switch};
+use crate::prepare::shape::Solid;
+use crate::prepare::shape::hull::Hull;
+use glam::DVec3;
+use rapier3d::math::Vector;
+use rapier3d::parry::query::PointQuery;
+use rapier3d::parry::shape::TriMesh as EngineMesh;
+use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
+use rapier3d::parry::transformation::{convex_hull, try_convex_hull, voxelization::FillMode};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// More corners than this make contact queries slow without being seen.
+const MAX_HULL_POINTS: usize = 48;
+/// A hull leaves out corners that stand out by less than this, in prop diameters: the thickness of a sheet of paper on
+/// a book.
+const HULL_TOLERANCE: f32 = 1.0 / 500.0;
+/// Points sampled on each surface to measure the deviation.
+const DEVIATION_SAMPLES: usize = 600;
+/// Voxels along the longest side for the decomposition: fine enough for parts of a fiftieth of the prop.
+const DECOMPOSITION_RESOLUTION: u32 = 64;
+
+/// One hull where that is close enough to the mesh, else up to `max_parts` convex parts. The second value is the
+/// deviation, m: the largest distance, both ways, between sampled points of mesh and shape.
+pub fn decompose(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
+    let unit = Unit::new(mesh, diameter, closed);
+    let mut best = vec![unit.hull()];
+    let mut best_deviation = unit.deviation(&best);
+    let tolerance = tolerance(physics);
+    if physics.max_parts > 1 && best_deviation > tolerance {
+        for concavity in CONCAVITIES {
+            let Some(parts) = unit.vhacd(concavity, physics.max_parts) else { continue };
+            let found = unit.deviation(&parts);
+            if found < best_deviation {
+                (best, best_deviation) = (parts, found);
+            }
+            if best_deviation <= tolerance {
+                break;
+            }
+        }
+    }
+    (Solid::Convex(best.into_iter().map(|part| unit.back(part)).collect()), best_deviation * diameter)
+}
+
+/// The deviation allowed, in prop diameters.
+fn tolerance(physics: &Physics) -> f64 {
+    match physics.switches.decomposition {
+        Switch::Auto => physics.shape_tolerance,
+        Switch::On => 0.0,
+        Switch::Off => f64::INFINITY,
+    }
+}
+
+/// Whether one hull would do: known without a decomposition.
+pub fn is_one_hull(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> bool {
+    let unit = Unit::new(mesh, diameter, closed);
+    physics.max_parts == 1 || unit.deviation(&[unit.hull()]) <= tolerance(physics)
+}
+
+/// From coarse to fine: the first that is close enough is the cheapest to simulate.
+const CONCAVITIES: [f32; 3] = [0.06, 0.02, 0.008];
+
+/// A prop's mesh, scaled to the diameter 1.
+struct Unit<'a> {
+    points: Vec<Vector>,
+    triangles: &'a [[u32; 3]],
+    /// `None` where the geometry library refuses the mesh.
+    reference: Option<EngineMesh>,
+    closed: bool,
+    origin: DVec3,
+    diameter: f64,
+}
+
+impl<'a> Unit<'a> {
+    fn new(mesh: &'a TriMesh, diameter: f64, closed: bool) -> Unit<'a> {
+        let origin = mesh.bounds().0;
+        let points: Vec<Vector> = mesh.points.iter().map(|&p| ((p - origin) / diameter).as_vec3()).collect();
+        let reference = EngineMesh::new(points.clone(), mesh.triangles.clone()).ok();
+        Unit { points, triangles: &mesh.triangles, reference, closed, origin, diameter }
+    }
+
+    fn back(&self, points: Vec<Vector>) -> Vec<DVec3> {
+        points.into_iter().map(|p| p.as_dvec3() * self.diameter + self.origin).collect()
+    }
+
+    /// In prop diameters.
+    fn deviation(&self, parts: &[Vec<Vector>]) -> f64 {
+        self.reference.as_ref().map_or(0.0, |mesh| deviation(mesh, self.closed, parts))
+    }
+
+    fn hull(&self) -> Vec<Vector> {
+        reduced(hull_points(&self.points))
+    }
+
+    fn vhacd(&self, concavity: f32, max_parts: u32) -> Option<Vec<Vec<Vector>>> {
+        let fill_mode =
+            if self.closed { FillMode::FloodFill { detect_cavities: false } } else { FillMode::SurfaceOnly };
+        let resolution = DECOMPOSITION_RESOLUTION;
+        let params = VHACDParameters { concavity, resolution, fill_mode, ..VHACDParameters::default() };
+        // The library panics on some dirty meshes; one hull is then the answer, and the report tells its deviation.
+        let parts = catch_unwind(AssertUnwindSafe(|| {
+            let split = VHACD::decompose(&params, &self.points, self.triangles, true);
+            split.compute_exact_convex_hulls(&self.points, self.triangles)
+        }))
+        .ok()?;
+        let hull = |(points, _): (Vec<Vector>, _)| reduced(hull_points(&points));
+        let parts: Vec<_> = parts.into_iter().map(hull).filter(|p| p.len() >= 4).collect();
+        (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
+    }
+}
+
+/// Corners of the hull, or the points themselves where they have none (flat, or fewer than four).
+fn hull_points(points: &[Vector]) -> Vec<Vector> {
+    match catch_unwind(AssertUnwindSafe(|| try_convex_hull(points))) {
+        Ok(Ok((corners, _))) => corners,
+        _ => points.to_vec(),
+    }
+}
+
+/// At most [`MAX_HULL_POINTS`] of a hull's corners: from the extreme ones along the axes on, always the one farthest
+/// from the hull of those before it.
+fn reduced(points: Vec<Vector>) -> Vec<Vector> {
+    let extreme = |direction: Vector| {
+        let key = |&i: &usize| points[i].dot(direction);
+        (0..points.len()).max_by(|a, b| key(a).total_cmp(&key(b))).unwrap_or(0)
+    };
+    let axes = [Vector::X, Vector::Y, Vector::Z];
+    let mut kept: Vec<usize> = axes.iter().flat_map(|&a| [extreme(a), extreme(-a)]).collect();
+    kept.sort_unstable();
+    kept.dedup();
+    while kept.len() < MAX_HULL_POINTS.min(points.len()) {
+        let corners: Vec<Vector> = kept.iter().map(|&i| points[i]).collect();
+        let hull = Hull::new(&corners);
+        let outside = |p: Vector| match &hull {
+            Some(hull) => hull.distance_to_local_point(p, true),
+            // Flat as yet.
+            None => corners.iter().map(|c| c.distance(p)).fold(f32::INFINITY, f32::min),
+        };
+        let far = (0..points.len()).map(|i| (i, outside(points[i]))).max_by(|a, b| a.1.total_cmp(&b.1));
+        match far {
+            Some((i, distance)) if distance > HULL_TOLERANCE => kept.push(i),
+            _ => break,
+        }
+    }
+    kept.into_iter().map(|i| points[i]).collect()
+}
+
+/// The hull of some points as a closed mesh.
+pub fn hull_mesh(points: &[DVec3]) -> TriMesh {
+    let near: Vec<Vector> = points.iter().map(|p| p.as_vec3()).collect();
+    match catch_unwind(AssertUnwindSafe(|| try_convex_hull(&near))) {
+        Ok(Ok((corners, triangles))) => {
+            TriMesh { points: corners.into_iter().map(|p| p.as_dvec3()).collect(), triangles }
+        }
+        _ => TriMesh::default(),
+    }
+}
+
+/// Largest distance between sampled points of the mesh and the parts, and of the parts' outer surface and the mesh;
+/// both in the unit frame.
+fn deviation(mesh: &EngineMesh, closed: bool, parts: &[Vec<Vector>]) -> f64 {
+    let hulls: Vec<(Hull, EngineMesh)> = parts
+        .iter()
+        .filter_map(|p| {
+            let hull = Hull::new(p)?;
+            let (points, triangles) = convex_hull(p);
+            Some((hull, EngineMesh::new(points, triangles).ok()?))
+        })
+        .collect();
+    if hulls.is_empty() {
+        return f64::INFINITY;
+    }
+    let to_parts = surface_samples(mesh).into_iter().map(|p| {
+        let near = |h: &(Hull, EngineMesh)| h.0.distance_to_local_point(p, true);
+        hulls.iter().map(near).fold(f32::INFINITY, f32::min)
+    });
+    let mut worst = to_parts.fold(0.0, f32::max);
+    for (i, (_, surface)) in hulls.iter().enumerate() {
+        for p in surface_samples(surface) {
+            let buried = hulls.iter().enumerate().any(|(j, h)| j != i && h.0.contains_local_point(p));
+            if !buried {
+                // Outside the mesh only: where a part runs inside a closed mesh it takes no space that is not the prop's.
+                let inside = closed && mesh_contains(mesh, p);
+                worst = worst.max(if inside { 0.0 } else { mesh.distance_to_local_point(p, false) });
+            }
+        }
+    }
+    worst as f64
+}
+
+/// Even-odd test along one fixed skew direction.
+fn mesh_contains(mesh: &EngineMesh, p: Vector) -> bool {
+    let direction = Vector::new(0.5377, 0.7314, 0.4196);
+    let crossings = mesh.triangles().filter(|t| {
+        let (e1, e2, s) = (t.b - t.a, t.c - t.a, p - t.a);
+        let h = direction.cross(e2);
+        let det = e1.dot(h);
+        if det == 0.0 {
+            return false;
+        }
+        let u = s.dot(h) / det;
+        let q = s.cross(e1);
+        let v = direction.dot(q) / det;
+        u >= 0.0 && v >= 0.0 && u + v <= 1.0 && e2.dot(q) / det > 0.0
+    });
+    crossings.count() % 2 == 1
+}
+
+/// Points spread over a surface in proportion to area, deterministic.
+fn surface_samples(mesh: &EngineMesh) -> Vec<Vector> {
+    let areas: Vec<f32> = mesh.triangles().map(|t| (t.b - t.a).cross(t.c - t.a).length()).collect();
+    let total: f32 = areas.iter().sum();
+    let step = total / DEVIATION_SAMPLES as f32;
+    let (mut carried, mut out) =
+        (0.0, mesh.vertices().iter().step_by(1 + mesh.vertices().len() / 400).copied().collect::<Vec<_>>());
+    for (t, area) in mesh.triangles().zip(areas) {
+        carried += area;
+        let n = if step > 0.0 { (carried / step) as usize } else { 0 };
+        carried -= n as f32 * step;
+        for k in 0..n {
+            // The R2 sequence, folded into the triangle.
+            let (mut u, mut v) = ((0.7548777 * (k + 1) as f32).fract(), (0.5698403 * (k + 1) as f32).fract());
+            if u + v > 1.0 {
+                (u, v) = (1.0 - u, 1.0 - v);
+            }
+            out.push(t.a + (t.b - t.a) * u + (t.c - t.a) * v);
+        }
+    }
+    out
+}

@@ -1,0 +1,386 @@
+//! Props as the engine sees them: collision shape, mass properties, and how far the shape is from the mesh.
+//!
+//! A body's frame has its origin in the centre of mass and the prop's own axes; [`Shape::body_pose`] and
+//! [`Shape::prop_pose`] convert. Sizes are those of the prop at scale 1, in metres.
+
+mod convex;
+mod fit;
+mod hull;
+mod mass;
+mod round;
+
+use crate::error::Error;
+use crate::error::Problem;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
+use crate::geometry::topology;
+use crate::input::observer::{Observer, Progress, Stage, observe};
+use crate::input::params::{Params, Physics, Switch};
+use crate::input::scene::{Prop, Scene};
+use glam::{DMat3, DQuat, DVec3};
+use rapier3d::math::{Pose as EnginePose, Vector};
+use rapier3d::prelude::{MassProperties, SharedShape};
+
+pub use convex::hull_mesh;
+pub use fit::OrientedBox;
+pub use hull::Hull;
+
+/// What is known of a prop without building its collision shape; at scale 1.
+#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Size {
+    /// Of the bounding sphere, m.
+    pub diameter: f64,
+    /// Edges of the tightest box around the prop, rising, m.
+    pub extents: DVec3,
+    /// m^3; of an open mesh, half its box: an estimate.
+    pub volume: f64,
+    /// The mesh encloses a volume.
+    pub closed: bool,
+    /// The radius on which it rolls, m; `None` where it is not round.
+    pub round: Option<f64>,
+}
+
+impl Size {
+    pub fn of(mesh: &TriMesh) -> Size {
+        if mesh.triangles.is_empty() {
+            return Size { diameter: 0.0, extents: DVec3::ZERO, volume: 0.0, closed: false, round: None };
+        }
+        let diameter = 2.0 * fit::bounding_sphere(mesh).1;
+        let around = fit::oriented_box(mesh);
+        let mut extents = (2.0 * around.half).max(DVec3::splat(FLAT_THICKNESS * diameter)).to_array();
+        extents.sort_by(f64::total_cmp);
+        let own = mesh.signed_volume();
+        let bulk = extents.iter().product::<f64>();
+        let closed = topology::inspect(mesh).is_watertight() && own.abs() > MIN_VOLUME_SHARE * bulk;
+        let volume = if closed { own.abs() } else { bulk / 2.0 };
+        let round = round::rolling_radius(mesh, &around);
+        Size { diameter, extents: DVec3::from_array(extents), volume, closed, round }
+    }
+}
+
+/// The collision shapes of all props.
+pub fn run(scene: &Scene, params: &Params, sizes: &[Size], observer: &mut dyn Observer) -> Result<Vec<Shape>, Error> {
+    let mut shapes = Vec::new();
+    for (i, (prop, size)) in scene.props.iter().zip(sizes).enumerate() {
+        let fraction = i as f64 / scene.props.len() as f64;
+        observe(observer, &Progress { stage: Stage::Shape, fraction, bodies: 0, released: 0, at_rest: 0, nails: 0 })?;
+        let fault = |text| Error::Invalid(vec![Problem::new(format!("props.{i}"), text)]);
+        shapes.push(Shape::new(prop, *size, &params.physics).map_err(fault)?);
+    }
+    Ok(shapes)
+}
+
+/// How a prop is simulated, for the report.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct ShapeReport {
+    pub prop: String,
+    pub kind: Outline,
+    pub parts: usize,
+    /// Largest distance between the mesh and its collision shape, relative to the prop's diameter.
+    pub deviation_rel: f64,
+    /// kg at scale 1.
+    pub mass: f64,
+    /// Where the mass properties come from when the mesh is open or flat.
+    pub mass_fallback: Option<String>,
+}
+
+/// A prop, ready to be simulated.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Shape {
+    /// Centre of mass in the prop's frame, m.
+    pub center: DVec3,
+    /// m^3.
+    pub volume: f64,
+    /// kg.
+    pub mass: f64,
+    /// Principal moments of inertia about the centre of mass, kg m^2, and the rotation from their axes.
+    pub inertia: (DVec3, DQuat),
+    /// Radius of the sphere about the centre of mass that holds the prop, m.
+    pub radius: f64,
+    pub size: Size,
+    /// The direction in which the prop is thinnest, in the body's frame; unit.
+    pub thin_axis: DVec3,
+    pub solid: Solid,
+    pub report: ShapeReport,
+}
+
+/// The collision shape, about the centre of mass, m.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub enum Solid {
+    Box(OrientedBox),
+    Ball {
+        center: DVec3,
+        radius: f64,
+    },
+    /// One or more convex parts, each the hull of its points.
+    Convex(Vec<Vec<DVec3>>),
+}
+
+/// A mesh within this share of its diameter of a box or a ball is simulated as one: invisible, and several times
+/// cheaper than a hull.
+const PRIMITIVE_TOLERANCE: f64 = 0.003;
+/// A mesh whose own volume is below this share of its hull's has no usable inside: a sheet, or an open or inverted mesh.
+const MIN_VOLUME_SHARE: f64 = 0.01;
+/// Flat props are given this thickness, as a share of their diameter.
+const FLAT_THICKNESS: f64 = 0.01;
+
+impl Shape {
+    /// Builds the shape of a prop.
+    pub fn new(prop: &Prop, size: Size, physics: &Physics) -> Result<Shape, String> {
+        // An inside-out prop is its outward twin.
+        let mesh = &prop.model.mesh.outward();
+        let Size { diameter, closed, .. } = size;
+        let around = fit::oriented_box(mesh);
+        let (solid, deviation) = collision_solid(mesh, &around, diameter, closed, physics);
+        let own = mass::moments(mesh);
+        let solid_moments = solid.moments();
+        let fallback = mass_fallback(closed, own.volume, solid_moments.volume);
+        let moments = if fallback.is_some() { solid_moments } else { own };
+        if !(moments.volume > 0.0 && moments.volume.is_finite() && moments.inertia.is_finite()) {
+            return Err(format!(
+                "{}: no volume could be found for this prop; close the mesh or give it thickness",
+                prop.model.name
+            ));
+        }
+        let radius = mesh.points.iter().map(|p| p.distance(moments.center)).fold(0.0, f64::max);
+        let (principal, frame) = mass::principal(moments.inertia);
+        // A needle's smallest moment may round to zero, which an engine takes for infinity.
+        let principal = principal.max(DVec3::splat(principal.max_element() * 1e-6));
+        let mass = moments.volume * prop.density;
+        let solid = solid.moved(-moments.center);
+        let report = ShapeReport {
+            prop: prop.model.name.clone(),
+            kind: solid.outline(),
+            parts: solid.parts(),
+            deviation_rel: deviation / diameter,
+            mass,
+            mass_fallback: fallback,
+        };
+        Ok(Shape {
+            center: moments.center,
+            volume: moments.volume,
+            mass,
+            inertia: (principal * prop.density, frame),
+            radius,
+            size,
+            thin_axis: around.thin_axis(),
+            solid,
+            report,
+        })
+    }
+
+    /// Smallest extent, m.
+    pub fn thickness(&self) -> f64 {
+        self.size.extents.x
+    }
+
+    /// The body's pose (origin in the centre of mass) of a prop placed at `pose` with this scale.
+    pub fn body_pose(&self, pose: &Pose, scale: f64) -> Pose {
+        Pose { translation: pose.transform_point(self.center * scale), rotation: pose.rotation }
+    }
+
+    /// The inverse of [`Shape::body_pose`].
+    pub fn prop_pose(&self, body: &Pose, scale: f64) -> Pose {
+        Pose { translation: body.transform_point(-self.center * scale), rotation: body.rotation }
+    }
+
+    /// The engine's shape and its place in the body's frame, `scale` engine units per metre of the prop. `None` where the
+    /// engine finds no volume.
+    pub fn collider(&self, scale: f64) -> Option<(EnginePose, SharedShape)> {
+        match &self.solid {
+            Solid::Box(b) => {
+                let half = (b.half * scale).as_vec3();
+                let cuboid = SharedShape::cuboid(half.x, half.y, half.z);
+                let place = EnginePose::from_parts((b.center * scale).as_vec3(), b.rotation.as_quat());
+                Some((place, cuboid))
+            }
+            Solid::Ball { center, radius } => {
+                let place = EnginePose::from_translation((*center * scale).as_vec3());
+                Some((place, SharedShape::ball((radius * scale) as f32)))
+            }
+            Solid::Convex(parts) => {
+                let hull = |points: &Vec<DVec3>| {
+                    let scaled: Vec<Vector> = points.iter().map(|&p| (p * scale).as_vec3()).collect();
+                    Hull::new(&scaled).map(SharedShape::new)
+                };
+                let hulls: Option<Vec<_>> = parts.iter().map(hull).collect();
+                let mut hulls = hulls?;
+                let whole = if hulls.len() == 1 {
+                    hulls.pop()?
+                } else {
+                    SharedShape::compound(hulls.into_iter().map(|h| (EnginePose::IDENTITY, h)).collect())
+                };
+                Some((EnginePose::IDENTITY, whole))
+            }
+        }
+    }
+
+    /// The engine's mass properties for a body at this scale: `length` engine units per metre, `mass` engine units
+    /// per kg.
+    pub fn mass_properties(&self, scale: f64, length: f64, mass: f64) -> MassProperties {
+        let (principal, frame) = self.inertia;
+        let moment = principal * scale.powi(5) * length * length * mass;
+        let kg = self.mass * scale.powi(3) * mass;
+        MassProperties::with_principal_inertia_frame(Vector::ZERO, kg as f32, moment.as_vec3(), frame.as_quat())
+    }
+}
+
+impl Solid {
+    pub fn outline(&self) -> Outline {
+        match self {
+            Solid::Box(_) => Outline::Box,
+            Solid::Ball { .. } => Outline::Ball,
+            Solid::Convex(parts) if parts.len() == 1 => Outline::Hull,
+            Solid::Convex(_) => Outline::Parts,
+        }
+    }
+
+    /// Corners of all parts; 1 for a ball.
+    pub fn corners(&self) -> usize {
+        match self {
+            Solid::Box(_) => 8,
+            Solid::Ball { .. } => 1,
+            Solid::Convex(parts) => parts.iter().map(Vec::len).sum(),
+        }
+    }
+
+    /// Convex pieces.
+    pub fn parts(&self) -> usize {
+        match self {
+            Solid::Convex(parts) => parts.len(),
+            _ => 1,
+        }
+    }
+
+    fn moved(self, by: DVec3) -> Solid {
+        match self {
+            Solid::Box(b) => Solid::Box(OrientedBox { center: b.center + by, ..b }),
+            Solid::Ball { center, radius } => Solid::Ball { center: center + by, radius },
+            Solid::Convex(parts) => {
+                Solid::Convex(parts.into_iter().map(|p| p.into_iter().map(|v| v + by).collect()).collect())
+            }
+        }
+    }
+
+    /// Volume, centre and inertia of the collision shape; overlapping parts count twice.
+    fn moments(&self) -> mass::Moments {
+        match self {
+            Solid::Box(b) => {
+                let d = b.half * b.half * 4.0 / 12.0;
+                let local = DMat3::from_diagonal(DVec3::new(d.y + d.z, d.x + d.z, d.x + d.y) * b.volume());
+                let r = DMat3::from_quat(b.rotation);
+                mass::Moments { volume: b.volume(), center: b.center, inertia: r * local * r.transpose() }
+            }
+            Solid::Ball { center, radius } => {
+                let volume = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
+                let inertia = DMat3::from_diagonal(DVec3::splat(0.4 * volume * radius * radius));
+                mass::Moments { volume, center: *center, inertia }
+            }
+            Solid::Convex(parts) => {
+                let mut all = TriMesh::default();
+                for part in parts {
+                    all.append(&convex::hull_mesh(part));
+                }
+                mass::moments(&all)
+            }
+        }
+    }
+}
+
+/// Chooses the cheapest solid that is close enough, and measures how far it is from the mesh, m.
+fn collision_solid(
+    mesh: &TriMesh,
+    around: &OrientedBox,
+    diameter: f64,
+    closed: bool,
+    physics: &Physics,
+) -> (Solid, f64) {
+    let fitted = primitive(mesh, around, diameter, closed, physics.switches.primitives);
+    fitted.unwrap_or_else(|| convex::decompose(mesh, diameter, closed, physics))
+}
+
+/// The box or the ball that the mesh is, or the box of a sheet, and how far it is from the mesh, m.
+fn primitive(
+    mesh: &TriMesh,
+    around: &OrientedBox,
+    diameter: f64,
+    closed: bool,
+    switch: Switch,
+) -> Option<(Solid, f64)> {
+    let tolerance = PRIMITIVE_TOLERANCE * diameter;
+    let flat = FLAT_THICKNESS * diameter;
+    if around.half.min_element() * 2.0 < flat {
+        // A sheet: its box, given some thickness.
+        let b = OrientedBox { half: around.half.max(DVec3::splat(flat / 2.0)), ..*around };
+        return Some((Solid::Box(b), flat / 2.0));
+    }
+    if !closed || !switch.is_on(true) {
+        return None;
+    }
+    let volume = mass::moments(mesh).volume;
+    let box_deviation = around.deviation(mesh);
+    if box_deviation < tolerance && (volume / around.volume() - 1.0).abs() < 0.05 {
+        return Some((Solid::Box(*around), box_deviation));
+    }
+    let (center, radius) = fit::bounding_sphere(mesh);
+    // A faceted ball lies inside its sphere: the collision ball has the mesh's own volume.
+    let ball_radius = (volume.abs() * 0.75 / std::f64::consts::PI).cbrt();
+    let round = radius > 0.0 && ball_radius / radius > BALL_ROUNDNESS && mesh.triangles.len() >= BALL_TRIANGLES;
+    round.then(|| {
+        let deviation = fit::ball_deviation(mesh, center, ball_radius);
+        (Solid::Ball { center, radius: ball_radius }, deviation)
+    })
+}
+
+/// What a prop's collision shape is or will be, as far as that is known without a decomposition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outline {
+    Box,
+    Ball,
+    /// One convex shape.
+    Hull,
+    /// Several convex shapes.
+    Parts,
+}
+
+impl std::fmt::Display for Outline {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Outline::Box => "box",
+            Outline::Ball => "ball",
+            Outline::Hull => "hull",
+            Outline::Parts => "parts",
+        })
+    }
+}
+
+/// What the collision shape of a checked prop will be.
+fn outline(prop: &Prop, size: &Size, physics: &Physics) -> Outline {
+    let mesh = &prop.model.mesh.outward();
+    match primitive(mesh, &fit::oriented_box(mesh), size.diameter, size.closed, physics.switches.primitives) {
+        Some((solid, _)) => solid.outline(),
+        None if convex::is_one_hull(mesh, size.diameter, size.closed, physics) => Outline::Hull,
+        None => Outline::Parts,
+    }
+}
+
+/// What the collision shapes of a scene's props will be.
+pub fn outlines(scene: &Scene, params: &Params, sizes: &[Size]) -> Vec<Outline> {
+    scene.props.iter().zip(sizes).map(|(prop, size)| outline(prop, size, &params.physics)).collect()
+}
+
+/// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume)...
+const BALL_ROUNDNESS: f64 = 0.97;
+/// ... and has at least this many faces: dice and gems with fewer should not roll like balls.
+const BALL_TRIANGLES: usize = 80;
+
+fn mass_fallback(closed: bool, own: f64, solid: f64) -> Option<String> {
+    if !closed {
+        return Some("the mesh is open: mass and inertia are those of its collision shape".into());
+    }
+    if own < MIN_VOLUME_SHARE * solid {
+        return Some("the mesh encloses next to no volume: mass and inertia are those of its collision shape".into());
+    }
+    None
+}

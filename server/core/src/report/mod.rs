@@ -1,0 +1,64 @@
+//! The figures of a bake, under the names of measures.md. Everything but `seconds` and `memory` is the same for the
+//! same scene, seed and version.
+
+use crate::input::observer::Stage;
+use crate::input::params::Params;
+use crate::prepare::effects::Charge;
+use crate::prepare::plan::Plan;
+use crate::prepare::shape::ShapeReport;
+pub mod bake;
+pub mod figures;
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+/// The name of a figure, a count or an effect.
+pub type Name = Cow<'static, str>;
+
+/// What a bake tells of itself.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Report {
+    pub seed: u64,
+    pub bodies: usize,
+    pub plan: Plan,
+    /// Effective parameters.
+    pub params: Params,
+    /// Figures by name, those of measures.md; `null` where a figure has no meaning for this scene.
+    pub measures: BTreeMap<Name, Option<f64>>,
+    /// What keeps the result from the truth, in d, by the parameter that lessens it.
+    pub error_sources: BTreeMap<Name, f64>,
+    /// The largest of them: the parameter that limits the accuracy.
+    pub limited_by: Option<Name>,
+    /// Counts by name: steps, solves, verdicts, nails, removed bodies.
+    pub counts: BTreeMap<Name, u64>,
+    /// Per prop: what its collision shape is and how far it is from the mesh.
+    pub shapes: Vec<ShapeReport>,
+    /// CPU seconds by stage.
+    pub seconds: BTreeMap<Stage, f64>,
+    /// What each effect did and cost.
+    pub bill: Vec<Charge>,
+    /// Sentences for a person: what was repaired, removed, left empty, not at rest.
+    pub warnings: Vec<String>,
+}
+
+impl Report {
+    /// The fill was known, and nothing of it was simulated: what it once took is told apart.
+    pub fn recall_fill(&mut self) {
+        if let Some(steps) = self.counts.insert("fill_steps".into(), 0).filter(|&steps| steps > 0) {
+            self.counts.insert("fill_steps_recalled".into(), steps);
+        }
+    }
+
+    /// The whole bake was known. Counts other than those of the steps stay: they tell how the result came about, then.
+    pub fn recall(&mut self) {
+        self.recall_fill();
+        if let Some(steps) = self.counts.insert("steps".into(), 0).filter(|&steps| steps > 0) {
+            self.counts.insert("steps_recalled".into(), steps);
+        }
+        self.seconds.values_mut().for_each(|seconds| *seconds = 0.0);
+        for charge in &mut self.bill {
+            (charge.seconds, charge.share) = (None, None);
+            charge.counts.values_mut().for_each(|count| *count = 0);
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! What a scene lets happen at given times: bodies that appear, kept ones that are let go, moving scenery, the end of the
+//! control. Called before each step of the release and the hold; times are those of the frames.
+
+use crate::error::Error;
+use crate::geometry::pose::Pose;
+use crate::geometry::region::Region;
+use crate::input::params::Params;
+use crate::input::scene::{Emitter, Given, Place, Scene, StaticModel};
+use crate::stages::fill::{self, Placed};
+use crate::stages::release::Pile;
+use crate::world::{BodyId, MovingId, Role};
+use glam::DVec3;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+/// What is still to come.
+pub struct Events<'a> {
+    scene: &'a Scene,
+    /// By time.
+    late: Vec<&'a Given>,
+    /// When a kept body is let go, s; in no order.
+    kept: Vec<(f64, BodyId)>,
+    emissions: Vec<Emission<'a>>,
+    moving: Vec<(MovingId, &'a StaticModel)>,
+    /// When the control ends, s, and whether gently.
+    until: Option<(f64, bool)>,
+    /// s after frame 0, at the end of the step to come.
+    time: f64,
+}
+
+/// An emitter at work.
+struct Emission<'a> {
+    emitter: &'a Emitter,
+    /// Where it emits, if that is not a box.
+    inside: Option<Region>,
+    rng: Pcg64Mcg,
+    emitted: u32,
+    /// Since when it has found no free spot, s.
+    blocked: Option<f64>,
+    given_up: bool,
+}
+
+/// Spots tried for a body before it has to wait for the next step.
+const TRIES: usize = 30;
+/// An emitter that finds no free spot for so long, natural times, gives up: a pile has grown into it.
+const PATIENCE: f64 = 20.0;
+/// Emitters' random numbers differ from the fill's and from each other's.
+const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
+
+impl<'a> Events<'a> {
+    /// The events of a pile's scene; what is due at the beginning happens at once. `None` where nothing is to happen.
+    pub fn new(pile: &mut Pile<'a>, params: &Params) -> Result<Option<Events<'a>>, Error> {
+        let scene = pile.scene();
+        let mut late: Vec<&Given> = scene.bodies.iter().filter(|body| !body.is_stacked()).collect();
+        late.sort_by(|a, b| a.start.total_cmp(&b.start));
+        let first_given = pile.bodies.len() - scene.bodies.iter().filter(|body| body.is_stacked()).count();
+        let stacked = scene.bodies.iter().filter(|body| body.is_stacked()).zip(first_given..);
+        let kept = stacked.filter_map(|(body, id)| Some((body.kept_until?, id))).collect();
+        let emission = |(i, emitter): (usize, &'a Emitter)| Emission {
+            emitter,
+            inside: match &emitter.place {
+                Place::Box { .. } => None,
+                Place::Mesh(model) => Some(Region::new(&model.mesh)),
+            },
+            rng: Pcg64Mcg::seed_from_u64(params.seed.wrapping_add((i as u64 + 1).wrapping_mul(SEED_STEP))),
+            emitted: 0,
+            blocked: None,
+            given_up: false,
+        };
+        let mut events = Events {
+            scene,
+            late,
+            kept,
+            emissions: scene.emitters.iter().enumerate().map(emission).collect(),
+            moving: Vec::new(),
+            until: params.control.until.map(|time| (time, params.control.stand)),
+            time: 0.0,
+        };
+        for model in scene.statics.iter().filter(|model| !model.keys.is_empty()) {
+            let added = pile.world.add_moving_scenery(&model.model.mesh, model.friction, &model.pose_at(0.0));
+            events.moving.push((added.map_err(Error::Internal)?, model));
+        }
+        events.late.reverse();
+        pile.control.watches_hits = scene.something_hits();
+        events.add_late(pile)?;
+        let any = pile.control.watches_hits || events.until.is_some();
+        Ok(any.then_some(events))
+    }
+
+    /// Whether nothing is to come.
+    pub fn are_over(&self) -> bool {
+        let at_end = |model: &StaticModel| model.keys.last().is_none_or(|key| key.time < self.time);
+        self.late.is_empty()
+            && self.kept.is_empty()
+            && self.until.is_none()
+            && self.emissions.iter().all(Emission::is_over)
+            && self.moving.iter().all(|(_, model)| at_end(model))
+    }
+
+    /// Lets happen what is due in the coming step.
+    pub fn before_step(&mut self, pile: &mut Pile<'a>) -> Result<(), Error> {
+        let step = pile.world.step_length() * pile.world.units.time;
+        // What is due at the end of a step belongs to it, whatever the rounding, as with frames.
+        self.time = (pile.step as f64 + 1.0 + 1e-9) * step;
+        for &(id, model) in &self.moving {
+            pile.world.move_scenery(id, &model.pose_at(self.time));
+        }
+        if pile.world.scenery_moves() {
+            pile.latest_event = pile.step;
+        }
+        let before = pile.bodies.len();
+        self.add_late(pile)?;
+        for i in 0..self.emissions.len() {
+            self.emit(i, before, pile)?;
+        }
+        if pile.bodies.len() > before {
+            pile.recorder.join(&pile.world);
+        }
+        let due: Vec<BodyId> = self.kept.iter().filter(|k| k.0 <= self.time).map(|k| k.1).collect();
+        self.kept.retain(|k| k.0 > self.time);
+        for id in due {
+            pile.disturb();
+            pile.let_go(id);
+        }
+        if let Some((_, gently)) = self.until.filter(|until| until.0 <= self.time) {
+            self.until = None;
+            pile.end_control(gently);
+        }
+        Ok(())
+    }
+
+    /// Adds the bodies placed by hand whose time has come.
+    fn add_late(&mut self, pile: &mut Pile<'a>) -> Result<(), Error> {
+        while let Some(given) = self.late.pop_if(|given| given.start <= self.time) {
+            // So that it is where it is to be at its own time, within the step.
+            let step = pile.world.step_length() * pile.world.units.time;
+            let begin = pile.step as f64 * step;
+            let mut placed = given.clone();
+            placed.pose.translation -= given.velocity * (given.start - begin).clamp(0.0, step);
+            pile.disturb();
+            let id = pile.place(&placed)?;
+            if given.kept {
+                pile.world.set_role(id, Role::Kept);
+                self.kept.extend(given.kept_until.map(|until| (until, id)));
+            } else {
+                pile.world.launch(id, given.velocity, given.angular_velocity);
+                pile.control.drop_in(id);
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds the bodies that are due from an emitter. `first`: the first body that was added since the last step.
+    fn emit(&mut self, number: usize, first: BodyId, pile: &mut Pile<'a>) -> Result<(), Error> {
+        let emission = &mut self.emissions[number];
+        let emitter = emission.emitter;
+        if emission.is_over() || emitter.start > self.time {
+            return Ok(());
+        }
+        let due = ((self.time - emitter.start) * emitter.rate).floor() + 1.0;
+        let wanted = due.min(f64::from(emitter.count)) as u32 - emission.emitted;
+        for _ in 0..wanted {
+            let newest: Vec<BodyId> = (first..pile.bodies.len()).collect();
+            let Some(body) = emission.find_spot(self.scene, pile, &newest) else {
+                let since = *emission.blocked.get_or_insert(self.time);
+                if self.time - since > PATIENCE * pile.world.units.time {
+                    emission.given_up = true;
+                    pile.notes.push(format!(
+                        "emitters.{number}: only {} of {} bodies could appear: there was no free spot left; make its \
+                         place larger, or move it away from the pile",
+                        emission.emitted, emitter.count
+                    ));
+                }
+                break;
+            };
+            emission.blocked = None;
+            emission.emitted += 1;
+            let id = pile.insert(body)?;
+            pile.work.bodies_emitted += 1;
+            pile.world.launch(id, emitter.velocity, DVec3::ZERO);
+            pile.control.drop_in(id);
+            pile.latest_event = pile.step;
+        }
+        Ok(())
+    }
+}
+
+impl Emission<'_> {
+    fn is_over(&self) -> bool {
+        self.given_up || self.emitted >= self.emitter.count
+    }
+
+    /// A body at a spot where nothing is in the way, engine units.
+    fn find_spot(&mut self, scene: &Scene, pile: &Pile, newest: &[BodyId]) -> Option<Placed> {
+        for _ in 0..TRIES {
+            let (prop, scale, rotation) = fill::draw(&scene.props, scene.emitted(self.emitter), &mut self.rng);
+            let at = match (&self.emitter.place, &self.inside) {
+                (_, Some(inside)) => inside.sample_inside(&mut self.rng)?,
+                (Place::Box { center, size }, None) => {
+                    *center + *size * (DVec3::from_array(std::array::from_fn(|_| self.rng.random())) - 0.5)
+                }
+                (Place::Mesh(_), None) => return None,
+            };
+            let pose = pile.world.units.pose_to_engine(&Pose { translation: at, rotation });
+            if pile.world.is_free(&pile.shapes[prop], scale, &pose, newest) {
+                return Some(Placed { prop, scale, pose });
+            }
+        }
+        None
+    }
+}

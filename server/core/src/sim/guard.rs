@@ -1,0 +1,267 @@
+//! The guard watches what no bake may do: bodies faster than anything here could have made them, energy out of nothing,
+//! bodies that fell through the ground, bodies deep in each other. It takes such a step again in smaller ones; what does not
+//! help is set aside by name; and when too many are, the bake ends and says so. Each action is counted and told.
+
+use crate::error::Error;
+use crate::error::Problem;
+use crate::input::params::Params;
+use crate::input::scene::{Scene, StaticModel};
+use crate::world::{BodyId, Energy, Role, State, Units, World};
+use std::collections::BTreeSet;
+
+/// What the guard has done.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Actions {
+    /// Steps watched.
+    pub steps: u64,
+    /// Steps taken again in smaller ones.
+    pub retries: u64,
+    /// Times that the contacts were stiffened for a while, because bodies were deep in each other.
+    pub stiffened: u64,
+    /// Bodies set aside, and why.
+    pub aside: Vec<(BodyId, Fault)>,
+}
+
+/// Why a body was set aside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fault {
+    NotFinite,
+    TooFast,
+    BelowGround,
+}
+
+impl Fault {
+    pub const ALL: [Fault; 3] = [Fault::NotFinite, Fault::TooFast, Fault::BelowGround];
+
+    /// What is said of the bodies.
+    pub fn told(self) -> &'static str {
+        match self {
+            Fault::NotFinite => "became numerically unstable",
+            Fault::TooFast => "became faster than anything in the scene could make them",
+            Fault::BelowGround => "fell through the ground",
+        }
+    }
+}
+
+/// A step that failed is taken again in this many.
+const RETRY_PARTS: u32 = 8;
+/// Energy is weighed in every so many steps: it takes longer than all else, and what bursts goes on bursting.
+const ENERGY_PERIOD: u64 = 4;
+/// Steps retried in a row before the guard gives up on a gain of energy that finer steps do not cure.
+const MOST_RETRIES_IN_A_ROW: u32 = 4;
+/// ... and for how many steps it then looks away: a scene that needs a finer step everywhere would take eight times as long.
+const REST_STEPS: u64 = 40;
+/// What energy may be gained in a step, as a share of the kinetic energy before it: an error of integration.
+const ENERGY_SHARE: f64 = 0.1;
+/// What overlapping bodies are pushed apart with raises them by at most this much, d per natural time (the world's limit of
+/// that speed).
+const PUSH_OUT: f64 = 0.35;
+/// Pushed apart, bodies get as fast as by a fall from so many d.
+const PUSH_OUT_FALL: f64 = 1.0;
+/// A body is too fast beyond so many times the speed of a fall from the highest place (hard cases: 2); what bounces hands a
+/// light body more, and so does a heavy one that squeezes it out sideways like a pip.
+const SPEED_FACTOR: f64 = 2.0;
+const BOUNCE_FACTOR: f64 = 4.0;
+/// Heavy and light, by their masses' ratio.
+const SQUEEZING: f64 = 100.0;
+/// What turns may have this much more speed in its turning than in its motion: a light rod that a heavy body hits at its end.
+const SPIN_FACTOR: f64 = 2.0;
+/// Overlaps are looked for every so many steps: they grow slowly, and each look goes over all contacts.
+const DEPTH_PERIOD: u64 = 8;
+/// Bodies are deep in each other beyond this share of the thinner one's thickness ...
+const DEEP: f64 = 0.5;
+/// ... and contacts are then so much stiffer, with as many more substeps, ...
+const STIFFER: u32 = 2;
+/// ... for so many steps ...
+const STIFF_STEPS: u64 = 80;
+/// ... and at most so often: what is deep after that is told, not cured.
+const MOST_STIFFENINGS: u64 = 4;
+/// More bodies than this share (and than three) set aside, and there is no pile left to speak of.
+const MOST_ASIDE: f64 = 0.2;
+
+pub struct Guard {
+    watches: bool,
+    pub actions: Actions,
+    /// Height of the ground, engine units.
+    ground: f64,
+    speed_factor: f64,
+    /// Highest place that a body has come from, above the ground, d.
+    highest: f64,
+    /// Fastest that a body was thrown or that scenery moves, d per natural time.
+    thrown: f64,
+    /// Bodies looked at so far.
+    known: usize,
+    /// Retries in a row, and the step until which a gain of energy is let pass.
+    in_a_row: u32,
+    resting_until: u64,
+    /// Pairs that were deep in each other at two looks in a row: placed so, or met with stiffer contacts already.
+    deep: BTreeSet<(BodyId, Option<BodyId>)>,
+    /// Those of the latest look.
+    latest: BTreeSet<(BodyId, Option<BodyId>)>,
+    stiff_until: Option<u64>,
+    step: u64,
+    /// The bodies before the current step.
+    before: State,
+}
+
+impl Guard {
+    /// `ground`: its height, engine units. `mass_ratio`: of the heaviest body over the lightest.
+    pub fn new(scene: &Scene, params: &Params, units: Units, ground: f64, mass_ratio: f64) -> Guard {
+        let bounces = scene.bounces(params);
+        let scenery = scene.statics.iter().map(scenery_speed).fold(0.0, f64::max);
+        let emitted = scene.emitters.iter().map(|e| e.velocity.length()).fold(0.0, f64::max);
+        let spun = scene.bodies.iter().map(|b| b.velocity.length()).fold(0.0, f64::max);
+        Guard {
+            watches: params.guard.is_on(true),
+            actions: Actions::default(),
+            ground,
+            speed_factor: if bounces || mass_ratio > SQUEEZING { BOUNCE_FACTOR } else { SPEED_FACTOR },
+            highest: 0.0,
+            thrown: scenery.max(emitted).max(spun) * units.time / units.length,
+            known: 0,
+            in_a_row: 0,
+            resting_until: 0,
+            deep: BTreeSet::new(),
+            latest: BTreeSet::new(),
+            stiff_until: None,
+            step: 0,
+            before: State::default(),
+        }
+    }
+
+    /// One step of the world. Returns the bodies set aside.
+    pub fn step(&mut self, world: &mut World) -> Result<Vec<BodyId>, Error> {
+        if !self.watches {
+            return Ok(self.unwatched(world));
+        }
+        self.actions.steps += 1;
+        // The engine does not know the inertia of a new body before its first step.
+        let watched = !self.meet(world) && world.nail_count() == 0 && !world.scenery_moves();
+        let weighed = watched && self.step >= self.resting_until && self.step.is_multiple_of(ENERGY_PERIOD);
+        world.note(&mut self.before);
+        let energy = weighed.then(|| world.energy_of(&self.before));
+        let mut lost = world.step();
+        if energy.is_some_and(|energy| self.gained(world, energy)) || !self.faults(world).is_empty() {
+            self.actions.retries += 1;
+            self.in_a_row += 1;
+            lost.extend(world.step_again(&self.before, RETRY_PARTS));
+            if self.in_a_row == MOST_RETRIES_IN_A_ROW {
+                (self.in_a_row, self.resting_until) = (0, self.step + REST_STEPS);
+            }
+        } else if weighed {
+            self.in_a_row = 0;
+        }
+        let unstable = lost.iter().map(|&id| (id, Fault::NotFinite));
+        let faults: Vec<(BodyId, Fault)> = unstable.chain(self.faults(world)).collect();
+        faults.iter().filter(|f| f.1 != Fault::NotFinite).for_each(|f| world.remove(f.0));
+        self.actions.aside.extend(&faults);
+        self.look_for_overlaps(world);
+        self.step += 1;
+        self.end_if_hopeless(world)?;
+        Ok(faults.into_iter().map(|f| f.0).collect())
+    }
+
+    /// A step that nobody watches: only what the engine itself gives up is set aside.
+    fn unwatched(&mut self, world: &mut World) -> Vec<BodyId> {
+        let lost = world.step();
+        self.actions.aside.extend(lost.iter().map(|&id| (id, Fault::NotFinite)));
+        lost
+    }
+
+    /// Takes note of the bodies that came since the last step. Returns whether any did.
+    fn meet(&mut self, world: &World) -> bool {
+        let new = self.known..world.bodies().len();
+        self.known = new.end;
+        for id in new.clone().filter(|&id| world.is_present(id)) {
+            self.highest = self.highest.max(world.pose(id).translation.y - self.ground);
+        }
+        !new.is_empty()
+    }
+
+    /// No body can be faster, d per natural time.
+    fn most_speed(&self) -> f64 {
+        self.speed_factor * ((2.0 * (self.highest + PUSH_OUT_FALL)).sqrt() + self.thrown)
+    }
+
+    /// Whether the step gave the bodies energy out of nothing.
+    fn gained(&self, world: &World, before: Energy) -> bool {
+        let after = world.energy_of(&self.before);
+        after.whole - before.whole > ENERGY_SHARE * before.kinetic + PUSH_OUT * world.step_length() * before.mass
+    }
+
+    /// Bodies that are where, or as fast as, none can be.
+    fn faults(&self, world: &World) -> Vec<(BodyId, Fault)> {
+        let most = self.most_speed();
+        // What is placed below the ground is on its way up.
+        let astray = world.astray(most, SPIN_FACTOR * most, self.ground, PUSH_OUT);
+        let fault = |(id, too_fast)| (id, if too_fast { Fault::TooFast } else { Fault::BelowGround });
+        astray.into_iter().map(fault).collect()
+    }
+
+    /// Bodies that sink into each other meet stiffer contacts for a while.
+    fn look_for_overlaps(&mut self, world: &mut World) {
+        if self.stiff_until.is_some_and(|until| self.step >= until) {
+            self.stiff_until = None;
+            world.unstiffen(STIFFER);
+        }
+        if !self.step.is_multiple_of(DEPTH_PERIOD) {
+            return;
+        }
+        let deep: BTreeSet<_> = world.deep_pairs(DEEP).into_iter().collect();
+        // A hard fall is over by the next look.
+        let stays: BTreeSet<_> = deep.intersection(&self.latest).copied().collect();
+        let is_new = self.step > DEPTH_PERIOD && !stays.is_subset(&self.deep);
+        self.deep.extend(stays);
+        self.latest = deep;
+        if is_new && self.stiff_until.is_none() && self.actions.stiffened < MOST_STIFFENINGS {
+            self.actions.stiffened += 1;
+            self.stiff_until = Some(self.step + STIFF_STEPS);
+            world.stiffen(STIFFER);
+        }
+    }
+
+    fn end_if_hopeless(&self, world: &World) -> Result<(), Error> {
+        let (aside, bodies) = (self.actions.aside.len(), world.bodies().len());
+        if aside <= 3 || aside as f64 <= MOST_ASIDE * bodies as f64 {
+            return Ok(());
+        }
+        let text = format!(
+            "the simulation does not stay stable: {}; raise physics.substeps, make physics.step shorter, or bring the bodies' sizes and \
+             masses nearer to each other",
+            told(&self.actions.aside, |id| id.to_string()).join("; ")
+        );
+        Err(Error::Invalid(vec![Problem::new("physics.substeps", text)]))
+    }
+
+    /// Pairs that were found deep in each other and still are, of bodies that are there.
+    pub fn still_deep(&self, world: &World) -> usize {
+        let there = |id: BodyId| !matches!(world.bodies()[id].role, Role::Gone);
+        let deep = world.deep_pairs(DEEP);
+        deep.iter().filter(|(a, b)| there(*a) && b.is_none_or(there)).count()
+    }
+}
+
+/// A sentence for each reason for which bodies were set aside.
+pub fn told(aside: &[(BodyId, Fault)], name: impl Fn(BodyId) -> String) -> Vec<String> {
+    /// So many are named.
+    const NAMED: usize = 8;
+    let sentence = |fault: Fault| {
+        let all: Vec<BodyId> = aside.iter().filter(|a| a.1 == fault).map(|a| a.0).collect();
+        let names: Vec<String> = all.iter().take(NAMED).map(|&id| name(id)).collect();
+        let more = if all.len() > NAMED { ", ..." } else { "" };
+        let count = all.len();
+        (count > 0).then(|| format!("bodies {}{more} ({count} in all) {}", names.join(", "), fault.told()))
+    };
+    Fault::ALL.into_iter().filter_map(sentence).collect()
+}
+
+/// Fastest that any point of moving scenery gets, m/s.
+fn scenery_speed(model: &StaticModel) -> f64 {
+    let reach = model.model.mesh.points.iter().map(|p| p.length()).fold(0.0, f64::max);
+    let speed = |pair: &[crate::input::scene::Key]| {
+        let (a, b) = (&pair[0].pose, &pair[1].pose);
+        let turned = a.rotation.normalize().angle_between(b.rotation.normalize()) * reach;
+        (a.translation.distance(b.translation) + turned) / (pair[1].time - pair[0].time)
+    };
+    model.keys.windows(2).map(speed).fold(0.0, f64::max)
+}

@@ -1,0 +1,122 @@
+//! Frames: the poses of all bodies at the frame rate, between steps where a frame falls there.
+//!
+//! Frames do not pace the physics: another frame rate gives the same motion, and so does none.
+
+use crate::geometry::pose::Pose;
+use crate::input::params::Params;
+use crate::world::{Role, Units, World};
+
+/// When frames are due, and whether they are kept.
+#[derive(Clone, Copy, Debug)]
+pub struct Pace {
+    /// Engine time of a frame.
+    interval: f64,
+    keeps: bool,
+    /// Frames after frame 0, at most.
+    most: usize,
+}
+
+impl Pace {
+    pub fn new(params: &Params, units: Units) -> Pace {
+        Pace {
+            interval: 1.0 / params.output.fps / units.time,
+            keeps: params.output.keeps_frames.is_on(true),
+            most: params.output.frames.map_or(usize::MAX, |n| n as usize),
+        }
+    }
+}
+
+/// Collects frames while a world runs. Poses are those of the bodies (centre of mass), engine units.
+pub struct Recorder {
+    pace: Pace,
+    time: f64,
+    /// Frames due so far, without frame 0.
+    due: usize,
+    last: Vec<Pose>,
+    /// The latest frame, where none are kept.
+    latest: Vec<Pose>,
+    /// Shape `[frame][body]`; a frame has the bodies that were there at its time: more from frame to frame. Where none are
+    /// kept: those that were marked.
+    pub frames: Vec<Vec<Pose>>,
+}
+
+impl Recorder {
+    /// Frame 0 is the world as it stands.
+    pub fn new(world: &World, pace: Pace) -> Recorder {
+        let first = poses(world, &[]);
+        Recorder { pace, time: 0.0, due: 0, last: first.clone(), latest: first.clone(), frames: vec![first] }
+    }
+
+    /// Called when bodies were added since the last step.
+    pub fn join(&mut self, world: &World) {
+        let now = poses(world, &self.last);
+        self.last.extend_from_slice(&now[self.last.len()..]);
+    }
+
+    /// Called after every step.
+    pub fn step(&mut self, world: &World) {
+        let now = poses(world, &self.last);
+        let length = world.step_length();
+        loop {
+            let due = (self.due + 1) as f64 * self.pace.interval;
+            // A frame at the end of a step belongs to it, whatever the rounding.
+            if due > self.time + length * (1.0 + 1e-9) {
+                break;
+            }
+            self.due += 1;
+            let s = ((due - self.time) / length).clamp(0.0, 1.0);
+            let frame = self.last.iter().zip(&now).map(|(a, b)| a.interpolate(b, s)).collect();
+            if self.pace.keeps {
+                self.frames.push(frame);
+            } else if self.due <= self.pace.most {
+                self.latest = frame;
+            }
+        }
+        self.time += length;
+        self.last = now;
+    }
+
+    /// Whether the frames are kept.
+    pub fn keeps(&self) -> bool {
+        self.pace.keeps
+    }
+
+    /// Frames due so far, without frame 0.
+    pub fn count(&self) -> usize {
+        self.due
+    }
+
+    /// The index of the latest frame, which is kept for it.
+    pub fn mark(&mut self) -> usize {
+        if !self.pace.keeps {
+            self.frames.push(self.latest.clone());
+        }
+        self.frames.len() - 1
+    }
+
+    /// The first frame that a body has which appears now.
+    pub fn next(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Makes it `count` frames after frame 0, repeating the last pose.
+    pub fn fit(&mut self, count: usize) {
+        if self.pace.keeps {
+            self.frames.resize(count + 1, self.last.clone());
+        }
+    }
+}
+
+/// A body that is gone stays where it was last seen.
+fn poses(world: &World, last: &[Pose]) -> Vec<Pose> {
+    let pose = |id: usize| match world.bodies()[id].role {
+        Role::Gone => last.get(id).copied().unwrap_or(Pose::IDENTITY),
+        _ => {
+            let pose = world.pose(id);
+            // The same rotation has two quaternions: keep to the one nearer to the last frame.
+            let turned = last.get(id).is_some_and(|l| l.rotation.dot(pose.rotation) < 0.0);
+            Pose { rotation: if turned { -pose.rotation } else { pose.rotation }, ..pose }
+        }
+    };
+    (0..world.bodies().len()).map(pose).collect()
+}

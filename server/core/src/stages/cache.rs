@@ -1,0 +1,155 @@
+//! What a bake may take over from an earlier one: collision shapes and fill, where all that they depend on is the same.
+//!
+//! The core keeps nothing itself: it asks its caller for what it knows, and hands out what is worth keeping.
+
+use crate::input::observer::{Frame, Observer, Progress, Shown, Stage};
+use crate::input::params::{Base, Fill, Params, Physics};
+use crate::input::scene::{Given, Model, Prop, Scene};
+use crate::prepare::check::Checked;
+use crate::prepare::shape::Shape;
+use crate::stages::fill::Filled;
+use std::ops::ControlFlow;
+
+/// All that shapes and fill depend on: where it is the same, so are they.
+#[derive(Debug, serde::Serialize)]
+pub struct FillInputs<'a> {
+    control: &'a Option<Model>,
+    props: &'a [Prop],
+    /// Those that the fill leaves alone.
+    bodies: Vec<&'a Given>,
+    diameter: f64,
+    shares: &'a [f64],
+    ground: f64,
+    seed: u64,
+    gravity: f64,
+    physics: &'a Physics,
+    base: &'a Base,
+    fill: &'a Fill,
+    /// The rate of the frames that are shown; `None` where none are.
+    fps: Option<f64>,
+}
+
+impl<'a> FillInputs<'a> {
+    pub(crate) fn new(scene: &'a Scene, params: &'a Params, checked: &'a Checked, with_frames: bool) -> FillInputs<'a> {
+        FillInputs {
+            control: &scene.control,
+            props: &scene.props,
+            bodies: scene.bodies.iter().filter(|body| body.is_stacked()).collect(),
+            diameter: checked.diameter,
+            shares: &checked.shares,
+            ground: checked.ground,
+            seed: params.seed,
+            gravity: params.gravity,
+            physics: &params.physics,
+            base: &params.base,
+            fill: &params.fill,
+            fps: with_frames.then_some(params.output.fps),
+        }
+    }
+}
+
+/// What shapes and fill left behind.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Found {
+    pub shapes: Vec<Shape>,
+    /// `None` where nothing is filled.
+    pub filled: Option<Filled>,
+    /// The frames that were shown meanwhile; `None` where nobody wanted any.
+    pub shown: Option<Vec<Still>>,
+}
+
+/// A frame of a fill.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Still {
+    number: usize,
+    time: f64,
+    bodies: Vec<Option<Shown>>,
+}
+
+/// Who knows of earlier bakes.
+pub trait Memory {
+    /// What the same inputs gave before.
+    fn recall(&mut self, inputs: &FillInputs) -> Option<Found>;
+
+    fn keep(&mut self, inputs: &FillInputs, found: &Found);
+
+    /// Whether it keeps anything.
+    fn keeps(&self) -> bool;
+}
+
+/// Knows nothing.
+pub struct NoMemory;
+
+impl Memory for NoMemory {
+    fn recall(&mut self, _: &FillInputs) -> Option<Found> {
+        None
+    }
+
+    fn keep(&mut self, _: &FillInputs, _: &Found) {}
+
+    fn keeps(&self) -> bool {
+        false
+    }
+}
+
+impl Found {
+    /// Shows the frames again, to a caller who wants some.
+    pub(crate) fn show(&self, observer: &mut dyn Observer) {
+        if !observer.wants_frames() {
+            return;
+        }
+        for still in self.shown.iter().flatten() {
+            let &Still { number, time, ref bodies } = still;
+            observer.frame(&Frame { stage: Stage::Fill, number, time, bodies });
+        }
+    }
+}
+
+/// Passes everything on, and keeps the frames.
+pub(crate) struct Witness<'a> {
+    to: &'a mut dyn Observer,
+    /// `None`: they are not wanted, or too many.
+    shown: Option<Vec<Still>>,
+    /// Bodies in them.
+    bodies: usize,
+}
+
+/// Bodies over all frames of a fill that is kept: about 100 MB.
+const MOST_SHOWN: usize = 1_000_000;
+
+impl<'a> Witness<'a> {
+    pub fn new(to: &'a mut dyn Observer, keeps: bool) -> Witness<'a> {
+        let shown = (keeps && to.wants_frames()).then(Vec::new);
+        Witness { to, shown, bodies: 0 }
+    }
+
+    /// The frames, where all were kept.
+    pub fn into_shown(self) -> Option<Vec<Still>> {
+        self.shown
+    }
+}
+
+impl Observer for Witness<'_> {
+    fn progress(&mut self, progress: &Progress) -> ControlFlow<()> {
+        self.to.progress(progress)
+    }
+
+    fn cpu_seconds(&mut self) -> f64 {
+        self.to.cpu_seconds()
+    }
+
+    fn wants_frames(&self) -> bool {
+        self.to.wants_frames()
+    }
+
+    fn frame(&mut self, frame: &Frame) {
+        self.bodies += frame.bodies.len();
+        if self.bodies > MOST_SHOWN {
+            self.shown = None;
+        }
+        if let Some(shown) = &mut self.shown {
+            shown.push(Still { number: frame.number, time: frame.time, bodies: frame.bodies.to_vec() });
+        }
+        self.to.frame(frame);
+    }
+}

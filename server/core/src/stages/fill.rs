@@ -1,0 +1,374 @@
+//! Filling the container with props (Cho et al. 2007; paper, 4.1).
+
+mod insert;
+mod pockets;
+mod pour;
+
+use crate::error::Error;
+use crate::geometry::pose::Pose;
+use crate::input::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
+use crate::input::params::{FillMethod, Params};
+use crate::input::scene::{Prop, Scene};
+use crate::prepare::container::Container;
+use crate::prepare::plan::expected_bodies;
+use crate::prepare::shape::{Shape, Size, Solid};
+use crate::world::{BodyId, Insertion, Role, Side, Touch, Units, Work, World, WorldBody};
+use glam::{DQuat, DVec3};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::collections::BTreeMap;
+
+/// A full container. Plain data: a release starts from it as often as one likes.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Filled {
+    pub bodies: Vec<Placed>,
+    pub removed: Removed,
+    pub steps: u64,
+    /// Whether the container was full, rather than a limit reached.
+    pub full: bool,
+    /// Share of the container's volume that no body is near.
+    pub pockets: f64,
+    /// Triangles that simplification took from the walls, and how far it moved them, in d.
+    pub wall_triangles_saved: usize,
+    pub wall_deviation: f64,
+    pub work: Work,
+}
+
+/// A body where the fill left it.
+#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Placed {
+    pub prop: usize,
+    pub scale: f64,
+    /// Of the centre of mass, engine units.
+    pub pose: Pose,
+}
+
+/// Bodies that the fill took out again, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Removed {
+    pub sticking_out: usize,
+    pub overlapping: usize,
+    pub escaped: usize,
+}
+
+/// What a fill works with.
+pub(crate) struct Filling<'a> {
+    pub scene: &'a Scene,
+    pub shapes: &'a [Shape],
+    pub params: &'a Params,
+    pub container: &'a Container,
+    pub world: World,
+    pub rng: Pcg64Mcg,
+    pub removed: Removed,
+    /// Bodies that the container is expected to take.
+    pub expected: usize,
+    /// Bodies simulated so far, times natural times.
+    work: f64,
+    /// Frames shown; `None` where none are to be.
+    shown: Option<usize>,
+}
+
+/// Natural times for which the bodies of a fill are usually simulated, times the expected bodies.
+const USUAL_WORK: f64 = 40.0;
+/// Progress when the usual work is done; the rest is for fills that take longer.
+const USUAL_END: f64 = 0.9;
+
+/// Rounds of removing what sticks out or overlaps and settling again.
+const CLEANUP_ROUNDS: usize = 4;
+/// Settling after each of them, natural times.
+const CLEANUP_SETTLE: f64 = 0.5;
+
+/// Fills the container and lets the props settle in it.
+pub fn run(
+    scene: &Scene,
+    shapes: &[Shape],
+    params: &Params,
+    units: Units,
+    container: &Container,
+    observer: &mut dyn Observer,
+) -> Result<Filled, Error> {
+    let mut filling = Filling::new(scene, shapes, params, units, container);
+    filling.place_given()?;
+    let poured = match params.fill.method {
+        FillMethod::Pour => Some(pour::run(&mut filling, observer)?),
+        FillMethod::Insert | FillMethod::Off => None,
+    };
+    let closed = container.closed();
+    let walls = filling.world.add_container(&closed.mesh.scaled(units.length), 0.0).map_err(Error::Internal)?;
+    let floor = filling.world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0);
+    if poured.is_none() {
+        insert::run(&mut filling, observer)?;
+    }
+    filling.use_real_friction();
+    // Turned over with the container still around it, the pile closes its gaps under its own weight; what becomes free
+    // at the top is filled once more.
+    filling.world.set_gravity_up(false);
+    filling.settle(params.fill.settle, observer)?;
+    let full = match poured {
+        Some(full) => full,
+        None => {
+            let full = insert::run(&mut filling, observer)?;
+            filling.use_real_friction();
+            filling.settle(params.fill.settle, observer)?;
+            full
+        }
+    };
+    filling.clean_up(observer)?;
+    filling.world.remove_wall(walls);
+    filling.world.remove_wall(floor);
+    let bodies = filling.loose().map(|id| filling.placed(id)).collect();
+    let pockets = pockets::fraction(&filling);
+    let (steps, work) = (filling.world.steps, filling.world.work);
+    Ok(Filled {
+        bodies,
+        removed: filling.removed,
+        steps,
+        full,
+        pockets,
+        wall_triangles_saved: closed.saved,
+        wall_deviation: closed.deviation,
+        work,
+    })
+}
+
+/// Pours the props through the opening and leaves them as they fell, upside down: no settling, no clean-up.
+pub(crate) fn pour_only(
+    scene: &Scene,
+    shapes: &[Shape],
+    params: &Params,
+    units: Units,
+    container: &Container,
+    observer: &mut dyn Observer,
+) -> Result<Vec<Placed>, Error> {
+    let mut filling = Filling::new(scene, shapes, params, units, container);
+    filling.shown = None;
+    pour::run(&mut filling, observer)?;
+    Ok(filling.world.present().map(|id| filling.placed(id)).collect())
+}
+
+impl<'a> Filling<'a> {
+    /// An empty world under upward gravity.
+    fn new(
+        scene: &'a Scene,
+        shapes: &'a [Shape],
+        params: &'a Params,
+        units: Units,
+        container: &'a Container,
+    ) -> Filling<'a> {
+        let thickness =
+            (shapes.iter().zip(&scene.props)).filter(|(_, p)| p.weight > 0.0).map(|(s, p)| s.thickness() * p.scale[0]);
+        let thickness = thickness.fold(f64::INFINITY, f64::min);
+        let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
+        let expected = expected_bodies(scene, &sizes, container.volume * units.length.powi(3), &params.fill);
+        let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
+        let mut world = World::new(units, &params.fill_physics(), thickness / units.length, compounds);
+        world.set_gravity_up(true);
+        Filling {
+            scene,
+            shapes,
+            params,
+            container,
+            world,
+            rng: Pcg64Mcg::seed_from_u64(params.seed),
+            removed: Removed::default(),
+            expected,
+            work: 0.0,
+            shown: Some(0),
+        }
+    }
+
+    /// Puts the bodies placed by hand where they belong: the rest is filled around them.
+    fn place_given(&mut self) -> Result<(), Error> {
+        for given in self.scene.bodies.iter().filter(|body| body.is_stacked()) {
+            let pose = self.shapes[given.prop].body_pose(&given.pose, given.scale);
+            let id = self.insert(given.prop, given.scale, self.world.units.pose_to_engine(&pose))?;
+            self.world.set_role(id, Role::Kept);
+        }
+        Ok(())
+    }
+
+    /// The bodies that were filled in, rising.
+    pub fn loose(&self) -> impl Iterator<Item = BodyId> + '_ {
+        self.world.present().filter(|&id| self.world.bodies()[id].role != Role::Kept)
+    }
+
+    /// A prop by weight, a scale from its range and an orientation from its own.
+    pub fn draw(&mut self) -> (usize, f64, DQuat) {
+        draw(&self.scene.props, 0..self.scene.props.len(), &mut self.rng)
+    }
+
+    pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
+        let body = Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
+        self.world.insert(&self.shapes[prop], &body).map_err(Error::Internal)
+    }
+
+    /// Ends the friction of the fill.
+    fn use_real_friction(&mut self) {
+        for id in self.loose().collect::<Vec<_>>() {
+            let friction = self.scene.props[self.world.bodies()[id].prop].friction;
+            self.world.set_friction(id, friction);
+        }
+    }
+
+    /// Simulates for a while, natural times.
+    pub fn settle(&mut self, time: f64, observer: &mut dyn Observer) -> Result<(), Error> {
+        let steps = (time / self.world.step_length()).ceil() as usize;
+        for _ in 0..steps {
+            self.world.step();
+            self.show(observer);
+            self.tell(observer)?;
+        }
+        Ok(())
+    }
+
+    /// Shows the bodies at the frame rate, at the end of the step that a frame falls into.
+    fn show(&mut self, observer: &mut dyn Observer) {
+        let Some(number) = self.shown.filter(|_| observer.wants_frames()) else { return };
+        let units = self.world.units;
+        let time = self.world.steps as f64 * self.world.step_length() * units.time;
+        if time * self.params.output.fps < number as f64 {
+            return;
+        }
+        let shown = |(id, body): (BodyId, &WorldBody)| {
+            let pose = || self.shapes[body.prop].prop_pose(&units.pose_to_si(&self.world.pose(id)), body.scale);
+            (body.role != Role::Gone).then(|| Shown {
+                prop: body.prop,
+                scale: body.scale,
+                pose: pose(),
+                state: State::Free,
+            })
+        };
+        let bodies: Vec<Option<Shown>> = self.world.bodies().iter().enumerate().map(shown).collect();
+        observer.frame(&Frame { stage: Stage::Fill, number, time, bodies: &bodies });
+        self.shown = Some(number + 1);
+    }
+
+    pub fn tell(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
+        let bodies = self.loose().count();
+        self.work += bodies as f64 * self.world.step_length();
+        let share = self.work / (USUAL_WORK * self.expected as f64);
+        let beyond = (1.0 - USUAL_END) * (1.0 - 1.0 / share.max(1.0));
+        let fraction = (USUAL_END * share.min(1.0) + beyond).min(0.99);
+        let progress = Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
+        observe(observer, &progress)
+    }
+
+    fn placed(&self, id: BodyId) -> Placed {
+        let body = &self.world.bodies()[id];
+        Placed { prop: body.prop, scale: body.scale, pose: self.world.pose(id) }
+    }
+
+    /// How far the farthest corner of a body is outside the container, engine units.
+    pub fn protrusion(&self, id: BodyId) -> f64 {
+        let placed = self.placed(id);
+        corners(&self.shapes[placed.prop], placed.scale / self.world.units.length, &placed.pose)
+            .map(|p| self.container.distance.signed_distance(p).max(self.container.base - p.y))
+            .fold(0.0, f64::max)
+    }
+
+    /// Takes out what left the container.
+    pub fn remove_escaped(&mut self) {
+        for id in self.loose().collect::<Vec<_>>() {
+            let center = self.world.pose(id).translation;
+            if !(self.container.distance.signed_distance(center) <= 0.0 && center.y > self.container.base) {
+                self.world.remove(id);
+                self.removed.escaped += 1;
+            }
+        }
+    }
+
+    /// Takes out what sticks out or overlaps, until nothing does.
+    fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
+        for round in 0.. {
+            self.remove_escaped();
+            let out = self.loose().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
+            self.removed.sticking_out += out.len();
+            out.iter().for_each(|&id| self.world.remove(id));
+            let pairs = self.overlapping();
+            let overlapping = self.separate(pairs, 0);
+            self.removed.overlapping += overlapping;
+            if (out.is_empty() && overlapping == 0) || round == CLEANUP_ROUNDS {
+                break;
+            }
+            self.settle(CLEANUP_SETTLE, observer)?;
+        }
+        Ok(())
+    }
+
+    /// Pairs that overlap too deeply, rising; the lower number first.
+    pub fn overlapping(&mut self) -> Vec<(BodyId, BodyId)> {
+        self.world.refresh();
+        let too_deep = |t: &Touch| match t.b {
+            Side::Body(b) => (t.depth() > self.params.fill.overlap * self.world.pair_thickness(t)).then_some((t.a, b)),
+            _ => None,
+        };
+        self.world.touches(0.0).iter().filter_map(too_deep).collect()
+    }
+
+    /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how many.
+    pub fn separate(&mut self, mut pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
+        let mut removed = 0;
+        while !pairs.is_empty() {
+            let mut count = BTreeMap::<BodyId, usize>::new();
+            for &(a, b) in &pairs {
+                for id in [a, b].into_iter().filter(|&id| id >= first && self.world.bodies()[id].role != Role::Kept) {
+                    *count.entry(id).or_default() += 1;
+                }
+            }
+            let Some((&worst, _)) = count.iter().max_by_key(|&(&id, &n)| (n, id)) else { break };
+            self.world.remove(worst);
+            removed += 1;
+            pairs.retain(|&(a, b)| a != worst && b != worst);
+        }
+        removed
+    }
+}
+
+/// The corners of a shape at a pose, `scale` engine units per metre of the prop.
+pub fn corners<'a>(shape: &'a Shape, scale: f64, pose: &Pose) -> Box<dyn Iterator<Item = DVec3> + 'a> {
+    let pose = *pose;
+    match &shape.solid {
+        Solid::Box(b) => Box::new((0..8).map(move |i| {
+            let sign = DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2 & 1)) * 2.0 - 1.0;
+            pose.transform_point((b.center + b.rotation * (b.half * sign)) * scale)
+        })),
+        Solid::Ball { center, radius } => Box::new((0..6).map(move |i| {
+            let axis = DVec3::AXES[i / 2] * if i % 2 == 0 { *radius } else { -*radius };
+            pose.transform_point(*center * scale) + axis * scale
+        })),
+        Solid::Convex(parts) => Box::new(parts.iter().flatten().map(move |&p| pose.transform_point(p * scale))),
+    }
+}
+
+/// One of these props by weight, a scale from its range and an orientation from its own.
+pub fn draw(props: &[Prop], among: impl Iterator<Item = usize> + Clone, rng: &mut impl Rng) -> (usize, f64, DQuat) {
+    let total: f64 = among.clone().map(|i| props[i].weight).sum();
+    let mut at = rng.random_range(0.0..total);
+    let chosen = among.clone().find(|&i| {
+        at -= props[i].weight;
+        at < 0.0
+    });
+    // Rounding may leave a rest: it belongs to the last one that can be drawn.
+    let prop = chosen.or_else(|| among.filter(|&i| props[i].weight > 0.0).last()).unwrap_or(0);
+    let [lo, hi] = props[prop].scale;
+    let scale = lo + (hi - lo) * rng.random::<f64>();
+    (prop, scale, random_rotation(props[prop].tilt_max, rng))
+}
+
+/// Uniform over the rotations that tilt the up axis by at most so many degrees; over all of them for 180 (Shoemake 1992).
+fn random_rotation(tilt_max: f64, rng: &mut impl Rng) -> DQuat {
+    let (u, v, w): (f64, f64, f64) = (rng.random(), rng.random(), rng.random());
+    let (v, w) = (v * std::f64::consts::TAU, w * std::f64::consts::TAU);
+    if tilt_max < 180.0 {
+        // Even on the cap of directions: its area grows with the height.
+        let height = 1.0 - u * (1.0 - libm::cos(tilt_max.to_radians()));
+        let axis = DVec3::new(libm::cos(v), 0.0, libm::sin(v));
+        let (half_tilt, half_turn) = (libm::acos(height.clamp(-1.0, 1.0)) / 2.0, w / 2.0);
+        let tilt = axis * libm::sin(half_tilt);
+        let tilt = DQuat::from_xyzw(tilt.x, tilt.y, tilt.z, libm::cos(half_tilt));
+        let turn = DQuat::from_xyzw(0.0, libm::sin(half_turn), 0.0, libm::cos(half_turn));
+        return (tilt * turn).normalize();
+    }
+    let (a, b) = ((1.0 - u).sqrt(), u.sqrt());
+    DQuat::from_xyzw(a * libm::sin(v), a * libm::cos(v), b * libm::sin(w), b * libm::cos(w)).normalize()
+}

@@ -1,0 +1,144 @@
+//! The `insert` fill: props are put at free places inside the closed container at a fraction of their size and grow
+//! there, while upward gravity packs them. Denser and more even than a pour, and it reaches under overhangs.
+
+use super::{Filling, corners};
+use crate::error::Error;
+use crate::geometry::pose::Pose;
+use crate::input::observer::Observer;
+use crate::world::BodyId;
+use glam::{DQuat, DVec3};
+use rand::RngExt;
+use std::collections::BTreeMap;
+
+/// Size at insertion, as a share of the full size.
+const SEED_SCALE: f64 = 0.4;
+/// Growth happens in this many equal stages ...
+const GROWTH_STAGES: usize = 6;
+/// ... over this time, natural times.
+const GROWTH_TIME: f64 = 0.95;
+/// Largest share of the expected bodies added in a round: more would block each other.
+const ROUND_SHARE: f64 = 0.1;
+/// Places tried for each prop wanted in a round.
+const TRIES_PER_PROP: usize = 40;
+/// Bound on the rounds; a fill takes about 20.
+const MAX_ROUNDS: usize = 200;
+
+/// What a round squeezes, the next one may set free again. Pairs that overlap too deeply after so many rounds in a row are jammed.
+const JAMMED: u32 = 3;
+
+/// Jammed props trade places: a round adds some and squeezes others out. The container is full, too, when this many
+/// rounds together added less than two barren ones may.
+const STALL_ROUNDS: usize = 4;
+
+/// Runs rounds until one adds next to nothing. Returns whether the container is full.
+pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
+    let fill = filling.params.fill.clone();
+    let limit = fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize;
+    let mut barren = 0;
+    let mut counts = Vec::new();
+    // Pairs that overlap too deeply, and for how many rounds in a row.
+    let mut squeezed = BTreeMap::<(BodyId, BodyId), u32>::new();
+    for _ in 0..MAX_ROUNDS {
+        let before = filling.loose().count();
+        if before >= limit {
+            return Ok(false);
+        }
+        let wanted = ((ROUND_SHARE * filling.expected as f64).ceil() as usize).min(limit - before);
+        let first = filling.world.bodies().len();
+        let seeds = plant(filling, wanted)?;
+        grow(filling, &seeds, observer)?;
+        filling.remove_escaped();
+        let deep = filling.overlapping();
+        let (new, old): (Vec<_>, Vec<_>) = deep.into_iter().partition(|&(_, b)| b >= first);
+        filling.separate(new, first);
+        squeezed = old.into_iter().map(|pair| (pair, squeezed.get(&pair).map_or(1, |rounds| rounds + 1))).collect();
+        filling.separate(squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair).collect(), 0);
+        let after = filling.loose().count();
+        let added = after.saturating_sub(before) as f64;
+        let least = (fill.full_below * after as f64).max(1.0);
+        barren = if added < least { barren + 1 } else { 0 };
+        counts.push(before);
+        let stalled =
+            counts.len().checked_sub(STALL_ROUNDS).is_some_and(|k| (after as f64) < counts[k] as f64 + 2.0 * least);
+        if barren == 2 || stalled {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Puts up to `wanted` seeds at free places. Each comes with its full scale.
+fn plant(filling: &mut Filling, wanted: usize) -> Result<Vec<(BodyId, f64)>, Error> {
+    filling.world.refresh();
+    let mut seeds: Vec<(BodyId, f64)> = Vec::new();
+    let mut planted = Vec::new();
+    for _ in 0..wanted * TRIES_PER_PROP {
+        if seeds.len() == wanted {
+            break;
+        }
+        let (prop, scale, rotation) = filling.draw();
+        let size = SEED_SCALE * scale / filling.world.units.length;
+        let Some(pose) = place(filling, prop, size, rotation) else { continue };
+        if filling
+            .container
+            .holds(corners(&filling.shapes[prop], size, &pose), 0.1 * filling.shapes[prop].thickness() * size)
+            && filling.world.is_free(&filling.shapes[prop], SEED_SCALE * scale, &pose, &planted)
+        {
+            let id = filling.insert(prop, SEED_SCALE * scale, pose)?;
+            planted.push(id);
+            seeds.push((id, scale));
+        }
+    }
+    Ok(seeds)
+}
+
+/// A random place inside. Half of the props are laid flat against the wall, where gaps show and where others would not
+/// fit; the rest are pushed inward until they clear it.
+fn place(filling: &mut Filling, prop: usize, size: f64, rotation: DQuat) -> Option<Pose> {
+    let (low, high) = (filling.container.low, filling.container.high);
+    let distance = &filling.container.distance;
+    let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
+    // A prop that must stand upright cannot be laid against a wall.
+    let flat = filling.rng.random_bool(WALL_SHARE) && filling.scene.props[prop].tilt_max >= 180.0;
+    let mut p = low + (high - low) * share;
+    if distance.signed_distance(p) > 0.0 {
+        return None;
+    }
+    let shape = &filling.shapes[prop];
+    let least = shape.thickness() * size / 2.0;
+    let wanted = if flat { least } else { shape.radius * size };
+    for _ in 0..3 {
+        let short = distance.signed_distance(p) + wanted;
+        if !flat && short <= 0.0 {
+            break;
+        }
+        p -= distance.gradient(p).normalize_or_zero() * short;
+    }
+    if distance.signed_distance(p) > -0.9 * least || p.y < filling.container.base + 0.9 * least {
+        return None;
+    }
+    let out = distance.gradient(p).try_normalize();
+    let rotation = match out {
+        Some(out) if flat => DQuat::from_rotation_arc(rotation * shape.thin_axis, out) * rotation,
+        _ => rotation,
+    };
+    Some(Pose { translation: p, rotation })
+}
+
+/// Share of the places tried that are flat against the wall.
+const WALL_SHARE: f64 = 0.5;
+
+/// Lets the seeds grow to their full scale while everything moves.
+fn grow(filling: &mut Filling, seeds: &[(BodyId, f64)], observer: &mut dyn Observer) -> Result<(), Error> {
+    for stage in 1..=GROWTH_STAGES {
+        let share = SEED_SCALE + (1.0 - SEED_SCALE) * stage as f64 / GROWTH_STAGES as f64;
+        for &(id, scale) in seeds {
+            let prop = filling.world.bodies()[id].prop;
+            if filling.world.bodies()[id].role != crate::world::Role::Gone {
+                filling.world.rescale(id, &filling.shapes[prop], share * scale);
+            }
+        }
+        filling.settle(GROWTH_TIME / GROWTH_STAGES as f64, observer)?;
+    }
+    Ok(())
+}

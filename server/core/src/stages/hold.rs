@@ -1,0 +1,90 @@
+//! Hold: the control goes on until the pile is at rest, or to the last frame.
+
+use crate::error::Error;
+use crate::input::observer::{Observer, Stage};
+use crate::input::params::Params;
+use crate::stages::release::Pile;
+
+/// A body slower than this is at rest, in d per natural time, that is in units of sqrt(g d): 1 %.
+pub const REST_SPEED: f64 = 0.01;
+/// The pile is at rest once every body has been for this long, natural times.
+const REST_TIME: f64 = 1.0;
+
+/// Damping against rolling, per natural time: the engine has no rolling resistance, and a ball that has left the pile
+/// would roll on for ever. Most of a rolling body's speed is gone after five natural times.
+const ROLLING_DAMPING: f64 = 0.5;
+/// It sets in after this share of the patience, when the shape is long decided.
+const ROLLING_ONSET: f64 = 0.125;
+
+/// How the hold ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Held {
+    /// Every body came to rest; nothing moves after that.
+    pub at_rest: bool,
+    /// Largest speed of any body since the pile has been calm, or in the last step if it never was; d per natural time.
+    pub resting_speed_max: f64,
+    /// Steps from the last release, drop or impact until every body was at rest, and the frame of that; `None` if they
+    /// never were.
+    pub rest: Option<Rest>,
+}
+
+/// When the pile came to rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rest {
+    pub steps: u64,
+    pub frame: usize,
+}
+
+/// Steps until rest, patience or the last frame ends it. A pile at rest is not simulated any further: its bodies are
+/// certified or asleep, and each further cycle would find the same.
+pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Result<Held, Error> {
+    let step = pile.world.step_length();
+    let patience = (params.hold.patience / step).ceil() as u64;
+    let rest_steps = (REST_TIME / step).ceil() as u64;
+    let least_steps = (params.hold.least / pile.world.units.time / step).ceil() as u64;
+    let mut begin = pile.step;
+    let (mut calm, mut top_speed) = (0, 0.0f64);
+    let mut rest = None;
+    let mut to_stand = params.control.stand && params.control.until.is_none() && pile.control.is_on();
+    loop {
+        let rests = calm >= rest_steps && pile.is_left_alone();
+        if rests && to_stand {
+            pile.end_control(true);
+            (to_stand, calm, rest) = (false, 0, None);
+        } else if rests && pile.step - begin >= least_steps {
+            break;
+        }
+        let ended = match params.output.frames {
+            Some(n) => pile.recorder.count() >= n as usize,
+            None => pile.is_left_alone() && pile.step - begin >= patience.max(least_steps),
+        };
+        if ended {
+            break;
+        }
+        if pile.latest_event > begin {
+            if pile.step - begin > (ROLLING_ONSET * patience as f64) as u64 {
+                pile.unquieten();
+            }
+            begin = pile.latest_event;
+        }
+        if pile.step - begin == (ROLLING_ONSET * patience as f64) as u64 {
+            pile.quieten(ROLLING_DAMPING);
+        }
+        pile.advance(observer, Stage::Hold, |pile| ((pile.step - begin) as f64 / patience as f64).min(0.99))?;
+        (calm, top_speed) =
+            if pile.top_speed < REST_SPEED { (calm + 1, top_speed.max(pile.top_speed)) } else { (0, 0.0) };
+        if calm == 1 {
+            let steps = (pile.step - 1).saturating_sub(pile.latest_event);
+            rest = Some(Rest { steps, frame: pile.recorder.count() });
+        } else if calm == 0 {
+            rest = None;
+        }
+    }
+    let at_rest = calm >= rest_steps;
+    pile.recorder.mark();
+    if let Some(n) = params.output.frames {
+        pile.recorder.fit(n as usize);
+        pile.show(observer, Stage::Hold);
+    }
+    Ok(Held { at_rest, resting_speed_max: top_speed.max(pile.top_speed), rest: rest.filter(|_| at_rest) })
+}

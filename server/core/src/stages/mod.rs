@@ -1,0 +1,8 @@
+//! The stages of a bake, each a function of the one before.
+
+pub mod cache;
+pub mod fill;
+pub mod free_pour;
+pub mod free_standing;
+pub mod hold;
+pub mod release;
