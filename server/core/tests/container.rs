@@ -2,9 +2,9 @@
 
 mod common;
 
+use cairn_core::geometry::Closed;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::topology::{inspect, weld};
-use cairn_core::prepare::check::Closed;
 use cairn_core::prepare::container::{Container, has_fine_walls};
 use common::cone;
 use glam::DVec3;
