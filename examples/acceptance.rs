@@ -7,7 +7,7 @@ use cairn_core::input::observer::{Observer, Progress};
 use cairn_core::input::params::{Accuracy, ControlMode, Params};
 use cairn_core::input::scene::{Model, Prop, Scene};
 use cairn_core::report::Report;
-use cairn_core::stages::cache::NoMemory;
+use cairn_core::stages::cache::NoCache;
 use clap::Parser;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -50,9 +50,8 @@ fn main() -> Result<(), String> {
     for shape in &args.shapes {
         let scene = scene(shape, &args.prop)?;
         let params = |seed| Params { seed, ..Params::new(Accuracy::Standard) };
-        let fill = |seed| {
-            cairn_core::fill_container(&scene, &params(seed), &mut NoMemory, &mut Cpu).map_err(|e| e.to_string())
-        };
+        let fill =
+            |seed| cairn_core::fill_container(&scene, &params(seed), &mut NoCache, &mut Cpu).map_err(|e| e.to_string());
         let full = (1..=args.seeds).map(fill).collect::<Result<Vec<_>, _>>()?;
         for (name, change) in variants() {
             let mut reports = Vec::new();

@@ -8,7 +8,8 @@
 
 use anyhow::Context;
 use cairn::cost::Record;
-use cairn_core::prepare::estimate::{FEATURES, Weights, calibrate};
+use cairn_core::prepare::estimate::{FEATURES, Weights};
+use cairn_core::stages::calibrate::calibrate;
 use clap::Parser;
 use nalgebra::{DMatrix, DVector};
 use std::path::PathBuf;

@@ -17,9 +17,9 @@ use cairn_core::input::observer::{Observer, Progress, Stage};
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::input::scene::{Prop, Scene};
 use cairn_core::prepare::check;
-use cairn_core::prepare::estimate;
 use cairn_core::prepare::shape;
 use cairn_core::report::bake::Bake;
+use cairn_core::stages::calibrate::calibrate;
 use cairn_core::stages::free_pour::free_pour;
 use clap::Parser;
 use cpu_time::ThreadTime;
@@ -80,7 +80,7 @@ fn main() -> anyhow::Result<()> {
     let drawn = draw(&props, &controls, arguments.pairs, arguments.seed);
     let mut out = arguments.out.map(File::create).transpose()?;
     let mut runs = arguments.runs.map(|folder| Ledger::open(&folder)).transpose().map_err(|e| anyhow!("{e}"))?;
-    let machine = estimate::calibrate(machine::cpu_seconds)?;
+    let machine = calibrate(machine::cpu_seconds)?;
     let only = arguments.only.unwrap_or(0..usize::MAX);
     let mut tell = |line: &str| -> anyhow::Result<()> {
         println!("{line}");

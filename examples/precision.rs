@@ -16,9 +16,10 @@ use cairn_core::equilibrium::{
 };
 use cairn_core::input::observer::{Observer, Progress, Silent};
 use cairn_core::input::params::{self, Params};
-use cairn_core::sim::control::LocalProblem;
+use cairn_core::sim::control::BodyProblem;
+use cairn_core::sim::step::Simulation;
 use cairn_core::stages::hold;
-use cairn_core::stages::release::{self, Pile};
+use cairn_core::stages::release;
 use cairn_core::world::{Role, World};
 use clap::Parser;
 use std::ops::ControlFlow;
@@ -64,9 +65,9 @@ fn main() -> anyhow::Result<()> {
             let set: Vec<String> = args.set.iter().cloned().chain([format!("seed={seed}")]).collect();
             let full = piles::Full::of(path, &set)?;
             for moment in MOMENTS {
-                let mut pile = full.turn_over()?;
-                advance(&mut pile, &full.job.params, moment)?;
-                judge(pile, &full.job.params, &mut tallies);
+                let mut sim = full.turn_over()?;
+                advance(&mut sim, &full.job.params, moment)?;
+                judge(sim, &full.job.params, &mut tallies);
             }
         }
         let scene = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -78,9 +79,9 @@ fn main() -> anyhow::Result<()> {
 }
 
 /// Bakes up to this share of the release, or to the end of the hold.
-fn advance(pile: &mut Pile, params: &Params, moment: f64) -> anyhow::Result<()> {
-    match release::run(pile, params, &mut Until(moment)) {
-        Ok(()) => hold::run(pile, params, &mut Silent).map(|_| ()).map_err(Into::into),
+fn advance(sim: &mut Simulation, params: &Params, moment: f64) -> anyhow::Result<()> {
+    match release::run(sim, params, &mut Until(moment)) {
+        Ok(()) => hold::run(sim, params, &mut Silent).map(|_| ()).map_err(Into::into),
         Err(Error::Cancelled) => Ok(()),
         Err(error) => Err(error.into()),
     }
@@ -127,13 +128,14 @@ impl Tally {
 }
 
 /// Judges every released body by every law, and by letting it go alone.
-fn judge(mut pile: Pile, params: &Params, tallies: &mut [Tally; LAWS.len()]) {
+fn judge(mut sim: Simulation, params: &Params, tallies: &mut [Tally; LAWS.len()]) {
+    let pile = &mut sim.pile;
     let problems = pile.control.local_problems(&pile.world);
     let present: Vec<usize> = pile.world.present().collect();
     let imbalance = piles::whole(&pile.world).map(|report| report.imbalance);
     for &id in &present {
         if pile.world.bodies()[id].role == Role::Free {
-            pile.world.set_role(id, Role::Held);
+            pile.world.set_role(id, Role::Frozen);
         }
     }
     let mut analyser = Analyser::new();
@@ -175,7 +177,7 @@ fn stands_alone(world: &mut World, id: usize) -> bool {
     stands
 }
 
-fn verdict(analyser: &mut Analyser, p: &LocalProblem, law: FrictionLaw, params: &Params, length: f64) -> Candidacy {
+fn verdict(analyser: &mut Analyser, p: &BodyProblem, law: FrictionLaw, params: &Params, length: f64) -> Candidacy {
     let control = &params.control;
     let spread = match control.spread {
         params::Spread::Paper(alpha) => Spread::Paper(alpha / (length * length)),

@@ -8,7 +8,7 @@ use cairn_core::equilibrium::{
     Analyser, Candidacy, CandidateRules, FrictionLaw, FrictionReserve, Options, Solver, Spread,
 };
 use cairn_core::input::observer::{Silent, Stage};
-use cairn_core::sim::control::LocalProblem;
+use cairn_core::sim::control::BodyProblem;
 use std::path::Path;
 use std::time::Instant;
 
@@ -19,24 +19,23 @@ fn main() -> anyhow::Result<()> {
     let sticks = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/sticks.toml");
     let full = piles::Full::of(&sticks, &[])?;
     let params = &full.job.params;
-    let mut pile = full.turn_over()?;
+    let mut sim = full.turn_over()?;
 
     // A bake's own release, interrupted before every cycle.
     let mut tally = Tally::default();
     let mut last = Vec::new();
-    for id in pile.world.present().collect::<Vec<_>>() {
-        pile.control.release(id);
-        pile.world.set_role(id, cairn_core::world::Role::Free);
+    for id in sim.pile.world.present().collect::<Vec<_>>() {
+        sim.pile.let_go(id);
     }
     for _ in 0..CYCLES * params.control.period {
-        if pile.control.is_due(pile.step) {
-            last = pile.control.local_problems(&pile.world);
+        if sim.pile.control.is_due(sim.pile.step) {
+            last = sim.pile.control.local_problems(&sim.pile.world);
             tally.cycles += 1;
             last.iter().for_each(|p| tally.compare(p, params.control.kinetic_ratio));
         }
-        pile.advance(&mut Silent, Stage::Hold, |_| 0.0)?;
+        sim.advance(&mut Silent, Stage::Hold, |_| 0.0)?;
     }
-    println!("{} bodies, {} cycles, {} problems", pile.bodies.len(), tally.cycles, tally.problems);
+    println!("{} bodies, {} cycles, {} problems", sim.pile.instances.len(), tally.cycles, tally.problems);
     println!(
         "candidates {}, differing {} of which outside the band {}",
         tally.candidates, tally.differing, tally.outside
@@ -49,10 +48,10 @@ fn main() -> anyhow::Result<()> {
     let local = time(|| {
         let mut analyser = Analyser::new();
         let stands =
-            |p: &LocalProblem| analyser.analyse(&p.problem(), &options(Solver::Fast)).is_ok_and(|v| v.is_stable());
+            |p: &BodyProblem| analyser.analyse(&p.problem(), &options(Solver::Fast)).is_ok_and(|v| v.is_stable());
         std::hint::black_box(last.iter().map(stands).filter(|&s| s).count());
     });
-    let global = time(|| drop(piles::whole(&pile.world)));
+    let global = time(|| drop(piles::whole(&sim.pile.world)));
     println!(
         "whole pile: local {:.2} ms, global {:.0} ms, {:.0} times as long",
         local * 1e3,
@@ -79,7 +78,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn compare(&mut self, p: &LocalProblem, kinetic_ratio: f64) {
+    fn compare(&mut self, p: &BodyProblem, kinetic_ratio: f64) {
         let (mut fast, mut reference) = (false, false);
         self.fast += time(|| fast = candidate(&mut self.analysers[0], p, Solver::Fast, kinetic_ratio));
         self.reference += time(|| reference = candidate(&mut self.analysers[1], p, Solver::Clarabel, kinetic_ratio));
@@ -97,7 +96,7 @@ fn options(solver: Solver) -> Options {
     Options { friction_law: FrictionLaw::Cone, solver, margin: false }
 }
 
-fn candidate(analyser: &mut Analyser, p: &LocalProblem, solver: Solver, kinetic_ratio: f64) -> bool {
+fn candidate(analyser: &mut Analyser, p: &BodyProblem, solver: Solver, kinetic_ratio: f64) -> bool {
     let spread = Spread::Relative { share: 0.05, area: p.face_area };
     let rules = CandidateRules { reserve: FrictionReserve::Sharp, kinetic_ratio, spread, contacts: 3 };
     analyser.candidate(&p.problem(), &options(solver), &rules) == Ok(Candidacy::Candidate)

@@ -163,12 +163,12 @@ fn release(release: &mut Release, given: &proto::Release) {
 }
 
 fn control(control: &mut Control, given: &proto::Control, counts: &mut Counts) {
-    use proto::control::Spread as Given;
+    use proto::control::Spread as PlacedBody;
     match given.mode() {
         proto::ControlMode::Unspecified => {}
         proto::ControlMode::Off => control.mode = ControlMode::Off,
         proto::ControlMode::Nails => control.mode = ControlMode::Nails,
-        proto::ControlMode::Hold => control.mode = ControlMode::Hold,
+        proto::ControlMode::Hold => control.mode = ControlMode::Freeze,
     }
     set(&mut control.period, given.period.map(|n| counts.natural("control.period", n)));
     match given.selection() {
@@ -191,8 +191,8 @@ fn control(control: &mut Control, given: &proto::Control, counts: &mut Counts) {
     set(
         &mut control.spread,
         given.spread.map(|spread| match spread {
-            Given::SpreadRelative(share) => Spread::Relative(share),
-            Given::SpreadArea(area) => Spread::Paper(area),
+            PlacedBody::SpreadRelative(share) => Spread::Relative(share),
+            PlacedBody::SpreadArea(area) => Spread::Paper(area),
         }),
     );
     match given.neighbours() {

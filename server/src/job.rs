@@ -137,7 +137,7 @@ impl Job {
 
     /// What each accuracy is expected to cost on this machine. Measures the machine, for a few tenths of a second.
     pub fn estimates(&self) -> Result<Vec<Estimate>, cairn_core::Error> {
-        let machine = cairn_core::prepare::estimate::calibrate(machine::cpu_seconds)?;
+        let machine = cairn_core::stages::calibrate::calibrate(machine::cpu_seconds)?;
         cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
     }
 

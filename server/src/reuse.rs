@@ -7,7 +7,7 @@ use crate::report;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
 use cairn_core::report::bake::Bake;
-use cairn_core::stages::cache::{FillInputs, Found, Memory};
+use cairn_core::stages::cache::{self, FillInputs, Found};
 use etcetera::BaseStrategy;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -75,12 +75,12 @@ impl Cache {
     }
 }
 
-impl Memory for Cache {
-    fn recall(&mut self, inputs: &FillInputs) -> Option<Found> {
+impl cache::Cache for Cache {
+    fn get(&mut self, inputs: &FillInputs) -> Option<Found> {
         self.read(&key("fill", inputs)?)
     }
 
-    fn keep(&mut self, inputs: &FillInputs, found: &Found) {
+    fn put(&mut self, inputs: &FillInputs, found: &Found) {
         if let Some(key) = key("fill", inputs) {
             self.write(&key, found);
         }

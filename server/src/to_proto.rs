@@ -87,7 +87,7 @@ pub fn body_state(state: State) -> proto::BodyState {
         State::Candidate => proto::BodyState::Candidate,
         State::Held => proto::BodyState::Held,
         State::Outside => proto::BodyState::Outside,
-        State::Kept => proto::BodyState::Kept,
+        State::Pinned => proto::BodyState::Kept,
     }
 }
 
@@ -106,7 +106,7 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         on: effect.on,
         reason: effect.reason.clone(),
         switch_field: effect.switch.as_deref().unwrap_or_default().to_owned(),
-        expected_share: expected.and_then(|expected| expected.share(&effect.name)).filter(|_| effect.on),
+        expected_share: expected.and_then(|expected| expected.share(effect.name)).filter(|_| effect.on),
     };
     proto::Plan {
         expected_body_count: signed(plan.expected_bodies),
@@ -235,7 +235,7 @@ fn control(control: &Control) -> proto::Control {
         mode: match control.mode {
             ControlMode::Off => proto::ControlMode::Off,
             ControlMode::Nails => proto::ControlMode::Nails,
-            ControlMode::Hold => proto::ControlMode::Hold,
+            ControlMode::Freeze => proto::ControlMode::Hold,
         }
         .into(),
         period: Some(signed(control.period)),

@@ -6,11 +6,11 @@ use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Silent, Stage};
 use cairn_core::input::params::{Params, Time};
 use cairn_core::input::scene::{Key, Model, Scene, StaticModel};
+use cairn_core::prepare::effects::Resolved;
 use cairn_core::prepare::{check, shape};
-use cairn_core::sim::control::Control;
 use cairn_core::sim::guard::{Fault, Guard};
-use cairn_core::stages::release;
-use cairn_core::stages::release::Pile;
+use cairn_core::sim::pile::Pile;
+use cairn_core::stages::cache::NoCache;
 use cairn_core::world::{Insertion, Role, Units, World};
 use cairn_core::{Error, bake};
 use glam::DVec3;
@@ -38,18 +38,17 @@ fn pressed(to: f64, seconds: f64) -> Outcome {
 }
 
 fn run(scene: &Scene, params: &Params, steps: u64, fault: impl Fn(&mut Pile, u64)) -> Result<Outcome, Error> {
-    let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    let shapes = shape::run(scene, params, &checked.sizes, &mut Silent)?;
-    let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
-    let control = Control::new(&params.control, params.gravity, params.seed, None);
-    let mut pile = release::turn_over(scene, &shapes, params, units, &[], 0.0, control)?;
-    pile.world.present().collect::<Vec<_>>().into_iter().for_each(|id| pile.let_go(id));
+    let full = cairn_core::fill_container(scene, params, &mut NoCache, &mut Silent)?;
+    let mut sim = full.turn_over(scene, params)?;
+    let all: Vec<usize> = sim.pile.world.present().collect();
+    all.into_iter().for_each(|id| sim.pile.let_go(id));
     for step in 0..steps {
-        fault(&mut pile, step);
-        pile.advance(&mut Silent, Stage::Hold, |_| 0.0)?;
+        fault(&mut sim.pile, step);
+        sim.advance(&mut Silent, Stage::Hold, |_| 0.0)?;
     }
-    let actions = pile.guard.actions.clone();
-    let fastest = pile.world.present().map(|id| pile.world.speed(id)).fold(0.0, f64::max);
+    let actions = sim.guard.actions.clone();
+    let world = &sim.pile.world;
+    let fastest = world.present().map(|id| world.speed(id)).fold(0.0, f64::max);
     Ok(Outcome { aside: actions.aside, retries: actions.retries, stiffened: actions.stiffened, fastest })
 }
 
@@ -108,9 +107,11 @@ fn what_falls_through_the_ground_is_set_aside() {
     let mut world = World::new(units, &params.physics, 0.5, false);
     let pose = Pose { translation: DVec3::Y, ..Pose::IDENTITY };
     world.insert(&shapes[0], &Insertion { prop: 0, scale: 1.0, pose, friction: 0.5, restitution: 0.0 }).unwrap();
-    let mut guard = Guard::new(&scene, &params, units, 0.0, 1.0);
-    let aside: Vec<usize> = (0..60).flat_map(|_| guard.step(&mut world).unwrap()).collect();
-    assert_eq!((aside, guard.actions.aside), (vec![0], vec![(0, Fault::BelowGround)]));
+    let natures: Vec<_> = shapes.iter().map(|shape| shape.nature()).collect();
+    let mut guard = Guard::new(&scene, &Resolved::new(&scene, &params, &checked, &natures), units, 0.0);
+    (0..60).for_each(|_| guard.step(&mut world).unwrap());
+    assert_eq!(guard.actions.aside, [(0, Fault::BelowGround)]);
+    assert!(!world.is_present(0));
 }
 
 /// A plate presses it to a third of its height.

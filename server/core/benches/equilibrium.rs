@@ -6,8 +6,8 @@ mod generator;
 #[path = "../tests/equilibrium/wall.rs"]
 mod wall;
 
-use cairn_core::equilibrium::global::{Objective, Pile, analyse};
-use cairn_core::equilibrium::{Analyser, FrictionLaw, Options, Problem, Solver, Verdict};
+use cairn_core::equilibrium::global::{GlobalProblem, Objective, analyse};
+use cairn_core::equilibrium::{Analyser, FrictionLaw, LocalProblem, Options, Solver, Verdict};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use generator::{Case, case_of, rng};
 use glam::DVec3;
@@ -111,13 +111,13 @@ fn global(c: &mut Criterion) {
             b.iter(|| {
                 let stable = bodies.iter().zip(&touching).filter(|(body, contacts)| {
                     let (mass, center_of_mass, radius) = (body.mass, body.center_of_mass, body.radius);
-                    let problem = Problem { contacts, mass, center_of_mass, radius, gravity };
+                    let problem = LocalProblem { contacts, mass, center_of_mass, radius, gravity };
                     analyser.analyse(&problem, &Options::default()).expect("a valid brick").is_stable()
                 });
                 stable.count()
             })
         });
-        let pile = Pile { bodies: &bodies, contacts: &contacts, gravity };
+        let pile = GlobalProblem { bodies: &bodies, contacts: &contacts, gravity };
         for (name, objective) in
             [("least_squares", Objective::LeastSquares), ("sum_of_norms", Objective::SumOfNorms { sharpen: 0 })]
         {

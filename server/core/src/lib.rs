@@ -21,26 +21,27 @@ use geometry::pose::Pose;
 use geometry::region::DistanceGrid;
 use input::observer::{Observer, Silent, Stage};
 use input::params::Params;
-use input::scene::{self, Scene};
+use input::scene::{Scene, StaticModel};
 use prepare::check::{self, Checked};
 use prepare::container::{Container, grid};
-use prepare::effects;
+use prepare::effects::{EffectName, Resolved};
 use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
-use prepare::shape::{self, Shape};
-use report::bake::Bake;
-use report::figures;
-use sim::control::Control;
-use stages::cache::{FillInputs, Found, Memory, NoMemory, Witness};
+use prepare::shape::{self, Nature, Shape};
+use report::bake::{Bake, prop_frames};
+use report::clock::Clock;
+use sim::step::Simulation;
+use stages::cache::{Cache, FillInputs, Found, NoCache, Witness};
 use stages::fill::Filled;
-use stages::{fill, hold, release};
-use std::collections::BTreeMap;
+use stages::{fill, hold, release, turn_over};
 use world::Units;
 
 /// Checks the scene and tells what would be simulated; simulates nothing.
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    Ok(plan::of(scene, params, &checked, &shape::outlines(scene, params, &checked.sizes)))
+    let natures = shape::natures(scene, params, &checked.sizes)?;
+    let resolved = Resolved::new(scene, params, &checked, &natures);
+    Ok(plan::of(scene, params, &checked, &natures, &resolved))
 }
 
 /// The numbers that decide what a bake of the scene costs. Makes the collision shapes, and simulates nothing.
@@ -51,7 +52,7 @@ pub fn workload(scene: &Scene, params: &Params) -> Result<Workload, Error> {
 }
 
 /// Tells what the scene will cost with each of `ladder`; makes the collision shapes that `params` ask for, which stand for those
-/// of the others, and simulates nothing of it. `machine`: from [`estimate::calibrate`].
+/// of the others, and simulates nothing of it. `machine`: from [`stages::calibrate`].
 pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64) -> Result<Vec<Estimate>, Error> {
     // What checking finds out does not depend on the accuracy.
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
@@ -61,17 +62,17 @@ pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64
 
 /// The method: shapes, fill, turn over, release, hold. A scene may bring its bodies along instead of a fill.
 pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<Bake, Error> {
-    bake_with(scene, params, &mut NoMemory, observer)
+    bake_with(scene, params, &mut NoCache, observer)
 }
 
 /// The same, for a caller who knows of earlier bakes.
 pub fn bake_with(
     scene: &Scene,
     params: &Params,
-    memory: &mut dyn Memory,
+    cache: &mut dyn Cache,
     observer: &mut dyn Observer,
 ) -> Result<Bake, Error> {
-    let full = fill_container(scene, params, memory, observer)?;
+    let full = fill_container(scene, params, cache, observer)?;
     release_pile(scene, params, &full, observer)
 }
 
@@ -83,50 +84,77 @@ pub struct FullContainer {
     filled: Option<(Container, Filled)>,
     /// Where the control acts, if that is not the inside of the container; engine units.
     region: Option<DistanceGrid>,
-    /// Nothing was filled now: it was known.
-    is_recalled: bool,
-    seconds: BTreeMap<Stage, f64>,
+    /// Nothing was filled now: it was in the cache.
+    is_cached: bool,
+    clock: Clock,
+}
+
+impl FullContainer {
+    /// The pile right after turning over, for tools that look into a release.
+    pub fn turn_over<'a>(&'a self, scene: &'a Scene, params: &'a Params) -> Result<Simulation<'a>, Error> {
+        let resolved = Resolved::new(scene, params, &self.checked, &natures(&self.shapes));
+        self.turn_over_as(scene, params, &resolved)
+    }
+
+    fn turn_over_as<'a>(
+        &'a self,
+        scene: &'a Scene,
+        params: &'a Params,
+        resolved: &Resolved,
+    ) -> Result<Simulation<'a>, Error> {
+        turn_over::run(&turn_over::Inputs {
+            scene,
+            params,
+            resolved,
+            shapes: &self.shapes,
+            units: self.units,
+            bodies: self.filled.as_ref().map_or(&[][..], |(_, filled)| &filled.bodies),
+            ground: self.checked.ground,
+            region: self.region.as_ref().or(self.filled.as_ref().map(|(container, _)| &container.distance)),
+        })
+    }
 }
 
 /// The first half of [`bake`]: collision shapes, and the fill.
 pub fn fill_container(
     scene: &Scene,
     params: &Params,
-    memory: &mut dyn Memory,
+    cache: &mut dyn Cache,
     observer: &mut dyn Observer,
 ) -> Result<FullContainer, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    let mut clock = figures::Clock::new(observer);
+    let mut clock = Clock::new(observer);
 
     let inputs = FillInputs::new(scene, params, &checked, observer.wants_frames());
-    let known = if memory.keeps() { memory.recall(&inputs) } else { None };
-    let shapes = match &known {
-        Some(known) => known.shapes.clone(),
+    let cached = if cache.keeps() { cache.get(&inputs) } else { None };
+    let shapes = match &cached {
+        Some(cached) => cached.shapes.clone(),
         None => shape::run(scene, params, &checked.sizes, observer)?,
     };
+    let resolved = Resolved::new(scene, params, &checked, &natures(&shapes));
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
-    let filled_mesh = checked.control.as_ref().filter(|_| scene.is_filled(params));
-    let tolerance = params.fill.wall_tolerance;
+    let filled_mesh = checked.control.as_ref().filter(|_| resolved.is_on(EffectName::Fill));
+    let simplifies = resolved.is_on(EffectName::WallSimplification);
+    let tolerance = if simplifies { params.fill.wall_tolerance } else { 0.0 };
     let container = filled_mesh.map(|closed| Container::new(closed, units.length, checked.ground, tolerance));
     let own = if container.is_some() { checked.region.as_ref() } else { checked.region.as_ref().or(checked.target()) };
     let region = own.map(|mesh| grid(&mesh.mesh, units.length).1);
     clock.lap(Stage::Shape, observer);
 
-    if let Some(known) = known {
-        known.show(observer);
-        let filled = container.zip(known.filled);
-        let seconds = clock.into_seconds();
-        return Ok(FullContainer { checked, shapes, units, filled, region, is_recalled: true, seconds });
+    if let Some(cached) = cached {
+        cached.show(observer);
+        clock.skip(observer);
+        let filled = container.zip(cached.filled);
+        return Ok(FullContainer { checked, shapes, units, filled, region, is_cached: true, clock });
     }
+    let mut witness = Witness::new(observer, cache.keeps());
     let mut filled = None;
-    let mut witness = Witness::new(observer, memory.keeps());
     if let Some(container) = container {
         let bodies = fill::run(scene, &shapes, params, units, &container, &mut witness)?;
         if bodies.bodies.is_empty() {
-            let text = format!(
-                "{}: not one prop found room inside; make the control mesh larger, or the props smaller",
-                scene.control.as_ref().map_or("", |model| &model.name)
-            );
+            let name = scene.control.as_ref().map_or("", |model| &model.name);
+            let text =
+                format!("{name}: not one prop found room inside; make the control mesh larger, or the props smaller");
             return Err(Error::Invalid(vec![Problem::new("control_mesh", text)]));
         }
         filled = Some((container, bodies));
@@ -135,11 +163,11 @@ pub fn fill_container(
     let shown = witness.into_shown();
     let found = Found { shapes, filled: filled.as_ref().map(|(_, filled)| filled.clone()), shown };
     let is_whole = found.shown.is_some() || !observer.wants_frames();
-    if memory.keeps() && is_whole {
-        memory.keep(&inputs, &found);
+    if cache.keeps() && is_whole {
+        cache.put(&inputs, &found);
     }
-    let (shapes, seconds) = (found.shapes, clock.into_seconds());
-    Ok(FullContainer { checked, shapes, units, filled, region, is_recalled: false, seconds })
+    clock.skip(observer);
+    Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached: false, clock })
 }
 
 /// The second half of [`bake`]: turn over, release, hold. `params` may differ from the fill's in what comes after it.
@@ -149,61 +177,56 @@ pub fn release_pile(
     full: &FullContainer,
     observer: &mut dyn Observer,
 ) -> Result<Bake, Error> {
-    let FullContainer { checked, shapes, units, filled, region, is_recalled, seconds } = full;
-    let outlines: Vec<_> = shapes.iter().map(|shape| shape.solid.outline()).collect();
-    let plan = plan::of(scene, params, checked, &outlines);
-    let mut clock = figures::Clock::new(observer);
+    let FullContainer { checked, shapes, filled, is_cached, clock, .. } = full;
+    let natures = natures(shapes);
+    let resolved = Resolved::new(scene, params, checked, &natures);
+    let plan = plan::of(scene, params, checked, &natures, &resolved);
+    let mut clock = clock.clone();
+    clock.skip(observer);
 
-    let inside = region.as_ref().or(filled.as_ref().map(|(container, _)| &container.distance));
-    let inside = inside.filter(|_| params.control.switches.region.is_on(true));
-    let control = Control::new(&params.control, params.gravity, params.seed, inside);
-    let bodies = filled.as_ref().map_or(&[][..], |(_, filled)| &filled.bodies);
-    let mut pile = release::turn_over(scene, shapes, params, *units, bodies, checked.ground, control)?;
-    release::run(&mut pile, params, observer)?;
+    let mut sim = full.turn_over_as(scene, params, &resolved)?;
+    release::run(&mut sim, params, observer)?;
     clock.lap(Stage::Release, observer);
 
-    let held = hold::run(&mut pile, params, observer)?;
+    let held = hold::run(&mut sim, params, observer)?;
     clock.lap(Stage::Hold, observer);
 
-    let (mut bodies, mut frames) = figures::prop_frames(&pile);
+    let (bodies, frames) = prop_frames(&sim.pile);
     if bodies.is_empty() {
         let text = "bodies, emitters: not one body appears before the last frame; bake more frames";
         return Err(Error::Invalid(vec![Problem::new("output.frames", text)]));
     }
-    let filled = filled.as_ref();
-    let target = checked.target().map(|target| &target.mesh);
-    let inputs =
-        figures::Inputs { scene, params, plan, shapes, target, filled, held, bodies: &bodies, ground: checked.ground };
-    let mut report = figures::report(&inputs, &mut pile, &frames, observer)?;
-    clock.lap(Stage::Measure, observer);
-    report.seconds = seconds.iter().map(|(&s, &t)| (s, t)).chain(clock.into_seconds()).collect();
-    let stage = |stage: Stage| report.seconds.get(&stage).copied().unwrap_or(0.0);
-    let own = BTreeMap::from([
-        ("decomposition", stage(Stage::Shape)),
-        ("fill", stage(Stage::Fill)),
-        ("control", pile.control_seconds),
-        ("frames", pile.frame_seconds),
-        ("free_standing", pile.standing_seconds),
-    ]);
-    let total = report.seconds.values().sum();
-    if *is_recalled {
+    let inputs = report::inputs::Inputs {
+        scene,
+        params,
+        plan: &plan,
+        resolved: &resolved,
+        shapes,
+        target: checked.target().map(|target| &target.mesh),
+        filled: filled.as_ref(),
+        held,
+        bodies: &bodies,
+        frames: &frames,
+        ground: checked.ground,
+    };
+    let mut report = report::make::report(&inputs, &mut sim, clock, observer)?;
+    if *is_cached {
         report.recall_fill();
     }
-    report.bill = effects::bill(&report.plan.effects, &report.counts, &own, total);
-    let keeps = pile.recorder.keeps();
-    let count = if keeps { frames.len() } else { pile.recorder.count() + 1 };
-    let mut scenery = scenery_frames(scene, params.output.fps, count);
-    if !keeps {
-        frames.drain(..frames.len() - 1);
-        bodies.iter_mut().for_each(|body| body.first_frame = 0);
-        scenery.iter_mut().for_each(|poses| drop(poses.drain(..poses.len().saturating_sub(1))));
-    }
-    Ok(Bake { fps: params.output.fps, bodies, frames, scenery, report })
+    let keeps = sim.pile.recorder.keeps();
+    let count = if keeps { frames.len() } else { sim.pile.recorder.count() + 1 };
+    let scenery = scenery_frames(scene, params.output.fps, count);
+    let bake = Bake { fps: params.output.fps, bodies, frames, scenery, report };
+    Ok(if keeps { bake } else { bake.last_frame() })
+}
+
+fn natures(shapes: &[Shape]) -> Vec<Nature> {
+    shapes.iter().map(Shape::nature).collect()
 }
 
 /// Where the moving scenery is. Shape `[static][frame]`, empty for a static one that stands still.
 fn scenery_frames(scene: &Scene, fps: f64, frames: usize) -> Vec<Vec<Pose>> {
-    let poses = |model: &scene::StaticModel| {
+    let poses = |model: &StaticModel| {
         let count = if model.keys.is_empty() { 0 } else { frames };
         (0..count).map(|frame| model.pose_at(frame as f64 / fps)).collect()
     };

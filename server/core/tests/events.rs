@@ -6,7 +6,7 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Frame, Observer, Progress, Silent, State};
 use cairn_core::input::params::{Accuracy, ContactSelection, ControlMode, Params, ReleaseOrder};
-use cairn_core::input::scene::{Emitter, Given, Key, Model, Place, Prop, Scene, StaticModel};
+use cairn_core::input::scene::{Emitter, Key, Model, Place, PlacedBody, Prop, Scene, StaticModel};
 use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake};
 use common::{cone, scene, stick};
@@ -36,12 +36,12 @@ fn at(x: f64, y: f64, z: f64) -> Pose {
 }
 
 /// Bricks of 0.4 x 0.2 x 0.2 m, and what is done with them.
-fn bricks(bodies: Vec<Given>) -> Scene {
+fn bricks(bodies: Vec<PlacedBody>) -> Scene {
     Scene { props: vec![prop("brick", block(DVec3::new(0.4, 0.2, 0.2)))], bodies, ..Scene::default() }
 }
 
-fn tower(bricks: usize) -> Vec<Given> {
-    (0..bricks).map(|k| Given::new(0, at(0.0, 0.1 + 0.2 * k as f64, 0.0))).collect()
+fn tower(bricks: usize) -> Vec<PlacedBody> {
+    (0..bricks).map(|k| PlacedBody::new(0, at(0.0, 0.1 + 0.2 * k as f64, 0.0))).collect()
 }
 
 fn baked(scene: &Scene, params: &Params) -> Bake {
@@ -86,7 +86,7 @@ fn a_late_body_is_not_there_before_its_frame() {
     }
     let mut bodies = tower(2);
     let velocity = DVec3::new(2.0, 0.0, 0.0);
-    bodies.insert(0, Given { start: 12.0 / 24.0, velocity, ..Given::new(0, at(-3.0, 1.0, 5.0)) });
+    bodies.insert(0, PlacedBody { start: 12.0 / 24.0, velocity, ..PlacedBody::new(0, at(-3.0, 1.0, 5.0)) });
     let mut watcher = Watcher::default();
     let bake = bake(
         &bricks(bodies),
@@ -109,7 +109,7 @@ fn what_is_kept_stays_while_the_rest_is_filled_around_it() {
     let mut scene = scene(cone(0.7, 1.0), stick());
     scene.props.push(Prop { weight: 0.0, ..prop("brick", block(DVec3::new(0.4, 0.2, 0.2))) });
     let pose = at(0.1, 0.5, 0.0);
-    scene.bodies = vec![Given { kept: true, ..Given::new(1, pose) }];
+    scene.bodies = vec![PlacedBody { pinned: true, ..PlacedBody::new(1, pose) }];
     let mut params = params();
     params.release.order = ReleaseOrder::BottomUp;
     let bake = baked(&scene, &params);
@@ -124,7 +124,7 @@ fn what_is_kept_stays_while_the_rest_is_filled_around_it() {
 fn a_kept_body_is_let_go_at_its_time() {
     let until = 0.5;
     let bake = baked(
-        &bricks(vec![Given { kept: true, kept_until: Some(until), ..Given::new(0, at(0.0, 1.0, 0.0)) }]),
+        &bricks(vec![PlacedBody { pinned: true, pinned_until: Some(until), ..PlacedBody::new(0, at(0.0, 1.0, 0.0)) }]),
         &params(),
     );
     let height = |frame: usize| bake.frames[frame][0].translation.y;
@@ -177,7 +177,7 @@ fn tilted_draws_stay_within_their_angle() {
 
 #[test]
 fn moving_scenery_takes_along_what_it_carries() {
-    let mut scene = bricks(vec![Given::new(0, at(0.0, 0.3, 0.0)), Given::new(0, at(0.0, 0.5, 0.0))]);
+    let mut scene = bricks(vec![PlacedBody::new(0, at(0.0, 0.3, 0.0)), PlacedBody::new(0, at(0.0, 0.5, 0.0))]);
     let board = Model { name: "board".into(), mesh: block(DVec3::new(3.0, 0.2, 3.0)) };
     let key = |time: f64, x: f64| Key { time, pose: at(x, 0.1, 0.0) };
     scene.statics = vec![StaticModel { model: board, friction: 0.7, keys: vec![key(0.5, 0.0), key(2.5, 1.0)] }];
@@ -195,7 +195,7 @@ fn a_blow_breaks_what_is_held() {
     // A tower with a steel ball's weight of momentum against it: it must not stop the ball like a wall.
     let mut scene = bricks(tower(6));
     let velocity = DVec3::new(6.0, 0.0, 0.0);
-    let ball = Given { velocity, start: 1.0, mass: Some(80.0), ..Given::new(0, at(-2.0, 0.7, 0.0)) };
+    let ball = PlacedBody { velocity, start: 1.0, mass: Some(80.0), ..PlacedBody::new(0, at(-2.0, 0.7, 0.0)) };
     scene.bodies.push(ball);
     let mut params = params();
     let bake = baked(&scene, &params);
@@ -213,9 +213,9 @@ fn a_blow_breaks_what_is_held() {
 /// A plank that juts out from a kept block, with a weight on its tail that is too light to hold it.
 fn plank() -> Scene {
     let mut scene = bricks(vec![
-        Given { kept: true, scale: 2.0, ..Given::new(0, at(0.0, 0.2, 0.0)) },
-        Given { mass: Some(2.0), ..Given::new(0, at(0.25, 0.6, 0.0)) },
-        Given::new(1, at(0.7, 0.45, 0.0)),
+        PlacedBody { pinned: true, scale: 2.0, ..PlacedBody::new(0, at(0.0, 0.2, 0.0)) },
+        PlacedBody { mass: Some(2.0), ..PlacedBody::new(0, at(0.25, 0.6, 0.0)) },
+        PlacedBody::new(1, at(0.7, 0.45, 0.0)),
     ]);
     scene.props.push(prop("plank", block(DVec3::new(1.2, 0.1, 0.2))));
     scene
@@ -250,10 +250,10 @@ fn a_stand_leaves_the_pile_to_itself() {
 fn a_stack_with_overlaps_settles_without_a_jump() {
     let overlaps = [0.05, 0.15, 0.25, 0.1];
     let mut y = 0.1;
-    let mut bodies = vec![Given::new(0, at(0.0, y, 0.0))];
+    let mut bodies = vec![PlacedBody::new(0, at(0.0, y, 0.0))];
     for share in overlaps {
         y += 0.2 * (1.0 - share);
-        bodies.push(Given::new(0, at(0.0, y, 0.0)));
+        bodies.push(PlacedBody::new(0, at(0.0, y, 0.0)));
     }
     let mut params = params();
     params.hold.least = 2.0;
@@ -291,8 +291,13 @@ fn a_hard_drop_is_warned_of() {
 #[test]
 fn all_problems_of_added_things_are_told_at_once() {
     let mut scene = bricks(vec![
-        Given { prop: 7, ..Given::new(0, at(0.0, f64::NAN, 0.0)) },
-        Given { kept: true, velocity: DVec3::X, kept_until: Some(-1.0), ..Given::new(0, at(0.0, 0.0, 0.0)) },
+        PlacedBody { prop: 7, ..PlacedBody::new(0, at(0.0, f64::NAN, 0.0)) },
+        PlacedBody {
+            pinned: true,
+            velocity: DVec3::X,
+            pinned_until: Some(-1.0),
+            ..PlacedBody::new(0, at(0.0, 0.0, 0.0))
+        },
     ]);
     scene.bodies[0].pose.rotation = DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0);
     let place = Place::Box { center: DVec3::ZERO, size: DVec3::ZERO };
@@ -344,19 +349,19 @@ impl Observer for States {
 
 #[test]
 fn frames_tell_what_the_control_makes_of_each_body() {
-    let kept = Given { kept: true, ..Given::new(0, at(2.0, 0.1, 0.0)) };
-    let late = Given { start: 2.0 / 24.0, ..Given::new(0, at(5.0, 0.1, 0.0)) };
+    let kept = PlacedBody { pinned: true, ..PlacedBody::new(0, at(2.0, 0.1, 0.0)) };
+    let late = PlacedBody { start: 2.0 / 24.0, ..PlacedBody::new(0, at(5.0, 0.1, 0.0)) };
     let mut scene = bricks([tower(3), vec![kept, late]].concat());
     scene.region = Some(Model { name: "region".into(), mesh: block(DVec3::splat(8.0)) });
     let mut params = params();
     params.release.order = ReleaseOrder::BottomUp;
-    params.control.mode = ControlMode::Hold;
+    params.control.mode = ControlMode::Freeze;
     params.control.stand = false;
     let mut told = States::default();
     bake(&scene, &params, &mut told).unwrap();
-    use State::{Held, Kept, Outside, Waiting};
-    assert_eq!(told.0[0], [Waiting, Waiting, Waiting, Kept]);
-    assert_eq!(told.0.last().unwrap()[..], [Held, Held, Held, Kept, Outside]);
+    use State::{Held, Outside, Pinned, Waiting};
+    assert_eq!(told.0[0], [Waiting, Waiting, Waiting, Pinned]);
+    assert_eq!(told.0.last().unwrap()[..], [Held, Held, Held, Pinned, Outside]);
 
     params.control.mode = ControlMode::Off;
     let mut told = States::default();
@@ -366,7 +371,7 @@ fn frames_tell_what_the_control_makes_of_each_body() {
 
 #[test]
 fn without_a_ground_what_misses_the_scenery_is_set_aside() {
-    let mut scene = bricks(vec![Given::new(0, at(0.0, 0.1, 0.0)), Given::new(0, at(9.0, 0.1, 0.0))]);
+    let mut scene = bricks(vec![PlacedBody::new(0, at(0.0, 0.1, 0.0)), PlacedBody::new(0, at(9.0, 0.1, 0.0))]);
     let params = Params { ground: false, ..params() };
     let Err(Error::Invalid(problems)) = bake(&scene, &params, &mut Silent) else { panic!("nothing to fall on") };
     assert_eq!(problems.iter().map(|p| &*p.field).collect::<Vec<_>>(), ["ground"]);

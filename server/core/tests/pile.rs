@@ -9,8 +9,7 @@ use cairn_core::input::observer::{Observer, Progress, Silent};
 use cairn_core::input::params::{Accuracy, ControlMode, FillMethod, Params};
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::shape::hull_mesh;
-use cairn_core::sim::control;
-use cairn_core::stages::{fill, release};
+use cairn_core::stages::cache::NoCache;
 use cairn_core::world::Role;
 use common::{cone, scene, stick};
 use glam::DVec3;
@@ -116,24 +115,17 @@ fn each_accuracy_is_expected_to_cost_more_than_the_one_before() {
 fn whatever_is_held_was_certified_in_its_latest_cycle() {
     let scene = scene(cone(0.9, 2.0), stick());
     let params = params();
-    let checked = cairn_core::prepare::check::run(&scene, &params).unwrap();
-    let shapes = cairn_core::prepare::shape::run(&scene, &params, &checked.sizes, &mut Silent).unwrap();
-    let units = cairn_core::world::Units::new(checked.diameter, shapes[0].mass, params.gravity);
-    let closed = checked.control.as_ref().unwrap();
-    let container = cairn_core::prepare::container::Container::new(closed, units.length, 0.0, 0.0);
-    let filled = fill::run(&scene, &shapes, &params, units, &container, &mut Silent).unwrap();
-    let control = control::Control::new(&params.control, params.gravity, params.seed, Some(&container.distance));
-    let mut pile = release::turn_over(&scene, &shapes, &params, units, &filled.bodies, 0.0, control).unwrap();
-    for id in pile.world.present().collect::<Vec<_>>() {
-        pile.control.release(id);
-        pile.world.set_role(id, Role::Free);
+    let full = cairn_core::fill_container(&scene, &params, &mut NoCache, &mut Silent).unwrap();
+    let mut sim = full.turn_over(&scene, &params).unwrap();
+    for id in sim.pile.world.present().collect::<Vec<_>>() {
+        sim.pile.let_go(id);
     }
     let mut held_ever = 0;
     for _ in 0..200 {
-        pile.advance(&mut Silent, cairn_core::input::observer::Stage::Hold, |_| 0.0).unwrap();
-        for (id, body) in pile.world.bodies().iter().enumerate() {
-            if body.role == Role::Held {
-                assert!(pile.control.certified()[id], "body {id} is held without a certificate");
+        sim.advance(&mut Silent, cairn_core::input::observer::Stage::Hold, |_| 0.0).unwrap();
+        for (id, body) in sim.pile.world.bodies().iter().enumerate() {
+            if body.role == Role::Frozen {
+                assert!(sim.pile.control.certified()[id], "body {id} is held without a certificate");
                 held_ever += 1;
             }
         }

@@ -242,7 +242,7 @@ fn moved_by_hand(times: f64, way: impl Fn(f64) -> f64) -> u64 {
         world.put(id, &place(way(f64::from(k) * step)));
         world.step();
     }
-    world.work.rocking_looks
+    world.counters.rocking_looks
 }
 
 #[test]

@@ -62,12 +62,12 @@ pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>) -> S
     line("prop diameter", format!("{:.3} m", plan.prop_diameter));
     line("natural time", format!("{:.3} s", plan.natural_time));
     for effect in plan.effects.iter().filter(|effect| effect.on) {
-        let share = expected.and_then(|expected| expected.share(&effect.name));
+        let share = expected.and_then(|expected| expected.share(effect.name));
         let share = share.map_or(String::new(), |share| format!(" (about {:.0} % of the time)", 100.0 * share));
-        line(&effect.name, format!("on: {}{share}", effect.reason));
+        line(effect.name.name(), format!("on: {}{share}", effect.reason));
     }
     for effect in plan.effects.iter().filter(|effect| !effect.on) {
-        line(&effect.name, format!("off: {}", effect.reason));
+        line(effect.name.name(), format!("off: {}", effect.reason));
     }
     for note in notes.iter().chain(&plan.warnings) {
         line("note", note.clone());

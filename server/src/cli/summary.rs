@@ -1,6 +1,6 @@
 //! A bake's end in a few lines.
 
-use cairn_core::stages::hold::REST_SPEED;
+use cairn_core::sim::pile::REST_SPEED;
 use std::path::Path;
 
 /// What an artist wants to know, one entry per line. `measure` gives the report's figures by name.

@@ -2,6 +2,7 @@
 
 use super::table::Spread;
 use super::{Kind, Record, Variant};
+use cairn_core::prepare::effects::{Effect, EffectName};
 use cairn_core::prepare::plan::Plan;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -15,12 +16,12 @@ const TOLD: [&str; 4] = ["kept_shape", "penetration_mean_rel", "resting_speed_ma
 /// The scene as it is, and each effect of its plan that can be switched, the other way.
 pub fn switched(plan: &Plan) -> Vec<Variant> {
     let as_is = Variant { name: AS_IS.into(), kind: Kind::Knob, set: Vec::new() };
-    let other = |effect: &cairn_core::prepare::effects::Effect| {
+    let other = |effect: &Effect| {
         let field = effect.switch.as_deref()?;
         let to = if effect.on { "off" } else { "on" };
         let set = match field {
             // What has parameters of its own has an off, and no on.
-            "control.mode" if effect.name == "control" && effect.on => "control.mode=off".into(),
+            "control.mode" if effect.name == EffectName::Control && effect.on => "control.mode=off".into(),
             _ if field.starts_with("effects.") => format!("{field}={to}"),
             _ => return None,
         };

@@ -3,7 +3,7 @@
 use crate::problem::{Problem, nearest};
 use crate::proto;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Emitter, Given, Key, Place};
+use cairn_core::input::scene::{Emitter, Key, Place, PlacedBody};
 use glam::{DQuat, DVec3};
 
 const EMITTER_SIZE: f64 = 1.0;
@@ -40,7 +40,7 @@ impl<'a> Added<'a> {
         self.problems.push(Problem::new(field, what, remedy).of_field(field));
     }
 
-    pub fn body(&mut self, index: usize, body: &proto::Body) -> Given {
+    pub fn body(&mut self, index: usize, body: &proto::Body) -> PlacedBody {
         use proto::body::{KeptUntil, Start};
         let field = |name: &str| format!("bodies.{index}.{name}");
         let start = match body.start {
@@ -52,7 +52,7 @@ impl<'a> Added<'a> {
             KeptUntil::KeptUntilFrame(frame) => self.frame(&field("kept_until_frame"), f64::from(frame)),
             KeptUntil::KeptUntilSeconds(seconds) => seconds,
         });
-        Given {
+        PlacedBody {
             prop: self.prop(&field("prop"), &body.prop),
             pose: self.pose(&field(""), &body.position, &body.rotation),
             scale: body.scale.unwrap_or(SCALE),
@@ -60,8 +60,8 @@ impl<'a> Added<'a> {
             angular_velocity: self.vector(&field("angular_velocity"), &body.angular_velocity, 0.0),
             mass: body.mass,
             start,
-            kept: body.kept.unwrap_or(false),
-            kept_until,
+            pinned: body.kept.unwrap_or(false),
+            pinned_until: kept_until,
         }
     }
 

@@ -5,7 +5,7 @@ use super::scenes::{at, ball, block, placed, prop};
 use super::{Extent, Outcome, all};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Given, Key, Model, StaticModel};
+use cairn_core::input::scene::{Key, Model, PlacedBody, StaticModel};
 use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_4;
 
@@ -113,7 +113,7 @@ pub fn projectile(engine: Engine, _: Extent) -> Outcome {
             let from = at(-0.13, 2.5 * EDGE, 0.0);
             let velocity = DVec3::X * speed;
             let mass = Some(ratio * cube_mass);
-            scene.bodies.push(Given { velocity, mass, start: START, ..Given::new(1, from) });
+            scene.bodies.push(PlacedBody { velocity, mass, start: START, ..PlacedBody::new(1, from) });
             let motion = run(engine, &scene, START + 1.0);
             cases += 1;
             let_go += motion.count("shaken") + motion.count("holds_broken");

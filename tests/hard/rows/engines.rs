@@ -4,7 +4,7 @@ use cairn_core::bake;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
-use cairn_core::input::scene::{Given, Scene};
+use cairn_core::input::scene::{PlacedBody, Scene};
 use cairn_core::prepare::shape::Shape;
 use cairn_core::prepare::{check, shape};
 use cairn_core::report::Report;
@@ -96,7 +96,7 @@ fn plain(scene: &Scene, params: &Params, seconds: f64) -> Motion {
         for (handle, given) in handles.iter_mut().zip(&scene.bodies).filter(|(h, g)| h.is_none() && g.start <= time) {
             *handle = Some(insert(&mut world, scene, &shapes, given));
         }
-        let pose = |(handle, given): (&Option<RigidBodyHandle>, &Given)| match handle {
+        let pose = |(handle, given): (&Option<RigidBodyHandle>, &PlacedBody)| match handle {
             Some(handle) => {
                 let at = world.bodies[*handle].position();
                 let body = Pose { translation: at.translation.as_dvec3(), rotation: at.rotation.as_dquat() };
@@ -113,7 +113,7 @@ fn plain(scene: &Scene, params: &Params, seconds: f64) -> Motion {
     Motion { frames, report: None }
 }
 
-fn insert(world: &mut PhysicsWorld, scene: &Scene, shapes: &[Shape], given: &Given) -> RigidBodyHandle {
+fn insert(world: &mut PhysicsWorld, scene: &Scene, shapes: &[Shape], given: &PlacedBody) -> RigidBodyHandle {
     let (shape, prop) = (&shapes[given.prop], &scene.props[given.prop]);
     let kg = shape.mass * given.scale.powi(3);
     let rigid = RigidBodyBuilder::dynamic()

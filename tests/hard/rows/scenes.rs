@@ -2,7 +2,7 @@
 
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Given, Model, Prop, Scene};
+use cairn_core::input::scene::{Model, PlacedBody, Prop, Scene};
 use glam::{DQuat, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -75,7 +75,7 @@ pub fn at(x: f64, y: f64, z: f64) -> Pose {
 
 /// Bodies of one prop, placed by hand.
 pub fn placed(prop: Prop, poses: impl IntoIterator<Item = Pose>) -> Scene {
-    let bodies = poses.into_iter().map(|pose| Given::new(0, pose)).collect();
+    let bodies = poses.into_iter().map(|pose| PlacedBody::new(0, pose)).collect();
     Scene { props: vec![prop], bodies, ..Scene::default() }
 }
 
@@ -115,7 +115,7 @@ pub fn cards(factor: f64, friction: f64) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/cards.toml");
     let tree = cairn::scene_file::SceneTree::load(&path).expect("an example is sound");
     let mut scene = cairn::job::Job::read(&tree.to_message()).expect("an example's files are there").scene;
-    scene.bodies.retain(Given::is_stacked);
+    scene.bodies.retain(PlacedBody::is_stacked);
     scene.props.truncate(1);
     scene.props[0].friction = friction;
     scene.props[0].model.mesh = scene.props[0].model.mesh.scaled(factor);

@@ -5,10 +5,7 @@ use super::scenes::{at, block, cloud, placed, prop};
 use super::{Extent, Outcome, all};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Silent, Stage};
-use cairn_core::prepare::{check, shape};
-use cairn_core::sim::control::Control;
-use cairn_core::stages::release;
-use cairn_core::world::{Role, Units};
+use cairn_core::stages::cache::NoCache;
 use glam::DVec3;
 
 pub fn needles(engine: Engine, _: Extent) -> Outcome {
@@ -78,21 +75,18 @@ fn stacks_of_five(engine: Engine, broken: Option<usize>) -> Ends {
     let pose = |k: i32| at(f64::from(k / 5), 0.1 * (f64::from(k % 5) + 0.5), 0.0);
     let scene = placed(prop("cube", block(DVec3::splat(0.1)), 0.5), (0..10).map(pose));
     let params = params(engine, 1.0);
-    let checked = check::run(&scene, &params).expect("a sound scene");
-    let shapes = shape::run(&scene, &params, &checked.sizes, &mut Silent).expect("props with volume");
-    let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
-    let control = Control::new(&params.control, params.gravity, params.seed, None);
-    let mut pile = release::turn_over(&scene, &shapes, &params, units, &[], 0.0, control).expect("a pile");
+    let full = cairn_core::fill_container(&scene, &params, &mut NoCache, &mut Silent).expect("a sound scene");
+    let mut sim = full.turn_over(&scene, &params).expect("a pile");
     for step in 0..60 {
         if let (20, Some(id)) = (step, broken) {
-            pile.world.set_role(id, Role::Free);
-            pile.world.launch(id, DVec3::splat(f64::NAN), DVec3::ZERO);
+            sim.pile.let_go(id);
+            sim.pile.world.launch(id, DVec3::splat(f64::NAN), DVec3::ZERO);
         }
         if step == 0 {
-            (0..10).for_each(|id| pile.let_go(id));
+            (0..10).for_each(|id| sim.pile.let_go(id));
         }
-        pile.advance(&mut Silent, Stage::Hold, |_| 0.0).expect("nobody cancels");
+        sim.advance(&mut Silent, Stage::Hold, |_| 0.0).expect("nobody cancels");
     }
-    let poses = pile.recorder.frames.last().expect("frame 0 is there").clone();
-    Ends { poses, lost: pile.lost.clone() }
+    let poses = sim.pile.recorder.frames.last().expect("frame 0 is there").clone();
+    Ends { poses, lost: sim.guard.actions.aside.iter().map(|aside| aside.0).collect() }
 }

@@ -5,7 +5,7 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
-use cairn_core::input::scene::{Given, Model, Prop, Scene};
+use cairn_core::input::scene::{Model, PlacedBody, Prop, Scene};
 use cairn_core::prepare::{check, shape};
 use cairn_core::world::{Insertion, Side, Touch, Units, World};
 use glam::{DAffine3, DQuat, DVec3};
@@ -128,7 +128,7 @@ fn target() -> impl Strategy<Value = Target> {
 }
 
 pub fn recipe() -> impl Strategy<Value = Recipe> {
-    let mode = prop_oneof![Just(ControlMode::Off), Just(ControlMode::Hold), Just(ControlMode::Nails)];
+    let mode = prop_oneof![Just(ControlMode::Off), Just(ControlMode::Freeze), Just(ControlMode::Nails)];
     let props = prop::collection::vec(prop_kind(), 1..4);
     props.prop_flat_map(move |props| {
         let bodies = prop::collection::vec(placed(props.len()), 1..30);
@@ -225,7 +225,7 @@ fn thinned(scene: Scene, params: &Params) -> Scene {
             out.insert(last);
         }
     }
-    let kept = |(k, body): (usize, Given)| (!out.contains(&k)).then_some(body);
+    let kept = |(k, body): (usize, PlacedBody)| (!out.contains(&k)).then_some(body);
     Scene { bodies: scene.bodies.into_iter().enumerate().filter_map(kept).collect(), ..scene }
 }
 
@@ -259,7 +259,7 @@ impl Recipe {
         for body in &self.bodies {
             let pose = Pose { translation: DVec3::from_array(body.place) * self.size, rotation: turn(body.turn) };
             let mass = Some((body.mass * self.size.powi(3) * 1e3).clamp(1e-9, 1e12));
-            scene.bodies.push(Given { mass, ..Given::new(body.prop, pose) });
+            scene.bodies.push(PlacedBody { mass, ..PlacedBody::new(body.prop, pose) });
         }
         scene.control = self.control.as_ref().map(|target| {
             let mesh = target.mesh().scaled(self.size);

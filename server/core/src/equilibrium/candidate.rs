@@ -26,10 +26,10 @@
 //! is the area of their hull (for the corners of a rectangle in turn, Eq. 6 again). In general neither bounds the other:
 //! a round support of many points has a large hull and slender triangles, repeated zigzags add up in Eq. 6 only.
 
-use super::{Analyser, Options, Outcome, Problem, ProblemError, Solver, Start};
+use super::{Analyser, LocalProblem, Options, Outcome, ProblemError, Solver, Start};
 use glam::{DVec2, DVec3};
 
-/// Contacts nearer to each other than this share of the body's radius support like one. Contact points of a
+/// Contacts nearer to each other than this share of the body's radius support like one. LocalContact points of a
 /// single-precision engine repeat within 1e-6; contacts 1e-4 R apart resist no tilt worth the name.
 pub const DISTINCT: f64 = 1e-4;
 
@@ -93,7 +93,7 @@ impl Analyser {
     /// May this body be held (section 3.3)? Equilibrium is judged first, so that `Unstable` means what it says.
     pub fn candidate(
         &mut self,
-        problem: &Problem,
+        problem: &LocalProblem,
         options: &Options,
         rules: &CandidateRules,
     ) -> Result<Candidacy, ProblemError> {
@@ -150,12 +150,12 @@ impl Analyser {
 }
 
 /// Eq. 6, in the order given, in the problem's unit of area.
-pub fn triangles(problem: &Problem) -> f64 {
+pub fn triangles(problem: &LocalProblem) -> f64 {
     problem.contacts.windows(3).map(|w| (w[2].point - w[1].point).cross(w[2].point - w[0].point).length() / 2.0).sum()
 }
 
 /// Gathers the distinct points, and counts them. The first of a cluster stands for it.
-fn distinct(problem: &Problem, points: &mut Vec<DVec3>) -> usize {
+fn distinct(problem: &LocalProblem, points: &mut Vec<DVec3>) -> usize {
     let near = DISTINCT * problem.radius;
     points.clear();
     for c in problem.contacts {

@@ -35,7 +35,7 @@
 //!
 //! The multipliers u_b of the equations for e_b are a virtual motion of the whole pile: every admissible contact force does
 //! work >= 0 with it, and so does gravity, in sum as much as the least imbalance. If that is positive there is no
-//! equilibrium, and the motion is how the collapse begins. [`Report::bound`] is that work by substitution: a lower
+//! equilibrium, and the motion is how the collapse begins. [`Balance::bound`] is that work by substitution: a lower
 //! bound on the total imbalance of any distribution of forces (whose normal forces do not sum to more than those found).
 
 use clarabel::algebra::CscMatrix;
@@ -52,7 +52,7 @@ pub const SHARPEN: f64 = 1e-2;
 
 /// A body of the pile that has to be carried.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Body {
+pub struct GlobalBody {
     /// > 0.
     pub mass: f64,
     pub center_of_mass: DVec3,
@@ -62,7 +62,7 @@ pub struct Body {
 
 /// A contact point between two bodies, or a body and what is held (ground, scenery).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contact {
+pub struct GlobalContact {
     /// Index of the body that `normal` points into.
     pub body: usize,
     /// The other body; `None` for the ground.
@@ -75,9 +75,9 @@ pub struct Contact {
 
 /// The pile. Any consistent unit system.
 #[derive(Clone, Copy, Debug)]
-pub struct Pile<'a> {
-    pub bodies: &'a [Body],
-    pub contacts: &'a [Contact],
+pub struct GlobalProblem<'a> {
+    pub bodies: &'a [GlobalBody],
+    pub contacts: &'a [GlobalContact],
     pub gravity: DVec3,
 }
 
@@ -98,7 +98,7 @@ impl Default for Objective {
 
 /// The best distribution of forces, and what it leaves unbalanced.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Report {
+pub struct Balance {
     /// Per body |e_b|, by substitution of the forces; a body in free fall has 1.
     pub imbalance: Vec<f64>,
     /// Per contact, on its `body`, in newtons (or the unit of mass times gravity). Within friction to rounding.
@@ -112,7 +112,7 @@ pub struct Report {
     pub converged: bool,
 }
 
-impl Report {
+impl Balance {
     /// Every body is in equilibrium.
     pub fn stands(&self) -> bool {
         self.total <= BALANCED
@@ -133,13 +133,13 @@ impl Report {
 
 /// Input without physical meaning; bodies and contacts by index.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum PileError {
+pub enum GlobalProblemError {
     #[error("gravity is zero or not finite")]
     Gravity,
     #[error("body {0}: mass or radius is not a positive number, or its centre is not finite")]
-    Body(usize),
+    GlobalBody(usize),
     #[error("contact {0}: point, normal or friction is not finite, the normal is zero, or friction is negative")]
-    Contact(usize),
+    GlobalContact(usize),
     #[error("contact {0} names a body that does not exist, or one body twice")]
     Index(usize),
     #[error("the cone solver refused the program: {0}")]
@@ -147,7 +147,7 @@ pub enum PileError {
 }
 
 /// Finds the best distribution of contact forces.
-pub fn analyse(pile: &Pile, objective: Objective) -> Result<Report, PileError> {
+pub fn analyse(pile: &GlobalProblem, objective: Objective) -> Result<Balance, GlobalProblemError> {
     let program = Program::new(pile)?;
     let mut weights = vec![1.0; pile.bodies.len()];
     let mut report = program.solve(objective, &weights)?;
@@ -160,7 +160,7 @@ pub fn analyse(pile: &Pile, objective: Objective) -> Result<Report, PileError> {
                 *w = SHARPEN / (e + SHARPEN);
             }
             let sharper = program.solve(objective, &weights)?;
-            report = Report { total: report.total, bound: report.bound, ..sharper };
+            report = Balance { total: report.total, bound: report.bound, ..sharper };
         }
     }
     Ok(report)
@@ -186,22 +186,22 @@ struct Link {
 }
 
 struct Program<'a> {
-    pile: &'a Pile<'a>,
+    pile: &'a GlobalProblem<'a>,
     links: Vec<Link>,
     /// Unit vector of gravity.
     down: DVec3,
 }
 
 impl<'a> Program<'a> {
-    fn new(pile: &'a Pile<'a>) -> Result<Self, PileError> {
+    fn new(pile: &'a GlobalProblem<'a>) -> Result<Self, GlobalProblemError> {
         let g = pile.gravity.length();
         if !(g > 0.0 && g.is_finite()) {
-            return Err(PileError::Gravity);
+            return Err(GlobalProblemError::Gravity);
         }
         for (i, b) in pile.bodies.iter().enumerate() {
             let positive = |x: f64| x > 0.0 && x.is_finite();
             if !(positive(b.mass) && positive(b.mass * g) && positive(b.radius) && b.center_of_mass.is_finite()) {
-                return Err(PileError::Body(i));
+                return Err(GlobalProblemError::GlobalBody(i));
             }
         }
         let links = pile.contacts.iter().enumerate().map(|(i, c)| link(pile, g, i, c)).collect::<Result<_, _>>()?;
@@ -209,10 +209,10 @@ impl<'a> Program<'a> {
     }
 
     /// Unknowns: forces (3 per contact), then e (6 per body), then for the sum of norms t (1 per body), t_b >= |e_b|.
-    fn solve(&self, objective: Objective, weights: &[f64]) -> Result<Report, PileError> {
+    fn solve(&self, objective: Objective, weights: &[f64]) -> Result<Balance, GlobalProblemError> {
         let (contacts, bodies) = (self.links.len(), weights.len());
         if bodies == 0 {
-            return Ok(Report { imbalance: vec![], forces: vec![], total: 0.0, bound: 0.0, converged: true });
+            return Ok(Balance { imbalance: vec![], forces: vec![], total: 0.0, bound: 0.0, converged: true });
         }
         let norms = objective != Objective::LeastSquares;
         let (e0, t0) = (3 * contacts, 3 * contacts + 6 * bodies);
@@ -241,7 +241,7 @@ impl<'a> Program<'a> {
         let settings =
             DefaultSettings { verbose: false, presolve_enable: false, max_threads: 1, ..DefaultSettings::default() };
         let mut solver = DefaultSolver::new(&p, &q, &matrix, &rhs, &cones, settings)
-            .map_err(|e| PileError::Solver(e.to_string()))?;
+            .map_err(|e| GlobalProblemError::Solver(e.to_string()))?;
         solver.solve();
         let converged = matches!(solver.solution.status, SolverStatus::Solved);
         Ok(self.report(&solver.solution.x, &solver.solution.z, converged))
@@ -288,7 +288,7 @@ impl<'a> Program<'a> {
     }
 
     /// Clips the forces into their cones and substitutes; checks the multipliers the same way.
-    fn report(&self, x: &[f64], z: &[f64], converged: bool) -> Report {
+    fn report(&self, x: &[f64], z: &[f64], converged: bool) -> Balance {
         let bodies = self.pile.bodies.len();
         let mut left: Vec<(DVec3, DVec3)> = vec![(self.down, DVec3::ZERO); bodies];
         let mut normal_forces = 0.0;
@@ -306,7 +306,7 @@ impl<'a> Program<'a> {
         }
         let imbalance: Vec<f64> = left.iter().map(|(f, t)| (f.length_squared() + t.length_squared()).sqrt()).collect();
         let total = imbalance.iter().sum();
-        Report { bound: self.bound(z, normal_forces).clamp(0.0, total), imbalance, forces, total, converged }
+        Balance { bound: self.bound(z, normal_forces).clamp(0.0, total), imbalance, forces, total, converged }
     }
 
     /// Substitutes the multipliers. For any u with |u_b| <= 1, sum |e_b| >= sum u_b . e_b = gravity's work + the contacts'
@@ -330,14 +330,14 @@ impl<'a> Program<'a> {
     }
 }
 
-fn link(pile: &Pile, g: f64, index: usize, c: &Contact) -> Result<Link, PileError> {
+fn link(pile: &GlobalProblem, g: f64, index: usize, c: &GlobalContact) -> Result<Link, GlobalProblemError> {
     let exists = |b: usize| b < pile.bodies.len();
     if !exists(c.body) || c.other.is_some_and(|o| !exists(o) || o == c.body) {
-        return Err(PileError::Index(index));
+        return Err(GlobalProblemError::Index(index));
     }
-    let normal = c.normal.try_normalize().ok_or(PileError::Contact(index))?;
+    let normal = c.normal.try_normalize().ok_or(GlobalProblemError::GlobalContact(index))?;
     if !(c.point.is_finite() && c.friction >= 0.0 && c.friction.is_finite()) {
-        return Err(PileError::Contact(index));
+        return Err(GlobalProblemError::GlobalContact(index));
     }
     let weight = |b: usize| pile.bodies[b].mass * g;
     let unit = c.other.map_or(weight(c.body), |o| weight(o).min(weight(c.body)));
@@ -349,7 +349,7 @@ fn link(pile: &Pile, g: f64, index: usize, c: &Contact) -> Result<Link, PileErro
     };
     let sides: Vec<Side> = std::iter::once(side(c.body, 1.0)).chain(c.other.map(|o| side(o, -1.0))).collect();
     if sides.iter().any(|s: &Side| !s.lever.is_finite()) {
-        return Err(PileError::Contact(index));
+        return Err(GlobalProblemError::GlobalContact(index));
     }
     let (t1, t2) = normal.any_orthonormal_pair();
     Ok(Link { axes: [normal, t1, t2], mu: c.friction, unit, sides })

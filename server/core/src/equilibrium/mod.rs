@@ -101,7 +101,7 @@ pub const FRICTION_TOLERANCE: f64 = 1e-9;
 
 /// One contact of the analysed body.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contact {
+pub struct LocalContact {
     /// Where, in the same frame and unit as the centre of mass.
     pub point: DVec3,
     /// Unit normal pointing into the analysed body: a positive normal force pushes the body along it. Normalised
@@ -113,8 +113,8 @@ pub struct Contact {
 
 /// One body and what touches it. Any consistent unit system.
 #[derive(Clone, Copy, Debug)]
-pub struct Problem<'a> {
-    pub contacts: &'a [Contact],
+pub struct LocalProblem<'a> {
+    pub contacts: &'a [LocalContact],
     /// > 0.
     pub mass: f64,
     pub center_of_mass: DVec3,
@@ -285,7 +285,7 @@ impl Analyser {
     }
 
     /// Is the body in local equilibrium (Eq. 1 to 4)?
-    pub fn analyse(&mut self, problem: &Problem, options: &Options) -> Result<Verdict<'_>, ProblemError> {
+    pub fn analyse(&mut self, problem: &LocalProblem, options: &Options) -> Result<Verdict<'_>, ProblemError> {
         self.scaled.set(problem, options.friction_law)?;
         let outcome = self.decide(options.solver, Start::Cold);
         Ok(self.verdict(outcome, options))
@@ -295,7 +295,7 @@ impl Analyser {
     /// for a contact that is new. The verdict is the same whatever they are; near the answer they save time.
     pub fn analyse_from(
         &mut self,
-        problem: &Problem,
+        problem: &LocalProblem,
         options: &Options,
         last: &[DVec3],
     ) -> Result<Verdict<'_>, ProblemError> {

@@ -3,7 +3,7 @@
 //! a stable body of lower rank is on the edge, since some disturbance, however small, finds no answer.
 
 use super::scaled::{Scaled, Vec6, dot, norm, subtract};
-use super::{Analyser, FrictionLaw, Problem, ProblemError};
+use super::{Analyser, FrictionLaw, LocalProblem, ProblemError};
 use glam::DVec3;
 
 /// Wrenches nearer than this (forces by mg, torques by mgR) to the span of the others add nothing to it: single-precision
@@ -12,7 +12,7 @@ pub const INDEPENDENT: f64 = 1e-6;
 
 impl Analyser {
     /// The dimension of the span of all wrenches that the contacts can exert, 0 to 6.
-    pub fn rank(&mut self, problem: &Problem) -> Result<usize, ProblemError> {
+    pub fn rank(&mut self, problem: &LocalProblem) -> Result<usize, ProblemError> {
         self.scaled.set(problem, FrictionLaw::Cone)?;
         Ok(of(&self.scaled))
     }

@@ -4,7 +4,7 @@
 //! knows the friction laws and nothing of how the solvers work.
 
 use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, Fit, FrictionLaw};
-use super::{Problem, ProblemError, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
+use super::{LocalProblem, ProblemError, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
 use glam::DVec3;
 
 /// Largest number of sides of a friction pyramid.
@@ -192,7 +192,7 @@ impl Default for Scaled {
 
 impl Scaled {
     /// Takes the units out, and refuses what has no meaning.
-    pub fn set(&mut self, p: &Problem, law: FrictionLaw) -> Result<(), ProblemError> {
+    pub fn set(&mut self, p: &LocalProblem, law: FrictionLaw) -> Result<(), ProblemError> {
         if !(p.mass > 0.0 && p.mass.is_finite()) {
             return Err(ProblemError::Mass(p.mass));
         }

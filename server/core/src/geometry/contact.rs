@@ -19,7 +19,7 @@ pub enum Side {
 
 /// A place where two things touch, or nearly.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contact {
+pub struct Bearing {
     pub a: Side,
     pub b: Side,
     /// Unit, pointing from `b` into `a`: the direction in which `b` pushes `a`.
@@ -30,7 +30,7 @@ pub struct Contact {
 
 /// The bodies at rest that no chain of upward contacts joins to the ground or scenery: they hang in the air. Chains
 /// may pass through bodies that are not at rest. `at_rest` has one entry per body; `diameter` is d, metres.
-pub fn hanging(at_rest: &[bool], contacts: &[Contact], diameter: f64) -> Vec<usize> {
+pub fn hanging(at_rest: &[bool], contacts: &[Bearing], diameter: f64) -> Vec<usize> {
     // carried[i]: the bodies that rest on body i; `supported` grows from the ground upward.
     let mut carried = vec![Vec::new(); at_rest.len()];
     let mut supported = vec![false; at_rest.len()];
@@ -65,9 +65,9 @@ pub fn hanging(at_rest: &[bool], contacts: &[Contact], diameter: f64) -> Vec<usi
 mod tests {
     use super::*;
 
-    fn touch(a: usize, b: Side, up: f64, gap: f64) -> Contact {
+    fn touch(a: usize, b: Side, up: f64, gap: f64) -> Bearing {
         let normal = DVec3::new((1.0 - up * up).sqrt(), up, 0.0);
-        Contact { a: Side::Body(a), b, normal, gap }
+        Bearing { a: Side::Body(a), b, normal, gap }
     }
 
     #[test]

@@ -73,7 +73,7 @@ pub enum State {
     /// Free, with its centre of mass outside the region.
     Outside,
     /// Placed by hand, to stay.
-    Kept,
+    Pinned,
 }
 
 /// What a bake asks of its caller.

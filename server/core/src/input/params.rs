@@ -222,8 +222,8 @@ pub enum ControlMode {
     Off,
     /// The paper's: a breakable constraint between each pair.
     Nails,
-    /// A held body takes no part in the solver until its next verdict.
-    Hold,
+    /// `hold` in a scene file: a frozen body takes no part in the solver until its next verdict.
+    Freeze,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -325,7 +325,7 @@ impl Params {
             },
             release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0, order: ReleaseOrder::BottomUp },
             control: Control {
-                mode: ControlMode::Hold,
+                mode: ControlMode::Freeze,
                 period: 5,
                 selection: ContactSelection::Conservative,
                 friction_reserve: FrictionReserve::Sharp,

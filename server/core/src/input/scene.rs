@@ -17,7 +17,7 @@ pub struct Scene {
     /// Scenery (besides the ground), as placed in the world.
     pub statics: Vec<StaticModel>,
     /// Placed by hand.
-    pub bodies: Vec<Given>,
+    pub bodies: Vec<PlacedBody>,
     pub emitters: Vec<Emitter>,
 }
 
@@ -87,7 +87,7 @@ pub struct Key {
 
 /// A body placed by hand.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Given {
+pub struct PlacedBody {
     /// Index into the scene's props.
     pub prop: usize,
     /// From the prop's own frame, scaled, to the world; metres.
@@ -103,15 +103,15 @@ pub struct Given {
     /// When it appears, s after frame 0.
     pub start: f64,
     /// It stays where it is.
-    pub kept: bool,
+    pub pinned: bool,
     /// When a kept body is let go, s after frame 0; `None`: never.
-    pub kept_until: Option<f64>,
+    pub pinned_until: Option<f64>,
 }
 
-impl Given {
+impl PlacedBody {
     /// A body at rest that is there from the beginning.
-    pub fn new(prop: usize, pose: Pose) -> Given {
-        Given {
+    pub fn new(prop: usize, pose: Pose) -> PlacedBody {
+        PlacedBody {
             prop,
             pose,
             scale: 1.0,
@@ -119,8 +119,8 @@ impl Given {
             angular_velocity: DVec3::ZERO,
             mass: None,
             start: 0.0,
-            kept: false,
-            kept_until: None,
+            pinned: false,
+            pinned_until: None,
         }
     }
 
@@ -192,14 +192,14 @@ impl Scene {
     /// Whether anything may hit a held body, besides the bodies of the pile.
     pub fn something_hits(&self) -> bool {
         let late = self.bodies.iter().any(|body| !body.is_stacked());
-        let let_go = self.bodies.iter().any(|body| body.kept_until.is_some());
+        let let_go = self.bodies.iter().any(|body| body.pinned_until.is_some());
         let moving = self.statics.iter().any(|model| !model.keys.is_empty());
         late || let_go || moving || !self.emitters.is_empty()
     }
 
-    /// Whether any body bounces.
-    pub fn bounces(&self, params: &Params) -> bool {
-        params.physics.switches.restitution.is_on(true) && self.props.iter().any(|prop| prop.restitution > 0.0)
+    /// Bodies that are placed by hand or emitted.
+    pub fn added_bodies(&self) -> usize {
+        self.bodies.len() + self.emitters.iter().map(|emitter| emitter.count as usize).sum::<usize>()
     }
 
     /// The props that an emitter draws from.

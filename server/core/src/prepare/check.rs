@@ -50,7 +50,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
         let text = "control_mesh: there is none; give a closed mesh to fill, or bodies or emitters without one";
         problems.push(Problem::new("control_mesh", text));
     }
-    if !params.ground && scene.statics.is_empty() && scene.bodies.iter().all(|body| !body.kept) {
+    if !params.ground && scene.statics.is_empty() && scene.bodies.iter().all(|body| !body.pinned) {
         let text = "ground: there is none, so that every body falls for ever; set ground = true, or add statics or \
                     kept bodies to fall on";
         problems.push(Problem::new("ground", text));

@@ -59,7 +59,7 @@ pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
 }
 
 impl Container {
-    /// `control` in SI, `length` metres per engine unit. `tolerance`: of simplified walls, in d.
+    /// `control` in SI, `length` metres per engine unit. `tolerance`: how far simplified walls may be from the mesh, in d; 0: they stay as they are.
     pub fn new(control: &Closed, length: f64, ground: f64, tolerance: f64) -> Container {
         let Closed { mesh, topology } = control;
         let solid = mesh.scaled(1.0 / length);
@@ -67,7 +67,6 @@ impl Container {
         let (low, high) = solid.bounds();
         let remeshed = !topology.is_watertight() || topology.components > 1 && region.overlaps(TOUCH);
         let walls = if remeshed { surface(&distance) } else { inward(&solid, region.was_inside_out()) };
-        let tolerance = if has_fine_walls(topology, length) { tolerance } else { 0.0 };
         let base = low.y.max(ground / length);
         Container { walls, tolerance, distance, base, volume: region.volume(), low, high, remeshed }
     }

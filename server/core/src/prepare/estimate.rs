@@ -7,16 +7,12 @@ mod model;
 
 pub use model::CALIBRATION_SECONDS;
 
-use crate::error::Error;
-use crate::geometry::mesh::TriMesh;
-use crate::geometry::pose::Pose;
 use crate::input::params::{Accuracy, FrictionModel, Params};
-use crate::input::scene::{Model, Prop, Scene};
+use crate::input::scene::Scene;
 use crate::prepare::check::Checked;
+use crate::prepare::effects::EffectName;
 use crate::prepare::plan;
-use crate::prepare::shape::{Outline, Shape, Size};
-use crate::world::{Insertion, Units, World};
-use glam::{DQuat, DVec3};
+use crate::prepare::shape::Shape;
 
 /// What a bake is expected to cost and to reach.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -37,10 +33,10 @@ pub struct Estimate {
 
 impl Estimate {
     /// The share of the whole that an effect which is on will take; `None` for those that are part of others.
-    pub fn share(&self, effect: &str) -> Option<f64> {
+    pub fn share(&self, effect: EffectName) -> Option<f64> {
         let seconds = match effect {
-            "fill" => self.fill_seconds,
-            "control" => model::CONTROL_SHARE * self.release_seconds,
+            EffectName::Fill => self.fill_seconds,
+            EffectName::Control => model::CONTROL_SHARE * self.release_seconds,
             _ => return None,
         };
         Some(seconds / self.cpu_seconds)
@@ -79,9 +75,8 @@ pub type Weights = [f64; FEATURES.len()];
 impl Workload {
     /// Of a checked scene, with its collision shapes: how many parts a prop needs is known only once it has been split.
     pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape]) -> Workload {
-        let outlines: Vec<Outline> = shapes.iter().map(|shape| shape.solid.outline()).collect();
-        let plan = plan::of(scene, params, checked, &outlines);
-        let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
+        let natural_time = (checked.diameter / params.gravity).sqrt();
+        let filled = plan::filled_bodies(scene, params, checked);
         let mut mean = [0.0; 3];
         let all: f64 = checked.shares.iter().sum();
         for ((shape, size), share) in shapes.iter().zip(&checked.sizes).zip(&checked.shares) {
@@ -92,11 +87,11 @@ impl Workload {
             }
         }
         let [parts, corners, slenderness] = mean;
-        let step_rate = plan.natural_time / params.physics.step.seconds(plan.natural_time);
+        let step_rate = natural_time / params.physics.step.seconds(natural_time);
         let container = checked.control.as_ref().filter(|_| scene.is_filled(params));
         Workload {
-            bodies: plan.expected_bodies as f64,
-            filled: (plan.expected_bodies - scene.bodies.len() - emitted) as f64,
+            bodies: (filled + scene.added_bodies()) as f64,
+            filled: filled as f64,
             corners,
             parts,
             slenderness,
@@ -139,7 +134,7 @@ impl Workload {
     }
 }
 
-/// The estimate for a checked scene. `machine`: from [`calibrate`].
+/// The estimate for a checked scene. `machine`: from `stages::calibrate`.
 pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], machine: f64) -> Estimate {
     let [penetration_mean_rel, friction_violation_mean] = model::errors(params.accuracy);
     let [fill_seconds, release_seconds, rest] =
@@ -152,52 +147,5 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], m
         factor: model::FACTOR,
         penetration_mean_rel,
         friction_violation_mean,
-    }
-}
-
-/// Boxes along each edge of the calibration's stack, and its steps.
-const CALIBRATION: (usize, usize) = (5, 60);
-
-/// How slow this machine is, relative to the one that the model was fitted on: a stack of boxes is simulated for about a
-/// tenth of a second, three times, and the quickest counts. `clock`: CPU seconds of this process.
-pub fn calibrate(clock: impl Fn() -> f64) -> Result<f64, Error> {
-    let prop = cube();
-    let physics = Params::new(Accuracy::Standard).physics;
-    let shape = Shape::new(&prop, Size::of(&prop.model.mesh), &physics).map_err(Error::Internal)?;
-    let units = Units::new(shape.size.diameter, shape.mass, 9.81);
-    let (edge, steps) = CALIBRATION;
-    let mut least = f64::INFINITY;
-    for _ in 0..3 {
-        let begin = clock();
-        let mut world = World::new(units, &physics, 0.5, false);
-        world.add_ground(0.0, 0.7);
-        for i in 0..edge.pow(3) {
-            let place = DVec3::new((i % edge) as f64, (i / edge / edge) as f64 + 0.5, (i / edge % edge) as f64);
-            let pose = Pose { translation: place * 0.6, rotation: DQuat::from_rotation_y(0.1 * i as f64) };
-            let body = Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 };
-            world.insert(&shape, &body).map_err(Error::Internal)?;
-        }
-        for _ in 0..steps {
-            world.step();
-        }
-        least = least.min(clock() - begin);
-    }
-    Ok(least / model::CALIBRATION_SECONDS)
-}
-
-/// A cube with the edge 1 m.
-fn cube() -> Prop {
-    let corner = |i: usize| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh { points: (0..8).map(corner).collect(), triangles };
-    Prop {
-        model: Model { name: "cube".into(), mesh },
-        weight: 1.0,
-        friction: 0.7,
-        density: 1000.0,
-        restitution: 0.0,
-        scale: [1.0; 2],
-        tilt_max: 180.0,
     }
 }

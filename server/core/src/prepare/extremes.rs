@@ -12,6 +12,7 @@ pub const MOST_MASS_RATIO: f64 = 1000.0;
 const SAG: f64 = 0.1;
 /// What it may sink by.
 const MOST_SAG: f64 = 0.008;
+
 /// The bodies that the world will have: prop, and the range of a value of theirs.
 fn bodies<'a>(
     scene: &'a Scene,
@@ -26,7 +27,7 @@ fn bodies<'a>(
         (0..scene.props.len()).filter(move |&i| drawn(i)).flat_map(|i| scene.props[i].scale.map(|s| (i, s, None)));
     // What stays where it is carries like scenery; what is thrown in later is no part of the pile, and the guard looks after
     // what it sinks into.
-    let moving = scene.bodies.iter().filter(|b| b.is_stacked() && (!b.kept || b.kept_until.is_some()));
+    let moving = scene.bodies.iter().filter(|b| b.is_stacked() && (!b.pinned || b.pinned_until.is_some()));
     let given = moving.map(|b| (b.prop, b.scale, b.mass));
     ends.chain(given).map(move |(prop, scale, mass)| (prop, value(prop, scale, mass)))
 }
@@ -43,6 +44,15 @@ fn ratio(values: impl Iterator<Item = (usize, f64)>) -> Option<(f64, usize, usiz
 pub fn mass_ratio(scene: &Scene, params: &Params, mass: impl Fn(usize) -> f64) -> f64 {
     let of = move |prop: usize, scale: f64, kg: Option<f64>| kg.unwrap_or_else(|| mass(prop) * scale.powi(3));
     ratio(bodies(scene, params, of)).map_or(1.0, |found| found.0)
+}
+
+/// Smallest thickness that a body may have, m, where `thickness` tells a prop's at scale 1; infinite where there are no bodies.
+pub fn least_thickness(scene: &Scene, params: &Params, thickness: impl Fn(usize) -> f64) -> f64 {
+    let filled = (0..scene.props.len()).filter(|&i| scene.is_filled(params) && scene.props[i].weight > 0.0);
+    let emitted = scene.emitters.iter().flat_map(|e| scene.emitted(e));
+    let drawn = filled.chain(emitted).map(|i| (i, scene.props[i].scale[0]));
+    let placed = scene.bodies.iter().map(|body| (body.prop, body.scale));
+    drawn.chain(placed).map(|(prop, scale)| thickness(prop) * scale).fold(f64::INFINITY, f64::min)
 }
 
 /// What is too far apart, in words. `diameter` and `mass` tell a prop's at scale 1.

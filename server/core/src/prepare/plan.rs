@@ -4,8 +4,8 @@ use crate::input::observer::Stage;
 use crate::input::params::{Fill, Params};
 use crate::input::scene::Scene;
 use crate::prepare::check::Checked;
-use crate::prepare::effects::{self, Effect};
-use crate::prepare::shape::{Outline, Size};
+use crate::prepare::effects::{self, Effect, Resolved};
+use crate::prepare::shape::{Nature, Size};
 
 /// The stages that a bake will run and the effects that are switched on, each with its reason.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -29,19 +29,18 @@ const USUAL_FILL_STEPS: usize = 500;
 /// Natural times from the last release to rest, usually.
 const USUAL_HOLD: f64 = 8.0;
 
-/// The plan of a checked scene. `outlines`: what its props are simulated as.
-pub fn of(scene: &Scene, params: &Params, checked: &Checked, outlines: &[Outline]) -> Plan {
+/// The plan of a checked scene. `natures`: one per prop.
+pub fn of(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature], resolved: &Resolved) -> Plan {
     let natural_time = (checked.diameter / params.gravity).sqrt();
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
-    let fill_bodies = filled.map_or(0, |c| expected_bodies(scene, &checked.sizes, c.volume(), &params.fill));
-    let emitted: usize = scene.emitters.iter().map(|e| e.count as usize).sum();
+    let fill_bodies = filled_bodies(scene, params, checked);
     let fill_stage = filled.map(|_| Stage::Fill);
     let most = params.fill.max_bodies;
     let limited = (fill_bodies == most as usize && params.fill.count.is_none()).then(|| {
         format!("more bodies would fit than fill.max_bodies = {most}: the control mesh will not be full; raise it, or use larger props")
     });
     Plan {
-        expected_bodies: fill_bodies + scene.bodies.len() + emitted,
+        expected_bodies: fill_bodies + scene.added_bodies(),
         expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + release_steps(scene, params, checked) as usize,
         prop_diameter: checked.diameter,
         natural_time,
@@ -49,9 +48,15 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, outlines: &[Outline
             .into_iter()
             .flatten()
             .collect(),
-        effects: effects::of(scene, params, checked, outlines),
+        effects: effects::all(scene, params, checked, natures, resolved),
         warnings: checked.warnings.iter().cloned().chain(limited).collect(),
     }
+}
+
+/// Bodies that the fill will place.
+pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &Checked) -> usize {
+    let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
+    filled.map_or(0, |c| expected_bodies(scene, &checked.sizes, c.volume(), &params.fill))
 }
 
 /// Steps of release and hold, as far as they can be foretold.
@@ -77,7 +82,7 @@ pub(crate) fn release_steps(scene: &Scene, params: &Params, checked: &Checked) -
 
 /// When the last drop, throw, move or end of the control is due, s after frame 0.
 fn last_event(scene: &Scene, params: &Params) -> f64 {
-    let bodies = scene.bodies.iter().flat_map(|b| [Some(b.start), b.kept_until]);
+    let bodies = scene.bodies.iter().flat_map(|b| [Some(b.start), b.pinned_until]);
     let emitters = scene.emitters.iter().map(|e| Some(e.start + f64::from(e.count - 1) / e.rate));
     let moves = scene.statics.iter().map(|m| m.keys.last().map(|k| k.time));
     bodies.chain(emitters).chain(moves).chain([params.control.until]).flatten().fold(0.0, f64::max)

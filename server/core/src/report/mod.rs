@@ -1,18 +1,25 @@
-//! The figures of a bake, under the names of measures.md. Everything but `seconds` and `memory` is the same for the
-//! same scene, seed and version.
+//! What a bake leaves behind: bodies, frames and the figures. Everything but seconds is the same for the same scene, seed and
+//! version.
+
+pub mod bake;
+pub mod clock;
+mod contacts;
+mod counts;
+pub mod inputs;
+pub mod make;
+mod motion;
+mod shape;
+mod warnings;
 
 use crate::input::observer::Stage;
 use crate::input::params::Params;
-use crate::prepare::effects::Charge;
+use crate::prepare::effects::{Charge, Count};
 use crate::prepare::plan::Plan;
 use crate::prepare::shape::ShapeReport;
-pub mod bake;
-pub mod figures;
-
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// The name of a figure, a count or an effect.
+/// The name of a figure.
 pub type Name = Cow<'static, str>;
 
 /// What a bake tells of itself.
@@ -23,14 +30,14 @@ pub struct Report {
     pub plan: Plan,
     /// Effective parameters.
     pub params: Params,
-    /// Figures by name, those of measures.md; `null` where a figure has no meaning for this scene.
+    /// Figures by name; `null` where a figure has no meaning for this scene.
     pub measures: BTreeMap<Name, Option<f64>>,
     /// What keeps the result from the truth, in d, by the parameter that lessens it.
     pub error_sources: BTreeMap<Name, f64>,
     /// The largest of them: the parameter that limits the accuracy.
     pub limited_by: Option<Name>,
     /// Counts by name: steps, solves, verdicts, nails, removed bodies.
-    pub counts: BTreeMap<Name, u64>,
+    pub counts: BTreeMap<Count, u64>,
     /// Per prop: what its collision shape is and how far it is from the mesh.
     pub shapes: Vec<ShapeReport>,
     /// CPU seconds by stage.
@@ -44,16 +51,19 @@ pub struct Report {
 impl Report {
     /// The fill was known, and nothing of it was simulated: what it once took is told apart.
     pub fn recall_fill(&mut self) {
-        if let Some(steps) = self.counts.insert("fill_steps".into(), 0).filter(|&steps| steps > 0) {
-            self.counts.insert("fill_steps_recalled".into(), steps);
+        if let Some(steps) = self.counts.insert(Count::FillSteps, 0).filter(|&steps| steps > 0) {
+            self.counts.insert(Count::FillStepsRecalled, steps);
+        }
+        for charge in &mut self.bill {
+            charge.counts.entry(Count::FillSteps).and_modify(|steps| *steps = 0);
         }
     }
 
     /// The whole bake was known. Counts other than those of the steps stay: they tell how the result came about, then.
     pub fn recall(&mut self) {
         self.recall_fill();
-        if let Some(steps) = self.counts.insert("steps".into(), 0).filter(|&steps| steps > 0) {
-            self.counts.insert("steps_recalled".into(), steps);
+        if let Some(steps) = self.counts.insert(Count::Steps, 0).filter(|&steps| steps > 0) {
+            self.counts.insert(Count::StepsRecalled, steps);
         }
         self.seconds.values_mut().for_each(|seconds| *seconds = 0.0);
         for charge in &mut self.bill {

@@ -1,14 +1,14 @@
 //! What a scene lets happen at given times: bodies that appear, kept ones that are let go, moving scenery, the end of the
 //! control. Called before each step of the release and the hold; times are those of the frames.
 
+use super::instance::{self, Instance};
+use super::pile::Pile;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::geometry::region::Region;
 use crate::input::params::Params;
-use crate::input::scene::{Emitter, Given, Place, Scene, StaticModel};
-use crate::stages::fill::{self, Placed};
-use crate::stages::release::Pile;
-use crate::world::{BodyId, MovingId, Role};
+use crate::input::scene::{Emitter, Place, PlacedBody, Scene, StaticModel};
+use crate::world::{BodyId, MovingId};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -17,15 +17,17 @@ use rand_pcg::Pcg64Mcg;
 pub struct Events<'a> {
     scene: &'a Scene,
     /// By time.
-    late: Vec<&'a Given>,
+    late: Vec<&'a PlacedBody>,
     /// When a kept body is let go, s; in no order.
-    kept: Vec<(f64, BodyId)>,
+    pinned: Vec<(f64, BodyId)>,
     emissions: Vec<Emission<'a>>,
     moving: Vec<(MovingId, &'a StaticModel)>,
     /// When the control ends, s, and whether gently.
     until: Option<(f64, bool)>,
     /// s after frame 0, at the end of the step to come.
     time: f64,
+    /// Whether anything is ever to happen.
+    are_there: bool,
 }
 
 /// An emitter at work.
@@ -48,14 +50,14 @@ const PATIENCE: f64 = 20.0;
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 impl<'a> Events<'a> {
-    /// The events of a pile's scene; what is due at the beginning happens at once. `None` where nothing is to happen.
-    pub fn new(pile: &mut Pile<'a>, params: &Params) -> Result<Option<Events<'a>>, Error> {
-        let scene = pile.scene();
-        let mut late: Vec<&Given> = scene.bodies.iter().filter(|body| !body.is_stacked()).collect();
+    /// The events of a pile's scene; what is due at the beginning happens at once.
+    pub fn new(pile: &mut Pile<'a>, params: &Params) -> Result<Events<'a>, Error> {
+        let scene = pile.scene;
+        let mut late: Vec<&PlacedBody> = scene.bodies.iter().filter(|body| !body.is_stacked()).collect();
         late.sort_by(|a, b| a.start.total_cmp(&b.start));
-        let first_given = pile.bodies.len() - scene.bodies.iter().filter(|body| body.is_stacked()).count();
-        let stacked = scene.bodies.iter().filter(|body| body.is_stacked()).zip(first_given..);
-        let kept = stacked.filter_map(|(body, id)| Some((body.kept_until?, id))).collect();
+        let first_stacked = pile.instances.len() - scene.bodies.iter().filter(|body| body.is_stacked()).count();
+        let stacked = scene.bodies.iter().filter(|body| body.is_stacked()).zip(first_stacked..);
+        let pinned = stacked.filter_map(|(body, id)| Some((body.pinned_until?, id))).collect();
         let emission = |(i, emitter): (usize, &'a Emitter)| Emission {
             emitter,
             inside: match &emitter.place {
@@ -70,28 +72,28 @@ impl<'a> Events<'a> {
         let mut events = Events {
             scene,
             late,
-            kept,
+            pinned,
             emissions: scene.emitters.iter().enumerate().map(emission).collect(),
             moving: Vec::new(),
             until: params.control.until.map(|time| (time, params.control.stand)),
             time: 0.0,
+            are_there: false,
         };
         for model in scene.statics.iter().filter(|model| !model.keys.is_empty()) {
             let added = pile.world.add_moving_scenery(&model.model.mesh, model.friction, &model.pose_at(0.0));
             events.moving.push((added.map_err(Error::Internal)?, model));
         }
         events.late.reverse();
-        pile.control.watches_hits = scene.something_hits();
         events.add_late(pile)?;
-        let any = pile.control.watches_hits || events.until.is_some();
-        Ok(any.then_some(events))
+        events.are_there = scene.something_hits() || events.until.is_some();
+        Ok(events)
     }
 
     /// Whether nothing is to come.
     pub fn are_over(&self) -> bool {
         let at_end = |model: &StaticModel| model.keys.last().is_none_or(|key| key.time < self.time);
         self.late.is_empty()
-            && self.kept.is_empty()
+            && self.pinned.is_empty()
             && self.until.is_none()
             && self.emissions.iter().all(Emission::is_over)
             && self.moving.iter().all(|(_, model)| at_end(model))
@@ -99,6 +101,9 @@ impl<'a> Events<'a> {
 
     /// Lets happen what is due in the coming step.
     pub fn before_step(&mut self, pile: &mut Pile<'a>) -> Result<(), Error> {
+        if !self.are_there {
+            return Ok(());
+        }
         let step = pile.world.step_length() * pile.world.units.time;
         // What is due at the end of a step belongs to it, whatever the rounding, as with frames.
         self.time = (pile.step as f64 + 1.0 + 1e-9) * step;
@@ -108,16 +113,16 @@ impl<'a> Events<'a> {
         if pile.world.scenery_moves() {
             pile.latest_event = pile.step;
         }
-        let before = pile.bodies.len();
+        let before = pile.instances.len();
         self.add_late(pile)?;
         for i in 0..self.emissions.len() {
             self.emit(i, before, pile)?;
         }
-        if pile.bodies.len() > before {
+        if pile.instances.len() > before {
             pile.recorder.join(&pile.world);
         }
-        let due: Vec<BodyId> = self.kept.iter().filter(|k| k.0 <= self.time).map(|k| k.1).collect();
-        self.kept.retain(|k| k.0 > self.time);
+        let due: Vec<BodyId> = self.pinned.iter().filter(|k| k.0 <= self.time).map(|k| k.1).collect();
+        self.pinned.retain(|k| k.0 > self.time);
         for id in due {
             pile.disturb();
             pile.let_go(id);
@@ -131,19 +136,19 @@ impl<'a> Events<'a> {
 
     /// Adds the bodies placed by hand whose time has come.
     fn add_late(&mut self, pile: &mut Pile<'a>) -> Result<(), Error> {
-        while let Some(given) = self.late.pop_if(|given| given.start <= self.time) {
+        while let Some(body) = self.late.pop_if(|body| body.start <= self.time) {
             // So that it is where it is to be at its own time, within the step.
             let step = pile.world.step_length() * pile.world.units.time;
             let begin = pile.step as f64 * step;
-            let mut placed = given.clone();
-            placed.pose.translation -= given.velocity * (given.start - begin).clamp(0.0, step);
+            let mut placed = body.clone();
+            placed.pose.translation -= body.velocity * (body.start - begin).clamp(0.0, step);
             pile.disturb();
             let id = pile.place(&placed)?;
-            if given.kept {
-                pile.world.set_role(id, Role::Kept);
-                self.kept.extend(given.kept_until.map(|until| (until, id)));
+            if body.pinned {
+                pile.policy.pin(&mut pile.world, id);
+                self.pinned.extend(body.pinned_until.map(|until| (until, id)));
             } else {
-                pile.world.launch(id, given.velocity, given.angular_velocity);
+                pile.world.launch(id, body.velocity, body.angular_velocity);
                 pile.control.drop_in(id);
             }
         }
@@ -160,7 +165,7 @@ impl<'a> Events<'a> {
         let due = ((self.time - emitter.start) * emitter.rate).floor() + 1.0;
         let wanted = due.min(f64::from(emitter.count)) as u32 - emission.emitted;
         for _ in 0..wanted {
-            let newest: Vec<BodyId> = (first..pile.bodies.len()).collect();
+            let newest: Vec<BodyId> = (first..pile.instances.len()).collect();
             let Some(body) = emission.find_spot(self.scene, pile, &newest) else {
                 let since = *emission.blocked.get_or_insert(self.time);
                 if self.time - since > PATIENCE * pile.world.units.time {
@@ -176,7 +181,7 @@ impl<'a> Events<'a> {
             emission.blocked = None;
             emission.emitted += 1;
             let id = pile.insert(body)?;
-            pile.work.bodies_emitted += 1;
+            pile.tally.bodies_emitted += 1;
             pile.world.launch(id, emitter.velocity, DVec3::ZERO);
             pile.control.drop_in(id);
             pile.latest_event = pile.step;
@@ -191,9 +196,9 @@ impl Emission<'_> {
     }
 
     /// A body at a spot where nothing is in the way, engine units.
-    fn find_spot(&mut self, scene: &Scene, pile: &Pile, newest: &[BodyId]) -> Option<Placed> {
+    fn find_spot(&mut self, scene: &Scene, pile: &Pile, newest: &[BodyId]) -> Option<Instance> {
         for _ in 0..TRIES {
-            let (prop, scale, rotation) = fill::draw(&scene.props, scene.emitted(self.emitter), &mut self.rng);
+            let (prop, scale, rotation) = instance::draw(&scene.props, scene.emitted(self.emitter), &mut self.rng);
             let at = match (&self.emitter.place, &self.inside) {
                 (_, Some(inside)) => inside.sample_inside(&mut self.rng)?,
                 (Place::Box { center, size }, None) => {
@@ -203,7 +208,7 @@ impl Emission<'_> {
             };
             let pose = pile.world.units.pose_to_engine(&Pose { translation: at, rotation });
             if pile.world.is_free(&pile.shapes[prop], scale, &pose, newest) {
-                return Some(Placed { prop, scale, pose });
+                return Some(Instance { prop, scale, pose });
             }
         }
         None

@@ -4,8 +4,8 @@
 
 use crate::error::Error;
 use crate::error::Problem;
-use crate::input::params::Params;
 use crate::input::scene::{Scene, StaticModel};
+use crate::prepare::effects::{EffectName, Resolved};
 use crate::world::{BodyId, Energy, Role, State, Units, World};
 use std::collections::BTreeSet;
 
@@ -105,17 +105,17 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// `ground`: its height, engine units. `mass_ratio`: of the heaviest body over the lightest.
-    pub fn new(scene: &Scene, params: &Params, units: Units, ground: f64, mass_ratio: f64) -> Guard {
-        let bounces = scene.bounces(params);
+    /// `ground`: its height, engine units.
+    pub fn new(scene: &Scene, resolved: &Resolved, units: Units, ground: f64) -> Guard {
+        let bounces = resolved.is_on(EffectName::Restitution);
         let scenery = scene.statics.iter().map(scenery_speed).fold(0.0, f64::max);
         let emitted = scene.emitters.iter().map(|e| e.velocity.length()).fold(0.0, f64::max);
         let spun = scene.bodies.iter().map(|b| b.velocity.length()).fold(0.0, f64::max);
         Guard {
-            watches: params.guard.is_on(true),
+            watches: resolved.is_on(EffectName::Guard),
             actions: Actions::default(),
             ground,
-            speed_factor: if bounces || mass_ratio > SQUEEZING { BOUNCE_FACTOR } else { SPEED_FACTOR },
+            speed_factor: if bounces || resolved.mass_ratio > SQUEEZING { BOUNCE_FACTOR } else { SPEED_FACTOR },
             highest: 0.0,
             thrown: scenery.max(emitted).max(spun) * units.time / units.length,
             known: 0,
@@ -129,10 +129,11 @@ impl Guard {
         }
     }
 
-    /// One step of the world. Returns the bodies set aside.
-    pub fn step(&mut self, world: &mut World) -> Result<Vec<BodyId>, Error> {
+    /// One step of the world. What goes wrong in it stands in [`Guard::actions`].
+    pub fn step(&mut self, world: &mut World) -> Result<(), Error> {
         if !self.watches {
-            return Ok(self.unwatched(world));
+            self.unwatched(world);
+            return Ok(());
         }
         self.actions.steps += 1;
         // The engine does not know the inertia of a new body before its first step.
@@ -157,15 +158,13 @@ impl Guard {
         self.actions.aside.extend(&faults);
         self.look_for_overlaps(world);
         self.step += 1;
-        self.end_if_hopeless(world)?;
-        Ok(faults.into_iter().map(|f| f.0).collect())
+        self.end_if_hopeless(world)
     }
 
     /// A step that nobody watches: only what the engine itself gives up is set aside.
-    fn unwatched(&mut self, world: &mut World) -> Vec<BodyId> {
+    fn unwatched(&mut self, world: &mut World) {
         let lost = world.step();
-        self.actions.aside.extend(lost.iter().map(|&id| (id, Fault::NotFinite)));
-        lost
+        self.actions.aside.extend(lost.into_iter().map(|id| (id, Fault::NotFinite)));
     }
 
     /// Takes note of the bodies that came since the last step. Returns whether any did.

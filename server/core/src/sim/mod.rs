@@ -1,6 +1,13 @@
-//! The pile in motion: one step, what it consists of, and the control.
+//! The pile in motion. `step` is one step, named stage by stage; what each stage does stands in a file of its own.
 
 pub mod control;
-pub mod events;
+mod events;
+mod gentle_stop;
 pub mod guard;
+pub mod instance;
+pub mod pile;
+pub mod policy;
 pub mod record;
+mod show;
+pub mod step;
+pub mod whole;

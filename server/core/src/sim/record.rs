@@ -17,10 +17,10 @@ pub struct Pace {
 }
 
 impl Pace {
-    pub fn new(params: &Params, units: Units) -> Pace {
+    pub fn new(params: &Params, keeps: bool, units: Units) -> Pace {
         Pace {
             interval: 1.0 / params.output.fps / units.time,
-            keeps: params.output.keeps_frames.is_on(true),
+            keeps,
             most: params.output.frames.map_or(usize::MAX, |n| n as usize),
         }
     }
@@ -38,13 +38,51 @@ pub struct Recorder {
     /// Shape `[frame][body]`; a frame has the bodies that were there at its time: more from frame to frame. Where none are
     /// kept: those that were marked.
     pub frames: Vec<Vec<Pose>>,
+    /// Per body: the first frame that has it.
+    pub first_frames: Vec<usize>,
+    /// The frame at which the hold began.
+    pub hold_frame: usize,
+    /// The frame at which the hold was first disturbed: by a body thrown in, or by the end of the control.
+    pub disturbed_frame: Option<usize>,
 }
 
 impl Recorder {
     /// Frame 0 is the world as it stands.
     pub fn new(world: &World, pace: Pace) -> Recorder {
         let first = poses(world, &[]);
-        Recorder { pace, time: 0.0, due: 0, last: first.clone(), latest: first.clone(), frames: vec![first] }
+        Recorder {
+            pace,
+            time: 0.0,
+            due: 0,
+            last: first.clone(),
+            latest: first.clone(),
+            first_frames: vec![0; first.len()],
+            frames: vec![first],
+            hold_frame: 0,
+            disturbed_frame: None,
+        }
+    }
+
+    /// Forgets what was before: frame 0 is the world as it stands.
+    pub fn restart(&mut self, world: &World) {
+        *self = Recorder::new(world, self.pace);
+    }
+
+    /// A body appears: the next frame is the first that has it.
+    pub fn expect(&mut self) {
+        self.first_frames.push(self.frames.len());
+    }
+
+    /// The hold begins.
+    pub fn begin_hold(&mut self) {
+        self.hold_frame = self.mark();
+    }
+
+    /// Something moves the pile from outside.
+    pub fn disturb(&mut self) {
+        if self.hold_frame > 0 && self.disturbed_frame.is_none() {
+            self.disturbed_frame = Some(self.mark());
+        }
     }
 
     /// Called when bodies were added since the last step.
@@ -92,11 +130,6 @@ impl Recorder {
             self.frames.push(self.latest.clone());
         }
         self.frames.len() - 1
-    }
-
-    /// The first frame that a body has which appears now.
-    pub fn next(&self) -> usize {
-        self.frames.len()
     }
 
     /// Makes it `count` frames after frame 0, repeating the last pose.

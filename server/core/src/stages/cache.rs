@@ -4,7 +4,7 @@
 
 use crate::input::observer::{Frame, Observer, Progress, Shown, Stage};
 use crate::input::params::{Base, Fill, Params, Physics};
-use crate::input::scene::{Given, Model, Prop, Scene};
+use crate::input::scene::{Model, PlacedBody, Prop, Scene};
 use crate::prepare::check::Checked;
 use crate::prepare::shape::Shape;
 use crate::stages::fill::Filled;
@@ -16,7 +16,7 @@ pub struct FillInputs<'a> {
     control: &'a Option<Model>,
     props: &'a [Prop],
     /// Those that the fill leaves alone.
-    bodies: Vec<&'a Given>,
+    bodies: Vec<&'a PlacedBody>,
     diameter: f64,
     shares: &'a [f64],
     ground: f64,
@@ -67,25 +67,25 @@ pub struct Still {
 }
 
 /// Who knows of earlier bakes.
-pub trait Memory {
+pub trait Cache {
     /// What the same inputs gave before.
-    fn recall(&mut self, inputs: &FillInputs) -> Option<Found>;
+    fn get(&mut self, inputs: &FillInputs) -> Option<Found>;
 
-    fn keep(&mut self, inputs: &FillInputs, found: &Found);
+    fn put(&mut self, inputs: &FillInputs, found: &Found);
 
     /// Whether it keeps anything.
     fn keeps(&self) -> bool;
 }
 
 /// Knows nothing.
-pub struct NoMemory;
+pub struct NoCache;
 
-impl Memory for NoMemory {
-    fn recall(&mut self, _: &FillInputs) -> Option<Found> {
+impl Cache for NoCache {
+    fn get(&mut self, _: &FillInputs) -> Option<Found> {
         None
     }
 
-    fn keep(&mut self, _: &FillInputs, _: &Found) {}
+    fn put(&mut self, _: &FillInputs, _: &Found) {}
 
     fn keeps(&self) -> bool {
         false

@@ -8,20 +8,22 @@ use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
 use crate::input::params::{FillMethod, Params};
-use crate::input::scene::{Prop, Scene};
+use crate::input::scene::Scene;
 use crate::prepare::container::Container;
 use crate::prepare::plan::expected_bodies;
 use crate::prepare::shape::{Shape, Size, Solid};
-use crate::world::{BodyId, Insertion, Role, Side, Touch, Units, Work, World, WorldBody};
+use crate::sim::instance::{self, Instance};
+use crate::sim::policy::Policy;
+use crate::world::{BodyId, Counters, Insertion, Role, Side, Touch, Units, World, WorldBody};
 use glam::{DQuat, DVec3};
-use rand::{Rng, RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use std::collections::BTreeMap;
 
 /// A full container. Plain data: a release starts from it as often as one likes.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Filled {
-    pub bodies: Vec<Placed>,
+    pub bodies: Vec<Instance>,
     pub removed: Removed,
     pub steps: u64,
     /// Whether the container was full, rather than a limit reached.
@@ -31,16 +33,7 @@ pub struct Filled {
     /// Triangles that simplification took from the walls, and how far it moved them, in d.
     pub wall_triangles_saved: usize,
     pub wall_deviation: f64,
-    pub work: Work,
-}
-
-/// A body where the fill left it.
-#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
-pub struct Placed {
-    pub prop: usize,
-    pub scale: f64,
-    /// Of the centre of mass, engine units.
-    pub pose: Pose,
+    pub counters: Counters,
 }
 
 /// Bodies that the fill took out again, by reason.
@@ -118,7 +111,7 @@ pub fn run(
     filling.world.remove_wall(floor);
     let bodies = filling.loose().map(|id| filling.placed(id)).collect();
     let pockets = pockets::fraction(&filling);
-    let (steps, work) = (filling.world.steps, filling.world.work);
+    let (steps, counters) = (filling.world.steps, filling.world.counters);
     Ok(Filled {
         bodies,
         removed: filling.removed,
@@ -127,7 +120,7 @@ pub fn run(
         pockets,
         wall_triangles_saved: closed.saved,
         wall_deviation: closed.deviation,
-        work,
+        counters,
     })
 }
 
@@ -139,7 +132,7 @@ pub(crate) fn pour_only(
     units: Units,
     container: &Container,
     observer: &mut dyn Observer,
-) -> Result<Vec<Placed>, Error> {
+) -> Result<Vec<Instance>, Error> {
     let mut filling = Filling::new(scene, shapes, params, units, container);
     filling.shown = None;
     pour::run(&mut filling, observer)?;
@@ -182,19 +175,19 @@ impl<'a> Filling<'a> {
         for given in self.scene.bodies.iter().filter(|body| body.is_stacked()) {
             let pose = self.shapes[given.prop].body_pose(&given.pose, given.scale);
             let id = self.insert(given.prop, given.scale, self.world.units.pose_to_engine(&pose))?;
-            self.world.set_role(id, Role::Kept);
+            Policy::default().pin(&mut self.world, id);
         }
         Ok(())
     }
 
     /// The bodies that were filled in, rising.
     pub fn loose(&self) -> impl Iterator<Item = BodyId> + '_ {
-        self.world.present().filter(|&id| self.world.bodies()[id].role != Role::Kept)
+        self.world.present().filter(|&id| self.world.bodies()[id].role != Role::Pinned)
     }
 
     /// A prop by weight, a scale from its range and an orientation from its own.
     pub fn draw(&mut self) -> (usize, f64, DQuat) {
-        draw(&self.scene.props, 0..self.scene.props.len(), &mut self.rng)
+        instance::draw(&self.scene.props, 0..self.scene.props.len(), &mut self.rng)
     }
 
     pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
@@ -253,9 +246,9 @@ impl<'a> Filling<'a> {
         observe(observer, &progress)
     }
 
-    fn placed(&self, id: BodyId) -> Placed {
+    fn placed(&self, id: BodyId) -> Instance {
         let body = &self.world.bodies()[id];
-        Placed { prop: body.prop, scale: body.scale, pose: self.world.pose(id) }
+        Instance { prop: body.prop, scale: body.scale, pose: self.world.pose(id) }
     }
 
     /// How far the farthest corner of a body is outside the container, engine units.
@@ -311,7 +304,7 @@ impl<'a> Filling<'a> {
         while !pairs.is_empty() {
             let mut count = BTreeMap::<BodyId, usize>::new();
             for &(a, b) in &pairs {
-                for id in [a, b].into_iter().filter(|&id| id >= first && self.world.bodies()[id].role != Role::Kept) {
+                for id in [a, b].into_iter().filter(|&id| id >= first && self.world.bodies()[id].role != Role::Pinned) {
                     *count.entry(id).or_default() += 1;
                 }
             }
@@ -338,37 +331,4 @@ pub fn corners<'a>(shape: &'a Shape, scale: f64, pose: &Pose) -> Box<dyn Iterato
         })),
         Solid::Convex(parts) => Box::new(parts.iter().flatten().map(move |&p| pose.transform_point(p * scale))),
     }
-}
-
-/// One of these props by weight, a scale from its range and an orientation from its own.
-pub fn draw(props: &[Prop], among: impl Iterator<Item = usize> + Clone, rng: &mut impl Rng) -> (usize, f64, DQuat) {
-    let total: f64 = among.clone().map(|i| props[i].weight).sum();
-    let mut at = rng.random_range(0.0..total);
-    let chosen = among.clone().find(|&i| {
-        at -= props[i].weight;
-        at < 0.0
-    });
-    // Rounding may leave a rest: it belongs to the last one that can be drawn.
-    let prop = chosen.or_else(|| among.filter(|&i| props[i].weight > 0.0).last()).unwrap_or(0);
-    let [lo, hi] = props[prop].scale;
-    let scale = lo + (hi - lo) * rng.random::<f64>();
-    (prop, scale, random_rotation(props[prop].tilt_max, rng))
-}
-
-/// Uniform over the rotations that tilt the up axis by at most so many degrees; over all of them for 180 (Shoemake 1992).
-fn random_rotation(tilt_max: f64, rng: &mut impl Rng) -> DQuat {
-    let (u, v, w): (f64, f64, f64) = (rng.random(), rng.random(), rng.random());
-    let (v, w) = (v * std::f64::consts::TAU, w * std::f64::consts::TAU);
-    if tilt_max < 180.0 {
-        // Even on the cap of directions: its area grows with the height.
-        let height = 1.0 - u * (1.0 - libm::cos(tilt_max.to_radians()));
-        let axis = DVec3::new(libm::cos(v), 0.0, libm::sin(v));
-        let (half_tilt, half_turn) = (libm::acos(height.clamp(-1.0, 1.0)) / 2.0, w / 2.0);
-        let tilt = axis * libm::sin(half_tilt);
-        let tilt = DQuat::from_xyzw(tilt.x, tilt.y, tilt.z, libm::cos(half_tilt));
-        let turn = DQuat::from_xyzw(0.0, libm::sin(half_turn), 0.0, libm::cos(half_turn));
-        return (tilt * turn).normalize();
-    }
-    let (a, b) = ((1.0 - u).sqrt(), u.sqrt());
-    DQuat::from_xyzw(a * libm::sin(v), a * libm::cos(v), b * libm::sin(w), b * libm::cos(w)).normalize()
 }

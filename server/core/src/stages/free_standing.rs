@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
-use crate::stages::release::Pile;
+use crate::sim::pile::Pile;
 use crate::world::{BodyId, FrictionExcess, Momentum, Role, World};
 use std::collections::BTreeMap;
 
@@ -16,14 +16,21 @@ const RESTING: f64 = 0.01;
 /// Contact patches that carry less than this share of the median prop's weight say nothing on friction.
 const LEAST_LOAD: f64 = 0.01;
 
+/// What the bodies did, left to themselves.
+pub struct Freed {
+    /// Steps simulated.
+    pub steps: u64,
+    pub figures: BTreeMap<&'static str, Option<f64>>,
+}
+
 /// `free_standing_fraction`, and how exactly the engine balances what stands: `equilibrium_residual_max` and `_p95`,
 /// `friction_violation_max` and `_mean` (weighted by the force that Coulomb's law allows), `energy_gain_rel`.
-pub fn measure(pile: &mut Pile, observer: &mut dyn Observer) -> Result<BTreeMap<&'static str, Option<f64>>, Error> {
-    pile.control.end(&mut pile.world);
-    let world = &mut pile.world;
-    let ids: Vec<BodyId> = world.present().filter(|&id| world.bodies()[id].role != Role::Kept).collect();
+pub fn run(pile: &mut Pile, observer: &mut dyn Observer) -> Result<Freed, Error> {
+    let Pile { world, policy, control, .. } = pile;
+    control.end(world, policy);
+    let ids: Vec<BodyId> = world.present().filter(|&id| world.bodies()[id].role != Role::Pinned).collect();
     let before = poses(world, &ids);
-    world.let_stand_alone();
+    policy.leave_to_physics(world);
     let steps = (TIME / world.units.time / world.step_length()).ceil() as u64;
     let judged = steps - (JUDGED * steps as f64).ceil() as u64;
     let (mut strain, mut at) = (Strain::new(world, &ids), before.clone());
@@ -32,7 +39,6 @@ pub fn measure(pile: &mut Pile, observer: &mut dyn Observer) -> Result<BTreeMap<
             (strain, at) = (Strain::new(world, &ids), poses(world, &ids));
         }
         world.step();
-        pile.work.free_standing_steps += 1;
         if k >= judged {
             strain.add(world, &ids);
         }
@@ -47,7 +53,7 @@ pub fn measure(pile: &mut Pile, observer: &mut dyn Observer) -> Result<BTreeMap<
     let resting: Vec<bool> = (0..ids.len()).map(|k| moved(&at, k) < RESTING).collect();
     let mut figures = strain.figures(&resting);
     figures.insert("free_standing_fraction", Some(stood as f64 / ids.len().max(1) as f64));
-    Ok(figures)
+    Ok(Freed { steps, figures })
 }
 
 fn poses(world: &World, ids: &[BodyId]) -> Vec<Pose> {

@@ -3,10 +3,9 @@
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage};
 use crate::input::params::Params;
-use crate::stages::release::Pile;
+use crate::sim::pile::REST_SPEED;
+use crate::sim::step::Simulation;
 
-/// A body slower than this is at rest, in d per natural time, that is in units of sqrt(g d): 1 %.
-pub const REST_SPEED: f64 = 0.01;
 /// The pile is at rest once every body has been for this long, natural times.
 const REST_TIME: f64 = 1.0;
 
@@ -37,54 +36,54 @@ pub struct Rest {
 
 /// Steps until rest, patience or the last frame ends it. A pile at rest is not simulated any further: its bodies are
 /// certified or asleep, and each further cycle would find the same.
-pub fn run(pile: &mut Pile, params: &Params, observer: &mut dyn Observer) -> Result<Held, Error> {
-    let step = pile.world.step_length();
+pub fn run(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer) -> Result<Held, Error> {
+    let step = sim.pile.world.step_length();
     let patience = (params.hold.patience / step).ceil() as u64;
     let rest_steps = (REST_TIME / step).ceil() as u64;
-    let least_steps = (params.hold.least / pile.world.units.time / step).ceil() as u64;
-    let mut begin = pile.step;
+    let least_steps = (params.hold.least / sim.pile.world.units.time / step).ceil() as u64;
+    let mut begin = sim.pile.step;
     let (mut calm, mut top_speed) = (0, 0.0f64);
     let mut rest = None;
-    let mut to_stand = params.control.stand && params.control.until.is_none() && pile.control.is_on();
+    let mut to_stand = params.control.stand && params.control.until.is_none() && sim.pile.control.is_on();
     loop {
-        let rests = calm >= rest_steps && pile.is_left_alone();
+        let rests = calm >= rest_steps && sim.is_left_alone();
         if rests && to_stand {
-            pile.end_control(true);
+            sim.pile.end_control(true);
             (to_stand, calm, rest) = (false, 0, None);
-        } else if rests && pile.step - begin >= least_steps {
+        } else if rests && sim.pile.step - begin >= least_steps {
             break;
         }
         let ended = match params.output.frames {
-            Some(n) => pile.recorder.count() >= n as usize,
-            None => pile.is_left_alone() && pile.step - begin >= patience.max(least_steps),
+            Some(n) => sim.pile.recorder.count() >= n as usize,
+            None => sim.is_left_alone() && sim.pile.step - begin >= patience.max(least_steps),
         };
         if ended {
             break;
         }
-        if pile.latest_event > begin {
-            if pile.step - begin > (ROLLING_ONSET * patience as f64) as u64 {
-                pile.unquieten();
+        if sim.pile.latest_event > begin {
+            if sim.pile.step - begin > (ROLLING_ONSET * patience as f64) as u64 {
+                sim.pile.policy.set_quiet(None);
             }
-            begin = pile.latest_event;
+            begin = sim.pile.latest_event;
         }
-        if pile.step - begin == (ROLLING_ONSET * patience as f64) as u64 {
-            pile.quieten(ROLLING_DAMPING);
+        if sim.pile.step - begin == (ROLLING_ONSET * patience as f64) as u64 {
+            sim.pile.policy.set_quiet(Some(ROLLING_DAMPING));
         }
-        pile.advance(observer, Stage::Hold, |pile| ((pile.step - begin) as f64 / patience as f64).min(0.99))?;
+        sim.advance(observer, Stage::Hold, |sim| ((sim.pile.step - begin) as f64 / patience as f64).min(0.99))?;
         (calm, top_speed) =
-            if pile.top_speed < REST_SPEED { (calm + 1, top_speed.max(pile.top_speed)) } else { (0, 0.0) };
+            if sim.top_speed < REST_SPEED { (calm + 1, top_speed.max(sim.top_speed)) } else { (0, 0.0) };
         if calm == 1 {
-            let steps = (pile.step - 1).saturating_sub(pile.latest_event);
-            rest = Some(Rest { steps, frame: pile.recorder.count() });
+            let steps = (sim.pile.step - 1).saturating_sub(sim.pile.latest_event);
+            rest = Some(Rest { steps, frame: sim.pile.recorder.count() });
         } else if calm == 0 {
             rest = None;
         }
     }
     let at_rest = calm >= rest_steps;
-    pile.recorder.mark();
+    sim.pile.recorder.mark();
     if let Some(n) = params.output.frames {
-        pile.recorder.fit(n as usize);
-        pile.show(observer, Stage::Hold);
+        sim.pile.recorder.fit(n as usize);
+        sim.show(observer, Stage::Hold);
     }
-    Ok(Held { at_rest, resting_speed_max: top_speed.max(pile.top_speed), rest: rest.filter(|_| at_rest) })
+    Ok(Held { at_rest, resting_speed_max: top_speed.max(sim.top_speed), rest: rest.filter(|_| at_rest) })
 }

@@ -1,8 +1,10 @@
 //! The stages of a bake, each a function of the one before.
 
 pub mod cache;
+pub mod calibrate;
 pub mod fill;
 pub mod free_pour;
 pub mod free_standing;
 pub mod hold;
 pub mod release;
+pub mod turn_over;

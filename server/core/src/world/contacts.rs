@@ -3,7 +3,7 @@
 
 use super::manifold::{Manifolds, TOLD};
 use super::{BodyId, CONTAINER, FIRST_BODY, FIRST_MOVING, GROUND, Role, World, to_engine};
-use crate::geometry::contact::{self, Contact};
+use crate::geometry::contact::{self, Bearing};
 use crate::geometry::pose::Pose;
 use crate::prepare::shape::Shape;
 use glam::DVec3;
@@ -52,9 +52,9 @@ impl Touch {
     }
 
     /// The same for the measures. What is kept in place carries like scenery.
-    pub fn measured<'a>(&'a self, world: &World) -> impl Iterator<Item = Contact> + 'a {
+    pub fn bearings<'a>(&'a self, world: &World) -> impl Iterator<Item = Bearing> + 'a {
         let side = |id: BodyId| match world.bodies[id].role {
-            Role::Kept => contact::Side::Fixed,
+            Role::Pinned => contact::Side::Fixed,
             _ => contact::Side::Body(id),
         };
         let a = side(self.a);
@@ -62,7 +62,7 @@ impl Touch {
             Side::Body(id) => side(id),
             Side::Ground | Side::Scenery | Side::Moving => contact::Side::Fixed,
         };
-        self.points.iter().map(move |p| Contact { a, b, normal: p.normal, gap: p.gap })
+        self.points.iter().map(move |p| Bearing { a, b, normal: p.normal, gap: p.gap })
     }
 }
 
@@ -250,7 +250,7 @@ impl World {
                 .map(|p| p.total_impulse_magnitude() as f64)
                 .sum()
         };
-        let held = |&id: &BodyId| self.bodies[id].role == Role::Held;
+        let held = |&id: &BodyId| self.bodies[id].role == Role::Frozen;
         let stiffness = self.engine.integration_parameters.contact_softness.natural_frequency as f64 / USUAL_FREQUENCY;
         let limit = limit * self.step_length() * stiffness.powi(2).max(1.0);
         self.present().filter(held).filter(|&id| load(id) > limit * self.bodies[id].mass).collect()

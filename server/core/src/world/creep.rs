@@ -43,7 +43,7 @@ impl World {
                 continue;
             }
             let rocks = early.get(id).is_some_and(|before| moved(before, &now[id], body) <= ROCKING);
-            self.work.rocking_looks += u64::from(rocks);
+            self.counters.rocking_looks += u64::from(rocks);
             let rigid = self.engine.bodies.get_mut(body.handle).filter(|rigid| !rocks && !rigid.is_sleeping());
             if let Some(rigid) = rigid {
                 rigid.activation_mut().time_since_can_sleep = 0.0;

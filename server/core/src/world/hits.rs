@@ -27,7 +27,7 @@ impl World {
         let fast = |&id: &BodyId| self.bodies[id].role == Role::Free && self.speed(id) > least;
         for hitter in self.present().filter(fast) {
             let reach = self.speed(hitter) * self.step_length() * STEPS_AHEAD;
-            let mut near: Vec<BodyId> = self.held_around(self.bodies[hitter].collider, reach + STALE_INDEX);
+            let mut near: Vec<BodyId> = self.frozen_around(self.bodies[hitter].collider, reach + STALE_INDEX);
             near.sort_unstable();
             for held in near {
                 if let Some(speed) = self.approach(hitter, held, reach).filter(|&speed| speed > least) {
@@ -39,11 +39,11 @@ impl World {
     }
 
     /// Held bodies that moving scenery is about to touch, rising.
-    pub fn held_near_moving(&self) -> Vec<BodyId> {
+    pub fn frozen_near_moving(&self) -> Vec<BodyId> {
         let mut near = Vec::new();
         for piece in self.moving_colliders() {
             let collider = &self.engine.colliders[piece];
-            for id in self.held_around(piece, NEAR_MOVING + STALE_INDEX) {
+            for id in self.frozen_around(piece, NEAR_MOVING + STALE_INDEX) {
                 let other = &self.engine.colliders[self.bodies[id].collider];
                 let apart = query::distance(collider.position(), collider.shape(), other.position(), other.shape());
                 if apart.is_ok_and(|apart| f64::from(apart.distance) <= NEAR_MOVING) {
@@ -57,10 +57,10 @@ impl World {
     }
 
     /// Held bodies whose boxes are this near to a collider's.
-    fn held_around(&self, collider: ColliderHandle, distance: f64) -> Vec<BodyId> {
+    fn frozen_around(&self, collider: ColliderHandle, distance: f64) -> Vec<BodyId> {
         let aabb = self.engine.colliders[collider].compute_aabb().loosened(distance as f32);
         let held = |(_, other): (ColliderHandle, &Collider)| match self.what(other) {
-            Some(Side::Body(id)) if self.bodies[id].role == Role::Held => Some(id),
+            Some(Side::Body(id)) if self.bodies[id].role == Role::Frozen => Some(id),
             _ => None,
         };
         self.query().intersect_aabb_conservative(aabb).filter_map(held).collect()

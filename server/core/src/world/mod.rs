@@ -76,10 +76,10 @@ pub enum Role {
     Waiting,
     /// Simulated.
     Free,
-    /// Held by the control until its next verdict.
-    Held,
+    /// Held still by the control until a verdict frees it.
+    Frozen,
     /// Placed by hand, and to stay: others may rest on it.
-    Kept,
+    Pinned,
     /// Taken out.
     Gone,
 }
@@ -105,7 +105,7 @@ pub struct WorldBody {
 
 /// What effects have done so far: bodies, summed over the steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Work {
+pub struct Counters {
     /// Whose contacts were found a step ahead.
     pub speculative_body_steps: u64,
     /// Swept along their way.
@@ -139,7 +139,7 @@ pub struct World {
     ccd: Switch,
     /// Steps taken.
     pub steps: u64,
-    pub work: Work,
+    pub counters: Counters,
 }
 
 /// Colliders tell what they are by their user data: these, or [`FIRST_BODY`] plus a body's index.
@@ -215,7 +215,7 @@ impl World {
             rolling: rolling::Rolling::new(physics),
             ccd: physics.switches.continuous_collision,
             steps: 0,
-            work: Work::default(),
+            counters: Counters::default(),
         }
     }
 
@@ -246,12 +246,6 @@ impl World {
 
     pub fn remove_wall(&mut self, wall: ColliderHandle) {
         self.engine.remove_collider(wall);
-    }
-
-    pub fn set_wall_friction(&mut self, wall: ColliderHandle, friction: f64) {
-        if let Some(c) = self.engine.colliders.get_mut(wall) {
-            change_friction(c, friction, CoefficientCombineRule::Average);
-        }
     }
 
     fn add_mesh(
@@ -430,16 +424,11 @@ impl World {
         self.engine.wake_up_all(true);
     }
 
-    /// No nails, nothing held, nothing damped, nobody asleep: physics alone from here on.
-    pub fn let_stand_alone(&mut self) {
-        self.pull_all_nails();
-        for id in self.present().filter(|&id| self.bodies[id].role != Role::Kept).collect::<Vec<_>>() {
-            self.set_role(id, Role::Free);
-            self.set_damping(id, 0.0);
-            let body = &mut self.engine.bodies[self.bodies[id].handle];
-            body.activation_mut().normalized_linear_threshold = -1.0;
-            body.wake_up(true);
-        }
+    /// A body is awake from now on, and never sleeps again.
+    pub fn keep_awake(&mut self, id: BodyId) {
+        let body = &mut self.engine.bodies[self.bodies[id].handle];
+        body.activation_mut().normalized_linear_threshold = -1.0;
+        body.wake_up(true);
     }
 
     pub fn pose(&self, id: BodyId) -> Pose {

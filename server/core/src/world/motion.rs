@@ -56,8 +56,8 @@ impl World {
             let is_fast = way > (share * body.thickness) as f32;
             let (is_swept, ahead) = (is_fast && !has_parts, if is_fast && has_parts { way } else { 0.0 });
             if is_fast && !rigid.is_sleeping() {
-                self.work.ccd_body_steps += u64::from(is_swept);
-                self.work.speculative_body_steps += u64::from(has_parts);
+                self.counters.ccd_body_steps += u64::from(is_swept);
+                self.counters.speculative_body_steps += u64::from(has_parts);
             }
             if (is_swept, ahead) != (rigid.is_ccd_enabled(), rigid.soft_ccd_prediction())
                 && let Some(rigid) = self.engine.bodies.get_mut(body.handle)

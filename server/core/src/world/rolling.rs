@@ -51,7 +51,7 @@ impl World {
             }
             let inertia = rigid.mass_properties().local_mprops.reconstruct_inertia_matrix();
             let momentum = f64::from((inertia * (rigid.rotation().inverse() * spin)).length());
-            self.work.rolling_body_steps += 1;
+            self.counters.rolling_body_steps += 1;
             let braked = 1.0 - self.rolling.coefficient * radius * pressed / momentum;
             let handle = body.handle;
             if let Some(rigid) = self.engine.bodies.get_mut(handle).filter(|_| braked.is_finite()) {

@@ -77,7 +77,7 @@ fn in_band(case: &Case, options: &Options, analyser: &mut Analyser) -> bool {
     let moved =
         directions.map(|d| Case { center_of_mass: case.center_of_mass + BAND * case.radius * d, ..case.clone() });
     let rubbed = [1.0 - BAND, 1.0 + BAND].map(|factor| {
-        let contacts = case.contacts.iter().map(|c| Contact { friction: c.friction * factor, ..*c }).collect();
+        let contacts = case.contacts.iter().map(|c| LocalContact { friction: c.friction * factor, ..*c }).collect();
         Case { contacts, ..case.clone() }
     });
     tilted.iter().chain(&moved).chain(&rubbed).any(|c| turns(c, stable))

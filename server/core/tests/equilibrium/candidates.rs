@@ -34,7 +34,7 @@ fn each_rule_refuses_by_name() {
     let mut two = block(0.7);
     two.contacts = vec![two.contacts[0], two.contacts[2], two.contacts[0], two.contacts[2]];
     assert_eq!(judge(&two, &RULES), Candidacy::FewContacts, "four contacts, two places");
-    let line = [-0.5, 0.0, 0.5].map(|x| Contact { point: DVec3::X * x, normal: DVec3::Y, friction: 0.7 });
+    let line = [-0.5, 0.0, 0.5].map(|x| LocalContact { point: DVec3::X * x, normal: DVec3::Y, friction: 0.7 });
     assert_eq!(judge(&body(line.to_vec(), DVec3::Y * 0.5), &RULES), Candidacy::NoSpread);
     let mut weightless = block(0.7);
     weightless.gravity = DVec3::ZERO;
@@ -89,7 +89,7 @@ fn spread_is_eq_6_for_three_points_and_the_hull_for_a_plane() {
 #[test]
 fn spread_does_not_depend_on_order() {
     let points = [[0.0, 0.0], [1.0, 0.0], [1.0, 1e-9], [0.0, 1.0]].map(|[x, z]| DVec3::new(x, 0.0, z));
-    let contacts = points.map(|point| Contact { point, normal: DVec3::Y, friction: 0.7 });
+    let contacts = points.map(|point| LocalContact { point, normal: DVec3::Y, friction: 0.7 });
     // In this order Eq. 6 still sees the last triangle; in the next it does not.
     let mut order = [contacts[0], contacts[3], contacts[1], contacts[2]];
     let rng = &mut rng(2);

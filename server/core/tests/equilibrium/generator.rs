@@ -1,6 +1,6 @@
 //! Problems of every kind that a pile can produce, and worse, from a seed. Shared by the tests and the benchmark.
 
-use cairn_core::equilibrium::{Contact, Problem};
+use cairn_core::equilibrium::{LocalContact, LocalProblem};
 use glam::{DMat3, DQuat, DVec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -8,7 +8,7 @@ use rand_pcg::Pcg64Mcg;
 /// A problem that owns its contacts.
 #[derive(Clone, Debug)]
 pub struct Case {
-    pub contacts: Vec<Contact>,
+    pub contacts: Vec<LocalContact>,
     pub mass: f64,
     pub center_of_mass: DVec3,
     pub radius: f64,
@@ -16,8 +16,8 @@ pub struct Case {
 }
 
 impl Case {
-    pub fn problem(&self) -> Problem<'_> {
-        Problem {
+    pub fn problem(&self) -> LocalProblem<'_> {
+        LocalProblem {
             contacts: &self.contacts,
             mass: self.mass,
             center_of_mass: self.center_of_mass,
@@ -28,7 +28,7 @@ impl Case {
 
     /// The same case in other units: lengths by `length`, masses by `mass`, accelerations by `acceleration`.
     pub fn in_units(&self, length: f64, mass: f64, acceleration: f64) -> Case {
-        let contacts = self.contacts.iter().map(|c| Contact { point: c.point * length, ..*c }).collect();
+        let contacts = self.contacts.iter().map(|c| LocalContact { point: c.point * length, ..*c }).collect();
         Case {
             contacts,
             mass: self.mass * mass,
@@ -43,7 +43,7 @@ impl Case {
         let contacts = self
             .contacts
             .iter()
-            .map(|c| Contact { point: q * c.point, normal: q * c.normal, friction: c.friction })
+            .map(|c| LocalContact { point: q * c.point, normal: q * c.normal, friction: c.friction })
             .collect();
         Case { contacts, center_of_mass: q * self.center_of_mass, gravity: q * self.gravity, ..*self }
     }
@@ -92,7 +92,8 @@ pub fn case_of(rng: &mut impl Rng, n: usize) -> Case {
             points[i] = points[i / 3 * 3];
         }
     }
-    let contacts = (0..n).map(|i| Contact { point: points[i], normal: normals[i], friction: friction[i] }).collect();
+    let contacts =
+        (0..n).map(|i| LocalContact { point: points[i], normal: normals[i], friction: friction[i] }).collect();
     let offset = if rng.random_bool(0.5) { DVec3::ZERO } else { unit(rng) * rng.random_range(0.0..0.3) };
     let case = Case { contacts, mass: 1.0, center_of_mass: offset, radius: 1.0, gravity: DVec3::new(0.0, -1.0, 0.0) };
     let (length, mass, acceleration) = (decade(rng, -6.0, 3.0), decade(rng, -6.0, 6.0), decade(rng, -2.0, 3.0));

@@ -1,23 +1,23 @@
 //! The global program against structures with known answers.
 
 use crate::wall::{self, face, wall};
-use cairn_core::equilibrium::global::{Body, Contact, Objective, Pile, Report, analyse};
+use cairn_core::equilibrium::global::{Balance, GlobalBody, GlobalContact, GlobalProblem, Objective, analyse};
 use glam::DVec3;
 
 const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 
-fn solve(bodies: &[Body], contacts: &[Contact], objective: Objective) -> Report {
-    let report = analyse(&Pile { bodies, contacts, gravity: GRAVITY }, objective).expect("a valid pile");
+fn solve(bodies: &[GlobalBody], contacts: &[GlobalContact], objective: Objective) -> Balance {
+    let report = analyse(&GlobalProblem { bodies, contacts, gravity: GRAVITY }, objective).expect("a valid pile");
     assert!(report.bound <= report.total + 1e-6, "bound {} total {}", report.bound, report.total);
     report
 }
 
-fn stands(bodies: &[Body], contacts: &[Contact]) -> bool {
+fn stands(bodies: &[GlobalBody], contacts: &[GlobalContact]) -> bool {
     solve(bodies, contacts, Objective::default()).stands()
 }
 
 /// Blocks of length 1, each overhanging the one below by factor/2i, i counted from the top; the lowest overhangs a table.
-fn overhang(count: usize, factor: f64) -> Report {
+fn overhang(count: usize, factor: f64) -> Balance {
     let (mut bodies, mut contacts) = (Vec::new(), Vec::new());
     let mut reach = 0.0;
     for k in 0..count {
@@ -25,7 +25,7 @@ fn overhang(count: usize, factor: f64) -> Report {
         let below = reach;
         reach += factor / (2.0 * (count - k) as f64);
         let height = k as f64 * 0.2;
-        bodies.push(Body { mass: 2.0, center_of_mass: DVec3::new(reach - 0.5, height + 0.1, 0.0), radius: 0.6 });
+        bodies.push(GlobalBody { mass: 2.0, center_of_mass: DVec3::new(reach - 0.5, height + 0.1, 0.0), radius: 0.6 });
         contacts.extend(face(k, k.checked_sub(1), [reach - 1.0, below], height, 0.2, 0.5));
     }
     solve(&bodies, &contacts, Objective::default())
@@ -43,7 +43,7 @@ fn overhang_of_the_harmonic_sum() {
 
 #[test]
 fn a_floating_body_and_a_hanging_one() {
-    let body = |y: f64| Body { mass: 1.0, center_of_mass: DVec3::new(0.0, y, 0.0), radius: 1.0 };
+    let body = |y: f64| GlobalBody { mass: 1.0, center_of_mass: DVec3::new(0.0, y, 0.0), radius: 1.0 };
     let contacts = face(0, None, [-0.5, 0.5], 0.0, 0.5, 0.5);
     let report = solve(&[body(0.5), body(5.0)], &contacts, Objective::default());
     assert!((report.imbalance[1] - 1.0).abs() < 1e-6 && report.imbalance[0] < 1e-6);
@@ -56,8 +56,8 @@ fn a_floating_body_and_a_hanging_one() {
 fn least_squares_smears_and_the_sum_of_norms_finds_the_one() {
     let slope = 0.5f64.atan();
     let at = |x: f64, y: f64| DVec3::new(x, y, 0.0);
-    let mut bodies = vec![Body { mass: 1.0, center_of_mass: at(0.0, 0.5), radius: 0.5 }];
-    let mut contacts = vec![Contact {
+    let mut bodies = vec![GlobalBody { mass: 1.0, center_of_mass: at(0.0, 0.5), radius: 0.5 }];
+    let mut contacts = vec![GlobalContact {
         body: 0,
         other: None,
         point: at(-0.5 * slope.sin(), 0.5 - 0.5 * slope.cos()),
@@ -65,10 +65,10 @@ fn least_squares_smears_and_the_sum_of_norms_finds_the_one() {
         friction: 0.0,
     }];
     for k in 1..=10 {
-        bodies.push(Body { mass: 1.0, center_of_mass: at(k as f64, 0.5), radius: 0.7 });
+        bodies.push(GlobalBody { mass: 1.0, center_of_mass: at(k as f64, 0.5), radius: 0.7 });
         contacts.extend(face(k, None, [k as f64 - 0.5, k as f64 + 0.5], 0.0, 0.5, 0.0));
         let point = at(k as f64 - 0.5, 0.5);
-        contacts.push(Contact { body: k, other: Some(k - 1), point, normal: DVec3::X, friction: 0.0 });
+        contacts.push(GlobalContact { body: k, other: Some(k - 1), point, normal: DVec3::X, friction: 0.0 });
     }
     let squares = solve(&bodies, &contacts, Objective::LeastSquares);
     assert_eq!(squares.unsupported_fraction(0.1), 0.0, "spread over eleven bodies: {:?}", squares.imbalance);
@@ -81,7 +81,7 @@ fn least_squares_smears_and_the_sum_of_norms_finds_the_one() {
 }
 
 /// A half ring of voussoirs of inner radius `1 - t/2` and outer `1 + t/2`, feet on the ground.
-fn stones(stones: usize, thickness: f64, friction: f64) -> (Vec<Body>, Vec<Contact>) {
+fn stones(stones: usize, thickness: f64, friction: f64) -> (Vec<GlobalBody>, Vec<GlobalContact>) {
     let (inner, outer, z) = (1.0 - thickness / 2.0, 1.0 + thickness / 2.0, 0.1);
     let step = std::f64::consts::PI / stones as f64;
     // Centroid of a ring sector of half angle step/2.
@@ -93,7 +93,7 @@ fn stones(stones: usize, thickness: f64, friction: f64) -> (Vec<Body>, Vec<Conta
         let a = k as f64 * step;
         if k < stones {
             let middle = radial(a + step / 2.0);
-            bodies.push(Body { mass: 1.0, center_of_mass: middle * centroid, radius: step.max(thickness) / 2.0 });
+            bodies.push(GlobalBody { mass: 1.0, center_of_mass: middle * centroid, radius: step.max(thickness) / 2.0 });
         }
         // Joint k: along the arch from stone k - 1 into stone k.
         let along = DVec3::new(a.sin(), a.cos(), 0.0);
@@ -105,7 +105,7 @@ fn stones(stones: usize, thickness: f64, friction: f64) -> (Vec<Body>, Vec<Conta
         for r in [inner, outer] {
             for z in [-z, z] {
                 let point = radial(a) * r + DVec3::new(0.0, 0.0, z);
-                contacts.push(Contact { body, other, point, normal, friction });
+                contacts.push(GlobalContact { body, other, point, normal, friction });
             }
         }
     }
@@ -130,16 +130,16 @@ fn a_masonry_arch_needs_its_thickness() {
 fn wedge(alpha: f64, mu: f64, ground: f64, block: f64) -> bool {
     let (s, c) = alpha.sin_cos();
     let bodies = [
-        Body { mass: 1.0, center_of_mass: DVec3::new(0.0, 1.0, 0.0), radius: 0.5 },
-        Body { mass: block, center_of_mass: DVec3::new(-5.0, 0.5, 0.0), radius: 5.0 },
-        Body { mass: block, center_of_mass: DVec3::new(5.0, 0.5, 0.0), radius: 5.0 },
+        GlobalBody { mass: 1.0, center_of_mass: DVec3::new(0.0, 1.0, 0.0), radius: 0.5 },
+        GlobalBody { mass: block, center_of_mass: DVec3::new(-5.0, 0.5, 0.0), radius: 5.0 },
+        GlobalBody { mass: block, center_of_mass: DVec3::new(5.0, 0.5, 0.0), radius: 5.0 },
     ];
     let mut contacts = Vec::new();
     for (body, side) in [(1, -1.0), (2, 1.0)] {
         for z in [-0.3, 0.3] {
             // The wedge's faces lean by alpha: their normals (into the wedge) point inward and up.
             let point = DVec3::new(side * 0.2, 0.9, z);
-            contacts.push(Contact {
+            contacts.push(GlobalContact {
                 body: 0,
                 other: Some(body),
                 point,
@@ -166,21 +166,27 @@ fn a_wedge_pushes_its_walls_apart() {
 
 #[test]
 fn bad_piles_are_refused() {
-    use cairn_core::equilibrium::global::PileError;
-    let body = Body { mass: 1.0, center_of_mass: DVec3::ZERO, radius: 1.0 };
-    let contact = Contact { body: 0, other: None, point: DVec3::ZERO, normal: DVec3::Y, friction: 0.5 };
-    let run = |body: Body, contact: Contact, gravity: DVec3| {
-        analyse(&Pile { bodies: &[body], contacts: &[contact], gravity }, Objective::default()).map(|_| ())
+    use cairn_core::equilibrium::global::GlobalProblemError;
+    let body = GlobalBody { mass: 1.0, center_of_mass: DVec3::ZERO, radius: 1.0 };
+    let contact = GlobalContact { body: 0, other: None, point: DVec3::ZERO, normal: DVec3::Y, friction: 0.5 };
+    let run = |body: GlobalBody, contact: GlobalContact, gravity: DVec3| {
+        analyse(&GlobalProblem { bodies: &[body], contacts: &[contact], gravity }, Objective::default()).map(|_| ())
     };
-    assert_eq!(run(body, contact, DVec3::ZERO), Err(PileError::Gravity));
-    assert_eq!(run(Body { mass: -1.0, ..body }, contact, GRAVITY), Err(PileError::Body(0)));
-    assert_eq!(run(Body { radius: f64::NAN, ..body }, contact, GRAVITY), Err(PileError::Body(0)));
-    assert_eq!(run(body, Contact { normal: DVec3::ZERO, ..contact }, GRAVITY), Err(PileError::Contact(0)));
-    assert_eq!(run(body, Contact { friction: f64::INFINITY, ..contact }, GRAVITY), Err(PileError::Contact(0)));
-    assert_eq!(run(body, Contact { other: Some(0), ..contact }, GRAVITY), Err(PileError::Index(0)));
-    assert_eq!(run(body, Contact { body: 3, ..contact }, GRAVITY), Err(PileError::Index(0)));
-    let empty =
-        analyse(&Pile { bodies: &[], contacts: &[], gravity: GRAVITY }, Objective::default()).expect("an empty pile");
+    assert_eq!(run(body, contact, DVec3::ZERO), Err(GlobalProblemError::Gravity));
+    assert_eq!(run(GlobalBody { mass: -1.0, ..body }, contact, GRAVITY), Err(GlobalProblemError::GlobalBody(0)));
+    assert_eq!(run(GlobalBody { radius: f64::NAN, ..body }, contact, GRAVITY), Err(GlobalProblemError::GlobalBody(0)));
+    assert_eq!(
+        run(body, GlobalContact { normal: DVec3::ZERO, ..contact }, GRAVITY),
+        Err(GlobalProblemError::GlobalContact(0))
+    );
+    assert_eq!(
+        run(body, GlobalContact { friction: f64::INFINITY, ..contact }, GRAVITY),
+        Err(GlobalProblemError::GlobalContact(0))
+    );
+    assert_eq!(run(body, GlobalContact { other: Some(0), ..contact }, GRAVITY), Err(GlobalProblemError::Index(0)));
+    assert_eq!(run(body, GlobalContact { body: 3, ..contact }, GRAVITY), Err(GlobalProblemError::Index(0)));
+    let empty = analyse(&GlobalProblem { bodies: &[], contacts: &[], gravity: GRAVITY }, Objective::default())
+        .expect("an empty pile");
     assert!(empty.stands());
 }
 
@@ -203,7 +209,7 @@ fn the_local_analysis_sees_only_neighbours() {
     let mut analyser = local::Analyser::new();
     for (k, body) in bodies.iter().enumerate() {
         let touching = wall::contacts_of(k, &contacts);
-        let problem = local::Problem {
+        let problem = local::LocalProblem {
             contacts: &touching,
             mass: body.mass,
             center_of_mass: body.center_of_mass,
@@ -223,8 +229,8 @@ fn a_disordered_pile_has_a_tight_bound() {
     use crate::generator::{rng, unit};
     use rand::RngExt;
     let rng = &mut rng(17);
-    let bodies: Vec<Body> = (0..600)
-        .map(|_| Body {
+    let bodies: Vec<GlobalBody> = (0..600)
+        .map(|_| GlobalBody {
             mass: 10f64.powf(rng.random_range(-1.5..1.5)),
             center_of_mass: DVec3::new(
                 rng.random_range(0.0..6.0),
@@ -240,7 +246,7 @@ fn a_disordered_pile_has_a_tight_bound() {
             let apart = a.center_of_mass - b.center_of_mass;
             if apart.length() < 0.7 {
                 for _ in 0..2 {
-                    contacts.push(Contact {
+                    contacts.push(GlobalContact {
                         body: i,
                         other: Some(j),
                         point: b.center_of_mass + apart / 2.0 + 0.2 * unit(rng),
@@ -253,7 +259,7 @@ fn a_disordered_pile_has_a_tight_bound() {
         if a.center_of_mass.y < 0.5 {
             let foot = a.center_of_mass.with_y(0.0);
             let corners = [[-0.2, -0.2], [0.2, -0.1], [0.0, 0.2]].map(|[x, z]| foot + DVec3::new(x, 0.0, z));
-            contacts.extend(corners.map(|point| Contact {
+            contacts.extend(corners.map(|point| GlobalContact {
                 body: i,
                 other: None,
                 point,

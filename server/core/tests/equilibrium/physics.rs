@@ -17,14 +17,14 @@ fn pyramid(sides: u32, fit: Fit) -> Options {
     Options { friction_law: FrictionLaw::Pyramid { sides, fit }, ..Options::default() }
 }
 
-pub fn body(contacts: Vec<Contact>, center_of_mass: DVec3) -> Case {
+pub fn body(contacts: Vec<LocalContact>, center_of_mass: DVec3) -> Case {
     Case { contacts, mass: 2.0, center_of_mass, radius: 1.0, gravity: DVec3::new(0.0, -9.81, 0.0) }
 }
 
 /// A unit cube's bottom corners on the plane y = 0.
 pub fn block(friction: f64) -> Case {
     let corners = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
-    let contacts = corners.map(|[x, z]| Contact { point: DVec3::new(x, 0.0, z), normal: DVec3::Y, friction });
+    let contacts = corners.map(|[x, z]| LocalContact { point: DVec3::new(x, 0.0, z), normal: DVec3::Y, friction });
     body(contacts.to_vec(), DVec3::new(0.0, 0.5, 0.0))
 }
 
@@ -80,7 +80,7 @@ fn the_pyramid_errs_by_up_to_its_corners() {
 
 #[test]
 fn two_points_carry_a_body_whose_centre_is_above_their_line() {
-    let touch = |x: f64| Contact { point: DVec3::new(x, 0.0, 0.0), normal: DVec3::Y, friction: 0.5 };
+    let touch = |x: f64| LocalContact { point: DVec3::new(x, 0.0, 0.0), normal: DVec3::Y, friction: 0.5 };
     let at = |x: f64, z: f64| body(vec![touch(-0.5), touch(0.5)], DVec3::new(x, 0.3, z));
     assert!(stable(&at(0.2, 0.0), &cone()));
     assert!(!stable(&at(0.2, 1e-8), &cone()), "it rolls over the line");
@@ -104,8 +104,8 @@ fn a_ladder_against_a_smooth_wall() {
         let (s, c) = a.sin_cos();
         let contacts = [-0.2, 0.2].into_iter().flat_map(|z| {
             [
-                Contact { point: DVec3::new(2.0 * c, 0.0, z), normal: DVec3::Y, friction: mu },
-                Contact { point: DVec3::new(0.0, 2.0 * s, z), normal: DVec3::X, friction: 0.0 },
+                LocalContact { point: DVec3::new(2.0 * c, 0.0, z), normal: DVec3::Y, friction: mu },
+                LocalContact { point: DVec3::new(0.0, 2.0 * s, z), normal: DVec3::X, friction: 0.0 },
             ]
         });
         body(contacts.collect(), DVec3::new(c, s, 0.0))
@@ -122,7 +122,7 @@ fn a_ladder_against_a_smooth_wall() {
 fn a_wedge_jams_within_its_friction_angle() {
     let jammed = |alpha: f64, mu: f64| {
         let (s, c) = alpha.sin_cos();
-        let side = |x: f64, z: f64| Contact {
+        let side = |x: f64, z: f64| LocalContact {
             point: DVec3::new(0.3 * x, 0.0, z),
             normal: DVec3::new(-x * c, -s, 0.0),
             friction: mu,
@@ -170,7 +170,7 @@ fn repeated_and_collinear_contacts_change_nothing() {
     // Points along an edge: only the outer two matter.
     for _ in 0..200 {
         let center = DVec3::new(generator::unit(rng).x * 0.8, 0.4, 0.0);
-        let touch = |x: f64| Contact { point: DVec3::new(x, 0.0, 0.0), normal: DVec3::Y, friction: 0.5 };
+        let touch = |x: f64| LocalContact { point: DVec3::new(x, 0.0, 0.0), normal: DVec3::Y, friction: 0.5 };
         let line = body((0..9).map(|k| touch(f64::from(k) / 8.0 - 0.5)).collect(), center);
         let ends = body(vec![touch(-0.5), touch(0.5)], center);
         assert_eq!(stable(&line, &cone()), stable(&ends, &cone()), "{center}");
@@ -180,14 +180,15 @@ fn repeated_and_collinear_contacts_change_nothing() {
 
 #[test]
 fn the_rank_of_degenerate_contacts_is_told() {
-    let touch = |x: f64, z: f64, friction: f64| Contact { point: DVec3::new(x, 0.0, z), normal: DVec3::Y, friction };
-    let rank = |contacts: &[Contact]| {
+    let touch =
+        |x: f64, z: f64, friction: f64| LocalContact { point: DVec3::new(x, 0.0, z), normal: DVec3::Y, friction };
+    let rank = |contacts: &[LocalContact]| {
         Analyser::new().rank(&body(contacts.to_vec(), DVec3::Y * 0.3).problem()).expect("a valid case")
     };
     assert_eq!(rank(&[]), 0);
     assert_eq!(rank(&[touch(0.1, 0.0, 0.0)]), 1);
     assert_eq!(rank(&[touch(0.1, 0.0, 0.5); 3]), 3, "one point, three times");
-    let line: Vec<Contact> = (0..7).map(|k| touch(f64::from(k) / 7.0, 0.0, 0.5)).collect();
+    let line: Vec<LocalContact> = (0..7).map(|k| touch(f64::from(k) / 7.0, 0.0, 0.5)).collect();
     assert_eq!(rank(&line), 5, "nothing resists turning about the line");
     assert_eq!(rank(&block(0.0).contacts), 3, "a smooth plane: height, pitch and roll");
     assert_eq!(rank(&block(0.5).contacts), 6);

@@ -1,25 +1,25 @@
 //! A brick wall for the global program, and its bricks for the local analysis. Shared by the tests and the benchmark.
 
 use cairn_core::equilibrium;
-use cairn_core::equilibrium::global::{Body, Contact};
+use cairn_core::equilibrium::global::{GlobalBody, GlobalContact};
 use glam::DVec3;
 
 /// The four corners of the overlap of two boxes' faces: x from..to, half depth z.
-pub fn face(body: usize, other: Option<usize>, x: [f64; 2], y: f64, z: f64, friction: f64) -> Vec<Contact> {
+pub fn face(body: usize, other: Option<usize>, x: [f64; 2], y: f64, z: f64, friction: f64) -> Vec<GlobalContact> {
     [[x[0], -z], [x[1], -z], [x[1], z], [x[0], z]]
-        .map(|[x, z]| Contact { body, other, point: DVec3::new(x, y, z), normal: DVec3::Y, friction })
+        .map(|[x, z]| GlobalContact { body, other, point: DVec3::new(x, y, z), normal: DVec3::Y, friction })
         .to_vec()
 }
 
 /// A running bond of whole bricks: every other course begins half a brick later, and its ends hang over.
-pub fn wall(courses: usize, bricks: usize) -> (Vec<Body>, Vec<Contact>) {
+pub fn wall(courses: usize, bricks: usize) -> (Vec<GlobalBody>, Vec<GlobalContact>) {
     let (mut bodies, mut contacts) = (Vec::new(), Vec::new());
     for row in 0..courses {
         let shifted = row % 2 == 1;
         for k in 0..bricks {
             let (x, y) = (k as f64 + if shifted { 0.5 } else { 0.0 }, row as f64 * 0.3);
             let index = bodies.len();
-            bodies.push(Body { mass: 1.0, center_of_mass: DVec3::new(x, y + 0.15, 0.0), radius: 0.6 });
+            bodies.push(GlobalBody { mass: 1.0, center_of_mass: DVec3::new(x, y + 0.15, 0.0), radius: 0.6 });
             if row == 0 {
                 contacts.extend(face(index, None, [x - 0.45, x + 0.45], y, 0.25, 0.7));
                 continue;
@@ -36,7 +36,7 @@ pub fn wall(courses: usize, bricks: usize) -> (Vec<Body>, Vec<Contact>) {
 }
 
 /// The contacts of one body, normals into it.
-pub fn contacts_of(body: usize, contacts: &[Contact]) -> Vec<equilibrium::Contact> {
+pub fn contacts_of(body: usize, contacts: &[GlobalContact]) -> Vec<equilibrium::LocalContact> {
     contacts
         .iter()
         .filter_map(|c| {
@@ -45,7 +45,7 @@ pub fn contacts_of(body: usize, contacts: &[Contact]) -> Vec<equilibrium::Contac
                 c if c.other == Some(body) => -c.normal,
                 _ => return None,
             };
-            Some(equilibrium::Contact { point: c.point, normal, friction: c.friction })
+            Some(equilibrium::LocalContact { point: c.point, normal, friction: c.friction })
         })
         .collect()
 }

@@ -2,7 +2,7 @@
 
 use crate::error::Problem;
 use crate::input::params::Params;
-use crate::input::scene::{Emitter, Given, Place, Scene, StaticModel};
+use crate::input::scene::{Emitter, Place, PlacedBody, Scene, StaticModel};
 use glam::DVec3;
 
 /// Bounds of positions (m), of velocities (m/s and rad/s) and of times (s).
@@ -69,7 +69,7 @@ fn rotation(field: &str, rotation: glam::DQuat, problems: &mut Vec<Problem>) {
     }
 }
 
-fn given(field: &str, body: &Given, scene: &Scene, problems: &mut Vec<Problem>) {
+fn given(field: &str, body: &PlacedBody, scene: &Scene, problems: &mut Vec<Problem>) {
     if body.prop >= scene.props.len() {
         let text = format!("{field}.prop: there is no prop {}; the scene has {}", body.prop, scene.props.len());
         problems.push(Problem::new(format!("{field}.prop"), text));
@@ -82,18 +82,18 @@ fn given(field: &str, body: &Given, scene: &Scene, problems: &mut Vec<Problem>) 
     ranges.hold_all("angular_velocity", body.angular_velocity, [-FASTEST, FASTEST]);
     ranges.hold("mass", body.mass.unwrap_or(1.0), [1e-9, 1e12]);
     ranges.hold("start", body.start, [0.0, LATEST]);
-    ranges.hold("kept_until", body.kept_until.unwrap_or(0.0), [0.0, LATEST]);
+    ranges.hold("kept_until", body.pinned_until.unwrap_or(0.0), [0.0, LATEST]);
     let mut tell = |name: &str, what: &str| {
         let field = format!("{field}.{name}");
         problems.push(Problem::new(field.clone(), format!("{field}: {what}")));
     };
-    if body.kept && body.moves() {
+    if body.pinned && body.moves() {
         tell("kept", "a body that stays where it is cannot have a velocity; leave one of them out");
     }
-    if !body.kept && body.kept_until.is_some() {
+    if !body.pinned && body.pinned_until.is_some() {
         tell("kept_until", "the body is not kept; set kept = true");
     }
-    if body.kept_until.is_some_and(|until| until < body.start) {
+    if body.pinned_until.is_some_and(|until| until < body.start) {
         tell("kept_until", "it is let go before it appears; give a later moment");
     }
 }
@@ -143,7 +143,7 @@ pub fn shares(scene: &Scene, params: &Params) -> Vec<f64> {
     let mut shares: Vec<f64> =
         (0..scene.props.len()).map(|i| if drawn(i) { scene.props[i].weight } else { 0.0 }).collect();
     if shares.iter().all(|&s| s == 0.0) {
-        let stacked = scene.bodies.iter().any(Given::is_stacked);
+        let stacked = scene.bodies.iter().any(PlacedBody::is_stacked);
         for body in scene.bodies.iter().filter(|b| b.is_stacked() == stacked) {
             shares[body.prop] += 1.0;
         }
@@ -174,14 +174,15 @@ pub fn energy_warnings(scene: &Scene, params: &Params, ground: f64, diameter: f6
             )
         })
     });
-    let thrown = scene.bodies.iter().enumerate().filter(|(_, b)| !b.is_stacked() && !b.kept).filter_map(|(i, body)| {
-        let energy = energy(body.pose.translation.y, body.velocity);
-        (energy > MOST_ENERGY).then(|| {
-            format!(
-                "bodies.{i}: it arrives with {energy:.1} times the energy of a fall from one prop's size; above \
+    let thrown =
+        scene.bodies.iter().enumerate().filter(|(_, b)| !b.is_stacked() && !b.pinned).filter_map(|(i, body)| {
+            let energy = energy(body.pose.translation.y, body.velocity);
+            (energy > MOST_ENERGY).then(|| {
+                format!(
+                    "bodies.{i}: it arrives with {energy:.1} times the energy of a fall from one prop's size; above \
                  {MOST_ENERGY:.0} the control does not keep what it hits together"
-            )
-        })
-    });
+                )
+            })
+        });
     drops.chain(thrown).collect()
 }

@@ -64,8 +64,7 @@ pub fn run(scene: &Scene, params: &Params, sizes: &[Size], observer: &mut dyn Ob
     for (i, (prop, size)) in scene.props.iter().zip(sizes).enumerate() {
         let fraction = i as f64 / scene.props.len() as f64;
         observe(observer, &Progress { stage: Stage::Shape, fraction, bodies: 0, released: 0, at_rest: 0, nails: 0 })?;
-        let fault = |text| Error::Invalid(vec![Problem::new(format!("props.{i}"), text)]);
-        shapes.push(Shape::new(prop, *size, &params.physics).map_err(fault)?);
+        shapes.push(Shape::new(prop, *size, &params.physics).map_err(fault(i))?);
     }
     Ok(shapes)
 }
@@ -167,6 +166,12 @@ impl Shape {
             solid,
             report,
         })
+    }
+
+    /// What decides on effects.
+    pub fn nature(&self) -> Nature {
+        let Shape { solid, mass, .. } = self;
+        Nature { outline: solid.outline(), parts: solid.parts(), mass: *mass, thickness: self.thickness() }
     }
 
     /// Smallest extent, m.
@@ -355,19 +360,44 @@ impl std::fmt::Display for Outline {
     }
 }
 
-/// What the collision shape of a checked prop will be.
-fn outline(prop: &Prop, size: &Size, physics: &Physics) -> Outline {
-    let mesh = &prop.model.mesh.outward();
-    match primitive(mesh, &fit::oriented_box(mesh), size.diameter, size.closed, physics.switches.primitives) {
-        Some((solid, _)) => solid.outline(),
-        None if convex::is_one_hull(mesh, size.diameter, size.closed, physics) => Outline::Hull,
-        None => Outline::Parts,
-    }
+/// What decides on effects, of one prop at scale 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nature {
+    pub outline: Outline,
+    /// Convex parts; of a prop that has not been split yet, 2 stand for more than one.
+    pub parts: usize,
+    /// kg.
+    pub mass: f64,
+    /// Smallest extent, m.
+    pub thickness: f64,
 }
 
-/// What the collision shapes of a scene's props will be.
-pub fn outlines(scene: &Scene, params: &Params, sizes: &[Size]) -> Vec<Outline> {
-    scene.props.iter().zip(sizes).map(|(prop, size)| outline(prop, size, &params.physics)).collect()
+/// What the collision shape of a checked prop will be, without splitting it where that can be known so. An open prop has the
+/// mass of its collision shape, which must be made.
+fn nature(prop: &Prop, size: &Size, physics: &Physics) -> Result<Nature, String> {
+    let mesh = &prop.model.mesh.outward();
+    if !size.closed {
+        return Ok(Shape::new(prop, *size, physics)?.nature());
+    }
+    let outline = match primitive(mesh, &fit::oriented_box(mesh), size.diameter, true, physics.switches.primitives) {
+        Some((solid, _)) => solid.outline(),
+        None if convex::is_one_hull(mesh, size.diameter, true, physics) => Outline::Hull,
+        None => Outline::Parts,
+    };
+    let parts = if outline == Outline::Parts { 2 } else { 1 };
+    let mass = mass::moments(mesh).volume * prop.density;
+    Ok(Nature { outline, parts, mass, thickness: size.extents.x })
+}
+
+/// [`Nature`] of each of a scene's props.
+pub fn natures(scene: &Scene, params: &Params, sizes: &[Size]) -> Result<Vec<Nature>, Error> {
+    let of = |(i, (prop, size)): (usize, (&Prop, &Size))| nature(prop, size, &params.physics).map_err(fault(i));
+    scene.props.iter().zip(sizes).enumerate().map(of).collect()
+}
+
+/// What is wrong with the prop of this index.
+fn fault(index: usize) -> impl Fn(String) -> Error {
+    move |text| Error::Invalid(vec![Problem::new(format!("props.{index}"), text)])
 }
 
 /// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume)...

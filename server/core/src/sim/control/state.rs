@@ -2,25 +2,23 @@
 
 use super::Control;
 use crate::input::observer::State;
-use crate::input::params::ControlMode;
-use crate::world::{Role, World};
+use crate::world::{Role, World, WorldBody};
 
 impl Control<'_> {
     /// Shape `[body]`; all free where there is no control.
     pub fn states(&self, world: &World) -> Vec<State> {
-        if self.params.mode == ControlMode::Off {
-            return vec![State::Free; world.bodies().len()];
-        }
-        let nailed = world.nailed();
-        let state = |(id, body): (usize, &crate::world::WorldBody)| match body.role {
+        let Some(support) = &self.support else { return vec![State::Free; world.bodies().len()] };
+        let held = support.held(world);
+        let certified = self.certified();
+        let state = |(id, body): (usize, &WorldBody)| match body.role {
             Role::Waiting => State::Waiting,
-            Role::Kept => State::Kept,
-            Role::Held => State::Held,
+            Role::Pinned => State::Pinned,
+            Role::Frozen => State::Held,
             Role::Gone => State::Free,
             Role::Free if self.ended => State::Free,
-            Role::Free if nailed[id] => State::Held,
-            Role::Free if self.certified.get(id).is_some_and(|&certified| certified) => State::Candidate,
-            Role::Free if !self.is_inside(world, id) => State::Outside,
+            Role::Free if held[id] => State::Held,
+            Role::Free if certified.get(id).is_some_and(|&certified| certified) => State::Candidate,
+            Role::Free if !self.eligibility.is_inside(world, id) => State::Outside,
             Role::Free => State::Unstable,
         };
         world.bodies().iter().enumerate().map(state).collect()

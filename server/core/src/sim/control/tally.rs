@@ -1,6 +1,6 @@
 //! What a control has done so far, and the problems that it poses.
 
-use crate::equilibrium::{Contact, Problem};
+use crate::equilibrium::{LocalContact, LocalProblem};
 use crate::world::BodyId;
 use glam::DVec3;
 
@@ -14,6 +14,8 @@ pub struct Tally {
     pub settled: u64,
     pub stable: u64,
     pub unstable: u64,
+    /// Verdicts that left the solver without a proof within its tolerances: there must be none.
+    pub undecided: u64,
     pub candidates: u64,
     pub nails_driven: u64,
     pub nails_broken: u64,
@@ -29,24 +31,26 @@ pub struct Tally {
     pub break_checks: u64,
     /// Steps in which it was looked for what is about to be hit.
     pub impact_looks: u64,
+    /// How often it was asked whether a body is inside the region.
+    pub region_tests: u64,
     /// Largest force of a nail that held, in weights of the lighter body.
     pub nail_load_max: f64,
 }
 
 /// One body's local equilibrium, as the control poses it; engine units, mass and gravity 1.
 #[derive(Clone, Debug)]
-pub struct LocalProblem {
+pub struct BodyProblem {
     pub body: BodyId,
-    pub contacts: Vec<Contact>,
+    pub contacts: Vec<LocalContact>,
     pub center_of_mass: DVec3,
     pub radius: f64,
     /// Of the body's smallest face.
     pub face_area: f64,
 }
 
-impl LocalProblem {
-    pub fn problem(&self) -> Problem<'_> {
-        let LocalProblem { contacts, center_of_mass, radius, .. } = self;
-        Problem { contacts, mass: 1.0, center_of_mass: *center_of_mass, radius: *radius, gravity: DVec3::NEG_Y }
+impl BodyProblem {
+    pub fn problem(&self) -> LocalProblem<'_> {
+        let BodyProblem { contacts, center_of_mass, radius, .. } = self;
+        LocalProblem { contacts, mass: 1.0, center_of_mass: *center_of_mass, radius: *radius, gravity: DVec3::NEG_Y }
     }
 }

@@ -1,0 +1,132 @@
+//! What a bake simulates: decided here, once, from the scene, the user's word and the props' shapes.
+
+use super::EffectName;
+use crate::input::params::{ControlMode, FrictionModel, Params, Physics, ReleaseOrder, Switch};
+use crate::input::scene::Scene;
+use crate::prepare::check::Checked;
+use crate::prepare::container;
+use crate::prepare::extremes;
+use crate::prepare::shape::{Nature, Outline};
+use std::collections::{BTreeMap, BTreeSet};
+use strum::VariantArray;
+
+/// The effects as they will be: what the stages of a bake obey.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Resolved {
+    on: BTreeSet<EffectName>,
+    /// The user's word, where there is one that counts.
+    words: BTreeMap<EffectName, Switch>,
+    /// The engine's settings for release and hold: contacts as stiff as the masses ask for.
+    pub physics: Physics,
+    /// Heaviest body of the pile over the lightest.
+    pub mass_ratio: f64,
+    /// Smallest thickness that a body may have, in d.
+    pub thickness: f64,
+    /// Some prop has several convex parts.
+    pub compounds: bool,
+}
+
+impl Resolved {
+    /// `natures`: one per prop.
+    pub fn new(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature]) -> Resolved {
+        let mass_ratio = extremes::mass_ratio(scene, params, |prop| natures[prop].mass);
+        let thickness = extremes::least_thickness(scene, params, |prop| natures[prop].thickness) / checked.diameter;
+        let natural_time = (checked.diameter / params.gravity).sqrt();
+        let physics = extremes::stiffened(&params.physics, mass_ratio, thickness, natural_time);
+        let case = Case { scene, params, checked, natures, is_stiff: physics != params.physics };
+        let is_on = |&&name: &&EffectName| case.word(name).is_on(case.calls_for(name));
+        let words = EffectName::VARIANTS.iter().map(|&name| (name, case.word(name)));
+        Resolved {
+            on: EffectName::VARIANTS.iter().filter(is_on).copied().collect(),
+            words: words.filter(|(_, word)| *word != Switch::Auto).collect(),
+            physics,
+            mass_ratio,
+            thickness,
+            compounds: natures.iter().any(|nature| nature.parts > 1),
+        }
+    }
+
+    pub fn is_on(&self, name: EffectName) -> bool {
+        self.on.contains(&name)
+    }
+
+    /// The user's word on an effect.
+    pub fn word(&self, name: EffectName) -> Switch {
+        self.words.get(&name).copied().unwrap_or_default()
+    }
+}
+
+/// What the decisions rest on.
+struct Case<'a> {
+    scene: &'a Scene,
+    params: &'a Params,
+    checked: &'a Checked,
+    natures: &'a [Nature],
+    is_stiff: bool,
+}
+
+impl Case<'_> {
+    /// Whether the scene and its parameters call for an effect.
+    fn calls_for(&self, name: EffectName) -> bool {
+        let Case { scene, params, checked, natures, is_stiff } = *self;
+        let is_controlled = params.control.mode != ControlMode::Off;
+        let freezes = params.control.mode == ControlMode::Freeze;
+        let fill = scene.is_filled(params);
+        match name {
+            EffectName::Primitives => natures.iter().any(|n| matches!(n.outline, Outline::Box | Outline::Ball)),
+            EffectName::Decomposition => natures.iter().any(|n| n.outline == Outline::Parts),
+            EffectName::Fill | EffectName::TurnOver => fill,
+            EffectName::WallSimplification => {
+                let closed = checked.control.as_ref().filter(|_| fill && params.fill.wall_tolerance > 0.0);
+                closed.is_some_and(|closed| container::has_fine_walls(&closed.topology, checked.diameter))
+            }
+            EffectName::StagedRelease => params.release.order != ReleaseOrder::AtOnce,
+            EffectName::Scenery => !scene.statics.is_empty(),
+            EffectName::Bodies => !scene.bodies.is_empty(),
+            EffectName::Emitters => !scene.emitters.is_empty(),
+            EffectName::FrictionPerPoint => params.physics.friction_model == FrictionModel::Coulomb,
+            EffectName::Restitution => scene.props.iter().any(|prop| prop.restitution > 0.0),
+            EffectName::RollingResistance => {
+                params.physics.rolling_resistance > 0.0 && checked.sizes.iter().any(|size| size.round.is_some())
+            }
+            EffectName::StiffContacts => is_stiff,
+            EffectName::ContinuousCollision
+            | EffectName::Guard
+            | EffectName::SameOnAllMachines
+            | EffectName::Frames => true,
+            EffectName::Control | EffectName::Analysis | EffectName::Breaking => is_controlled,
+            EffectName::KeptVerdicts => freezes,
+            EffectName::Region => is_controlled && scene.target().is_some(),
+            EffectName::Nails => params.control.mode == ControlMode::Nails,
+            EffectName::Impact => freezes && scene.something_hits(),
+            EffectName::Stand => is_controlled && params.control.stand,
+            EffectName::FreeStanding => params.output.free_standing,
+            EffectName::FreePour => params.output.free_pour,
+        }
+    }
+
+    /// The user's word on an effect. What nothing is controlled or held for stays off, whatever it is forced to.
+    fn word(&self, name: EffectName) -> Switch {
+        let Case { scene, params, .. } = *self;
+        let (physics, control) = (&params.physics.switches, &params.control.switches);
+        let freezes = params.control.mode == ControlMode::Freeze;
+        match name {
+            EffectName::KeptVerdicts | EffectName::Impact if !freezes => Switch::Auto,
+            EffectName::Region if scene.target().is_none() => Switch::Auto,
+            EffectName::Region | EffectName::Breaking if params.control.mode == ControlMode::Off => Switch::Auto,
+            EffectName::Primitives => physics.primitives,
+            EffectName::Decomposition => physics.decomposition,
+            EffectName::ContinuousCollision => physics.continuous_collision,
+            EffectName::Restitution => physics.restitution,
+            EffectName::RollingResistance => physics.rolling_resistance,
+            EffectName::StiffContacts => physics.stiff_contacts,
+            EffectName::Guard => params.guard,
+            EffectName::KeptVerdicts => control.kept_verdicts,
+            EffectName::Region => control.region,
+            EffectName::Breaking => control.breaking,
+            EffectName::Impact => control.impact,
+            EffectName::Frames => params.output.keeps_frames,
+            _ => Switch::Auto,
+        }
+    }
+}

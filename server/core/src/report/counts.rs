@@ -1,0 +1,65 @@
+//! What was done, counted.
+
+use super::inputs::Inputs;
+use crate::prepare::effects::{Count, EffectName};
+use crate::prepare::shape::Outline;
+use crate::sim::step::Simulation;
+use crate::world::Counters;
+use std::collections::BTreeMap;
+
+/// All counts. `freed_steps`: of the further simulation that tells what stands by itself.
+pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<Count, u64> {
+    let (scene, pile) = (inputs.scene, &sim.pile);
+    let filled = inputs.filled.map(|(_, filled)| filled);
+    let (tally, done, world) = (pile.control.tally(), pile.tally, &pile.world);
+    let of_kind = |is: fn(&Outline) -> bool| pile.shapes.iter().filter(|s| is(&s.solid.outline())).count() as u64;
+    let steps_if = |on: bool| if on { pile.step } else { 0 };
+    let removed = filled.map(|filled| filled.removed).unwrap_or_default();
+    let both = |of: fn(&Counters) -> u64| of(&world.counters) + filled.map_or(0, |filled| of(&filled.counters));
+    BTreeMap::from([
+        (Count::FillSteps, filled.map_or(0, |filled| filled.steps)),
+        (Count::FillStepsRecalled, 0),
+        (Count::Steps, pile.step),
+        (Count::StepsRecalled, 0),
+        (Count::RemovedStickingOut, removed.sticking_out as u64),
+        (Count::RemovedOverlapping, removed.overlapping as u64),
+        (Count::RemovedEscaped, removed.escaped as u64),
+        (Count::BodiesLost, sim.guard.actions.aside.len() as u64),
+        (Count::GuardRetries, sim.guard.actions.retries),
+        (Count::GuardStiffened, sim.guard.actions.stiffened),
+        (Count::ControlCycles, tally.cycles),
+        (Count::Analyses, tally.analyses),
+        (Count::VerdictsKept, tally.settled),
+        (Count::VerdictsStable, tally.stable),
+        (Count::VerdictsUnstable, tally.unstable),
+        (Count::VerdictsUndecided, tally.undecided),
+        (Count::Candidates, tally.candidates),
+        (Count::NailsDriven, tally.nails_driven),
+        (Count::NailsBroken, tally.nails_broken),
+        (Count::HeldPeak, tally.held_peak),
+        (Count::HoldsBroken, tally.holds_broken),
+        (Count::Unjammed, tally.unjammed),
+        (Count::Shaken, tally.shaken),
+        (Count::Frames, if pile.recorder.keeps() { pile.recorder.frames.len() as u64 } else { 0 }),
+        (Count::WallTrianglesSaved, filled.map_or(0, |filled| filled.wall_triangles_saved as u64)),
+        (Count::PropsAsPrimitives, of_kind(|outline| matches!(outline, Outline::Box | Outline::Ball))),
+        (Count::PropsSplit, of_kind(|outline| matches!(outline, Outline::Parts))),
+        (Count::ReleaseLayers, done.layers),
+        (Count::SceneryPieces, scene.statics.len() as u64),
+        (Count::BodiesPlaced, scene.bodies.len() as u64),
+        (Count::BodiesEmitted, done.bodies_emitted),
+        (Count::BouncingBodies, done.bouncing_bodies),
+        (Count::StandSteps, pile.gentle_stop.steps),
+        (Count::FreeStandingSteps, freed_steps),
+        (Count::StepsWithStiffContacts, steps_if(inputs.resolved.is_on(EffectName::StiffContacts))),
+        (Count::StepsWithFrictionPerPoint, steps_if(world.has_friction_per_point())),
+        (Count::SpeculativeBodySteps, both(|w| w.speculative_body_steps)),
+        (Count::CcdBodySteps, both(|w| w.ccd_body_steps)),
+        (Count::RollingBodySteps, world.counters.rolling_body_steps),
+        (Count::RockingLooks, world.counters.rocking_looks),
+        (Count::GuardSteps, sim.guard.actions.steps),
+        (Count::RegionTests, tally.region_tests),
+        (Count::BreakChecks, tally.break_checks),
+        (Count::ImpactLooks, tally.impact_looks),
+    ])
+}

@@ -1,0 +1,43 @@
+//! What a report is made of.
+
+use super::bake::Body;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
+use crate::input::params::Params;
+use crate::input::scene::Scene;
+use crate::prepare::container::Container;
+use crate::prepare::effects::Resolved;
+use crate::prepare::plan::Plan;
+use crate::prepare::shape::Shape;
+use crate::stages::fill::Filled;
+use crate::stages::hold::Held;
+use std::collections::BTreeMap;
+
+/// Figures by name; `None` where a figure has no meaning for the scene.
+pub type Figures = BTreeMap<&'static str, Option<f64>>;
+
+/// What a report is made of.
+pub struct Inputs<'a> {
+    pub scene: &'a Scene,
+    pub params: &'a Params,
+    pub plan: &'a Plan,
+    pub resolved: &'a Resolved,
+    pub shapes: &'a [Shape],
+    /// The shape that the pile is to have, welded and facing outward.
+    pub target: Option<&'a TriMesh>,
+    pub filled: Option<&'a (Container, Filled)>,
+    pub held: Held,
+    pub bodies: &'a [Body],
+    /// Shape `[frame][body]`, SI, from the props' own frames.
+    pub frames: &'a [Vec<Pose>],
+    /// Height, m.
+    pub ground: f64,
+}
+
+impl Inputs<'_> {
+    /// The bodies that a frame has, as the measures take them: prop, scale and pose.
+    pub fn placed(&self, number: usize) -> Vec<(usize, f64, Pose)> {
+        let there = self.bodies.iter().zip(&self.frames[number]).filter(|(b, _)| b.first_frame <= number);
+        there.map(|(b, &pose)| (b.prop, b.scale, pose)).collect()
+    }
+}

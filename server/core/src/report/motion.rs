@@ -1,0 +1,90 @@
+//! Figures of motion and control, and what limits the accuracy.
+
+use super::inputs::{Figures, Inputs};
+use crate::geometry::pose::Pose;
+use crate::input::params::ControlMode;
+use crate::input::scene::PlacedBody;
+use crate::measure;
+use crate::sim::pile::Pile;
+use crate::sim::step::Simulation;
+use crate::world::World;
+use std::collections::BTreeMap;
+
+/// How the bodies moved.
+pub fn figures(inputs: &Inputs, pile: &Pile) -> Figures {
+    let units = pile.world.units;
+    let weight = pile.instances.len() as f64;
+    let frames = &pile.recorder.frames;
+    let last = frames.len() - 1;
+    let hold_end = pile.recorder.disturbed_frame.unwrap_or(last).min(last);
+    let from = pile.recorder.hold_frame.min(hold_end);
+    let displacements = |from: usize, to: usize| -> Vec<f64> {
+        frames[from].iter().zip(&frames[to]).map(|(a, b)| a.translation.distance(b.translation)).collect()
+    };
+    let mut figures = BTreeMap::from([
+        ("drift_p95_rel", Some(measure::percentile(&displacements(from, hold_end), 0.95))),
+        ("resting_speed_max", Some(inputs.held.resting_speed_max * units.length / units.time)),
+        ("resting_speed_max_rel", Some(inputs.held.resting_speed_max)),
+        ("kinetic_energy_rel", Some(pile.world.kinetic_energy() / weight)),
+        ("active_body_share", Some(pile.tally.active_body_steps as f64 / weight / pile.step.max(1) as f64)),
+    ]);
+    if let Some(rest) = inputs.held.rest {
+        let seconds = rest.steps as f64 * pile.world.step_length() * units.time;
+        figures.insert("rest_seconds", Some(seconds));
+        // Where frames are not kept, nobody knows where the bodies were then.
+        let from = pile.recorder.keeps().then_some(rest.frame.min(last));
+        let creep = from.map(|from| displacements(from, last).into_iter().fold(0.0, f64::max));
+        figures.insert("creep_max_rel", creep);
+    }
+    if inputs.scene.bodies.iter().any(PlacedBody::is_stacked) || pile.recorder.disturbed_frame.is_some() {
+        let stack = inputs.placed(0);
+        let point = |(prop, scale, pose): &(usize, f64, Pose)| {
+            let points = &inputs.scene.props[*prop].model.mesh.points;
+            points.iter().map(|p| pose.transform_point(*p * *scale).y).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let top = stack.iter().map(point).fold(f64::NEG_INFINITY, f64::max);
+        let height = (top - inputs.ground) / units.length;
+        let drift = displacements(0, hold_end).into_iter().fold(0.0, f64::max);
+        figures.insert("stack_drift_rel", (height > 0.0).then(|| drift / height));
+        let fallen = frames[0].iter().zip(&frames[last]).filter(|(a, b)| a.translation.y - b.translation.y > FALLEN);
+        figures.insert("fallen_fraction", Some(fallen.count() as f64 / frames[0].len().max(1) as f64));
+    }
+    figures
+}
+
+/// A body whose centre of mass has come down by more than this, in d, has fallen.
+const FALLEN: f64 = 0.25;
+
+/// What the control did, and what it cost.
+pub fn control(sim: &Simulation) -> Figures {
+    let tally = sim.pile.control.tally();
+    let ratio = |a: f64, b: f64| (b > 0.0).then_some(a / b);
+    BTreeMap::from([
+        ("nails_peak", Some(tally.nails_peak as f64)),
+        ("nails_end", Some(sim.pile.world.nail_count() as f64)),
+        ("nails_broken", Some(tally.nails_broken as f64)),
+        ("nail_load_max", Some(tally.nail_load_max)),
+        ("control_overhead", ratio(sim.seconds.control(), sim.seconds.engine())),
+        ("analysis_us_per_body", ratio(sim.seconds.control() * 1e6, tally.analyses as f64)),
+    ])
+}
+
+/// Lengths by which a pile may differ from the true one, in d, by the parameter that lessens each: how far the collision
+/// shapes are from the meshes, how far contacts sink in, the gap across which bodies may be held, and how far a body falls
+/// within a step.
+pub fn error_sources(inputs: &Inputs, world: &World, measures: &Figures) -> BTreeMap<&'static str, f64> {
+    let mut thickness: Vec<f64> = world.present().map(|id| world.bodies()[id].thickness).collect();
+    thickness.sort_by(f64::total_cmp);
+    let thickness = thickness.get(thickness.len() / 2).copied().unwrap_or(0.0);
+    let used = inputs.shapes.iter().enumerate().filter(|(i, _)| inputs.bodies.iter().any(|b| b.prop == *i));
+    let deviation = used.map(|(_, shape)| shape.report.deviation_rel).fold(0.0, f64::max);
+    let sunk = measures.get("penetration_mean_rel").copied().flatten().unwrap_or(0.0);
+    let control = &inputs.params.control;
+    let gap = if control.mode == ControlMode::Off { 0.0 } else { control.contact_tolerance };
+    BTreeMap::from([
+        ("physics.shape_tolerance", deviation),
+        ("physics.contact_frequency", sunk * thickness),
+        ("physics.step", world.step_length().powi(2) / 2.0),
+        ("control.contact_tolerance", gap * thickness),
+    ])
+}

@@ -1,0 +1,103 @@
+//! Sentences for a person: what was removed, left empty, not at rest.
+
+use super::inputs::{Figures, Inputs};
+use crate::input::params::FillMethod;
+use crate::measure::ShapeMeasures;
+use crate::prepare::container::Container;
+use crate::sim::guard;
+use crate::sim::step::Simulation;
+use crate::stages::fill::{Filled, Removed};
+use crate::stages::hold::Held;
+use crate::world::BodyId;
+
+/// More of the volume than this in pockets is worth a word.
+const MOST_POCKETS: f64 = 0.02;
+/// Emptier than this, the fill is worth a warning: half of what random props reach.
+const POOR_FILL: f64 = 0.2;
+
+/// What the container had to become, and what left it.
+pub fn container(inputs: &Inputs, container: &Container, filled: &Filled) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if container.remeshed {
+        let spacing = container.distance.spacing() * inputs.plan.prop_diameter;
+        warnings.push(format!(
+            "{}: filled inside a surface around the union of its parts, {spacing:.3} m between samples",
+            inputs.scene.control.as_ref().map_or("", |model| &model.name)
+        ));
+    }
+    let Removed { sticking_out, overlapping, escaped } = filled.removed;
+    for (count, why) in
+        [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")]
+    {
+        if count > 0 {
+            warnings.push(match count {
+                1 => format!("1 body that {why} was removed after the fill"),
+                _ => format!("{count} bodies that {why} were removed after the fill"),
+            });
+        }
+    }
+    warnings
+}
+
+/// How full it is.
+pub fn fill(inputs: &Inputs, filled: &Filled, first: &ShapeMeasures) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if filled.full && first.fill_fraction < POOR_FILL {
+        warnings.push(format!(
+            "only {:.0} % of the control mesh could be filled: its parts are narrow for these props; smaller props reach farther",
+            100.0 * first.fill_fraction
+        ));
+    }
+    if filled.full && filled.pockets > MOST_POCKETS {
+        warnings.push(format!(
+            "{:.0} % of the control mesh's volume lies in pockets that the fill did not reach; smaller props{} reach farther",
+            100.0 * filled.pockets,
+            if inputs.params.fill.method == FillMethod::Pour { ", or fill.method = \"insert\"," } else { "" }
+        ));
+    }
+    if !filled.full && inputs.params.fill.count.is_none() {
+        warnings.push(format!(
+            "the fill stopped at its limit of {} bodies before the control mesh was full; raise fill.max_bodies or use larger props",
+            inputs.params.fill.max_bodies
+        ));
+    }
+    warnings
+}
+
+/// What the guard did.
+fn guard(sim: &Simulation) -> Vec<String> {
+    let name = |id: BodyId| format!("{id} ({})", sim.pile.scene.props[sim.pile.instances[id].prop].model.name);
+    let actions = &sim.guard.actions;
+    let mut warnings = guard::told(&actions.aside, name);
+    warnings.iter_mut().for_each(|text| text.push_str(" and were set aside"));
+    if actions.retries > 0 {
+        warnings.push(format!("{} steps gained energy or speed and were taken again in smaller ones", actions.retries));
+    }
+    let deep = if actions.stiffened > 0 { sim.guard.still_deep(&sim.pile.world) } else { 0 };
+    if deep > 0 {
+        warnings.push(format!(
+            "{deep} pairs of bodies overlap by more than half of the thinner one's thickness in the end, even with stiffer contacts"
+        ));
+    }
+    warnings
+}
+
+/// How the pile ended.
+pub fn end(sim: &Simulation, held: Held, measures: &Figures) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if !held.at_rest {
+        warnings.push("the pile was still moving at the last frame; bake more frames, or raise hold.patience".into());
+    }
+    if sim.fallen > 0 {
+        let who = if sim.fallen == 1 { "1 body".into() } else { format!("{} bodies", sim.fallen) };
+        warnings.push(format!("{who} fell past the scenery and were set aside: there is no ground"));
+    }
+    warnings.extend(guard(sim));
+    if let Some(Some(hanging)) = measures.get("hanging")
+        && *hanging > 0.0
+    {
+        let who = if *hanging == 1.0 { "1 body rests".into() } else { format!("{hanging} bodies rest") };
+        warnings.push(format!("{who} without a chain of contacts down to the ground"));
+    }
+    warnings
+}

@@ -1,0 +1,225 @@
+//! Which bodies may be held: local equilibrium and candidate rules (paper, 3.1 to 3.3), with the verdicts of the cycle before kept
+//! where nothing has changed.
+
+use super::eligibility::Eligibility;
+use super::tally::{BodyProblem, Tally};
+use crate::equilibrium::{
+    Analyser, Candidacy, CandidateRules, FrictionLaw, FrictionReserve, LocalContact, LocalProblem, Options, Solver,
+    Spread,
+};
+use crate::input::params::{self, ContactSelection, Control as ControlParams, FrictionCone};
+use crate::world::{BodyId, Role, Side, Touch, World};
+use glam::DVec3;
+
+/// Distinct contacts that a candidate needs (paper, 3.3).
+const LEAST_CONTACTS: usize = 3;
+
+/// The analysis and what it remembers of the latest cycle.
+pub struct Analysis<'a> {
+    params: &'a ControlParams,
+    options: Options,
+    analyser: Analyser,
+    /// Verdicts are kept where nothing that they rest on has changed.
+    keeps_verdicts: bool,
+    /// Passed the latest analysis and candidate rules. Shape `[body]`.
+    pub certified: Vec<bool>,
+    /// What touched in the latest cycle.
+    pub touches: Vec<Touch>,
+    /// Bodies that have not moved since. Shape `[body]`.
+    pub unmoved: Vec<bool>,
+}
+
+impl<'a> Analysis<'a> {
+    pub fn new(params: &'a ControlParams, keeps_verdicts: bool) -> Analysis<'a> {
+        let friction_law = match params.friction_cone {
+            FrictionCone::Pyramid => FrictionLaw::PAPER,
+            FrictionCone::Cone => FrictionLaw::Cone,
+        };
+        Analysis {
+            params,
+            options: Options { friction_law, solver: Solver::Fast, margin: false },
+            analyser: Analyser::new(),
+            keeps_verdicts,
+            certified: Vec::new(),
+            touches: Vec::new(),
+            unmoved: Vec::new(),
+        }
+    }
+
+    /// A body may move from now on: verdicts that rest on it are made anew.
+    pub fn stir(&mut self, id: BodyId) {
+        if let Some(unmoved) = self.unmoved.get_mut(id) {
+            *unmoved = false;
+        }
+    }
+
+    /// At the end of a cycle: takes note of what the verdicts rest on.
+    pub fn note(&mut self, world: &World, touches: Vec<Touch>) {
+        self.touches = touches;
+        if self.keeps_verdicts {
+            let stands = |role: Role| matches!(role, Role::Frozen | Role::Waiting | Role::Pinned);
+            self.unmoved = world.bodies().iter().map(|b| stands(b.role)).collect();
+        }
+    }
+
+    /// Bodies that are frozen and touch nothing that moved, appeared or began to carry since their last verdict: it still holds.
+    /// Shape `[body]`.
+    fn settled(&self, world: &World, touches: &[Touch]) -> Vec<bool> {
+        let unmoved = |id: BodyId| self.unmoved.get(id).copied().unwrap_or(false);
+        let frozen = |id: BodyId| unmoved(id) && world.bodies()[id].role == Role::Frozen;
+        let mut settled: Vec<bool> = (0..world.bodies().len()).map(frozen).collect();
+        for t in touches {
+            if let Side::Body(b) = t.b {
+                settled[t.a] &= unmoved(b);
+                settled[b] &= unmoved(t.a);
+            }
+        }
+        for t in &self.touches {
+            // What has gone away carried, too.
+            if let Side::Body(b) = t.b {
+                settled[t.a] &= unmoved(b) && world.is_present(b);
+                settled[b] &= unmoved(t.a) && world.is_present(t.a);
+            }
+        }
+        settled
+    }
+
+    /// Judges all bodies but the barred ones (shape `[body]`; may be shorter), and remembers who passed.
+    pub fn judge_all(
+        &mut self,
+        world: &World,
+        touches: &[Touch],
+        barred: &[bool],
+        eligibility: &Eligibility,
+        tally: &mut Tally,
+    ) {
+        let settled = self.settled(world, touches);
+        let contacts = contacts(world, touches, self.params.selection);
+        let rules = self.rules(world.units.length);
+        let mut passed = vec![false; world.bodies().len()];
+        for (id, contacts) in contacts.iter().enumerate() {
+            if barred.get(id).is_some_and(|&barred| barred) {
+                continue;
+            }
+            let body = &world.bodies()[id];
+            if body.role == Role::Pinned {
+                passed[id] = true;
+                continue;
+            }
+            if settled[id] {
+                tally.settled += 1;
+                passed[id] = self.certified[id];
+                continue;
+            }
+            let released = matches!(body.role, Role::Free | Role::Frozen);
+            let slow = body.role == Role::Frozen || world.speed(id) < self.params.speed;
+            if !released || !slow || contacts.is_empty() || !eligibility.is_inside(world, id) {
+                continue;
+            }
+            let problem = LocalProblem {
+                contacts,
+                mass: 1.0,
+                center_of_mass: world.pose(id).translation,
+                radius: body.radius,
+                gravity: DVec3::NEG_Y,
+            };
+            passed[id] = self.judge(&problem, &rules.of(body.face_area), tally);
+        }
+        self.certified = passed;
+    }
+
+    /// Analysis and candidate rules for one body.
+    fn judge(&mut self, problem: &LocalProblem, rules: &CandidateRules, tally: &mut Tally) -> bool {
+        tally.analyses += 1;
+        // The contacts come from finite poses and the parameters are validated: an error would be a fault of ours, and
+        // then nothing is held.
+        let Ok(candidacy) = self.analyser.candidate(problem, &self.options, rules) else {
+            debug_assert!(false, "contacts of a checked world");
+            return false;
+        };
+        if candidacy.is_stable() {
+            tally.stable += 1;
+        } else {
+            tally.unstable += 1;
+        }
+        let passed = candidacy == Candidacy::Candidate;
+        tally.candidates += u64::from(passed);
+        passed
+    }
+
+    /// The candidate rules in engine units. `length`: metres per engine unit.
+    fn rules(&self, length: f64) -> Rules {
+        let reserve = match self.params.friction_reserve {
+            params::FrictionReserve::Paper => FrictionReserve::Paper,
+            params::FrictionReserve::Sharp => FrictionReserve::Sharp,
+        };
+        let (spread, of_face) = match self.params.spread {
+            params::Spread::Paper(alpha) => (Spread::Paper(alpha / (length * length)), None),
+            params::Spread::Relative(share) => (Spread::Relative { share, area: 0.0 }, Some(share)),
+        };
+        let kinetic_ratio = self.params.kinetic_ratio;
+        Rules { all: CandidateRules { reserve, kinetic_ratio, spread, contacts: LEAST_CONTACTS }, of_face }
+    }
+
+    /// Verdicts that left the solver without a proof within its tolerances.
+    pub fn undecided(&self) -> u64 {
+        self.analyser.counters().uncertified
+    }
+
+    /// The local problems that a cycle would now pose, of all released bodies with contacts: for tools that compare
+    /// solvers on real piles.
+    pub fn problems(&self, world: &World) -> Vec<BodyProblem> {
+        let touches = world.touches(self.params.contact_tolerance);
+        let contacts = contacts(world, &touches, self.params.selection).into_iter().enumerate();
+        let released = |id: BodyId| matches!(world.bodies()[id].role, Role::Free | Role::Frozen);
+        contacts
+            .filter(|(id, contacts)| released(*id) && !contacts.is_empty())
+            .map(|(id, contacts)| {
+                let body = &world.bodies()[id];
+                let center_of_mass = world.pose(id).translation;
+                BodyProblem { body: id, contacts, center_of_mass, radius: body.radius, face_area: body.face_area }
+            })
+            .collect()
+    }
+}
+
+/// The candidate rules of a cycle.
+struct Rules {
+    all: CandidateRules,
+    /// The spread needed, as a share of a body's smallest face; `None` where it is the same for all bodies.
+    of_face: Option<f64>,
+}
+
+impl Rules {
+    /// For a body with this smallest face.
+    fn of(&self, area: f64) -> CandidateRules {
+        let spread = self.of_face.map_or(self.all.spread, |share| Spread::Relative { share, area });
+        CandidateRules { spread, ..self.all }
+    }
+}
+
+/// The selected contacts of each body (paper, 3.2). Shape `[body][contact]`, engine units.
+fn contacts(world: &World, touches: &[Touch], selection: ContactSelection) -> Vec<Vec<LocalContact>> {
+    let mut contacts = vec![Vec::new(); world.bodies().len()];
+    let supports = |side: Side| match side {
+        // A body that waits may be touched, but supports nothing: it will be gone from there.
+        Side::Body(id) => world.bodies()[id].role != Role::Waiting,
+        Side::Ground | Side::Scenery => true,
+        Side::Moving => false,
+    };
+    let selected = |normal: DVec3| selection == ContactSelection::All || normal.y > 0.0;
+    for t in touches {
+        for p in &t.points {
+            if supports(t.b) && selected(p.normal) {
+                contacts[t.a].push(LocalContact { point: p.point, normal: p.normal, friction: t.friction });
+            }
+            if let Side::Body(b) = t.b
+                && supports(Side::Body(t.a))
+                && selected(-p.normal)
+            {
+                contacts[b].push(LocalContact { point: p.point, normal: -p.normal, friction: t.friction });
+            }
+        }
+    }
+    contacts
+}

@@ -1,0 +1,133 @@
+//! Who may be held at all, whatever the analysis of its contacts says: where the control acts, and what overlaps, is carried along,
+//! hangs or flies.
+
+use crate::geometry::contact;
+use crate::geometry::region::DistanceGrid;
+use crate::world::{BodyId, Role, Side, Touch, World};
+use std::cell::Cell;
+use std::collections::BTreeSet;
+
+/// A centre of mass this far outside the region (in d) still counts as inside, as in `inside_fraction`.
+const REGION_TOLERANCE: f64 = 0.1;
+/// Bodies placed by hand overlap if by more than this share of the thinner one's thickness: as much as a contact may gape.
+const MOST_OVERLAP: f64 = 0.05;
+/// What is deeper in another body, or in the ground, is not held there, however it came there: a hard fall, or a squeeze. The
+/// fill leaves less than this.
+const DEEP: f64 = 0.35;
+
+pub struct Eligibility<'a> {
+    /// Bodies whose centre of mass is outside are never controlled; `None`: the control acts everywhere. Engine units.
+    region: Option<&'a DistanceGrid>,
+    region_tests: Cell<u64>,
+    /// Bodies that were dropped or thrown: not damped while they touch nothing.
+    dropped: BTreeSet<BodyId>,
+    /// Bodies placed by hand that may overlap: not held before they have come apart.
+    placed: BTreeSet<BodyId>,
+}
+
+impl<'a> Eligibility<'a> {
+    pub fn new(region: Option<&'a DistanceGrid>) -> Eligibility<'a> {
+        Eligibility { region, region_tests: Cell::new(0), dropped: BTreeSet::new(), placed: BTreeSet::new() }
+    }
+
+    /// A body falls or flies in.
+    pub fn drop_in(&mut self, id: BodyId) {
+        self.dropped.insert(id);
+    }
+
+    /// A body was placed by hand, maybe into another one.
+    pub fn place(&mut self, id: BodyId) {
+        self.placed.insert(id);
+    }
+
+    /// How often it was asked whether a body is inside the region.
+    pub fn region_tests(&self) -> u64 {
+        self.region_tests.get()
+    }
+
+    pub fn is_inside(&self, world: &World, id: BodyId) -> bool {
+        let Some(region) = self.region else { return true };
+        self.region_tests.set(self.region_tests.get() + 1);
+        region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE
+    }
+
+    /// Bodies that may not be held now, whatever their contacts say. Shape `[body]`; empty where there are none.
+    pub fn barred(&mut self, world: &World, touches: &[Touch]) -> Vec<bool> {
+        let mut barred = carried(world, touches);
+        let sunk = overlapping(world, touches, DEEP);
+        if self.placed.is_empty() && sunk.is_empty() {
+            return barred;
+        }
+        barred.resize(world.bodies().len(), false);
+        sunk.into_iter().for_each(|id| barred[id] = true);
+        if !self.placed.is_empty() {
+            // Those of the overlapping ones that still do; once apart, a body is like all others.
+            let deep = overlapping(world, touches, MOST_OVERLAP);
+            self.placed.retain(|id| deep.contains(id) || world.bodies()[*id].role == Role::Waiting);
+            self.placed.iter().for_each(|&id| barred[id] = true);
+        }
+        barred
+    }
+
+    /// Bodies slower than `speed` that no chain of contacts from below joins to the ground, rising. They are jammed between their
+    /// sides, as no pile that fell into place would have it: the fill squeezed them in there.
+    pub fn hanging(&self, world: &World, touches: &[Touch], speed: f64) -> Vec<BodyId> {
+        let waits = |id: BodyId| world.bodies()[id].role == Role::Waiting;
+        let released = |t: &&Touch| !waits(t.a) && !matches!(t.b, Side::Body(b) if waits(b));
+        let contacts: Vec<_> = touches.iter().filter(released).flat_map(|t| t.bearings(world)).collect();
+        let slow = |id: BodyId| {
+            let free = world.bodies()[id].role == Role::Free && world.speed(id) < speed;
+            (free || world.bodies()[id].role == Role::Frozen) && self.is_inside(world, id)
+        };
+        let slow: Vec<bool> = (0..world.bodies().len()).map(slow).collect();
+        // Engine units: d is 1.
+        contact::hanging(&slow, &contacts, 1.0)
+    }
+
+    /// Dropped bodies that touch nothing.
+    pub fn flying(&self, touches: &[Touch]) -> BTreeSet<BodyId> {
+        let mut flying = self.dropped.clone();
+        for t in touches {
+            flying.remove(&t.a);
+            if let Side::Body(b) = t.b {
+                flying.remove(&b);
+            }
+        }
+        flying
+    }
+}
+
+/// Bodies that moving scenery carries or pushes, directly or through others: they move with it. Shape `[body]`; empty
+/// where none moves.
+fn carried(world: &World, touches: &[Touch]) -> Vec<bool> {
+    if !world.scenery_moves() {
+        return Vec::new();
+    }
+    let mut carried = vec![false; world.bodies().len()];
+    let joined = joined(world, touches);
+    let mut front: Vec<BodyId> = touches.iter().filter(|t| t.b == Side::Moving).map(|t| t.a).collect();
+    while let Some(id) = front.pop() {
+        if !std::mem::replace(&mut carried[id], true) {
+            front.extend(&joined[id]);
+        }
+    }
+    carried
+}
+
+/// Bodies deeper in something else than this share of the thinner one's thickness.
+fn overlapping(world: &World, touches: &[Touch], share: f64) -> BTreeSet<BodyId> {
+    let deep = touches.iter().filter(|t| t.depth() > share * world.pair_thickness(t));
+    deep.flat_map(|t| [Some(t.a), if let Side::Body(b) = t.b { Some(b) } else { None }]).flatten().collect()
+}
+
+/// The bodies that each body touches. Shape `[body]`, each in order of the touches.
+pub fn joined(world: &World, touches: &[Touch]) -> Vec<Vec<BodyId>> {
+    let mut joined = vec![Vec::new(); world.bodies().len()];
+    for t in touches {
+        if let Side::Body(b) = t.b {
+            joined[t.a].push(b);
+            joined[b].push(t.a);
+        }
+    }
+    joined
+}

@@ -1,0 +1,104 @@
+//! Freezing: a held body takes no part in the solver until its next verdict. It does not move, and carries like scenery.
+
+use super::{Lifetime, Support, Verdicts, supportable};
+use crate::input::params::{Control as ControlParams, Neighbours};
+use crate::sim::control::tally::Tally;
+use crate::sim::policy::Policy;
+use crate::world::{BodyId, Role, World};
+use std::collections::BTreeMap;
+
+pub struct Freeze {
+    neighbours: Neighbours,
+    /// Bodies that broke loose. Ordered, so that nothing depends on the order of a hash map.
+    strained: BTreeMap<BodyId, Strain>,
+    /// Cycles so far.
+    cycle: u64,
+}
+
+/// A body that broke loose under its load is squeezed between its neighbours: frozen again at once, it would only break loose
+/// again, and rattle for ever. It stays free for a while, each time twice as long, so that the squeeze can ease, and after the last
+/// attempt for good.
+#[derive(Clone, Copy, Debug)]
+struct Strain {
+    breaks: u32,
+    /// The first cycle that may freeze it again.
+    free_until: u64,
+}
+
+impl Strain {
+    const ATTEMPTS: u32 = 4;
+
+    fn again(before: Option<&Strain>, cycle: u64) -> Strain {
+        let breaks = before.map_or(1, |s| s.breaks + 1);
+        let free_until = if breaks < Strain::ATTEMPTS { cycle + (1 << breaks) } else { u64::MAX };
+        Strain { breaks, free_until }
+    }
+}
+
+impl Freeze {
+    pub fn new(params: &ControlParams) -> Freeze {
+        Freeze { neighbours: params.neighbours, strained: BTreeMap::new(), cycle: 0 }
+    }
+
+    /// Which bodies are to be frozen. Shape `[body]`.
+    fn choose(&self, verdicts: &Verdicts) -> Vec<bool> {
+        let is_free = |until: Option<u64>| until.is_some_and(|until| verdicts.cycle < until);
+        let mut chosen = supportable(self.neighbours, verdicts);
+        for (id, chosen) in chosen.iter_mut().enumerate() {
+            let strained = is_free(self.strained.get(&id).map(|strain| strain.free_until));
+            *chosen &= !strained && !is_free(verdicts.shaken.get(&id).copied());
+        }
+        chosen
+    }
+}
+
+impl Support for Freeze {
+    fn lifetime(&self) -> Lifetime {
+        Lifetime::Verdict
+    }
+
+    fn lift(&mut self, world: &mut World, policy: &mut Policy) {
+        for id in world.present().collect::<Vec<_>>() {
+            if world.bodies()[id].role == Role::Frozen {
+                policy.thaw(world, id);
+            }
+        }
+    }
+
+    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, tally: &mut Tally) {
+        self.cycle = verdicts.cycle;
+        for (id, freeze) in self.choose(verdicts).into_iter().enumerate() {
+            match world.bodies()[id].role {
+                Role::Free if freeze => policy.freeze(world, id),
+                Role::Frozen if !freeze => policy.thaw(world, id),
+                _ => {}
+            }
+        }
+        tally.held_peak = tally.held_peak.max(world.count(Role::Frozen) as u64);
+    }
+
+    fn break_overloaded(
+        &mut self,
+        limit: f64,
+        world: &mut World,
+        policy: &mut Policy,
+        tally: &mut Tally,
+    ) -> Vec<BodyId> {
+        let broken = world.overloaded(limit);
+        for &id in &broken {
+            policy.thaw(world, id);
+            let strain = Strain::again(self.strained.get(&id), self.cycle);
+            self.strained.insert(id, strain);
+        }
+        tally.holds_broken += broken.len() as u64;
+        broken
+    }
+
+    fn stops_bodies(&self) -> bool {
+        true
+    }
+
+    fn held(&self, world: &World) -> Vec<bool> {
+        world.bodies().iter().map(|body| body.role == Role::Frozen).collect()
+    }
+}

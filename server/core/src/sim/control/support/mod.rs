@@ -1,0 +1,89 @@
+//! What keeps certified bodies in place. A kind of support is one file here, and its parameters in the schema.
+
+mod freeze;
+mod nails;
+
+use super::tally::Tally;
+use crate::input::params::{Control as ControlParams, ControlMode, Neighbours};
+use crate::sim::policy::Policy;
+use crate::world::{BodyId, Side, Touch, World};
+use std::collections::BTreeMap;
+
+/// The verdicts of a cycle, as supports see them.
+pub struct Verdicts<'v> {
+    /// Number of the cycle.
+    pub cycle: u64,
+    pub touches: &'v [Touch],
+    /// Passed the analysis and the candidate rules. Shape `[body]`.
+    pub certified: &'v [bool],
+    /// Bodies let go for a hit, and the first cycle that may hold them again.
+    pub shaken: &'v BTreeMap<BodyId, u64>,
+}
+
+/// How long a support lasts by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lifetime {
+    /// Until the next cycle begins, which places all anew (paper, 3.3).
+    Cycle,
+    /// Until a verdict takes it away.
+    Verdict,
+}
+
+/// A kind of support. The control calls, in this order: [`Support::lift`] at the beginning of a cycle where its lifetime asks for
+/// that, [`Support::place`] after the verdicts, [`Support::break_overloaded`] after every step, [`Support::end`] once.
+pub trait Support {
+    fn lifetime(&self) -> Lifetime;
+
+    /// Takes all of it away.
+    fn lift(&mut self, world: &mut World, policy: &mut Policy);
+
+    /// Chooses what to hold, and holds it.
+    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, tally: &mut Tally);
+
+    /// Lets go what carries more than `limit`, in weights of what it holds. Returns the bodies that may move again.
+    fn break_overloaded(
+        &mut self,
+        limit: f64,
+        world: &mut World,
+        policy: &mut Policy,
+        tally: &mut Tally,
+    ) -> Vec<BodyId>;
+
+    /// Whether a held body takes no part in the solver: it cannot give way by itself to what hits it, and a verdict on it lasts
+    /// while nothing around it moves.
+    fn stops_bodies(&self) -> bool;
+
+    /// Whether it holds each body now. Shape `[body]`.
+    fn held(&self, world: &World) -> Vec<bool>;
+
+    /// For good.
+    fn end(&mut self, world: &mut World, policy: &mut Policy) {
+        self.lift(world, policy);
+    }
+}
+
+/// The support that the parameters ask for; `None` where the control is off.
+pub fn of(params: &ControlParams, seed: u64) -> Option<Box<dyn Support>> {
+    match params.mode {
+        ControlMode::Off => None,
+        ControlMode::Nails => Some(Box::new(nails::Nails::new(params, seed))),
+        ControlMode::Freeze => Some(Box::new(freeze::Freeze::new(params))),
+    }
+}
+
+/// The certified bodies that may be held by the rule for their neighbours. Shape `[body]`.
+fn supportable(rule: Neighbours, verdicts: &Verdicts) -> Vec<bool> {
+    let mut may = verdicts.certified.to_vec();
+    if rule == Neighbours::Either {
+        return may;
+    }
+    // Everything that a body touches must be a candidate, too (S_c a subset of C).
+    for t in verdicts.touches {
+        if let Side::Body(b) = t.b {
+            for (x, y) in [(t.a, b), (b, t.a)] {
+                may[x] &= verdicts.certified[y];
+            }
+        }
+    }
+    may
+}

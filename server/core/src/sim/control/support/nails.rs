@@ -1,0 +1,87 @@
+//! Nails: breakable constraints between certified bodies that touch (paper, 3.3).
+
+use super::{Lifetime, Support, Verdicts, supportable};
+use crate::input::params::{Control as ControlParams, Neighbours};
+use crate::sim::control::tally::Tally;
+use crate::sim::policy::Policy;
+use crate::world::{BodyId, Side, TouchPoint, World};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+pub struct Nails {
+    neighbours: Neighbours,
+    most_per_body: u32,
+    rng: Pcg64Mcg,
+}
+
+/// A nail to be driven: between two bodies, or a body and what stands still.
+struct Nail {
+    a: BodyId,
+    b: Option<BodyId>,
+    at: TouchPoint,
+}
+
+impl Nails {
+    pub fn new(params: &ControlParams, seed: u64) -> Nails {
+        Nails {
+            neighbours: params.neighbours,
+            most_per_body: params.nails_per_body,
+            rng: Pcg64Mcg::seed_from_u64(seed),
+        }
+    }
+
+    /// One nail for each pair of certified bodies, at one of its contacts.
+    fn choose(&mut self, verdicts: &Verdicts) -> Vec<Nail> {
+        let closed = supportable(self.neighbours, verdicts);
+        let certified = verdicts.certified;
+        let mut driven = vec![0u32; certified.len()];
+        let mut chosen = Vec::new();
+        for t in verdicts.touches {
+            let (nailed, b) = match t.b {
+                Side::Body(b) => (certified[t.a] && certified[b] && (closed[t.a] || closed[b]), Some(b)),
+                Side::Ground | Side::Scenery => (closed[t.a], None),
+                Side::Moving => continue,
+            };
+            let has_room = |id: BodyId| driven[id] < self.most_per_body;
+            if nailed && has_room(t.a) && b.is_none_or(has_room) {
+                [Some(t.a), b].into_iter().flatten().for_each(|id| driven[id] += 1);
+                chosen.push(Nail { a: t.a, b, at: t.points[self.rng.random_range(0..t.points.len())] });
+            }
+        }
+        chosen
+    }
+}
+
+impl Support for Nails {
+    fn lifetime(&self) -> Lifetime {
+        Lifetime::Cycle
+    }
+
+    fn lift(&mut self, world: &mut World, _: &mut Policy) {
+        world.pull_all_nails();
+    }
+
+    fn place(&mut self, verdicts: &Verdicts, world: &mut World, _: &mut Policy, tally: &mut Tally) {
+        for nail in self.choose(verdicts) {
+            world.drive_nail(nail.a, nail.b, nail.at.point, nail.at.normal);
+            tally.nails_driven += 1;
+        }
+        tally.nails_peak = tally.nails_peak.max(world.nail_count() as u64);
+    }
+
+    fn break_overloaded(&mut self, limit: f64, world: &mut World, _: &mut Policy, tally: &mut Tally) -> Vec<BodyId> {
+        let (broken, load) = world.break_nails(limit);
+        tally.nails_broken += broken as u64;
+        tally.nail_load_max = tally.nail_load_max.max(load);
+        // Nailed bodies were never taken out of the solver.
+        Vec::new()
+    }
+
+    fn stops_bodies(&self) -> bool {
+        false
+    }
+
+    fn held(&self, world: &World) -> Vec<bool> {
+        world.nailed()
+    }
+}

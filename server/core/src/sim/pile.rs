@@ -1,0 +1,129 @@
+//! A pile being released: its world, what its bodies are, and what may be done to it from outside.
+
+use super::control::Control;
+use super::gentle_stop::GentleStop;
+use super::instance::Instance;
+use super::policy::Policy;
+use super::record::Recorder;
+use crate::error::Error;
+use crate::geometry::pose::Pose;
+use crate::input::scene::{PlacedBody, Scene};
+use crate::prepare::shape::Shape;
+use crate::world::{BodyId, Insertion, World};
+
+/// A body slower than this is at rest, in d per natural time, that is in units of sqrt(g d): 1 %.
+pub const REST_SPEED: f64 = 0.01;
+
+/// What effects of release and hold have done so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    pub layers: u64,
+    pub bouncing_bodies: u64,
+    pub bodies_emitted: u64,
+    /// Awake bodies, summed over the steps.
+    pub active_body_steps: u64,
+}
+
+/// A pile, its control and the frames so far.
+pub struct Pile<'a> {
+    pub world: World,
+    pub policy: Policy,
+    pub control: Control<'a>,
+    pub gentle_stop: GentleStop,
+    pub recorder: Recorder,
+    /// Steps since turning over.
+    pub step: u64,
+    /// Step of the latest release, drop, move or end of the control.
+    pub latest_event: u64,
+    /// In the order of insertion.
+    pub instances: Vec<Instance>,
+    pub tally: Tally,
+    /// Sentences for a person: what could not be done.
+    pub notes: Vec<String>,
+    pub scene: &'a Scene,
+    pub shapes: &'a [Shape],
+    /// Whether bodies bounce as their props say.
+    bounces: bool,
+}
+
+impl<'a> Pile<'a> {
+    /// No bodies yet. The world has its ground and what stands still.
+    pub fn new(
+        world: World,
+        scene: &'a Scene,
+        shapes: &'a [Shape],
+        control: Control<'a>,
+        recorder: Recorder,
+        damping: f64,
+        bounces: bool,
+    ) -> Pile<'a> {
+        Pile {
+            world,
+            policy: Policy::new(damping),
+            control,
+            gentle_stop: GentleStop::default(),
+            recorder,
+            step: 0,
+            latest_event: 0,
+            instances: Vec::new(),
+            tally: Tally::default(),
+            notes: Vec::new(),
+            scene,
+            shapes,
+            bounces,
+        }
+    }
+
+    /// Adds a free body.
+    pub fn insert(&mut self, body: Instance) -> Result<BodyId, Error> {
+        let prop = &self.scene.props[body.prop];
+        let (friction, restitution) = (prop.friction, if self.bounces { prop.restitution } else { 0.0 });
+        self.tally.bouncing_bodies += u64::from(restitution > 0.0);
+        let insertion = Insertion { prop: body.prop, scale: body.scale, pose: body.pose, friction, restitution };
+        let id = self.world.insert(&self.shapes[body.prop], &insertion).map_err(Error::Internal)?;
+        self.policy.join(id);
+        self.instances.push(body);
+        self.recorder.expect();
+        Ok(id)
+    }
+
+    /// Adds a body placed by hand, free and at rest.
+    pub fn place(&mut self, placed: &PlacedBody) -> Result<BodyId, Error> {
+        let shape = &self.shapes[placed.prop];
+        let pose = self.world.units.pose_to_engine(&shape.body_pose(&placed.pose, placed.scale));
+        let id = self.insert(Instance { prop: placed.prop, scale: placed.scale, pose })?;
+        if let Some(kg) = placed.mass {
+            self.world.set_mass(id, shape, kg);
+        }
+        Ok(id)
+    }
+
+    /// A recorded frame in SI, from the props' own frames. Shape `[body]`.
+    pub fn prop_frame(&self, number: usize) -> impl Iterator<Item = Pose> {
+        let units = self.world.units;
+        let frame = self.recorder.frames[number].iter().zip(&self.instances);
+        frame.map(move |(pose, b)| self.shapes[b.prop].prop_pose(&units.pose_to_si(pose), b.scale))
+    }
+
+    /// A waiting or pinned body is let go.
+    pub fn let_go(&mut self, id: BodyId) {
+        self.control.release(id);
+        self.policy.release(&mut self.world, id);
+    }
+
+    /// Something moves the pile from outside: rest is waited for anew.
+    pub fn disturb(&mut self) {
+        self.latest_event = self.step;
+        self.recorder.disturb();
+    }
+
+    /// The control ends. Gently: everything is damped for a while.
+    pub fn end_control(&mut self, gently: bool) {
+        self.disturb();
+        self.control.end(&mut self.world, &mut self.policy);
+        self.policy.set_quiet(None);
+        if gently {
+            self.gentle_stop.begin(self.step);
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! How each body is treated: its role, its damping and its friction, each from the reasons that there are. Nothing else in the
+//! simulation writes one of the three.
+
+use crate::world::{BodyId, Role, World};
+use std::collections::BTreeMap;
+
+/// The reasons for which bodies of a pile are damped.
+///
+/// Roles and friction take effect at once, since other decisions of the same step rest on them; damping takes effect in
+/// [`Policy::apply`], once a step.
+#[derive(Debug, Default)]
+pub struct Policy {
+    /// `release.damping`: of every released body, per natural time.
+    base: f64,
+    /// Late in the hold: what still rolls or rattles comes to rest, anywhere; per natural time.
+    quiet: Option<f64>,
+    /// While the control ends gently: everything, per natural time.
+    gentle: Option<f64>,
+    /// What the control's latest look at a body asks for, per natural time.
+    controlled: BTreeMap<BodyId, f64>,
+    /// A reason has changed since [`Policy::apply`].
+    is_stale: bool,
+}
+
+impl Policy {
+    /// `base`: damping of every released body, per natural time.
+    pub fn new(base: f64) -> Policy {
+        Policy { base, is_stale: true, ..Policy::default() }
+    }
+
+    /// A body has come: it falls or flies as it will until the control looks at it.
+    pub fn join(&mut self, id: BodyId) {
+        self.damp(id, self.base);
+    }
+
+    /// A body waits where it is until its layer is released.
+    pub fn wait(&mut self, world: &mut World, id: BodyId) {
+        world.set_role(id, Role::Waiting);
+    }
+
+    /// A body stays where it was placed.
+    pub fn pin(&mut self, world: &mut World, id: BodyId) {
+        world.set_role(id, Role::Pinned);
+    }
+
+    /// A waiting or pinned body is let go.
+    pub fn release(&mut self, world: &mut World, id: BodyId) {
+        world.set_role(id, Role::Free);
+        self.damp(id, self.base);
+    }
+
+    /// A support takes a body out of the solver.
+    pub fn freeze(&mut self, world: &mut World, id: BodyId) {
+        world.set_role(id, Role::Frozen);
+    }
+
+    /// A frozen body moves again.
+    pub fn thaw(&mut self, world: &mut World, id: BodyId) {
+        world.set_role(id, Role::Free);
+        self.is_stale = true;
+    }
+
+    /// The control's look at a body: how it is damped until the next one, per natural time.
+    pub fn damp(&mut self, id: BodyId, damping: f64) {
+        self.controlled.insert(id, damping);
+        self.is_stale = true;
+    }
+
+    /// These bodies, rising, are jammed above a gap: without friction they slip down onto what is below. All others have their own
+    /// friction.
+    pub fn unjam(&mut self, world: &mut World, jammed: &[BodyId]) {
+        for id in world.present().collect::<Vec<_>>() {
+            world.set_slippery(id, jammed.binary_search(&id).is_ok());
+        }
+    }
+
+    /// From now on every released body is damped by this much, per natural time, and the control goes on to choose for those that
+    /// it looks at; `None`: no longer.
+    pub fn set_quiet(&mut self, quiet: Option<f64>) {
+        self.quiet = quiet;
+        self.controlled.clear();
+        self.is_stale = true;
+    }
+
+    pub fn quiet(&self) -> Option<f64> {
+        self.quiet
+    }
+
+    /// As [`Policy::set_quiet`], for the gentle end of the control, which has no say any more.
+    pub fn set_gentle(&mut self, gentle: Option<f64>) {
+        self.gentle = gentle;
+        self.controlled.clear();
+        self.is_stale = true;
+    }
+
+    /// Nothing is damped, waits or is frozen, and nothing may fall asleep: physics alone.
+    pub fn leave_to_physics(&mut self, world: &mut World) {
+        *self = Policy::new(0.0);
+        for id in world.present().filter(|&id| world.bodies()[id].role != Role::Pinned).collect::<Vec<_>>() {
+            world.set_role(id, Role::Free);
+            world.set_damping(id, 0.0);
+            world.keep_awake(id);
+        }
+    }
+
+    /// Damping of a free body, per natural time. The control's look at a body counts for more than what all have; its gentle end
+    /// counts for more than the control.
+    fn damping(&self, id: BodyId) -> f64 {
+        match (self.gentle, self.controlled.get(&id)) {
+            (Some(gentle), _) => gentle.max(self.base),
+            (None, Some(&controlled)) => controlled,
+            (None, None) => self.quiet.unwrap_or(0.0).max(self.base),
+        }
+    }
+
+    /// Brings the damping of all free bodies up to date.
+    pub fn apply(&mut self, world: &mut World) {
+        if !std::mem::take(&mut self.is_stale) {
+            return;
+        }
+        for id in world.present().collect::<Vec<_>>() {
+            if world.bodies()[id].role == Role::Free {
+                world.set_damping(id, self.damping(id));
+            }
+        }
+    }
+}

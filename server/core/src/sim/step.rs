@@ -1,0 +1,199 @@
+//! One step of a pile, as a list of stages in their order.
+//!
+//! | stage | reads | writes |
+//! | --- | --- | --- |
+//! | events | what is due by the scene | bodies, where scenery goes, roles, the control's end |
+//! | gentle stop | since when the control ends | reasons for damping |
+//! | control | touches, poses, speeds | verdicts, supports, roles, reasons for damping, friction |
+//! | policy | reasons | damping |
+//! | engine | all of the world | poses, velocities, contacts; bodies that the guard sets aside |
+//! | fallen | heights | bodies that are gone |
+//! | breaking | loads of the step | supports, roles, reasons for damping |
+//! | record | poses | frames, their observer |
+//! | progress | roles, speeds | counts, the caller's progress |
+//!
+//! Roles, friction and damping are written by [`Policy`](super::policy::Policy) alone, whoever has the reason.
+
+use super::events::Events;
+use super::guard::Guard;
+use super::pile::{Pile, REST_SPEED};
+use super::show::Show;
+use crate::error::Error;
+use crate::input::observer::{Observer, Progress, Stage, observe};
+use crate::input::params::Params;
+use crate::world::Role;
+
+/// The stages of a step, in their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StepStage {
+    Events,
+    GentleStop,
+    Control,
+    Policy,
+    Engine,
+    Fallen,
+    Breaking,
+    Record,
+    Progress,
+}
+
+impl StepStage {
+    pub const ORDER: [StepStage; 9] = [
+        StepStage::Events,
+        StepStage::GentleStop,
+        StepStage::Control,
+        StepStage::Policy,
+        StepStage::Engine,
+        StepStage::Fallen,
+        StepStage::Breaking,
+        StepStage::Record,
+        StepStage::Progress,
+    ];
+}
+
+/// CPU seconds so far, by stage of a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seconds([f64; StepStage::ORDER.len()]);
+
+impl Seconds {
+    fn add(&mut self, stage: StepStage, seconds: f64) {
+        self.0[stage as usize] += seconds;
+    }
+
+    fn of(&self, stages: &[StepStage]) -> f64 {
+        stages.iter().map(|&stage| self.0[stage as usize]).sum()
+    }
+
+    /// In analysis, candidates and supports.
+    pub fn control(&self) -> f64 {
+        self.of(&[StepStage::Control, StepStage::Policy, StepStage::Breaking])
+    }
+
+    /// In the engine's steps and what watches them.
+    pub fn engine(&self) -> f64 {
+        self.of(&[StepStage::Engine, StepStage::Fallen])
+    }
+
+    pub fn frames(&self) -> f64 {
+        self.of(&[StepStage::Record])
+    }
+}
+
+/// A pile, and what happens to it in each step.
+pub struct Simulation<'a> {
+    pub pile: Pile<'a>,
+    pub guard: Guard,
+    events: Events<'a>,
+    show: Show,
+    /// Where there is no ground: bodies whose centre of mass is below this, engine units, are set aside.
+    depth: Option<f64>,
+    /// Bodies set aside so.
+    pub fallen: usize,
+    /// Largest speed of any body in the latest step, d per natural time.
+    pub top_speed: f64,
+    pub seconds: Seconds,
+}
+
+impl<'a> Simulation<'a> {
+    /// `pile`: turned over, with all that is there at the beginning. `depth`: below it, engine units, bodies have fallen past all
+    /// of the scene.
+    pub fn new(mut pile: Pile<'a>, guard: Guard, depth: Option<f64>, params: &Params) -> Result<Simulation<'a>, Error> {
+        let events = Events::new(&mut pile, params)?;
+        pile.recorder.restart(&pile.world);
+        let show = Show::new(&params.output);
+        let seconds = Seconds::default();
+        Ok(Simulation { pile, guard, events, show, depth, fallen: 0, top_speed: 0.0, seconds })
+    }
+
+    /// Whether nothing is to happen any more by itself.
+    pub fn is_left_alone(&self) -> bool {
+        !self.pile.gentle_stop.is_under_way() && self.events.are_over()
+    }
+
+    /// Shows the frames that were recorded since.
+    pub fn show(&mut self, observer: &mut dyn Observer, stage: Stage) {
+        self.show.run(&self.pile, observer, stage);
+    }
+
+    /// One step. `stage`: of the bake; `fraction`: how far it is, 0 to 1.
+    pub fn advance(
+        &mut self,
+        observer: &mut dyn Observer,
+        stage: Stage,
+        fraction: impl Fn(&Simulation) -> f64,
+    ) -> Result<(), Error> {
+        let mut begin = observer.cpu_seconds();
+        for step_stage in StepStage::ORDER {
+            match step_stage {
+                StepStage::Events => self.events.before_step(&mut self.pile)?,
+                StepStage::GentleStop => self.stop_gently(),
+                StepStage::Control => self.control(),
+                StepStage::Policy => self.pile.policy.apply(&mut self.pile.world),
+                StepStage::Engine => self.guard.step(&mut self.pile.world)?,
+                StepStage::Fallen => self.set_fallen_aside(),
+                StepStage::Breaking => self.break_overloaded(),
+                StepStage::Record => self.record(observer, stage),
+                StepStage::Progress => self.tell(observer, stage, &fraction)?,
+            }
+            let end = observer.cpu_seconds();
+            self.seconds.add(step_stage, end - begin);
+            begin = end;
+        }
+        Ok(())
+    }
+
+    fn stop_gently(&mut self) {
+        let pile = &mut self.pile;
+        if pile.gentle_stop.is_under_way() {
+            pile.gentle_stop.before_step(pile.step, pile.world.step_length(), &mut pile.policy);
+            pile.latest_event = pile.step;
+        }
+    }
+
+    fn control(&mut self) {
+        let Pile { world, policy, control, step, .. } = &mut self.pile;
+        control.look_out(world, policy);
+        if control.is_due(*step) {
+            control.cycle(world, policy);
+        }
+    }
+
+    fn set_fallen_aside(&mut self) {
+        let Some(depth) = self.depth else { return };
+        let world = &mut self.pile.world;
+        for id in world.present().collect::<Vec<_>>() {
+            if world.pose(id).translation.y < depth {
+                world.remove(id);
+                self.fallen += 1;
+            }
+        }
+    }
+
+    fn break_overloaded(&mut self) {
+        let Pile { world, policy, control, .. } = &mut self.pile;
+        control.break_overloaded(world, policy);
+    }
+
+    fn record(&mut self, observer: &mut dyn Observer, stage: Stage) {
+        self.pile.step += 1;
+        self.pile.recorder.step(&self.pile.world);
+        self.show(observer, stage);
+    }
+
+    fn tell(
+        &mut self,
+        observer: &mut dyn Observer,
+        stage: Stage,
+        fraction: &impl Fn(&Simulation) -> f64,
+    ) -> Result<(), Error> {
+        let world = &self.pile.world;
+        self.top_speed = world.present().map(|id| world.speed(id)).fold(0.0, f64::max);
+        self.pile.tally.active_body_steps += world.present().filter(|&id| world.is_awake(id)).count() as u64;
+        let bodies = world.present().count();
+        let released = bodies - world.count(Role::Waiting);
+        let at_rest = world.present().filter(|&id| world.speed(id) < REST_SPEED).count();
+        let nails = world.nail_count();
+        let fraction = fraction(self).clamp(0.0, 1.0);
+        observe(observer, &Progress { stage, fraction, bodies, released, at_rest, nails })
+    }
+}

@@ -1,0 +1,67 @@
+//! The equilibrium problem of a whole pile, from what its bodies touch.
+
+use crate::equilibrium::global::{
+    self, Balance, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError, Objective,
+};
+use crate::world::{BodyId, Role, Side, Touch, World};
+use glam::DVec3;
+
+/// Gap up to which contacts carry, as a share of the thinner body's thickness.
+pub const REAL_CONTACT: f64 = 0.05;
+
+/// All bodies of a world that may move, and all contacts between them. Engine units.
+pub struct Whole {
+    /// The bodies, rising.
+    pub ids: Vec<BodyId>,
+    /// Shape `[body]`, in the order of `ids`.
+    bodies: Vec<GlobalBody>,
+    contacts: Vec<GlobalContact>,
+}
+
+impl Whole {
+    /// The world as it stands. All contacts count, up to a gap of `gap` of the thinner body's thickness; what is pinned carries
+    /// like scenery.
+    pub fn new(world: &World, gap: f64) -> Whole {
+        let is_pinned = |id: BodyId| world.bodies()[id].role == Role::Pinned;
+        let ids: Vec<BodyId> = world.present().filter(|&id| !is_pinned(id)).collect();
+        let body = |&id: &BodyId| {
+            let b = &world.bodies()[id];
+            GlobalBody { mass: b.mass, center_of_mass: world.pose(id).translation, radius: b.radius }
+        };
+        let index = |id: BodyId| ids.binary_search(&id).ok();
+        let contacts = world.touches(gap).iter().filter_map(|t| contacts(t, &index)).flatten().collect();
+        Whole { bodies: ids.iter().map(body).collect(), contacts, ids }
+    }
+
+    pub fn problem(&self) -> GlobalProblem<'_> {
+        GlobalProblem { bodies: &self.bodies, contacts: &self.contacts, gravity: DVec3::NEG_Y }
+    }
+
+    /// The forces that leave the least imbalance, in sum over the bodies, after so many rounds of sharpening.
+    pub fn balance(&self, sharpen: u32) -> Result<Balance, GlobalProblemError> {
+        global::analyse(&self.problem(), Objective::SumOfNorms { sharpen })
+    }
+}
+
+/// The contacts of a touch; `None` between two things that do not move. `index`: of a body that may.
+fn contacts(touch: &Touch, index: &impl Fn(BodyId) -> Option<usize>) -> Option<impl Iterator<Item = GlobalContact>> {
+    let other = match touch.b {
+        Side::Body(b) => index(b),
+        Side::Ground | Side::Scenery | Side::Moving => None,
+    };
+    // Normals point into the first of the pair.
+    let (body, other, side) = match (index(touch.a), other) {
+        (Some(body), other) => (body, other, 1.0),
+        (None, Some(body)) => (body, None, -1.0),
+        (None, None) => return None,
+    };
+    let friction = touch.friction;
+    let contact = move |p: &crate::world::TouchPoint| GlobalContact {
+        body,
+        other,
+        point: p.point,
+        normal: side * p.normal,
+        friction,
+    };
+    Some(touch.points.iter().map(contact))
+}

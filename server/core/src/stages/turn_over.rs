@@ -1,0 +1,78 @@
+//! Turning over: gravity points down again. Every body waits in place, on the ground or in the air.
+
+use crate::error::Error;
+use crate::geometry::region::DistanceGrid;
+use crate::input::params::Params;
+use crate::input::scene::Scene;
+use crate::prepare::effects::{EffectName, Resolved};
+use crate::prepare::shape::Shape;
+use crate::sim::control::Control;
+use crate::sim::guard::Guard;
+use crate::sim::instance::Instance;
+use crate::sim::pile::Pile;
+use crate::sim::record::{Pace, Recorder};
+use crate::sim::step::Simulation;
+use crate::world::{Units, World};
+
+/// What a pile is turned over from.
+pub struct Inputs<'a, 'r> {
+    pub scene: &'a Scene,
+    pub params: &'a Params,
+    pub resolved: &'r Resolved,
+    pub shapes: &'a [Shape],
+    pub units: Units,
+    /// What the fill left.
+    pub bodies: &'r [Instance],
+    /// Height of the ground, m.
+    pub ground: f64,
+    /// Where the control acts, engine units; `None`: everywhere.
+    pub region: Option<&'a DistanceGrid>,
+}
+
+/// What has fallen this far below all of the scene, in d, meets nothing any more.
+const FALL_DEPTH: f64 = 50.0;
+
+/// The pile right after turning over.
+pub fn run<'a>(inputs: &Inputs<'a, '_>) -> Result<Simulation<'a>, Error> {
+    let &Inputs { scene, params, resolved, units, bodies, ground, .. } = inputs;
+    let world = world(inputs)?;
+    let control = control(inputs, &world);
+    let depth = (!params.ground).then(|| scene.lowest().min(ground) / units.length - FALL_DEPTH);
+    let floor = depth.map_or(ground / units.length, |depth| depth - FALL_DEPTH);
+    let guard = Guard::new(scene, resolved, units, floor);
+    let recorder = Recorder::new(&world, Pace::new(params, resolved.is_on(EffectName::Frames), units));
+    let bounces = resolved.is_on(EffectName::Restitution);
+    let mut pile = Pile::new(world, scene, inputs.shapes, control, recorder, params.release.damping, bounces);
+    for &body in bodies {
+        let id = pile.insert(body)?;
+        pile.policy.wait(&mut pile.world, id);
+    }
+    for placed in scene.bodies.iter().filter(|placed| placed.is_stacked()) {
+        let id = pile.place(placed)?;
+        match placed.pinned {
+            true => pile.policy.pin(&mut pile.world, id),
+            false => pile.policy.wait(&mut pile.world, id),
+        }
+        pile.control.place(id);
+    }
+    pile.world.refresh();
+    Simulation::new(pile, guard, depth, params)
+}
+
+/// The ground, and what stands still.
+fn world(inputs: &Inputs) -> Result<World, Error> {
+    let Inputs { scene, params, resolved, units, ground, .. } = inputs;
+    let mut world = World::new(*units, &resolved.physics, resolved.thickness, resolved.compounds);
+    if params.ground {
+        world.add_ground(ground / units.length, params.ground_friction);
+    }
+    for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {
+        world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;
+    }
+    Ok(world)
+}
+
+fn control<'a>(inputs: &Inputs<'a, '_>, world: &World) -> Control<'a> {
+    let &Inputs { params, resolved, region, .. } = inputs;
+    Control::new(&params.control, resolved, params.gravity, params.seed, world.step_length(), region)
+}
