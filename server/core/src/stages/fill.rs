@@ -87,7 +87,7 @@ pub fn run(
         FillMethod::Insert | FillMethod::Off => None,
     };
     let closed = container.closed();
-    let walls = filling.world.add_container(&closed.mesh.scaled(units.length), 0.0).map_err(Error::Internal)?;
+    let walls = filling.world.add_container(&closed.mesh, 0.0).map_err(Error::Internal)?;
     let floor = filling.world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0);
     if poured.is_none() {
         insert::run(&mut filling, observer)?;

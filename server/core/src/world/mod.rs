@@ -4,6 +4,7 @@
 //! median prop; gravity is then 1 and the engine sees the same numbers for a pile of rice as for one of logs.
 //! [`Units`] is the one place of the conversion.
 
+mod bodies;
 mod contacts;
 mod creep;
 mod guarded;
@@ -13,15 +14,12 @@ mod motion;
 mod nails;
 mod rolling;
 mod scenery;
+mod units;
 
-use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
-use crate::input::params::{FrictionModel, Physics, Switch, Time};
-use crate::prepare::shape::Shape;
+use crate::input::params::{FrictionModel, Physics, Switch};
 use glam::{DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
-use rapier3d::na::Unit;
-use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
@@ -31,43 +29,14 @@ use manifold::{Manifolds, SOLVED};
 pub use motion::{FrictionExcess, Momentum};
 pub use nails::NailId;
 pub use scenery::MovingId;
+pub use units::Units;
+
+/// A wall of a container.
+#[derive(Clone, Copy, Debug)]
+pub struct WallId(ColliderHandle);
 
 /// Index of a body, in the order of insertion; never reused.
 pub type BodyId = usize;
-
-/// SI value of one engine unit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Units {
-    /// m.
-    pub length: f64,
-    /// s.
-    pub time: f64,
-    /// kg.
-    pub mass: f64,
-}
-
-impl Units {
-    /// Units in which the median prop has size, mass and gravity 1.
-    pub fn new(diameter: f64, mass: f64, gravity: f64) -> Units {
-        Units { length: diameter, time: (diameter / gravity).sqrt(), mass }
-    }
-
-    /// A duration in engine units.
-    pub fn duration(&self, time: Time) -> f64 {
-        match time {
-            Time::Natural(t) => t,
-            Time::Seconds(s) => s / self.time,
-        }
-    }
-
-    pub fn pose_to_engine(&self, pose: &Pose) -> Pose {
-        Pose { translation: pose.translation / self.length, ..*pose }
-    }
-
-    pub fn pose_to_si(&self, pose: &Pose) -> Pose {
-        Pose { translation: pose.translation * self.length, ..*pose }
-    }
-}
 
 /// What a body is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -158,10 +127,6 @@ const USUAL_THICKNESS: f64 = 0.1;
 const FARTHER: f64 = 2.5;
 /// Fastest that overlapping bodies are pushed apart; slower than a fall from one diameter, so that nothing bursts.
 const PUSH_OUT_SPEED: f64 = 0.35;
-/// An island sleeps when all its bodies have been slower than this ...
-const SLEEP_SPEED: f64 = 0.03;
-/// ... for this long.
-const SLEEP_TIME: f64 = 1.5;
 /// No body may be faster: a fall from 5,000 diameters.
 const MAX_SPEED: f64 = 100.0;
 /// Contacts are kept unchanged until a pair has moved by this share of the smallest thickness: more is fiction at the
@@ -219,127 +184,6 @@ impl World {
         }
     }
 
-    /// The ground, a half-space below `height`.
-    pub fn add_ground(&mut self, height: f64, friction: f64) {
-        let ground = ColliderBuilder::halfspace(Unit::new_unchecked(Vector::Y))
-            .translation(Vector::new(0.0, height as f32, 0.0))
-            .friction(friction as f32)
-            .user_data(GROUND);
-        self.engine.insert_collider(ground, None);
-    }
-
-    /// Walls that keep bodies in: a mesh whose triangles face where the bodies are. SI.
-    pub fn add_container(&mut self, mesh: &TriMesh, friction: f64) -> Result<ColliderHandle, String> {
-        let flags =
-            TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES | TriMeshFlags::DELETE_DEGENERATE_TRIANGLES;
-        self.add_mesh(mesh, friction, flags, CONTAINER)
-    }
-
-    /// A wall without end, facing `normal`.
-    pub fn add_wall(&mut self, point: DVec3, normal: DVec3, friction: f64) -> ColliderHandle {
-        let wall = ColliderBuilder::halfspace(Unit::new_unchecked(normal.as_vec3().normalize()))
-            .translation(point.as_vec3())
-            .friction(friction as f32)
-            .user_data(CONTAINER);
-        self.engine.insert_collider(wall, None)
-    }
-
-    pub fn remove_wall(&mut self, wall: ColliderHandle) {
-        self.engine.remove_collider(wall);
-    }
-
-    fn add_mesh(
-        &mut self,
-        mesh: &TriMesh,
-        friction: f64,
-        flags: TriMeshFlags,
-        what: u128,
-    ) -> Result<ColliderHandle, String> {
-        let points = mesh.points.iter().map(|&p| (p / self.units.length).as_vec3()).collect();
-        let collider = ColliderBuilder::trimesh_with_flags(points, mesh.triangles.clone(), flags)
-            .map_err(|e| format!("the engine refuses the mesh: {e}"))?;
-        Ok(self.engine.insert_collider(collider.friction(friction as f32).user_data(what), None))
-    }
-
-    /// Adds a body, free.
-    pub fn insert(&mut self, shape: &Shape, body: &Insertion) -> Result<BodyId, String> {
-        let length = 1.0 / self.units.length;
-        let (place, collider) = shape
-            .collider(body.scale * length)
-            .ok_or_else(|| format!("{}: the engine finds no volume in its collision shape", shape.report.prop))?;
-        let id = self.bodies.len();
-        let mut rigid = RigidBodyBuilder::dynamic()
-            .pose(to_engine(&body.pose))
-            .additional_mass_properties(shape.mass_properties(body.scale, length, 1.0 / self.units.mass))
-            .build();
-        let activation = rigid.activation_mut();
-        activation.normalized_linear_threshold = SLEEP_SPEED as f32;
-        activation.time_until_sleep = SLEEP_TIME as f32;
-        let collider = ColliderBuilder::new(collider)
-            .position(place)
-            .density(0.0)
-            .friction(body.friction as f32)
-            .restitution(body.restitution as f32)
-            .active_collision_types(ActiveCollisionTypes::default())
-            .user_data(FIRST_BODY + id as u128);
-        let (handle, collider) = self.engine.insert(rigid, collider);
-        let size = body.scale * length;
-        self.rolling.round.extend(self.rolling.radius(shape).map(|radius| (id, radius * size)));
-        self.bodies.push(WorldBody {
-            prop: body.prop,
-            scale: body.scale,
-            role: Role::Free,
-            mass: shape.mass * body.scale.powi(3) / self.units.mass,
-            radius: shape.radius * size,
-            thickness: shape.thickness() * size,
-            face_area: shape.size.extents.x * shape.size.extents.y * size * size,
-            friction: body.friction,
-            handle,
-            collider,
-        });
-        Ok(id)
-    }
-
-    /// Gives a body another mass than its volume's, kg, distributed as before.
-    pub fn set_mass(&mut self, id: BodyId, shape: &Shape, kg: f64) {
-        let body = &mut self.bodies[id];
-        let factor = kg / (shape.mass * body.scale.powi(3)) / self.units.mass;
-        body.mass = kg / self.units.mass;
-        if let Some(b) = self.engine.bodies.get_mut(body.handle) {
-            let properties = shape.mass_properties(body.scale, 1.0 / self.units.length, factor);
-            b.set_additional_mass_properties(properties, true);
-        }
-    }
-
-    /// Throws a free body: m/s and rad/s.
-    pub fn launch(&mut self, id: BodyId, velocity: DVec3, angular_velocity: DVec3) {
-        let units = self.units;
-        let body = &mut self.engine.bodies[self.bodies[id].handle];
-        body.set_linvel((velocity * units.time / units.length).as_vec3(), true);
-        body.set_angvel((angular_velocity * units.time).as_vec3(), true);
-    }
-
-    /// Gives a body another scale, about its centre of mass.
-    pub fn rescale(&mut self, id: BodyId, shape: &Shape, scale: f64) {
-        let length = 1.0 / self.units.length;
-        let (handle, collider) = (self.bodies[id].handle, self.bodies[id].collider);
-        let Some((place, solid)) = shape.collider(scale * length) else { return };
-        if let Some(c) = self.engine.colliders.get_mut(collider) {
-            c.set_shape(solid);
-            c.set_position_wrt_parent(place);
-        }
-        if let Some(b) = self.engine.bodies.get_mut(handle) {
-            b.set_additional_mass_properties(shape.mass_properties(scale, length, 1.0 / self.units.mass), true);
-        }
-        let size = scale * length;
-        let body = &mut self.bodies[id];
-        body.scale = scale;
-        body.mass = shape.mass * scale.powi(3) / self.units.mass;
-        body.radius = shape.radius * size;
-        body.thickness = shape.thickness() * size;
-        body.face_area = shape.size.extents.x * shape.size.extents.y * size * size;
-    }
-
     /// Each contact point has a friction force of its own.
     pub fn has_friction_per_point(&self) -> bool {
         self.engine.integration_parameters.friction_model == rapier3d::prelude::FrictionModel::Coulomb
@@ -369,75 +213,14 @@ impl World {
         self.bodies[id].role = Role::Gone;
     }
 
-    /// Changes what a body is doing; a body that starts or stops moving does so from rest.
-    pub fn set_role(&mut self, id: BodyId, role: Role) {
-        if self.bodies[id].role == role {
-            return;
-        }
-        self.bodies[id].role = role;
-        let body = &mut self.engine.bodies[self.bodies[id].handle];
-        let kind = if role == Role::Free { RigidBodyType::Dynamic } else { RigidBodyType::Fixed };
-        if body.body_type() != kind {
-            body.set_linvel(Vector::ZERO, false);
-            body.set_angvel(Vector::ZERO, false);
-            body.set_body_type(kind, true);
-        }
-    }
-
-    pub fn set_damping(&mut self, id: BodyId, damping: f64) {
-        let body = &mut self.engine.bodies[self.bodies[id].handle];
-        if body.linear_damping() != damping as f32 {
-            body.set_linear_damping(damping as f32);
-            body.set_angular_damping(damping as f32);
-        }
-    }
-
-    pub fn set_friction(&mut self, id: BodyId, friction: f64) {
-        self.bodies[id].friction = friction;
-        change_friction(
-            &mut self.engine.colliders[self.bodies[id].collider],
-            friction,
-            CoefficientCombineRule::Average,
-        );
-    }
-
-    /// Lets a body slide off whatever it touches without friction, or ends that. The material stays what it is, and
-    /// `touches` goes on to tell it.
-    pub fn set_slippery(&mut self, id: BodyId, slippery: bool) {
-        let body = &self.bodies[id];
-        let (friction, rule) = match slippery {
-            true => (0.0, CoefficientCombineRule::Min),
-            false => (body.friction, CoefficientCombineRule::Average),
-        };
-        let collider = &mut self.engine.colliders[body.collider];
-        if collider.friction_combine_rule() != rule {
-            change_friction(collider, friction, rule);
-        }
-        if slippery {
-            self.engine.bodies[body.handle].wake_up(true);
-        }
-    }
-
     /// Gravity is 1 downward, or upward while an upright container is filled as if it stood on its head.
     pub fn set_gravity_up(&mut self, up: bool) {
         self.engine.gravity = if up { Vector::Y } else { Vector::NEG_Y };
         self.engine.wake_up_all(true);
     }
 
-    /// A body is awake from now on, and never sleeps again.
-    pub fn keep_awake(&mut self, id: BodyId) {
-        let body = &mut self.engine.bodies[self.bodies[id].handle];
-        body.activation_mut().normalized_linear_threshold = -1.0;
-        body.wake_up(true);
-    }
-
     pub fn pose(&self, id: BodyId) -> Pose {
         from_engine(self.engine.bodies[self.bodies[id].handle].position())
-    }
-
-    /// Moves a body without any motion.
-    pub fn put(&mut self, id: BodyId, pose: &Pose) {
-        self.engine.bodies[self.bodies[id].handle].set_position(to_engine(pose), false);
     }
 
     pub fn step_length(&self) -> f64 {
@@ -460,13 +243,6 @@ impl World {
         self.keep_awake_what_creeps();
         ids
     }
-}
-
-/// The engine keeps the friction of contacts that it recycles; giving it the shape anew renews them.
-fn change_friction(collider: &mut Collider, friction: f64, rule: CoefficientCombineRule) {
-    collider.set_friction(friction as f32);
-    collider.set_friction_combine_rule(rule);
-    collider.set_shape(collider.shared_shape().clone());
 }
 
 fn to_engine(pose: &Pose) -> EnginePose {

@@ -1,8 +1,10 @@
-//! Geometry that bodies meet and do not move: it stands still, or is moved from outside.
+//! What bodies meet and do not move: the ground, the walls of a container, and scenery that stands still or is moved from outside.
 
-use super::{FIRST_MOVING, SCENERY, World, to_engine};
+use super::{CONTAINER, FIRST_MOVING, GROUND, SCENERY, WallId, World, to_engine};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
+use glam::DVec3;
+use rapier3d::na::Unit;
 use rapier3d::parry::shape::TriMeshFlags;
 use rapier3d::prelude::*;
 
@@ -19,9 +21,53 @@ pub struct Moving {
 pub type MovingId = usize;
 
 impl World {
+    /// The ground, a half-space below `height`.
+    pub fn add_ground(&mut self, height: f64, friction: f64) {
+        let ground = ColliderBuilder::halfspace(Unit::new_unchecked(Vector::Y))
+            .translation(Vector::new(0.0, height as f32, 0.0))
+            .friction(friction as f32)
+            .user_data(GROUND);
+        self.engine.insert_collider(ground, None);
+    }
+
+    /// Walls that keep bodies in: a mesh whose triangles face where the bodies are. Engine units.
+    pub fn add_container(&mut self, mesh: &TriMesh, friction: f64) -> Result<WallId, String> {
+        let flags =
+            TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES | TriMeshFlags::DELETE_DEGENERATE_TRIANGLES;
+        self.add_mesh(mesh, 1.0, friction, flags, CONTAINER).map(WallId)
+    }
+
+    /// A wall without end, facing `normal`.
+    pub fn add_wall(&mut self, point: DVec3, normal: DVec3, friction: f64) -> WallId {
+        let wall = ColliderBuilder::halfspace(Unit::new_unchecked(normal.as_vec3().normalize()))
+            .translation(point.as_vec3())
+            .friction(friction as f32)
+            .user_data(CONTAINER);
+        WallId(self.engine.insert_collider(wall, None))
+    }
+
+    pub fn remove_wall(&mut self, wall: WallId) {
+        self.engine.remove_collider(wall.0);
+    }
+
+    /// `length`: an engine unit, in the mesh's own.
+    fn add_mesh(
+        &mut self,
+        mesh: &TriMesh,
+        length: f64,
+        friction: f64,
+        flags: TriMeshFlags,
+        what: u128,
+    ) -> Result<ColliderHandle, String> {
+        let points = mesh.points.iter().map(|&p| (p / length).as_vec3()).collect();
+        let collider = ColliderBuilder::trimesh_with_flags(points, mesh.triangles.clone(), flags)
+            .map_err(|e| format!("the engine refuses the mesh: {e}"))?;
+        Ok(self.engine.insert_collider(collider.friction(friction as f32).user_data(what), None))
+    }
+
     /// Static geometry, seen from both sides. The mesh is in SI.
     pub fn add_scenery(&mut self, mesh: &TriMesh, friction: f64) -> Result<(), String> {
-        self.add_mesh(mesh, friction, FLAGS, SCENERY).map(|_| ())
+        self.add_mesh(mesh, self.units.length, friction, FLAGS, SCENERY).map(|_| ())
     }
 
     /// Geometry that moves, from its pose at the beginning on; SI.

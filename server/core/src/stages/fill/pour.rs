@@ -27,8 +27,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
     let fill = filling.params.fill.clone();
     let height = filling.container.high.y - filling.container.base;
     let walls = filling.container.opened(filling.params.base.height * height, COLLAR);
-    let length = filling.world.units.length;
-    let walls = filling.world.add_container(&walls.mesh.scaled(length), 0.0).map_err(Error::Internal)?;
+    let walls = filling.world.add_container(&walls.mesh, 0.0).map_err(Error::Internal)?;
     let bottom = DVec3::new(0.0, filling.container.base - COLLAR, 0.0);
     let floor = filling.world.add_wall(bottom, DVec3::Y, 0.0);
     let limit = fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize;

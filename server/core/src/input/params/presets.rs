@@ -1,0 +1,120 @@
+//! The accuracy presets. The one home of defaults: `standard` stands whole, the others by what they change.
+
+use super::*;
+
+impl Params {
+    /// The preset's complete parameters.
+    pub fn new(accuracy: Accuracy) -> Params {
+        let mut params = Params {
+            seed: 1,
+            accuracy,
+            gravity: 9.81,
+            ground: true,
+            ground_friction: 0.7,
+            ground_height: None,
+            physics: Physics {
+                step: Time::Natural(0.05),
+                substeps: 8,
+                contact_frequency: 22.0,
+                contact_damping_ratio: 10.0,
+                friction_model: FrictionModel::Simplified,
+                rolling_resistance: 0.02,
+                shape_tolerance: 0.04,
+                max_parts: 12,
+                switches: PhysicsSwitches::default(),
+            },
+            guard: Switch::Auto,
+            base: Base { height: 0.02 },
+            fill: Fill {
+                method: FillMethod::Insert,
+                friction: 0.0,
+                count: None,
+                max_bodies: 20_000,
+                full_below: 0.004,
+                settle: 2.2,
+                protrusion: 0.05,
+                overlap: 0.25,
+                wall_tolerance: 0.02,
+            },
+            release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0, order: ReleaseOrder::BottomUp },
+            control: Control {
+                mode: ControlMode::Freeze,
+                period: 5,
+                selection: ContactSelection::Conservative,
+                friction_reserve: FrictionReserve::Sharp,
+                friction_cone: FrictionCone::Cone,
+                kinetic_ratio: 6.0 / 7.0,
+                contact_tolerance: 0.05,
+                spread: Spread::Relative(0.05),
+                neighbours: Neighbours::Either,
+                speed: 0.1,
+                damping: 6.4,
+                kappa: 5.0,
+                nails_per_body: 1,
+                until: None,
+                stand: false,
+                switches: ControlSwitches::default(),
+            },
+            hold: Hold { patience: 120.0, least: 0.0 },
+            output: Output {
+                fps: 24.0,
+                frames: None,
+                free_standing: false,
+                free_pour: false,
+                keeps_frames: Switch::Auto,
+            },
+        };
+        match accuracy {
+            Accuracy::Standard => {}
+            Accuracy::Draft => {
+                params.physics.substeps = 4;
+                params.physics.contact_frequency = 10.0;
+            }
+            Accuracy::Preview => {
+                params.physics.substeps = 6;
+                params.physics.contact_frequency = 15.0;
+            }
+            Accuracy::Fine => {
+                params.physics.substeps = 16;
+                params.physics.contact_frequency = 30.0;
+                params.physics.friction_model = FrictionModel::Coulomb;
+                params.physics.shape_tolerance = 0.02;
+                params.fill.wall_tolerance = 0.006;
+                params.physics.max_parts = 24;
+            }
+            Accuracy::Reference => {
+                params.physics.substeps = 32;
+                params.physics.contact_frequency = 30.0;
+                params.physics.friction_model = FrictionModel::Coulomb;
+                params.physics.shape_tolerance = 0.01;
+                params.fill.wall_tolerance = 0.002;
+                params.physics.max_parts = 48;
+            }
+            Accuracy::Paper => {
+                params.physics.step = Time::Seconds(1.0 / 240.0);
+                params.physics.rolling_resistance = 0.0;
+                params.fill.method = FillMethod::Pour;
+                params.fill.friction = 0.7;
+                params.control = Control {
+                    mode: ControlMode::Nails,
+                    period: 20,
+                    friction_reserve: FrictionReserve::Paper,
+                    friction_cone: FrictionCone::Pyramid,
+                    spread: Spread::Paper(0.5),
+                    neighbours: Neighbours::All,
+                    speed: f64::INFINITY,
+                    damping: 0.0,
+                    nails_per_body: 1000,
+                    ..params.control
+                };
+            }
+        }
+        params
+    }
+
+    /// The engine's settings for the fill: half the substeps, since nothing has to balance there, and
+    /// nothing has to stop rolling.
+    pub fn fill_physics(&self) -> Physics {
+        Physics { substeps: self.physics.substeps.div_ceil(2), rolling_resistance: 0.0, ..self.physics.clone() }
+    }
+}
