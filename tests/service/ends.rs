@@ -4,8 +4,8 @@ use crate::server::{
     Server, accepted_id, assert_contiguous, assert_fault, begin, endless, events, long, numbered, request, short,
     status, take, until, watch, within,
 };
-use cairn::proto::pile_service_client::PileServiceClient;
-use cairn::proto::{BakeEvent, BakeState, BakeStatus, CancelBakeRequest};
+use cairn::wire::proto::pile_service_client::PileServiceClient;
+use cairn::wire::proto::{BakeEvent, BakeState, BakeStatus, CancelBakeRequest};
 use std::time::Duration;
 use tonic::Code;
 use tonic::transport::Endpoint;
@@ -24,7 +24,8 @@ async fn cancel_ends_the_physics() {
     let queued = begin(&mut connection, endless(2)).await;
     let id = {
         let mut watched = connection.clone();
-        let id = watched.service.list_bakes(cairn::proto::ListBakesRequest::default()).await.unwrap().into_inner();
+        let id =
+            watched.service.list_bakes(cairn::wire::proto::ListBakesRequest::default()).await.unwrap().into_inner();
         id.bakes.last().unwrap().bake_id.clone()
     };
     until(&mut connection, &id, BakeState::Running).await;
@@ -65,7 +66,7 @@ async fn the_latest_deadline_counts_and_that_of_a_watcher_does_not() {
     let brief = connection.service.bake(within(Duration::from_millis(700), request(endless(1)))).await.unwrap();
     let id = begin(&mut connection, endless(1)).await;
     let mut watcher = connection.clone();
-    let watching = cairn::proto::WatchBakeRequest { bake_id: id.clone(), ..Default::default() };
+    let watching = cairn::wire::proto::WatchBakeRequest { bake_id: id.clone(), ..Default::default() };
     let watching = watcher.service.watch_bake(within(Duration::from_millis(300), watching)).await.unwrap();
     assert_eq!(events(watching.into_inner()).await.1.unwrap_err().code(), Code::DeadlineExceeded);
     assert_eq!(events(brief.into_inner()).await.1.unwrap_err().code(), Code::DeadlineExceeded);
