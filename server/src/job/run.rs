@@ -44,9 +44,9 @@ impl Job {
         let bake = self.bake(cache, observer)?;
         let baked = self.meter.seconds();
         let result = export::encode(format, &bake, &self.export_scene())?;
+        let encode = self.meter.seconds() - baked;
         let (hash, seconds) = (report::result_hash(&bake), self.began.elapsed().as_secs_f64());
-        let cpu = self.meter.seconds();
-        let spent = Spent { read: self.read_seconds, encode: cpu - baked, cpu, wall: seconds };
+        let spent = Spent { read: self.read_seconds, encode, cpu: self.meter.seconds(), wall: seconds };
         let scene = SceneTree::from_message(&self.effective);
         let report = format!("{:#}\n", report::json(&bake, hash, &scene, &self.notes, output, &spent));
         Ok(Outcome { bake, result, report, hash, seconds })
@@ -64,5 +64,59 @@ impl Job {
             cache.keep_bake(&self.scene, &self.params, &bake);
         }
         Ok(bake)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::machine;
+    use crate::wire::proto;
+    use cairn_core::input::observer::{Frame, Progress};
+    use serde_json::Value;
+    use std::ops::ControlFlow;
+
+    /// A clock, and nothing else.
+    struct Clock;
+
+    impl Observer for Clock {
+        fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+            ControlFlow::Continue(())
+        }
+
+        fn cpu_seconds(&mut self) -> f64 {
+            machine::cpu_seconds()
+        }
+
+        fn frame(&mut self, _: &Frame) {}
+    }
+
+    #[test]
+    fn what_the_process_did_before_is_not_counted() {
+        // More than what is done between the report and the last look at the clock.
+        while machine::cpu_seconds() < 1.0 {
+            std::hint::black_box((0..100_000_u64).fold(0, u64::wrapping_add));
+        }
+        let before = machine::cpu_seconds();
+        let asset = |name| format!("{}/examples/assets/{name}", env!("CARGO_MANIFEST_DIR"));
+        let mut tree = SceneTree::from_message(&proto::Scene {
+            control_mesh: Some(proto::ControlMesh { path: asset("cone-small.glb") }),
+            props: vec![proto::Prop { path: asset("stick.glb"), ..Default::default() }],
+            ..Default::default()
+        });
+        for assignment in ["accuracy=draft", "fill.count=4"] {
+            tree.set(assignment).unwrap();
+        }
+        let job = Job::read(&tree.to_message()).unwrap();
+        let done = job.run(Format::Csv, "pile.csv", &mut Cache::none(), &mut Clock).unwrap();
+        let all = machine::cpu_seconds() - before;
+
+        let report: Value = serde_json::from_str(&done.report).unwrap();
+        let (told, stages) = (report["cpu_seconds"].as_f64().unwrap(), report["seconds"].as_object().unwrap());
+        assert!(told <= all, "{told} of {all}");
+        assert!(stages.contains_key("read") && stages.contains_key("fill") && stages.contains_key("encode"));
+        let parts: f64 = stages.values().map(|seconds| seconds.as_f64().unwrap()).sum();
+        // Rounding of sums.
+        assert!(parts <= told + 1e-9, "{parts} of {told}");
     }
 }

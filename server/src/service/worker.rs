@@ -7,7 +7,7 @@ use crate::job::pace::Pace;
 use crate::job::reuse::Cache;
 use crate::job::{self, Job, Open, Outcome};
 use crate::model::export::{self, ExportError};
-use crate::problem::Problem;
+use crate::problem::{Cause, Problem};
 use crate::service::event_log::{self, Writer};
 use crate::service::folder::{ASSETS, EVENTS, REPORT, SPEC, result_name};
 use crate::service::news::{Invalid, News, Told};
@@ -134,7 +134,7 @@ fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), Error> {
         Ok(_) => Vec::new(),
         Err(problems) => problems,
     };
-    let others = problems.iter().filter(|problem| !problem.what.starts_with(NOT_UPLOADED));
+    let others = problems.iter().filter(|problem| problem.cause != Cause::NotUploaded);
     let mut told: Vec<proto::FieldProblem> = others.map(to_proto::field_problem).collect();
     let only_missing = told.is_empty();
     told.extend(missing.into_iter().map(|index| proto::FieldProblem {
@@ -157,7 +157,7 @@ fn open(folder: &Path, spec: &proto::BakeSpec) -> Open {
             return Err(Problem::new(name, "no asset has this uri", "Name it, with its content, in spec.assets."));
         };
         let bytes = read_file(file).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => Problem::new(&name, NOT_UPLOADED, ""),
+            ErrorKind::NotFound => Problem::new(&name, NOT_UPLOADED, "").of_cause(Cause::NotUploaded),
             _ => Problem::new(&name, format!("cannot be read: {error}"), "Upload it again."),
         })?;
         if bytes.is_empty() { Err(Problem::new(name, "the file is empty", "Export it again.")) } else { Ok(bytes) }
