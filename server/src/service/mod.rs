@@ -1,6 +1,5 @@
 //! The gRPC service: a server, its jobs, and each bake in a process of its own.
 
-// Lowest first: config, status, deadline, event_log, folder, news, worker, process, store, jobs, calls, telemetry, serve.
 // The server's own process uses nothing of `worker`: it decodes no model and runs no physics.
 mod calls;
 pub mod config;
