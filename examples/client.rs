@@ -9,9 +9,9 @@
 //! `proto/cairn/v1`.
 
 use anyhow::{Context, Result, bail};
-use cairn::proto::bake_event::Kind;
-use cairn::proto::pile_service_client::PileServiceClient;
-use cairn::proto::{
+use cairn::wire::proto::bake_event::Kind;
+use cairn::wire::proto::pile_service_client::PileServiceClient;
+use cairn::wire::proto::{
     Accuracy, AssetHeader, AssetReference, BakeRequest, BakeSpec, ControlMesh, DownloadResultRequest, FrameSelection,
     GetServerInfoRequest, HaveAssetsRequest, Prop, Scene, Stage, UploadAssetRequest,
 };

@@ -40,7 +40,7 @@ fn main() -> anyhow::Result<()> {
     }
     println!(
         "pub const CALIBRATION_SECONDS: f64 = {:.4};",
-        calibrate(cairn::machine::cpu_seconds)? * cairn_core::prepare::estimate::CALIBRATION_SECONDS
+        calibrate(cairn::job::machine::cpu_seconds)? * cairn_core::prepare::estimate::CALIBRATION_SECONDS
     );
     let mut expected = vec![0.0; runs.len()];
     for (name, stages) in LAWS {

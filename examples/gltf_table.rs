@@ -8,7 +8,7 @@
 
 use anyhow::{Context, ensure};
 use cairn::files;
-use cairn::machine;
+use cairn::job::machine;
 use cairn_core::asset::{self, Limits, Source};
 use serde_json::json;
 use std::collections::BTreeMap;

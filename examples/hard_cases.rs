@@ -77,9 +77,11 @@ fn guard_cost() {
         }
         world
     };
+    let natures: Vec<_> = shapes.iter().map(|shape| shape.nature()).collect();
+    let resolved = cairn_core::prepare::effects::Resolved::new(&scene, &params, &checked, &natures);
     let mut ratios = Vec::new();
     for _ in 0..ROUNDS {
-        let (mut plain, mut guarded, mut guard) = (world(), world(), Guard::new(&scene, &params, units, 0.0, 1.0));
+        let (mut plain, mut guarded, mut guard) = (world(), world(), Guard::new(&scene, &resolved, units, 0.0));
         let (mut by_plain, mut by_guard) = (0.0, 0.0);
         for _ in 0..STEPS {
             by_plain += cpu(|| drop(plain.step()));

@@ -11,7 +11,7 @@ mod collection;
 
 use anyhow::{Context, anyhow, bail};
 use cairn::cost::{Ledger, Record};
-use cairn::machine;
+use cairn::job::machine;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::observer::{Observer, Progress, Stage};
 use cairn_core::input::params::{Accuracy, Params};

@@ -8,10 +8,10 @@
 
 use anyhow::{Context, Result, ensure};
 use cairn::client::{Connection, Target};
-use cairn::proto::bake_event::Kind;
-use cairn::proto::pile_service_client::PileServiceClient;
-use cairn::proto::{Artifact, AssetReference, BakeRequest, BakeResponse, BakeSpec, DeleteBakeRequest, Summary};
 use cairn::scene_file::SceneTree;
+use cairn::wire::proto::bake_event::Kind;
+use cairn::wire::proto::pile_service_client::PileServiceClient;
+use cairn::wire::proto::{Artifact, AssetReference, BakeRequest, BakeResponse, BakeSpec, DeleteBakeRequest, Summary};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};

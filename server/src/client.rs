@@ -1,11 +1,11 @@
 //! The other end of the service: a connection to a `cairn serve`.
 
-use crate::proto::pile_service_client::PileServiceClient;
-use crate::proto::{
+use crate::wire::proto::pile_service_client::PileServiceClient;
+use crate::wire::proto::{
     Artifact, AssetHeader, BakeEvent, BakeRequest, BakeSpec, CancelBakeRequest, DownloadResultRequest, FrameSelection,
     GetServerInfoRequest, HaveAssetsRequest, UploadAssetRequest, WatchBakeRequest, bake_event::Kind,
 };
-use crate::service::PROTOCOL;
+use crate::wire::versions::PROTOCOL;
 use bytes::Bytes;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -92,7 +92,7 @@ impl Connection {
         let missing = self.service.have_assets(HaveAssetsRequest { sha256 }).await?.into_inner().missing_sha256;
         for sha256 in missing {
             let Some(content) = contents.get(&sha256).cloned() else { continue };
-            let header = AssetHeader { sha256, size_bytes: crate::to_proto::signed(content.len()) };
+            let header = AssetHeader { sha256, size_bytes: crate::wire::to_proto::signed(content.len()) };
             let first = UploadAssetRequest { header: Some(header), chunk: Bytes::new() };
             let chunks = (0..content.len()).step_by(CHUNK).map(move |start| {
                 let end = content.len().min(start + CHUNK);

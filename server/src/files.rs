@@ -1,7 +1,7 @@
-//! Reads input files, with a message for each way that this can fail.
+//! Files by name: read with a message for each way that this can fail, written complete or not at all.
 
 use crate::problem::{Problem, nearest};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write};
 use std::path::{Component, Path, PathBuf};
 
 /// Bytes of one input file, 1 GiB: no file of this trade comes near, and a wrong path must not fill the memory.
@@ -55,4 +55,51 @@ pub fn below(folder: &Path, relative: &str) -> Option<PathBuf> {
     let is_plain = |path: &Path| path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     let leads_away = relative.is_empty() || relative.contains(['\\', ':', '\0']) || !is_plain(Path::new(relative));
     (!leads_away).then(|| folder.join(relative))
+}
+
+/// `kit.glb#Brick` -> file and node. A `#` elsewhere belongs to the file's name.
+pub fn split_node(path: &str) -> (&str, Option<&str>) {
+    let lower = path.to_ascii_lowercase();
+    let ends = [".glb#", ".gltf#"].iter().filter_map(|mark| lower.find(mark).map(|at| at + mark.len()));
+    match ends.min() {
+        Some(end) => (&path[..end - 1], Some(&path[end..])),
+        None => (path, None),
+    }
+}
+
+/// Puts a complete file at `path`, or leaves what was there.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".cairn-").suffix(".part");
+    #[cfg(unix)]
+    {
+        // As any other new file: the default of a temporary file would hide the result from the user's group.
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(folder_of(path))?;
+    file.write_all(bytes)?;
+    file.as_file().sync_all()?;
+    file.persist(path)?;
+    Ok(())
+}
+
+/// The folder that a file is in.
+pub fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::split_node;
+
+    #[test]
+    fn a_node_follows_the_extension() {
+        assert_eq!(split_node("kit.glb#Brick"), ("kit.glb", Some("Brick")));
+        assert_eq!(split_node("a#b/kit.GLTF#Brick #2"), ("a#b/kit.GLTF", Some("Brick #2")));
+        assert_eq!(split_node("a#b/kit.glb"), ("a#b/kit.glb", None));
+    }
 }

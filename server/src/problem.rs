@@ -15,16 +15,39 @@ pub struct Problem {
     /// What the user can do about it: a sentence, or nothing.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub remedy: String,
+    #[serde(skip)]
+    pub cause: Cause,
+}
+
+/// What a program has to know of a problem; a person is told by its words.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Cause {
+    /// What was given is wrong.
+    #[default]
+    PlacedBody,
+    /// An asset was named, and is not there yet.
+    NotUploaded,
 }
 
 impl Problem {
     pub fn new(place: impl Into<String>, what: impl Into<String>, remedy: impl Into<String>) -> Problem {
-        Problem { field: String::new(), place: place.into(), what: what.into(), remedy: remedy.into() }
+        Problem {
+            field: String::new(),
+            place: place.into(),
+            what: what.into(),
+            remedy: remedy.into(),
+            cause: Cause::PlacedBody,
+        }
     }
 
     /// The same, known to be this field's fault.
     pub fn of_field(mut self, field: &str) -> Problem {
         self.field = field.to_owned();
+        self
+    }
+
+    pub fn of_cause(mut self, cause: Cause) -> Problem {
+        self.cause = cause;
         self
     }
 }

@@ -4,8 +4,8 @@
 //! the example assets.
 
 use crate::files::bake_of;
-use cairn::export::{ExportScene, Format, SourceModel, encode};
 use cairn::files;
+use cairn::model::export::{ExportScene, Format, SourceModel, encode};
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::geometry::pose::Pose;
 use glam::{DQuat, DVec3};

@@ -2,8 +2,8 @@
 
 use crate::files::{self, bake_of, no_files, textured_cube, tumbling};
 use crate::reader::{drawn_matrix, json_of, pose_error, read_valid, world_matrix, world_matrix_of_path};
-use cairn::export::Format::{Csv, Glb, Json};
-use cairn::export::{ExportError, ExportScene, SourceModel, encode, write};
+use cairn::model::export::Format::{Csv, Glb, Json};
+use cairn::model::export::{ExportError, ExportScene, SourceModel, encode, write};
 use glam::{DMat4, DVec3};
 use serde_json::{Value, json};
 use std::path::Path;

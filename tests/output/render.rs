@@ -1,8 +1,8 @@
 //! Pictures of results.
 
 use crate::files::{bake_of, kit, kit_json, no_files, textured_cube, tumbling};
-use cairn::export::{ExportScene, Format, SourceModel, encode};
-use cairn::render::{Model, Moment, RenderError, Settings, render};
+use cairn::model::export::{ExportScene, Format, SourceModel, encode};
+use cairn::model::render::{Model, Moment, RenderError, Settings, render};
 use cairn_core::geometry::pose::Pose;
 use image::RgbImage;
 use serde_json::{Value, json};

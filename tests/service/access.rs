@@ -2,7 +2,7 @@
 
 use crate::server::{Server, assert_fault, begin, channel, command, events, request, short, until};
 use cairn::client::{Connection, Target};
-use cairn::proto::BakeState;
+use cairn::wire::proto::BakeState;
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::io::{Read, Write};
 use tokio_stream::StreamExt;
@@ -95,7 +95,7 @@ async fn encrypted_and_with_certificates_on_both_sides() {
     let address = |server: &Server| server.addresses[0].replace("127.0.0.1", "localhost");
     let target = Target { address: address(&server), ca: Some(ca.into_bytes()), ..Default::default() };
     let mut connection = Connection::open(&target).await.unwrap();
-    connection.service.list_bakes(cairn::proto::ListBakesRequest::default()).await.unwrap();
+    connection.service.list_bakes(cairn::wire::proto::ListBakesRequest::default()).await.unwrap();
     assert!(Connection::open(&Target { ca: Some(other_ca.into_bytes()), ..target.clone() }).await.is_err());
     assert!(Connection::open(&server.target()).await.is_err(), "not without encryption");
     drop(server);
@@ -152,7 +152,8 @@ async fn settings_from_file_environment_and_flags() {
     let file = folder.path().join("cairn.toml");
     std::fs::write(&file, "workers = 5\nqueue = 6\nstore_mib = 7\n").unwrap();
     let server = Server::start_in(folder.path(), &["--config", "cairn.toml", "--queue", "9"]);
-    let info = server.connect().await.service.get_server_info(cairn::proto::GetServerInfoRequest::default()).await;
+    let info =
+        server.connect().await.service.get_server_info(cairn::wire::proto::GetServerInfoRequest::default()).await;
     let limits = info.unwrap().into_inner().limits.unwrap();
     assert_eq!((limits.worker_count, limits.queue_size, limits.max_store_bytes), (5, 9, 7 << 20));
     drop(server);

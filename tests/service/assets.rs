@@ -1,7 +1,7 @@
 //! Uploads: whole, broken, too large, and from hostile callers.
 
 use crate::server::{Server, assert_fault, sha256};
-use cairn::proto::{AssetHeader, HaveAssetsRequest, UploadAssetRequest};
+use cairn::wire::proto::{AssetHeader, HaveAssetsRequest, UploadAssetRequest};
 use tonic::{Code, Status};
 
 fn header(sha256: String, size_bytes: i64) -> UploadAssetRequest {

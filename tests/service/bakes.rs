@@ -4,8 +4,8 @@ use crate::server::{
     Server, accepted_id, assert_contiguous, assert_fault, content, events, fields, numbered, poses, request, sha256,
     short, spec, status, take, until, watch,
 };
-use cairn::proto::bake_event::Kind;
-use cairn::proto::{
+use cairn::wire::proto::bake_event::Kind;
+use cairn::wire::proto::{
     Accuracy, Artifact, AssetReference, BakeEvent, BakeRequest, BakeState, ControlMode, DeleteBakeRequest,
     DownloadResultRequest, FrameSelection, GetBakeRequest, GetServerInfoRequest, ListBakesRequest, OutputFormat,
     PlanBakeRequest, Prop, Stage, WatchBakeRequest,

@@ -1,7 +1,7 @@
 //! The program as a client of the server.
 
 use crate::server::{PROGRAM, Server, asset, begin, endless, status, until};
-use cairn::proto::BakeState;
+use cairn::wire::proto::BakeState;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -79,7 +79,7 @@ async fn ctrl_c_cancels_on_the_server() {
     let line = format!("bake {SCENE} --set physics.step_natural=0.000001 -o far.glb --server {}", server.addresses[0]);
     let mut bake = Command::new(PROGRAM);
     let mut bake = bake.args(line.split_whitespace()).current_dir(server.folder()).spawn().unwrap();
-    let list = || cairn::proto::ListBakesRequest::default();
+    let list = || cairn::wire::proto::ListBakesRequest::default();
     let id = loop {
         let bakes = connection.service.list_bakes(list()).await.unwrap().into_inner().bakes;
         if let Some(bake) = bakes.first().filter(|bake| bake.progress.is_some()) {

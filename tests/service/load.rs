@@ -3,7 +3,7 @@
 use crate::server::{
     Server, accepted_id, assert_fault, begin, channel, endless, events, fields, request, short, until,
 };
-use cairn::proto::{BakeState, ListBakesRequest};
+use cairn::wire::proto::{BakeState, ListBakesRequest};
 use std::collections::BTreeSet;
 use tonic::Code;
 use tonic_health::pb::HealthCheckRequest;
@@ -22,7 +22,7 @@ async fn a_full_queue_refuses_and_says_when_to_come_back() {
     // Who asks for what runs already is not refused.
     assert_eq!(begin(&mut connection, endless(1)).await, first);
     // A plan does not need a place of a bake.
-    let plan = cairn::proto::PlanBakeRequest { spec: Some(endless(3)) };
+    let plan = cairn::wire::proto::PlanBakeRequest { spec: Some(endless(3)) };
     connection.service.plan_bake(plan).await.unwrap();
 }
 

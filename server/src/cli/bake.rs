@@ -4,10 +4,10 @@ use super::progress::{Mode, Reporter};
 use super::remote::{self, Access, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
-use crate::export;
+use crate::job::reuse::Cache;
 use crate::job::{Job, Outcome};
+use crate::model::export;
 use crate::problem::Problem;
-use crate::reuse::Cache;
 use anstyle::AnsiColor;
 use clap::builder::{FalseyValueParser, OsStringValueParser};
 use std::ffi::OsString;
@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let done = job.run(format, &args.output.display().to_string(), &mut cache(args), &mut reporter);
     reporter.finish(done.is_ok());
     let Outcome { bake, result, report, seconds, .. } = done?;
-    write(&args.output, &result, args.report.as_deref().map(|path| (path, report)))?;
+    output::write_result(&args.output, &result, args.report.as_deref().map(|path| (path, report)))?;
 
     if !args.quiet {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
@@ -134,21 +134,4 @@ fn check_outputs(args: &Args, mut inputs: Vec<PathBuf>) -> Result<(), Failure> {
         }
     }
     Ok(())
-}
-
-/// Writes result and report: both or none.
-pub fn write(output: &Path, result: &[u8], report: Option<(&Path, String)>) -> Result<(), Failure> {
-    let _complete = interrupt::shield();
-    if interrupt::asked() {
-        return Err(Failure::Cancelled);
-    }
-    if let Some((path, text)) = &report {
-        output::write(path, text.as_bytes())?;
-    }
-    output::write(output, result).inspect_err(|_| {
-        if let Some((path, _)) = &report {
-            // A report of a result that is not there would mislead.
-            let _ = std::fs::remove_file(path);
-        }
-    })
 }

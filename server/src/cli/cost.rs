@@ -5,7 +5,7 @@ use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, print};
 use crate::cost::{self, Ledger, Record, Study, Variant};
 use crate::job::Job;
-use crate::machine;
+use crate::job::machine;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use cairn_core::input::observer::{Observer, Progress};

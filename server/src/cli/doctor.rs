@@ -2,12 +2,13 @@
 
 use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, print};
-use crate::export::Format;
+use crate::job::machine;
+use crate::job::reuse::Cache;
 use crate::job::{Job, Outcome};
+use crate::model::export::Format;
 use crate::problem::Problem;
-use crate::reuse::Cache;
 use crate::scene_file::SceneTree;
-use crate::{machine, report};
+use crate::wire::versions::versions;
 use anstyle::{AnsiColor, Style};
 use serde_json::{Value, json};
 use std::ops::RangeInclusive;
@@ -104,7 +105,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn machine_findings() -> Vec<Finding> {
-    let versions = report::versions();
+    let versions = versions();
     let gib = |bytes: u64| format!("{:.1} GiB free", bytes as f64 / (1u64 << 30) as f64);
     let memory = machine::free_memory();
     let little = "Close other programs, or bake fewer props: large bakes may fail.";
@@ -164,7 +165,7 @@ fn self_bake(progress: Mode) -> Result<Outcome, Failure> {
     Ok(done?)
 }
 
-fn scene() -> Result<crate::proto::Scene, Failure> {
+fn scene() -> Result<crate::wire::proto::Scene, Failure> {
     let mut scene = SceneTree::default();
     for assignment in [format!("control_mesh={}", CONTROL.0), format!("props.0={}", PROP.0)]
         .into_iter()

@@ -1,7 +1,7 @@
 //! Why a command ends without its result, and the exit code that says so.
 
-use crate::export::ExportError;
 use crate::job;
+use crate::model::export::ExportError;
 use crate::problem::Problem;
 use std::fmt::Display;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Files that a command writes: checked before any work, written complete or not at all.
 
-use super::Failure;
-use crate::export;
+use super::{Failure, interrupt};
+use crate::files;
 use crate::problem::Problem;
 use std::path::{Path, PathBuf};
 
@@ -31,5 +31,22 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
 
 /// Writes a file, complete or not at all.
 pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
-    export::write_atomically(path, content).map_err(|error| Failure::write(path, error))
+    files::write_atomically(path, content).map_err(|error| Failure::write(path, error))
+}
+
+/// Writes result and report: both or none.
+pub fn write_result(output: &Path, result: &[u8], report: Option<(&Path, String)>) -> Result<(), Failure> {
+    let _complete = interrupt::shield();
+    if interrupt::asked() {
+        return Err(Failure::Cancelled);
+    }
+    if let Some((path, text)) = &report {
+        write(path, text.as_bytes())?;
+    }
+    write(output, result).inspect_err(|_| {
+        if let Some((path, _)) = &report {
+            // A report of a result that is not there would mislead.
+            let _ = std::fs::remove_file(path);
+        }
+    })
 }

@@ -3,7 +3,7 @@
 use super::check::{describe, read};
 use super::scene_args::SceneArgs;
 use super::{Failure, print};
-use crate::to_proto;
+use crate::wire::to_proto;
 use cairn_core::prepare::estimate::Estimate;
 use serde_json::json;
 use std::fmt::Write;

@@ -1,8 +1,8 @@
 //! How far a bake is, told on stderr; and its cancel and clock.
 
 use super::interrupt;
-use crate::machine;
-use crate::pace::{Pace, name};
+use crate::job::machine;
+use crate::job::pace::{Pace, name};
 use cairn_core::input::observer::{Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;

@@ -1,13 +1,16 @@
 //! The commands as clients of a server.
 
 use super::progress::{Mode, Reporter};
-use super::{Failure, bake, interrupt, output, summary, tell};
+use super::{Failure, interrupt, output, summary, tell};
 use crate::client::{Connection, Target};
-use crate::export::Format;
+use crate::files;
+use crate::job;
+use crate::model::document;
+use crate::model::export::Format;
 use crate::problem::Problem;
-use crate::proto::{Artifact, AssetReference, BakeSpec, OutputFormat, Scene, Summary, bake_event::Kind};
-use crate::worker::hex;
-use crate::{document, files, from_proto, job};
+use crate::wire::digest::hex;
+use crate::wire::from_proto;
+use crate::wire::proto::{Artifact, AssetReference, BakeSpec, OutputFormat, Scene, Summary, bake_event::Kind};
 use anstyle::AnsiColor;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
@@ -235,7 +238,7 @@ impl<'a> Told<'a> {
         };
         match (output, report) {
             (Some(output), report) => {
-                bake::write(output, &server.download(&id, Artifact::Result).await?, report)?;
+                output::write_result(output, &server.download(&id, Artifact::Result).await?, report)?;
             }
             (None, Some((path, text))) => output::write(path, text.as_bytes())?,
             (None, None) => {}

@@ -1,10 +1,9 @@
 //! `cairn render`: a still of a baked pile.
 
 use super::{Failure, interrupt, output};
-use crate::export::write_atomically;
 use crate::files;
+use crate::model::render::{Model, Moment, RenderError, Settings, render};
 use crate::problem::Problem;
-use crate::render::{Model, Moment, RenderError, Settings, render};
 use image::{ImageFormat, RgbImage};
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -97,7 +96,7 @@ fn write(path: &Path, picture: &RgbImage, format: ImageFormat) -> Result<(), Fai
     if interrupt::asked() {
         return Err(Failure::Cancelled);
     }
-    write_atomically(path, bytes.get_ref()).map_err(|error| Failure::write(path, error))
+    files::write_atomically(path, bytes.get_ref()).map_err(|error| Failure::write(path, error))
 }
 
 /// A file in memory, and where it came from.

@@ -2,9 +2,9 @@
 
 use super::scene_args::SceneArgs;
 use super::{Failure, print};
-use crate::from_proto;
-use crate::job;
 use crate::scene_file::SceneTree;
+use crate::wire::effective::effective;
+use crate::wire::from_proto;
 
 /// Print the scene file that equals the same flags
 ///
@@ -32,7 +32,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.full {
         let scene = tree.to_message();
         let params = from_proto::params(&scene).map_err(Failure::Input)?;
-        tree = SceneTree::from_message(&job::effective(&scene, &params));
+        tree = SceneTree::from_message(&effective(&scene, &params));
     }
     print(&if args.json { tree.to_json() } else { tree.to_toml() })
 }

@@ -1,10 +1,10 @@
 //! `cairn serve`: the gRPC service.
 
 use super::{Failure, print};
-use crate::config::Config;
 use crate::problem::Problem;
-use crate::serve::{self, Secrets, ServeError};
-use crate::telemetry;
+use crate::service::config::Config;
+use crate::service::serve::{self, Secrets, ServeError};
+use crate::service::telemetry;
 use figment::Figment;
 use figment::providers::{Format, Serialized, Toml};
 use serde::Serialize;

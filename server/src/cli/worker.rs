@@ -1,8 +1,9 @@
 //! `cairn worker`: one bake for a server, which starts it. Not for the command line.
 
 use super::Failure;
-use crate::reuse::Cache;
-use crate::worker::{self, News};
+use crate::job::reuse::Cache;
+use crate::service::news::News;
+use crate::service::worker;
 use std::path::PathBuf;
 
 /// Bake in a folder of a server's store

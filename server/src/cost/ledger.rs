@@ -36,7 +36,7 @@ impl Record {
         report: Report,
     ) -> Result<Record, cairn_core::Error> {
         let figures = report.measures.into_iter().filter_map(|(name, value)| Some((name.into_owned(), value?)));
-        let seconds = report.seconds.iter().map(|(&stage, &s)| (crate::pace::name(stage).to_owned(), s)).collect();
+        let seconds = report.seconds.iter().map(|(&stage, &s)| (crate::job::pace::name(stage).to_owned(), s)).collect();
         Ok(Record {
             key,
             variant,

@@ -1,8 +1,9 @@
 //! What is baked: the presets, and single parameters around one of them.
 
-use crate::from_proto::params_and_problems;
 use crate::scene_file::SceneTree;
-use crate::{proto, to_proto};
+use crate::wire::from_proto::params_and_problems;
+use crate::wire::proto;
+use crate::wire::to_proto;
 use cairn_core::input::params::{Accuracy, Params};
 
 /// One way to bake the scene.

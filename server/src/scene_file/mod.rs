@@ -8,7 +8,7 @@ mod text;
 
 use crate::files;
 use crate::problem::Problem;
-use crate::proto;
+use crate::wire::proto;
 use check::Checker;
 use prost::Message;
 use prost_reflect::{DynamicMessage, EnumDescriptor, Kind, MessageDescriptor, SerializeOptions};

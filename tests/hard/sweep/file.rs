@@ -3,9 +3,9 @@
 use super::recipe::Recipe;
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use cairn::proto;
 use cairn::scene_file::SceneTree;
-use cairn::to_proto;
+use cairn::wire::proto;
+use cairn::wire::to_proto;
 use cairn_core::geometry::mesh::TriMesh;
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,78 @@
+//! This machine: what it has, and what a bake costs it.
+
+use cpu_time::ProcessTime;
+use std::path::Path;
+use sysinfo::{CpuRefreshKind, Disks, MemoryRefreshKind, System};
+
+/// CPU seconds of this process so far, over all threads.
+pub fn cpu_seconds() -> f64 {
+    ProcessTime::try_now().map_or(0.0, |time| time.as_duration().as_secs_f64())
+}
+
+/// CPU seconds of this process from a moment on. What it did before does not count: `cargo run` becomes the program that it has
+/// built, and hands its own time on.
+pub struct Meter {
+    began: f64,
+}
+
+impl Meter {
+    pub fn start() -> Meter {
+        Meter { began: cpu_seconds() }
+    }
+
+    pub fn seconds(&self) -> f64 {
+        cpu_seconds() - self.began
+    }
+}
+
+/// Largest resident memory of this process so far, bytes; `None` where the system does not tell.
+pub fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib * 1024)
+}
+
+/// Memory that could be had now, bytes.
+pub fn free_memory() -> u64 {
+    let mut system = System::new();
+    system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
+    system.available_memory()
+}
+
+/// Room on the disk that holds a folder, bytes; `None` where the system does not tell.
+pub fn free_disk(folder: &Path) -> Option<u64> {
+    let folder = folder.canonicalize().ok()?;
+    let disks = Disks::new_with_refreshed_list();
+    let holding = disks.list().iter().filter(|disk| folder.starts_with(disk.mount_point()));
+    holding.max_by_key(|disk| disk.mount_point().as_os_str().len()).map(|disk| disk.available_space())
+}
+
+/// Extensions of the processor that mathematics gains from, as far as they are there.
+pub fn cpu_features() -> Vec<&'static str> {
+    let mut found = Vec::new();
+    #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+    {
+        let known = [
+            ("sse4.2", std::is_x86_feature_detected!("sse4.2")),
+            ("avx", std::is_x86_feature_detected!("avx")),
+            ("avx2", std::is_x86_feature_detected!("avx2")),
+            ("fma", std::is_x86_feature_detected!("fma")),
+            ("avx512f", std::is_x86_feature_detected!("avx512f")),
+        ];
+        found.extend(known.iter().filter(|(_, there)| *there).map(|(name, _)| *name));
+    }
+    #[cfg(target_arch = "aarch64")]
+    if std::arch::is_aarch64_feature_detected!("neon") {
+        found.push("neon");
+    }
+    found
+}
+
+/// The processor and its threads, for tables of costs.
+pub fn name() -> String {
+    let mut system = System::new();
+    system.refresh_cpu_list(CpuRefreshKind::nothing());
+    let brand = system.cpus().first().map_or(std::env::consts::ARCH.into(), |cpu| cpu.brand().trim().to_owned());
+    format!("{brand}, {} threads", system.cpus().len())
+}

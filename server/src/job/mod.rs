@@ -1,0 +1,86 @@
+//! A scene with every file read, and its way through the core to the files of the result: the same for the command line
+//! and for the service.
+
+pub mod machine;
+pub mod pace;
+mod read;
+pub mod report;
+pub mod reuse;
+mod run;
+mod sources;
+
+use crate::model::export::{ExportScene, SourceModel};
+use crate::wire::proto;
+use cairn_core::input::params::Params;
+use cairn_core::input::scene::Scene;
+use cairn_core::prepare::estimate::Estimate;
+use machine::Meter;
+pub use run::{Error, Outcome};
+use sources::{InputFile, Reference};
+pub use sources::{Open, model_files};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Everything that one bake needs.
+pub struct Job {
+    pub scene: Scene,
+    pub params: Params,
+    /// The parameters that the scene would have at each accuracy, from the quickest on.
+    pub ladder: Vec<Params>,
+    /// What was read otherwise than it stands in the files, one sentence each.
+    pub notes: Vec<String>,
+    /// The scene with every parameter and every prop's value set: baked again, it gives the same.
+    pub effective: proto::Scene,
+    began: Instant,
+    meter: Meter,
+    /// CPU seconds.
+    read_seconds: f64,
+    props: Vec<Reference>,
+    statics: Vec<Reference>,
+    files: BTreeMap<PathBuf, InputFile>,
+}
+
+impl Job {
+    /// What each accuracy is expected to cost on this machine. Measures the machine, for a few tenths of a second.
+    pub fn estimates(&self) -> Result<Vec<Estimate>, cairn_core::Error> {
+        let machine = cairn_core::stages::calibrate::calibrate(machine::cpu_seconds)?;
+        cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
+    }
+
+    /// The files that the scene reads.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        self.files.keys().cloned().collect()
+    }
+
+    /// Hash of all files that were read: names and bytes, those beside a glTF file left out.
+    pub fn content_hash(&self) -> blake3::Hash {
+        let mut hasher = blake3::Hasher::new();
+        for file in self.files.values() {
+            for part in [file.name.as_bytes(), &file.bytes] {
+                hasher.update(&(part.len() as u64).to_le_bytes());
+                hasher.update(part);
+            }
+        }
+        hasher.finalize()
+    }
+
+    /// The models in their original files.
+    pub fn export_scene(&self) -> ExportScene<'_> {
+        ExportScene { props: self.sources(&self.props), scenery: self.sources(&self.statics) }
+    }
+
+    fn sources<'a>(&'a self, references: &'a [Reference]) -> Vec<SourceModel<'a>> {
+        let source = |reference: &'a Reference| {
+            let file = &self.files[&reference.file];
+            SourceModel {
+                name: &reference.name,
+                file: &file.name,
+                bytes: &file.bytes,
+                node: reference.node.as_deref(),
+                resolve: &*file.resolve,
+            }
+        };
+        references.iter().map(source).collect()
+    }
+}

@@ -1,0 +1,171 @@
+//! Reads all that a scene names, and gathers all that is wrong with it.
+
+use super::Job;
+use super::machine::Meter;
+use super::sources::{InputFile, Open, Reference};
+use crate::files;
+use crate::problem::Problem;
+use crate::wire::effective::effective;
+use crate::wire::from_proto::{self, added::Added};
+use crate::wire::{proto, to_proto};
+use cairn_core::asset::{self, Limits, Source};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::input::scene::{Key, Model, Place, Prop, Scene, StaticModel};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+impl Job {
+    /// Reads all that a scene names, or tells everything that is wrong with it.
+    pub fn read(scene: &proto::Scene) -> Result<Job, Vec<Problem>> {
+        Job::read_with(scene, Arc::new(files::read))
+    }
+
+    /// The same, with files from elsewhere than the disk.
+    pub fn read_with(scene: &proto::Scene, open: Open) -> Result<Job, Vec<Problem>> {
+        let (began, meter) = (Instant::now(), Meter::start());
+        let mut reader = Reader::new(open);
+        let (params, problems) = from_proto::params_and_problems(scene);
+        reader.problems.extend(problems);
+        let control = scene.control_mesh.as_ref().map(|control| reader.model("control_mesh", &control.path).1);
+        if control.is_none() && scene.bodies.is_empty() && scene.emitters.is_empty() {
+            let remedy = "Give one by --control, or as control_mesh in the scene file; or place bodies there.";
+            let problem = Problem::new("control_mesh", "there is no control mesh", remedy);
+            reader.problems.push(problem.of_field("control_mesh"));
+        }
+        let region = scene.region.as_ref().map(|region| reader.model("region", &region.path).1);
+        if scene.props.is_empty() {
+            let remedy = "Give one or more by --prop, or as props in the scene file.";
+            reader.problems.push(Problem::new("props", "there are no props", remedy).of_field("props"));
+        }
+        let read: Vec<_> = scene.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
+        let (props, prop_models) = read.into_iter().unzip();
+        let mut added = Added::new(scene, params.output.fps);
+        let statics = scene.statics.iter().enumerate();
+        let read: Vec<_> = statics.map(|(i, model)| reader.scenery(i, model, added.keys(i, model))).collect();
+        let (statics, static_models) = read.into_iter().unzip();
+        let bodies = scene.bodies.iter().enumerate().map(|(i, body)| added.body(i, body)).collect();
+        let emitter = |(i, emitter): (usize, &proto::Emitter)| {
+            let place = |mesh: &String| Place::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
+            let mesh = emitter.mesh.as_ref().map(place);
+            added.emitter(i, emitter, mesh)
+        };
+        let emitters = scene.emitters.iter().enumerate().map(emitter).collect();
+        reader.problems.append(&mut added.problems);
+        let effective = effective(scene, &params);
+        let ladder = Accuracy::LADDER.iter().map(|&accuracy| {
+            let accuracy = to_proto::accuracy(accuracy).into();
+            from_proto::params_and_problems(&proto::Scene { accuracy, ..scene.clone() }).0
+        });
+        let ladder = ladder.collect();
+        let scene = Scene { control, region, props: prop_models, statics: static_models, bodies, emitters };
+        if !reader.problems.is_empty() {
+            reader.check_values(&scene, &params);
+            return Err(reader.problems);
+        }
+        let (read_seconds, notes, files) = (meter.seconds(), reader.notes, reader.files);
+        Ok(Job { scene, params, ladder, notes, effective, began, meter, read_seconds, props, statics, files })
+    }
+}
+
+/// Reads models and gathers what is wrong with them. Where a model cannot be read, an empty one stands in, and the
+/// problem keeps the job from being made.
+struct Reader {
+    open: Open,
+    files: BTreeMap<PathBuf, InputFile>,
+    /// Files that could not be read: told once, however many models lie in them.
+    missing: BTreeSet<PathBuf>,
+    notes: Vec<String>,
+    problems: Vec<Problem>,
+}
+
+impl Reader {
+    fn new(open: Open) -> Reader {
+        let (files, missing) = Default::default();
+        Reader { open, files, missing, notes: Vec::new(), problems: Vec::new() }
+    }
+
+    /// Adds what the core finds wrong with values. What it says of models that could not be read would mislead.
+    fn check_values(&mut self, scene: &Scene, params: &Params) {
+        let Err(found) = cairn_core::prepare::check::run(scene, params) else { return };
+        for problem in found {
+            let is_model = problem.field.rsplit('.').next().is_some_and(|last| last.parse::<usize>().is_ok())
+                || ["control_mesh", "region", "props"].contains(&&*problem.field);
+            if !is_model && !self.problems.iter().any(|told| told.field == problem.field) {
+                self.problems.push(problem.into());
+            }
+        }
+    }
+
+    fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {
+        let reference = Reference::new(path);
+        let mesh = self.mesh(field, &reference).unwrap_or_default();
+        let name = reference.name.clone();
+        (reference, Model { name, mesh })
+    }
+
+    fn mesh(&mut self, field: &str, reference: &Reference) -> Option<TriMesh> {
+        if reference.file.as_os_str().is_empty() {
+            let field = format!("{field}.path");
+            let problem = Problem::new(&field, "it is empty", "Name a .glb or .gltf file.");
+            self.problems.push(problem.of_field(&field));
+            return None;
+        }
+        if self.missing.contains(&reference.file) {
+            return None;
+        }
+        if !self.files.contains_key(&reference.file) {
+            match InputFile::read(&reference.file, &self.open) {
+                Ok(file) => {
+                    self.files.insert(reference.file.clone(), file);
+                }
+                Err(mut problem) => {
+                    problem.what = format!("{} ({field})", problem.what);
+                    self.problems.push(problem.of_field(&format!("{field}.path")));
+                    self.missing.insert(reference.file.clone());
+                    return None;
+                }
+            }
+        }
+        let file = &self.files[&reference.file];
+        let source = Source {
+            name: &file.name,
+            bytes: &file.bytes,
+            node: reference.node.as_deref(),
+            resolve: &*file.resolve,
+            limits: Limits::default(),
+        };
+        match asset::read(&source) {
+            Ok(asset) => {
+                self.notes.extend(asset.notes.into_iter().map(|note| format!("{}: {note}", reference.name)));
+                Some(asset.mesh)
+            }
+            Err(problems) => {
+                let field = format!("{field}.path");
+                self.problems.extend(problems.into_iter().map(|problem| Problem::from(problem).of_field(&field)));
+                None
+            }
+        }
+    }
+
+    fn prop(&mut self, index: usize, prop: &proto::Prop) -> (Reference, Prop) {
+        let (reference, model) = self.model(&format!("props.{index}"), &prop.path);
+        let prop = Prop {
+            model,
+            weight: prop.weight.unwrap_or(from_proto::PROP_WEIGHT),
+            friction: prop.friction.unwrap_or(from_proto::FRICTION),
+            density: prop.density.unwrap_or(from_proto::PROP_DENSITY),
+            restitution: prop.restitution.unwrap_or(from_proto::PROP_RESTITUTION),
+            scale: [prop.scale_min, prop.scale_max].map(|scale| scale.unwrap_or(from_proto::PROP_SCALE)),
+            tilt_max: prop.tilt_max.unwrap_or(from_proto::PROP_TILT_MAX),
+        };
+        (reference, prop)
+    }
+
+    fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Key>) -> (Reference, StaticModel) {
+        let (reference, model) = self.model(&format!("statics.{index}"), &given.path);
+        (reference, StaticModel { model, friction: given.friction.unwrap_or(from_proto::FRICTION), keys })
+    }
+}

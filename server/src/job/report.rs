@@ -1,0 +1,77 @@
+//! `report.json`: the core's figures, what made them, and what they cost.
+
+use crate::job::machine;
+use crate::scene_file::SceneTree;
+use crate::wire::proto;
+use crate::wire::versions::versions;
+use cairn_core::report::bake::Bake;
+use serde_json::{Map, Value, json};
+
+/// What a bake took beside the core's stages, seconds, from the moment that its files began to be read.
+pub struct Spent {
+    /// CPU time, as are the next two.
+    pub read: f64,
+    pub encode: f64,
+    /// In all, the core's stages included.
+    pub cpu: f64,
+    pub wall: f64,
+}
+
+/// The report file's content.
+pub fn json(
+    bake: &Bake,
+    hash: blake3::Hash,
+    scene: &SceneTree,
+    notes: &[String],
+    output: &str,
+    spent: &Spent,
+) -> Value {
+    let mut report = Map::new();
+    let proto::Versions { cairn, rapier3d, clarabel } = versions();
+    report.insert("versions".into(), json!({ "cairn": cairn, "rapier3d": rapier3d, "clarabel": clarabel }));
+    report.insert("output".into(), output.into());
+    report.insert("result_blake3".into(), hash.to_hex().as_str().into());
+    let figures = serde_json::to_value(&bake.report).expect("a report has a JSON form");
+    for (name, value) in figures.as_object().into_iter().flatten() {
+        // The effective scene below says the same in the scene file's own terms.
+        if name != "params" {
+            report.insert(name.clone(), value.clone());
+        }
+    }
+    for (stage, seconds) in [("read", spent.read), ("encode", spent.encode)] {
+        report["seconds"][stage] = json!(seconds);
+    }
+    report.insert("notes".into(), json!(notes));
+    report.insert("scene".into(), scene.to_value());
+    report.insert("wall_seconds".into(), json!(spent.wall));
+    report.insert("cpu_seconds".into(), json!(spent.cpu));
+    report.insert("peak_memory_bytes".into(), json!(machine::peak_memory()));
+    Value::Object(report)
+}
+
+/// Hash of a result: equal for equal bodies and frames, to the last bit, whatever it is written as.
+///
+/// BLAKE3 over little-endian bytes: fps; number of bodies; each body's prop and scale; number of frames; each frame's
+/// poses as translation x, y, z and rotation x, y, z, w; of each body that appears later, its index and first frame; the
+/// poses of moving scenery likewise. Counts and indices are 64 bit, the rest doubles.
+pub fn result_hash(bake: &Bake) -> blake3::Hash {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&bake.fps.to_le_bytes());
+    hasher.update(&(bake.bodies.len() as u64).to_le_bytes());
+    for body in &bake.bodies {
+        hasher.update(&(body.prop as u64).to_le_bytes());
+        hasher.update(&body.scale.to_le_bytes());
+    }
+    hasher.update(&(bake.frames.len() as u64).to_le_bytes());
+    let late = bake.bodies.iter().enumerate().filter(|(_, body)| body.first_frame > 0);
+    let late: Vec<u64> = late.flat_map(|(i, body)| [i as u64, body.first_frame as u64]).collect();
+    for pose in bake.frames.iter().flatten().chain(bake.scenery.iter().flatten()) {
+        for number in pose.translation.to_array().into_iter().chain(pose.rotation.to_array()) {
+            hasher.update(&number.to_le_bytes());
+        }
+    }
+    for number in late {
+        hasher.update(&number.to_le_bytes());
+    }
+    hasher.finalize()
+}

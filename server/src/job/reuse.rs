@@ -1,0 +1,123 @@
+//! What earlier bakes left: collision shapes and fills, and whole bakes, by the hash of all that they depend on.
+//!
+//! A cache never decides what a result is, only how long it takes: what cannot be read is made anew, and what cannot be
+//! written is left out.
+
+use crate::wire::versions::versions;
+use cairn_core::input::params::Params;
+use cairn_core::input::scene::Scene;
+use cairn_core::report::bake::Bake;
+use cairn_core::stages::cache::{self, FillInputs, Found};
+use etcetera::BaseStrategy;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+
+/// What all entries together may take, bytes: the oldest go first.
+const MOST: usize = 2 << 30;
+/// A larger one is not kept, bytes.
+const LARGEST: usize = 256 << 20;
+
+/// Where earlier bakes are looked for.
+#[derive(Clone, Debug, Default)]
+pub struct Cache {
+    /// `None`: nowhere.
+    folder: Option<PathBuf>,
+}
+
+impl Cache {
+    pub fn none() -> Cache {
+        Cache::default()
+    }
+
+    pub fn at(folder: &Path) -> Cache {
+        Cache { folder: Some(folder.to_owned()) }
+    }
+
+    /// Why nothing can be kept there.
+    pub fn fault(&self) -> Option<std::io::Error> {
+        self.folder
+            .as_ref()
+            .and_then(|folder| std::fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).err())
+    }
+
+    /// The user's own, where the system has such a place.
+    pub fn of_user() -> Cache {
+        let folders = etcetera::choose_base_strategy().ok();
+        Cache { folder: folders.map(|folders| folders.cache_dir().join("cairn")) }
+    }
+
+    /// The bake of this scene, if it is known.
+    pub fn bake(&self, scene: &Scene, params: &Params) -> Option<Bake> {
+        self.folder.as_ref()?;
+        self.read(&key("bake", &(scene, params))?)
+    }
+
+    pub fn keep_bake(&self, scene: &Scene, params: &Params, bake: &Bake) {
+        if self.folder.is_some()
+            && let Some(key) = key("bake", &(scene, params))
+        {
+            self.write(&key, bake);
+        }
+    }
+
+    fn read<T: DeserializeOwned>(&self, key: &str) -> Option<T> {
+        let bytes = cacache::read_sync(self.folder.as_ref()?, key).ok()?;
+        postcard::from_bytes(&bytes).ok()
+    }
+
+    fn write<T: Serialize>(&self, key: &str, value: &T) {
+        let Some(folder) = &self.folder else { return };
+        let Ok(bytes) = postcard::to_stdvec(value) else { return };
+        if bytes.len() <= LARGEST && cacache::write_sync(folder, key, &bytes).is_ok() {
+            trim(folder);
+        }
+    }
+}
+
+impl cache::Cache for Cache {
+    fn get(&mut self, inputs: &FillInputs) -> Option<Found> {
+        self.read(&key("fill", inputs)?)
+    }
+
+    fn put(&mut self, inputs: &FillInputs, found: &Found) {
+        if let Some(key) = key("fill", inputs) {
+            self.write(&key, found);
+        }
+    }
+
+    fn keeps(&self) -> bool {
+        self.folder.is_some()
+    }
+}
+
+/// The hash of the versions that decide a result, and of all that it depends on.
+fn key(kind: &str, inputs: &impl Serialize) -> Option<String> {
+    let versions = versions();
+    let mut hasher = blake3::Hasher::new();
+    for part in [&*program(), &*versions.cairn, &*versions.rapier3d, &*versions.clarabel] {
+        hasher.update(part.as_bytes()).update(b"\n");
+    }
+    postcard::to_io(inputs, &mut hasher).ok()?;
+    Some(format!("{kind} {}", hasher.finalize().to_hex()))
+}
+
+/// This program's file, by size and time: two builds of a version may differ.
+fn program() -> String {
+    let file = std::env::current_exe().and_then(std::fs::metadata).ok();
+    file.map_or(String::new(), |file| format!("{} {:?}", file.len(), file.modified().ok()))
+}
+
+/// Takes out the oldest entries until the rest is small enough.
+fn trim(folder: &Path) {
+    let mut entries: Vec<cacache::Metadata> = cacache::list_sync(folder).filter_map(Result::ok).collect();
+    let mut total: usize = entries.iter().map(|entry| entry.size).sum();
+    entries.sort_by_key(|entry| std::cmp::Reverse(entry.time));
+    while total > MOST
+        && let Some(oldest) = entries.pop()
+    {
+        total -= oldest.size;
+        let _ = cacache::remove_sync(folder, &oldest.key);
+        let _ = cacache::remove_hash_sync(folder, &oldest.integrity);
+    }
+}

@@ -1,0 +1,122 @@
+//! A job's way through the core to the files of the result.
+
+use super::Job;
+use super::report::{self, Spent};
+use super::reuse::Cache;
+use crate::model::export::{self, ExportError, Format};
+use crate::scene_file::SceneTree;
+use cairn_core::input::observer::Observer;
+use cairn_core::report::bake::Bake;
+
+/// A finished bake and its files.
+pub struct Outcome {
+    pub bake: Bake,
+    /// In the format asked for.
+    pub result: Vec<u8>,
+    /// JSON.
+    pub report: String,
+    /// See [`report::result_hash`].
+    pub hash: blake3::Hash,
+    pub seconds: f64,
+}
+
+/// Why there is no outcome.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    #[error(transparent)]
+    Bake(#[from] cairn_core::Error),
+    #[error(transparent)]
+    Export(#[from] ExportError),
+}
+
+impl Job {
+    /// The bake, and its files. `output`: what the report calls the result.
+    ///
+    /// Fill and shapes of an earlier bake are taken from the cache where they are the same; where nobody wants frames, so is a
+    /// whole bake.
+    pub fn run(
+        &self,
+        format: Format,
+        output: &str,
+        cache: &mut Cache,
+        observer: &mut dyn Observer,
+    ) -> Result<Outcome, Error> {
+        let bake = self.bake(cache, observer)?;
+        let baked = self.meter.seconds();
+        let result = export::encode(format, &bake, &self.export_scene())?;
+        let encode = self.meter.seconds() - baked;
+        let (hash, seconds) = (report::result_hash(&bake), self.began.elapsed().as_secs_f64());
+        let spent = Spent { read: self.read_seconds, encode, cpu: self.meter.seconds(), wall: seconds };
+        let scene = SceneTree::from_message(&self.effective);
+        let report = format!("{:#}\n", report::json(&bake, hash, &scene, &self.notes, output, &spent));
+        Ok(Outcome { bake, result, report, hash, seconds })
+    }
+
+    fn bake(&self, cache: &mut Cache, observer: &mut dyn Observer) -> Result<Bake, cairn_core::Error> {
+        // The frames of a bake under way tell more than its result.
+        let may_recall = !observer.wants_frames();
+        if may_recall && let Some(mut bake) = cache.bake(&self.scene, &self.params) {
+            bake.report.recall();
+            return Ok(bake);
+        }
+        let bake = cairn_core::bake_with(&self.scene, &self.params, cache, observer)?;
+        if may_recall {
+            cache.keep_bake(&self.scene, &self.params, &bake);
+        }
+        Ok(bake)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::machine;
+    use crate::wire::proto;
+    use cairn_core::input::observer::{Frame, Progress};
+    use serde_json::Value;
+    use std::ops::ControlFlow;
+
+    /// A clock, and nothing else.
+    struct Clock;
+
+    impl Observer for Clock {
+        fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+            ControlFlow::Continue(())
+        }
+
+        fn cpu_seconds(&mut self) -> f64 {
+            machine::cpu_seconds()
+        }
+
+        fn frame(&mut self, _: &Frame) {}
+    }
+
+    #[test]
+    fn what_the_process_did_before_is_not_counted() {
+        // More than what is done between the report and the last look at the clock.
+        while machine::cpu_seconds() < 1.0 {
+            std::hint::black_box((0..100_000_u64).fold(0, u64::wrapping_add));
+        }
+        let before = machine::cpu_seconds();
+        let asset = |name| format!("{}/examples/assets/{name}", env!("CARGO_MANIFEST_DIR"));
+        let mut tree = SceneTree::from_message(&proto::Scene {
+            control_mesh: Some(proto::ControlMesh { path: asset("cone-small.glb") }),
+            props: vec![proto::Prop { path: asset("stick.glb"), ..Default::default() }],
+            ..Default::default()
+        });
+        for assignment in ["accuracy=draft", "fill.count=4"] {
+            tree.set(assignment).unwrap();
+        }
+        let job = Job::read(&tree.to_message()).unwrap();
+        let done = job.run(Format::Csv, "pile.csv", &mut Cache::none(), &mut Clock).unwrap();
+        let all = machine::cpu_seconds() - before;
+
+        let report: Value = serde_json::from_str(&done.report).unwrap();
+        let (told, stages) = (report["cpu_seconds"].as_f64().unwrap(), report["seconds"].as_object().unwrap());
+        assert!(told <= all, "{told} of {all}");
+        assert!(stages.contains_key("read") && stages.contains_key("fill") && stages.contains_key("encode"));
+        let parts: f64 = stages.values().map(|seconds| seconds.as_f64().unwrap()).sum();
+        // Rounding of sums.
+        assert!(parts <= told + 1e-9, "{parts} of {told}");
+    }
+}

@@ -1,0 +1,74 @@
+//! The files that a scene names, in memory.
+
+use crate::files::{self, split_node};
+use crate::model::document::Resolver;
+use crate::problem::Problem;
+use crate::wire::proto;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Gives the content of a file that a scene names, or that a file of it names.
+pub type Open = Arc<dyn Fn(&Path) -> Result<Vec<u8>, Problem> + Send + Sync>;
+
+/// A model as a scene names it: `kit.glb#Brick`.
+pub struct Reference {
+    pub name: String,
+    pub file: PathBuf,
+    pub node: Option<String>,
+}
+
+impl Reference {
+    pub fn new(path: &str) -> Reference {
+        let (file, node) = split_node(path);
+        Reference { name: path.to_owned(), file: file.into(), node: node.map(str::to_owned) }
+    }
+}
+
+/// The files that a scene names, without their nodes.
+pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
+    let shapes = scene.control_mesh.iter().chain(&scene.region).map(|shape| &shape.path);
+    let props = scene.props.iter().map(|prop| &prop.path);
+    let statics = scene.statics.iter().map(|model| &model.path);
+    let paths = shapes.chain(props).chain(statics).chain(scene.emitters.iter().flat_map(|emitter| &emitter.mesh));
+    paths.map(|path| Reference::new(path).file).filter(|file| !file.as_os_str().is_empty()).collect()
+}
+
+/// One glTF file in memory.
+pub struct InputFile {
+    /// What messages call it.
+    pub name: String,
+    pub bytes: Vec<u8>,
+    /// Reads the files beside it.
+    pub resolve: Box<Resolver<'static>>,
+}
+
+impl InputFile {
+    pub fn read(path: &Path, open: &Open) -> Result<InputFile, Problem> {
+        let bytes = open(path)?;
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        let beside = Beside { folder, open: open.clone(), read: Mutex::default() };
+        let resolve = Box::new(move |relative: &str| beside.read(relative));
+        Ok(InputFile { name: path.display().to_string(), bytes, resolve })
+    }
+}
+
+/// The files beside a glTF file. Kept once read: the export, long after, must find what the bake saw.
+struct Beside {
+    folder: PathBuf,
+    open: Open,
+    read: Mutex<BTreeMap<String, Vec<u8>>>,
+}
+
+impl Beside {
+    fn read(&self, relative: &str) -> Result<Vec<u8>, String> {
+        let path = files::below(&self.folder, relative).ok_or("it leads out of the file's own folder")?;
+        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(bytes) = read.get(relative) {
+            return Ok(bytes.clone());
+        }
+        let bytes = (self.open)(&path).map_err(|problem| problem.to_string())?;
+        read.insert(relative.to_owned(), bytes.clone());
+        Ok(bytes)
+    }
+}

@@ -1,0 +1,317 @@
+//! The animated `.glb`.
+//!
+//! Two nodes at the top: `pile` holds one node per body, in the bodies' order, named `<prop>.<body's index>`;
+//! `scenery` holds the static geometry and is absent when there is none. A body's node places the prop's own origin:
+//! translation, rotation and uniform scale at frame 0; the animation `pile` moves it. All bodies of a prop share its
+//! mesh data: the body's node carries the mesh itself where the prop is one mesh in its own frame, else the prop's
+//! nodes stand below it. The `pile` node's extras tell `fps` and `frames`.
+//!
+//! A body that appears later has scale 0 until then, by keys that do not blend: glTF's own way to hide a node, which every
+//! player and importer follows. Moving scenery is moved by the same animation.
+
+use super::copy::{Output, Source};
+use super::hierarchy::{Branch, Frame, INSTANCING, branch};
+use super::tracks::{self, Track};
+use super::{ExportError, ExportScene, SourceModel};
+use crate::model::decompress;
+use crate::model::document::DocumentError;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::report::bake::Bake;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+
+/// The bytes of the file.
+pub fn encode(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+    let mut file = File::default();
+    let pile = file.out.push("nodes", Value::Null);
+    // Bodies come first, so that body `i` is node `i + 1`.
+    for _ in &bake.bodies {
+        file.out.push("nodes", Value::Null);
+    }
+    let bodies = file.bodies(bake, scene, pile)?;
+    let mut tops = vec![pile];
+    let mut moving = Vec::new();
+    if let Some(scenery) = file.scenery(bake, scene, &mut moving)? {
+        tops.push(scenery);
+    }
+    let mut node = json!({ "name": "pile", "extras": { "fps": bake.fps, "frames": bake.frames.len() } });
+    if !bodies.is_empty() {
+        node["children"] = json!(bodies);
+    }
+    file.nodes.insert(pile, node);
+    animate(bake, pile, &moving, &mut file.out);
+    file.finish(&tops)
+}
+
+/// The file and the sources that it draws from.
+#[derive(Default)]
+struct File<'a> {
+    out: Output,
+    /// Nodes whose final content is known later than their place.
+    nodes: BTreeMap<usize, Value>,
+    /// Each distinct source file once.
+    sources: Vec<(&'a SourceModel<'a>, Source<'a>)>,
+}
+
+impl<'a> File<'a> {
+    /// Fills the bodies' nodes and gives their indices.
+    fn bodies(&mut self, bake: &Bake, scene: &'a ExportScene, pile: usize) -> Result<Vec<usize>, ExportError> {
+        let names = super::body_names(bake, scene);
+        let mut props: BTreeMap<usize, (usize, Branch)> = BTreeMap::new();
+        for (i, body) in bake.bodies.iter().enumerate() {
+            let model = &scene.props[body.prop];
+            if let std::collections::btree_map::Entry::Vacant(slot) = props.entry(body.prop) {
+                slot.insert(self.open(model, Frame::Origin)?);
+            }
+            let (source, branch) = &props[&body.prop];
+            let at = pile + 1 + i;
+            let mut node = Map::from_iter([("name".to_string(), json!(names[i]))]);
+            let wrap = |error| ExportError::source(model, error);
+            match branch.lone_mesh() {
+                Some(lone) => {
+                    let mut json = lone.json.clone();
+                    json.remove("name");
+                    node.extend(self.node(*source, json, lone.mesh).map_err(wrap)?);
+                }
+                None => {
+                    let children = self.place(*source, branch).map_err(wrap)?;
+                    node.insert("children".into(), json!(children));
+                }
+            }
+            if let Some(pose) = bake.frames.first().map(|poses| poses[i]) {
+                let once = || std::iter::once(pose);
+                node.insert("translation".into(), json!(tracks::translations(once())[0]));
+                node.insert("rotation".into(), json!(tracks::rotations(once())[0]));
+            }
+            let scale = [if body.first_frame > 0 { 0.0 } else { body.scale as f32 }; 3];
+            node.insert("scale".into(), json!(scale));
+            self.nodes.insert(at, Value::Object(node));
+        }
+        Ok((0..bake.bodies.len()).map(|i| pile + 1 + i).collect())
+    }
+
+    /// The static geometry below one node, each file below a node of its name.
+    /// What moves is told by its number in the bake's scenery and its node.
+    fn scenery(
+        &mut self,
+        bake: &Bake,
+        scene: &'a ExportScene,
+        moving: &mut Vec<(usize, usize)>,
+    ) -> Result<Option<usize>, ExportError> {
+        let mut children = Vec::new();
+        for (i, model) in scene.scenery.iter().enumerate() {
+            let (source, branch) = self.open(model, Frame::World)?;
+            let nodes = self.place(source, &branch).map_err(|error| ExportError::source(model, error))?;
+            let mut node = json!({ "name": model.name, "children": nodes });
+            let first = bake.scenery.get(i).and_then(|poses| poses.first()).copied();
+            if let Some(pose) = first {
+                let once = || std::iter::once(pose);
+                node["translation"] = json!(tracks::translations(once())[0]);
+                node["rotation"] = json!(tracks::rotations(once())[0]);
+            }
+            children.push(self.out.push("nodes", node));
+            moving.extend(first.map(|_| (i, children[i])));
+        }
+        if children.is_empty() {
+            return Ok(None);
+        }
+        Ok(Some(self.out.push("nodes", json!({ "name": "scenery", "children": children }))))
+    }
+
+    /// The source file of a model, parsed once however often it is used, and the part of it that is wanted.
+    fn open(&mut self, model: &'a SourceModel, frame: Frame) -> Result<(usize, Branch), ExportError> {
+        let wrap = |error| ExportError::source(model, error);
+        let same = |(other, source): &(&SourceModel, Source)| {
+            other.bytes == model.bytes && (other.file == model.file || source.document.is_self_contained())
+        };
+        let known = self.sources.iter().position(same);
+        let index = match known {
+            Some(index) => index,
+            None => {
+                let document = decompress::open(model.bytes, model.resolve).map_err(wrap)?;
+                self.sources.push((model, Source::new(document, model.resolve)));
+                self.sources.len() - 1
+            }
+        };
+        let document = &self.sources[index].1.document;
+        let chosen = model.node.map(|name| document.part(name)).transpose().map_err(wrap)?;
+        Ok((index, branch(document, chosen, frame).map_err(wrap)?))
+    }
+
+    /// A node's members with everything it refers to copied.
+    fn node(
+        &mut self,
+        source: usize,
+        mut json: Map<String, Value>,
+        mesh: Option<usize>,
+    ) -> Result<Map<String, Value>, DocumentError> {
+        let source = &mut self.sources[source].1;
+        if let Some(mesh) = mesh {
+            json.insert("mesh".into(), json!(source.mesh(mesh, &mut self.out)?));
+        }
+        if let Some(instancing) = json.get_mut("extensions").and_then(|e| e.get_mut(INSTANCING)) {
+            if let Some(Value::Object(attributes)) = instancing.get_mut("attributes") {
+                source.accessors(attributes, &mut self.out)?;
+            }
+            source.use_extension(INSTANCING, &mut self.out);
+        }
+        Ok(json)
+    }
+
+    /// Writes the nodes of a branch once more and gives the new roots.
+    fn place(&mut self, source: usize, branch: &Branch) -> Result<Vec<usize>, DocumentError> {
+        let mut placed: BTreeMap<usize, usize> = BTreeMap::new();
+        let mut order = Vec::new();
+        let mut open: Vec<usize> = branch.roots.iter().rev().copied().collect();
+        while let Some(at) = open.pop() {
+            placed.insert(at, self.out.push("nodes", Value::Null));
+            order.push(at);
+            open.extend(branch.nodes[at].children.iter().rev());
+        }
+        for at in order {
+            let node = &branch.nodes[at];
+            let mut json = self.node(source, node.json.clone(), node.mesh)?;
+            if !node.children.is_empty() {
+                let children: Vec<usize> = node.children.iter().map(|c| placed[c]).collect();
+                json.insert("children".into(), json!(children));
+            }
+            self.nodes.insert(placed[&at], Value::Object(json));
+        }
+        Ok(branch.roots.iter().map(|r| placed[r]).collect())
+    }
+
+    fn finish(self, tops: &[usize]) -> Result<Vec<u8>, ExportError> {
+        let (mut json, bin) = self.out.into_json();
+        if let Some(Value::Array(nodes)) = json.get_mut("nodes") {
+            for (at, node) in self.nodes {
+                nodes[at] = node;
+            }
+        }
+        let generator = concat!("cairn ", env!("CARGO_PKG_VERSION"));
+        json.insert("asset".into(), json!({ "version": "2.0", "generator": generator }));
+        json.insert("scene".into(), json!(0));
+        json.insert("scenes".into(), json!([{ "nodes": tops }]));
+        if !bin.is_empty() {
+            json.insert("buffers".into(), json!([{ "byteLength": bin.len() }]));
+        }
+        container(&serde_json::to_vec(&json).map_err(std::io::Error::from)?, &bin)
+    }
+}
+
+/// The animation `pile`: per body and piece of moving scenery a translation and a rotation channel, without those that
+/// never change; per body that appears later a scale channel.
+fn animate(bake: &Bake, pile: usize, moving: &[(usize, usize)], out: &mut Output) {
+    let mut keys = Keys::default();
+    for body in 0..bake.bodies.len() {
+        let node = pile + 1 + body;
+        keys.add_motion(node, || bake.frames.iter().map(|poses| poses[body]));
+        if let Some(track) = tracks::appearance(&bake.bodies[body]) {
+            keys.add(node, "scale", &track);
+        }
+    }
+    for &(piece, node) in moving {
+        keys.add_motion(node, || bake.scenery[piece].iter().copied());
+    }
+    if !keys.channels.is_empty() {
+        keys.write(bake.fps, out);
+    }
+}
+
+/// The key data of all channels. One buffer view each for times, translations and rotations.
+#[derive(Default)]
+struct Keys {
+    /// Sets of keyed frames, shared by all channels that have the same.
+    frame_sets: BTreeMap<Vec<u32>, usize>,
+    channels: Vec<Channel>,
+    /// Values of channels with 3 and with 4 components, little-endian.
+    values: [Vec<u8>; 2],
+}
+
+struct Channel {
+    node: usize,
+    path: &'static str,
+    frame_set: usize,
+    /// Into the values of its kind.
+    byte_offset: usize,
+    count: usize,
+}
+
+impl Keys {
+    fn add_motion<P: Iterator<Item = Pose>>(&mut self, node: usize, poses: impl Fn() -> P) {
+        if let Some(track) = tracks::thin(&tracks::translations(poses())) {
+            self.add(node, "translation", &track);
+        }
+        if let Some(track) = tracks::thin(&tracks::rotations(poses())) {
+            self.add(node, "rotation", &track);
+        }
+    }
+
+    fn add<const N: usize>(&mut self, node: usize, path: &'static str, track: &Track<N>) {
+        let next = self.frame_sets.len();
+        let frame_set = *self.frame_sets.entry(track.frames.clone()).or_insert(next);
+        let values = &mut self.values[N - 3];
+        let channel = Channel { node, path, frame_set, byte_offset: values.len(), count: track.values.len() };
+        values.extend(track.values.iter().flatten().flat_map(|v| v.to_le_bytes()));
+        self.channels.push(channel);
+    }
+
+    fn write(self, fps: f64, out: &mut Output) {
+        let mut sets: Vec<(usize, Vec<u32>)> = self.frame_sets.into_iter().map(|(f, n)| (n, f)).collect();
+        sets.sort();
+        let time = |frame: u32| (f64::from(frame) / fps) as f32;
+        let bytes: Vec<u8> = sets.iter().flat_map(|(_, f)| f).flat_map(|&f| time(f).to_le_bytes()).collect();
+        let view = out.push_view(&bytes, Map::new());
+        let mut offset = 0;
+        let inputs: Vec<usize> = (sets.iter())
+            .map(|(_, frames)| {
+                let accessor = json!({
+                    "bufferView": view, "byteOffset": offset, "componentType": 5126, "type": "SCALAR",
+                    "count": frames.len(), "min": [time(frames[0])], "max": [time(frames[frames.len() - 1])],
+                });
+                offset += 4 * frames.len();
+                out.push("accessors", accessor)
+            })
+            .collect();
+        let views = self.values.map(|bytes| (!bytes.is_empty()).then(|| out.push_view(&bytes, Map::new())));
+        let mut samplers = Vec::new();
+        let mut channels = Vec::new();
+        for channel in self.channels {
+            let (view, kind) = if channel.path == "rotation" { (views[1], "VEC4") } else { (views[0], "VEC3") };
+            let output = out.push(
+                "accessors",
+                json!({
+                    "bufferView": view, "byteOffset": channel.byte_offset, "componentType": 5126, "type": kind,
+                    "count": channel.count,
+                }),
+            );
+            let target = json!({ "node": channel.node, "path": channel.path });
+            channels.push(json!({ "sampler": samplers.len(), "target": target }));
+            let input = inputs[channel.frame_set];
+            let interpolation = if channel.path == "scale" { "STEP" } else { "LINEAR" };
+            samplers.push(json!({ "input": input, "output": output, "interpolation": interpolation }));
+        }
+        out.push("animations", json!({ "name": "pile", "channels": channels, "samplers": samplers }));
+    }
+}
+
+/// A GLB of the two chunks; the binary one is left out when there is nothing in it.
+fn container(json: &[u8], bin: &[u8]) -> Result<Vec<u8>, ExportError> {
+    let padded = |bytes: &[u8]| bytes.len().next_multiple_of(4);
+    let bin_chunk = if bin.is_empty() { 0 } else { 8 + padded(bin) };
+    let length = 12 + 8 + padded(json) + bin_chunk;
+    let word = |n: usize| u32::try_from(n).map(u32::to_le_bytes).map_err(|_| ExportError::TooLarge);
+    let mut glb = Vec::with_capacity(length);
+    glb.extend_from_slice(b"glTF");
+    glb.extend_from_slice(&2u32.to_le_bytes());
+    glb.extend_from_slice(&word(length)?);
+    for (kind, bytes, pad) in [(b"JSON", json, b' '), (b"BIN\0", bin, 0)] {
+        if bytes.is_empty() {
+            continue;
+        }
+        glb.extend_from_slice(&word(padded(bytes))?);
+        glb.extend_from_slice(kind);
+        glb.extend_from_slice(bytes);
+        glb.resize(glb.len().next_multiple_of(4), pad);
+    }
+    Ok(glb)
+}

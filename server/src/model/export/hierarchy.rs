@@ -1,0 +1,188 @@
+//! The part of a source file's node tree that is copied: the nodes that carry a mesh, and what stands above them.
+
+use crate::model::document::{Document, DocumentError, Part, reference, references};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+
+/// Ancestors that the listed nodes of one scene may have in total: real files list nodes that have none, and each of
+/// them may become a node of the result.
+const MOST_ANCESTORS: usize = 1_000_000;
+
+/// A forest of nodes cut out of a source file. Animations, cameras, skins and lights are left behind, and with them
+/// the branches that carry no mesh.
+pub struct Branch {
+    pub nodes: Vec<BranchNode>,
+    /// Indices into `nodes`.
+    pub roots: Vec<usize>,
+}
+
+/// One node of a [`Branch`].
+pub struct BranchNode {
+    /// Name, transform, morph weights, extras, and the extensions that draw geometry.
+    pub json: Map<String, Value>,
+    /// Index into the source's meshes.
+    pub mesh: Option<usize>,
+    /// Indices into the branch's nodes.
+    pub children: Vec<usize>,
+}
+
+/// Which frame a chosen node is seen in.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Frame {
+    /// The node's own origin; the rotation and scale of its world transform apply, its translation does not.
+    Origin,
+    /// The scene's.
+    World,
+}
+
+/// The nodes of the default scene, or those of `chosen`: at least one with a mesh.
+pub fn branch(document: &Document, chosen: Option<Part>, frame: Frame) -> Result<Branch, DocumentError> {
+    // A scene's frame is that of the world.
+    let (listed, frame) = match chosen {
+        Some(Part::Node(node)) => (vec![node], frame),
+        Some(Part::Scene(scene)) => (document.roots_of(scene), Frame::World),
+        None => (document.roots(), Frame::World),
+    };
+    let parents = document.parents();
+    let mut branch = Branch { nodes: Vec::new(), roots: Vec::new() };
+    let mut seen = vec![false; parents.len()];
+    let starts: BTreeSet<usize> = listed.iter().copied().collect();
+    let mut steps = 0;
+    for root in listed {
+        document.get("nodes", root)?;
+        let above = ancestors(&parents, root);
+        steps += above.len();
+        if steps > MOST_ANCESTORS {
+            return Err(DocumentError::malformed("nodes", root, "is nested too deeply"));
+        }
+        // A scene may list a node twice, or beside one that stands above it: it is found from there.
+        if seen[root] || above.iter().any(|a| starts.contains(a)) {
+            continue;
+        }
+        let Some(mut top) = cut(document, root, &mut seen, &mut branch.nodes)? else { continue };
+        // The linear part of a product is the product of the linear parts, so the ancestors are kept as a chain of
+        // nodes: that also expresses a shear, which no single node can.
+        if frame == Frame::Origin {
+            drop_translation(&mut branch.nodes[top].json);
+        }
+        for ancestor in above {
+            let mut json = transform_of(document.get("nodes", ancestor)?);
+            if frame == Frame::Origin {
+                drop_translation(&mut json);
+            }
+            if !json.is_empty() {
+                branch.nodes.push(BranchNode { json, mesh: None, children: vec![top] });
+                top = branch.nodes.len() - 1;
+            }
+        }
+        branch.roots.push(top);
+    }
+    if branch.roots.is_empty() {
+        return Err(DocumentError::NoMesh);
+    }
+    Ok(branch)
+}
+
+/// From the parent upward. Ends at a cycle.
+fn ancestors(parents: &[Option<usize>], node: usize) -> Vec<usize> {
+    let mut chain = Vec::new();
+    let mut at = parents[node];
+    while let Some(parent) = at.filter(|_| chain.len() < parents.len()) {
+        chain.push(parent);
+        at = parents[parent];
+    }
+    chain
+}
+
+/// Appends the tree below `root`, pruned of what carries no mesh, and gives the root's place if anything is left.
+fn cut(
+    document: &Document,
+    root: usize,
+    seen: &mut [bool],
+    nodes: &mut Vec<BranchNode>,
+) -> Result<Option<usize>, DocumentError> {
+    let first = nodes.len();
+    // Parents before children: (source node, its parent's place).
+    let mut open: Vec<(usize, Option<usize>)> = vec![(root, None)];
+    let mut parents: Vec<Option<usize>> = Vec::new();
+    while let Some((index, parent)) = open.pop() {
+        let source = document.get("nodes", index)?;
+        if std::mem::replace(&mut seen[index], true) {
+            return Err(DocumentError::malformed("nodes", index, "has two parents, or is its own ancestor"));
+        }
+        let place = nodes.len();
+        nodes.push(BranchNode { json: kept(source), mesh: reference(source, "mesh"), children: Vec::new() });
+        parents.push(parent);
+        open.extend(references(source, "children").into_iter().rev().map(|c| (c, Some(place))));
+    }
+    let mut needed: Vec<bool> = nodes[first..].iter().map(|n| n.mesh.is_some()).collect();
+    for place in (1..needed.len()).rev() {
+        if let (true, Some(parent)) = (needed[place], parents[place]) {
+            needed[parent - first] = true;
+        }
+    }
+    for place in (1..needed.len()).filter(|&p| needed[p]) {
+        if let Some(parent) = parents[place] {
+            nodes[parent].children.push(first + place);
+        }
+    }
+    Ok(needed[0].then_some(first))
+}
+
+/// What a copied node keeps besides mesh and children.
+fn kept(source: &Map<String, Value>) -> Map<String, Value> {
+    let mut json = transform_of(source);
+    for key in ["name", "weights", "extras"] {
+        if let Some(value) = source.get(key) {
+            json.insert(key.into(), value.clone());
+        }
+    }
+    let extensions = source.get("extensions").and_then(Value::as_object);
+    if let Some(instancing) = extensions.and_then(|e| e.get(INSTANCING)) {
+        json.insert("extensions".into(), json!({ INSTANCING: instancing }));
+    }
+    json
+}
+
+/// Draws a node's mesh many times; its attributes are accessors.
+pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+
+/// A node's transform without the members that say nothing.
+fn transform_of(source: &Map<String, Value>) -> Map<String, Value> {
+    const IDENTITY: [(&str, &[f64]); 4] = [
+        ("matrix", &[1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]),
+        ("translation", &[0., 0., 0.]),
+        ("rotation", &[0., 0., 0., 1.]),
+        ("scale", &[1., 1., 1.]),
+    ];
+    let mut json = Map::new();
+    for (key, identity) in IDENTITY {
+        let Some(value) = source.get(key) else { continue };
+        let numbers: Option<Vec<f64>> = value.as_array().and_then(|a| a.iter().map(Value::as_f64).collect());
+        if numbers.is_some_and(|n| n.len() == identity.len() && n != identity) {
+            json.insert(key.into(), value.clone());
+        }
+    }
+    json
+}
+
+/// Moves a node to its parent's origin.
+fn drop_translation(json: &mut Map<String, Value>) {
+    json.remove("translation");
+    if let Some(Value::Array(matrix)) = json.get_mut("matrix") {
+        matrix[12..15].fill(json!(0.0));
+        let transform = transform_of(json);
+        json.remove("matrix");
+        json.extend(transform);
+    }
+}
+
+impl Branch {
+    /// Whether the branch is one mesh in the branch's own frame, so that whoever places it can carry the mesh.
+    pub fn lone_mesh(&self) -> Option<&BranchNode> {
+        let [root] = self.roots[..] else { return None };
+        let node = &self.nodes[root];
+        let placed = ["matrix", "translation", "rotation", "scale"].iter().any(|k| node.json.contains_key(*k));
+        (!placed && node.children.is_empty()).then_some(node)
+    }
+}

@@ -1,0 +1,129 @@
+//! The first animation of a file, evaluated at a moment.
+
+use super::local::{Local, unit};
+use crate::model::accessor;
+use crate::model::document::{Document, DocumentError, reference};
+use glam::{DQuat, DVec4};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+#[derive(Clone, Copy)]
+enum Path {
+    Translation,
+    Rotation,
+    Scale,
+}
+
+#[derive(Clone, Copy)]
+enum Interpolation {
+    Linear,
+    Step,
+    CubicSpline,
+}
+
+struct Channel {
+    node: usize,
+    path: Path,
+    interpolation: Interpolation,
+    /// Accessors.
+    input: usize,
+    output: usize,
+}
+
+/// How long the animation is, seconds.
+pub fn duration(document: &Document) -> Result<f64, DocumentError> {
+    let mut inputs: Vec<usize> = channels(document).iter().map(|c| c.input).collect();
+    inputs.sort_unstable();
+    inputs.dedup();
+    let mut end: f64 = 0.0;
+    for input in inputs {
+        end = accessor::vectors::<1>(document, input)?.last().map_or(end, |[t]| end.max(*t));
+    }
+    Ok(end)
+}
+
+/// Moves the nodes that the animation moves.
+pub fn apply(document: &Document, seconds: f64, locals: &mut [Local]) -> Result<(), DocumentError> {
+    let mut inputs: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+    for channel in channels(document) {
+        let Some(local) = locals.get_mut(channel.node) else { continue };
+        if let std::collections::btree_map::Entry::Vacant(slot) = inputs.entry(channel.input) {
+            slot.insert(accessor::vectors::<1>(document, channel.input)?.into_iter().map(|[t]| t).collect());
+        }
+        let times = &inputs[&channel.input];
+        if times.is_empty() {
+            continue;
+        }
+        match channel.path {
+            Path::Translation => local.translation = channel.value::<3>(document, times, seconds)?.truncate(),
+            Path::Scale => local.scale = channel.value::<3>(document, times, seconds)?.truncate(),
+            Path::Rotation => {
+                let value = channel.value::<4>(document, times, seconds)?;
+                local.rotation = unit(DQuat::from_vec4(value));
+            }
+        }
+    }
+    Ok(())
+}
+
+impl Channel {
+    /// The value at a moment; three components are filled up with zero.
+    fn value<const N: usize>(&self, document: &Document, times: &[f64], seconds: f64) -> Result<DVec4, DocumentError> {
+        let keys = accessor::vectors::<N>(document, self.output)?;
+        let per_key = if matches!(self.interpolation, Interpolation::CubicSpline) { 3 } else { 1 };
+        if keys.len() < times.len() * per_key {
+            return Err(DocumentError::malformed("accessors", self.output, "has fewer keys than its times"));
+        }
+        let key = |i: usize| DVec4::from_array(std::array::from_fn(|c| keys[i].get(c).copied().unwrap_or(0.0)));
+        let next = times.partition_point(|&t| t <= seconds);
+        let before = next.saturating_sub(1);
+        if next == 0 || next == times.len() {
+            return Ok(key(if per_key == 3 { 3 * before + 1 } else { before }));
+        }
+        let span = times[next] - times[before];
+        let share = if span > 0.0 { (seconds - times[before]) / span } else { 0.0 };
+        Ok(match self.interpolation {
+            Interpolation::Step => key(before),
+            Interpolation::Linear if N == 4 => {
+                let [from, to] = [before, next].map(|i| unit(DQuat::from_vec4(key(i))));
+                DVec4::from(from.slerp(to, share))
+            }
+            Interpolation::Linear => key(before).lerp(key(next), share),
+            Interpolation::CubicSpline => {
+                let (s2, s3) = (share * share, share * share * share);
+                key(3 * before + 1) * (2.0 * s3 - 3.0 * s2 + 1.0)
+                    + key(3 * before + 2) * (span * (s3 - 2.0 * s2 + share))
+                    + key(3 * next + 1) * (3.0 * s2 - 2.0 * s3)
+                    + key(3 * next) * (span * (s3 - s2))
+            }
+        })
+    }
+}
+
+/// The channels that move, turn or scale a node.
+fn channels(document: &Document) -> Vec<Channel> {
+    let Some(animation) = document.array("animations").first() else { return Vec::new() };
+    let list = |key: &str| animation.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let samplers = list("samplers");
+    let read = |channel: &Value| -> Option<Channel> {
+        let target = channel.get("target")?.as_object()?;
+        let sampler = samplers.get(reference(channel.as_object()?, "sampler")?)?.as_object()?;
+        Some(Channel {
+            node: reference(target, "node")?,
+            path: match target.get("path")?.as_str()? {
+                "translation" => Path::Translation,
+                "rotation" => Path::Rotation,
+                "scale" => Path::Scale,
+                _ => return None,
+            },
+            interpolation: match sampler.get("interpolation").and_then(Value::as_str) {
+                Some("STEP") => Interpolation::Step,
+                Some("CUBICSPLINE") => Interpolation::CubicSpline,
+                _ => Interpolation::Linear,
+            },
+            input: reference(sampler, "input")?,
+            output: reference(sampler, "output")?,
+        })
+    };
+    list("channels").iter().filter_map(read).collect()
+}

@@ -1,0 +1,206 @@
+//! The meshes, materials and pictures of a file, made ready for rays.
+
+use super::Problem;
+use super::nodes::Placed;
+use super::texture::{Material, Picture};
+use crate::model::accessor;
+use crate::model::document::{Document, DocumentError, Resolver, reference};
+use cairn_core::asset::compressed::DRACO;
+use glam::{DAffine3, DQuat, DVec2, DVec3, Vec2, Vec3, Vec3A};
+use obvhs::BvhBuildParams;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::triangle::Triangle;
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Triangles of all meshes together, each counted once however often it is seen.
+const MOST_TRIANGLES: usize = 30_000_000;
+
+/// All triangles of one mesh, moved and scaled into the cube from -1 to 1: single precision is then good enough for
+/// any unit and place.
+pub struct Mesh {
+    /// In the order of the tree's leaves.
+    pub triangles: Vec<Triangle>,
+    /// Beside each triangle.
+    pub surfaces: Vec<Surface>,
+    pub tree: Bvh2,
+    /// Of the moved points.
+    pub bounds: [DVec3; 2],
+    /// The outermost of the moved points in many directions.
+    pub outline: Vec<DVec3>,
+    /// From the cube to the mesh's own frame.
+    pub from_cube: DAffine3,
+}
+
+/// What belongs to a triangle besides its corners.
+#[derive(Clone, Copy)]
+pub struct Surface {
+    /// Of the corners; zero where the file gives none.
+    pub normals: [Vec3; 3],
+    pub coordinates: [Vec2; 3],
+    /// Index into the materials.
+    pub material: usize,
+}
+
+/// Meshes, materials and pictures of one file.
+#[derive(Default)]
+pub struct Library {
+    pub meshes: BTreeMap<usize, Mesh>,
+    pub materials: Vec<Material>,
+    pub pictures: BTreeMap<usize, Picture>,
+}
+
+impl Library {
+    /// All that `placed` refers to.
+    pub fn read(document: &Document, placed: &[Placed], resolve: &Resolver) -> Result<Library, Problem> {
+        let mut library = Library::default();
+        for index in 0..document.array("materials").len() {
+            let material = Material::read(document, index).unwrap_or_else(|| Material::fallback(index));
+            library.materials.push(material);
+        }
+        let mut budget = MOST_TRIANGLES;
+        for mesh in placed.iter().map(|p| p.mesh) {
+            if !library.meshes.contains_key(&mesh) {
+                let read = library.mesh(document, mesh, &mut budget)?;
+                library.meshes.insert(mesh, read);
+            }
+        }
+        for texture in library.materials.iter_mut().filter_map(|m| m.texture.as_ref()) {
+            if !library.pictures.contains_key(&texture.picture)
+                && let Some(picture) = Picture::read(document, texture.picture, resolve)
+            {
+                library.pictures.insert(texture.picture, picture);
+            }
+        }
+        Ok(library)
+    }
+
+    fn mesh(&mut self, document: &Document, index: usize, budget: &mut usize) -> Result<Mesh, Problem> {
+        let mesh = document.get("meshes", index)?;
+        let primitives = mesh.get("primitives").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+        let (mut triangles, mut surfaces) = (Vec::new(), Vec::new());
+        for primitive in primitives.iter().filter_map(Value::as_object) {
+            let material = match reference(primitive, "material") {
+                Some(material) if material < self.materials.len() => material,
+                _ => {
+                    self.materials.push(Material::fallback(index));
+                    self.materials.len() - 1
+                }
+            };
+            let set = self.materials[material].texture.as_ref().map(|t| t.set);
+            let primitive = Primitive::read(document, index, primitive, set)?;
+            *budget = budget.checked_sub(primitive.corners.len()).ok_or(Problem::TooLarge)?;
+            for &corners in &primitive.corners {
+                triangles.push(corners.map(|i| primitive.points[i]));
+                let normals = primitive.normals.as_ref().map_or([Vec3::ZERO; 3], |n| corners.map(|i| n[i]));
+                let coordinates = primitive.coordinates.as_ref().map_or([Vec2::ZERO; 3], |c| corners.map(|i| c[i]));
+                surfaces.push(Surface { normals, coordinates, material });
+            }
+        }
+        Ok(Mesh::new(triangles, surfaces))
+    }
+}
+
+impl Mesh {
+    fn new(triangles: Vec<[DVec3; 3]>, surfaces: Vec<Surface>) -> Mesh {
+        let low = triangles.iter().flatten().fold(DVec3::INFINITY, |low, p| low.min(*p));
+        let high = triangles.iter().flatten().fold(DVec3::NEG_INFINITY, |high, p| high.max(*p));
+        let (centre, half) =
+            if low.is_finite() { ((low + high) / 2.0, (high - low) / 2.0) } else { Default::default() };
+        let size = half.max_element().max(f64::MIN_POSITIVE);
+        let moved = |p: DVec3| ((p - centre) / size).as_vec3a();
+        let triangles: Vec<Triangle> =
+            triangles.into_iter().map(|t| t.map(moved)).map(|[v0, v1, v2]| Triangle { v0, v1, v2 }).collect();
+        let tree = build_bvh2(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
+        let order: Vec<usize> = tree.primitive_indices.iter().map(|&i| i as usize).collect();
+        Mesh {
+            outline: outline(&triangles),
+            triangles: order.iter().map(|&i| triangles[i]).collect(),
+            surfaces: order.iter().map(|&i| surfaces[i]).collect(),
+            tree,
+            bounds: [-half / size, half / size],
+            from_cube: DAffine3::from_scale_rotation_translation(DVec3::splat(size), DQuat::IDENTITY, centre),
+        }
+    }
+}
+
+/// For each of many evenly spread directions, the point that is furthest out.
+fn outline(triangles: &[Triangle]) -> Vec<DVec3> {
+    const DIRECTIONS: u32 = 64;
+    let golden = std::f32::consts::PI * (3.0 - 5.0f32.sqrt());
+    let furthest = |i: u32| {
+        let up = 1.0 - (2 * i + 1) as f32 / DIRECTIONS as f32;
+        let (sin, cos) = (golden * i as f32).sin_cos();
+        let out = (1.0 - up * up).sqrt();
+        let direction = Vec3A::new(out * cos, up, out * sin);
+        let points = triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);
+        points.max_by(|a, b| a.dot(direction).total_cmp(&b.dot(direction))).map(|p| p.as_dvec3())
+    };
+    let mut points: Vec<DVec3> = (0..DIRECTIONS).filter_map(furthest).collect();
+    points.sort_by(|a, b| a.to_array().partial_cmp(&b.to_array()).unwrap_or(std::cmp::Ordering::Equal));
+    points.dedup();
+    points
+}
+
+/// Triangles that share their vertices.
+struct Primitive {
+    points: Vec<DVec3>,
+    normals: Option<Vec<Vec3>>,
+    coordinates: Option<Vec<Vec2>>,
+    /// Indices that all three lists have.
+    corners: Vec<[usize; 3]>,
+}
+
+impl Primitive {
+    fn read(
+        document: &Document,
+        mesh: usize,
+        json: &Map<String, Value>,
+        set: Option<usize>,
+    ) -> Result<Primitive, Problem> {
+        let malformed = |problem: &str| DocumentError::malformed("meshes", mesh, problem);
+        if json.get("extensions").is_some_and(|extensions| extensions.get(DRACO).is_some()) {
+            return Err(malformed("has compressed data that cannot be decoded").into());
+        }
+        let attributes = json.get("attributes").and_then(Value::as_object);
+        let attribute = |name: &str| attributes.and_then(|a| reference(a, name));
+        let positions = attribute("POSITION").ok_or_else(|| malformed("has a primitive without positions"))?;
+        let points: Vec<DVec3> = accessor::vectors::<3>(document, positions)?.into_iter().map(DVec3::from).collect();
+        let count = points.len();
+        let normals = match attribute("NORMAL") {
+            Some(a) => {
+                let normals = accessor::vectors::<3>(document, a)?;
+                Some(normals.into_iter().map(|n| DVec3::from(n).as_vec3()).collect::<Vec<_>>())
+            }
+            None => None,
+        };
+        let coordinates = match set.and_then(|set| attribute(&format!("TEXCOORD_{set}"))) {
+            Some(a) => {
+                let coordinates = accessor::vectors::<2>(document, a)?;
+                Some(coordinates.into_iter().map(|c| DVec2::from(c).as_vec2()).collect::<Vec<_>>())
+            }
+            None => None,
+        };
+        let (normals, coordinates) = (normals.filter(|n| n.len() == count), coordinates.filter(|c| c.len() == count));
+        let order: Vec<usize> = match reference(json, "indices") {
+            Some(indices) => accessor::indices(document, indices)?.into_iter().map(|i| i as usize).collect(),
+            None => (0..count).collect(),
+        };
+        if order.iter().any(|&i| i >= count) {
+            return Err(malformed("has an index out of range").into());
+        }
+        let corners = match json.get("mode").and_then(Value::as_u64).unwrap_or(4) {
+            4 => order.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect(),
+            5 => {
+                let strip =
+                    |(i, w): (usize, &[usize])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
+                order.windows(3).enumerate().map(strip).collect()
+            }
+            6 if !order.is_empty() => order[1..].windows(2).map(|w| [order[0], w[0], w[1]]).collect(),
+            _ => Vec::new(),
+        };
+        Ok(Primitive { points, normals, coordinates, corners })
+    }
+}

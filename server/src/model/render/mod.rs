@@ -1,0 +1,185 @@
+//! A shaded still of any glTF file, by ray casting: software only, and the same picture for any number of threads.
+
+mod animation;
+mod camera;
+mod library;
+mod local;
+mod nodes;
+mod shade;
+mod stage;
+mod texture;
+
+use crate::model::decompress;
+use crate::model::document::{DocumentError, Resolver};
+use camera::Camera;
+use glam::{DAffine3, DQuat, DVec3};
+use image::RgbImage;
+use library::Library;
+use nodes::Placed;
+use shade::Shot;
+use stage::Stage;
+
+/// What the picture shows and how large it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    pub moment: Moment,
+    /// Width and height, 1 to 16384 each.
+    pub size: [u32; 2],
+    /// Where the camera stands around the pile: degrees from +Z towards +X.
+    pub azimuth: f64,
+    /// Degrees above the horizon, -89 to 89.
+    pub elevation: f64,
+    /// Rays per picture element, at least 1. Noise falls with the square root.
+    pub samples: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Settings {
+        Settings { moment: Moment::End, size: [1200, 900], azimuth: 30.0, elevation: 16.0, samples: 16 }
+    }
+}
+
+/// A moment of the file's first animation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Moment {
+    /// From 0. Needs a file that tells its frame rate.
+    Frame(u64),
+    Seconds(f64),
+    End,
+}
+
+/// A file to be rendered.
+#[derive(Clone, Copy)]
+pub struct Model<'a> {
+    /// For messages.
+    pub name: &'a str,
+    /// glTF or GLB.
+    pub bytes: &'a [u8],
+    /// Reads the file's external buffers and images.
+    pub resolve: &'a Resolver<'a>,
+}
+
+/// Why there is no picture.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The input is wrong.
+    #[error("{file}: {problem}")]
+    File { file: String, problem: Problem },
+    /// The command is wrong.
+    #[error("{0}")]
+    Settings(&'static str),
+}
+
+/// What is wrong with a file.
+#[derive(Debug, thiserror::Error)]
+pub enum Problem {
+    #[error(transparent)]
+    Document(#[from] DocumentError),
+    #[error("has more triangles than can be rendered")]
+    TooLarge,
+    #[error("shows no triangles")]
+    Empty,
+    #[error("has no frame {0}; the last one is {1}")]
+    NoFrame(u64, u64),
+    #[error("does not tell its frame rate; choose the moment in seconds")]
+    NoFrameRate,
+}
+
+/// Renders `model`; the camera is fitted to its node `pile`, or to everything where there is none. `control` is shown
+/// as a translucent ghost.
+pub fn render(model: &Model, control: Option<&Model>, settings: &Settings) -> Result<RgbImage, RenderError> {
+    if settings.size.iter().any(|side| !(1..=16384).contains(side)) || settings.samples == 0 {
+        return Err(RenderError::Settings("a picture is 1 to 16384 pixels wide and high and has at least 1 sample"));
+    }
+    if !(settings.azimuth.is_finite() && settings.elevation.is_finite()) {
+        return Err(RenderError::Settings("the camera's angles must be numbers"));
+    }
+    let loaded = Loaded::read(model, settings.moment).map_err(|problem| problem.of(model))?;
+    let ghost = control.map(|c| Loaded::read(c, Moment::Seconds(0.0)).map_err(|p| p.of(c))).transpose()?;
+
+    let pile: Vec<DVec3> = loaded.points(&loaded.placed, loaded.placed.iter().any(|p| p.in_pile));
+    let mut subject = pile.clone();
+    if let Some(ghost) = &ghost {
+        subject.extend(ghost.points(&ghost.placed, false));
+    }
+    let (low, high) = bounds(&subject);
+    let size = ((high - low).length() / 2.0).max(f64::MIN_POSITIVE);
+    let middle = (low + high) / 2.0;
+    let to_stage = DAffine3::from_scale_rotation_translation(DVec3::splat(1.0 / size), DQuat::IDENTITY, -middle / size);
+    let seen: Vec<DVec3> = subject.iter().map(|p| to_stage.transform_point3(*p)).collect();
+
+    // At rest, the pile's lowest point is on the ground.
+    let at_rest = loaded.points(&loaded.at_end, loaded.at_end.iter().any(|p| p.in_pile));
+    let ground = bounds(&at_rest).0.y.min(bounds(&pile).0.y);
+    let stage = Stage::new(&loaded.library, &loaded.placed, to_stage);
+    if stage.is_empty() {
+        return Err(Problem::Empty.of(model));
+    }
+    let shot = Shot {
+        stage,
+        library: &loaded.library,
+        ghost: ghost.as_ref().map(|ghost| Stage::new(&ghost.library, &ghost.placed, to_stage)),
+        ground: ((ground - middle.y) / size) as f32,
+        camera: Camera::fitted(&seen, settings.azimuth, settings.elevation, settings.size),
+        size: settings.size,
+        samples: settings.samples,
+    };
+    Ok(shot.take())
+}
+
+impl Problem {
+    fn of(self, model: &Model) -> RenderError {
+        RenderError::File { file: model.name.into(), problem: self }
+    }
+}
+
+/// A file at a moment.
+struct Loaded {
+    placed: Vec<Placed>,
+    /// When the animation is over.
+    at_end: Vec<Placed>,
+    library: Library,
+}
+
+impl Loaded {
+    fn read(model: &Model, moment: Moment) -> Result<Loaded, Problem> {
+        let document = decompress::open(model.bytes, model.resolve)?;
+        let end = animation::duration(&document)?;
+        let seconds = match moment {
+            Moment::End => end,
+            Moment::Seconds(seconds) => seconds,
+            Moment::Frame(frame) => {
+                let (fps, frames) = nodes::frame_clock(&document).ok_or(Problem::NoFrameRate)?;
+                if frame >= frames.max(1) {
+                    return Err(Problem::NoFrame(frame, frames.max(1) - 1));
+                }
+                frame as f64 / fps
+            }
+        };
+        let placed = nodes::placed(&document, seconds)?;
+        let at_end = nodes::placed(&document, end)?;
+        let library = Library::read(&document, &placed, model.resolve)?;
+        let loaded = Loaded { placed, at_end, library };
+        let points = loaded.points(&loaded.placed, false);
+        if points.is_empty() || points.iter().any(|p| !p.is_finite()) {
+            return Err(Problem::Empty);
+        }
+        Ok(loaded)
+    }
+
+    /// The outlines of every instance, in the world.
+    fn points(&self, placed: &[Placed], only_pile: bool) -> Vec<DVec3> {
+        let shown = placed.iter().filter(|p| p.in_pile || !only_pile);
+        shown
+            .filter_map(|p| Some((p.world, self.library.meshes.get(&p.mesh)?)))
+            .flat_map(|(world, mesh)| {
+                let map = world * mesh.from_cube;
+                mesh.outline.iter().map(move |p| map.transform_point3(*p))
+            })
+            .collect()
+    }
+}
+
+fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {
+    points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
+}

@@ -1,0 +1,280 @@
+//! Everything that a ray can meet: instances of meshes in a tree of their own.
+//!
+//! Stage space is the world moved and scaled so that what the camera looks at lies around the origin within radius 1:
+//! one set of tolerances fits piles of any size.
+
+use super::library::{Library, Mesh, Surface};
+use super::nodes::Placed;
+use glam::{Affine3A, DAffine3, DVec3, Mat3A, Vec3, Vec3A};
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::ray::{Ray, RayHit};
+use std::time::Duration;
+
+/// Single precision's error of a place on the stage, generously.
+const ROUNDING: f32 = 1e-5;
+
+/// Instances, and the tree above them.
+pub struct Stage<'a> {
+    /// In the order of the tree's leaves.
+    instances: Vec<Instance<'a>>,
+    tree: Option<Bvh2>,
+}
+
+struct Instance<'a> {
+    mesh: &'a Mesh,
+    to_cube: Affine3A,
+    /// The mesh's bounds, a little widened.
+    cube_bounds: [Vec3A; 2],
+    /// Takes normals of the mesh to the stage.
+    normals: Mat3A,
+    /// Which body this is, in the order of the file.
+    number: usize,
+}
+
+/// Where a ray ends.
+pub struct Hit<'a> {
+    pub distance: f32,
+    pub surface: &'a Surface,
+    /// Unit, facing the ray.
+    pub facet: Vec3,
+    /// Unit, between the corners' normals where there are some; on the facet's side.
+    pub normal: Vec3,
+    /// Shares of the three corners.
+    pub shares: Vec3,
+    pub number: usize,
+}
+
+impl<'a> Stage<'a> {
+    /// What `library` shows at `placed`; `to_stage` takes the world to the stage. What is squeezed flat has no inside
+    /// to look at and is left out.
+    pub fn new(library: &'a Library, placed: &[Placed], to_stage: DAffine3) -> Stage<'a> {
+        let mut instances = Vec::new();
+        let mut boxes = Vec::new();
+        for (number, placed) in placed.iter().enumerate() {
+            let mesh = &library.meshes[&placed.mesh];
+            let to_mesh = to_stage * placed.world;
+            let map = to_mesh * mesh.from_cube;
+            let volume = map.matrix3.determinant();
+            if mesh.triangles.is_empty() || !map.is_finite() || !volume.is_normal() {
+                continue;
+            }
+            boxes.push(bounds(mesh, &map));
+            let inverse = map.inverse();
+            instances.push(Instance {
+                mesh,
+                to_cube: Affine3A::from_mat3_translation(inverse.matrix3.as_mat3(), inverse.translation.as_vec3()),
+                cube_bounds: [mesh.bounds[0].as_vec3a() - ROUNDING, mesh.bounds[1].as_vec3a() + ROUNDING],
+                normals: to_mesh.matrix3.inverse().transpose().as_mat3().into(),
+                number,
+            });
+        }
+        if boxes.is_empty() {
+            return Stage { instances, tree: None };
+        }
+        let tree = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
+        let mut slots: Vec<Option<Instance>> = instances.into_iter().map(Some).collect();
+        let instances = tree.primitive_indices.iter().filter_map(|&i| slots[i as usize].take()).collect();
+        Stage { instances, tree: Some(tree) }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.instances.is_empty()
+    }
+
+    /// The first thing in the way of a ray, nearer than `reach`.
+    pub fn first(&self, origin: Vec3, direction: Vec3, reach: f32) -> Option<Hit<'a>> {
+        let tree = self.tree.as_ref()?;
+        let ray = Ray::new(origin.into(), direction.into(), 0.0, reach);
+        let mut best: Option<(usize, usize, Ray)> = None;
+        let mut hit = RayHit::none();
+        tree.ray_traverse(ray, &mut hit, |ray, i| {
+            let (local, stretch) = self.instances[i].localise(ray);
+            if !self.instances[i].is_near(&local) {
+                return f32::INFINITY;
+            }
+            let mut inner = RayHit::none();
+            let mesh = self.instances[i].mesh;
+            if !mesh.tree.ray_traverse(local, &mut inner, |ray, t| mesh.triangles[t].intersect(ray)) {
+                return f32::INFINITY;
+            }
+            let distance = inner.t / stretch;
+            if distance < ray.tmax {
+                best = Some((i, inner.primitive_id as usize, local));
+            }
+            distance
+        });
+        let (i, triangle, local) = best?;
+        Some(self.instances[i].describe(triangle, &local, hit.t, direction))
+    }
+
+    /// Whether nothing is in the way of a ray.
+    pub fn is_clear(&self, origin: Vec3, direction: Vec3) -> bool {
+        let Some(tree) = &self.tree else { return true };
+        let ray = Ray::new(origin.into(), direction.into(), 0.0, f32::INFINITY);
+        tree.ray_traverse_miss(ray, |ray, i| {
+            let (local, _) = self.instances[i].localise(ray);
+            if !self.instances[i].is_near(&local) {
+                return f32::INFINITY;
+            }
+            let mesh = self.instances[i].mesh;
+            let clear = mesh.tree.ray_traverse_miss(local, |ray, t| mesh.triangles[t].intersect(ray));
+            if clear { f32::INFINITY } else { 0.0 }
+        })
+    }
+
+    /// Calls `visit` for everything in the way of a ray, in no particular order.
+    pub fn all(&self, origin: Vec3, direction: Vec3, reach: f32, mut visit: impl FnMut(Hit<'a>)) {
+        let Some(tree) = &self.tree else { return };
+        let ray = Ray::new(origin.into(), direction.into(), 0.0, reach);
+        tree.ray_traverse_anyhit(ray, |ray, i| {
+            let instance = &self.instances[i];
+            let (local, stretch) = instance.localise(ray);
+            instance.mesh.tree.ray_traverse_anyhit(local, |ray, triangle| {
+                let distance = instance.mesh.triangles[triangle].intersect(ray) / stretch;
+                if distance < reach {
+                    visit(instance.describe(triangle, &local, distance, direction));
+                }
+            });
+        });
+    }
+}
+
+impl<'a> Instance<'a> {
+    /// A ray in the mesh's cube, with a unit direction; distances there are `stretch` times as long.
+    #[inline]
+    fn localise(&self, ray: &Ray) -> (Ray, f32) {
+        let direction = self.to_cube.transform_vector3a(ray.direction);
+        let stretch = direction.length();
+        let origin = self.to_cube.transform_point3a(ray.origin);
+        (Ray::new(origin, direction / stretch, ray.tmin * stretch, ray.tmax * stretch), stretch)
+    }
+
+    /// Whether a ray meets the mesh's own box: cheaper to ask than its tree, and far tighter than the box around a
+    /// turned body.
+    #[inline]
+    fn is_near(&self, local: &Ray) -> bool {
+        let [low, high] = self.cube_bounds;
+        let (a, b) = ((low - local.origin) * local.inv_direction, (high - local.origin) * local.inv_direction);
+        a.min(b).max_element().max(local.tmin) <= a.max(b).min_element().min(local.tmax)
+    }
+
+    fn describe(&self, triangle: usize, local: &Ray, distance: f32, direction: Vec3) -> Hit<'a> {
+        let (corners, surface) = (&self.mesh.triangles[triangle], &self.mesh.surfaces[triangle]);
+        let shares = shares(corners, local);
+        let world = |normal: Vec3A| Vec3::from(self.normals * normal).normalize_or_zero();
+        let towards = |normal: Vec3, side: Vec3| if normal.dot(side) < 0.0 { -normal } else { normal };
+        let facet = towards(world((corners.v1 - corners.v0).cross(corners.v2 - corners.v0)), -direction);
+        let [a, b, c] = surface.normals;
+        let between = towards(world((a * shares.x + b * shares.y + c * shares.z).into()), facet);
+        let normal = if between == Vec3::ZERO { facet } else { between };
+        Hit { distance, surface, facet, normal, shares, number: self.number }
+    }
+}
+
+/// How much of each corner there is where a ray meets a triangle.
+fn shares(t: &obvhs::triangle::Triangle, ray: &Ray) -> Vec3 {
+    let (e1, e2) = (t.v0 - t.v1, t.v2 - t.v0);
+    let cross = ray.direction.cross(t.v0 - ray.origin);
+    let det = e1.cross(e2).dot(ray.direction);
+    let (u, v) = (cross.dot(e2) / det, cross.dot(e1) / det);
+    let shares = Vec3::new(1.0 - u - v, u, v);
+    if shares.is_finite() { shares } else { Vec3::splat(1.0 / 3.0) }
+}
+
+/// The box around a mesh on the stage: around all its points, where these are not too many to look at for every body.
+fn bounds(mesh: &Mesh, map: &DAffine3) -> Aabb {
+    const MANY: usize = 50_000;
+    if mesh.triangles.len() > MANY {
+        return Aabb::from_points(&corners(mesh.bounds).map(|p| map.transform_point3(p).as_vec3a()));
+    }
+    let single = Affine3A::from_mat3_translation(map.matrix3.as_mat3(), map.translation.as_vec3());
+    let points = mesh.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]).map(|p| single.transform_point3a(p));
+    let mut bounds = Aabb::empty();
+    points.for_each(|point| {
+        bounds.extend(point);
+    });
+    // Rounding must not cut anything off.
+    Aabb::new(bounds.min - ROUNDING, bounds.max + ROUNDING)
+}
+
+/// Of a box.
+fn corners([low, high]: [DVec3; 2]) -> [DVec3; 8] {
+    std::array::from_fn(|i| {
+        let pick = |axis: usize| if i >> axis & 1 == 1 { high[axis] } else { low[axis] };
+        DVec3::new(pick(0), pick(1), pick(2))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::document::Document;
+    use glam::{DQuat, EulerRot};
+
+    /// Distance along a unit direction to a triangle.
+    fn distance([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
+        let (e1, e2) = (b - a, c - a);
+        let p = direction.cross(e2);
+        let det = e1.dot(p);
+        let offset = origin - a;
+        let q = offset.cross(e1);
+        let (u, v, t) = (offset.dot(p) / det, direction.dot(q) / det, e2.dot(q) / det);
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
+    }
+
+    #[test]
+    fn rays_meet_what_is_first_of_all_triangles() {
+        let bytes = include_bytes!("../../../../examples/assets/banana.glb");
+        let resolve = |uri: &str| Err(uri.to_string());
+        let document = Document::parse(bytes, &resolve).unwrap();
+        let wave = |i: usize, k: f64| (i as f64 * k).sin();
+        let placed: Vec<Placed> = (0..40)
+            .map(|i| {
+                let turn = DQuat::from_euler(EulerRot::XYZ, wave(i, 1.1) * 3.0, wave(i, 2.3), wave(i, 0.7) * 3.0);
+                let scale = DVec3::new(2.0 + wave(i, 1.0), 2.0, if i % 3 == 0 { -2.0 } else { 1.0 });
+                let place = DVec3::new(wave(i, 1.7), wave(i, 2.9), wave(i, 0.4)) * 0.5;
+                Placed { mesh: 0, world: DAffine3::from_scale_rotation_translation(scale, turn, place), in_pile: true }
+            })
+            .collect();
+        let library = Library::read(&document, &placed, &resolve).unwrap();
+        let mesh = &library.meshes[&0];
+        let world: Vec<[DVec3; 3]> = placed
+            .iter()
+            .flat_map(|p| {
+                let map = p.world * mesh.from_cube;
+                mesh.triangles.iter().map(move |t| [t.v0, t.v1, t.v2].map(|v| map.transform_point3(v.as_dvec3())))
+            })
+            .collect();
+        let stage = Stage::new(&library, &placed, DAffine3::IDENTITY);
+        let mut met = 0;
+        for i in 0..600 {
+            let origin = DVec3::new(wave(i, 1.3), wave(i, 3.1), wave(i, 0.9)) * 2.0;
+            let towards = DVec3::new(wave(i, 5.3), wave(i, 4.1), wave(i, 2.2)) * 0.4;
+            let direction = (towards - origin).normalize();
+            let (from, to) = (origin.as_vec3(), direction.as_vec3());
+            let expected = world.iter().filter_map(|t| distance(*t, origin, direction)).reduce(f64::min);
+            let found = stage.first(from, to, f32::INFINITY).map(|hit| f64::from(hit.distance));
+            match (expected, found) {
+                (Some(expected), Some(found)) => assert!((expected - found).abs() < 1e-4, "{expected} {found}"),
+                (expected, found) => assert_eq!(expected.is_some(), found.is_some()),
+            }
+            assert_eq!(stage.is_clear(from, to), expected.is_none());
+            if let Some(distance) = expected {
+                met += 1;
+                let mut nearest = f32::INFINITY;
+                stage.all(from, to, f32::INFINITY, |hit| nearest = nearest.min(hit.distance));
+                assert!((f64::from(nearest) - distance).abs() < 1e-4);
+                // A reach that ends before the surface, by more or less than rounding.
+                for share in [0.5, 0.999_999] {
+                    assert!(
+                        stage.first(from, to, (distance * share) as f32).is_none_or(|h| h.distance <= distance as f32)
+                    );
+                }
+            }
+        }
+        assert!(met > 200, "only {met} rays met anything");
+    }
+}

@@ -1,0 +1,228 @@
+//! The calls of `cairn.v1.PileService`: messages in, messages out. No physics here, and nothing that takes long.
+
+mod request;
+mod stream;
+
+use crate::service::config::MAX_CHUNK;
+use crate::service::deadline;
+use crate::service::folder::{REPORT, SPEC, result_name};
+use crate::service::jobs::Bakes;
+use crate::service::status::Fault;
+use crate::wire::proto;
+use crate::wire::proto::pile_service_server::PileService;
+use crate::wire::proto::{
+    Artifact, BakeRequest, BakeResponse, BakeState, CancelBakeRequest, CancelBakeResponse, DeleteBakeRequest,
+    DeleteBakeResponse, DownloadResultRequest, DownloadResultResponse, GetBakeRequest, GetBakeResponse,
+    GetServerInfoRequest, GetServerInfoResponse, HaveAssetsRequest, HaveAssetsResponse, Limits, ListBakesRequest,
+    ListBakesResponse, PlanBakeRequest, PlanBakeResponse, UploadAssetRequest, UploadAssetResponse, WatchBakeRequest,
+    WatchBakeResponse,
+};
+use crate::wire::to_proto;
+use crate::wire::versions::{PROTOCOL, versions};
+use prost::Message;
+use std::sync::Arc;
+use std::time::Duration;
+use stream::{Events, Follow};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio_stream::StreamExt;
+use tonic::{Request, Response, Status, Streaming};
+
+/// Streams that may be open at once: each takes some memory.
+const MAX_STREAMS: usize = 4096;
+/// Uploads that may be open at once: each takes as much disk as an asset may.
+const MAX_UPLOADS: usize = 16;
+/// Longest wait for the next chunk of an upload.
+const UPLOAD_PAUSE: Duration = Duration::from_secs(60);
+
+/// The service.
+pub struct Service {
+    bakes: Arc<Bakes>,
+    streams: Arc<Semaphore>,
+    uploads: Semaphore,
+}
+
+impl Service {
+    pub fn new(bakes: Arc<Bakes>) -> Service {
+        let (streams, uploads) = (Arc::new(Semaphore::new(MAX_STREAMS)), Semaphore::new(MAX_UPLOADS));
+        Service { bakes, streams, uploads }
+    }
+
+    /// Held by a stream until it ends.
+    fn stream_permit(&self) -> Result<OwnedSemaphorePermit, Fault> {
+        self.streams.clone().try_acquire_owned().map_err(|_| Fault::TooManyCalls)
+    }
+
+    fn limits(&self) -> Limits {
+        let config = &self.bakes.config;
+        Limits {
+            max_asset_bytes: to_proto::signed(config.asset_bytes()),
+            max_chunk_bytes: to_proto::signed(MAX_CHUNK),
+            worker_count: to_proto::signed(config.workers()),
+            queue_size: to_proto::signed(config.queue),
+            max_bake_memory_bytes: to_proto::signed(config.bake_memory().unwrap_or(0)),
+            max_bake_seconds: config.bake_time().unwrap_or_default().as_secs_f64(),
+            max_store_bytes: to_proto::signed(config.store_bytes()),
+            max_age_seconds: config.store_time().unwrap_or_default().as_secs_f64(),
+        }
+    }
+}
+
+/// Runs what waits for the disk where it keeps nobody else waiting.
+async fn on_disk<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Fault> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| Fault::Internal(error.to_string()))
+}
+
+#[tonic::async_trait]
+impl PileService for Service {
+    async fn get_server_info(
+        &self,
+        request: Request<GetServerInfoRequest>,
+    ) -> Result<Response<GetServerInfoResponse>, Status> {
+        let theirs = request.get_ref().protocol_version;
+        if theirs > PROTOCOL {
+            let told = format!(
+                "the client speaks protocol {theirs}, this server (cairn {}) only {PROTOCOL}: update the server",
+                crate::VERSION
+            );
+            return Err(Fault::ProtocolMismatch(told).into());
+        }
+        if theirs < 0 {
+            return Err(Fault::field("protocol_version", "it is negative; give 1, or 0 not to be checked").into());
+        }
+        Ok(Response::new(GetServerInfoResponse {
+            versions: Some(versions()),
+            protocol_version: PROTOCOL,
+            limits: Some(self.limits()),
+            accuracy_presets: to_proto::accuracy_presets(),
+        }))
+    }
+
+    async fn have_assets(&self, request: Request<HaveAssetsRequest>) -> Result<Response<HaveAssetsResponse>, Status> {
+        let HaveAssetsRequest { sha256 } = request.into_inner();
+        request::check_digests("sha256", &sha256)?;
+        let bakes = self.bakes.clone();
+        let missing_sha256 =
+            on_disk(move || sha256.into_iter().filter(|sha256| !bakes.store.has(sha256)).collect()).await?;
+        Ok(Response::new(HaveAssetsResponse { missing_sha256 }))
+    }
+
+    async fn upload_asset(
+        &self,
+        request: Request<Streaming<UploadAssetRequest>>,
+    ) -> Result<Response<UploadAssetResponse>, Status> {
+        let _permit = self.uploads.try_acquire().map_err(|_| Fault::TooManyCalls)?;
+        let mut chunks = request.into_inner();
+        let most = self.bakes.config.asset_bytes();
+        let mut upload = self.bakes.store.upload().map_err(Fault::from)?;
+        let mut header = None;
+        while let Some(message) =
+            tokio::time::timeout(UPLOAD_PAUSE, chunks.message()).await.map_err(|_| Fault::UploadStalled)??
+        {
+            if let Some(first) = message.header {
+                request::check_header(&first, header.is_some(), most)?;
+                header = Some(first);
+            }
+            let announced = header.as_ref().ok_or_else(|| Fault::field("header", "the first message needs one"))?;
+            let bytes = upload.bytes + message.chunk.len() as u64;
+            if message.chunk.len() > MAX_CHUNK {
+                return Err(Fault::field("chunk", format!("larger than {MAX_CHUNK} bytes; send smaller ones")).into());
+            }
+            if bytes > announced.size_bytes.unsigned_abs() {
+                let told = format!("more than the {} bytes that were announced", announced.size_bytes);
+                return Err(Fault::AssetCorrupt(told).into());
+            }
+            let written = on_disk(move || upload.write(&message.chunk).map(|()| upload));
+            upload = written.await?.map_err(Fault::from)?;
+        }
+        let header = header.ok_or_else(|| Fault::field("header", "the first message needs one"))?;
+        if upload.bytes != header.size_bytes.unsigned_abs() {
+            let told = format!("{} bytes of the {} that were announced", upload.bytes, header.size_bytes);
+            return Err(Fault::AssetCorrupt(told).into());
+        }
+        let (bakes, sha256) = (self.bakes.clone(), header.sha256.clone());
+        if !on_disk(move || bakes.store.keep(upload, &sha256)).await?.map_err(Fault::from)? {
+            return Err(Fault::AssetCorrupt("the bytes are not those of the SHA-256 that was announced".into()).into());
+        }
+        self.bakes.grown();
+        Ok(Response::new(UploadAssetResponse { sha256: header.sha256, size_bytes: header.size_bytes }))
+    }
+
+    async fn plan_bake(&self, request: Request<PlanBakeRequest>) -> Result<Response<PlanBakeResponse>, Status> {
+        let spec = request::checked(request.into_inner().spec)?;
+        Ok(Response::new(self.bakes.plan(spec).await?))
+    }
+
+    type BakeStream = Events<BakeResponse>;
+
+    async fn bake(&self, request: Request<BakeRequest>) -> Result<Response<Self::BakeStream>, Status> {
+        let deadline = deadline::of(request.metadata());
+        let permit = self.stream_permit()?;
+        let BakeRequest { spec, frames } = request.into_inner();
+        let spec = request::checked(spec)?;
+        let entry = self.bakes.submit(spec, deadline)?;
+        entry.accepted().await?;
+        self.bakes.store.touch(&entry.id());
+        let follow = Follow { from: 1, frames: request::frames(frames)?, deadline };
+        let events = follow.start(&self.bakes, entry, permit);
+        Ok(Response::new(Box::pin(events.map(|event| Ok(BakeResponse { event: Some(event?) })))))
+    }
+
+    type WatchBakeStream = Events<WatchBakeResponse>;
+
+    async fn watch_bake(&self, request: Request<WatchBakeRequest>) -> Result<Response<Self::WatchBakeStream>, Status> {
+        let deadline = deadline::of(request.metadata());
+        let permit = self.stream_permit()?;
+        let WatchBakeRequest { bake_id, from_sequence_number: from, frames } = request.into_inner();
+        let entry = self.bakes.find(&bake_id)?;
+        self.bakes.store.touch(&bake_id);
+        let follow = Follow { from, frames: request::frames(frames)?, deadline };
+        let events = follow.start(&self.bakes, entry, permit);
+        Ok(Response::new(Box::pin(events.map(|event| Ok(WatchBakeResponse { event: Some(event?) })))))
+    }
+
+    async fn get_bake(&self, request: Request<GetBakeRequest>) -> Result<Response<GetBakeResponse>, Status> {
+        let entry = self.bakes.find(&request.get_ref().bake_id)?;
+        let bake = Some(entry.watch().borrow().status.clone());
+        Ok(Response::new(GetBakeResponse { bake }))
+    }
+
+    async fn list_bakes(&self, request: Request<ListBakesRequest>) -> Result<Response<ListBakesResponse>, Status> {
+        Ok(Response::new(request::page(self.bakes.list(), request.get_ref())?))
+    }
+
+    async fn cancel_bake(&self, request: Request<CancelBakeRequest>) -> Result<Response<CancelBakeResponse>, Status> {
+        let bake = Some(self.bakes.cancel(&request.get_ref().bake_id).await?);
+        Ok(Response::new(CancelBakeResponse { bake }))
+    }
+
+    async fn delete_bake(&self, request: Request<DeleteBakeRequest>) -> Result<Response<DeleteBakeResponse>, Status> {
+        self.bakes.delete(&request.get_ref().bake_id).await?;
+        Ok(Response::new(DeleteBakeResponse {}))
+    }
+
+    type DownloadResultStream = Events<DownloadResultResponse>;
+
+    async fn download_result(
+        &self,
+        request: Request<DownloadResultRequest>,
+    ) -> Result<Response<Self::DownloadResultStream>, Status> {
+        let permit = self.stream_permit()?;
+        let DownloadResultRequest { bake_id, artifact } = request.into_inner();
+        let entry = self.bakes.find(&bake_id)?;
+        if entry.watch().borrow().status.state() != BakeState::Succeeded {
+            return Err(Fault::BakeNotDone.into());
+        }
+        let folder = self.bakes.store.folder(&bake_id);
+        let name = match Artifact::try_from(artifact) {
+            Ok(Artifact::Unspecified | Artifact::Result) => {
+                let spec = tokio::fs::read(folder.join(SPEC)).await.map_err(Fault::from)?;
+                let spec = proto::BakeSpec::decode(&spec[..]).map_err(|error| Fault::Internal(error.to_string()))?;
+                result_name(spec.format())
+            }
+            Ok(Artifact::Report) => REPORT,
+            Err(_) => return Err(Fault::field("artifact", format!("there is no artifact {artifact}")).into()),
+        };
+        self.bakes.store.touch(&bake_id);
+        Ok(Response::new(stream::download(&folder.join(name), permit).await?))
+    }
+}

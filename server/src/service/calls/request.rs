@@ -1,0 +1,112 @@
+//! Requests, held against what they may be before anything is done for them.
+
+use crate::problem::Problem;
+use crate::scene_file::SceneTree;
+use crate::service::status::Fault;
+use crate::wire::proto::{
+    AssetHeader, AssetReference, BakeSpec, BakeStatus, FieldProblem, FrameSelection, ListBakesRequest,
+    ListBakesResponse, OutputFormat,
+};
+use crate::wire::to_proto;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Names in one request: more than any scene has files.
+const MAX_ASSETS: usize = 10_000;
+/// Bytes of one uri: the longest path that systems take.
+const MAX_URI: usize = 4096;
+/// Bakes on a page.
+const PAGE: usize = 100;
+const MAX_PAGE: i32 = 1000;
+
+/// The request for a bake, if its form is right. What its files hold is the worker's to judge.
+pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
+    let spec = spec.ok_or_else(|| Fault::field("spec", "it is missing; say what to bake"))?;
+    let mut problems = Vec::new();
+    let mut wrong = |field: String, description: String| problems.push(FieldProblem { field, description });
+    if OutputFormat::try_from(spec.format).is_err() {
+        wrong("spec.format".into(), format!("there is no format {}; see OutputFormat", spec.format));
+    }
+    if spec.assets.len() > MAX_ASSETS {
+        wrong("spec.assets".into(), format!("more than {MAX_ASSETS}; pack files into .glb"));
+    }
+    let mut uris = BTreeSet::new();
+    for (index, AssetReference { uri, sha256 }) in spec.assets.iter().enumerate().take(MAX_ASSETS) {
+        let field = |name: &str| format!("spec.assets[{index}].{name}");
+        if uri.is_empty() || uri.len() > MAX_URI {
+            wrong(field("uri"), format!("{} bytes; give 1 to {MAX_URI}", uri.len()));
+        } else if !uris.insert(Path::new(uri)) {
+            wrong(field("uri"), format!("{uri:?} stands for two assets; name each file once"));
+        }
+        if !is_digest(sha256) {
+            wrong(field("sha256"), format!("{uri}: {NO_DIGEST}"));
+        }
+    }
+    match &spec.scene {
+        None => wrong("spec.scene".into(), "it is missing; say what to bake".into()),
+        Some(scene) => {
+            let unknown = SceneTree::from_message(scene).problems();
+            problems.extend(unknown.iter().map(|problem: &Problem| to_proto::field_problem(problem)));
+        }
+    }
+    if problems.is_empty() { Ok(spec) } else { Err(Fault::RequestInvalid(problems)) }
+}
+
+const NO_DIGEST: &str = "not a SHA-256; give 64 lower-case hexadecimal digits";
+
+/// The only names that become part of a path.
+fn is_digest(text: &str) -> bool {
+    text.len() == 64 && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+}
+
+pub fn check_digests(field: &str, digests: &[String]) -> Result<(), Fault> {
+    if digests.len() > MAX_ASSETS {
+        return Err(Fault::field(field, format!("more than {MAX_ASSETS}; ask in parts")));
+    }
+    let wrong = (digests.iter().enumerate())
+        .filter(|(_, digest)| !is_digest(digest))
+        .map(|(index, _)| FieldProblem { field: format!("{field}[{index}]"), description: NO_DIGEST.into() });
+    let wrong: Vec<FieldProblem> = wrong.collect();
+    if wrong.is_empty() { Ok(()) } else { Err(Fault::RequestInvalid(wrong)) }
+}
+
+/// `again`: it is not the first of its upload.
+pub fn check_header(header: &AssetHeader, again: bool, most: u64) -> Result<(), Fault> {
+    if again {
+        return Err(Fault::field("header", "only the first message has one"));
+    }
+    if !is_digest(&header.sha256) {
+        return Err(Fault::field("header.sha256", NO_DIGEST));
+    }
+    match u64::try_from(header.size_bytes) {
+        Ok(bytes) if bytes > most => Err(Fault::AssetTooLarge(most)),
+        Ok(_) => Ok(()),
+        Err(_) => Err(Fault::field("header.size_bytes", "it is negative")),
+    }
+}
+
+pub fn frames(given: i32) -> Result<FrameSelection, Fault> {
+    FrameSelection::try_from(given).map_err(|_| Fault::field("frames", format!("there is no selection {given}")))
+}
+
+/// A page of the list. The token is the last id of the page before.
+pub fn page(list: Vec<BakeStatus>, request: &ListBakesRequest) -> Result<ListBakesResponse, Fault> {
+    let size = match request.page_size {
+        0 => PAGE,
+        size @ 1..=MAX_PAGE => size as usize,
+        size => return Err(Fault::field("page_size", format!("{size} is out of range; give 0 to {MAX_PAGE}"))),
+    };
+    let first = match &request.page_token[..] {
+        "" => 0,
+        token => {
+            let last = list.iter().position(|bake| bake.bake_id == token);
+            last.ok_or_else(|| Fault::field("page_token", "no such page; it may be gone: begin again"))? + 1
+        }
+    };
+    let mut bakes: Vec<BakeStatus> = list.into_iter().skip(first).take(size + 1).collect();
+    let more = bakes.len() > size;
+    bakes.truncate(size);
+    bakes.iter_mut().for_each(|bake| bake.summary = None);
+    let next_page_token = bakes.last().filter(|_| more).map(|last| last.bake_id.clone()).unwrap_or_default();
+    Ok(ListBakesResponse { bakes, next_page_token })
+}

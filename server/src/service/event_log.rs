@@ -1,0 +1,103 @@
+//! The events of a bake on disk: one writer appends, any number of readers follow, each at its own pace.
+//!
+//! The physics never waits for a reader, and a reader that fell behind finds everything here.
+
+use crate::wire::proto::{BakeEvent, bake_event::Kind};
+use bytes::BytesMut;
+use prost::Message;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Result, Write};
+use std::path::Path;
+use tokio::io::{AsyncReadExt, Take};
+use tokio_stream::StreamExt;
+use tokio_util::codec::{Encoder, FramedRead, LengthDelimitedCodec};
+
+/// Bytes of one event: gRPC's usual limit. A frame of the most bodies that a scene may have, 100,000, takes 3.6 MB.
+pub const MAX_EVENT: usize = 4 << 20;
+
+/// How messages are set apart, in the log and between server and worker.
+pub fn codec() -> LengthDelimitedCodec {
+    LengthDelimitedCodec::builder().max_frame_length(MAX_EVENT).new_codec()
+}
+
+/// Writes one message, its length before it.
+pub fn write_message(to: &mut impl Write, message: &impl Message) -> Result<usize> {
+    let mut framed = BytesMut::new();
+    codec().encode(&message.encode_to_vec()[..], &mut framed)?;
+    to.write_all(&framed)?;
+    Ok(framed.len())
+}
+
+/// How far a log is written.
+#[derive(Clone, Copy, PartialEq, Eq, prost::Message)]
+pub struct Extent {
+    #[prost(uint64, tag = "1")]
+    pub bytes: u64,
+    /// Number of the last event.
+    #[prost(int64, tag = "2")]
+    pub last: i64,
+}
+
+/// Appends events, numbered from 1.
+pub struct Writer {
+    file: BufWriter<File>,
+    extent: Extent,
+}
+
+impl Writer {
+    /// A new log with its first event; what was there is gone.
+    pub fn create(path: &Path, first: Kind) -> Result<Writer> {
+        let mut writer = Writer { file: BufWriter::new(File::create(path)?), extent: Extent::default() };
+        writer.append(first)?;
+        Ok(writer)
+    }
+
+    /// A log that holds its first event only.
+    pub fn resume(path: &Path) -> Result<Writer> {
+        let file = OpenOptions::new().append(true).open(path)?;
+        let bytes = file.metadata()?.len();
+        // Frames are written in large pieces.
+        Ok(Writer { file: BufWriter::with_capacity(1 << 20, file), extent: Extent { bytes, last: 1 } })
+    }
+
+    pub fn append(&mut self, kind: Kind) -> Result<()> {
+        self.extent.last += 1;
+        let event = BakeEvent { sequence_number: self.extent.last, kind: Some(kind) };
+        self.extent.bytes += write_message(&mut self.file, &event)? as u64;
+        Ok(())
+    }
+
+    /// From now on, readers may see everything appended.
+    pub fn flush(&mut self) -> Result<Extent> {
+        self.file.flush()?;
+        Ok(self.extent)
+    }
+}
+
+/// Reads a log that may still grow.
+pub struct Reader {
+    framed: FramedRead<Take<tokio::fs::File>, LengthDelimitedCodec>,
+    /// How far it may read.
+    granted: u64,
+}
+
+impl Reader {
+    pub async fn open(path: &Path) -> Result<Reader> {
+        /// Bytes read at once.
+        const PIECE: usize = 64 << 10;
+        let file = tokio::fs::File::open(path).await?.take(0);
+        Ok(Reader { framed: FramedRead::with_capacity(file, codec(), PIECE), granted: 0 })
+    }
+
+    /// The next event among the first `bytes` of the log.
+    pub async fn next(&mut self, bytes: u64) -> Result<Option<BakeEvent>> {
+        let more = bytes.saturating_sub(self.granted);
+        self.granted += more;
+        let file = self.framed.get_mut();
+        file.set_limit(file.limit() + more);
+        match self.framed.next().await.transpose()? {
+            Some(message) => Ok(Some(BakeEvent::decode(message)?)),
+            None => Ok(None),
+        }
+    }
+}

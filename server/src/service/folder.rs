@@ -1,0 +1,18 @@
+//! What lies in a bake's folder, which the server makes and the worker fills.
+
+use crate::wire::proto::OutputFormat;
+
+pub const SPEC: &str = "spec.binpb";
+/// Files named by their SHA-256.
+pub const ASSETS: &str = "assets";
+pub const EVENTS: &str = "events.log";
+pub const REPORT: &str = "report.json";
+
+/// What the result file is called.
+pub fn result_name(format: OutputFormat) -> &'static str {
+    match format {
+        OutputFormat::Unspecified | OutputFormat::Glb => "result.glb",
+        OutputFormat::Json => "result.json",
+        OutputFormat::Csv => "result.csv",
+    }
+}

@@ -1,0 +1,339 @@
+//! Bakes: who may run, where they stand, how they end.
+//!
+//! One entry per bake, however many callers it has. An entry's task holds its place in the queue, and later its worker,
+//! until the process has ended.
+
+mod task;
+
+use crate::service::config::{Config, Unfinished};
+use crate::service::event_log;
+use crate::service::folder::EVENTS;
+use crate::service::news::News;
+use crate::service::process::{Task, Worker};
+use crate::service::status::Fault;
+use crate::service::store::Store;
+use crate::wire::effective::effective;
+use crate::wire::from_proto;
+use crate::wire::proto::{self, BakeSpec, BakeState, BakeStatus};
+use crate::wire::versions::versions;
+use prost::Message;
+use prost_types::Timestamp;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, SystemTime};
+use tokio::sync::{Notify, Semaphore, watch};
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tracing::{info, warn};
+
+/// All bakes of a server.
+pub struct Bakes {
+    pub config: Config,
+    pub store: Store,
+    entries: Mutex<BTreeMap<String, Arc<Entry>>>,
+    /// One permit per bake that runs or waits.
+    places: Arc<Semaphore>,
+    /// One permit per bake that runs.
+    workers: Arc<Semaphore>,
+    /// One permit per plan that is made or waits.
+    plan_places: Semaphore,
+    planners: Semaphore,
+    /// No more bakes are taken.
+    draining: CancellationToken,
+    /// Running bakes end, unfinished.
+    ending: CancellationToken,
+    tasks: TaskTracker,
+    trim: Notify,
+    /// How long the last bake ran: a guess at when a place will be free.
+    last_time: Mutex<Duration>,
+}
+
+/// One bake.
+pub struct Entry {
+    now: watch::Sender<Now>,
+    cancelled: CancellationToken,
+    /// The latest of its callers' deadlines; `None` if one of them has none.
+    deadline: watch::Sender<Option<Instant>>,
+}
+
+/// How a bake stands.
+#[derive(Clone)]
+pub struct Now {
+    pub status: BakeStatus,
+    /// Bytes of the event log that may be read.
+    pub log_bytes: u64,
+    /// Its request was found right: it has an id, a folder and a log.
+    pub accepted: bool,
+}
+
+impl Now {
+    pub fn has_ended(&self) -> bool {
+        matches!(self.status.state(), BakeState::Succeeded | BakeState::Failed | BakeState::Cancelled)
+    }
+}
+
+impl Entry {
+    fn new(now: Now, deadline: Option<Instant>) -> Arc<Entry> {
+        let (now, _) = watch::channel(now);
+        let (deadline, _) = watch::channel(deadline);
+        Arc::new(Entry { now, cancelled: CancellationToken::new(), deadline })
+    }
+
+    pub fn watch(&self) -> watch::Receiver<Now> {
+        self.now.subscribe()
+    }
+
+    pub fn id(&self) -> String {
+        self.now.borrow().status.bake_id.clone()
+    }
+
+    /// Waits until the request was found right, or not.
+    pub async fn accepted(&self) -> Result<(), tonic::Status> {
+        let mut now = self.watch();
+        // The sender is ours.
+        let Ok(now) = now.wait_for(|now| now.accepted || now.has_ended()).await else { return Ok(()) };
+        match &now.status.failure {
+            Some(failure) if !now.accepted => Err(failure.into()),
+            _ => Ok(()),
+        }
+    }
+
+    async fn ended(&self) {
+        let _ = self.watch().wait_for(Now::has_ended).await;
+    }
+}
+
+impl Bakes {
+    pub fn new(config: Config, store: Store) -> Arc<Bakes> {
+        let workers = config.workers();
+        let places = workers.saturating_add(config.queue).min(Semaphore::MAX_PERMITS);
+        Arc::new(Bakes {
+            config,
+            store,
+            entries: Mutex::default(),
+            places: Arc::new(Semaphore::new(places)),
+            workers: Arc::new(Semaphore::new(workers)),
+            plan_places: Semaphore::new(places),
+            planners: Semaphore::new(workers),
+            draining: CancellationToken::new(),
+            ending: CancellationToken::new(),
+            tasks: TaskTracker::new(),
+            trim: Notify::new(),
+            last_time: Mutex::new(Duration::from_secs(1)),
+        })
+    }
+
+    fn entries(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Entry>>> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes up what an earlier server left: finished bakes as they are, the others as configured.
+    pub fn restore(self: &Arc<Self>) -> std::io::Result<()> {
+        let mut found = self.store.load()?;
+        found.sort_by_key(|status| status.create_time.map(|time| (time.seconds, time.nanos)));
+        for mut status in found {
+            let id = status.bake_id.clone();
+            let log_bytes = std::fs::metadata(self.store.folder(&id).join(EVENTS)).map_or(0, |log| log.len());
+            let was_unfinished = matches!(status.state(), BakeState::Queued | BakeState::Running);
+            if was_unfinished && self.config.unfinished == Unfinished::Fail {
+                status.end(BakeState::Failed, Some(&Fault::ServerRestarted));
+                self.store.write_status(&status)?;
+                self.store.release_assets(&id);
+            }
+            let resume = was_unfinished && self.config.unfinished == Unfinished::Restart;
+            let entry = Entry::new(Now { status, log_bytes, accepted: true }, None);
+            self.entries().insert(id.clone(), entry.clone());
+            if resume {
+                info!(bake_id = %id, "unfinished bake is taken up again");
+                self.spawn(entry, None, None);
+            }
+        }
+        Ok(())
+    }
+
+    /// The bake of this request: the one that there is, or a new one, if there is a place for it.
+    pub fn submit(self: &Arc<Self>, spec: BakeSpec, deadline: Option<Instant>) -> Result<Arc<Entry>, Fault> {
+        if self.draining.is_cancelled() {
+            return Err(Fault::ShuttingDown);
+        }
+        let id = bake_id(&spec);
+        let mut entries = self.entries();
+        if let Some(entry) = entries.get(&id) {
+            let state = entry.now.borrow().status.state();
+            if !matches!(state, BakeState::Failed | BakeState::Cancelled) && !entry.cancelled.is_cancelled() {
+                let later = |own: &mut Option<Instant>| *own = own.zip(deadline).map(|(a, b)| a.max(b));
+                entry.deadline.send_modify(later);
+                metrics::counter!("cairn_bakes_shared_total").increment(1);
+                return Ok(entry.clone());
+            }
+            if !entry.now.borrow().has_ended() {
+                // It was cancelled a moment ago, and its folder is still in use.
+                return Err(Fault::QueueFull { retry: Duration::from_secs(1) });
+            }
+        }
+        let Ok(place) = self.places.clone().try_acquire_owned() else {
+            metrics::counter!("cairn_bakes_refused_total").increment(1);
+            return Err(self.queue_full());
+        };
+        let mut status = BakeStatus { bake_id: id.clone(), create_time: Some(now()), ..Default::default() };
+        status.set_state(BakeState::Queued);
+        let entry = Entry::new(Now { status, log_bytes: 0, accepted: false }, deadline);
+        entries.insert(id, entry.clone());
+        self.spawn(entry.clone(), Some(spec), Some(place));
+        Ok(entry)
+    }
+
+    fn queue_full(&self) -> Fault {
+        let last = *self.last_time.lock().unwrap_or_else(PoisonError::into_inner);
+        Fault::QueueFull { retry: last.clamp(Duration::from_secs(1), Duration::from_secs(60)) }
+    }
+
+    /// What a bake would do.
+    pub async fn plan(&self, spec: BakeSpec) -> Result<proto::PlanBakeResponse, Fault> {
+        let _place = self.plan_places.try_acquire().map_err(|_| self.queue_full())?;
+        let _planner = self.planners.acquire().await;
+        let folder = self.store.prepare_plan(&spec)?;
+        let mut worker = None;
+        let accepted = self.run_plan(folder.path(), &mut worker).await?;
+        Ok(proto::PlanBakeResponse {
+            bake_id: bake_id(&spec),
+            plan: accepted.plan,
+            effective_scene: accepted.effective_scene,
+        })
+    }
+
+    /// Lets a worker plan. `slot` holds the process, so that the caller may wait for its end.
+    async fn run_plan(&self, folder: &std::path::Path, slot: &mut Option<Worker>) -> Result<proto::Accepted, Fault> {
+        /// A plan reads files and measures meshes; what takes longer is hostile.
+        const LONGEST: Duration = Duration::from_secs(120);
+        let worker = slot.insert(Worker::start(&self.config, Task::Plan, folder)?);
+        let news = tokio::time::timeout(LONGEST, worker.next()).await;
+        match news.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
+            Some(News::Planned(accepted)) => Ok(*accepted),
+            Some(News::Invalid(invalid)) if invalid.only_missing => Err(Fault::AssetsMissing(invalid.problems)),
+            Some(News::Invalid(invalid)) => Err(Fault::SceneInvalid(invalid.problems)),
+            Some(News::NotWritten(why)) => Err(Fault::StorageLimit(why)),
+            Some(_) => Err(Fault::Internal("the worker did not plan".into())),
+            None => Err(slot.take().expect("it was started").fault().await),
+        }
+    }
+
+    /// A bake that was accepted.
+    pub fn find(&self, id: &str) -> Result<Arc<Entry>, Fault> {
+        let found = self.entries().get(id).filter(|entry| entry.now.borrow().accepted).cloned();
+        found.ok_or_else(|| Fault::BakeNotFound(id.chars().take(64).collect()))
+    }
+
+    /// All bakes that were accepted, the latest first.
+    pub fn list(&self) -> Vec<BakeStatus> {
+        let entries = self.entries();
+        let now = entries.values().map(|entry| entry.now.borrow());
+        let mut list: Vec<BakeStatus> = now.filter(|now| now.accepted).map(|now| now.status.clone()).collect();
+        let time = |status: &BakeStatus| status.create_time.map(|time| (time.seconds, time.nanos));
+        list.sort_by(|a, b| (time(b), &b.bake_id).cmp(&(time(a), &a.bake_id)));
+        list
+    }
+
+    /// Ends a bake, and waits for that.
+    pub async fn cancel(&self, id: &str) -> Result<BakeStatus, Fault> {
+        let entry = self.find(id)?;
+        entry.cancelled.cancel();
+        entry.ended().await;
+        let status = entry.now.borrow().status.clone();
+        Ok(status)
+    }
+
+    /// Ends a bake and removes all of it.
+    pub async fn delete(&self, id: &str) -> Result<(), Fault> {
+        self.cancel(id).await?;
+        self.remove_ended(id)?;
+        Ok(())
+    }
+
+    /// Removes a bake, unless it is at work. Under the lock, so that nobody attaches to it meanwhile.
+    fn remove_ended(&self, id: &str) -> std::io::Result<bool> {
+        let mut entries = self.entries();
+        let is_at_work = entries.get(id).is_some_and(|entry| !entry.now.borrow().has_ended());
+        if !is_at_work {
+            entries.remove(id);
+            self.store.remove(id)?;
+        }
+        Ok(!is_at_work)
+    }
+
+    /// An asset or a bake was added: the limits are to be looked after.
+    pub fn grown(&self) {
+        self.trim.notify_one();
+    }
+
+    /// Keeps the store within its limits, for as long as the server lives.
+    pub async fn keep_limits(self: Arc<Self>) {
+        /// For what grows old without anything being added.
+        const PAUSE: Duration = Duration::from_secs(600);
+        loop {
+            let bakes = self.clone();
+            let trimmed = tokio::task::spawn_blocking(move || bakes.store.trim(|id| bakes.remove_ended(id))).await;
+            match trimmed {
+                Ok(Ok(bytes)) => metrics::gauge!("cairn_store_bytes").set(bytes as f64),
+                Ok(Err(error)) => warn!(%error, "the store could not be trimmed"),
+                Err(error) => warn!(%error, "the store could not be trimmed"),
+            }
+            let _ = tokio::time::timeout(PAUSE, self.trim.notified()).await;
+        }
+    }
+
+    /// Takes no more bakes and lets those that run end, for so long; then ends them. What is unfinished stays so on the
+    /// disk.
+    pub async fn drain(&self, longest: Duration) {
+        self.draining.cancel();
+        self.tasks.close();
+        if tokio::time::timeout(longest, self.tasks.wait()).await.is_err() {
+            warn!("bakes are left unfinished");
+        }
+        self.ending.cancel();
+        self.tasks.wait().await;
+    }
+}
+
+/// The id of a bake: a hash of all that its result depends on.
+pub fn bake_id(spec: &BakeSpec) -> String {
+    let mut spec = spec.clone();
+    spec.set_format(match spec.format() {
+        proto::OutputFormat::Unspecified => proto::OutputFormat::Glb,
+        format => format,
+    });
+    spec.assets.sort_by(|a, b| a.uri.cmp(&b.uri));
+    // A field that is not set and one that is set to its default are the same.
+    if let Some(scene) = &spec.scene
+        && let Ok(params) = from_proto::params(scene)
+    {
+        spec.scene = Some(effective(scene, &params));
+    }
+    let mut all = versions().encode_length_delimited_to_vec();
+    all.extend(spec.encode_to_vec());
+    blake3::hash(&all).to_hex().to_string()
+}
+
+fn now() -> Timestamp {
+    Timestamp::from(SystemTime::now())
+}
+
+impl BakeStatus {
+    fn end(&mut self, state: BakeState, fault: Option<&Fault>) {
+        self.set_state(state);
+        self.end_time = Some(now());
+        self.failure = fault.map(proto::Failure::from);
+    }
+}
+
+/// The first event of a bake that an earlier server accepted.
+async fn accepted_before(log: &std::path::Path) -> Option<proto::Accepted> {
+    let bytes = tokio::fs::metadata(log).await.ok()?.len();
+    let event = event_log::Reader::open(log).await.ok()?.next(bytes).await.ok()??;
+    match event.kind? {
+        proto::bake_event::Kind::Accepted(accepted) if accepted.versions == Some(versions()) => Some(*accepted),
+        // Another version would give another result.
+        _ => None,
+    }
+}

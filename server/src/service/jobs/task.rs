@@ -1,0 +1,259 @@
+//! The life of one bake: planned, queued, run, ended.
+
+use super::{Bakes, Entry, Now, accepted_before, now};
+use crate::service::event_log::{Extent, Writer};
+use crate::service::folder::EVENTS;
+use crate::service::news::News;
+use crate::service::process::{Task, Worker};
+use crate::service::status::Fault;
+use crate::wire::proto::bake_event::Kind;
+use crate::wire::proto::{Accepted, BakeSpec, BakeState, Summary};
+use crate::wire::versions::versions;
+use std::path::Path;
+use std::sync::{Arc, PoisonError};
+use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
+use tracing::{Instrument, info, info_span, warn};
+
+/// Why a bake ends without a result.
+enum End {
+    Fault(Fault),
+    /// The server ends; another one may take the bake up.
+    Unfinished,
+}
+
+impl<E: Into<Fault>> From<E> for End {
+    fn from(error: E) -> End {
+        End::Fault(error.into())
+    }
+}
+
+impl Bakes {
+    /// Starts a bake's task. `spec`: of a new bake; one that is taken up again has its request on the disk.
+    pub(super) fn spawn(
+        self: &Arc<Self>,
+        entry: Arc<Entry>,
+        spec: Option<BakeSpec>,
+        place: Option<OwnedSemaphorePermit>,
+    ) {
+        let span = info_span!("bake", bake_id = %entry.id());
+        let bakes = self.clone();
+        let life = async move {
+            metrics::gauge!("cairn_bakes_pending").increment(1);
+            let mut worker = None;
+            let result = tokio::select! {
+                result = bakes.run(&entry, spec, place, &mut worker) => result,
+                end = bakes.stopped(&entry) => Err(end),
+            };
+            if let Some(mut worker) = worker {
+                worker.kill().await;
+            }
+            bakes.finish(&entry, result);
+            metrics::gauge!("cairn_bakes_pending").decrement(1);
+            bakes.grown();
+        };
+        self.tasks.spawn(life.instrument(span));
+    }
+
+    /// Resolves when the bake has to end before its time.
+    async fn stopped(&self, entry: &Entry) -> End {
+        let mut deadline = entry.deadline.subscribe();
+        let passed = async {
+            loop {
+                let at = *deadline.borrow_and_update();
+                let sleep = async {
+                    match at {
+                        Some(at) => tokio::time::sleep_until(at).await,
+                        None => std::future::pending().await,
+                    }
+                };
+                tokio::select! {
+                    () = sleep => return,
+                    _ = deadline.changed() => {}
+                }
+            }
+        };
+        tokio::select! {
+            () = entry.cancelled.cancelled() => End::Fault(Fault::BakeCancelled),
+            () = passed => End::Fault(Fault::Deadline),
+            () = self.ending.cancelled() => End::Unfinished,
+        }
+    }
+
+    async fn run(
+        &self,
+        entry: &Entry,
+        spec: Option<BakeSpec>,
+        place: Option<OwnedSemaphorePermit>,
+        slot: &mut Option<Worker>,
+    ) -> Result<Summary, End> {
+        let id = entry.id();
+        let folder = self.store.folder(&id);
+        // What an earlier server had accepted waits for its place; nobody is there to be refused.
+        let _place = match place {
+            Some(place) => Some(place),
+            None => self.places.clone().acquire_owned().await.ok(),
+        };
+        let accepted = match spec {
+            Some(spec) => self.accept(&id, &folder, &spec, slot).await?,
+            None => accepted_before(&folder.join(EVENTS)).await.ok_or(Fault::ServerRestarted)?,
+        };
+        let extent = Writer::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.flush()?;
+        entry.now.send_modify(|now| {
+            now.accepted = true;
+            now.status.set_state(BakeState::Queued);
+            now.reached(extent);
+        });
+        self.write_status(entry)?;
+        info!("accepted");
+
+        let _worker = self.workers.clone().acquire_owned().await;
+        entry.now.send_modify(|bake| {
+            bake.status.set_state(BakeState::Running);
+            bake.status.start_time = Some(now());
+        });
+        self.write_status(entry)?;
+        info!("started");
+        let _running = Running::new();
+        match self.config.bake_time() {
+            Some(longest) => match tokio::time::timeout(longest, self.follow_worker(entry, &folder, slot)).await {
+                Ok(result) => result,
+                Err(_) => Err(Fault::TimeLimit(longest.as_secs()).into()),
+            },
+            None => self.follow_worker(entry, &folder, slot).await,
+        }
+    }
+
+    /// Has a new bake planned.
+    async fn accept(
+        &self,
+        id: &str,
+        folder: &Path,
+        spec: &BakeSpec,
+        slot: &mut Option<Worker>,
+    ) -> Result<Accepted, Fault> {
+        let _planner = self.planners.acquire().await;
+        self.store.prepare(id, spec)?;
+        let mut accepted = self.run_plan(folder, slot).await?;
+        // It has said all.
+        if let Some(mut planner) = slot.take() {
+            planner.kill().await;
+        }
+        accepted.bake_id = id.to_owned();
+        accepted.versions = Some(versions());
+        Ok(accepted)
+    }
+
+    /// Runs the bake's process and passes on what it tells.
+    async fn follow_worker(&self, entry: &Entry, folder: &Path, slot: &mut Option<Worker>) -> Result<Summary, End> {
+        let worker = slot.insert(Worker::start(&self.config, Task::Bake, folder)?);
+        loop {
+            match worker.next().await? {
+                Some(News::Progress(progress)) => entry.now.send_modify(|now| now.status.progress = Some(progress)),
+                Some(News::Logged(extent)) if extent.bytes > self.config.store_bytes() => {
+                    return Err(Fault::StorageLimit(format!("its events take {} bytes", extent.bytes)).into());
+                }
+                Some(News::Logged(extent)) => entry.now.send_modify(|now| now.reached(extent)),
+                Some(News::Done(summary)) => return Ok(summary),
+                Some(News::Invalid(invalid)) => return Err(Fault::SceneInvalid(invalid.problems).into()),
+                Some(News::NotWritten(why)) => return Err(Fault::StorageLimit(why).into()),
+                Some(News::Planned(_)) => {}
+                None => break,
+            }
+        }
+        let worker = slot.take().expect("it was started");
+        Err(worker.fault().await.into())
+    }
+
+    /// Writes down how the bake ended, then tells its callers.
+    fn finish(&self, entry: &Entry, result: Result<Summary, End>) {
+        let mut bake = entry.now.borrow().clone();
+        let id = bake.status.bake_id.clone();
+        match result {
+            Ok(summary) => {
+                info!(bodies = summary.body_count, cpu_seconds = summary.cpu_seconds, "succeeded");
+                count(&summary);
+                bake.status.end(BakeState::Succeeded, None);
+                bake.status.summary = Some(summary);
+            }
+            Err(End::Fault(fault)) => {
+                let state = if fault == Fault::BakeCancelled { BakeState::Cancelled } else { BakeState::Failed };
+                warn!(%fault, "ended without a result");
+                bake.status.end(state, Some(&fault));
+            }
+            Err(End::Unfinished) => {
+                info!("left unfinished");
+                bake.status.end(BakeState::Failed, Some(&Fault::ShuttingDown));
+                entry.now.send_replace(bake);
+                return;
+            }
+        }
+        let outcome = bake.status.state().as_str_name().trim_start_matches("BAKE_STATE_").to_lowercase();
+        metrics::counter!("cairn_bakes_total", "outcome" => outcome).increment(1);
+        if let Some(time) = duration(&bake) {
+            metrics::histogram!("cairn_bake_seconds").record(time.as_secs_f64());
+            *self.last_time.lock().unwrap_or_else(PoisonError::into_inner) = time;
+        }
+        if bake.accepted {
+            self.store.release_assets(&id);
+            if let Err(error) = self.store.write_status(&bake.status) {
+                warn!(%error, "the end of the bake could not be written down");
+            }
+            entry.now.send_replace(bake);
+        } else {
+            // A request that was wrong leaves nothing behind.
+            let mut entries = self.entries();
+            entries.remove(&id);
+            if let Err(error) = self.store.remove(&id) {
+                warn!(%error, "the folder of a refused bake stays");
+            }
+            drop(entries);
+            entry.now.send_replace(bake);
+        }
+    }
+
+    fn write_status(&self, entry: &Entry) -> std::io::Result<()> {
+        let status = entry.now.borrow().status.clone();
+        self.store.write_status(&status)
+    }
+}
+
+impl Now {
+    fn reached(&mut self, extent: Extent) {
+        self.log_bytes = extent.bytes;
+        self.status.last_sequence_number = extent.last;
+    }
+}
+
+fn duration(bake: &Now) -> Option<Duration> {
+    let seconds = |time: prost_types::Timestamp| time.seconds as f64 + f64::from(time.nanos) * 1e-9;
+    let time = seconds(bake.status.end_time?) - seconds(bake.status.start_time?);
+    Duration::try_from_secs_f64(time).ok()
+}
+
+/// Counts a running bake while it lives.
+struct Running;
+
+impl Running {
+    fn new() -> Running {
+        metrics::gauge!("cairn_bakes_running").increment(1);
+        Running
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        metrics::gauge!("cairn_bakes_running").decrement(1);
+    }
+}
+
+/// A finished bake's figures, for the metrics.
+fn count(summary: &Summary) {
+    metrics::counter!("cairn_bodies_total").increment(summary.body_count.unsigned_abs().into());
+    let analyses = summary.counts.get("analyses").copied().unwrap_or(0);
+    metrics::counter!("cairn_solves_total").increment(analyses.unsigned_abs());
+    for (stage, seconds) in &summary.stage_seconds {
+        metrics::gauge!("cairn_stage_cpu_seconds_total", "stage" => stage.clone()).increment(*seconds);
+    }
+    metrics::histogram!("cairn_bake_peak_memory_bytes").record(summary.peak_memory_bytes as f64);
+}

@@ -1,0 +1,197 @@
+//! What can go wrong in the service, and the only place where it becomes a gRPC status.
+//!
+//! Errors follow AIP-193: one `ErrorInfo` of the domain `cairn`, `BadRequest` with every problem of the input,
+//! `RetryInfo` where trying again helps.
+
+use crate::wire::proto::{Failure, FieldProblem};
+use std::time::Duration;
+use tonic::{Code, Status};
+use tonic_types::{ErrorDetails, StatusExt};
+
+const DOMAIN: &str = "cairn";
+
+/// A fault of a call or of a bake.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Fault {
+    #[error("the request is wrong: {}", told(.0))]
+    RequestInvalid(Vec<FieldProblem>),
+    #[error("the scene cannot be baked: {}", told(.0))]
+    SceneInvalid(Vec<FieldProblem>),
+    #[error("assets have to be uploaded first: {}", told(.0))]
+    AssetsMissing(Vec<FieldProblem>),
+    #[error("{0}")]
+    AssetCorrupt(String),
+    #[error("the asset is larger than the {0} bytes that this server takes")]
+    AssetTooLarge(u64),
+    #[error("the upload stood still for too long; upload the asset again")]
+    UploadStalled,
+    #[error("there is no bake {0:?} here: it was never asked for, was deleted, or is too old")]
+    BakeNotFound(String),
+    #[error("the bake has no result: it is not done, or has failed; see GetBake")]
+    BakeNotDone,
+    #[error("all workers are busy and the queue is full; try again later")]
+    QueueFull { retry: Duration },
+    #[error("too many calls are open; try again later")]
+    TooManyCalls,
+    #[error("the bake needs more memory than the {0} MiB that this server gives to one")]
+    MemoryLimit(u64),
+    #[error("the disk is full or the bake is larger than the store: {0}")]
+    StorageLimit(String),
+    #[error("the bake took longer than the {0} s that this server gives to one")]
+    TimeLimit(u64),
+    #[error("the deadline of the call has passed")]
+    Deadline,
+    #[error("the bake was cancelled")]
+    BakeCancelled,
+    #[error(
+        "the bake's process ended unexpectedly: {0}. This is a fault in Cairn, not in your scene; please report it"
+    )]
+    BakeCrashed(String),
+    #[error("the server ended while this bake ran; ask for it again")]
+    ServerRestarted,
+    #[error("the server is shutting down; finished and unfinished bakes are kept")]
+    ShuttingDown,
+    #[error("the header `authorization: Bearer TOKEN` is missing or its token is wrong")]
+    TokenInvalid,
+    #[error("{0}")]
+    ProtocolMismatch(String),
+    #[error("internal error: {0}")]
+    Internal(String),
+}
+
+/// All problems in a line, for those who read no details.
+fn told(problems: &[FieldProblem]) -> String {
+    problems.iter().map(|problem| problem.description.as_str()).collect::<Vec<_>>().join("; ")
+}
+
+impl Fault {
+    fn code(&self) -> Code {
+        match self {
+            Fault::RequestInvalid(_) | Fault::SceneInvalid(_) | Fault::AssetCorrupt(_) => Code::InvalidArgument,
+            Fault::AssetsMissing(_) | Fault::BakeNotDone | Fault::ProtocolMismatch(_) => Code::FailedPrecondition,
+            Fault::AssetTooLarge(_)
+            | Fault::QueueFull { .. }
+            | Fault::TooManyCalls
+            | Fault::MemoryLimit(_)
+            | Fault::StorageLimit(_) => Code::ResourceExhausted,
+            Fault::UploadStalled | Fault::TimeLimit(_) | Fault::Deadline => Code::DeadlineExceeded,
+            Fault::BakeNotFound(_) => Code::NotFound,
+            Fault::BakeCancelled => Code::Cancelled,
+            Fault::ServerRestarted => Code::Aborted,
+            Fault::ShuttingDown => Code::Unavailable,
+            Fault::TokenInvalid => Code::Unauthenticated,
+            Fault::BakeCrashed(_) | Fault::Internal(_) => Code::Internal,
+        }
+    }
+
+    fn reason(&self) -> &'static str {
+        match self {
+            Fault::RequestInvalid(_) => "REQUEST_INVALID",
+            Fault::SceneInvalid(_) => "SCENE_INVALID",
+            Fault::AssetsMissing(_) => "ASSETS_MISSING",
+            Fault::AssetCorrupt(_) => "ASSET_CORRUPT",
+            Fault::AssetTooLarge(_) => "ASSET_TOO_LARGE",
+            Fault::UploadStalled => "UPLOAD_STALLED",
+            Fault::BakeNotFound(_) => "BAKE_NOT_FOUND",
+            Fault::BakeNotDone => "BAKE_NOT_DONE",
+            Fault::QueueFull { .. } => "QUEUE_FULL",
+            Fault::TooManyCalls => "TOO_MANY_CALLS",
+            Fault::MemoryLimit(_) => "MEMORY_LIMIT",
+            Fault::StorageLimit(_) => "STORAGE_LIMIT",
+            Fault::TimeLimit(_) => "TIME_LIMIT",
+            Fault::Deadline => "DEADLINE",
+            Fault::BakeCancelled => "BAKE_CANCELLED",
+            Fault::BakeCrashed(_) => "BAKE_CRASHED",
+            Fault::ServerRestarted => "SERVER_RESTARTED",
+            Fault::ShuttingDown => "SHUTTING_DOWN",
+            Fault::TokenInvalid => "TOKEN_INVALID",
+            Fault::ProtocolMismatch(_) => "PROTOCOL_MISMATCH",
+            Fault::Internal(_) => "INTERNAL",
+        }
+    }
+
+    fn problems(&self) -> &[FieldProblem] {
+        match self {
+            Fault::RequestInvalid(problems) | Fault::SceneInvalid(problems) | Fault::AssetsMissing(problems) => {
+                problems
+            }
+            _ => &[],
+        }
+    }
+
+    fn retry(&self) -> Option<Duration> {
+        match self {
+            Fault::QueueFull { retry } => Some(*retry),
+            Fault::TooManyCalls | Fault::ShuttingDown => Some(Duration::from_secs(5)),
+            _ => None,
+        }
+    }
+
+    /// One thing wrong with a request's field.
+    pub fn field(field: &str, description: impl Into<String>) -> Fault {
+        Fault::RequestInvalid(vec![FieldProblem { field: field.into(), description: description.into() }])
+    }
+}
+
+impl From<std::io::Error> for Fault {
+    fn from(error: std::io::Error) -> Fault {
+        use std::io::ErrorKind;
+        match error.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
+                Fault::StorageLimit(error.to_string())
+            }
+            _ => Fault::Internal(error.to_string()),
+        }
+    }
+}
+
+/// As it is kept with a bake.
+impl From<&Fault> for Failure {
+    fn from(fault: &Fault) -> Failure {
+        Failure {
+            code: fault.code().into(),
+            reason: fault.reason().into(),
+            message: fault.to_string(),
+            problems: fault.problems().to_vec(),
+        }
+    }
+}
+
+impl From<Fault> for Status {
+    fn from(fault: Fault) -> Status {
+        status(&Failure::from(&fault), fault.retry())
+    }
+}
+
+/// The error that ended a bake.
+impl From<&Failure> for Status {
+    fn from(failure: &Failure) -> Status {
+        status(failure, None)
+    }
+}
+
+fn status(failure: &Failure, retry: Option<Duration>) -> Status {
+    /// Bytes of all descriptions together: a status travels in headers, and proxies allow little there.
+    const ROOM: usize = 4000;
+    let mut details = ErrorDetails::new();
+    details.set_error_info(&failure.reason, DOMAIN, [("version".to_owned(), crate::VERSION.to_owned())]);
+    let mut room = ROOM;
+    for (index, problem) in failure.problems.iter().enumerate() {
+        room = room.saturating_sub(problem.field.len() + problem.description.len());
+        if room == 0 && index > 0 {
+            let rest = failure.problems.len() - index;
+            details.add_bad_request_violation("spec", format!("and {rest} more problems"));
+            break;
+        }
+        details.add_bad_request_violation(&problem.field, cut(&problem.description, ROOM));
+    }
+    if retry.is_some() {
+        details.set_retry_info(retry);
+    }
+    Status::with_error_details(failure.code.into(), cut(&failure.message, ROOM / 4), details)
+}
+
+/// The beginning of a text that is too long.
+fn cut(text: &str, most: usize) -> String {
+    if text.len() <= most { text.into() } else { format!("{} ...", &text[..text.floor_char_boundary(most)]) }
+}

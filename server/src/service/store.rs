@@ -1,0 +1,265 @@
+//! The data directory: assets by their content, and one folder per bake. What appears here is complete or not at all.
+//!
+//! ```text
+//! lock                 held by the server that uses the directory
+//! assets/SHA256        one file per asset
+//! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.json; assets/ while it is unfinished
+//! partial/             what is being written
+//! ```
+//!
+//! A bake has its assets as hard links, so that they may go from `assets/` at any time.
+
+use crate::files::write_atomically;
+use crate::service::config::Config;
+use crate::service::folder::{ASSETS, SPEC};
+use crate::wire::digest::hex;
+use crate::wire::proto::{BakeSpec, BakeStatus};
+use prost::Message;
+use sha2::{Digest, Sha256};
+use std::fs::{self, File};
+use std::io::{ErrorKind, Result, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+use tempfile::{NamedTempFile, TempDir};
+
+const STATUS: &str = "status.binpb";
+
+/// An open data directory.
+pub struct Store {
+    root: PathBuf,
+    most_bytes: u64,
+    longest: Option<Duration>,
+    _lock: File,
+}
+
+/// An upload on its way into the store.
+pub struct Upload {
+    file: NamedTempFile,
+    hasher: Sha256,
+    pub bytes: u64,
+}
+
+impl Store {
+    /// Opens or makes a data directory, for this server alone.
+    pub fn open(config: &Config) -> Result<Store> {
+        let root = std::path::absolute(&config.data)?;
+        for folder in ["assets", "bakes"] {
+            fs::create_dir_all(root.join(folder))?;
+        }
+        let lock = File::create(root.join("lock"))?;
+        lock.try_lock().map_err(|_| {
+            std::io::Error::new(ErrorKind::ResourceBusy, format!("{} is in use by another server", root.display()))
+        })?;
+        let _ = fs::remove_dir_all(root.join("partial"));
+        fs::create_dir_all(root.join("partial"))?;
+        Ok(Store { root, most_bytes: config.store_bytes(), longest: config.store_time(), _lock: lock })
+    }
+
+    /// The folder of a bake.
+    pub fn folder(&self, id: &str) -> PathBuf {
+        self.root.join("bakes").join(id)
+    }
+
+    fn asset(&self, sha256: &str) -> PathBuf {
+        self.root.join("assets").join(sha256)
+    }
+
+    /// Whether an asset is here. From now on, it counts as used.
+    pub fn has(&self, sha256: &str) -> bool {
+        touch(&self.asset(sha256)).is_ok()
+    }
+
+    pub fn upload(&self) -> Result<Upload> {
+        let file = NamedTempFile::new_in(self.root.join("partial"))?;
+        Ok(Upload { file, hasher: Sha256::new(), bytes: 0 })
+    }
+
+    /// Keeps an upload, if its content is what was announced.
+    pub fn keep(&self, upload: Upload, sha256: &str) -> Result<bool> {
+        if hex(&upload.hasher.finalize()) != sha256 {
+            return Ok(false);
+        }
+        upload.file.as_file().sync_all()?;
+        upload.file.persist(self.asset(sha256))?;
+        Ok(true)
+    }
+
+    /// A fresh folder for a bake, with its request and those of its assets that are here.
+    pub fn prepare(&self, id: &str, spec: &BakeSpec) -> Result<PathBuf> {
+        self.remove(id)?;
+        let folder = self.folder(id);
+        self.fill(&folder, spec)?;
+        Ok(folder)
+    }
+
+    /// A folder to plan in. It goes with the value.
+    pub fn prepare_plan(&self, spec: &BakeSpec) -> Result<TempDir> {
+        let folder = TempDir::new_in(self.root.join("partial"))?;
+        self.fill(folder.path(), spec)?;
+        Ok(folder)
+    }
+
+    fn fill(&self, folder: &Path, spec: &BakeSpec) -> Result<()> {
+        fs::create_dir_all(folder.join(ASSETS))?;
+        for asset in &spec.assets {
+            let from = self.asset(&asset.sha256);
+            match fs::hard_link(&from, folder.join(ASSETS).join(&asset.sha256)) {
+                Ok(()) => touch(&from)?,
+                // The worker tells what is missing; and one asset may have several names.
+                Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::AlreadyExists) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        fs::write(folder.join(SPEC), spec.encode_to_vec())
+    }
+
+    pub fn write_status(&self, status: &BakeStatus) -> Result<()> {
+        write_atomically(&self.folder(&status.bake_id).join(STATUS), &status.encode_to_vec())
+    }
+
+    /// A bake has ended: its assets are no longer needed.
+    pub fn release_assets(&self, id: &str) {
+        let _ = fs::remove_dir_all(self.folder(id).join(ASSETS));
+    }
+
+    /// A bake's results were asked for.
+    pub fn touch(&self, id: &str) {
+        let _ = touch(&self.folder(id).join(STATUS));
+    }
+
+    /// All bakes with a status; folders without one are remains, and go.
+    pub fn load(&self) -> Result<Vec<BakeStatus>> {
+        let mut found = Vec::new();
+        for entry in fs::read_dir(self.root.join("bakes"))? {
+            let folder = entry?.path();
+            let read = fs::read(folder.join(STATUS)).ok().and_then(|bytes| BakeStatus::decode(&bytes[..]).ok());
+            match read.filter(|status| self.folder(&status.bake_id) == folder) {
+                Some(status) => found.push(status),
+                None => fs::remove_dir_all(&folder)?,
+            }
+        }
+        Ok(found)
+    }
+
+    pub fn remove(&self, id: &str) -> Result<()> {
+        match fs::remove_dir_all(self.folder(id)) {
+            Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    /// Removes what is too old, and what was not used for longest until the rest fits. `remove_bake` removes a
+    /// bake, unless it is at work. Returns the bytes that are left.
+    pub fn trim(&self, remove_bake: impl Fn(&str) -> Result<bool>) -> Result<u64> {
+        let mut entries = Vec::new();
+        for entry in fs::read_dir(self.root.join("assets"))?.chain(fs::read_dir(self.root.join("bakes"))?) {
+            // It may have gone meanwhile.
+            entries.extend(entry.and_then(|entry| Kept::of(entry.path())).ok());
+        }
+        entries.sort_by_key(|kept| kept.used);
+        let mut total: u64 = entries.iter().map(|kept| kept.bytes).sum();
+        let oldest = self.longest.and_then(|longest| SystemTime::now().checked_sub(longest));
+        for kept in entries {
+            let too_old = oldest.is_some_and(|oldest| kept.used < oldest);
+            if !too_old && total <= self.most_bytes {
+                break;
+            }
+            let name = kept.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let is_gone = if kept.is_bake { remove_bake(&name)? } else { fs::remove_file(&kept.path).is_ok() };
+            total -= if is_gone { kept.bytes } else { 0 };
+        }
+        Ok(total)
+    }
+}
+
+impl Upload {
+    pub fn write(&mut self, chunk: &[u8]) -> Result<()> {
+        self.hasher.update(chunk);
+        self.bytes += chunk.len() as u64;
+        self.file.write_all(chunk)
+    }
+}
+
+/// An asset or a bake, as the limits see it.
+struct Kept {
+    path: PathBuf,
+    is_bake: bool,
+    bytes: u64,
+    used: SystemTime,
+}
+
+impl Kept {
+    fn of(path: PathBuf) -> Result<Kept> {
+        let is_bake = path.is_dir();
+        let (mut bytes, mut used) = (0, fs::metadata(&path)?.modified()?);
+        if is_bake {
+            used = fs::metadata(path.join(STATUS)).and_then(|status| status.modified()).unwrap_or(used);
+            for entry in fs::read_dir(&path)? {
+                let found = entry?.metadata()?;
+                bytes += if found.is_file() { found.len() } else { 0 };
+            }
+        } else {
+            bytes = fs::metadata(&path)?.len();
+        }
+        Ok(Kept { path, is_bake, bytes, used })
+    }
+}
+
+fn touch(path: &Path) -> Result<()> {
+    File::options().append(true).open(path)?.set_modified(SystemTime::now())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::proto::BakeState;
+
+    fn bake(store: &Store, id: &str, bytes: usize, age: u64) {
+        let folder = store.prepare(id, &BakeSpec::default()).unwrap();
+        fs::write(folder.join("result.glb"), vec![0; bytes]).unwrap();
+        let mut status = BakeStatus { bake_id: id.into(), ..Default::default() };
+        status.set_state(BakeState::Succeeded);
+        store.write_status(&status).unwrap();
+        let used = SystemTime::now() - Duration::from_secs(age);
+        File::options().append(true).open(folder.join(STATUS)).unwrap().set_modified(used).unwrap();
+    }
+
+    fn names(store: &Store) -> Vec<String> {
+        let mut names: Vec<String> = store.load().unwrap().into_iter().map(|status| status.bake_id).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn what_was_not_used_for_longest_goes_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Config { data: folder.path().join("data"), store_mib: 3, store_days: 1, ..Config::default() };
+        let store = Store::open(&config).unwrap();
+        for (id, age) in [("new", 0), ("older", 20), ("oldest", 30), ("at work", 40), ("past its days", 90_000)] {
+            bake(&store, id, 1 << 20, age);
+        }
+        let remove = |id: &str| Ok(id != "at work" && store.remove(id).is_ok());
+        let left = store.trim(remove).unwrap();
+        assert_eq!(names(&store), ["at work", "new"]);
+        assert!((2 << 20..3 << 20).contains(&left), "{left}");
+        store.touch("at work");
+        assert_eq!(store.trim(remove).unwrap(), left);
+    }
+
+    #[test]
+    fn a_bake_keeps_its_assets() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Config { data: folder.path().join("data"), store_mib: 0, ..Config::default() };
+        let store = Store::open(&config).unwrap();
+        let mut upload = store.upload().unwrap();
+        upload.write(b"a prop").unwrap();
+        let sha256 = hex(&Sha256::digest(b"a prop"));
+        assert!(store.keep(upload, &sha256).unwrap() && store.has(&sha256));
+        let asset = crate::wire::proto::AssetReference { uri: "prop.glb".into(), sha256: sha256.clone() };
+        let bake = store.prepare("bake", &BakeSpec { assets: vec![asset], ..Default::default() }).unwrap();
+        store.trim(|_| Ok(false)).unwrap();
+        assert!(!store.has(&sha256));
+        assert_eq!(fs::read(bake.join(ASSETS).join(sha256)).unwrap(), b"a prop");
+        assert!(Store::open(&config).is_err(), "one server at a time");
+    }
+}

@@ -1,0 +1,37 @@
+//! What a server tells of itself: log lines and metrics.
+
+use crate::service::config::{Config, LogForm};
+use metrics::{Unit, describe_counter, describe_gauge, describe_histogram};
+use metrics_exporter_prometheus::{BuildError, PrometheusBuilder};
+use std::io::IsTerminal;
+use tracing_subscriber::EnvFilter;
+
+/// Log lines go to stderr from now on; `RUST_LOG` chooses which. Lines about a bake carry its id.
+pub fn log(form: LogForm) {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    let colours = std::io::stderr().is_terminal();
+    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours);
+    // A second server in the same process, as in a test, keeps the first one's.
+    let _ = match form {
+        LogForm::Text => lines.try_init(),
+        LogForm::Json => lines.json().try_init(),
+    };
+}
+
+/// Serves the metrics, if the settings have an address for them.
+pub fn metrics(config: &Config) -> Result<(), BuildError> {
+    let Some(address) = config.metrics else { return Ok(()) };
+    PrometheusBuilder::new().with_http_listener(address).install()?;
+    describe_gauge!("cairn_bakes_pending", "Bakes that are planned, wait or run.");
+    describe_gauge!("cairn_bakes_running", "Bakes that run.");
+    describe_counter!("cairn_bakes_total", "Bakes that have ended, by outcome.");
+    describe_counter!("cairn_bakes_refused_total", "Bakes refused because the queue was full.");
+    describe_counter!("cairn_bakes_shared_total", "Requests that a bake of the same request answered.");
+    describe_histogram!("cairn_bake_seconds", Unit::Seconds, "Time of a bake from its start to its end.");
+    describe_counter!("cairn_bodies_total", "Bodies baked; its rate is bodies per second.");
+    describe_counter!("cairn_solves_total", "Equilibrium analyses.");
+    describe_gauge!("cairn_stage_cpu_seconds_total", Unit::Seconds, "CPU time of bakes, by stage.");
+    describe_histogram!("cairn_bake_peak_memory_bytes", Unit::Bytes, "Largest memory of a bake.");
+    describe_gauge!("cairn_store_bytes", Unit::Bytes, "What assets and bakes take on the disk.");
+    Ok(())
+}

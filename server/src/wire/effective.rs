@@ -1,0 +1,33 @@
+//! A scene with nothing left to defaults.
+
+use super::from_proto::{self, added};
+use super::{proto, to_proto};
+use cairn_core::input::params::Params;
+
+/// A scene with every parameter and every prop's value set: baked again, it gives the same.
+pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
+    let prop = |prop: &proto::Prop| proto::Prop {
+        path: prop.path.clone(),
+        weight: prop.weight.or(Some(from_proto::PROP_WEIGHT)),
+        friction: prop.friction.or(Some(from_proto::FRICTION)),
+        density: prop.density.or(Some(from_proto::PROP_DENSITY)),
+        restitution: prop.restitution.or(Some(from_proto::PROP_RESTITUTION)),
+        scale_min: prop.scale_min.or(Some(from_proto::PROP_SCALE)),
+        scale_max: prop.scale_max.or(Some(from_proto::PROP_SCALE)),
+        tilt_max: prop.tilt_max.or(Some(from_proto::PROP_TILT_MAX)),
+    };
+    let scenery = |model: &proto::StaticModel| proto::StaticModel {
+        path: model.path.clone(),
+        friction: model.friction.or(Some(from_proto::FRICTION)),
+        keyframes: model.keyframes.iter().map(added::effective_key).collect(),
+    };
+    proto::Scene {
+        control_mesh: scene.control_mesh.clone(),
+        props: scene.props.iter().map(prop).collect(),
+        statics: scene.statics.iter().map(scenery).collect(),
+        bodies: scene.bodies.iter().map(added::effective_body).collect(),
+        emitters: scene.emitters.iter().map(added::effective_emitter).collect(),
+        region: scene.region.clone(),
+        ..to_proto::params(params)
+    }
+}
