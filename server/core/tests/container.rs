@@ -5,7 +5,10 @@ mod common;
 use cairn_core::geometry::Closed;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::topology::{inspect, weld};
+use cairn_core::input::observer::Silent;
+use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::prepare::container::{Container, has_fine_walls};
+use cairn_core::prepare::effects::EffectName;
 use common::cone;
 use glam::DVec3;
 
@@ -118,6 +121,13 @@ fn the_walls_of_a_union_stay_within_the_tolerance() {
 fn coarse_walls_are_left_alone() {
     let mesh = cone(3.0, 6.0);
     assert!(!has_fine_walls(&inspect(&mesh), 1.0));
-    let walls = container(&mesh, 0.5).closed();
-    assert_eq!((walls.saved, walls.mesh.triangles.len()), (0, mesh.triangles.len()));
+    let mut params = Params::new(Accuracy::Standard);
+    params.fill.wall_tolerance = 0.5;
+    let scene = common::scene(mesh, common::stick());
+    let plan = cairn_core::plan(&scene, &params).unwrap();
+    let effect = plan.effects.iter().find(|effect| effect.name == EffectName::WallSimplification).unwrap();
+    assert!(!effect.on, "{}", effect.reason);
+    params.fill.count = Some(4);
+    let counts = cairn_core::bake(&scene, &params, &mut Silent).unwrap().report.counts;
+    assert_eq!(counts["wall_triangles_saved"], 0);
 }

@@ -27,10 +27,10 @@ use std::f64::consts::FRAC_PI_3;
 /// Pushes beyond the body's own weight are not told apart.
 pub const MOST_PUSH: f64 = 1.0;
 
-/// The margin is told to this share of itself, from below...
+/// The margin is told to this share of itself, from below.
 pub const SLACK: f64 = 1e-3;
 
-/// ... and is zero below this.
+/// A margin smaller than this is told as zero.
 pub const LEAST_PUSH: f64 = 1e-5;
 
 /// The projections only have to tell the two sides of the slack apart.

@@ -83,7 +83,7 @@ use scaled::{Certificate, Scaled, Tolerances};
 /// five orders above the rounding of forces of the size of mg.
 pub const STABLE_RESIDUAL: f64 = 1e-10;
 
-/// ... plus this much per mg of normal force: forces of F mg are themselves rounded to 1e-16 F, and a wedge that
+/// [`STABLE_RESIDUAL`] grows by this much per mg of normal force: forces of F mg are themselves rounded to 1e-16 F, and a wedge that
 /// needs 1e6 mg to hold cannot show a smaller residual. The same forces balance exactly if the contact points move by about
 /// this share of the radius.
 pub const FORCE_ROUNDING: f64 = 1e-15;
@@ -92,8 +92,8 @@ pub const FORCE_ROUNDING: f64 = 1e-15;
 /// with z than this. Exact arithmetic would give zero.
 pub const CERTIFICATE_TOLERANCE: f64 = 1e-9;
 
-/// ... and if it excludes all forces whose normal components sum to less than this many mg. Near the boundary this is
-/// the stricter of the two: the violation v of a certificate with residual r leaves open only forces above r/v.
+/// A certificate of instability must also exclude all forces whose normal components sum to less than this many mg. Near the boundary this is
+/// stricter than [`CERTIFICATE_TOLERANCE`]: the violation v of a certificate with residual r leaves open only forces above r/v.
 pub const EXCLUDED_FORCE: f64 = 1e4;
 
 /// Largest relative excess over the friction law, and largest tension in mg, that the forces of a stable verdict show.

@@ -86,9 +86,9 @@ pub(super) struct Projection {
 pub(super) struct Accuracy {
     /// Left over less than this, the target is reached.
     pub reached: f64,
-    /// No generator does more work than this with the unit separator...
+    /// No generator does more work than this with the unit separator.
     pub violation: f64,
-    /// ... nor more than the residual divided by this.
+    /// No admissible forces whose normal components sum to less than this, in mg, balance the body.
     pub excluded_force: f64,
 }
 

@@ -27,15 +27,15 @@ const WINDING_ACCURACY: f64 = 2.0;
 /// Offset from a face at which its two sides are judged, as a share of the mesh's box diagonal: well above f64's
 /// noise, and thinner than any wall that a modeller means.
 const SIDE_OFFSET: f64 = 1e-7;
-/// A face is judged at points no farther apart than about this share of the box diagonal...
+/// A face is judged at points no farther apart than about this share of the box diagonal.
 const SIDE_SPACING: f64 = 1.0 / 64.0;
-/// ...with at most this many intervals per edge, which bounds the work on a huge face.
+/// An edge of a face is cut into at most this many intervals, which bounds the work on a huge face.
 const SIDE_INTERVALS: usize = 8;
 /// Draws until a random point inside is given up on: the solid is then below about a thousandth of its box.
 const SAMPLE_TRIES: usize = 10_000;
-/// The volume is sampled in this many blocks along each axis of the mesh's box...
+/// The volume is sampled in this many blocks along each axis of the mesh's box.
 const VOLUME_BLOCKS: usize = 10;
-/// ...of this many samples along each axis, where the surface runs through the block.
+/// A block that the surface runs through is sampled at this many places along each axis.
 const VOLUME_SAMPLES: usize = 4;
 
 /// The solid of a mesh, prepared for queries. SI metres, in the frame of the mesh.

@@ -20,8 +20,9 @@ pub struct Estimate {
     pub accuracy: Accuracy,
     /// CPU seconds of the whole bake.
     pub cpu_seconds: f64,
-    /// ... of the fill, and of release and hold; the rest is for shapes and measures.
+    /// CPU seconds of the fill.
     pub fill_seconds: f64,
+    /// CPU seconds of release and hold; the rest is for shapes and measures.
     pub release_seconds: f64,
     /// Nine of ten bakes take between `cpu_seconds` / `factor` and `cpu_seconds` * `factor`.
     pub factor: f64,

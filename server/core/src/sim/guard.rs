@@ -49,7 +49,7 @@ const RETRY_PARTS: u32 = 8;
 const ENERGY_PERIOD: u64 = 4;
 /// Steps retried in a row before the guard gives up on a gain of energy that finer steps do not cure.
 const MOST_RETRIES_IN_A_ROW: u32 = 4;
-/// ... and for how many steps it then looks away: a scene that needs a finer step everywhere would take eight times as long.
+/// The guard lets gains of energy pass for so many steps once it has given up: a scene that needs a finer step everywhere would take eight times as long.
 const REST_STEPS: u64 = 40;
 /// What energy may be gained in a step, as a share of the kinetic energy before it: an error of integration.
 const ENERGY_SHARE: f64 = 0.1;
@@ -68,13 +68,13 @@ const SQUEEZING: f64 = 100.0;
 const SPIN_FACTOR: f64 = 2.0;
 /// Overlaps are looked for every so many steps: they grow slowly, and each look goes over all contacts.
 const DEPTH_PERIOD: u64 = 8;
-/// Bodies are deep in each other beyond this share of the thinner one's thickness ...
+/// Bodies are deep in each other beyond this share of the thinner one's thickness.
 const DEEP: f64 = 0.5;
-/// ... and contacts are then so much stiffer, with as many more substeps, ...
+/// Where bodies are deep in each other, contacts are so many times as stiff for a while, with as many times the substeps.
 const STIFFER: u32 = 2;
-/// ... for so many steps ...
+/// Contacts stay stiffer for so many steps.
 const STIFF_STEPS: u64 = 80;
-/// ... and at most so often: what is deep after that is told, not cured.
+/// Contacts are stiffened at most so often: what is deep after that is told, not cured.
 const MOST_STIFFENINGS: u64 = 4;
 /// More bodies than this share (and than three) set aside, and there is no pile left to speak of.
 const MOST_ASIDE: f64 = 0.2;

@@ -26,9 +26,9 @@ use glam::DVec3;
 const WIDTHS: [f64; 2] = [6.0, 2.5];
 /// Bound on the bodies poured.
 const MAX_BODIES: usize = 500;
-/// Walls, floor and surface order the bodies up to about this distance, in d ...
+/// Walls, floor and surface order the bodies up to about this distance, in d.
 const MARGIN: f64 = 1.0;
-/// ... of which a narrow box has only this share of its width.
+/// In a narrow box, that distance is at most this share of its width.
 const LARGEST_MARGIN: f64 = 0.25;
 
 /// The volume fraction of a free pour of this prop, in the middle of its range of scales.

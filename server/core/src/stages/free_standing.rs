@@ -7,7 +7,7 @@ use crate::sim::pile::Pile;
 use crate::world::{BodyId, FrictionExcess, Momentum, Role, World};
 use std::collections::BTreeMap;
 
-/// s (measures.md).
+/// For how long the bodies are left to themselves, s.
 const TIME: f64 = 5.0;
 /// The engine's forces are judged in this last share of the time, when what falls has fallen.
 const JUDGED: f64 = 0.2;

@@ -23,9 +23,9 @@ const WINDOW: f64 = 0.7;
 /// A body that has moved by more than this since the last look (its centre, or its rim by turning; d) stays awake. A block
 /// whose slope is a tenth of a degree too steep moves farther by the second look; what has come to rest does not.
 const CREEP: f64 = 0.001;
-/// Looks after which a body that creeps at that pace has moved by this many times as much ...
+/// Looks after which a body that creeps at that pace has moved by this many times as much.
 const LONG: u32 = 20;
-/// ... so that one within this distance of where it was then, d, only rocks.
+/// A body that is within this distance of where it was [`LONG`] looks ago, d, only rocks.
 const ROCKING: f64 = LONG as f64 * CREEP;
 
 impl World {

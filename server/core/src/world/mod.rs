@@ -119,11 +119,11 @@ const FIRST_BODY: u128 = 3;
 /// Plus the index of a piece of moving scenery: above all bodies.
 const FIRST_MOVING: u128 = 1 << 64;
 
-/// Contacts are predicted up to this distance, the engine's own choice for objects of its unit size, ...
+/// Contacts are predicted up to this distance, d: the engine's own choice for objects of its unit size.
 const PREDICTION: f64 = 0.02;
-/// ... where the thinnest body is this thick, ...
+/// [`PREDICTION`] holds where the thinnest body is this thick, d.
 const USUAL_THICKNESS: f64 = 0.1;
-/// ... and farther by up to this much where it is thinner: the rim of a plate that turns over is soon on its other side.
+/// Where the thinnest body is thinner, contacts are predicted up to this many times as far: the rim of a plate that turns over is soon on its other side.
 const FARTHER: f64 = 2.5;
 /// Fastest that overlapping bodies are pushed apart; slower than a fall from one diameter, so that nothing bursts.
 const PUSH_OUT_SPEED: f64 = 0.35;

@@ -22,9 +22,9 @@ pub struct FrictionExcess {
     pub limit: f64,
 }
 
-/// A body is fast if it moves by more than this share of its thickness in a step ...
+/// A body is fast if it moves by more than this share of its thickness in a step.
 const FAST: f64 = 0.5;
-/// ... or, where continuous collision is switched on, by this.
+/// The same where the user has switched continuous collision on.
 const CAREFULLY_FAST: f64 = 0.1;
 
 impl World {

@@ -400,9 +400,9 @@ fn fault(index: usize) -> impl Fn(String) -> Error {
     move |text| Error::Invalid(vec![Problem::new(format!("props.{index}"), text)])
 }
 
-/// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume)...
+/// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume).
 const BALL_ROUNDNESS: f64 = 0.97;
-/// ... and has at least this many faces: dice and gems with fewer should not roll like balls.
+/// A mesh with fewer faces than this is no ball: dice and gems with fewer should not roll like balls.
 const BALL_TRIANGLES: usize = 80;
 
 fn mass_fallback(closed: bool, own: f64, solid: f64) -> Option<String> {

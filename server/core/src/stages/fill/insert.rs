@@ -12,9 +12,9 @@ use std::collections::BTreeMap;
 
 /// Size at insertion, as a share of the full size.
 const SEED_SCALE: f64 = 0.4;
-/// Growth happens in this many equal stages ...
+/// A seed grows to its full size in this many equal stages.
 const GROWTH_STAGES: usize = 6;
-/// ... over this time, natural times.
+/// A seed grows to its full size in this time, natural times.
 const GROWTH_TIME: f64 = 0.95;
 /// Largest share of the expected bodies added in a round: more would block each other.
 const ROUND_SHARE: f64 = 0.1;
