@@ -3,7 +3,7 @@
 //!
 //! The runs are those of `cairn cost` and of the example `pairs`. Least squares of the logarithms, each file with the same
 //! weight, slightly regularised since single parameters vary in few files; printed as the constants of
-//! `server/core/src/estimate/model.rs`. The cost is taken to grow as the number of bodies: a file has about one number, so
+//! `server/core/src/prepare/estimate/model.rs`. The cost is taken to grow as the number of bodies: a file has about one number, so
 //! that an exponent could not be told from what else distinguishes the files.
 
 use anyhow::Context;

@@ -97,7 +97,7 @@ fn libraries_stay_in_their_place() {
     only_in(
         "rapier3d",
         "server",
-        &["server/core/src/shape", "server/core/src/world", "server/core/src/measure/solid.rs"],
+        &["server/core/src/prepare/shape", "server/core/src/world", "server/core/src/measure/solid.rs"],
     );
     only_in("clarabel", "server", &["server/core/src/equilibrium"]);
     only_in("draco_core", "server", &["server/core/src/asset/compressed.rs"]);
