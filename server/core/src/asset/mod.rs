@@ -14,6 +14,7 @@ pub mod compressed;
 mod container;
 mod geometry;
 mod json;
+mod log;
 mod node;
 mod problem;
 mod remedy;
@@ -32,8 +33,8 @@ use accessor::Accessors;
 use buffer::Buffers;
 use geometry::{Builder, Built};
 use json::Json;
+use log::{Checked, Log};
 use node::Nodes;
-use problem::{Checked, Log};
 pub use problem::{Problem, ProblemKind};
 
 /// Bounds on the work that one file may cause.

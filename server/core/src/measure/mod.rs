@@ -4,6 +4,7 @@
 //! the prop, scaled). A figure never stands alone where it could mislead: the structs carry the caveats.
 
 mod extent;
+mod figures;
 mod gauge;
 mod overlap;
 mod pictures;

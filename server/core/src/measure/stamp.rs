@@ -1,14 +1,11 @@
 //! The volume IoU: bodies stamped onto the gauge's lattice, closed, and compared with the control mesh's cells.
 
 use super::gauge::{Gauge, placed, ratio};
-use super::voxels::{Block, Lattice};
+use super::voxels::Block;
 use super::{Pile, ShapeIou};
 use crate::geometry::pose::Pose;
-use crate::geometry::region::Region;
 use glam::DVec3;
 
-/// Cells of the grid around the control mesh: 4 million, about 60 MB while closing.
-const CONTROL_CELLS: f64 = (1 << 22) as f64;
 /// Cells of the grid around a pile, which may spread: 16 million, about 200 MB while closing.
 const PILE_CELLS: f64 = (1 << 24) as f64;
 
@@ -40,14 +37,6 @@ impl Gauge<'_> {
             capped: self.lattice.cell > self.wanted_cell,
             beyond: beyond.len(),
         }
-    }
-
-    /// Closes the cells by d/2 and compares them with the control mesh's; `lost` m^3 of the pile are elsewhere.
-    pub(super) fn iou(&self, mut cells: Block, lost: f64) -> f64 {
-        cells.close(self.diameter / 2.0 / self.lattice.cell);
-        let common = cells.common(&self.control_cells) as f64;
-        let lost = lost / self.lattice.cell.powi(3);
-        ratio(common, (cells.count() + self.control_cells.count()) as f64 - common + lost)
     }
 
     /// The cells that bodies may fill (the control mesh's box, and as much again on each side as the cap allows), and
@@ -152,19 +141,4 @@ impl Gauge<'_> {
     fn closing_room(&self) -> i64 {
         (self.diameter / 2.0 / self.lattice.cell).ceil() as i64 + 1
     }
-}
-
-/// The lattice, and the empty block around the control mesh with room to close it: as fine as wanted, or as the cap
-/// allows.
-pub(super) fn control_grid(region: &Region, wanted_cell: f64, closing: f64) -> (Lattice, Block) {
-    let (lo, hi) = region.bounds();
-    let mut cell = wanted_cell;
-    let padded = |cell: f64| ((hi - lo + 2.0 * closing) / cell).ceil() + 4.0;
-    while padded(cell).element_product() > CONTROL_CELLS {
-        cell *= 1.02;
-    }
-    let lattice = Lattice { origin: lo, cell };
-    let room = (closing / cell).ceil() as i64 + 1;
-    let last = ((hi - lo) / cell).ceil().to_array().map(|n| n as i64);
-    (lattice, Block::new([-room; 3], last.map(|n| n + room)))
 }
