@@ -91,7 +91,7 @@ fn compare(law: FrictionLaw, seeds: std::ops::Range<u64>) -> Tally {
     let fast_options = Options { friction_law: law, ..Options::default() };
     let slow_options = Options { solver: Solver::Clarabel, ..fast_options };
     let (mut fast, mut slow, mut probe) = (Analyser::new(), Analyser::new(), Analyser::new());
-    let (mut tally, mut told) = (Tally::default(), 0);
+    let mut tally = Tally::default();
     for seed in seeds {
         let case = generator::case(seed);
         let verdict = fast.analyse(&case.problem(), &fast_options).expect("a generated case is valid");
@@ -110,9 +110,8 @@ fn compare(law: FrictionLaw, seeds: std::ops::Range<u64>) -> Tally {
             (true, _) => &mut tally.open_outside_band,
         };
         *count += 1;
-        if tally.differ_outside_band + tally.open_outside_band > told {
-            told = tally.differ_outside_band + tally.open_outside_band;
-            println!("{law:?} seed {seed}: stable {stable}, Clarabel {reference}, open {open}: {case:?}");
+        if open || reference != stable {
+            println!("{law:?} seed {seed}: stable {stable}, Clarabel {reference}, open {open}");
         }
     }
     (tally.stable, tally.unstable) = (fast.counters().stable, fast.counters().unstable);
@@ -120,26 +119,35 @@ fn compare(law: FrictionLaw, seeds: std::ops::Range<u64>) -> Tally {
     tally
 }
 
-fn run(cases: u64, law: FrictionLaw) {
+fn run(cases: u64, law: FrictionLaw) -> Tally {
     let first = std::env::var("CAIRN_FIRST").ok().and_then(|s| s.parse().ok()).unwrap_or(0);
     let tally = compare(law, first..first + cases);
     println!("{law:?}: {tally:?}");
-    assert_eq!(tally.differ_outside_band, 0);
-    assert_eq!(tally.uncertified, 0);
+    assert_eq!((tally.differ_in_band, tally.differ_outside_band, tally.uncertified), (0, 0, 0));
+    let open = tally.open_in_band + tally.open_outside_band;
+    assert_eq!(tally.agree + open, cases);
+    tally
 }
 
+/// One of these problems is beyond Clarabel: 34 contacts without friction that push to and fro along one direction. Its
+/// multipliers stop short of a certificate; the fast solver's passes substitution.
 #[test]
 fn agreement_of_a_sample() {
-    run(3000, FrictionLaw::Cone);
-    run(3000, FrictionLaw::PAPER);
+    for law in [FrictionLaw::Cone, FrictionLaw::PAPER] {
+        let tally = run(5000, law);
+        assert_eq!((tally.open_in_band, tally.open_outside_band), (0, 1), "{law:?}");
+    }
 }
 
 #[test]
 #[ignore = "a million problems through Clarabel take a quarter of an hour"]
 fn agreement_full() {
     let cases = std::env::var("CAIRN_CASES").ok().and_then(|s| s.parse().ok()).unwrap_or(1_000_000);
-    run(cases, FrictionLaw::Cone);
-    run(cases, FrictionLaw::PAPER);
+    for law in [FrictionLaw::Cone, FrictionLaw::PAPER] {
+        let tally = run(cases, law);
+        // One in ten thousand is open to Clarabel, most of them without friction.
+        assert!(tally.open_in_band + tally.open_outside_band <= 10 + cases / 5000, "{law:?}: {tally:?}");
+    }
 }
 
 /// Without Clarabel a million is a matter of seconds: no verdict leaves without its proof, in any friction law.
