@@ -53,7 +53,7 @@ fn models(folder: &Path, found: &mut Vec<PathBuf>) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn read(path: &Path, name: &str) -> anyhow::Result<Result<asset::Asset, Vec<asset::Problem>>> {
+fn read(path: &Path, name: &str) -> anyhow::Result<Result<asset::Asset, Vec<asset::AssetProblem>>> {
     let bytes = std::fs::read(path)?;
     let beside = path.parent().unwrap_or(Path::new(""));
     let resolve = |relative: &str| {

@@ -31,6 +31,6 @@ pub fn model(folder: &Path, name: &str) -> Result<Model, String> {
     let beside = path.parent().unwrap_or(folder).to_owned();
     let resolve = |relative: &str| std::fs::read(beside.join(relative)).map_err(|e| e.to_string());
     let source = Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() };
-    let problems = |all: Vec<asset::Problem>| all.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    let problems = |all: Vec<asset::AssetProblem>| all.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
     Ok(Model { name: name.to_owned(), mesh: asset::read(&source).map_err(problems)?.mesh })
 }

@@ -75,8 +75,8 @@ impl From<String> for Problem {
     }
 }
 
-impl From<cairn_core::asset::Problem> for Problem {
-    fn from(problem: cairn_core::asset::Problem) -> Problem {
+impl From<cairn_core::asset::AssetProblem> for Problem {
+    fn from(problem: cairn_core::asset::AssetProblem) -> Problem {
         let place =
             if problem.place.is_empty() { problem.file } else { format!("{}: {}", problem.file, problem.place) };
         Problem::new(place, problem.what.to_string(), problem.remedy)

@@ -7,6 +7,36 @@ use serde_json::Value;
 /// A small pile of boxes in which nothing bounces, rolls, flies or is split.
 const PILE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";
 
+/// A small pile in which all of it happens: balls roll and bounce, bananas are split, sticks are a hundred times as heavy as wood, and
+/// a thrown ball flies into what is held.
+const LIVELY: &str = r#"
+control_mesh = "mound.glb"
+accuracy = "draft"
+[fill]
+count = 20
+[output]
+frames = 60
+[[props]]
+path = "banana.glb"
+[[props]]
+path = "ball.glb"
+scale_min = 0.1
+scale_max = 0.1
+restitution = 0.6
+[[props]]
+path = "stick.glb"
+scale_min = 0.2
+scale_max = 0.2
+density = 100000
+[[bodies]]
+prop = "ball"
+scale = 0.12
+position = [-2, 0.05, 0]
+velocity = [25, 1, 0]
+mass = 1000
+start_seconds = 1
+"#;
+
 /// An effect, and the counts that only it makes.
 const FORCIBLE: [(&str, &[&str]); 12] = [
     ("primitives", &["props_as_primitives"]),
@@ -39,23 +69,57 @@ fn is_on(report: &Value, effect: &str) -> bool {
     effects.iter().find(|e| e["name"] == effect).unwrap_or_else(|| panic!("there is no effect {effect}"))["on"] == true
 }
 
+/// Effects without which the lively pile becomes another one.
+const DECISIVE: [&str; 7] = [
+    "primitives",
+    "decomposition",
+    "continuous_collision",
+    "stiff_contacts",
+    "rolling_resistance",
+    "restitution",
+    "impact",
+];
+
 #[test]
 fn what_is_off_leaves_no_trace() {
     let desk = Desk::new();
     let auto = bake(&desk, PILE);
-    for effect in auto["plan"]["effects"].as_array().unwrap().iter().filter(|effect| effect["on"] == false) {
+    let off = auto["plan"]["effects"].as_array().unwrap().iter().filter(|effect| effect["on"] == false);
+    let mut looked_at = 0;
+    for effect in off {
         for counter in effect["counters"].as_array().unwrap() {
             assert_eq!(count(&auto, counter.as_str().unwrap()), 0, "{effect}");
+            looked_at += 1;
+        }
+        let name = effect["name"].as_str().unwrap();
+        if FORCIBLE.iter().any(|(forcible, _)| *forcible == name) {
+            let forced = bake(&desk, &format!("{PILE} --set effects.{name}=off"));
+            assert_eq!(forced["result_blake3"], auto["result_blake3"], "{name} was off already");
         }
     }
+    assert!(looked_at > 5, "{looked_at} counters");
+}
+
+#[test]
+fn every_effect_is_seen_on_and_off() {
+    let desk = Desk::new();
+    let assets = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets");
+    for model in ["mound.glb", "banana.glb", "ball.glb"] {
+        std::fs::copy(assets.join(model), desk.path(model)).unwrap();
+    }
+    desk.write("lively.toml", LIVELY);
+    let auto = bake(&desk, "lively.toml");
+    assert!(count(&auto, "shaken") > 0, "the ball hits what is held");
     for (effect, counters) in FORCIBLE {
-        let off = bake(&desk, &format!("{PILE} --set effects.{effect}=off"));
-        assert!(!is_on(&off, effect));
+        assert!(is_on(&auto, effect), "{effect} comes on by itself");
+        assert!(counters.iter().any(|counter| count(&auto, counter) > 0), "{effect} is on and does nothing");
+        let off = bake(&desk, &format!("lively.toml --set effects.{effect}=off"));
+        assert!(!is_on(&off, effect), "{effect}");
         for counter in counters {
             assert_eq!(count(&off, counter), 0, "{counter} while {effect} is off");
         }
-        if !is_on(&auto, effect) {
-            assert_eq!(off["result_blake3"], auto["result_blake3"], "{effect} was off already");
+        if DECISIVE.contains(&effect) {
+            assert_ne!(off["result_blake3"], auto["result_blake3"], "the pile is the same without {effect}");
         }
     }
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use cairn_core::asset::{self, Asset, Limits, Problem, ProblemKind, Source};
+use cairn_core::asset::{self, Asset, AssetProblem, Limits, ProblemKind, Source};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::topology::{WELD_TOLERANCE, inspect, oriented, weld};
 
@@ -45,7 +45,7 @@ fn collection() -> Option<(PathBuf, Vec<Entry>)> {
     Some((folder, manifest.lines().skip(1).map(entry).collect()))
 }
 
-fn read(folder: &Path, name: &str) -> Result<Asset, Vec<Problem>> {
+fn read(folder: &Path, name: &str) -> Result<Asset, Vec<AssetProblem>> {
     let path = folder.join(name);
     let bytes = std::fs::read(&path).expect("the manifest's files are there");
     let beside = path.parent().expect("a file has a folder").to_owned();

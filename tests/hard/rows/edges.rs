@@ -1,11 +1,11 @@
-//! Where something must just hold, just give way, or be hit.
+//! Where something must just hold, or just give way.
 
-use super::engines::{Engine, FPS, Motion, run};
-use super::scenes::{at, ball, block, placed, prop};
+use super::engines::{Engine, FPS, run};
+use super::scenes::{at, block, placed, prop};
 use super::{Extent, Outcome, all};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Key, Model, PlacedBody, StaticModel};
+use cairn_core::input::scene::{Key, Model, StaticModel};
 use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_4;
 
@@ -95,52 +95,4 @@ pub fn slope(engine: Engine, _: Extent) -> Outcome {
         (told, sticks < 0.01 && slips > 0.02)
     };
     all([0.0, 0.05, 0.7, 1.0, 1.5].map(part))
-}
-
-pub fn projectile(engine: Engine, _: Extent) -> Outcome {
-    const EDGE: f64 = 0.1;
-    const START: f64 = 0.5;
-    let cube_mass = 1000.0 * EDGE * EDGE * EDGE;
-    let mut worst_gain = f64::NEG_INFINITY;
-    let (mut passed_through, mut cases) = (0, 0);
-    let mut let_go = 0;
-    for ratio in [1.0, 10.0, 100.0] {
-        for speed in [1.0, 10.0, 100.0] {
-            let wall = (0..5).flat_map(|y| (0..5).map(move |z| (y, z)));
-            let pose = |(y, z): (i32, i32)| at(0.0, EDGE * (f64::from(y) + 0.5), EDGE * f64::from(z - 2));
-            let mut scene = placed(prop("cube", block(DVec3::splat(EDGE)), 0.7), wall.map(pose));
-            scene.props.push(prop("ball", ball(EDGE / 2.0), 0.5));
-            let from = at(-0.13, 2.5 * EDGE, 0.0);
-            let velocity = DVec3::X * speed;
-            let mass = Some(ratio * cube_mass);
-            scene.bodies.push(PlacedBody { velocity, mass, start: START, ..PlacedBody::new(1, from) });
-            let motion = run(engine, &scene, START + 1.0);
-            cases += 1;
-            let_go += motion.count("shaken") + motion.count("holds_broken");
-            let ball = scene.bodies.len() - 1;
-            let energy = |frame: usize| {
-                let squares: Vec<f64> = motion.speeds(frame).iter().map(|v| v * v / 2.0).collect();
-                let cubes: f64 = squares[..ball].iter().sum();
-                cube_mass * (cubes + ratio * squares[ball])
-            };
-            let begin = (START * FPS) as usize;
-            let brought = cube_mass * ratio * speed * speed / 2.0;
-            // What may come down brings its own energy.
-            let stored = 9.81 * cube_mass * (25.0 * 2.0 * EDGE + ratio * 2.0 * EDGE);
-            let most = (begin + 1..motion.frames.len()).map(energy).fold(0.0, f64::max);
-            worst_gain = worst_gain.max((most - brought - stored) / brought);
-            let beyond = motion.last()[ball].translation.x > EDGE;
-            let pushed = (0..ball).any(|k| shift(&motion, begin, k) > 0.3 * EDGE);
-            passed_through += usize::from(beyond && !pushed);
-        }
-    }
-    let told = if engine == Engine::Cairn { format!("; {let_go} bodies let go by blows") } else { String::new() };
-    all([
-        (format!("passed through in {passed_through} of {cases}"), passed_through == 0),
-        (format!("energy gained {:.1} %{told}", 100.0 * worst_gain.max(0.0)), worst_gain < 0.02),
-    ])
-}
-
-fn shift(motion: &Motion, from: usize, body: usize) -> f64 {
-    motion.place(from, body).distance(motion.last()[body].translation)
 }

@@ -160,12 +160,24 @@ impl Motion {
         self.frames.iter().flatten().all(|p| p.translation.is_finite() && p.rotation.is_finite())
     }
 
+    /// A figure of the report; NaN where there is none, which passes no comparison.
     pub fn figure(&self, name: &str) -> f64 {
         let value = |report: &Report| report.measures.get(name).copied().flatten();
         self.report.as_ref().and_then(value).unwrap_or(f64::NAN)
     }
 
+    /// A count of the report; 0 where the engine writes none.
     pub fn count(&self, name: &str) -> u64 {
-        self.report.as_ref().and_then(|report| report.counts.get(name).copied()).unwrap_or(0)
+        let count = |report: &Report| *report.counts.get(name).unwrap_or_else(|| panic!("no count {name}"));
+        self.report.as_ref().map_or(0, count)
+    }
+
+    /// Bodies that the guard set aside or that were taken out of the fill, by the report's own count: in the frames, such a body
+    /// stays at its last pose.
+    pub fn lost(&self) -> u64 {
+        ["bodies_lost", "removed_escaped", "removed_overlapping", "removed_sticking_out"]
+            .iter()
+            .map(|name| self.count(name))
+            .sum()
     }
 }

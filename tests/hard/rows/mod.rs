@@ -5,6 +5,7 @@
 pub mod edges;
 pub mod energy;
 pub mod engines;
+pub mod hits;
 pub mod inputs;
 pub mod piles;
 pub mod scenes;
@@ -43,8 +44,26 @@ pub struct Row {
     pub judged: &'static [Engine],
     /// What can run it.
     pub shown: &'static [Engine],
-    /// Why it cannot be passed, where it cannot.
-    pub fails: Option<&'static str>,
+    /// Where it is not passed, and why: listed, and judged to fail.
+    pub misses: &'static [Miss],
+}
+
+/// A row that one engine misses at one size.
+pub struct Miss {
+    pub engine: Engine,
+    pub extent: Extent,
+    pub why: &'static str,
+}
+
+impl Row {
+    /// Why this engine misses the row at this size, if it does.
+    pub fn miss(&self, engine: Engine, extent: Extent) -> Option<&'static str> {
+        self.misses.iter().find(|miss| miss.engine == engine && miss.extent == extent).map(|miss| miss.why)
+    }
+
+    const fn missed(self, misses: &'static [Miss]) -> Row {
+        Row { misses, ..self }
+    }
 }
 
 const ALL: &[Engine] = &[Cairn, Uncontrolled, Plain];
@@ -58,7 +77,7 @@ const fn row(
     judged: &'static [Engine],
     shown: &'static [Engine],
 ) -> Row {
-    Row { name, passes_when, run, judged, shown, fails: None }
+    Row { name, passes_when, run, judged, shown, misses: &[] }
 }
 
 /// All rows, in the order of the table.
@@ -80,10 +99,22 @@ pub const ROWS: &[Row] = &[
     ),
     row(
         "heavy_on_light",
-        "a cube on a cube, 10, 100, 1000, 10000 : 1: sinks < 1 % to 1000:1; 10000:1 is held or reported",
+        "a cube on a cube, 10, 100, 1000 : 1: sinks < 1 %",
         stacks::heavy_on_light,
         BOTH,
         ALL,
+    ),
+    row("heaviest_on_light", "the same at 10000:1: sinks < 1 %", stacks::heaviest_on_light, BOTH, ALL).missed(&[Miss {
+        engine: Uncontrolled,
+        extent: Extent::Short,
+        why: "no contact of the engine carries so much: it sinks through, and only the plan's warning tells",
+    }]),
+    row(
+        "heaviest_is_told",
+        "the same: the report warns of the masses at 10000:1, and not at 10:1",
+        stacks::heaviest_is_told,
+        BOTH,
+        BOTH,
     ),
     row(
         "tower",
@@ -122,8 +153,8 @@ pub const ROWS: &[Row] = &[
     ),
     row(
         "projectile",
-        "a ball of 1, 10, 100 times a cube's mass at 1, 10, 100 m/s into a held wall: nothing is passed through, no energy is gained",
-        edges::projectile,
+        "a ball of 1, 10, 100 times a cube's mass at 1, 10, 100 m/s into a held wall: it leaves no cube behind that it did not go around, no energy is gained (< 2 % of what it brings), none lost",
+        hits::projectile,
         BOTH,
         ALL,
     ),
@@ -167,12 +198,17 @@ pub const ROWS: &[Row] = &[
     ),
     row(
         "rest_sticks",
-        "609 sticks (150 in the tests): all at rest 2 s after the last release, no creep in 60 s",
+        "609 sticks (150 in the tests): at rest within 2 s of the last release in the median of seven seeds; in each, creep < d/100 in 60 s (20), none hanging, none lost",
         piles::rest_sticks,
         ONE,
         BOTH,
-    ),
-    row("rest_bananas", "1000 nonconvex bananas (80 in the tests): the same", piles::rest_bananas, ONE, BOTH),
+    )
+    .missed(&[Miss {
+        engine: Cairn,
+        extent: Extent::Full,
+        why: "the median of the 609 is 2.3 s (2.0 to 3.0): one stick of so many slides on",
+    }]),
+    row("rest_bananas", "1000 nonconvex bananas (80 in the tests): the same of one seed, in 60 s (10)", piles::rest_bananas, ONE, BOTH),
     row("long", "a held pile for 10 minutes (1 in the tests): drifts < d/100", piles::long, ONE, ONE),
     row("many", "10,000 and 100,000 bodies (1,000 in the tests): finishes, none lost", piles::many, ONE, ONE),
     row(

@@ -48,7 +48,8 @@ fn filled_params(engine: Engine, count: u32, hold: f64) -> Params {
     params
 }
 
-/// At rest 2 s after the last release, and no creep from then on: the median of the times, the worst of the rest.
+/// At rest 2 s after the last release in the median of the runs; in the worst of them, no creep from then on, none that hangs, and none
+/// lost.
 fn rests(motions: &[Motion], hold: f64) -> Outcome {
     let all_of = |figure: &str| -> Vec<f64> { motions.iter().map(|motion| motion.figure(figure)).collect() };
     let most = |figure: &str| all_of(figure).into_iter().fold(0.0, f64::max);
@@ -57,11 +58,13 @@ fn rests(motions: &[Motion], hold: f64) -> Outcome {
     let (least, middle, longest) = (rest[0], rest[rest.len() / 2], rest[rest.len() - 1]);
     let range =
         if rest.len() > 1 { format!(" ({least:.2} to {longest:.2}, {} seeds)", rest.len()) } else { String::new() };
+    let lost: u64 = motions.iter().map(|motion| motion.count("bodies_lost")).sum();
     let (creep, hanging, bodies) = (most("creep_max_rel"), most("hanging"), motions[0].first().len());
     all([
         (format!("{bodies} bodies at rest after {middle:.2} s{range}"), middle < 2.0),
         (format!("creep {creep:.4} d in {hold} s"), creep < 0.01),
         (format!("{hanging} hanging"), hanging == 0.0),
+        (format!("{lost} lost"), lost == 0),
     ])
 }
 
@@ -109,7 +112,8 @@ pub fn many(engine: Engine, extent: Extent) -> Outcome {
         params.output.frames = Some(2);
         let before = peak_memory();
         let motion = baked(&scene, &params);
-        let lost = motion.last().iter().filter(|p| p.translation.y < 0.0).count();
+        let buried = motion.last().iter().filter(|p| p.translation.y < 0.0).count();
+        let lost = buried as u64 + motion.lost();
         let kept = motion.is_finite() && motion.last().len() == count && lost == 0;
         let memory = match (before, peak_memory()) {
             // In a process that needed more before, nothing is learnt.

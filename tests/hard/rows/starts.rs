@@ -14,8 +14,8 @@ pub fn needles(engine: Engine, _: Extent) -> Outcome {
     let height = poses.iter().map(|p| p.translation.y).fold(0.0, f64::max);
     let motion = run(engine, &placed(rod, poses), 6.0);
     let (fastest, limit) = (motion.top_speed(), 2.0 * (2.0 * 9.81 * height).sqrt());
-    let lost = motion.last().iter().filter(|p| p.translation.y < -0.01 || p.translation.length() > 3.0 * height);
-    let lost = lost.count();
+    let outside = motion.last().iter().filter(|p| p.translation.y < -0.01 || p.translation.length() > 3.0 * height);
+    let lost = outside.count() as u64 + motion.lost();
     all([
         (format!("fastest {fastest:.1} m/s of {limit:.1}"), motion.is_finite() && fastest < limit),
         (format!("{lost} lost"), lost == 0),
@@ -50,6 +50,7 @@ fn apart(motion: &Motion, edge: f64, limit: f64) -> Outcome {
         (format!("fastest {fastest:.2} m/s"), motion.is_finite() && fastest < limit),
         (format!("nearest two {:.0} % of an edge apart", 100.0 * nearest / edge), nearest > 0.9 * edge),
         (format!("{buried} in the ground"), buried == 0),
+        (format!("{} lost", motion.lost()), motion.lost() == 0),
     ])
 }
 

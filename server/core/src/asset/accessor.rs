@@ -8,7 +8,8 @@ use glam::DVec3;
 use super::buffer::{Buffers, View};
 use super::compressed::Attribute;
 use super::json::{Json, element};
-use super::problem::{Checked, Log, ProblemKind};
+use super::log::{Checked, Log};
+use super::problem::ProblemKind;
 
 /// What an accessor is read as; it decides which formats it may have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

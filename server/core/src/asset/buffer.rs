@@ -8,7 +8,8 @@ use std::rc::Rc;
 
 use super::compressed::{MESHOPT, Meshopt};
 use super::json::{Json, element};
-use super::problem::{Checked, Log, ProblemKind, Reported, clip};
+use super::log::{Checked, Log, Reported};
+use super::problem::{ProblemKind, clip};
 use super::uri;
 
 /// Shared bytes: those of the GLB in place, others as they were fetched.

@@ -1,6 +1,7 @@
 //! The outside of a file: is it glTF, and where are its JSON and its binary chunk?
 
-use super::problem::{Checked, Log, ProblemKind};
+use super::log::{Checked, Log};
+use super::problem::ProblemKind;
 
 const MAGIC: &[u8] = b"glTF";
 const CHUNK_JSON: &[u8] = b"JSON";

@@ -10,7 +10,8 @@ use std::fmt;
 use serde::Deserializer;
 use serde::de::{DeserializeSeed, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
-use super::problem::{Checked, Log, ProblemKind, clip};
+use super::log::{Checked, Log};
+use super::problem::{ProblemKind, clip};
 
 /// Values kept of one file, 40 bytes each in memory: eight for each node, accessor and primitive of the largest
 /// scenes that the other limits admit.

@@ -14,6 +14,7 @@ pub mod compressed;
 mod container;
 mod geometry;
 mod json;
+mod log;
 mod node;
 mod problem;
 mod remedy;
@@ -32,9 +33,9 @@ use accessor::Accessors;
 use buffer::Buffers;
 use geometry::{Builder, Built};
 use json::Json;
+use log::{Checked, Log};
 use node::Nodes;
-use problem::{Checked, Log};
-pub use problem::{Problem, ProblemKind};
+pub use problem::{AssetProblem, ProblemKind};
 
 /// Bounds on the work that one file may cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,7 +94,7 @@ pub struct Asset {
 }
 
 /// Reads `source`, or tells everything that is wrong with it.
-pub fn read(source: &Source<'_>) -> Result<Asset, Vec<Problem>> {
+pub fn read(source: &Source<'_>) -> Result<Asset, Vec<AssetProblem>> {
     let mut log = Log::new(source.name);
     // A fault of this reader must cost one file, not the process. None is known.
     let read = catch_unwind(AssertUnwindSafe(|| read_with(source, &mut log)));

@@ -6,7 +6,8 @@
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 
 use super::json::Json;
-use super::problem::{Checked, Log, ProblemKind, clip};
+use super::log::{Checked, Log};
+use super::problem::{ProblemKind, clip};
 
 /// A quaternion whose length is further from 1 is told of; exporters round to single precision.
 const UNIT_TOLERANCE: f64 = 1e-3;

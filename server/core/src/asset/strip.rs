@@ -1,7 +1,8 @@
 //! Lists, strips and fans of vertices, taken apart into triangles whose every index is in range.
 
 use super::accessor::Elements;
-use super::problem::{Checked, Log, ProblemKind};
+use super::log::{Checked, Log};
+use super::problem::ProblemKind;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mode {

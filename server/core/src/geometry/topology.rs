@@ -6,6 +6,7 @@
 mod double;
 mod flat;
 mod orient;
+mod repair;
 #[cfg(test)]
 mod tests;
 
@@ -16,7 +17,8 @@ use glam::DVec3;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::weld::Welder;
 pub use flat::{Flat, drop_flat};
-pub use orient::{Repair, oriented};
+pub use orient::oriented;
+pub use repair::Repair;
 
 /// A good tolerance for [`weld`], relative to the diagonal: what single precision leaves of a point of a model that
 /// stands a few times its own size from the origin. Parts modelled apart stay apart.

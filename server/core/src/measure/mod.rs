@@ -4,6 +4,7 @@
 //! the prop, scaled). A figure never stands alone where it could mislead: the structs carry the caveats.
 
 mod extent;
+mod figures;
 mod gauge;
 mod overlap;
 mod pictures;
@@ -25,7 +26,7 @@ use serde::Serialize;
 
 /// Bodies where they lie: a prop's points are scaled, then posed.
 #[derive(Clone, Copy, Debug)]
-pub struct Pile<'a> {
+pub struct Instances<'a> {
     /// Each in its own frame, with at least one triangle and more than a single point.
     pub props: &'a [TriMesh],
     /// Index into `props`, uniform scale > 0, and the pose of the prop's own frame.

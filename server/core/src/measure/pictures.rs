@@ -1,8 +1,8 @@
 //! What a camera sees: silhouettes from the side and the top surface from above. The props' own triangles are drawn,
 //! with their gaps: nothing is closed here.
 
-use super::Pile;
-use super::gauge::Gauge;
+use super::Instances;
+use super::gauge::{Gauge, placed};
 use super::raster::Frame;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
@@ -18,8 +18,8 @@ const HEIGHT_PIXELS: f64 = 1024.0;
 
 /// Mean over the azimuths of the IoU of the two silhouettes, in horizontal parallel projection. What is below the control
 /// mesh's base does not count: a heap may stand on others.
-pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Pile) -> f64 {
-    let (lo, hi) = gauge.picture_box(pile);
+pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Instances) -> f64 {
+    let (lo, hi) = picture_box(gauge, pile);
     let (control_lo, control_hi) = gauge.control_bounds();
     let lo = lo.with_y(control_lo.y);
     let pixel = (control_hi - control_lo).max_element() / PIXELS;
@@ -49,9 +49,19 @@ pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Pile) -> f64 {
     views.iter().sum::<f64>() / AZIMUTHS as f64
 }
 
+/// The box around what pictures show, metres: the control mesh and the bodies, as far as the control mesh's
+/// largest extent around it.
+fn picture_box(gauge: &Gauge, pile: &Instances) -> (DVec3, DVec3) {
+    let (lo, hi) = gauge.region.bounds();
+    let around = (hi - lo).max_element();
+    let reach = |b: &(usize, f64, Pose)| (placed(b, gauge.solid(b).centre), gauge.solid(b).reach * b.1);
+    let all = pile.bodies.iter().map(reach).fold((lo, hi), |all, (c, r)| (all.0.min(c - r), all.1.max(c + r)));
+    (all.0.max(lo - around), all.1.min(hi + around))
+}
+
 /// RMS over the control mesh's footprint of the difference between the two top surfaces / d. Where the pile leaves
 /// the footprint bare, its top is the control mesh's base.
-pub(super) fn height_rms_rel(gauge: &Gauge, pile: &Pile) -> f64 {
+pub(super) fn height_rms_rel(gauge: &Gauge, pile: &Instances) -> f64 {
     let (lo, hi) = gauge.control_bounds();
     let pixel = (gauge.lattice.cell / 2.0).max((hi.x - lo.x).max(hi.z - lo.z) / HEIGHT_PIXELS);
     let frame = Frame::covering(DVec2::new(lo.x, lo.z), DVec2::new(hi.x, hi.z), pixel);

@@ -1,14 +1,11 @@
 //! The volume IoU: bodies stamped onto the gauge's lattice, closed, and compared with the control mesh's cells.
 
 use super::gauge::{Gauge, placed, ratio};
-use super::voxels::{Block, Lattice};
-use super::{Pile, ShapeIou};
+use super::voxels::Block;
+use super::{Instances, ShapeIou};
 use crate::geometry::pose::Pose;
-use crate::geometry::region::Region;
 use glam::DVec3;
 
-/// Cells of the grid around the control mesh: 4 million, about 60 MB while closing.
-const CONTROL_CELLS: f64 = (1 << 22) as f64;
 /// Cells of the grid around a pile, which may spread: 16 million, about 200 MB while closing.
 const PILE_CELLS: f64 = (1 << 24) as f64;
 
@@ -17,7 +14,7 @@ type CellBox = [[i64; 3]; 2];
 
 impl Gauge<'_> {
     /// Volume IoU of the closed pile and the control mesh.
-    pub fn shape_iou(&self, pile: &Pile) -> ShapeIou {
+    pub fn shape_iou(&self, pile: &Instances) -> ShapeIou {
         let boxes: Vec<CellBox> = pile.bodies.iter().map(|b| self.body_box(b)).collect();
         let (clip, block) = self.pile_grid(&boxes);
         let is_beyond = |b: &CellBox| (0..3).any(|a| b[0][a] < clip[0][a] || b[1][a] > clip[1][a]);
@@ -40,14 +37,6 @@ impl Gauge<'_> {
             capped: self.lattice.cell > self.wanted_cell,
             beyond: beyond.len(),
         }
-    }
-
-    /// Closes the cells by d/2 and compares them with the control mesh's; `lost` m^3 of the pile are elsewhere.
-    pub(super) fn iou(&self, mut cells: Block, lost: f64) -> f64 {
-        cells.close(self.diameter / 2.0 / self.lattice.cell);
-        let common = cells.common(&self.control_cells) as f64;
-        let lost = lost / self.lattice.cell.powi(3);
-        ratio(common, (cells.count() + self.control_cells.count()) as f64 - common + lost)
     }
 
     /// The cells that bodies may fill (the control mesh's box, and as much again on each side as the cap allows), and
@@ -78,7 +67,7 @@ impl Gauge<'_> {
     }
 
     /// Fills the cells of `block` within `clip` whose centres are in a body; `boxes` are the bodies'.
-    fn stamp(&self, pile: &Pile, boxes: &[CellBox], clip: CellBox, mut block: Block) -> Block {
+    fn stamp(&self, pile: &Instances, boxes: &[CellBox], clip: CellBox, mut block: Block) -> Block {
         let mut layers = vec![Vec::new(); block.size[2]];
         let first = block.lo[2];
         for (i, b) in boxes.iter().enumerate() {
@@ -152,19 +141,4 @@ impl Gauge<'_> {
     fn closing_room(&self) -> i64 {
         (self.diameter / 2.0 / self.lattice.cell).ceil() as i64 + 1
     }
-}
-
-/// The lattice, and the empty block around the control mesh with room to close it: as fine as wanted, or as the cap
-/// allows.
-pub(super) fn control_grid(region: &Region, wanted_cell: f64, closing: f64) -> (Lattice, Block) {
-    let (lo, hi) = region.bounds();
-    let mut cell = wanted_cell;
-    let padded = |cell: f64| ((hi - lo + 2.0 * closing) / cell).ceil() + 4.0;
-    while padded(cell).element_product() > CONTROL_CELLS {
-        cell *= 1.02;
-    }
-    let lattice = Lattice { origin: lo, cell };
-    let room = (closing / cell).ceil() as i64 + 1;
-    let last = ((hi - lo) / cell).ceil().to_array().map(|n| n as i64);
-    (lattice, Block::new([-room; 3], last.map(|n| n + room)))
 }

@@ -61,7 +61,7 @@ fn at(x: f64, y: f64, z: f64) -> Pose {
 
 fn measured(control: &TriMesh, props: &[TriMesh], bodies: &[(usize, f64, Pose)]) -> ShapeMeasures {
     let region = Region::new(control);
-    let pile = Pile { props, bodies };
+    let pile = Instances { props, bodies };
     Gauge::new(control, &region, &pile).measure(&pile)
 }
 
@@ -112,8 +112,8 @@ fn a_solid_control_mesh_is_itself() {
         let props = [pebble.clone(), control.clone()];
         let region = Region::new(&control);
         let pebbles = [(0, 1.0, Pose::IDENTITY), (0, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
-        let gauge = Gauge::new(&control, &region, &Pile { props: &props, bodies: &pebbles });
-        let pile = Pile { props: &props, bodies: &pebbles[2..] };
+        let gauge = Gauge::new(&control, &region, &Instances { props: &props, bodies: &pebbles });
+        let pile = Instances { props: &props, bodies: &pebbles[2..] };
         let m = gauge.measure(&pile);
         assert!(m.shape_iou.solid >= 0.98 && m.shape_iou.value >= 0.98, "{name} {:?}", m.shape_iou);
         assert!((m.height_p95_rel - m.height_p95_rel_solid).abs() < 0.03, "{name}");
@@ -129,8 +129,8 @@ fn a_box_shifted_by_half_has_a_third() {
     let props = [cuboid([0.0; 3], [1.0; 3]), cuboid([0.0; 3], [0.1; 3])];
     let region = Region::new(&props[0]);
     let small = [(0, 1.0, at(0.5, 0.0, 0.0)), (1, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
-    let gauge = Gauge::new(&props[0], &region, &Pile { props: &props, bodies: &small });
-    let m = gauge.measure(&Pile { props: &props, bodies: &small[..1] });
+    let gauge = Gauge::new(&props[0], &region, &Instances { props: &props, bodies: &small });
+    let m = gauge.measure(&Instances { props: &props, bodies: &small[..1] });
     assert!((m.shape_iou.value - 1.0 / 3.0).abs() < 0.01, "{:?}", m.shape_iou);
     assert!((m.fill_fraction - 0.5).abs() < 0.03, "{}", m.fill_fraction);
     assert!((m.protrusion_rel * m.prop_diameter - 0.5).abs() < 1e-9);
@@ -149,8 +149,8 @@ fn a_collapsed_cone_is_seen_by_every_figure() {
     let control = cone(1.0, 2.8);
     let region = Region::new(&control);
     let bodies = [(0, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
-    let gauge = Gauge::new(&control, &region, &Pile { props: &props, bodies: &bodies });
-    let m = gauge.measure(&Pile { props: &props, bodies: &bodies[..1] });
+    let gauge = Gauge::new(&control, &region, &Instances { props: &props, bodies: &bodies });
+    let m = gauge.measure(&Instances { props: &props, bodies: &bodies[..1] });
     // The silhouettes are triangles of half width 1 and 2. Below a height of 0.4, where both have the half width 6/7,
     // the control mesh's is the narrower: (1 + 6/7) * 0.4 + 6/7 * 0.3 = 1 in common, of areas 2.8 and 1.4.
     let expected = 1.0 / (2.8 + 1.4 - 1.0);
@@ -253,12 +253,12 @@ fn the_same_bits_for_any_number_of_threads() {
 fn kept_shape_is_a_ratio() {
     let (control, props, bodies) = wall();
     let region = Region::new(&control);
-    let gauge = Gauge::new(&control, &region, &Pile { props: &props, bodies: &bodies });
-    let start = gauge.measure(&Pile { props: &props, bodies: &bodies });
-    let end = gauge.measure(&Pile { props: &props, bodies: &bodies[..bodies.len() / 2] });
+    let gauge = Gauge::new(&control, &region, &Instances { props: &props, bodies: &bodies });
+    let start = gauge.measure(&Instances { props: &props, bodies: &bodies });
+    let end = gauge.measure(&Instances { props: &props, bodies: &bodies[..bodies.len() / 2] });
     let kept = kept_shape(&start, &end).unwrap();
     assert!((kept - 0.5).abs() < 0.02, "{kept}");
-    let centres = gauge.centres(&Pile { props: &props, bodies: &bodies[..1] });
+    let centres = gauge.centres(&Instances { props: &props, bodies: &bodies[..1] });
     assert!(centres[0].distance(DVec3::new(0.25, 0.125, 0.125)) < 1e-9);
 }
 

@@ -25,7 +25,7 @@ pub fn figures(
     let last = inputs.frames.len() - 1;
     let hold_end = pile.recorder.disturbed_frame.unwrap_or(last).min(last);
     let [start, held, after] = [0, hold_end, last].map(|number| inputs.placed(number));
-    let pile_of = |bodies| measure::Pile { props: &props, bodies };
+    let pile_of = |bodies| measure::Instances { props: &props, bodies };
     // The pile is what it is made of at the beginning: a ball thrown into it has no part in its shape.
     let made_of: std::collections::BTreeSet<usize> =
         if start.is_empty() { &after } else { &start }.iter().map(|b| b.0).collect();

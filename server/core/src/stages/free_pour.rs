@@ -74,7 +74,7 @@ pub fn free_pour(
     }
     let region = Region::new(&inner);
     let props = [scene.props[0].model.mesh.clone()];
-    let pile = measure::Pile { props: &props, bodies: &poses };
+    let pile = measure::Instances { props: &props, bodies: &poses };
     Ok(Some(Gauge::new(&inner, &region, &pile).fill_fraction(&pile)))
 }
 

@@ -1,5 +1,8 @@
 //! The fast solver against Clarabel over generated problems; every verdict's proof is substituted again here.
 //!
+//! Where Clarabel leaves a problem open, the analyser falls back to the fast solver, which would agree with itself. Such a problem
+//! is no agreement: it is counted, the count is asserted, and the verdict rests on its proof alone.
+//!
 //! The small sample runs with the tests. The full one:
 //!
 //! ```text
@@ -18,14 +21,15 @@ const BAND: f64 = 1e-5;
 
 #[derive(Debug, Default)]
 struct Tally {
-    cases: u64,
-    stable: u64,
-    unstable: u64,
-    in_band: u64,
-    clarabel_open: u64,
-    clarabel_open_outside_band: u64,
+    /// Clarabel decided, and the fast solver alike.
+    agree: u64,
     differ_in_band: u64,
     differ_outside_band: u64,
+    /// Clarabel gave no decision.
+    open_in_band: u64,
+    open_outside_band: u64,
+    stable: u64,
+    unstable: u64,
     uncertified: u64,
 }
 
@@ -95,20 +99,19 @@ fn compare(law: FrictionLaw, seeds: std::ops::Range<u64>) -> Tally {
         let stable = verdict.is_stable();
         let near = matches!(verdict, Verdict::Unstable { residual, .. } if residual < BAND);
         let open = slow.counters().clarabel_open;
-        let agree =
-            slow.analyse(&case.problem(), &slow_options).expect("a generated case is valid").is_stable() == stable;
+        let reference = slow.analyse(&case.problem(), &slow_options).expect("a generated case is valid").is_stable();
         let open = slow.counters().clarabel_open > open;
-        tally.cases += 1;
-        tally.clarabel_open += u64::from(open);
-        if open || !agree || near {
-            let band = near || in_band(&case, &fast_options, &mut probe);
-            tally.in_band += u64::from(band);
-            tally.clarabel_open_outside_band += u64::from(open && !band);
-            tally.differ_in_band += u64::from(!agree && band);
-            tally.differ_outside_band += u64::from(!agree && !band);
-            if !band {
-                println!("{law:?} seed {seed}: stable {stable}, agree {agree}, Clarabel open {open}");
-            }
+        let mut is_in_band = || near || in_band(&case, &fast_options, &mut probe);
+        let count = match (open, reference == stable) {
+            (false, true) => &mut tally.agree,
+            (false, false) if is_in_band() => &mut tally.differ_in_band,
+            (false, false) => &mut tally.differ_outside_band,
+            (true, _) if is_in_band() => &mut tally.open_in_band,
+            (true, _) => &mut tally.open_outside_band,
+        };
+        *count += 1;
+        if open || reference != stable {
+            println!("{law:?} seed {seed}: stable {stable}, Clarabel {reference}, open {open}");
         }
     }
     (tally.stable, tally.unstable) = (fast.counters().stable, fast.counters().unstable);
@@ -116,26 +119,35 @@ fn compare(law: FrictionLaw, seeds: std::ops::Range<u64>) -> Tally {
     tally
 }
 
-fn run(cases: u64, law: FrictionLaw) {
+fn run(cases: u64, law: FrictionLaw) -> Tally {
     let first = std::env::var("CAIRN_FIRST").ok().and_then(|s| s.parse().ok()).unwrap_or(0);
     let tally = compare(law, first..first + cases);
     println!("{law:?}: {tally:?}");
-    assert_eq!(tally.differ_outside_band, 0);
-    assert_eq!(tally.uncertified, 0);
+    assert_eq!((tally.differ_in_band, tally.differ_outside_band, tally.uncertified), (0, 0, 0));
+    let open = tally.open_in_band + tally.open_outside_band;
+    assert_eq!(tally.agree + open, cases);
+    tally
 }
 
+/// One of these problems is beyond Clarabel: 34 contacts without friction that push to and fro along one direction. Its
+/// multipliers stop short of a certificate; the fast solver's passes substitution.
 #[test]
 fn agreement_of_a_sample() {
-    run(3000, FrictionLaw::Cone);
-    run(3000, FrictionLaw::PAPER);
+    for law in [FrictionLaw::Cone, FrictionLaw::PAPER] {
+        let tally = run(5000, law);
+        assert_eq!((tally.open_in_band, tally.open_outside_band), (0, 1), "{law:?}");
+    }
 }
 
 #[test]
 #[ignore = "a million problems through Clarabel take a quarter of an hour"]
 fn agreement_full() {
     let cases = std::env::var("CAIRN_CASES").ok().and_then(|s| s.parse().ok()).unwrap_or(1_000_000);
-    run(cases, FrictionLaw::Cone);
-    run(cases, FrictionLaw::PAPER);
+    for law in [FrictionLaw::Cone, FrictionLaw::PAPER] {
+        let tally = run(cases, law);
+        // One in ten thousand is open to Clarabel, most of them without friction.
+        assert!(tally.open_in_band + tally.open_outside_band <= 10 + cases / 5000, "{law:?}: {tally:?}");
+    }
 }
 
 /// Without Clarabel a million is a matter of seconds: no verdict leaves without its proof, in any friction law.

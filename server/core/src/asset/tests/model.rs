@@ -3,7 +3,7 @@
 use base64::Engine;
 use serde_json::{Value, json};
 
-use crate::asset::{self, Asset, Limits, Problem, Source};
+use crate::asset::{self, Asset, AssetProblem, Limits, Source};
 
 /// A document and its one buffer.
 #[derive(Clone)]
@@ -79,11 +79,11 @@ impl Model {
         self.clone().set("/buffers/0/uri", json!(uri)).json.to_string().into_bytes()
     }
 
-    pub fn read(&self) -> Result<Asset, Vec<Problem>> {
+    pub fn read(&self) -> Result<Asset, Vec<AssetProblem>> {
         read(&self.glb())
     }
 
-    pub fn read_node(&self, node: &str) -> Result<Asset, Vec<Problem>> {
+    pub fn read_node(&self, node: &str) -> Result<Asset, Vec<AssetProblem>> {
         read_with(&self.glb(), Some(node), &no_files, Limits::default())
     }
 }
@@ -105,7 +105,7 @@ pub fn no_files(_: &str) -> Result<Vec<u8>, String> {
     Err("no such file".to_owned())
 }
 
-pub fn read(bytes: &[u8]) -> Result<Asset, Vec<Problem>> {
+pub fn read(bytes: &[u8]) -> Result<Asset, Vec<AssetProblem>> {
     read_with(bytes, None, &no_files, Limits::default())
 }
 
@@ -114,14 +114,14 @@ pub fn read_with(
     node: Option<&str>,
     resolve: &dyn Fn(&str) -> Result<Vec<u8>, String>,
     limits: Limits,
-) -> Result<Asset, Vec<Problem>> {
+) -> Result<Asset, Vec<AssetProblem>> {
     asset::read(&Source { name: "thing.glb", bytes, node, resolve, limits })
 }
 
 /// All problems in one text.
-pub fn told(result: Result<Asset, Vec<Problem>>) -> String {
+pub fn told(result: Result<Asset, Vec<AssetProblem>>) -> String {
     match result {
         Ok(asset) => panic!("it was read: {asset:?}"),
-        Err(problems) => problems.iter().map(Problem::to_string).collect::<Vec<_>>().join("\n"),
+        Err(problems) => problems.iter().map(AssetProblem::to_string).collect::<Vec<_>>().join("\n"),
     }
 }

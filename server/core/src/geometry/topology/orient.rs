@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::double::drop_doubles;
-use super::{Edges, Flat, Parts, area, drop_flat, weld};
+use super::{Edges, Parts, Repair, area, drop_flat, weld};
 use crate::geometry::mesh::TriMesh;
 
 /// Volume, relative to the cube of a part's own diagonal, below which it encloses nothing that could tell in from out.
@@ -11,49 +11,6 @@ const FLAT: f64 = 1e-9;
 
 /// Triangles that the search for cavities may look at: seconds of one core. Beyond, all parts are taken for solids.
 const MOST_CAVITY_WORK: usize = 200_000_000;
-
-/// What [`oriented`] did.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Repair {
-    /// Triangles with two equal corners, taken away.
-    pub degenerate: usize,
-    /// Triangles that were there twice, taken away.
-    pub duplicates: usize,
-    /// What came of triangles of no area.
-    pub flat: Flat,
-    /// Triangles turned to face the same way as those around them.
-    pub turned: usize,
-    /// Parts that were inside out as a whole, and now face outward.
-    pub inside_out: usize,
-    /// Parts that are cavities in others: these face inward.
-    pub cavities: usize,
-    /// Edges that no turning makes consistent: the surface has one side only, as a Moebius strip.
-    pub unorientable: usize,
-    /// There were too many parts to look for cavities.
-    pub cavities_not_sought: bool,
-}
-
-impl Repair {
-    /// One sentence for each thing that was done or could not be done; nothing for a clean mesh.
-    pub fn told(&self) -> Vec<String> {
-        let counted = [
-            (self.degenerate, "triangles with two equal corners were taken away"),
-            (self.flat.folded + self.flat.dropped, "triangles of no area were merged with those beside them"),
-            (self.flat.left, "triangles of no area could not be taken away"),
-            (self.duplicates, "triangles that were there twice were taken away"),
-            (self.turned, "triangles were turned to face the same way as those around them"),
-            (self.inside_out, "parts were inside out and were turned"),
-            (self.cavities, "parts are cavities in others"),
-            (self.unorientable, "edges cannot be made consistent: the surface has one side only"),
-        ];
-        let mut told: Vec<String> =
-            counted.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
-        if self.cavities_not_sought {
-            told.push("there are too many parts to look for cavities: all were taken for solids".to_owned());
-        }
-        told
-    }
-}
 
 /// The same surface, consistently oriented and facing outward, points welded bit-exactly.
 ///

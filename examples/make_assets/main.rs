@@ -1,0 +1,40 @@
+//! Writes the example props and control meshes: `cargo run --release --example make_assets [FOLDER]`.
+//!
+//! Metres, Y up, base at y = 0, centred above the origin. Every mesh is closed and faces outward.
+
+mod asset;
+mod file;
+mod shapes;
+mod vector;
+
+use shapes::*;
+use std::path::{Path, PathBuf};
+
+fn main() -> std::io::Result<()> {
+    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets");
+    let folder = std::env::args_os().nth(1).map_or(default, PathBuf::from);
+    std::fs::create_dir_all(&folder)?;
+    let assets = [
+        ("stick", stick()),
+        ("book", book()),
+        ("banana", banana()),
+        ("cube", cube()),
+        ("card", card()),
+        ("ball", ball(0.5)),
+        ("cart", cart()),
+        // Control meshes for sticks: at a packing of 0.4, a cubic metre holds 40 of them.
+        ("cone", revolved(&[[1.723, 0.0], [0.0, 1.723 * 2.8]])),
+        ("cone-small", revolved(&[[1.132, 0.0], [0.0, 1.132 * 2.8]])),
+        ("cylinder", revolved(&[[0.85, 0.0], [0.85, 0.85 * 2.5], [0.0, 0.85 * 2.5]])),
+        ("dome", dome(1.53, 1.53)),
+        ("letter-t", letter_t(1.2)),
+        // For bananas and books.
+        ("mound", dome(0.4, 0.3)),
+        ("spiral", spiral(0.25, 0.9, [0.25, 2.2])),
+        ("heap", heap([0.55, 0.33], CART_RIM, 0.37)),
+    ];
+    for (name, asset) in assets {
+        std::fs::write(folder.join(name).with_extension("glb"), asset.to_glb(name))?;
+    }
+    Ok(())
+}

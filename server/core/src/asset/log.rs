@@ -1,0 +1,85 @@
+//! Gathers everything that is wrong with a file. A [`Reported`] in a `Result` says that the reason is already in the [`Log`].
+
+use super::problem::{AssetProblem, ProblemKind};
+use super::remedy;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Problems told of one file; the rest is counted. A broken exporter repeats itself, and nobody reads further.
+const MOST_PROBLEMS: usize = 40;
+
+/// The reason stands in the log already.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reported;
+
+pub(super) type Checked<T> = Result<T, Reported>;
+
+/// Everything found in one file so far.
+pub(super) struct Log {
+    file: String,
+    /// Extensions told of already: one that every primitive uses is one reason.
+    extensions: BTreeSet<String>,
+    problems: Vec<AssetProblem>,
+    more: usize,
+    notes: BTreeMap<&'static str, (usize, String)>,
+}
+
+impl Log {
+    pub fn new(file: &str) -> Log {
+        Log {
+            file: file.to_owned(),
+            extensions: BTreeSet::new(),
+            problems: Vec::new(),
+            more: 0,
+            notes: BTreeMap::new(),
+        }
+    }
+
+    pub fn refuse(&mut self, place: impl Into<String>, what: ProblemKind) -> Reported {
+        if let ProblemKind::Extension { name } = &what
+            && !self.extensions.insert(name.clone())
+        {
+            return Reported;
+        }
+        if self.problems.len() < MOST_PROBLEMS {
+            let remedy = remedy::of(&what);
+            self.problems.push(AssetProblem { file: self.file.clone(), place: place.into(), what, remedy });
+        } else {
+            self.more += 1;
+        }
+        Reported
+    }
+
+    /// Remembers something that was read otherwise than it stands there. The same `what` is told once,
+    /// with the first place and how often.
+    pub fn note(&mut self, what: &'static str, place: &str) {
+        self.notes.entry(what).or_insert_with(|| (0, place.to_owned())).0 += 1;
+    }
+
+    pub fn any(&self) -> bool {
+        !self.problems.is_empty()
+    }
+
+    /// Further problems are only counted.
+    pub fn is_full(&self) -> bool {
+        self.problems.len() >= MOST_PROBLEMS
+    }
+
+    /// The notes in the order of their text, one sentence each.
+    pub fn notes(&self) -> Vec<String> {
+        let told = |(what, (count, place)): (&&str, &(usize, String))| match (count, place.is_empty()) {
+            (_, true) => (*what).to_owned(),
+            (1, false) => format!("{place}: {what}"),
+            (n, false) => format!("{place} and {} more: {what}", n - 1),
+        };
+        self.notes.iter().map(told).collect()
+    }
+
+    pub fn into_problems(mut self) -> Vec<AssetProblem> {
+        if self.more > 0 {
+            let what = ProblemKind::More { count: self.more };
+            let remedy = remedy::of(&what);
+            self.problems.push(AssetProblem { file: self.file.clone(), place: String::new(), what, remedy });
+        }
+        self.problems
+    }
+}

@@ -1,0 +1,84 @@
+//! The guide's page of measures has every figure and count that a report can tell, and no other.
+
+use crate::desk::Desk;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// The names in the first cells of all tables with this heading.
+fn named(heading: &str) -> BTreeSet<String> {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/guide/measures.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let mut names = BTreeSet::new();
+    let mut is_in = false;
+    for line in page.lines() {
+        let first = line.strip_prefix("| ").and_then(|row| row.split(" | ").next());
+        is_in = first.is_some_and(|first| first == heading || is_in);
+        for name in first.filter(|_| is_in).unwrap_or_default().split('`').skip(1).step_by(2) {
+            assert!(names.insert(name.to_owned()), "{name} stands there twice");
+        }
+    }
+    names
+}
+
+/// The names in this part of the reports.
+fn told(reports: &[Value], part: &str) -> BTreeSet<String> {
+    reports.iter().flat_map(|report| report[part].as_object().unwrap().keys().cloned()).collect()
+}
+
+/// A pile with all that is measured on request, and a stack into which something is thrown: together they have every figure.
+fn reports() -> [Value; 2] {
+    let desk = Desk::new();
+    desk.write(
+        "stack.toml",
+        r#"
+control_mesh = "cone.glb"
+accuracy = "draft"
+fill = "off"
+[output]
+frames = 40
+[[props]]
+path = "stick.glb"
+[[bodies]]
+prop = "stick"
+[[bodies]]
+prop = "stick"
+position = [0, 1, 0]
+velocity = [1, 0, 0]
+start_seconds = 0.5
+"#,
+    );
+    let pile = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12 --set output.free_standing=true \
+                --set output.free_pour=true";
+    [pile, "stack.toml"].map(|args| {
+        desk.line(&format!("bake {args} -o pile.json --report report.json --quiet")).ok();
+        serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap()
+    })
+}
+
+#[test]
+fn the_page_of_measures_is_the_report() {
+    let reports = reports();
+    let (figures, counts) = (told(&reports, "measures"), told(&reports, "counts"));
+    assert!(figures.len() > 40 && counts.len() > 40, "{figures:?}, {counts:?}");
+    assert_eq!(named("figure"), figures, "figures: the page, and the reports");
+    assert_eq!(named("count"), counts, "counts: the page, and the reports");
+    // Any report has all counts; figures may be missing.
+    for report in &reports {
+        assert_eq!(told(std::slice::from_ref(report), "counts"), counts);
+    }
+}
+
+/// Names in the text, besides those of the tables, are of the report too.
+#[test]
+fn the_sources_of_errors_are_named() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/guide/measures.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let [pile, _] = reports();
+    for source in pile["error_sources"].as_object().unwrap().keys() {
+        assert!(page.contains(&format!("`{source}`")), "{source}");
+    }
+    for part in ["measures", "counts", "error_sources", "limited_by", "seconds", "bill", "warnings"] {
+        assert!(pile.get(part).is_some() && page.contains(&format!("`{part}`")), "{part}");
+    }
+}
