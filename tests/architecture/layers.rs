@@ -21,6 +21,7 @@ const CORE: &[&[&str]] = &[
 
 /// The layers of `cairn`, lowest first.
 const SERVICE: &[&[&str]] = &[
+    &["version"],
     &["problem"],
     &["files"],
     &["wire"],

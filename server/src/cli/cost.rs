@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for seed in first..first.saturating_add(args.seeds) {
         for (variant, of) in variants.iter().enumerate() {
             let tree = cost::scene_of(&tree, of, seed).map_err(Failure::Usage)?;
-            let what = format!("{} {files} {:?} {}", crate::VERSION, args.bodies, tree.to_json());
+            let what = format!("{} {files} {:?} {}", crate::version::VERSION, args.bodies, tree.to_json());
             wanted.push(Wanted { variant, seed, key: blake3::hash(what.as_bytes()).to_hex().to_string(), tree });
         }
     }

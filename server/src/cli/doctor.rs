@@ -110,7 +110,7 @@ fn machine_findings() -> Vec<Finding> {
     let memory = machine::free_memory();
     let little = "Close other programs, or bake fewer props: large bakes may fail.";
     let mut findings = vec![
-        Finding::new("cairn", crate::BUILD),
+        Finding::new("cairn", crate::version::BUILD),
         Finding::new("engines", format!("rapier3d {}, clarabel {}", versions.rapier3d, versions.clarabel)),
         Finding::new("system", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
         Finding::new("processor", format!("{} threads; {}", rayon::current_num_threads(), features())),

@@ -43,7 +43,7 @@ impl Failure {
             Failure::Internal(what) => vec![format!(
                 "internal error: {what}. This is a fault in Cairn, not in your scene. Please report it with this \
                  message, the scene and its files, and the version: {}.",
-                crate::VERSION
+                crate::version::VERSION
             )],
             Failure::Cancelled => vec!["cancelled; nothing was written".into()],
         }

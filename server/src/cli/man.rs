@@ -56,7 +56,7 @@ fn page_name(command: &Command) -> String {
 
 fn page(command: &Command) -> Result<Vec<u8>, Failure> {
     let mut page = Vec::new();
-    let man = Man::new(command.clone()).title(page_name(command)).source(format!("cairn {}", crate::VERSION));
+    let man = Man::new(command.clone()).title(page_name(command)).source(format!("cairn {}", crate::version::VERSION));
     man.render(&mut page).map_err(|error| Failure::Internal(error.to_string()))?;
     Ok(page)
 }

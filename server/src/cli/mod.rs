@@ -35,7 +35,7 @@ use std::process::ExitCode;
 /// with props by physics, stands it up, lets go from the bottom to the top while it keeps the shape, and writes the
 /// motion of every prop.
 #[derive(Parser)]
-#[command(version = crate::BUILD, after_help = EXAMPLES, disable_help_subcommand = true)]
+#[command(version = crate::version::BUILD, after_help = EXAMPLES, disable_help_subcommand = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -96,7 +96,7 @@ impl Study {
             }
         }
         let reference = reference.map_or(String::new(), |(variant, _)| variant.name.clone());
-        Study { scene, machine, version: crate::VERSION, reference, rows, left_out }
+        Study { scene, machine, version: crate::version::VERSION, reference, rows, left_out }
     }
 
     /// The table in Markdown.

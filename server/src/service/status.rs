@@ -174,7 +174,7 @@ fn status(failure: &Failure, retry: Option<Duration>) -> Status {
     /// Bytes of all descriptions together: a status travels in headers, and proxies allow little there.
     const ROOM: usize = 4000;
     let mut details = ErrorDetails::new();
-    details.set_error_info(&failure.reason, DOMAIN, [("version".to_owned(), crate::VERSION.to_owned())]);
+    details.set_error_info(&failure.reason, DOMAIN, [("version".to_owned(), crate::version::VERSION.to_owned())]);
     let mut room = ROOM;
     for (index, problem) in failure.problems.iter().enumerate() {
         room = room.saturating_sub(problem.field.len() + problem.description.len());

@@ -1,7 +1,7 @@
 //! What server and caller tell each other of their versions.
 
 use super::proto;
-use crate::VERSION;
+use crate::version::VERSION;
 
 /// The protocol that is spoken here: it grows with every field and call added to `cairn.v1`.
 pub const PROTOCOL: i32 = 1;

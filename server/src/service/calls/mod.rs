@@ -82,7 +82,7 @@ impl PileService for Service {
         if theirs > PROTOCOL {
             let told = format!(
                 "the client speaks protocol {theirs}, this server (cairn {}) only {PROTOCOL}: update the server",
-                crate::VERSION
+                crate::version::VERSION
             );
             return Err(Fault::ProtocolMismatch(told).into());
         }

@@ -3,19 +3,22 @@
 //! A body's frame has its origin in the centre of mass and the prop's own axes; [`Shape::body_pose`] and
 //! [`Shape::prop_pose`] convert. Sizes are those of the prop at scale 1, in metres.
 
+mod choose;
 mod convex;
 mod fit;
 mod hull;
 mod mass;
+mod nature;
+mod outline;
 mod round;
+mod size;
 
 use crate::error::Error;
 use crate::error::Problem;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
-use crate::geometry::topology;
 use crate::input::observer::{Observer, Progress, Stage, observe};
-use crate::input::params::{Params, Physics, Switch};
+use crate::input::params::{Params, Physics};
 use crate::input::scene::{Prop, Scene};
 use glam::{DMat3, DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
@@ -24,38 +27,13 @@ use rapier3d::prelude::{MassProperties, SharedShape};
 pub use convex::hull_mesh;
 pub use fit::OrientedBox;
 pub use hull::Hull;
+pub use nature::{Nature, natures};
+pub use outline::Outline;
+pub use size::Size;
 
-/// What is known of a prop without building its collision shape; at scale 1.
-#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
-pub struct Size {
-    /// Of the bounding sphere, m.
-    pub diameter: f64,
-    /// Edges of the tightest box around the prop, rising, m.
-    pub extents: DVec3,
-    /// m^3; of an open mesh, half its box: an estimate.
-    pub volume: f64,
-    /// The mesh encloses a volume.
-    pub closed: bool,
-    /// The radius on which it rolls, m; `None` where it is not round.
-    pub round: Option<f64>,
-}
-
-impl Size {
-    pub fn of(mesh: &TriMesh) -> Size {
-        if mesh.triangles.is_empty() {
-            return Size { diameter: 0.0, extents: DVec3::ZERO, volume: 0.0, closed: false, round: None };
-        }
-        let diameter = 2.0 * fit::bounding_sphere(mesh).1;
-        let around = fit::oriented_box(mesh);
-        let mut extents = (2.0 * around.half).max(DVec3::splat(FLAT_THICKNESS * diameter)).to_array();
-        extents.sort_by(f64::total_cmp);
-        let own = mesh.signed_volume();
-        let bulk = extents.iter().product::<f64>();
-        let closed = topology::inspect(mesh).is_watertight() && own.abs() > MIN_VOLUME_SHARE * bulk;
-        let volume = if closed { own.abs() } else { bulk / 2.0 };
-        let round = round::rolling_radius(mesh, &around);
-        Size { diameter, extents: DVec3::from_array(extents), volume, closed, round }
-    }
+/// What is wrong with the prop of this index.
+fn fault(index: usize) -> impl Fn(String) -> Error {
+    move |text| Error::Invalid(vec![Problem::new(format!("props.{index}"), text)])
 }
 
 /// The collision shapes of all props.
@@ -115,9 +93,6 @@ pub enum Solid {
     Convex(Vec<Vec<DVec3>>),
 }
 
-/// A mesh within this share of its diameter of a box or a ball is simulated as one: invisible, and several times
-/// cheaper than a hull.
-const PRIMITIVE_TOLERANCE: f64 = 0.003;
 /// A mesh whose own volume is below this share of its hull's has no usable inside: a sheet, or an open or inverted mesh.
 const MIN_VOLUME_SHARE: f64 = 0.01;
 /// Flat props are given this thickness, as a share of their diameter.
@@ -130,7 +105,7 @@ impl Shape {
         let mesh = &prop.model.mesh.outward();
         let Size { diameter, closed, .. } = size;
         let around = fit::oriented_box(mesh);
-        let (solid, deviation) = collision_solid(mesh, &around, diameter, closed, physics);
+        let (solid, deviation) = choose::solid(mesh, &around, diameter, closed, physics);
         let own = mass::moments(mesh);
         let solid_moments = solid.moments();
         let fallback = mass_fallback(closed, own.volume, solid_moments.volume);
@@ -291,119 +266,6 @@ impl Solid {
         }
     }
 }
-
-/// Chooses the cheapest solid that is close enough, and measures how far it is from the mesh, m.
-fn collision_solid(
-    mesh: &TriMesh,
-    around: &OrientedBox,
-    diameter: f64,
-    closed: bool,
-    physics: &Physics,
-) -> (Solid, f64) {
-    let fitted = primitive(mesh, around, diameter, closed, physics.switches.primitives);
-    fitted.unwrap_or_else(|| convex::decompose(mesh, diameter, closed, physics))
-}
-
-/// The box or the ball that the mesh is, or the box of a sheet, and how far it is from the mesh, m.
-fn primitive(
-    mesh: &TriMesh,
-    around: &OrientedBox,
-    diameter: f64,
-    closed: bool,
-    switch: Switch,
-) -> Option<(Solid, f64)> {
-    let tolerance = PRIMITIVE_TOLERANCE * diameter;
-    let flat = FLAT_THICKNESS * diameter;
-    if around.half.min_element() * 2.0 < flat {
-        // A sheet: its box, given some thickness.
-        let b = OrientedBox { half: around.half.max(DVec3::splat(flat / 2.0)), ..*around };
-        return Some((Solid::Box(b), flat / 2.0));
-    }
-    if !closed || !switch.is_on(true) {
-        return None;
-    }
-    let volume = mass::moments(mesh).volume;
-    let box_deviation = around.deviation(mesh);
-    if box_deviation < tolerance && (volume / around.volume() - 1.0).abs() < 0.05 {
-        return Some((Solid::Box(*around), box_deviation));
-    }
-    let (center, radius) = fit::bounding_sphere(mesh);
-    // A faceted ball lies inside its sphere: the collision ball has the mesh's own volume.
-    let ball_radius = (volume.abs() * 0.75 / std::f64::consts::PI).cbrt();
-    let round = radius > 0.0 && ball_radius / radius > BALL_ROUNDNESS && mesh.triangles.len() >= BALL_TRIANGLES;
-    round.then(|| {
-        let deviation = fit::ball_deviation(mesh, center, ball_radius);
-        (Solid::Ball { center, radius: ball_radius }, deviation)
-    })
-}
-
-/// What a prop's collision shape is or will be, as far as that is known without a decomposition.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Outline {
-    Box,
-    Ball,
-    /// One convex shape.
-    Hull,
-    /// Several convex shapes.
-    Parts,
-}
-
-impl std::fmt::Display for Outline {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str(match self {
-            Outline::Box => "box",
-            Outline::Ball => "ball",
-            Outline::Hull => "hull",
-            Outline::Parts => "parts",
-        })
-    }
-}
-
-/// What decides on effects, of one prop at scale 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Nature {
-    pub outline: Outline,
-    /// Convex parts; of a prop that has not been split yet, 2 stand for more than one.
-    pub parts: usize,
-    /// kg.
-    pub mass: f64,
-    /// Smallest extent, m.
-    pub thickness: f64,
-}
-
-/// What the collision shape of a checked prop will be, without splitting it where that can be known so. An open prop has the
-/// mass of its collision shape, which must be made.
-fn nature(prop: &Prop, size: &Size, physics: &Physics) -> Result<Nature, String> {
-    let mesh = &prop.model.mesh.outward();
-    if !size.closed {
-        return Ok(Shape::new(prop, *size, physics)?.nature());
-    }
-    let outline = match primitive(mesh, &fit::oriented_box(mesh), size.diameter, true, physics.switches.primitives) {
-        Some((solid, _)) => solid.outline(),
-        None if convex::is_one_hull(mesh, size.diameter, true, physics) => Outline::Hull,
-        None => Outline::Parts,
-    };
-    let parts = if outline == Outline::Parts { 2 } else { 1 };
-    let mass = mass::moments(mesh).volume * prop.density;
-    Ok(Nature { outline, parts, mass, thickness: size.extents.x })
-}
-
-/// [`Nature`] of each of a scene's props.
-pub fn natures(scene: &Scene, params: &Params, sizes: &[Size]) -> Result<Vec<Nature>, Error> {
-    let of = |(i, (prop, size)): (usize, (&Prop, &Size))| nature(prop, size, &params.physics).map_err(fault(i));
-    scene.props.iter().zip(sizes).enumerate().map(of).collect()
-}
-
-/// What is wrong with the prop of this index.
-fn fault(index: usize) -> impl Fn(String) -> Error {
-    move |text| Error::Invalid(vec![Problem::new(format!("props.{index}"), text)])
-}
-
-/// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume).
-const BALL_ROUNDNESS: f64 = 0.97;
-/// A mesh with fewer faces than this is no ball: dice and gems with fewer should not roll like balls.
-const BALL_TRIANGLES: usize = 80;
 
 fn mass_fallback(closed: bool, own: f64, solid: f64) -> Option<String> {
     if !closed {

@@ -1,0 +1,63 @@
+//! Which solid a prop is simulated as: the cheapest one that is close enough.
+
+use super::fit::{self, OrientedBox};
+use super::{FLAT_THICKNESS, Outline, Solid, convex, mass};
+use crate::geometry::mesh::TriMesh;
+use crate::input::params::{Physics, Switch};
+use glam::DVec3;
+
+/// A mesh within this share of its diameter of a box or a ball is simulated as one: invisible, and several times
+/// cheaper than a hull.
+const PRIMITIVE_TOLERANCE: f64 = 0.003;
+/// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume).
+const BALL_ROUNDNESS: f64 = 0.97;
+/// A mesh with fewer faces than this is no ball: dice and gems with fewer should not roll like balls.
+const BALL_TRIANGLES: usize = 80;
+
+/// Chooses the cheapest solid that is close enough, and measures how far it is from the mesh, m.
+pub fn solid(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
+    let fitted = primitive(mesh, around, diameter, closed, physics.switches.primitives);
+    fitted.unwrap_or_else(|| convex::decompose(mesh, diameter, closed, physics))
+}
+
+/// The box or the ball that the mesh is, or the box of a sheet, and how far it is from the mesh, m.
+fn primitive(
+    mesh: &TriMesh,
+    around: &OrientedBox,
+    diameter: f64,
+    closed: bool,
+    switch: Switch,
+) -> Option<(Solid, f64)> {
+    let tolerance = PRIMITIVE_TOLERANCE * diameter;
+    let flat = FLAT_THICKNESS * diameter;
+    if around.half.min_element() * 2.0 < flat {
+        // A sheet: its box, given some thickness.
+        let b = OrientedBox { half: around.half.max(DVec3::splat(flat / 2.0)), ..*around };
+        return Some((Solid::Box(b), flat / 2.0));
+    }
+    if !closed || !switch.is_on(true) {
+        return None;
+    }
+    let volume = mass::moments(mesh).volume;
+    let box_deviation = around.deviation(mesh);
+    if box_deviation < tolerance && (volume / around.volume() - 1.0).abs() < 0.05 {
+        return Some((Solid::Box(*around), box_deviation));
+    }
+    let (center, radius) = fit::bounding_sphere(mesh);
+    // A faceted ball lies inside its sphere: the collision ball has the mesh's own volume.
+    let ball_radius = (volume.abs() * 0.75 / std::f64::consts::PI).cbrt();
+    let round = radius > 0.0 && ball_radius / radius > BALL_ROUNDNESS && mesh.triangles.len() >= BALL_TRIANGLES;
+    round.then(|| {
+        let deviation = fit::ball_deviation(mesh, center, ball_radius);
+        (Solid::Ball { center, radius: ball_radius }, deviation)
+    })
+}
+
+/// What the solid of a closed mesh will be, without splitting it.
+pub fn outline(mesh: &TriMesh, diameter: f64, physics: &Physics) -> Outline {
+    match primitive(mesh, &fit::oriented_box(mesh), diameter, true, physics.switches.primitives) {
+        Some((solid, _)) => solid.outline(),
+        None if convex::is_one_hull(mesh, diameter, true, physics) => Outline::Hull,
+        None => Outline::Parts,
+    }
+}

@@ -1,0 +1,24 @@
+//! The kinds of collision shapes.
+
+/// What a prop's collision shape is or will be, as far as that is known without a decomposition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outline {
+    Box,
+    Ball,
+    /// One convex shape.
+    Hull,
+    /// Several convex shapes.
+    Parts,
+}
+
+impl std::fmt::Display for Outline {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Outline::Box => "box",
+            Outline::Ball => "ball",
+            Outline::Hull => "hull",
+            Outline::Parts => "parts",
+        })
+    }
+}

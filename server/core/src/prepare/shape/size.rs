@@ -1,0 +1,39 @@
+//! How large a prop is: what is known without building its collision shape.
+
+use super::{FLAT_THICKNESS, MIN_VOLUME_SHARE, fit, round};
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::topology;
+use glam::DVec3;
+
+/// What is known of a prop without building its collision shape; at scale 1.
+#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Size {
+    /// Of the bounding sphere, m.
+    pub diameter: f64,
+    /// Edges of the tightest box around the prop, rising, m.
+    pub extents: DVec3,
+    /// m^3; of an open mesh, half its box: an estimate.
+    pub volume: f64,
+    /// The mesh encloses a volume.
+    pub closed: bool,
+    /// The radius on which it rolls, m; `None` where it is not round.
+    pub round: Option<f64>,
+}
+
+impl Size {
+    pub fn of(mesh: &TriMesh) -> Size {
+        if mesh.triangles.is_empty() {
+            return Size { diameter: 0.0, extents: DVec3::ZERO, volume: 0.0, closed: false, round: None };
+        }
+        let diameter = 2.0 * fit::bounding_sphere(mesh).1;
+        let around = fit::oriented_box(mesh);
+        let mut extents = (2.0 * around.half).max(DVec3::splat(FLAT_THICKNESS * diameter)).to_array();
+        extents.sort_by(f64::total_cmp);
+        let own = mesh.signed_volume();
+        let bulk = extents.iter().product::<f64>();
+        let closed = topology::inspect(mesh).is_watertight() && own.abs() > MIN_VOLUME_SHARE * bulk;
+        let volume = if closed { own.abs() } else { bulk / 2.0 };
+        let round = round::rolling_radius(mesh, &around);
+        Size { diameter, extents: DVec3::from_array(extents), volume, closed, round }
+    }
+}
