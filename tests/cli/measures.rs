@@ -5,10 +5,14 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+fn page() -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/guide/measures.md");
+    std::fs::read_to_string(path).unwrap()
+}
+
 /// The names in the first cells of all tables with this heading.
 fn named(heading: &str) -> BTreeSet<String> {
-    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/guide/measures.md");
-    let page = std::fs::read_to_string(page).unwrap();
+    let page = page();
     let mut names = BTreeSet::new();
     let mut is_in = false;
     for line in page.lines() {
@@ -67,14 +71,10 @@ fn the_page_of_measures_is_the_report() {
     for report in &reports {
         assert_eq!(told(std::slice::from_ref(report), "counts"), counts);
     }
-}
 
-/// Names in the text, besides those of the tables, are of the report too.
-#[test]
-fn the_sources_of_errors_are_named() {
-    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/guide/measures.md");
-    let page = std::fs::read_to_string(page).unwrap();
-    let [pile, _] = reports();
+    // The text around the tables speaks of parts of the report.
+    let page = page();
+    let pile = &reports[0];
     for source in pile["error_sources"].as_object().unwrap().keys() {
         assert!(page.contains(&format!("`{source}`")), "{source}");
     }

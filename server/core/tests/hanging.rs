@@ -109,6 +109,9 @@ fn told(scene: &Scene, params: &Params, poses: &[Pose]) -> usize {
     contact::hanging(&vec![true; poses.len()], &contacts, 1.0).len()
 }
 
+/// Whether a body of this number and place is left.
+type Stays<'a> = &'a dyn Fn(usize, &Pose) -> bool;
+
 #[test]
 fn what_hangs_is_what_another_way_finds() {
     let (mut exact, mut cases, mut found) = (0, 0, Vec::new());
@@ -123,7 +126,7 @@ fn what_hangs_is_what_another_way_finds() {
 
         // Parts of the pile are taken out from under the others.
         let top = poses.iter().map(|pose| pose.translation.y).fold(0.0, f64::max);
-        let stays: [&dyn Fn(usize, &Pose) -> bool; 6] = [
+        let stays: [Stays; 6] = [
             &|_, _| true,
             &|_, pose| pose.translation.y > 0.15 * top,
             &|_, pose| pose.translation.y > 0.15 * top || pose.translation.x > 0.0,

@@ -38,7 +38,7 @@ fn a_cone_of_sticks_keeps_its_shape_and_comes_to_rest() {
 
 #[test]
 fn the_same_request_gives_the_same_bits_for_any_number_of_threads() {
-    let scene = scene(cone(0.8, 1.2), stick());
+    let scene = scene(cone(0.6, 0.9), stick());
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| bake(&scene, &params(), &mut Silent).unwrap())
@@ -64,7 +64,7 @@ fn another_seed_gives_another_pile() {
 
 #[test]
 fn a_scene_a_thousand_times_smaller_or_larger_gives_the_same_pile() {
-    let normal = scene(cone(0.8, 1.2), stick());
+    let normal = scene(cone(0.6, 0.9), stick());
     let bake = |scene: &Scene, fps: f64| {
         let mut params = params();
         params.output.fps = fps;
@@ -127,7 +127,7 @@ fn a_slower_machine_and_more_bodies_are_expected_to_take_longer() {
 
 #[test]
 fn whatever_is_held_was_certified_in_its_latest_cycle() {
-    let scene = scene(cone(0.9, 2.0), stick());
+    let scene = scene(cone(0.7, 1.55), stick());
     let params = params();
     let full = cairn_core::fill_container(&scene, &params, &mut NoCache, &mut Silent).unwrap();
     let mut sim = full.turn_over(&scene, &params).unwrap();
@@ -170,7 +170,7 @@ fn a_nailed_pile_comes_to_rest() {
 
 #[test]
 fn a_pour_fills_through_the_opening() {
-    let scene = scene(cone(0.9, 2.0), stick());
+    let scene = scene(cone(0.7, 1.55), stick());
     let mut params = params();
     params.fill.method = FillMethod::Pour;
     let report = bake(&scene, &params, &mut Silent).unwrap().report;

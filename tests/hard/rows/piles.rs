@@ -5,6 +5,7 @@ use super::scenes::{asset, at, ball, block, cloud, cone, cylinder, filled, place
 use super::{Extent, Outcome, all};
 use cairn_core::input::params::{Params, ReleaseOrder};
 use glam::DVec3;
+use rayon::prelude::*;
 
 pub fn balls(engine: Engine, extent: Extent) -> Outcome {
     const RADIUS: f64 = 0.05;
@@ -74,8 +75,10 @@ pub fn rest_sticks(engine: Engine, extent: Extent) -> Outcome {
     let factor = 0.5 * (f64::from(count) * 0.01 / 0.42 / 3.1).cbrt();
     let scene = filled(cone(factor * 0.96, factor * 2.9), stick);
     // One stick that slides on a little longer decides: by seed, they rest after 1 to 7 s.
-    let motions: Vec<Motion> =
-        (1..=7).map(|seed| baked(&scene, &Params { seed, ..filled_params(engine, count, hold) })).collect();
+    let motions: Vec<Motion> = (1..=7u64)
+        .into_par_iter()
+        .map(|seed| baked(&scene, &Params { seed, ..filled_params(engine, count, hold) }))
+        .collect();
     rests(&motions, hold)
 }
 
