@@ -2,6 +2,7 @@
 
 mod layers;
 mod modules;
+mod writers;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -31,7 +31,7 @@ use prepare::shape::{self, Nature, Shape};
 use report::bake::{Bake, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
-use stages::cache::{Cache, FillInputs, Found, NoCache, Witness};
+use stages::cache::{Cache, CachedFill, FillInputs, FrameKeeper, NoCache};
 use stages::fill::Filled;
 use stages::{fill, hold, release, turn_over};
 use world::Units;
@@ -147,10 +147,10 @@ pub fn fill_container(
         let filled = container.zip(cached.filled);
         return Ok(FullContainer { checked, shapes, units, filled, region, is_cached: true, clock });
     }
-    let mut witness = Witness::new(observer, cache.keeps());
+    let mut keeper = FrameKeeper::new(observer, cache.keeps());
     let mut filled = None;
     if let Some(container) = container {
-        let bodies = fill::run(scene, &shapes, params, units, &container, &mut witness)?;
+        let bodies = fill::run(scene, &shapes, params, units, &container, &mut keeper)?;
         if bodies.bodies.is_empty() {
             let name = scene.control.as_ref().map_or("", |model| &model.name);
             let text =
@@ -158,10 +158,10 @@ pub fn fill_container(
             return Err(Error::Invalid(vec![Problem::new("control_mesh", text)]));
         }
         filled = Some((container, bodies));
-        clock.lap(Stage::Fill, &mut witness);
+        clock.lap(Stage::Fill, &mut keeper);
     }
-    let shown = witness.into_shown();
-    let found = Found { shapes, filled: filled.as_ref().map(|(_, filled)| filled.clone()), shown };
+    let shown = keeper.into_shown();
+    let found = CachedFill { shapes, filled: filled.as_ref().map(|(_, filled)| filled.clone()), shown };
     let is_whole = found.shown.is_some() || !observer.wants_frames();
     if cache.keeps() && is_whole {
         cache.put(&inputs, &found);

@@ -7,7 +7,7 @@ use crate::wire::versions::versions;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
 use cairn_core::report::bake::Bake;
-use cairn_core::stages::cache::{self, FillInputs, Found};
+use cairn_core::stages::cache::{self, CachedFill, FillInputs};
 use etcetera::BaseStrategy;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -76,11 +76,11 @@ impl Cache {
 }
 
 impl cache::Cache for Cache {
-    fn get(&mut self, inputs: &FillInputs) -> Option<Found> {
+    fn get(&mut self, inputs: &FillInputs) -> Option<CachedFill> {
         self.read(&key("fill", inputs)?)
     }
 
-    fn put(&mut self, inputs: &FillInputs, found: &Found) {
+    fn put(&mut self, inputs: &FillInputs, found: &CachedFill) {
         if let Some(key) = key("fill", inputs) {
             self.write(&key, found);
         }

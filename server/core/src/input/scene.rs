@@ -104,7 +104,7 @@ pub struct PlacedBody {
     pub start: f64,
     /// It stays where it is.
     pub pinned: bool,
-    /// When a kept body is let go, s after frame 0; `None`: never.
+    /// When a pinned body is let go, s after frame 0; `None`: never.
     pub pinned_until: Option<f64>,
 }
 

@@ -13,7 +13,9 @@ use std::collections::BTreeMap;
 /// How the bodies moved.
 pub fn figures(inputs: &Inputs, pile: &Pile) -> Figures {
     let units = pile.world.units;
-    let weight = pile.instances.len() as f64;
+    let count = pile.instances.len() as f64;
+    // In engine units m g d is the mass.
+    let weight: f64 = pile.world.present().map(|id| pile.world.bodies()[id].mass).sum();
     let frames = &pile.recorder.frames;
     let last = frames.len() - 1;
     let hold_end = pile.recorder.disturbed_frame.unwrap_or(last).min(last);
@@ -25,8 +27,8 @@ pub fn figures(inputs: &Inputs, pile: &Pile) -> Figures {
         ("drift_p95_rel", Some(measure::percentile(&displacements(from, hold_end), 0.95))),
         ("resting_speed_max", Some(inputs.held.resting_speed_max * units.length / units.time)),
         ("resting_speed_max_rel", Some(inputs.held.resting_speed_max)),
-        ("kinetic_energy_rel", Some(pile.world.kinetic_energy() / weight)),
-        ("active_body_share", Some(pile.tally.active_body_steps as f64 / weight / pile.step.max(1) as f64)),
+        ("kinetic_energy_rel", Some(pile.world.kinetic_energy() / weight.max(f64::MIN_POSITIVE))),
+        ("active_body_share", Some(pile.tally.active_body_steps as f64 / count / pile.step.max(1) as f64)),
     ]);
     if let Some(rest) = inputs.held.rest {
         let seconds = rest.steps as f64 * pile.world.step_length() * units.time;

@@ -18,7 +18,7 @@ pub struct Events<'a> {
     scene: &'a Scene,
     /// By time.
     late: Vec<&'a PlacedBody>,
-    /// When a kept body is let go, s; in no order.
+    /// When a pinned body is let go, s; in no order.
     pinned: Vec<(f64, BodyId)>,
     emissions: Vec<Emission<'a>>,
     moving: Vec<(MovingId, &'a StaticModel)>,

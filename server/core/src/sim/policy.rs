@@ -103,12 +103,12 @@ impl Policy {
         }
     }
 
-    /// Damping of a free body, per natural time. The control's look at a body counts for more than what all have; its gentle end
-    /// counts for more than the control.
+    /// Damping of a free body, per natural time: what every released body has, or more where there is a reason. The control's look
+    /// at a body counts for more than the quiet of all; its gentle end counts for more than that look.
     fn damping(&self, id: BodyId) -> f64 {
         match (self.gentle, self.controlled.get(&id)) {
             (Some(gentle), _) => gentle.max(self.base),
-            (None, Some(&controlled)) => controlled,
+            (None, Some(&controlled)) => controlled.max(self.base),
             (None, None) => self.quiet.unwrap_or(0.0).max(self.base),
         }
     }

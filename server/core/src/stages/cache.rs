@@ -50,66 +50,66 @@ impl<'a> FillInputs<'a> {
 
 /// What shapes and fill left behind.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
-pub struct Found {
+pub struct CachedFill {
     pub shapes: Vec<Shape>,
     /// `None` where nothing is filled.
     pub filled: Option<Filled>,
     /// The frames that were shown meanwhile; `None` where nobody wanted any.
-    pub shown: Option<Vec<Still>>,
+    pub shown: Option<Vec<CachedFrame>>,
 }
 
 /// A frame of a fill.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
-pub struct Still {
+pub struct CachedFrame {
     number: usize,
     time: f64,
     bodies: Vec<Option<Shown>>,
 }
 
-/// Who knows of earlier bakes.
+/// Where fills of earlier bakes are kept.
 pub trait Cache {
     /// What the same inputs gave before.
-    fn get(&mut self, inputs: &FillInputs) -> Option<Found>;
+    fn get(&mut self, inputs: &FillInputs) -> Option<CachedFill>;
 
-    fn put(&mut self, inputs: &FillInputs, found: &Found);
+    fn put(&mut self, inputs: &FillInputs, found: &CachedFill);
 
     /// Whether it keeps anything.
     fn keeps(&self) -> bool;
 }
 
-/// Knows nothing.
+/// Holds nothing.
 pub struct NoCache;
 
 impl Cache for NoCache {
-    fn get(&mut self, _: &FillInputs) -> Option<Found> {
+    fn get(&mut self, _: &FillInputs) -> Option<CachedFill> {
         None
     }
 
-    fn put(&mut self, _: &FillInputs, _: &Found) {}
+    fn put(&mut self, _: &FillInputs, _: &CachedFill) {}
 
     fn keeps(&self) -> bool {
         false
     }
 }
 
-impl Found {
+impl CachedFill {
     /// Shows the frames again, to a caller who wants some.
     pub(crate) fn show(&self, observer: &mut dyn Observer) {
         if !observer.wants_frames() {
             return;
         }
         for still in self.shown.iter().flatten() {
-            let &Still { number, time, ref bodies } = still;
+            let &CachedFrame { number, time, ref bodies } = still;
             observer.frame(&Frame { stage: Stage::Fill, number, time, bodies });
         }
     }
 }
 
 /// Passes everything on, and keeps the frames.
-pub(crate) struct Witness<'a> {
+pub(crate) struct FrameKeeper<'a> {
     to: &'a mut dyn Observer,
     /// `None`: they are not wanted, or too many.
-    shown: Option<Vec<Still>>,
+    shown: Option<Vec<CachedFrame>>,
     /// Bodies in them.
     bodies: usize,
 }
@@ -117,19 +117,19 @@ pub(crate) struct Witness<'a> {
 /// Bodies over all frames of a fill that is kept: about 100 MB.
 const MOST_SHOWN: usize = 1_000_000;
 
-impl<'a> Witness<'a> {
-    pub fn new(to: &'a mut dyn Observer, keeps: bool) -> Witness<'a> {
+impl<'a> FrameKeeper<'a> {
+    pub fn new(to: &'a mut dyn Observer, keeps: bool) -> FrameKeeper<'a> {
         let shown = (keeps && to.wants_frames()).then(Vec::new);
-        Witness { to, shown, bodies: 0 }
+        FrameKeeper { to, shown, bodies: 0 }
     }
 
     /// The frames, where all were kept.
-    pub fn into_shown(self) -> Option<Vec<Still>> {
+    pub fn into_shown(self) -> Option<Vec<CachedFrame>> {
         self.shown
     }
 }
 
-impl Observer for Witness<'_> {
+impl Observer for FrameKeeper<'_> {
     fn progress(&mut self, progress: &Progress) -> ControlFlow<()> {
         self.to.progress(progress)
     }
@@ -148,7 +148,7 @@ impl Observer for Witness<'_> {
             self.shown = None;
         }
         if let Some(shown) = &mut self.shown {
-            shown.push(Still { number: frame.number, time: frame.time, bodies: frame.bodies.to_vec() });
+            shown.push(CachedFrame { number: frame.number, time: frame.time, bodies: frame.bodies.to_vec() });
         }
         self.to.frame(frame);
     }

@@ -51,7 +51,7 @@ impl Touch {
         self.points.iter().map(|p| -p.gap).fold(0.0, f64::max)
     }
 
-    /// The same for the measures. What is kept in place carries like scenery.
+    /// Who bears on whom. What is pinned carries like scenery.
     pub fn bearings<'a>(&'a self, world: &World) -> impl Iterator<Item = Bearing> + 'a {
         let side = |id: BodyId| match world.bodies[id].role {
             Role::Pinned => contact::Side::Fixed,

@@ -185,17 +185,15 @@ impl<'a> Control<'a> {
         }
         let flying = self.eligibility.flying(touches);
         let quiet = policy.quiet();
-        for id in 0..world.bodies().len() {
-            if world.bodies()[id].role == Role::Free && (quiet.is_some() || self.eligibility.is_inside(world, id)) {
-                let slow = world.speed(id) < self.params.speed;
-                let slowly = if quiet.is_some() { LATE_DAMPING } else { 1.0 } * self.params.damping;
-                let damping = match slow {
-                    _ if self.impact.is_shaken(id, self.tally.cycles) || flying.contains(&id) => 0.0,
-                    true => slowly,
-                    false => quiet.unwrap_or(0.0),
-                };
-                policy.damp(id, damping);
-            }
+        let slowly = if quiet.is_some() { LATE_DAMPING } else { 1.0 } * self.params.damping;
+        for id in (0..world.bodies().len()).filter(|&id| world.bodies()[id].role == Role::Free) {
+            let judged = quiet.is_some() || self.eligibility.is_inside(world, id);
+            let damping = match world.speed(id) < self.params.speed {
+                _ if !judged || self.impact.is_shaken(id, self.tally.cycles) || flying.contains(&id) => 0.0,
+                true => slowly,
+                false => quiet.unwrap_or(0.0),
+            };
+            policy.damp(id, damping);
         }
     }
 }
