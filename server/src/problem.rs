@@ -24,7 +24,7 @@ pub struct Problem {
 pub enum Cause {
     /// What was given is wrong.
     #[default]
-    PlacedBody,
+    Given,
     /// An asset was named, and is not there yet.
     NotUploaded,
 }
@@ -36,7 +36,7 @@ impl Problem {
             place: place.into(),
             what: what.into(),
             remedy: remedy.into(),
-            cause: Cause::PlacedBody,
+            cause: Cause::Given,
         }
     }
 

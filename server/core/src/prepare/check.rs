@@ -132,9 +132,10 @@ fn closed(
     Some(Closed { mesh, topology: found })
 }
 
-/// Less of the control mesh than this being as thick as the thinnest prop, the pile would have another shape.
+/// If less of the control mesh than this share is as thick as the thinnest prop, the scene is refused: the pile would have another
+/// shape.
 const LEAST_THICK: f64 = 0.1;
-/// Less than this is worth a word.
+/// If less than this share is, the user is told.
 const MOSTLY_THICK: f64 = 0.5;
 
 /// Whether the props fit between the control mesh's own walls.

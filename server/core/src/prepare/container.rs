@@ -77,7 +77,7 @@ impl Container {
     }
 
     /// Whether all points lie inside, up to `slack`.
-    pub fn holds(&self, mut points: impl Iterator<Item = DVec3>, slack: f64) -> bool {
+    pub fn contains(&self, mut points: impl Iterator<Item = DVec3>, slack: f64) -> bool {
         points.all(|p| p.y >= self.base - slack && self.distance.signed_distance(p) <= slack)
     }
 

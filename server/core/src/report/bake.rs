@@ -10,7 +10,7 @@ pub struct Bake {
     /// Frames per second.
     pub fps: f64,
     /// In the order of insertion.
-    pub bodies: Vec<Body>,
+    pub bodies: Vec<BakedBody>,
     /// Shape `[frame][body]`: from the prop's own frame, scaled, to the world; metres. A body that is not there yet has the
     /// pose in which it will appear.
     pub frames: Vec<Vec<Pose>>,
@@ -31,7 +31,7 @@ impl Bake {
 
 /// One prop in the pile.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Body {
+pub struct BakedBody {
     /// Index into the scene's props.
     pub prop: usize,
     /// Uniform scale applied to the prop before its pose.
@@ -41,10 +41,11 @@ pub struct Body {
 }
 
 /// The bodies that some frame has, and the frames in SI, from the props' own frames. Shape `[frame][body]`.
-pub fn prop_frames(pile: &Pile) -> (Vec<Body>, Vec<Vec<Pose>>) {
+pub fn prop_frames(pile: &Pile) -> (Vec<BakedBody>, Vec<Vec<Pose>>) {
     let count = pile.recorder.frames.last().map_or(0, Vec::len);
     let all = pile.instances.iter().zip(&pile.recorder.first_frames).take(count);
-    let bodies: Vec<Body> = all.map(|(b, &first_frame)| Body { prop: b.prop, scale: b.scale, first_frame }).collect();
+    let bodies: Vec<BakedBody> =
+        all.map(|(b, &first_frame)| BakedBody { prop: b.prop, scale: b.scale, first_frame }).collect();
     let mut frames: Vec<Vec<Pose>> =
         (0..pile.recorder.frames.len()).map(|number| pile.prop_frame(number).collect()).collect();
     // Before it appears, a body has the pose that it will have then.

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<Count, u64> {
     let (scene, pile) = (inputs.scene, &sim.pile);
     let filled = inputs.filled.map(|(_, filled)| filled);
-    let (tally, done, world) = (pile.control.tally(), pile.tally, &pile.world);
+    let (tally, done, world) = (pile.control.tally(), pile.done, &pile.world);
     let of_kind = |is: fn(&Outline) -> bool| pile.shapes.iter().filter(|s| is(&s.solid.outline())).count() as u64;
     let steps_if = |on: bool| if on { pile.step } else { 0 };
     let removed = filled.map(|filled| filled.removed).unwrap_or_default();
@@ -29,7 +29,7 @@ pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<C
         (Count::GuardStiffened, sim.guard.actions.stiffened),
         (Count::ControlCycles, tally.cycles),
         (Count::Analyses, tally.analyses),
-        (Count::VerdictsKept, tally.settled),
+        (Count::VerdictsKept, tally.verdicts_kept),
         (Count::VerdictsStable, tally.stable),
         (Count::VerdictsUnstable, tally.unstable),
         (Count::VerdictsUndecided, tally.undecided),

@@ -1,6 +1,6 @@
 //! What a report is made of.
 
-use super::bake::Body;
+use super::bake::BakedBody;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::input::params::Params;
@@ -10,7 +10,7 @@ use crate::prepare::effects::Resolved;
 use crate::prepare::plan::Plan;
 use crate::prepare::shape::Shape;
 use crate::stages::fill::Filled;
-use crate::stages::hold::Held;
+use crate::stages::hold::HoldOutcome;
 use std::collections::BTreeMap;
 
 /// Figures by name; `None` where a figure has no meaning for the scene.
@@ -26,8 +26,8 @@ pub struct Inputs<'a> {
     /// The shape that the pile is to have, welded and facing outward.
     pub target: Option<&'a TriMesh>,
     pub filled: Option<&'a (Container, Filled)>,
-    pub held: Held,
-    pub bodies: &'a [Body],
+    pub held: HoldOutcome,
+    pub bodies: &'a [BakedBody],
     /// Shape `[frame][body]`, SI, from the props' own frames.
     pub frames: &'a [Vec<Pose>],
     /// Height, m.

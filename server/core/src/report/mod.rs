@@ -15,7 +15,7 @@ use crate::input::observer::Stage;
 use crate::input::params::Params;
 use crate::prepare::effects::{Charge, Count};
 use crate::prepare::plan::Plan;
-use crate::prepare::shape::ShapeReport;
+use crate::prepare::shape::ShapeFit;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
@@ -39,7 +39,7 @@ pub struct Report {
     /// Counts by name: steps, solves, verdicts, nails, removed bodies.
     pub counts: BTreeMap<Count, u64>,
     /// Per prop: what its collision shape is and how far it is from the mesh.
-    pub shapes: Vec<ShapeReport>,
+    pub shapes: Vec<ShapeFit>,
     /// CPU seconds by stage.
     pub seconds: BTreeMap<Stage, f64>,
     /// What each effect did and cost.

@@ -28,7 +28,7 @@ pub fn figures(inputs: &Inputs, pile: &Pile) -> Figures {
         ("resting_speed_max", Some(inputs.held.resting_speed_max * units.length / units.time)),
         ("resting_speed_max_rel", Some(inputs.held.resting_speed_max)),
         ("kinetic_energy_rel", Some(pile.world.kinetic_energy() / weight.max(f64::MIN_POSITIVE))),
-        ("active_body_share", Some(pile.tally.active_body_steps as f64 / count / pile.step.max(1) as f64)),
+        ("active_body_share", Some(pile.done.active_body_steps as f64 / count / pile.step.max(1) as f64)),
     ]);
     if let Some(rest) = inputs.held.rest {
         let seconds = rest.steps as f64 * pile.world.step_length() * units.time;

@@ -7,7 +7,7 @@ use crate::prepare::container::Container;
 use crate::sim::guard;
 use crate::sim::step::Simulation;
 use crate::stages::fill::{Filled, Removed};
-use crate::stages::hold::Held;
+use crate::stages::hold::HoldOutcome;
 use crate::world::BodyId;
 
 /// More of the volume than this in pockets is worth a word.
@@ -83,7 +83,7 @@ fn guard(sim: &Simulation) -> Vec<String> {
 }
 
 /// How the pile ended.
-pub fn end(sim: &Simulation, held: Held, measures: &Figures) -> Vec<String> {
+pub fn end(sim: &Simulation, held: HoldOutcome, measures: &Figures) -> Vec<String> {
     let mut warnings = Vec::new();
     if !held.at_rest {
         warnings.push("the pile was still moving at the last frame; bake more frames, or raise hold.patience".into());

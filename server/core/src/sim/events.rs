@@ -1,4 +1,4 @@
-//! What a scene lets happen at given times: bodies that appear, kept ones that are let go, moving scenery, the end of the
+//! What a scene lets happen at given times: bodies that appear, pinned ones that are let go, moving scenery, the end of the
 //! control. Called before each step of the release and the hold; times are those of the frames.
 
 use super::instance::{self, Instance};
@@ -181,7 +181,7 @@ impl<'a> Events<'a> {
             emission.blocked = None;
             emission.emitted += 1;
             let id = pile.insert(body)?;
-            pile.tally.bodies_emitted += 1;
+            pile.done.bodies_emitted += 1;
             pile.world.launch(id, emitter.velocity, DVec3::ZERO);
             pile.control.drop_in(id);
             pile.latest_event = pile.step;

@@ -2,11 +2,11 @@
 
 use super::policy::Policy;
 
-/// Damping meanwhile, per natural time: 50/s for a prop of 1 m, at which a pile creeps into its rest.
+/// Damping during the gentle end, per natural time: 50/s for a prop of 1 m, at which a pile creeps into its rest.
 const DAMPING: f64 = 16.0;
 /// The damping is whole for this long, natural times.
 const WHOLE: f64 = 9.5;
-/// Then it ends over this time, natural times.
+/// Time over which it then fades out, natural times.
 const RAMP: f64 = 3.2;
 
 /// Whether the control is ending gently, and since when.

@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::error::Problem;
 use crate::input::scene::{Scene, StaticModel};
 use crate::prepare::effects::{EffectName, Resolved};
-use crate::world::{BodyId, Energy, Role, State, Units, World};
+use crate::world::{BodyId, Energy, Role, Snapshot, Units, World};
 use std::collections::BTreeSet;
 
 /// What the guard has done.
@@ -101,7 +101,7 @@ pub struct Guard {
     stiff_until: Option<u64>,
     step: u64,
     /// The bodies before the current step.
-    before: State,
+    before: Snapshot,
 }
 
 impl Guard {
@@ -110,14 +110,14 @@ impl Guard {
         let bounces = resolved.is_on(EffectName::Restitution);
         let scenery = scene.statics.iter().map(scenery_speed).fold(0.0, f64::max);
         let emitted = scene.emitters.iter().map(|e| e.velocity.length()).fold(0.0, f64::max);
-        let spun = scene.bodies.iter().map(|b| b.velocity.length()).fold(0.0, f64::max);
+        let launched = scene.bodies.iter().map(|b| b.velocity.length()).fold(0.0, f64::max);
         Guard {
             watches: resolved.is_on(EffectName::Guard),
             actions: Actions::default(),
             ground,
             speed_factor: if bounces || resolved.mass_ratio > SQUEEZING { BOUNCE_FACTOR } else { SPEED_FACTOR },
             highest: 0.0,
-            thrown: scenery.max(emitted).max(spun) * units.time / units.length,
+            thrown: scenery.max(emitted).max(launched) * units.time / units.length,
             known: 0,
             in_a_row: 0,
             resting_until: 0,
@@ -125,7 +125,7 @@ impl Guard {
             latest: BTreeSet::new(),
             stiff_until: None,
             step: 0,
-            before: State::default(),
+            before: Snapshot::default(),
         }
     }
 

@@ -16,7 +16,7 @@ pub const REST_SPEED: f64 = 0.01;
 
 /// What effects of release and hold have done so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct Done {
     pub layers: u64,
     pub bouncing_bodies: u64,
     pub bodies_emitted: u64,
@@ -37,7 +37,7 @@ pub struct Pile<'a> {
     pub latest_event: u64,
     /// In the order of insertion.
     pub instances: Vec<Instance>,
-    pub tally: Tally,
+    pub done: Done,
     /// Sentences for a person: what could not be done.
     pub notes: Vec<String>,
     pub scene: &'a Scene,
@@ -66,7 +66,7 @@ impl<'a> Pile<'a> {
             step: 0,
             latest_event: 0,
             instances: Vec::new(),
-            tally: Tally::default(),
+            done: Done::default(),
             notes: Vec::new(),
             scene,
             shapes,
@@ -78,7 +78,7 @@ impl<'a> Pile<'a> {
     pub fn insert(&mut self, body: Instance) -> Result<BodyId, Error> {
         let prop = &self.scene.props[body.prop];
         let (friction, restitution) = (prop.friction, if self.bounces { prop.restitution } else { 0.0 });
-        self.tally.bouncing_bodies += u64::from(restitution > 0.0);
+        self.done.bouncing_bodies += u64::from(restitution > 0.0);
         let insertion = Insertion { prop: body.prop, scale: body.scale, pose: body.pose, friction, restitution };
         let id = self.world.insert(&self.shapes[body.prop], &insertion).map_err(Error::Internal)?;
         self.policy.join(id);

@@ -3,16 +3,17 @@
 //! | stage | reads | writes |
 //! | --- | --- | --- |
 //! | events | what is due by the scene | bodies, where scenery goes, roles, the control's end |
-//! | gentle stop | since when the control ends | reasons for damping |
+//! | gentle stop | since when the control ends | reasons for damping; the time of the latest event |
 //! | control | touches, poses, speeds | verdicts, supports, roles, reasons for damping, friction |
 //! | policy | reasons | damping |
 //! | engine | all of the world | poses, velocities, contacts; bodies that the guard sets aside |
 //! | fallen | heights | bodies that are gone |
-//! | breaking | loads of the step | supports, roles, reasons for damping |
-//! | record | poses | frames, their observer |
-//! | progress | roles, speeds | counts, the caller's progress |
+//! | breaking | loads of the step | supports, roles; reasons for damping, for the next step |
+//! | record | poses | the number of the step; frames, their observer |
+//! | progress | roles, speeds | the top speed, counts, the caller's progress |
 //!
-//! Roles, friction and damping are written by [`Policy`](super::policy::Policy) alone, whoever has the reason.
+//! Roles, friction and damping are written by [`Policy`](super::policy::Policy) alone, whoever has the reason; only a body that is
+//! taken out of the world gets its role there. Between steps, the stages of the bake release layers, and quieten or end the hold.
 
 use super::events::Events;
 use super::guard::Guard;
@@ -64,16 +65,17 @@ impl Seconds {
         stages.iter().map(|&stage| self.0[stage as usize]).sum()
     }
 
-    /// In analysis, candidates and supports.
+    /// CPU seconds of analysis, candidates and supports.
     pub fn control(&self) -> f64 {
         self.of(&[StepStage::Control, StepStage::Policy, StepStage::Breaking])
     }
 
-    /// In the engine's steps and what watches them.
+    /// CPU seconds of the engine's steps and of what watches them.
     pub fn engine(&self) -> f64 {
         self.of(&[StepStage::Engine, StepStage::Fallen])
     }
 
+    /// CPU seconds of frames.
     pub fn frames(&self) -> f64 {
         self.of(&[StepStage::Record])
     }
@@ -188,7 +190,7 @@ impl<'a> Simulation<'a> {
     ) -> Result<(), Error> {
         let world = &self.pile.world;
         self.top_speed = world.present().map(|id| world.speed(id)).fold(0.0, f64::max);
-        self.pile.tally.active_body_steps += world.present().filter(|&id| world.is_awake(id)).count() as u64;
+        self.pile.done.active_body_steps += world.present().filter(|&id| world.is_awake(id)).count() as u64;
         let bodies = world.present().count();
         let released = bodies - world.count(Role::Waiting);
         let at_rest = world.present().filter(|&id| world.speed(id) < REST_SPEED).count();

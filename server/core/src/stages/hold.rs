@@ -9,15 +9,14 @@ use crate::sim::step::Simulation;
 /// The pile is at rest once every body has been for this long, natural times.
 const REST_TIME: f64 = 1.0;
 
-/// Damping against rolling, per natural time: the engine has no rolling resistance, and a ball that has left the pile
-/// would roll on for ever. Most of a rolling body's speed is gone after five natural times.
+/// Damping of what still rolls or rattles late in the hold, per natural time: most of its speed is gone after five natural times.
 const ROLLING_DAMPING: f64 = 0.5;
 /// It sets in after this share of the patience, when the shape is long decided.
 const ROLLING_ONSET: f64 = 0.125;
 
 /// How the hold ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Held {
+pub struct HoldOutcome {
     /// Every body came to rest; nothing moves after that.
     pub at_rest: bool,
     /// Largest speed of any body since the pile has been calm, or in the last step if it never was; d per natural time.
@@ -36,7 +35,7 @@ pub struct Rest {
 
 /// Steps until rest, patience or the last frame ends it. A pile at rest is not simulated any further: its bodies are
 /// certified or asleep, and each further cycle would find the same.
-pub fn run(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer) -> Result<Held, Error> {
+pub fn run(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer) -> Result<HoldOutcome, Error> {
     let step = sim.pile.world.step_length();
     let patience = (params.hold.patience / step).ceil() as u64;
     let rest_steps = (REST_TIME / step).ceil() as u64;
@@ -85,5 +84,5 @@ pub fn run(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer) -
         sim.pile.recorder.fit(n as usize);
         sim.show(observer, Stage::Hold);
     }
-    Ok(Held { at_rest, resting_speed_max: top_speed.max(sim.top_speed), rest: rest.filter(|_| at_rest) })
+    Ok(HoldOutcome { at_rest, resting_speed_max: top_speed.max(sim.top_speed), rest: rest.filter(|_| at_rest) })
 }

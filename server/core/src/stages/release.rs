@@ -15,7 +15,7 @@ pub fn run(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer) -
     let total = layers.len() as u64 * interval;
     sim.show(observer, Stage::Release);
     for layer in layers {
-        sim.pile.tally.layers += 1;
+        sim.pile.done.layers += 1;
         layer.into_iter().for_each(|id| sim.pile.let_go(id));
         for _ in 0..interval {
             sim.advance(observer, Stage::Release, |sim| sim.pile.step as f64 / total as f64)?;

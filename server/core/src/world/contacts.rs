@@ -51,7 +51,7 @@ impl Touch {
         self.points.iter().map(|p| -p.gap).fold(0.0, f64::max)
     }
 
-    /// Who bears on whom. What is pinned carries like scenery.
+    /// Its points, as who bears on whom. What is pinned carries like scenery.
     pub fn bearings<'a>(&'a self, world: &World) -> impl Iterator<Item = Bearing> + 'a {
         let side = |id: BodyId| match world.bodies[id].role {
             Role::Pinned => contact::Side::Fixed,
@@ -69,7 +69,7 @@ impl Touch {
 /// The spatial index holds the boxes of the beginning of the last step: a slow body has not moved farther since.
 pub(super) const STALE_INDEX: f64 = 0.02;
 
-/// Of contact springs, per natural time, for which loads are compared with kappa as they are.
+/// Frequency of contact springs, per natural time, up to which loads are compared with kappa as they are.
 const USUAL_FREQUENCY: f64 = 20.0;
 
 impl World {

@@ -6,7 +6,7 @@ use rapier3d::prelude::*;
 
 /// The moving bodies before a step.
 #[derive(Default)]
-pub struct State(Vec<Moved>);
+pub struct Snapshot(Vec<Moved>);
 
 struct Moved {
     id: BodyId,
@@ -27,7 +27,7 @@ pub struct Energy {
 
 impl World {
     /// Takes note of the free bodies that are awake, as they are now.
-    pub fn note(&self, state: &mut State) {
+    pub fn note(&self, state: &mut Snapshot) {
         state.0.clear();
         for (id, body) in self.bodies.iter().enumerate().filter(|(_, body)| body.role == Role::Free) {
             let rigid = &self.engine.bodies[body.handle];
@@ -39,7 +39,7 @@ impl World {
     }
 
     /// What the bodies of a state have now.
-    pub fn energy_of(&self, state: &State) -> Energy {
+    pub fn energy_of(&self, state: &Snapshot) -> Energy {
         let mut energy = Energy::default();
         for id in state.0.iter().map(|moved| moved.id).filter(|&id| self.is_present(id)) {
             let rigid = &self.engine.bodies[self.bodies[id].handle];
@@ -53,7 +53,7 @@ impl World {
 
     /// Puts the bodies back to where they were, and takes the same step in `parts` smaller ones. Returns the bodies that the
     /// engine set aside.
-    pub fn step_again(&mut self, before: &State, parts: u32) -> Vec<BodyId> {
+    pub fn step_again(&mut self, before: &Snapshot, parts: u32) -> Vec<BodyId> {
         for was in &before.0 {
             if self.bodies[was.id].role != Role::Free {
                 continue;

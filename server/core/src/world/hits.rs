@@ -10,7 +10,7 @@ use rapier3d::prelude::*;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     pub hitter: BodyId,
-    pub held: BodyId,
+    pub frozen: BodyId,
     /// Of their approach, engine units.
     pub speed: f64,
 }
@@ -29,9 +29,9 @@ impl World {
             let reach = self.speed(hitter) * self.step_length() * STEPS_AHEAD;
             let mut near: Vec<BodyId> = self.frozen_around(self.bodies[hitter].collider, reach + STALE_INDEX);
             near.sort_unstable();
-            for held in near {
-                if let Some(speed) = self.approach(hitter, held, reach).filter(|&speed| speed > least) {
-                    hits.push(Hit { hitter, held, speed });
+            for frozen in near {
+                if let Some(speed) = self.approach(hitter, frozen, reach).filter(|&speed| speed > least) {
+                    hits.push(Hit { hitter, frozen, speed });
                 }
             }
         }
@@ -59,16 +59,16 @@ impl World {
     /// Held bodies whose boxes are this near to a collider's.
     fn frozen_around(&self, collider: ColliderHandle, distance: f64) -> Vec<BodyId> {
         let aabb = self.engine.colliders[collider].compute_aabb().loosened(distance as f32);
-        let held = |(_, other): (ColliderHandle, &Collider)| match self.what(other) {
+        let frozen = |(_, other): (ColliderHandle, &Collider)| match self.what(other) {
             Some(Side::Body(id)) if self.bodies[id].role == Role::Frozen => Some(id),
             _ => None,
         };
-        self.query().intersect_aabb_conservative(aabb).filter_map(held).collect()
+        self.query().intersect_aabb_conservative(aabb).filter_map(frozen).collect()
     }
 
     /// Speed at which a body nears another that is not farther than `reach`, if it gets there within the steps ahead.
-    fn approach(&self, hitter: BodyId, held: BodyId, reach: f64) -> Option<f64> {
-        let [first, second] = [hitter, held].map(|id| &self.engine.colliders[self.bodies[id].collider]);
+    fn approach(&self, hitter: BodyId, frozen: BodyId, reach: f64) -> Option<f64> {
+        let [first, second] = [hitter, frozen].map(|id| &self.engine.colliders[self.bodies[id].collider]);
         let found =
             query::contact(first.position(), first.shape(), second.position(), second.shape(), reach as f32).ok()??;
         let body = &self.engine.bodies[self.bodies[hitter].handle];

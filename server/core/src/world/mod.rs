@@ -23,7 +23,7 @@ use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::*;
 
 pub use contacts::{Side, Touch, TouchPoint};
-pub use guarded::{Energy, State};
+pub use guarded::{Energy, Snapshot};
 pub use hits::Hit;
 use manifold::{Manifolds, SOLVED};
 pub use motion::{FrictionExcess, Momentum};
@@ -75,11 +75,11 @@ pub struct WorldBody {
 /// What effects have done so far: bodies, summed over the steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Counters {
-    /// Whose contacts were found a step ahead.
+    /// Bodies whose contacts were found a step ahead.
     pub speculative_body_steps: u64,
-    /// Swept along their way.
+    /// Bodies swept along their way.
     pub ccd_body_steps: u64,
-    /// Kept from rolling.
+    /// Bodies braked by their resistance to rolling.
     pub rolling_body_steps: u64,
     /// Looks at a body that moved on the spot, and so was let fall asleep.
     pub rocking_looks: u64,
@@ -132,7 +132,7 @@ const MAX_SPEED: f64 = 100.0;
 /// Contacts are kept unchanged until a pair has moved by this share of the smallest thickness: more is fiction at the
 /// time of a verdict, less lets small towers creep.
 const RECYCLE_SHARE: f64 = 0.05;
-/// Nor by more than this: a body would hover above what it seems to rest on.
+/// Upper bound of that distance, d: a body would hover above what it seems to rest on.
 const MAX_RECYCLE: f64 = 1.0 / 200.0;
 
 /// Distance up to which contacts are predicted. `thickness`: the smallest of any body; engine units.

@@ -118,6 +118,7 @@ pub fn encode(format: Format, bake: &Bake, scene: &ExportScene) -> Result<Vec<u8
 
 /// What the result calls each body.
 fn body_names(bake: &Bake, scene: &ExportScene) -> Vec<String> {
-    let named = |(i, body): (usize, &cairn_core::report::bake::Body)| format!("{}.{i:04}", scene.props[body.prop].name);
+    let named =
+        |(i, body): (usize, &cairn_core::report::bake::BakedBody)| format!("{}.{i:04}", scene.props[body.prop].name);
     bake.bodies.iter().enumerate().map(named).collect()
 }

@@ -1,7 +1,7 @@
 //! The keyframes of one body, in the numbers of a glTF file.
 
 use cairn_core::geometry::pose::Pose;
-use cairn_core::report::bake::Body;
+use cairn_core::report::bake::BakedBody;
 use glam::DQuat;
 
 /// The keys of one channel that say something.
@@ -31,7 +31,7 @@ pub fn rotations(poses: impl Iterator<Item = Pose>) -> Vec<[f32; 4]> {
 }
 
 /// The scale of a body that appears later: nothing, then its own. The keys are not blended.
-pub fn appearance(body: &Body) -> Option<Track<3>> {
+pub fn appearance(body: &BakedBody) -> Option<Track<3>> {
     let first = u32::try_from(body.first_frame).ok().filter(|&first| first > 0)?;
     Some(Track { frames: vec![0, first], values: vec![[0.0; 3], [body.scale as f32; 3]] })
 }

@@ -126,7 +126,22 @@ impl Case<'_> {
             EffectName::Breaking => control.breaking,
             EffectName::Impact => control.impact,
             EffectName::Frames => params.output.keeps_frames,
-            _ => Switch::Auto,
+            // These have parameters of their own, or follow from the scene alone.
+            EffectName::Fill
+            | EffectName::WallSimplification
+            | EffectName::TurnOver
+            | EffectName::StagedRelease
+            | EffectName::Scenery
+            | EffectName::Bodies
+            | EffectName::Emitters
+            | EffectName::FrictionPerPoint
+            | EffectName::SameOnAllMachines
+            | EffectName::Control
+            | EffectName::Analysis
+            | EffectName::Nails
+            | EffectName::Stand
+            | EffectName::FreeStanding
+            | EffectName::FreePour => Switch::Auto,
         }
     }
 }

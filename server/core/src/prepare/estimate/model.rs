@@ -3,19 +3,20 @@
 use super::Weights;
 use crate::input::params::Accuracy;
 
-/// Of the machine that the runs were made on: CPU seconds of the calibration.
+/// CPU seconds of the calibration on the machine that the runs were made on.
 pub const CALIBRATION_SECONDS: f64 = 0.0463;
 /// Nine of ten bakes of props and control meshes of others were within this factor of the model, which was fitted on them and on
 /// the study.
 pub const FACTOR: f64 = 2.4;
 
-/// Of the CPU time of release and hold, the control's: median over the study's scenes.
+/// The control's share of the CPU time of release and hold: median over the study's scenes.
 pub const CONTROL_SHARE: f64 = 0.36;
 
-/// Of 1, bodies, corners, parts, slenderness, walls, times, step_rate, substeps, coulomb.
+/// Exponents of the fill's CPU time: of 1, bodies, corners, parts, slenderness, walls, times, step_rate, substeps, coulomb.
 pub const FILL: Weights = [-5.316, 1.000, 0.212, 0.331, -0.260, 0.115, 0.000, 0.433, 0.083, 0.000];
+/// The same for release and hold.
 pub const RELEASE_AND_HOLD: Weights = [-11.217, 1.000, 0.592, 0.193, -0.173, 0.068, 0.784, 0.519, 0.221, 0.080];
-/// Shapes and measures.
+/// The same for shapes and measures.
 pub const MEASURE: Weights = [-7.659, 1.000, 0.000, 0.192, -0.047, 0.025, 0.261, 0.539, 0.184, 0.531];
 
 /// Medians over the study's scenes: `penetration_mean_rel`, `friction_violation_mean`. The three presets with one friction force per patch

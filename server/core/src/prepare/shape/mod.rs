@@ -49,7 +49,7 @@ pub fn run(scene: &Scene, params: &Params, sizes: &[Size], observer: &mut dyn Ob
 
 /// How a prop is simulated, for the report.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct ShapeReport {
+pub struct ShapeFit {
     pub prop: String,
     pub kind: Outline,
     pub parts: usize,
@@ -78,7 +78,7 @@ pub struct Shape {
     /// The direction in which the prop is thinnest, in the body's frame; unit.
     pub thin_axis: DVec3,
     pub solid: Solid,
-    pub report: ShapeReport,
+    pub report: ShapeFit,
 }
 
 /// The collision shape, about the centre of mass, m.
@@ -122,7 +122,7 @@ impl Shape {
         let principal = principal.max(DVec3::splat(principal.max_element() * 1e-6));
         let mass = moments.volume * prop.density;
         let solid = solid.moved(-moments.center);
-        let report = ShapeReport {
+        let report = ShapeFit {
             prop: prop.model.name.clone(),
             kind: solid.outline(),
             parts: solid.parts(),

@@ -22,7 +22,7 @@ pub struct Analysis<'a> {
     /// Verdicts are kept where nothing that they rest on has changed.
     keeps_verdicts: bool,
     /// Passed the latest analysis and candidate rules. Shape `[body]`.
-    pub certified: Vec<bool>,
+    pub candidates: Vec<bool>,
     /// What touched in the latest cycle.
     pub touches: Vec<Touch>,
     /// Bodies that have not moved since. Shape `[body]`.
@@ -40,7 +40,7 @@ impl<'a> Analysis<'a> {
             options: Options { friction_law, solver: Solver::Fast, margin: false },
             analyser: Analyser::new(),
             keeps_verdicts,
-            certified: Vec::new(),
+            candidates: Vec::new(),
             touches: Vec::new(),
             unmoved: Vec::new(),
         }
@@ -64,24 +64,24 @@ impl<'a> Analysis<'a> {
 
     /// Bodies that are frozen and touch nothing that moved, appeared or began to carry since their last verdict: it still holds.
     /// Shape `[body]`.
-    fn settled(&self, world: &World, touches: &[Touch]) -> Vec<bool> {
+    fn unchanged(&self, world: &World, touches: &[Touch]) -> Vec<bool> {
         let unmoved = |id: BodyId| self.unmoved.get(id).copied().unwrap_or(false);
         let frozen = |id: BodyId| unmoved(id) && world.bodies()[id].role == Role::Frozen;
-        let mut settled: Vec<bool> = (0..world.bodies().len()).map(frozen).collect();
+        let mut unchanged: Vec<bool> = (0..world.bodies().len()).map(frozen).collect();
         for t in touches {
             if let Side::Body(b) = t.b {
-                settled[t.a] &= unmoved(b);
-                settled[b] &= unmoved(t.a);
+                unchanged[t.a] &= unmoved(b);
+                unchanged[b] &= unmoved(t.a);
             }
         }
         for t in &self.touches {
             // What has gone away carried, too.
             if let Side::Body(b) = t.b {
-                settled[t.a] &= unmoved(b) && world.is_present(b);
-                settled[b] &= unmoved(t.a) && world.is_present(t.a);
+                unchanged[t.a] &= unmoved(b) && world.is_present(b);
+                unchanged[b] &= unmoved(t.a) && world.is_present(t.a);
             }
         }
-        settled
+        unchanged
     }
 
     /// Judges all bodies but the barred ones (shape `[body]`; may be shorter), and remembers who passed.
@@ -93,7 +93,7 @@ impl<'a> Analysis<'a> {
         eligibility: &Eligibility,
         tally: &mut Tally,
     ) {
-        let settled = self.settled(world, touches);
+        let unchanged = self.unchanged(world, touches);
         let contacts = contacts(world, touches, self.params.selection);
         let rules = self.rules(world.units.length);
         let mut passed = vec![false; world.bodies().len()];
@@ -106,9 +106,9 @@ impl<'a> Analysis<'a> {
                 passed[id] = true;
                 continue;
             }
-            if settled[id] {
-                tally.settled += 1;
-                passed[id] = self.certified[id];
+            if unchanged[id] {
+                tally.verdicts_kept += 1;
+                passed[id] = self.candidates[id];
                 continue;
             }
             let released = matches!(body.role, Role::Free | Role::Frozen);
@@ -125,7 +125,7 @@ impl<'a> Analysis<'a> {
             };
             passed[id] = self.judge(&problem, &rules.of(body.face_area), tally);
         }
-        self.certified = passed;
+        self.candidates = passed;
     }
 
     /// Analysis and candidate rules for one body.

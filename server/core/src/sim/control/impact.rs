@@ -43,14 +43,14 @@ impl Impact {
     pub fn look(&mut self, world: &mut World, policy: &mut Policy, touches: &[Touch], cycle: u64) -> Vec<BodyId> {
         self.looks += 1;
         let mass = |id: BodyId| world.bodies()[id].mass;
-        let is_blow = |hit: &Hit| mass(hit.hitter) * hit.speed > LEAST_BLOW * (mass(hit.hitter) + mass(hit.held));
+        let is_blow = |hit: &Hit| mass(hit.hitter) * hit.speed > LEAST_BLOW * (mass(hit.hitter) + mass(hit.frozen));
         let blows: Vec<Hit> = world.hits_ahead(LEAST_BLOW).into_iter().filter(is_blow).collect();
         let mut freed = Vec::new();
         if !blows.is_empty() {
             let joined = joined(world, touches);
             for hit in blows {
                 let momentum = world.bodies()[hit.hitter].mass * hit.speed;
-                for id in moved_by(world, hit.held, momentum / LEAST_BLOW, &joined) {
+                for id in moved_by(world, hit.frozen, momentum / LEAST_BLOW, &joined) {
                     self.let_go(world, policy, id, cycle);
                     freed.push(id);
                 }

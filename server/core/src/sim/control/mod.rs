@@ -25,7 +25,7 @@ use support::{Lifetime, Support, Verdicts};
 
 /// The paper's kappa is an impulse per kg over this time (s): its step.
 const KAPPA_TIME: f64 = 1.0 / 240.0;
-/// Late in the hold slow bodies are damped this much more. What lacks support still falls, at 1/20 of d per natural time:
+/// Late in the hold slow bodies are damped this many times as much. What lacks support still falls, at 1/20 of d per natural time:
 /// five times what counts as rest.
 const LATE_DAMPING: f64 = 3.0;
 
@@ -97,8 +97,8 @@ impl<'a> Control<'a> {
     }
 
     /// Bodies that passed the latest cycle.
-    pub fn certified(&self) -> &[bool] {
-        &self.analysis.certified
+    pub fn candidates(&self) -> &[bool] {
+        &self.analysis.candidates
     }
 
     /// What it has done so far.
@@ -143,11 +143,11 @@ impl<'a> Control<'a> {
         let barred = self.eligibility.barred(world, &touches);
         self.analysis.judge_all(world, &touches, &barred, &self.eligibility, &mut self.tally);
         let hanging = self.eligibility.hanging(world, &touches, self.params.speed);
-        hanging.iter().for_each(|&id| self.analysis.certified[id] = false);
+        hanging.iter().for_each(|&id| self.analysis.candidates[id] = false);
         let verdicts = Verdicts {
             cycle: self.tally.cycles,
             touches: &touches,
-            certified: &self.analysis.certified,
+            candidates: &self.analysis.candidates,
             shaken: &self.impact.shaken,
         };
         support.place(&verdicts, world, policy, &mut self.tally);
@@ -177,7 +177,7 @@ impl<'a> Control<'a> {
         }
     }
 
-    /// Slow bodies that are not certified lose speed, so that near contacts close gently and rest can be certified;
+    /// Slow bodies that are not candidates lose speed, so that near contacts close gently and rest can be candidates;
     /// a falling body falls.
     fn damp(&self, world: &World, policy: &mut Policy, touches: &[Touch]) {
         if self.params.damping == 0.0 {

@@ -9,7 +9,7 @@ impl Control<'_> {
     pub fn states(&self, world: &World) -> Vec<State> {
         let Some(support) = &self.support else { return vec![State::Free; world.bodies().len()] };
         let held = support.held(world);
-        let certified = self.certified();
+        let candidates = self.candidates();
         let state = |(id, body): (usize, &WorldBody)| match body.role {
             Role::Waiting => State::Waiting,
             Role::Pinned => State::Pinned,
@@ -17,7 +17,7 @@ impl Control<'_> {
             Role::Gone => State::Free,
             Role::Free if self.ended => State::Free,
             Role::Free if held[id] => State::Held,
-            Role::Free if certified.get(id).is_some_and(|&certified| certified) => State::Candidate,
+            Role::Free if candidates.get(id).is_some_and(|&candidates| candidates) => State::Candidate,
             Role::Free if !self.eligibility.is_inside(world, id) => State::Outside,
             Role::Free => State::Unstable,
         };

@@ -11,7 +11,7 @@ pub struct Tally {
     /// Local analyses.
     pub analyses: u64,
     /// Verdicts kept because nothing that they rest on had changed.
-    pub settled: u64,
+    pub verdicts_kept: u64,
     pub stable: u64,
     pub unstable: u64,
     /// Verdicts that left the solver without a proof within its tolerances: there must be none.

@@ -81,7 +81,7 @@ fn plant(filling: &mut Filling, wanted: usize) -> Result<Vec<(BodyId, f64)>, Err
         let Some(pose) = place(filling, prop, size, rotation) else { continue };
         if filling
             .container
-            .holds(corners(&filling.shapes[prop], size, &pose), 0.1 * filling.shapes[prop].thickness() * size)
+            .contains(corners(&filling.shapes[prop], size, &pose), 0.1 * filling.shapes[prop].thickness() * size)
             && filling.world.is_free(&filling.shapes[prop], SEED_SCALE * scale, &pose, &planted)
         {
             let id = filling.insert(prop, SEED_SCALE * scale, pose)?;

@@ -1,4 +1,4 @@
-//! What keeps certified bodies in place. A kind of support is one file here, and its parameters in the schema.
+//! What keeps candidates bodies in place. A kind of support is one file here, and its parameters in the schema.
 
 mod freeze;
 mod nails;
@@ -15,7 +15,7 @@ pub struct Verdicts<'v> {
     pub cycle: u64,
     pub touches: &'v [Touch],
     /// Passed the analysis and the candidate rules. Shape `[body]`.
-    pub certified: &'v [bool],
+    pub candidates: &'v [bool],
     /// Bodies let go for a hit, and the first cycle that may hold them again.
     pub shaken: &'v BTreeMap<BodyId, u64>,
 }
@@ -56,7 +56,7 @@ pub trait Support {
     /// Whether it holds each body now. Shape `[body]`.
     fn held(&self, world: &World) -> Vec<bool>;
 
-    /// For good.
+    /// Takes all of it away for good.
     fn end(&mut self, world: &mut World, policy: &mut Policy) {
         self.lift(world, policy);
     }
@@ -71,9 +71,9 @@ pub fn of(params: &ControlParams, seed: u64) -> Option<Box<dyn Support>> {
     }
 }
 
-/// The certified bodies that may be held by the rule for their neighbours. Shape `[body]`.
+/// The candidates bodies that may be held by the rule for their neighbours. Shape `[body]`.
 fn supportable(rule: Neighbours, verdicts: &Verdicts) -> Vec<bool> {
-    let mut may = verdicts.certified.to_vec();
+    let mut may = verdicts.candidates.to_vec();
     if rule == Neighbours::Either {
         return may;
     }
@@ -81,7 +81,7 @@ fn supportable(rule: Neighbours, verdicts: &Verdicts) -> Vec<bool> {
     for t in verdicts.touches {
         if let Side::Body(b) = t.b {
             for (x, y) in [(t.a, b), (b, t.a)] {
-                may[x] &= verdicts.certified[y];
+                may[x] &= verdicts.candidates[y];
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Nails: breakable constraints between certified bodies that touch (paper, 3.3).
+//! Nails: breakable constraints between candidates bodies that touch (paper, 3.3).
 
 use super::{Lifetime, Support, Verdicts, supportable};
 use crate::input::params::{Control as ControlParams, Neighbours};
@@ -30,15 +30,15 @@ impl Nails {
         }
     }
 
-    /// One nail for each pair of certified bodies, at one of its contacts.
+    /// One nail for each pair of candidates bodies, at one of its contacts.
     fn choose(&mut self, verdicts: &Verdicts) -> Vec<Nail> {
         let closed = supportable(self.neighbours, verdicts);
-        let certified = verdicts.certified;
-        let mut driven = vec![0u32; certified.len()];
+        let candidates = verdicts.candidates;
+        let mut driven = vec![0u32; candidates.len()];
         let mut chosen = Vec::new();
         for t in verdicts.touches {
             let (nailed, b) = match t.b {
-                Side::Body(b) => (certified[t.a] && certified[b] && (closed[t.a] || closed[b]), Some(b)),
+                Side::Body(b) => (candidates[t.a] && candidates[b] && (closed[t.a] || closed[b]), Some(b)),
                 Side::Ground | Side::Scenery => (closed[t.a], None),
                 Side::Moving => continue,
             };
