@@ -33,7 +33,7 @@ fn stack(count: usize) -> World {
         };
         world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
     }
-    world.refresh();
+    world.zero_step();
     world
 }
 
@@ -79,7 +79,7 @@ fn discs(count: usize, shift: f64) -> (World, f64) {
         let pose = Pose { translation, rotation: DQuat::from_rotation_y(0.4 * k as f64) };
         world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
     }
-    world.refresh();
+    world.zero_step();
     (world, thickness)
 }
 
@@ -94,7 +94,7 @@ fn whatever_moves_is_found_after_every_step() {
     }
     for step in 0..60 {
         world.step();
-        world.refresh();
+        world.zero_step();
         for id in 0..32 {
             assert!(!world.is_free(&shape, 1.0, &world.pose(id), &[]), "step {step}: body {id} is not found");
         }
@@ -125,7 +125,7 @@ fn deep_share(plate: TriMesh) -> f64 {
     for _ in 0..800 {
         world.step();
     }
-    world.refresh();
+    world.zero_step();
     let touches = world.touches(0.0);
     assert!(touches.len() > 80);
     touches.iter().filter(|t| t.depth() > 0.5 * thickness).count() as f64 / touches.len() as f64
@@ -189,7 +189,7 @@ fn a_plate_lies_on_the_ridge_of_a_gentle_roof() {
             let pose = shape.body_pose(&pose, 1.0 / world.units.length);
             world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
         }
-        world.refresh();
+        world.zero_step();
         let touches = world.touches(0.05);
         let pair = touches.iter().find(|t| t.b == Side::Body(1)).unwrap_or_else(|| panic!("{turn} {gap}: {touches:?}"));
         // Beside the ridge, the gap grows by its slope.
@@ -224,7 +224,7 @@ fn a_tilted_stone_touches_the_ground_by_its_lowest_corner() {
         let lowest = parts.iter().flatten().map(height).fold(f64::INFINITY, f64::min);
         let pose = Pose { translation: DVec3::new(0.0, -lowest, 0.0), rotation };
         world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
-        world.refresh();
+        world.zero_step();
         let touches = world.touches(0.05);
         let nearest = touches.iter().flat_map(|t| &t.points).map(|p| p.gap).fold(f64::INFINITY, f64::min);
         assert!(nearest.abs() < 1e-5, "orientation {k}: nearest at {nearest}");

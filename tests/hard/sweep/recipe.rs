@@ -210,7 +210,7 @@ fn overlaps(scene: &Scene, params: &Params) -> (World, Vec<Touch>) {
         let body = Insertion { prop: given.prop, scale: given.scale, pose, friction: 0.0, restitution: 0.0 };
         world.insert(&shapes[given.prop], &body).expect("props with volume");
     }
-    world.refresh();
+    world.zero_step();
     let touches = world.touches(0.0);
     (world, touches)
 }

@@ -290,7 +290,7 @@ impl<'a> Filling<'a> {
 
     /// Pairs that overlap too deeply, rising; the lower number first.
     pub fn overlapping(&mut self) -> Vec<(BodyId, BodyId)> {
-        self.world.refresh();
+        self.world.zero_step();
         let too_deep = |t: &Touch| match t.b {
             Side::Body(b) => (t.depth() > self.params.fill.overlap * self.world.pair_thickness(t)).then_some((t.a, b)),
             _ => None,

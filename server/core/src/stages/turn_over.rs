@@ -55,7 +55,7 @@ pub fn run<'a>(inputs: &Inputs<'a, '_>) -> Result<Simulation<'a>, Error> {
         }
         pile.control.place(id);
     }
-    pile.world.refresh();
+    pile.world.zero_step();
     Simulation::new(pile, guard, depth, params)
 }
 

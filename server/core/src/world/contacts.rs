@@ -207,7 +207,7 @@ impl World {
     }
 
     /// Whether a shape placed here would overlap a body, scenery or the ground (containers are not asked). The spatial
-    /// index does not know bodies inserted since the last [`World::refresh`] or step: they are named in `newest`.
+    /// index does not know bodies inserted since the last [`World::zero_step`] or step: they are named in `newest`.
     pub fn is_free(&self, shape: &Shape, scale: f64, pose: &Pose, newest: &[BodyId]) -> bool {
         let Some((place, solid)) = shape.collider(scale / self.units.length) else { return false };
         let at = to_engine(pose) * place;
@@ -223,9 +223,10 @@ impl World {
         !new_overlap && !self.query().intersect_aabb_conservative(aabb).any(|(_, other)| overlaps(other))
     }
 
-    /// Brings the spatial index up to date with bodies that were added, moved or removed since the last step.
-    pub fn refresh(&mut self) {
-        // A step of no time: the engine's own collision pass would swallow the news of inserted bodies, which the next step
+    /// A step of no time: brings the engine's spatial index and its contacts up to date with bodies that were added, moved or
+    /// removed since the last step.
+    pub fn zero_step(&mut self) {
+        // The engine's own collision pass alone would swallow the news of inserted bodies, which the next step
         // then would not move.
         let dt = std::mem::take(&mut self.engine.integration_parameters.dt);
         self.engine.step();

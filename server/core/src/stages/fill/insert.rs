@@ -69,7 +69,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
 
 /// Puts up to `wanted` seeds at free places. Each comes with its full scale.
 fn plant(filling: &mut Filling, wanted: usize) -> Result<Vec<(BodyId, f64)>, Error> {
-    filling.world.refresh();
+    filling.world.zero_step();
     let mut seeds: Vec<(BodyId, f64)> = Vec::new();
     let mut planted = Vec::new();
     for _ in 0..wanted * TRIES_PER_PROP {

@@ -61,7 +61,7 @@ fn inside(filling: &Filling) -> Vec<BodyId> {
 
 /// Places props in the collar, where nothing is in the way.
 fn drop_batch(filling: &mut Filling, most: usize) -> Result<(), Error> {
-    filling.world.refresh();
+    filling.world.zero_step();
     let (low, high) = (filling.container.low, filling.container.high);
     let just_inside = 2.0 * filling.params.base.height * (high.y - filling.container.base);
     let mut placed: Vec<BodyId> = Vec::new();
