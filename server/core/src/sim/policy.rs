@@ -125,3 +125,30 @@ impl Policy {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Policy;
+
+    #[test]
+    fn damping_follows_its_reasons() {
+        let mut policy = Policy::new(0.5);
+        let of = |policy: &Policy| [0, 1].map(|id| policy.damping(id));
+        assert_eq!(of(&policy), [0.5, 0.5], "every released body");
+        policy.damp(0, 6.0);
+        assert_eq!(of(&policy), [6.0, 0.5], "the control's look at one");
+        policy.damp(0, 0.0);
+        assert_eq!(of(&policy), [0.5, 0.5], "no look takes away what all have");
+        policy.set_quiet(Some(2.0));
+        assert_eq!(of(&policy), [2.0, 2.0]);
+        policy.damp(1, 1.0);
+        assert_eq!(of(&policy), [2.0, 1.0], "a look counts for more than the quiet of all");
+        policy.join(2);
+        assert_eq!(policy.damping(2), 0.5, "who comes in flies as it will");
+        policy.set_gentle(Some(16.0));
+        assert_eq!(of(&policy), [16.0, 16.0]);
+        policy.set_gentle(None);
+        policy.set_quiet(None);
+        assert_eq!(of(&policy), [0.5, 0.5], "all reasons have ended");
+    }
+}

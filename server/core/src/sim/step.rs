@@ -23,9 +23,10 @@ use crate::error::Error;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::input::params::Params;
 use crate::world::Role;
+use strum::VariantArray;
 
-/// The stages of a step, in their order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The stages of a step, in their order: [`Simulation::advance`] takes them as they stand here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::VariantArray)]
 pub enum StepStage {
     Events,
     GentleStop,
@@ -38,23 +39,9 @@ pub enum StepStage {
     Progress,
 }
 
-impl StepStage {
-    pub const ORDER: [StepStage; 9] = [
-        StepStage::Events,
-        StepStage::GentleStop,
-        StepStage::Control,
-        StepStage::Policy,
-        StepStage::Engine,
-        StepStage::Fallen,
-        StepStage::Breaking,
-        StepStage::Record,
-        StepStage::Progress,
-    ];
-}
-
 /// CPU seconds so far, by stage of a step.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Seconds([f64; StepStage::ORDER.len()]);
+pub struct Seconds([f64; StepStage::VARIANTS.len()]);
 
 impl Seconds {
     fn add(&mut self, stage: StepStage, seconds: f64) {
@@ -125,7 +112,7 @@ impl<'a> Simulation<'a> {
         fraction: impl Fn(&Simulation) -> f64,
     ) -> Result<(), Error> {
         let mut begin = observer.cpu_seconds();
-        for step_stage in StepStage::ORDER {
+        for &step_stage in StepStage::VARIANTS {
             match step_stage {
                 StepStage::Events => self.events.before_step(&mut self.pile)?,
                 StepStage::GentleStop => self.stop_gently(),

@@ -105,8 +105,9 @@ impl<'a> Unit<'a> {
             split.compute_exact_convex_hulls(&self.points, self.triangles)
         }))
         .ok()?;
-        let hull = |(points, _): (Vec<Vector>, _)| reduced(hull_points(&points));
-        let parts: Vec<_> = parts.into_iter().map(hull).filter(|p| p.len() >= 4).collect();
+        // A part of an open mesh may have no corner at all.
+        let solid = parts.into_iter().map(|(points, _)| points).filter(|points| points.len() >= 4);
+        let parts: Vec<_> = solid.map(|points| reduced(hull_points(&points))).filter(|p| p.len() >= 4).collect();
         (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
     }
 }

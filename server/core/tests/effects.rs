@@ -1,0 +1,61 @@
+//! Effects are decided once: what the plan tells is what the bake does.
+
+mod common;
+
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::input::observer::Silent;
+use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::prepare::effects::{Count, EffectName};
+use cairn_core::{bake, plan};
+use common::{cone, disc, scene, stick};
+use strum::VariantArray;
+
+/// A box without its lid: open, so that its mass is that of its collision shape.
+fn open_box() -> TriMesh {
+    let mut mesh = stick();
+    mesh.triangles.truncate(mesh.triangles.len() - 2);
+    mesh
+}
+
+#[test]
+fn the_plan_of_a_scene_is_that_of_its_bake() {
+    let mut stiff = 0;
+    for (name, light, heavy, density) in [
+        ("sticks", stick(), stick(), 900.0),
+        ("thin on heavy", disc(0.5, 0.02), stick(), 20_000.0),
+        ("heavy on light", stick(), disc(0.5, 0.2), 100_000.0),
+        ("open", open_box(), stick(), 50_000.0),
+    ] {
+        let mut scene = scene(cone(1.2, 1.6), light);
+        let mut second = scene.props[0].clone();
+        second.model.mesh = heavy;
+        second.density = density;
+        second.scale = [0.8, 1.1];
+        scene.props.push(second);
+        let mut params = Params::new(Accuracy::Draft);
+        params.fill.count = Some(6);
+        params.hold.patience = 2.0;
+        let told = plan(&scene, &params).unwrap();
+        let report = bake(&scene, &params, &mut Silent).unwrap().report;
+        assert_eq!(told.effects, report.plan.effects, "{name}");
+        let is_on = |effect: EffectName| told.effects.iter().any(|e| e.name == effect && e.on);
+        let steps = report.counts[&Count::StepsWithStiffContacts];
+        assert_eq!(steps > 0, is_on(EffectName::StiffContacts), "{name}: {steps} steps");
+        stiff += u32::from(steps > 0);
+    }
+    assert!((1..4).contains(&stiff), "some are stiff, some are not: {stiff}");
+}
+
+#[test]
+fn each_effect_is_told_once_in_the_order_of_the_list() {
+    let scene = scene(cone(1.2, 1.6), stick());
+    let told: Vec<EffectName> =
+        plan(&scene, &Params::new(Accuracy::Standard)).unwrap().effects.iter().map(|effect| effect.name).collect();
+    assert_eq!(told, EffectName::VARIANTS);
+    for name in told {
+        assert_eq!(serde_json::to_value(name).unwrap(), name.name(), "written as it is called");
+        for &count in name.counters() {
+            assert_eq!(serde_json::to_value(count).unwrap(), count.name());
+        }
+    }
+}
