@@ -150,9 +150,7 @@ fn imports_of_the_core_go_down() {
 fn imports_of_the_service_go_down() {
     let code = parse("server/src");
     assert!(code.imports().len() > 100, "the imports are read");
-    if !SERVICE.is_empty() {
-        assert_none("modules without a layer", &without_layer(&code, SERVICE));
-    }
+    assert_none("modules without a layer", &without_layer(&code, SERVICE));
     assert_none("imports upward", &upward(&code, SERVICE));
 }
 
@@ -164,6 +162,20 @@ fn no_module_of_the_core_leads_back_to_itself() {
 #[test]
 fn no_module_of_the_service_leads_back_to_itself() {
     assert_none("circles", &circles(&parse("server/src")));
+}
+
+/// `ARCHITECTURE.md` draws the layers as they are: each begins a line of its own, in their order.
+#[test]
+fn the_map_has_the_layers_in_their_order() {
+    let map = crate::read("ARCHITECTURE.md");
+    for (folder, begin, layers) in [("server/core/src", "| `", CORE), ("server/src", "`", SERVICE)] {
+        let mut at = 0;
+        for layer in layers.iter().flat_map(|layer| layer.iter()) {
+            let found =
+                ["/`", ".rs`"].iter().filter_map(|end| map[at..].find(&format!("{begin}{folder}/{layer}{end}")));
+            at += found.min().unwrap_or_else(|| panic!("{folder}/{layer} is not drawn behind the layers below it"));
+        }
+    }
 }
 
 /// A crate of made-up files, by their paths in the source folder.

@@ -8,20 +8,20 @@ pub const CARRYING_GAP: f64 = 1.0 / 200.0;
 /// the engine's tolerances. It is a slope of 0.6 degrees, on which no friction holds anything.
 const UPWARD: f64 = 0.01;
 
-/// One side of a contact.
+/// One end of a bearing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum End {
     /// Index of a body.
     Body(usize),
     /// The ground or scenery.
     Fixed,
 }
 
-/// A place where two things touch, or nearly.
+/// A place where one thing may bear on another: they touch, or nearly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bearing {
-    pub a: Side,
-    pub b: Side,
+    pub a: End,
+    pub b: End,
     /// Unit, pointing from `b` into `a`: the direction in which `b` pushes `a`.
     pub normal: DVec3,
     /// Metres; negative where they overlap.
@@ -42,8 +42,8 @@ pub fn hanging(at_rest: &[bool], contacts: &[Bearing], diameter: f64) -> Vec<usi
             _ => continue,
         };
         match (above, below) {
-            (Side::Body(above), Side::Body(below)) => carried[below].push(above),
-            (Side::Body(above), Side::Fixed) if !supported[above] => {
+            (End::Body(above), End::Body(below)) => carried[below].push(above),
+            (End::Body(above), End::Fixed) if !supported[above] => {
                 supported[above] = true;
                 front.push(above);
             }
@@ -65,25 +65,25 @@ pub fn hanging(at_rest: &[bool], contacts: &[Bearing], diameter: f64) -> Vec<usi
 mod tests {
     use super::*;
 
-    fn touch(a: usize, b: Side, up: f64, gap: f64) -> Bearing {
+    fn touch(a: usize, b: End, up: f64, gap: f64) -> Bearing {
         let normal = DVec3::new((1.0 - up * up).sqrt(), up, 0.0);
-        Bearing { a: Side::Body(a), b, normal, gap }
+        Bearing { a: End::Body(a), b, normal, gap }
     }
 
     #[test]
     fn chains_of_upward_contacts_support() {
         let contacts = [
-            touch(0, Side::Fixed, 1.0, 0.0),
-            touch(1, Side::Body(0), 0.7, 0.004),
+            touch(0, End::Fixed, 1.0, 0.0),
+            touch(1, End::Body(0), 0.7, 0.004),
             // The same, seen from below: body 1 carries body 2.
-            touch(1, Side::Body(2), -0.7, -0.01),
+            touch(1, End::Body(2), -0.7, -0.01),
             // Too far, only beside, and hanging from above.
-            touch(3, Side::Body(0), 1.0, 0.006),
-            touch(4, Side::Body(0), 0.001, 0.0),
-            touch(5, Side::Fixed, -1.0, 0.0),
+            touch(3, End::Body(0), 1.0, 0.006),
+            touch(4, End::Body(0), 0.001, 0.0),
+            touch(5, End::Fixed, -1.0, 0.0),
             // Two that carry each other, and nothing else.
-            touch(6, Side::Body(7), 0.5, 0.0),
-            touch(7, Side::Body(6), 0.5, 0.0),
+            touch(6, End::Body(7), 0.5, 0.0),
+            touch(7, End::Body(6), 0.5, 0.0),
         ];
         assert_eq!(hanging(&[true; 8], &contacts, 1.0), [3, 4, 5, 6, 7]);
         let mut at_rest = [true; 8];

@@ -54,13 +54,13 @@ impl Touch {
     /// Its points, as who bears on whom. What is pinned carries like scenery.
     pub fn bearings<'a>(&'a self, world: &World) -> impl Iterator<Item = Bearing> + 'a {
         let side = |id: BodyId| match world.bodies[id].role {
-            Role::Pinned => contact::Side::Fixed,
-            _ => contact::Side::Body(id),
+            Role::Pinned => contact::End::Fixed,
+            _ => contact::End::Body(id),
         };
         let a = side(self.a);
         let b = match self.b {
             Side::Body(id) => side(id),
-            Side::Ground | Side::Scenery | Side::Moving => contact::Side::Fixed,
+            Side::Ground | Side::Scenery | Side::Moving => contact::End::Fixed,
         };
         self.points.iter().map(move |p| Bearing { a, b, normal: p.normal, gap: p.gap })
     }
