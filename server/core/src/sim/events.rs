@@ -3,6 +3,7 @@
 
 use super::instance::{self, Instance};
 use super::pile::Pile;
+use super::policy::Policy;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::geometry::region::Region;
@@ -145,7 +146,7 @@ impl<'a> Events<'a> {
             pile.disturb();
             let id = pile.place(&placed)?;
             if body.pinned {
-                pile.policy.pin(&mut pile.world, id);
+                Policy::pin(&mut pile.world, id);
                 self.pinned.extend(body.pinned_until.map(|until| (until, id)));
             } else {
                 pile.world.launch(id, body.velocity, body.angular_velocity);

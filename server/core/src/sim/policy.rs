@@ -34,12 +34,12 @@ impl Policy {
     }
 
     /// A body waits where it is until its layer is released.
-    pub fn wait(&mut self, world: &mut World, id: BodyId) {
+    pub fn wait(world: &mut World, id: BodyId) {
         world.set_role(id, Role::Waiting);
     }
 
     /// A body stays where it was placed.
-    pub fn pin(&mut self, world: &mut World, id: BodyId) {
+    pub fn pin(world: &mut World, id: BodyId) {
         world.set_role(id, Role::Pinned);
     }
 

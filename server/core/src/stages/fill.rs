@@ -175,7 +175,7 @@ impl<'a> Filling<'a> {
         for given in self.scene.bodies.iter().filter(|body| body.is_stacked()) {
             let pose = self.shapes[given.prop].body_pose(&given.pose, given.scale);
             let id = self.insert(given.prop, given.scale, self.world.units.pose_to_engine(&pose))?;
-            Policy::default().pin(&mut self.world, id);
+            Policy::pin(&mut self.world, id);
         }
         Ok(())
     }

@@ -10,6 +10,7 @@ use crate::sim::control::Control;
 use crate::sim::guard::Guard;
 use crate::sim::instance::Instance;
 use crate::sim::pile::Pile;
+use crate::sim::policy::Policy;
 use crate::sim::record::{Pace, Recorder};
 use crate::sim::step::Simulation;
 use crate::world::{Units, World};
@@ -45,13 +46,13 @@ pub fn run<'a>(inputs: &Inputs<'a, '_>) -> Result<Simulation<'a>, Error> {
     let mut pile = Pile::new(world, scene, inputs.shapes, control, recorder, params.release.damping, bounces);
     for &body in bodies {
         let id = pile.insert(body)?;
-        pile.policy.wait(&mut pile.world, id);
+        Policy::wait(&mut pile.world, id);
     }
     for placed in scene.bodies.iter().filter(|placed| placed.is_stacked()) {
         let id = pile.place(placed)?;
         match placed.pinned {
-            true => pile.policy.pin(&mut pile.world, id),
-            false => pile.policy.wait(&mut pile.world, id),
+            true => Policy::pin(&mut pile.world, id),
+            false => Policy::wait(&mut pile.world, id),
         }
         pile.control.place(id);
     }

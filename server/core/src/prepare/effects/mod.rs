@@ -1,9 +1,8 @@
 //! What a bake may leave out: every effect, whether the scene calls for it, and the user's word on it.
 //!
 //! [`Resolved`] decides once; the stages obey it, and the plan tells it with [`Effect::reason`]. An effect that is off costs
-//! nothing: its counters in the report are 0. A new effect is a variant of [`EffectName`]: the
-//! compiler then asks for its row here, its decision and switch in `resolve`, its reason in `reasons`, and its counts where they
-//! arise.
+//! nothing: its counters in the report are 0. A new effect is a variant of [`EffectName`]: the compiler then asks for its row here, its
+//! decision and switch in `resolve`, its reason in `reasons`, and its counts where they arise.
 
 mod bill;
 mod count;

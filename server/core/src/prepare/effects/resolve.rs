@@ -42,7 +42,7 @@ impl Resolved {
             physics,
             mass_ratio,
             thickness,
-            compounds: natures.iter().any(|nature| nature.parts > 1),
+            compounds: natures.iter().any(|nature| nature.outline == Outline::Parts),
         }
     }
 

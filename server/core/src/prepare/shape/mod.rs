@@ -13,8 +13,7 @@ mod outline;
 mod round;
 mod size;
 
-use crate::error::Error;
-use crate::error::Problem;
+use crate::error::{Error, Problem};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
@@ -146,7 +145,7 @@ impl Shape {
     /// What decides on effects.
     pub fn nature(&self) -> Nature {
         let Shape { solid, mass, .. } = self;
-        Nature { outline: solid.outline(), parts: solid.parts(), mass: *mass, thickness: self.thickness() }
+        Nature { outline: solid.outline(), mass: *mass, thickness: self.thickness() }
     }
 
     /// Smallest extent, m.

@@ -9,8 +9,6 @@ use crate::input::scene::{Prop, Scene};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nature {
     pub outline: Outline,
-    /// Convex parts; of a prop that has not been split yet, 2 stand for more than one.
-    pub parts: usize,
     /// kg.
     pub mass: f64,
     /// Smallest extent, m.
@@ -25,9 +23,8 @@ fn nature(prop: &Prop, size: &Size, physics: &Physics) -> Result<Nature, String>
         return Ok(Shape::new(prop, *size, physics)?.nature());
     }
     let outline = choose::outline(mesh, size.diameter, physics);
-    let parts = if outline == Outline::Parts { 2 } else { 1 };
     let mass = mass::moments(mesh).volume * prop.density;
-    Ok(Nature { outline, parts, mass, thickness: size.extents.x })
+    Ok(Nature { outline, mass, thickness: size.extents.x })
 }
 
 /// [`Nature`] of each of a scene's props.

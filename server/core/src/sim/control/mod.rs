@@ -120,8 +120,7 @@ impl<'a> Control<'a> {
 
     /// Before each step: lets go what is about to be hit.
     pub fn look_out(&mut self, world: &mut World, policy: &mut Policy) {
-        let stops = self.support.as_ref().is_some_and(|support| support.stops_bodies());
-        if !(self.looks_out && self.is_on() && stops) {
+        if !self.looks_out || !self.is_on() {
             return;
         }
         let freed = self.impact.look(world, policy, &self.analysis.touches, self.tally.cycles);

@@ -94,10 +94,6 @@ impl Support for Freeze {
         broken
     }
 
-    fn stops_bodies(&self) -> bool {
-        true
-    }
-
     fn held(&self, world: &World) -> Vec<bool> {
         world.bodies().iter().map(|body| body.role == Role::Frozen).collect()
     }

@@ -49,10 +49,6 @@ pub trait Support {
         tally: &mut Tally,
     ) -> Vec<BodyId>;
 
-    /// Whether a held body takes no part in the solver: it cannot give way by itself to what hits it, and a verdict on it lasts
-    /// while nothing around it moves.
-    fn stops_bodies(&self) -> bool;
-
     /// Whether it holds each body now. Shape `[body]`.
     fn held(&self, world: &World) -> Vec<bool>;
 

@@ -77,10 +77,6 @@ impl Support for Nails {
         Vec::new()
     }
 
-    fn stops_bodies(&self) -> bool {
-        false
-    }
-
     fn held(&self, world: &World) -> Vec<bool> {
         world.nailed()
     }
