@@ -192,6 +192,11 @@ struct Program<'a> {
     down: DVec3,
 }
 
+/// Whether the pile has physical meaning.
+pub fn check(pile: &GlobalProblem) -> Result<(), GlobalProblemError> {
+    Program::new(pile).map(|_| ())
+}
+
 impl<'a> Program<'a> {
     fn new(pile: &'a GlobalProblem<'a>) -> Result<Self, GlobalProblemError> {
         let g = pile.gravity.length();

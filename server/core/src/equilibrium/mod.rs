@@ -64,6 +64,7 @@
 
 pub mod candidate;
 pub mod global;
+pub mod glue;
 pub mod margin;
 mod projection;
 pub mod rank;

@@ -3,6 +3,7 @@
 pub mod control;
 mod events;
 mod gentle_stop;
+pub mod glue;
 pub mod guard;
 pub mod instance;
 pub mod pile;

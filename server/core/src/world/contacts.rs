@@ -112,6 +112,24 @@ impl World {
         touches
     }
 
+    /// Bodies with a gap of at most `tolerance` times their thickness to the ground or to scenery that stands still, in order.
+    pub fn near_what_stands(&self, tolerance: f64) -> Vec<Touch> {
+        let mut touches = Vec::new();
+        for a in self.present() {
+            let collider = &self.engine.colliders[self.bodies[a].collider];
+            let aabb = collider.compute_aabb().loosened((tolerance * self.bodies[a].thickness + STALE_INDEX) as f32);
+            let stands = |side: &Side| matches!(side, Side::Ground | Side::Scenery);
+            let mut near: Vec<(Side, ColliderHandle)> = self
+                .query()
+                .intersect_aabb_conservative(aabb)
+                .filter_map(|(h, c)| Some((self.side(a, c).filter(stands)?, h)))
+                .collect();
+            near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
+            near.into_iter().for_each(|(b, other)| self.touch(a, b, other, tolerance, &mut touches));
+        }
+        touches
+    }
+
     /// Thickness of the thinner one of a pair.
     pub fn pair_thickness(&self, touch: &Touch) -> f64 {
         self.thinner(touch.a, touch.b)

@@ -1,0 +1,105 @@
+//! Forces that balance the chosen dots, and prove it by substitution.
+//!
+//! The splitting method gets near, and then creeps. From there, corrections that move each force in proportion to its own size
+//! (affine scaling; Dikin 1967) keep it within its law, and reach balance in a few solves where the forces leave any room at all.
+
+use super::factor::{Factor, Mobility, Work};
+use super::program::{Program, State};
+use super::splitting::{Length, Splitting, Weights, capped, onto_cone};
+use super::{Going, GlueError, oracle};
+use crate::equilibrium::global::BALANCED;
+
+/// What balances.
+pub struct Balanced {
+    pub state: State,
+    /// Sum over the bodies of what it leaves unbalanced.
+    pub imbalance: f64,
+    pub by_cone_program: bool,
+    pub iterations: u64,
+}
+
+/// How long the splitting method is given before a correction, and how near it is to get, on average over the bodies.
+const APPROACH: Length = Length { least: 50, most: 600 };
+const NEAR: f64 = 1e-3;
+/// Price of a normal force meanwhile.
+const PRICE: f64 = 1e-3;
+/// Corrections, the residual of each, and the iterations that it may take.
+const CORRECTIONS: usize = 12;
+const RESIDUAL: f64 = 1e-8;
+const INNER: usize = 400;
+/// No force is less movable than one of this size, in weights; nor a dot than one of that size.
+const LEAST_CONTACT: f64 = 1e-4;
+const LEAST_DOT: f64 = 1.0;
+/// Beyond so many bodies, Clarabel takes longer than all the rest.
+const MOST_BODIES: usize = 2000;
+
+/// Forces for the dots at these touches, from a state nearby.
+pub fn balance(program: &Program, from: State, chosen: &[usize], going: &mut Going) -> Result<Balanced, GlueError> {
+    let mut may = vec![false; program.touches.len()];
+    chosen.iter().for_each(|&touch| may[touch] = true);
+    let mut splitting = Splitting::new(program, &may, false);
+    splitting.take(from);
+    let mut weights = Weights::even(program, PRICE, None);
+    weights.dots.fill(0.0);
+    splitting.run(&weights, APPROACH, NEAR, going)?;
+    let iterations = splitting.iterations;
+    let (state, imbalance) = correct(program, splitting.state, &may, going)?;
+    let bodies = program.target.len();
+    if imbalance > BALANCED && bodies <= MOST_BODIES {
+        let state = oracle::balance(program, &may)?;
+        let exact = unbalanced(program, &state);
+        if exact < imbalance {
+            return Ok(Balanced { state, imbalance: exact, by_cone_program: true, iterations });
+        }
+    }
+    Ok(Balanced { state, imbalance, by_cone_program: false, iterations })
+}
+
+/// The best state found, and what it leaves unbalanced.
+fn correct(program: &Program, from: State, may: &[bool], going: &mut Going) -> Result<(State, f64), GlueError> {
+    let mut best = (from.clone(), unbalanced(program, &from));
+    let mut state = from;
+    let (mut left, mut work) = (Vec::new(), Work::default());
+    for _ in 0..CORRECTIONS {
+        if best.1 <= BALANCED {
+            break;
+        }
+        if going().is_break() {
+            return Err(GlueError::Cancelled);
+        }
+        let size = |normal: f64, least: f64| normal.max(least).powi(2);
+        let mobility = Mobility {
+            contacts: state.contacts.iter().map(|f| size(f[0], LEAST_CONTACT)).collect(),
+            dots: state.dots.iter().zip(may).map(|(g, &may)| if may { size(g.norm(), LEAST_DOT) } else { 0.0 }).collect(),
+            missing: 0.0,
+        };
+        program.imbalance(&state, &mut left);
+        let mut multipliers = vec![nalgebra::Vector6::zeros(); left.len()];
+        Factor::new(program, &mobility).solve(&left, &mut multipliers, RESIDUAL, INNER, &mut work);
+        for (t, touch) in program.touches.iter().enumerate() {
+            for c in 0..touch.axes.len() {
+                let at = touch.first + c;
+                let step = touch.sides.iter().map(|side| side.contacts[c].tr_mul(&multipliers[side.body]));
+                let moved = state.contacts[at] + step.sum::<nalgebra::Vector3<f64>>() * mobility.contacts[at];
+                state.contacts[at] = onto_cone(moved, 0.0, touch.friction[c]);
+            }
+            if may[t] {
+                let step = touch.sides.iter().map(|side| side.dot.tr_mul(&multipliers[side.body]));
+                let moved = state.dots[t] + step.sum::<nalgebra::Vector6<f64>>() * mobility.dots[t];
+                state.dots[t] = capped(moved, touch.strength);
+            }
+        }
+        let now = unbalanced(program, &state);
+        if now < best.1 {
+            best = (state.clone(), now);
+        }
+    }
+    Ok(best)
+}
+
+/// Sum over the bodies of what forces leave unbalanced.
+fn unbalanced(program: &Program, state: &State) -> f64 {
+    let mut left = Vec::new();
+    program.imbalance(state, &mut left);
+    left.iter().map(|e| e.norm()).sum()
+}

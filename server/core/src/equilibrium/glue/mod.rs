@@ -1,0 +1,184 @@
+//! Where a pile must be glued to stand: the sparsest set of touches that may also pull.
+//!
+//! Friction carries a heap; it carries no overhang, no ball on a point and no arm. A *glue dot* on a touch transmits any force and
+//! any moment. This chooses few dots such that every body of the pile is in equilibrium **with safety**: friction counts by a
+//! factor only, and normal forces have a price, since an equilibrium that wedges exists on paper alone.
+//!
+//! # Formulation
+//!
+//! To the contact forces f_c of [`super::global`] comes, per touch t, the dot's wrench g_t = (force, moment / arm), at the middle
+//! of the touch:
+//!
+//! ```text
+//! minimise    sum_t w_t |g_t|  +  price sum_c fn_c           (a group lasso over touches)
+//! such that   every body is balanced, |ft_c| <= factor mu fn_c
+//! ```
+//!
+//! The first solve has w = 1; each of [`ROUNDS`] then reweights by w_t = e / (|g_t| + e), so that what is needed little is
+//! not used at all (Candes, Wakin & Boyd 2008). What is below [`NOTHING`] in the end is no dot. To find the fewest dots is NP-hard:
+//! this finds few.
+//!
+//! A bound on what a dot carries is a bound on |g_t|. Where that is too little for some bodies, they cannot stand:
+//! [`Placement::fallen`] names them, and the rest is balanced without them.
+//!
+//! # Method
+//!
+//! [`splitting`] solves the rounds: projection onto balance, projection onto the friction cones and shrinkage of the dots in turn
+//! (ADMM; Boyd et al. 2011), the former by preconditioned conjugate gradients. It chooses long before it balances; so
+//! [`certificate`] balances the chosen dots, by substitution to [`BALANCED`] and, where it cannot, by Clarabel.
+
+mod certificate;
+mod factor;
+pub mod oracle;
+mod program;
+mod splitting;
+
+use super::global::{BALANCED, GlobalBody, GlobalContact};
+use glam::DVec3;
+use program::Program;
+use splitting::{Splitting, Weights};
+use std::ops::{ControlFlow, Range};
+
+/// Two things that touch, and could be glued there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GlueTouch {
+    /// Index of the body that the contacts' normals point into.
+    pub body: usize,
+    /// The other body; `None` for the ground and scenery.
+    pub other: Option<usize>,
+    /// Its contacts among the pile's; none where the two are near each other and do not touch.
+    pub contacts: Range<usize>,
+    /// Where a dot would be.
+    pub center: DVec3,
+    /// A moment counts as the force that causes it at this distance, > 0.
+    pub arm: f64,
+    /// Whether it may be glued.
+    pub may: bool,
+}
+
+/// The pile. Any consistent unit system.
+#[derive(Clone, Copy, Debug)]
+pub struct GlueProblem<'a> {
+    pub bodies: &'a [GlobalBody],
+    /// In the order of the touches.
+    pub contacts: &'a [GlobalContact],
+    pub touches: &'a [GlueTouch],
+    pub gravity: DVec3,
+}
+
+/// How much safety, and how strong the glue.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GlueOptions {
+    /// Friction counts by this factor, 0 to 1.
+    pub friction_factor: f64,
+    /// Price of a normal force, against that of a dot's force as 1.
+    pub normal_price: f64,
+    /// The most that a dot may carry, as |(force, moment / arm)|; a force. `None`: no bound.
+    pub strength: Option<f64>,
+}
+
+/// A glued touch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GlueDot {
+    /// Index among the touches.
+    pub touch: usize,
+    /// On the touch's body, at its center; the reverse on the other.
+    pub force: DVec3,
+    pub moment: DVec3,
+}
+
+/// What to glue.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Placement {
+    /// By touch, rising.
+    pub dots: Vec<GlueDot>,
+    /// Bodies that even glue of this strength cannot hold, rising.
+    pub fallen: Vec<usize>,
+    /// Contact forces that balance the rest together with the dots. Shape `[contact]`.
+    pub forces: Vec<DVec3>,
+    /// What that leaves unbalanced, by substitution: sum over the bodies that stand, each by its own weight.
+    pub imbalance: f64,
+    /// Clarabel had to balance the chosen dots.
+    pub by_cone_program: bool,
+    /// Rounds of the splitting method.
+    pub iterations: u64,
+}
+
+impl Placement {
+    /// Whether every body that has not fallen is in equilibrium.
+    pub fn stands(&self) -> bool {
+        self.imbalance <= BALANCED
+    }
+}
+
+/// Why there is no answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GlueError {
+    #[error(transparent)]
+    Problem(#[from] super::global::GlobalProblemError),
+    #[error("touch {0}: its bodies, its contacts or its arm mean nothing")]
+    Touch(usize),
+    #[error("cancelled")]
+    Cancelled,
+}
+
+/// A round of reweighting for each; forces, in weights of the lighter body.
+const ROUNDS: [f64; 5] = [0.3, 0.1, 0.05, 0.03, 0.02];
+/// A dot that carries less than this, in weights of the lighter body, is none.
+const NOTHING: f64 = 1e-4;
+/// Where glue is of bounded strength: a body falls rather than be held at this price, against that of a dot's force as 1 and for
+/// its own weight. No glue of any strength costs as much where it helps at all.
+const FALLS: f64 = 100.0;
+/// A body that misses more than this, in its weight, has no support.
+const MISSING: f64 = 0.05;
+
+/// Told between iterations; `Break` cancels.
+pub type Going<'a> = dyn FnMut() -> ControlFlow<()> + 'a;
+
+/// Chooses the dots.
+pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Result<Placement, GlueError> {
+    let mut fallen = vec![false; pile.bodies.len()];
+    let mut iterations = 0;
+    loop {
+        let program = Program::new(pile, options, &fallen)?;
+        let (chosen, missing, splitting) = choose(&program, options, &mut iterations, going)?;
+        if !missing.is_empty() {
+            missing.into_iter().for_each(|body| fallen[body] = true);
+            continue;
+        }
+        let balanced = certificate::balance(&program, splitting.state, &chosen, going)?;
+        iterations += balanced.iterations;
+        let dots = chosen.iter().map(|&touch| program.dot(touch, &balanced.state)).collect();
+        return Ok(Placement {
+            dots,
+            fallen: (0..fallen.len()).filter(|&body| fallen[body]).collect(),
+            forces: program.forces(&balanced.state),
+            imbalance: balanced.imbalance,
+            by_cone_program: balanced.by_cone_program,
+            iterations,
+        });
+    }
+}
+
+/// The touches to glue, rising, and the bodies that no glue of this strength holds.
+fn choose<'p>(
+    program: &'p Program,
+    options: &GlueOptions,
+    iterations: &mut u64,
+    going: &mut Going,
+) -> Result<(Vec<usize>, Vec<usize>, Splitting<'p>), GlueError> {
+    let falls = options.strength.map(|_| FALLS);
+    let mut weights = Weights::even(program, options.normal_price, falls);
+    let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
+    let mut splitting = Splitting::new(program, &may, falls.is_some());
+    splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
+    for e in ROUNDS {
+        weights.reweight(&splitting.state.dots, e);
+        splitting.run(&weights, splitting::NEXT, splitting::NEAR, going)?;
+    }
+    *iterations += splitting.iterations;
+    let missing = splitting.missing(MISSING);
+    let strong = |&touch: &usize| splitting.state.dots[touch].norm() > NOTHING;
+    let chosen = (0..program.touches.len()).filter(strong).collect();
+    Ok((chosen, missing, splitting))
+}

@@ -1,0 +1,123 @@
+//! The same programs for Clarabel, an interior-point method: slower, and the judge of the splitting method.
+//!
+//! In the dual, the unknown is a virtual motion of the bodies against gravity, six numbers for each; the forces are its multipliers:
+//!
+//! ```text
+//! maximise   work of that motion against gravity
+//! such that  at each contact   price + its velocity is in the dual of the friction cone
+//!            at each dot       |velocity| <= w
+//! ```
+
+use super::program::{Program, State};
+use super::{GlueError, GlueOptions, GlueProblem, Going, NOTHING, Placement, ROUNDS};
+use crate::equilibrium::global::GlobalProblemError;
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT};
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver};
+use nalgebra::{Vector3, Vector6};
+
+/// Tolerances of the rounds that choose, and of the one that balances.
+const CHOOSING: f64 = 1e-5;
+const BALANCING: f64 = 1e-9;
+/// What dots and normal forces cost where they need only balance.
+const PRICE: f64 = 1e-3;
+
+/// Chooses the dots as [`super::place`] does, with no bound on their strength.
+pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Result<Placement, GlueError> {
+    let program = Program::new(pile, options, &vec![false; pile.bodies.len()])?;
+    let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
+    let mut weights = vec![1.0; may.len()];
+    let mut state = solve(&program, &may, &weights, options.normal_price, CHOOSING)?;
+    for e in ROUNDS {
+        if going().is_break() {
+            return Err(GlueError::Cancelled);
+        }
+        weights.iter_mut().zip(&state.dots).for_each(|(weight, dot)| *weight = e / (dot.norm() + e));
+        state = solve(&program, &may, &weights, options.normal_price, CHOOSING)?;
+    }
+    let strong: Vec<bool> = state.dots.iter().map(|dot| dot.norm() > NOTHING).collect();
+    let state = balance(&program, &strong)?;
+    let mut left = Vec::new();
+    program.imbalance(&state, &mut left);
+    Ok(Placement {
+        dots: (0..may.len()).filter(|&touch| strong[touch]).map(|touch| program.dot(touch, &state)).collect(),
+        fallen: Vec::new(),
+        forces: program.forces(&state),
+        imbalance: left.iter().map(|e| e.norm()).sum(),
+        by_cone_program: true,
+        iterations: 0,
+    })
+}
+
+/// Forces that balance, with dots only where they may be. Shape of `may`: `[touch]`.
+pub(super) fn balance(program: &Program, may: &[bool]) -> Result<State, GlueError> {
+    solve(program, may, &vec![PRICE; may.len()], PRICE, BALANCING)
+}
+
+fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance: f64) -> Result<State, GlueError> {
+    let width = 6 * program.target.len();
+    let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut rhs, mut cones): (Vec<f64>, Vec<SupportedConeT<f64>>) = (Vec::new(), Vec::new());
+    let mut row = |entries: &mut dyn Iterator<Item = (usize, Vector6<f64>)>, bound: f64, rhs: &mut Vec<f64>| {
+        for (body, column) in entries {
+            for k in 0..6 {
+                rows.push(rhs.len());
+                columns.push(6 * body + k);
+                values.push(column[k]);
+            }
+        }
+        rhs.push(bound);
+    };
+    for (t, touch) in program.touches.iter().enumerate().filter(|(_, touch)| !touch.sides.is_empty()) {
+        for c in 0..touch.axes.len() {
+            let mu = touch.friction[c];
+            for k in 0..if mu > 0.0 { 3 } else { 1 } {
+                let scale = if k == 0 { 1.0 } else { mu };
+                let mut entries =
+                    touch.sides.iter().map(|side| (side.body, side.contacts[c].column(k).into_owned() * scale));
+                row(&mut entries, if k == 0 { price } else { 0.0 }, &mut rhs);
+            }
+            cones.push(if mu > 0.0 { SecondOrderConeT(3) } else { NonnegativeConeT(1) });
+        }
+        if may[t] {
+            row(&mut std::iter::empty(), weights[t], &mut rhs);
+            for k in 0..6 {
+                let mut entries = touch.sides.iter().map(|side| (side.body, side.dot.column(k).into_owned()));
+                row(&mut entries, 0.0, &mut rhs);
+            }
+            cones.push(SecondOrderConeT(7));
+        }
+    }
+    let mut state = program.empty_state();
+    if rhs.is_empty() || width == 0 {
+        return Ok(state);
+    }
+    let matrix = CscMatrix::new_from_triplets(rhs.len(), width, rows, columns, values);
+    let q: Vec<f64> = program.target.iter().flat_map(|b| b.iter().map(|b| -b).collect::<Vec<_>>()).collect();
+    let settings = DefaultSettings {
+        verbose: false,
+        presolve_enable: false,
+        tol_feas: tolerance,
+        tol_gap_abs: tolerance,
+        tol_gap_rel: tolerance,
+        max_threads: 1,
+        ..DefaultSettings::default()
+    };
+    let mut solver = DefaultSolver::new(&CscMatrix::zeros((width, width)), &q, &matrix, &rhs, &cones, settings)
+        .map_err(|e| GlobalProblemError::Solver(e.to_string()))?;
+    solver.solve();
+    let mut z = solver.solution.z.iter().map(|z| if z.is_finite() { *z } else { 0.0 });
+    let mut next = || z.next().unwrap_or(0.0);
+    for (t, touch) in program.touches.iter().enumerate().filter(|(_, touch)| !touch.sides.is_empty()) {
+        for (c, &mu) in touch.friction.iter().enumerate() {
+            let force = if mu > 0.0 { Vector3::new(next(), mu * next(), mu * next()) } else { Vector3::new(next(), 0.0, 0.0) };
+            // An interior point may end a rounding outside its cone.
+            state.contacts[touch.first + c] = super::splitting::onto_cone(force, 0.0, mu);
+        }
+        if may[t] {
+            next();
+            state.dots[t] = Vector6::from_fn(|_, _| next());
+        }
+    }
+    Ok(state)
+}

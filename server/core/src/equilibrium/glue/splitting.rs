@@ -1,0 +1,229 @@
+//! The group lasso by operator splitting (ADMM; Boyd et al. 2011, section 3): forces that balance every body, and forces that each
+//! obey their own law, drawn together.
+
+use super::factor::{Factor, Mobility, Work};
+use super::program::{Program, State};
+use super::{GlueError, Going};
+use nalgebra::{Vector3, Vector6};
+
+/// How long a run takes.
+#[derive(Clone, Copy, Debug)]
+pub struct Length {
+    pub least: u64,
+    pub most: u64,
+}
+
+/// The first run, from nothing, and those that go on from it.
+pub const FIRST: Length = Length { least: 200, most: 800 };
+pub const NEXT: Length = Length { least: 100, most: 400 };
+
+/// A run that only chooses ends once what the forces that obey their laws leave unbalanced, on average, is less than this, in a
+/// body's weight.
+pub const NEAR: f64 = 5e-3;
+/// Each new point is this far beyond the projection.
+const RELAXATION: f64 = 1.6;
+/// Iterations of conjugate gradients in each projection, and the residual that ends them.
+const INNER: usize = 6;
+const INNER_TOLERANCE: f64 = 0.1;
+/// The penalty is looked at every so many iterations, and changed where the two residuals differ by more than this factor.
+const LOOK: u64 = 50;
+const UNEVEN: f64 = 5.0;
+
+/// What each unknown costs.
+pub struct Weights {
+    /// Of the norm of each dot. Shape `[touch]`.
+    pub dots: Vec<f64>,
+    /// Of each normal force.
+    pub normal: f64,
+    /// Of the norm of what a body misses; `None`: nothing may be missing.
+    pub missing: Option<f64>,
+}
+
+impl Weights {
+    pub fn even(program: &Program, normal: f64, missing: Option<f64>) -> Weights {
+        Weights { dots: vec![1.0; program.touches.len()], normal, missing }
+    }
+
+    /// What carries little costs more.
+    pub fn reweight(&mut self, dots: &[Vector6<f64>], e: f64) {
+        self.dots.iter_mut().zip(dots).for_each(|(weight, dot)| *weight = e / (dot.norm() + e));
+    }
+}
+
+/// A solve under way.
+pub struct Splitting<'p> {
+    program: &'p Program<'p>,
+    may: Vec<bool>,
+    factor: Factor,
+    /// Obeys every law.
+    pub state: State,
+    /// What has been asked for in vain, in sum.
+    dual: State,
+    /// Multipliers of the balance.
+    multipliers: Vec<Vector6<f64>>,
+    penalty: f64,
+    pub iterations: u64,
+    is_elastic: bool,
+    work: Work,
+    left: Vec<Vector6<f64>>,
+}
+
+impl<'p> Splitting<'p> {
+    /// `may`: which touches may be glued, shape `[touch]`. `is_elastic`: bodies may miss something.
+    pub fn new(program: &'p Program<'p>, may: &[bool], is_elastic: bool) -> Splitting<'p> {
+        let mobility = Mobility {
+            contacts: vec![1.0; program.pile.contacts.len()],
+            dots: may.iter().map(|&may| f64::from(u8::from(may))).collect(),
+            missing: f64::from(u8::from(is_elastic)),
+        };
+        Splitting {
+            program,
+            may: may.to_vec(),
+            factor: Factor::new(program, &mobility),
+            state: program.empty_state(),
+            dual: program.empty_state(),
+            multipliers: vec![Vector6::zeros(); program.target.len()],
+            penalty: 1.0,
+            iterations: 0,
+            is_elastic,
+            work: Work::default(),
+            left: Vec::new(),
+        }
+    }
+
+    /// Begins at a state.
+    pub fn take(&mut self, state: State) {
+        self.state = state;
+        for (dot, _) in self.state.dots.iter_mut().zip(&self.may).filter(|(_, may)| !**may) {
+            *dot = Vector6::zeros();
+        }
+        self.state.missing.fill(Vector6::zeros());
+    }
+
+    /// Goes on until the forces leave less than `near` unbalanced, on average over the bodies.
+    pub fn run(&mut self, weights: &Weights, length: Length, near: f64, going: &mut Going) -> Result<(), GlueError> {
+        for k in 1..=length.most {
+            if going().is_break() {
+                return Err(GlueError::Cancelled);
+            }
+            let (apart, moved) = self.iterate(weights);
+            if k % LOOK == 0 {
+                self.even_out(apart, moved * self.penalty);
+                if k >= length.least && self.unbalanced() < near {
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Mean over the bodies of what the state leaves unbalanced.
+    pub fn unbalanced(&mut self) -> f64 {
+        self.program.imbalance(&self.state, &mut self.left);
+        self.left.iter().map(|e| e.norm()).sum::<f64>() / self.left.len().max(1) as f64
+    }
+
+    /// Bodies that miss more than `least`, and at least half as much as the one that misses most.
+    pub fn missing(&self, least: f64) -> Vec<usize> {
+        let missing = || self.state.missing.iter().map(|e| e.norm()).enumerate();
+        let most = missing().map(|(_, e)| e).fold(0.0, f64::max);
+        missing().filter(|(_, e)| *e > least && *e >= 0.5 * most).map(|(body, _)| body).collect()
+    }
+
+    /// One iteration; returns how far apart the two kinds of forces are, and how far those that obey their laws have moved.
+    fn iterate(&mut self, weights: &Weights) -> (f64, f64) {
+        self.iterations += 1;
+        // The projection of w = z - u onto balance is w + A^T l with M l = target - A w.
+        let mut point = self.program.empty_state();
+        for (p, (z, u)) in point.contacts.iter_mut().zip(self.state.contacts.iter().zip(&self.dual.contacts)) {
+            *p = z - u;
+        }
+        for (p, (z, u)) in point.dots.iter_mut().zip(self.state.dots.iter().zip(&self.dual.dots)) {
+            *p = z - u;
+        }
+        for (p, (z, u)) in point.missing.iter_mut().zip(self.state.missing.iter().zip(&self.dual.missing)) {
+            *p = z - u;
+        }
+        self.program.imbalance(&point, &mut self.left);
+        self.factor.solve(&self.left, &mut self.multipliers, INNER_TOLERANCE, INNER, &mut self.work);
+        let (mut apart, mut moved) = (0.0, 0.0);
+        for (t, touch) in self.program.touches.iter().enumerate() {
+            if touch.sides.is_empty() {
+                continue;
+            }
+            for c in 0..touch.axes.len() {
+                let at = touch.first + c;
+                let mut x: Vector3<f64> = point.contacts[at];
+                touch.sides.iter().for_each(|side| x += side.contacts[c].tr_mul(&self.multipliers[side.body]));
+                let z = &mut self.state.contacts[at];
+                let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + self.dual.contacts[at];
+                let next = onto_cone(relaxed, weights.normal / self.penalty, touch.friction[c]);
+                self.dual.contacts[at] = relaxed - next;
+                apart += (x - next).norm_squared();
+                moved += (*z - next).norm_squared();
+                *z = next;
+            }
+            if self.may[t] {
+                let mut x: Vector6<f64> = point.dots[t];
+                touch.sides.iter().for_each(|side| x += side.dot.tr_mul(&self.multipliers[side.body]));
+                let z = &mut self.state.dots[t];
+                let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + self.dual.dots[t];
+                let next = capped(shrunk(relaxed, weights.dots[t] / self.penalty), touch.strength);
+                self.dual.dots[t] = relaxed - next;
+                apart += (x - next).norm_squared();
+                moved += (*z - next).norm_squared();
+                *z = next;
+            }
+        }
+        if let Some(cost) = weights.missing.filter(|_| self.is_elastic) {
+            for body in 0..self.multipliers.len() {
+                let x = point.missing[body] + self.multipliers[body];
+                let z = &mut self.state.missing[body];
+                let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + self.dual.missing[body];
+                let next = shrunk(relaxed, cost / self.penalty);
+                self.dual.missing[body] = relaxed - next;
+                apart += (x - next).norm_squared();
+                moved += (*z - next).norm_squared();
+                *z = next;
+            }
+        }
+        (apart.sqrt(), moved.sqrt())
+    }
+
+    /// A higher penalty draws the two kinds of forces together, a lower one lets the costs decide.
+    fn even_out(&mut self, apart: f64, moved: f64) {
+        let factor = match () {
+            () if apart > UNEVEN * moved => 2.0,
+            () if moved > UNEVEN * apart => 0.5,
+            () => return,
+        };
+        self.penalty *= factor;
+        self.dual.contacts.iter_mut().for_each(|u| *u /= factor);
+        self.dual.dots.iter_mut().for_each(|u| *u /= factor);
+        self.dual.missing.iter_mut().for_each(|u| *u /= factor);
+    }
+}
+
+/// The nearest contact force within friction, after the normal force has paid its price.
+pub fn onto_cone(f: Vector3<f64>, price: f64, friction: f64) -> Vector3<f64> {
+    let (normal, tangent) = (f[0] - price, f[1].hypot(f[2]));
+    if tangent <= friction * normal {
+        return Vector3::new(normal, f[1], f[2]);
+    }
+    if friction * tangent <= -normal {
+        return Vector3::zeros();
+    }
+    let onto = (normal + friction * tangent) / (1.0 + friction * friction);
+    let scale = if tangent > 0.0 { friction * onto / tangent } else { 0.0 };
+    Vector3::new(onto, f[1] * scale, f[2] * scale)
+}
+
+fn shrunk(dot: Vector6<f64>, by: f64) -> Vector6<f64> {
+    let norm = dot.norm();
+    if norm > by { dot * (1.0 - by / norm) } else { Vector6::zeros() }
+}
+
+pub fn capped(dot: Vector6<f64>, most: f64) -> Vector6<f64> {
+    let norm = dot.norm();
+    if norm > most { dot * (most / norm) } else { dot }
+}

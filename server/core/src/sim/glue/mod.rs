@@ -1,0 +1,5 @@
+//! Glue: dots that join bodies of a pile, or a body and the ground.
+
+mod problem;
+
+pub use problem::Sites;

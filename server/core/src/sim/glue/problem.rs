@@ -1,0 +1,137 @@
+//! Where a pile could be glued: the problem of [`crate::equilibrium::glue`], from what its bodies touch.
+
+use crate::equilibrium::global::{GlobalBody, GlobalContact};
+use crate::equilibrium::glue::{GlueProblem, GlueTouch};
+use crate::geometry::region::DistanceGrid;
+use crate::sim::whole::{self, REAL_CONTACT};
+use crate::world::{BodyId, Role, Side, Touch, World};
+use glam::DVec3;
+use std::collections::BTreeSet;
+
+/// A dot carries moments as if by forces this far apart, as a share of the smaller body's radius.
+const ARM: f64 = 0.25;
+/// What is this near to the ground, in its thickness, may be glued to it without touching it: a peg.
+const PEG: f64 = 0.5;
+/// As for the control: a centre of mass this far outside the region, in d, still counts as inside.
+const REGION_TOLERANCE: f64 = 0.1;
+
+/// The bodies of a pile and their touches. Engine units.
+pub struct Sites {
+    /// The bodies that can be held at all, rising.
+    pub ids: Vec<BodyId>,
+    /// Bodies that no chain of touches joins to the ground, rising: no glue holds them.
+    pub apart: Vec<BodyId>,
+    /// What each touch is between: a body, and another or what stands still. Shape `[touch]`.
+    pub between: Vec<(BodyId, Side)>,
+    /// Normal of each touch, into its body. Shape `[touch]`.
+    pub normals: Vec<DVec3>,
+    bodies: Vec<GlobalBody>,
+    contacts: Vec<GlobalContact>,
+    touches: Vec<GlueTouch>,
+}
+
+impl Sites {
+    /// `region`: where the glue acts; `None`: everywhere. `anchors`: bodies may be glued to what stands still.
+    pub fn new(world: &World, region: Option<&DistanceGrid>, anchors: bool) -> Sites {
+        let is_inside = |id: BodyId| {
+            region.is_none_or(|region| region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE)
+        };
+        let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && is_inside(id);
+        let inside: Vec<bool> =
+            (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
+        let mut touches = world.touches(REAL_CONTACT);
+        touches.retain(|touch| touch.b != Side::Moving);
+        let carrying = touches.len();
+        if anchors {
+            let known: BTreeSet<(BodyId, Side)> = touches.iter().map(|touch| (touch.a, touch.b)).collect();
+            let near = world.near_what_stands(PEG).into_iter();
+            touches.extend(near.filter(|touch| !known.contains(&(touch.a, touch.b))));
+        }
+        let joined = joined(world, &inside, &touches);
+        let ids: Vec<BodyId> = (0..inside.len()).filter(|&id| joined[id]).collect();
+        let body = |&id: &BodyId| {
+            let b = &world.bodies()[id];
+            GlobalBody { mass: b.mass, center_of_mass: world.pose(id).translation, radius: b.radius }
+        };
+        let mut sites = Sites {
+            apart: (0..inside.len()).filter(|&id| inside[id] && !joined[id]).collect(),
+            bodies: ids.iter().map(body).collect(),
+            between: Vec::new(),
+            normals: Vec::new(),
+            contacts: Vec::new(),
+            touches: Vec::new(),
+            ids,
+        };
+        let pinned = |id: BodyId| world.is_present(id) && world.bodies()[id].role == Role::Pinned;
+        for (k, touch) in touches.iter().enumerate() {
+            // What is neither in the pile nor stands still carries nothing here.
+            let stands = |id: BodyId| joined[id] || pinned(id);
+            if stands(touch.a) && !matches!(touch.b, Side::Body(b) if !stands(b)) {
+                sites.add(world, touch, k < carrying, anchors);
+            }
+        }
+        sites
+    }
+
+    pub fn problem(&self, gravity: DVec3) -> GlueProblem<'_> {
+        GlueProblem { bodies: &self.bodies, contacts: &self.contacts, touches: &self.touches, gravity }
+    }
+
+    /// Touches that are no mere pegs.
+    pub fn real(&self) -> usize {
+        self.touches.iter().filter(|touch| !touch.contacts.is_empty()).count()
+    }
+
+    fn add(&mut self, world: &World, touch: &Touch, carries: bool, anchors: bool) {
+        let index = |id: BodyId| self.ids.binary_search(&id).ok();
+        let Some(mut contacts) = whole::contacts(touch, &index).map(|all| all.collect::<Vec<_>>()) else { return };
+        let Some(&GlobalContact { body, other, .. }) = contacts.first() else { return };
+        let count = contacts.len() as f64;
+        let center = contacts.iter().map(|c| c.point).sum::<DVec3>() / count;
+        let normal = contacts.iter().map(|c| c.normal).sum::<DVec3>().normalize_or(DVec3::Y);
+        let ends = if self.ids[body] == touch.a { (touch.a, touch.b) } else { (self.ids[body], Side::Body(touch.a)) };
+        if !carries {
+            contacts.clear();
+        }
+        let radius = |body: usize| self.bodies[body].radius;
+        let begin = self.contacts.len();
+        self.contacts.append(&mut contacts);
+        self.touches.push(GlueTouch {
+            body,
+            other,
+            contacts: begin..self.contacts.len(),
+            center,
+            arm: ARM * other.map_or(f64::INFINITY, radius).min(radius(body)),
+            may: other.is_some() || anchors,
+        });
+        debug_assert!(world.is_present(ends.0));
+        self.between.push(ends);
+        self.normals.push(normal);
+    }
+}
+
+/// Bodies that chains of touches join to what stands still. Shape `[body]`.
+fn joined(world: &World, inside: &[bool], touches: &[Touch]) -> Vec<bool> {
+    let mut beside = vec![Vec::new(); inside.len()];
+    let mut front = Vec::new();
+    let is_pinned = |id: BodyId| world.is_present(id) && world.bodies()[id].role == Role::Pinned;
+    for touch in touches {
+        match touch.b {
+            Side::Body(b) if is_pinned(b) => front.push(touch.a),
+            Side::Body(b) if is_pinned(touch.a) => front.push(b),
+            Side::Body(b) => {
+                beside[touch.a].push(b);
+                beside[b].push(touch.a);
+            }
+            Side::Ground | Side::Scenery => front.push(touch.a),
+            Side::Moving => {}
+        }
+    }
+    let mut joined = vec![false; inside.len()];
+    while let Some(id) = front.pop() {
+        if inside[id] && !std::mem::replace(&mut joined[id], true) {
+            front.extend(&beside[id]);
+        }
+    }
+    joined
+}
