@@ -34,7 +34,9 @@ struct Args {
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    println!("| scene | method | bodies | touches | contacts | dots | largest | imbalance | by cone program | iterations | CPU s |");
+    println!(
+        "| scene | method | bodies | touches | contacts | dots | largest | imbalance | by cone program | iterations | CPU s |"
+    );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for scene in &args.scenes {
         let full = piles::Full::of(scene, &args.set)?;

@@ -44,7 +44,10 @@ impl Whole {
 }
 
 /// The contacts of a touch; `None` between two things that do not move. `index`: of a body that may.
-pub fn contacts(touch: &Touch, index: &impl Fn(BodyId) -> Option<usize>) -> Option<impl Iterator<Item = GlobalContact>> {
+pub fn contacts(
+    touch: &Touch,
+    index: &impl Fn(BodyId) -> Option<usize>,
+) -> Option<impl Iterator<Item = GlobalContact>> {
     let other = match touch.b {
         Side::Body(b) => index(b),
         Side::Ground | Side::Scenery | Side::Moving => None,

@@ -6,7 +6,7 @@
 use super::factor::{Factor, Mobility, Work};
 use super::program::{Program, State};
 use super::splitting::{Length, Splitting, Weights, capped, onto_cone};
-use super::{Going, GlueError, oracle};
+use super::{GlueError, Going, oracle};
 use crate::equilibrium::global::BALANCED;
 
 /// What balances.
@@ -33,11 +33,18 @@ const LEAST_DOT: f64 = 1.0;
 /// Beyond so many bodies, Clarabel takes longer than all the rest.
 const MOST_BODIES: usize = 2000;
 
-/// Forces for the dots at these touches, from a state nearby.
-pub fn balance(program: &Program, from: State, chosen: &[usize], going: &mut Going) -> Result<Balanced, GlueError> {
+/// Forces for the dots at these touches, from a state nearby. `tight`: the same pile with less friction, which leaves room for
+/// corrections.
+pub fn balance(
+    program: &Program,
+    tight: &Program,
+    from: State,
+    chosen: &[usize],
+    going: &mut Going,
+) -> Result<Balanced, GlueError> {
     let mut may = vec![false; program.touches.len()];
     chosen.iter().for_each(|&touch| may[touch] = true);
-    let mut splitting = Splitting::new(program, &may, false);
+    let mut splitting = Splitting::new(tight, &may, false);
     splitting.take(from);
     let mut weights = Weights::even(program, PRICE, None);
     weights.dots.fill(0.0);
@@ -70,7 +77,12 @@ fn correct(program: &Program, from: State, may: &[bool], going: &mut Going) -> R
         let size = |normal: f64, least: f64| normal.max(least).powi(2);
         let mobility = Mobility {
             contacts: state.contacts.iter().map(|f| size(f[0], LEAST_CONTACT)).collect(),
-            dots: state.dots.iter().zip(may).map(|(g, &may)| if may { size(g.norm(), LEAST_DOT) } else { 0.0 }).collect(),
+            dots: state
+                .dots
+                .iter()
+                .zip(may)
+                .map(|(g, &may)| if may { size(g.norm(), LEAST_DOT) } else { 0.0 })
+                .collect(),
             missing: 0.0,
         };
         program.imbalance(&state, &mut left);

@@ -25,7 +25,7 @@
 //!
 //! [`splitting`] solves the rounds: projection onto balance, projection onto the friction cones and shrinkage of the dots in turn
 //! (ADMM; Boyd et al. 2011), the former by preconditioned conjugate gradients. It chooses long before it balances; so
-//! [`certificate`] balances the chosen dots, by substitution to [`BALANCED`] and, where it cannot, by Clarabel.
+//! [`certificate`] balances the chosen dots, to [`BALANCED`] by substitution, with the help of Clarabel where that fails.
 
 mod certificate;
 mod factor;
@@ -126,6 +126,8 @@ pub enum GlueError {
 const ROUNDS: [f64; 5] = [0.3, 0.1, 0.05, 0.03, 0.02];
 /// A dot that carries less than this, in weights of the lighter body, is none.
 const NOTHING: f64 = 1e-4;
+/// Dots are chosen for a friction that is smaller still, by this factor: that leaves the certificate the room which it needs.
+const TIGHT: f64 = 0.97;
 /// Where glue is of bounded strength: a body falls rather than be held at this price, against that of a dot's force as 1 and for
 /// its own weight. No glue of any strength costs as much where it helps at all.
 const FALLS: f64 = 100.0;
@@ -141,12 +143,14 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
     let mut iterations = 0;
     loop {
         let program = Program::new(pile, options, &fallen)?;
-        let (chosen, missing, splitting) = choose(&program, options, &mut iterations, going)?;
+        let tight = GlueOptions { friction_factor: options.friction_factor * TIGHT, ..*options };
+        let tight = Program::new(pile, &tight, &fallen)?;
+        let (chosen, missing, splitting) = choose(&tight, options, &mut iterations, going)?;
         if !missing.is_empty() {
             missing.into_iter().for_each(|body| fallen[body] = true);
             continue;
         }
-        let balanced = certificate::balance(&program, splitting.state, &chosen, going)?;
+        let balanced = certificate::balance(&program, &tight, splitting.state, &chosen, going)?;
         iterations += balanced.iterations;
         let dots = chosen.iter().map(|&touch| program.dot(touch, &balanced.state)).collect();
         return Ok(Placement {

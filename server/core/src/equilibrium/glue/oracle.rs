@@ -110,7 +110,8 @@ fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance
     let mut next = || z.next().unwrap_or(0.0);
     for (t, touch) in program.touches.iter().enumerate().filter(|(_, touch)| !touch.sides.is_empty()) {
         for (c, &mu) in touch.friction.iter().enumerate() {
-            let force = if mu > 0.0 { Vector3::new(next(), mu * next(), mu * next()) } else { Vector3::new(next(), 0.0, 0.0) };
+            let force =
+                if mu > 0.0 { Vector3::new(next(), mu * next(), mu * next()) } else { Vector3::new(next(), 0.0, 0.0) };
             // An interior point may end a rounding outside its cone.
             state.contacts[touch.first + c] = super::splitting::onto_cone(force, 0.0, mu);
         }

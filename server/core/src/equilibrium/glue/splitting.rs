@@ -14,12 +14,12 @@ pub struct Length {
 }
 
 /// The first run, from nothing, and those that go on from it.
-pub const FIRST: Length = Length { least: 200, most: 800 };
-pub const NEXT: Length = Length { least: 100, most: 400 };
+pub const FIRST: Length = Length { least: 200, most: 1200 };
+pub const NEXT: Length = Length { least: 100, most: 600 };
 
 /// A run that only chooses ends once what the forces that obey their laws leave unbalanced, on average, is less than this, in a
 /// body's weight.
-pub const NEAR: f64 = 5e-3;
+pub const NEAR: f64 = 2e-3;
 /// Each new point is this far beyond the projection.
 const RELAXATION: f64 = 1.6;
 /// Iterations of conjugate gradients in each projection, and the residual that ends them.

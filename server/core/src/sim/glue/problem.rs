@@ -37,8 +37,7 @@ impl Sites {
             region.is_none_or(|region| region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE)
         };
         let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && is_inside(id);
-        let inside: Vec<bool> =
-            (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
+        let inside: Vec<bool> = (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
         let mut touches = world.touches(REAL_CONTACT);
         touches.retain(|touch| touch.b != Side::Moving);
         let carrying = touches.len();
