@@ -74,6 +74,10 @@ pub enum State {
     Outside,
     /// Placed by hand, to stay.
     Pinned,
+    /// Free, and glued to others.
+    Glued,
+    /// Glued to the ground or to scenery.
+    Anchored,
 }
 
 /// What a bake asks of its caller.

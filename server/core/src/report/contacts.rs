@@ -5,7 +5,7 @@ use crate::geometry::contact::{self, Bearing};
 use crate::measure::{self, Overlap};
 use crate::sim::pile::REST_SPEED;
 use crate::sim::whole::{REAL_CONTACT, Whole};
-use crate::world::{BodyId, Role, Touch, World};
+use crate::world::{BodyId, Touch, World};
 use std::collections::BTreeMap;
 
 /// A body is unsupported if its contacts leave more than this unbalanced, in its weight.
@@ -16,8 +16,9 @@ pub fn figures(world: &World) -> Figures {
     // `hanging` counts contacts up to d/200, which may be more than the thickness tolerance of thin props.
     let thinnest = world.present().map(|id| world.bodies()[id].thickness).fold(f64::INFINITY, f64::min);
     let touches = world.touches(REAL_CONTACT.max(contact::CARRYING_GAP / thinnest));
-    let contacts: Vec<Bearing> = touches.iter().flat_map(|t| t.bearings(world)).collect();
-    let is_movable = |id: BodyId| !matches!(world.bodies()[id].role, Role::Gone | Role::Pinned);
+    let mut contacts: Vec<Bearing> = touches.iter().flat_map(|t| t.bearings(world)).collect();
+    contacts.extend(world.glue_bearings());
+    let is_movable = |id: BodyId| world.is_present(id) && !world.bodies()[id].role.stands();
     let at_rest: Vec<bool> =
         (0..world.bodies().len()).map(|id| is_movable(id) && world.speed(id) < REST_SPEED).collect();
     // Engine units: d is 1.

@@ -43,7 +43,12 @@ impl Policy {
         world.set_role(id, Role::Pinned);
     }
 
-    /// A waiting or pinned body is let go.
+    /// A body, with all that are glued to it, is glued to what stands still.
+    pub fn anchor(world: &mut World, id: BodyId) {
+        world.set_role(id, Role::Anchored);
+    }
+
+    /// A waiting, pinned or anchored body is let go.
     pub fn release(&mut self, world: &mut World, id: BodyId) {
         world.set_role(id, Role::Free);
         self.damp(id, self.base);
@@ -96,7 +101,7 @@ impl Policy {
     /// Nothing is damped, waits or is frozen, and nothing may fall asleep: physics alone.
     pub fn leave_to_physics(&mut self, world: &mut World) {
         *self = Policy::new(0.0);
-        for id in world.present().filter(|&id| world.bodies()[id].role != Role::Pinned).collect::<Vec<_>>() {
+        for id in world.present().filter(|&id| !world.bodies()[id].role.stands()).collect::<Vec<_>>() {
             world.set_role(id, Role::Free);
             world.set_damping(id, 0.0);
             world.keep_awake(id);

@@ -3,7 +3,7 @@
 use crate::equilibrium::global::{
     self, Balance, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError, Objective,
 };
-use crate::world::{BodyId, Role, Side, Touch, World};
+use crate::world::{BodyId, Side, Touch, World};
 use glam::DVec3;
 
 /// Gap up to which contacts carry, as a share of the thinner body's thickness.
@@ -22,7 +22,7 @@ impl Whole {
     /// The world as it stands. All contacts count, up to a gap of `gap` of the thinner body's thickness; what is pinned carries
     /// like scenery.
     pub fn new(world: &World, gap: f64) -> Whole {
-        let is_pinned = |id: BodyId| world.bodies()[id].role == Role::Pinned;
+        let is_pinned = |id: BodyId| world.bodies()[id].role.stands();
         let ids: Vec<BodyId> = world.present().filter(|&id| !is_pinned(id)).collect();
         let body = |&id: &BodyId| {
             let b = &world.bodies()[id];

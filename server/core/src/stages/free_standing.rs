@@ -4,7 +4,7 @@ use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::sim::pile::Pile;
-use crate::world::{BodyId, FrictionExcess, Momentum, Role, World};
+use crate::world::{BodyId, FrictionExcess, Momentum, World};
 use std::collections::BTreeMap;
 
 /// For how long the bodies are left to themselves, s.
@@ -28,7 +28,7 @@ pub struct Freed {
 pub fn run(pile: &mut Pile, observer: &mut dyn Observer) -> Result<Freed, Error> {
     let Pile { world, policy, control, .. } = pile;
     control.end(world, policy);
-    let ids: Vec<BodyId> = world.present().filter(|&id| world.bodies()[id].role != Role::Pinned).collect();
+    let ids: Vec<BodyId> = world.present().filter(|&id| !world.bodies()[id].role.stands()).collect();
     let before = poses(world, &ids);
     policy.leave_to_physics(world);
     let steps = (TIME / world.units.time / world.step_length()).ceil() as u64;

@@ -1,7 +1,8 @@
 //! Bodies: how they come, grow and go, and what may be changed of them.
 
+use super::clusters::kind;
 use super::{BodyId, FIRST_BODY, Insertion, Role, World, WorldBody, to_engine};
-use crate::geometry::pose::Pose;
+use crate::geometry::pose;
 use crate::prepare::shape::Shape;
 use glam::DVec3;
 use rapier3d::prelude::*;
@@ -34,6 +35,7 @@ impl World {
             .active_collision_types(ActiveCollisionTypes::default())
             .user_data(FIRST_BODY + id as u128);
         let (handle, collider) = self.engine.insert(rigid, collider);
+        let place = self.engine.colliders[collider].position_wrt_parent().copied().unwrap_or(Pose::IDENTITY);
         let size = body.scale * length;
         self.rolling.round.extend(self.rolling.radius(shape).map(|radius| (id, radius * size)));
         self.bodies.push(WorldBody {
@@ -45,8 +47,13 @@ impl World {
             thickness: shape.thickness() * size,
             face_area: shape.size.extents.x * shape.size.extents.y * size * size,
             friction: body.friction,
+            id,
             handle,
+            own: handle,
             collider,
+            place,
+            offset: Pose::IDENTITY,
+            cluster: None,
         });
         Ok(id)
     }
@@ -84,6 +91,7 @@ impl World {
         }
         let size = scale * length;
         let body = &mut self.bodies[id];
+        body.place = place;
         body.scale = scale;
         body.mass = shape.mass * scale.powi(3) / self.units.mass;
         body.radius = shape.radius * size;
@@ -91,14 +99,14 @@ impl World {
         body.face_area = shape.size.extents.x * shape.size.extents.y * size * size;
     }
 
-    /// Changes what a body is doing; a body that starts or stops moving does so from rest.
+    /// Changes what a body is doing, and all that are glued to it; a body that starts or stops moving does so from rest.
     pub fn set_role(&mut self, id: BodyId, role: Role) {
         if self.bodies[id].role == role {
             return;
         }
-        self.bodies[id].role = role;
+        self.glued_with(id).to_vec().into_iter().for_each(|id| self.bodies[id].role = role);
         let body = &mut self.engine.bodies[self.bodies[id].handle];
-        let kind = if role == Role::Free { RigidBodyType::Dynamic } else { RigidBodyType::Fixed };
+        let kind = kind(role);
         if body.body_type() != kind {
             body.set_linvel(Vector::ZERO, false);
             body.set_angvel(Vector::ZERO, false);
@@ -106,7 +114,11 @@ impl World {
         }
     }
 
+    /// What moves as one is damped as its first body.
     pub fn set_damping(&mut self, id: BodyId, damping: f64) {
+        if !self.leads(id) {
+            return;
+        }
         let body = &mut self.engine.bodies[self.bodies[id].handle];
         if body.linear_damping() != damping as f32 {
             body.set_linear_damping(damping as f32);
@@ -148,7 +160,7 @@ impl World {
     }
 
     /// Moves a body without any motion.
-    pub fn put(&mut self, id: BodyId, pose: &Pose) {
+    pub fn put(&mut self, id: BodyId, pose: &pose::Pose) {
         self.engine.bodies[self.bodies[id].handle].set_position(to_engine(pose), false);
     }
 }

@@ -54,7 +54,7 @@ impl Touch {
     /// Its points, as who bears on whom. What is pinned carries like scenery.
     pub fn bearings<'a>(&'a self, world: &World) -> impl Iterator<Item = Bearing> + 'a {
         let side = |id: BodyId| match world.bodies[id].role {
-            Role::Pinned => contact::End::Fixed,
+            role if role.stands() => contact::End::Fixed,
             _ => contact::End::Body(id),
         };
         let a = side(self.a);
@@ -128,6 +128,19 @@ impl World {
             near.into_iter().for_each(|(b, other)| self.touch(a, b, other, tolerance, &mut touches));
         }
         touches
+    }
+
+    /// Bodies glued to each other, as if each rested on the others.
+    pub fn glue_bearings(&self) -> Vec<Bearing> {
+        let bearing = |a: BodyId, b: BodyId| Bearing {
+            a: contact::End::Body(a),
+            b: contact::End::Body(b),
+            normal: DVec3::Y,
+            gap: 0.0,
+        };
+        let leaders = self.present().filter(|&id| self.bodies[id].cluster.is_some() && self.leads(id));
+        let both = leaders.flat_map(|id| self.glued_with(id)[1..].iter().map(move |&other| (id, other)));
+        both.flat_map(|(a, b)| [bearing(a, b), bearing(b, a)]).collect()
     }
 
     /// Thickness of the thinner one of a pair.

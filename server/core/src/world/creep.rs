@@ -2,7 +2,7 @@
 //! slide down a slope is slow: asleep, it would hang there as if glued. What moves to and fro without getting anywhere, as
 //! the engine's contacts let some bodies do for ever, may sleep.
 
-use super::{Role, World, WorldBody};
+use super::{BodyId, Role, World, WorldBody};
 use rapier3d::prelude::*;
 
 /// Where the bodies were at earlier looks. Shapes `[body]`.
@@ -36,7 +36,7 @@ impl World {
             return;
         }
         self.marks.time = 0.0;
-        let now: Vec<Pose> = self.bodies.iter().map(|body| self.engine_pose(body)).collect();
+        let now: Vec<Pose> = (0..self.bodies.len()).map(|id| self.pose_or_none(id)).collect();
         let Marks { last, early, .. } = &self.marks;
         for (id, body) in self.bodies.iter().enumerate().take(last.len()).filter(|(_, body)| body.role == Role::Free) {
             if moved(&last[id], &now[id], body) <= CREEP {
@@ -56,10 +56,10 @@ impl World {
         self.marks.last = now;
     }
 
-    fn engine_pose(&self, body: &WorldBody) -> Pose {
-        match body.role {
+    fn pose_or_none(&self, id: BodyId) -> Pose {
+        match self.bodies[id].role {
             Role::Gone => Pose::IDENTITY,
-            _ => *self.engine.bodies[body.handle].position(),
+            _ => self.engine_pose(id),
         }
     }
 }

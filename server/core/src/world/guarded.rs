@@ -31,7 +31,7 @@ impl World {
         state.0.clear();
         for (id, body) in self.bodies.iter().enumerate().filter(|(_, body)| body.role == Role::Free) {
             let rigid = &self.engine.bodies[body.handle];
-            if !rigid.is_sleeping() {
+            if !rigid.is_sleeping() && self.leads(id) {
                 let (linear, angular) = (rigid.linvel(), rigid.angvel());
                 state.0.push(Moved { id, pose: *rigid.position(), linear, angular });
             }
@@ -43,7 +43,7 @@ impl World {
         let mut energy = Energy::default();
         for id in state.0.iter().map(|moved| moved.id).filter(|&id| self.is_present(id)) {
             let rigid = &self.engine.bodies[self.bodies[id].handle];
-            let (kinetic, mass) = (f64::from(rigid.kinetic_energy()), self.bodies[id].mass);
+            let (kinetic, mass) = (f64::from(rigid.kinetic_energy()), self.carried(id).0);
             energy.whole += kinetic + mass * f64::from(rigid.translation().y);
             energy.kinetic += kinetic;
             energy.mass += mass;
@@ -125,14 +125,14 @@ impl World {
         let mut astray = Vec::new();
         for (id, body) in self.bodies.iter().enumerate().filter(|(_, body)| body.role == Role::Free) {
             let rigid = &self.engine.bodies[body.handle];
-            if rigid.is_sleeping() {
+            if rigid.is_sleeping() || !self.leads(id) {
                 continue;
             }
+            let (_, radius, _) = self.carried(id);
             // The rim is faster than what counts: most bodies need no more than this look.
-            let may_spin = f64::from(rigid.angvel().length()) * body.radius > most_spin;
+            let may_spin = f64::from(rigid.angvel().length()) * radius > most_spin;
             let too_fast = f64::from(rigid.linvel().length()) > most || may_spin && self.spin(id) > most_spin;
-            let below =
-                f64::from(rigid.translation().y) < ground - body.radius && f64::from(rigid.linvel().y) < -sinking;
+            let below = f64::from(rigid.translation().y) < ground - radius && f64::from(rigid.linvel().y) < -sinking;
             if too_fast || below {
                 astray.push((id, too_fast));
             }
@@ -144,6 +144,6 @@ impl World {
         let rigid = &self.engine.bodies[self.bodies[id].handle];
         let inertia = rigid.mass_properties().local_mprops.reconstruct_inertia_matrix();
         let spin = rigid.rotation().inverse() * rigid.angvel();
-        (f64::from(spin.dot(inertia * spin)) / self.bodies[id].mass).sqrt()
+        (f64::from(spin.dot(inertia * spin)) / self.carried(id).0).sqrt()
     }
 }

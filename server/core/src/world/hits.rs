@@ -72,7 +72,7 @@ impl World {
         let found =
             query::contact(first.position(), first.shape(), second.position(), second.shape(), reach as f32).ok()??;
         let body = &self.engine.bodies[self.bodies[hitter].handle];
-        let arm = found.point1.as_dvec3() - self.pose(hitter).translation;
+        let arm = found.point1.as_dvec3() - body.translation().as_dvec3();
         let velocity: DVec3 = body.linvel().as_dvec3() + body.angvel().as_dvec3().cross(arm);
         let speed = velocity.dot(found.normal1.as_dvec3());
         let in_time = speed * self.step_length() * STEPS_AHEAD >= f64::from(found.dist);

@@ -5,10 +5,12 @@
 //! [`Units`] is the one place of the conversion.
 
 mod bodies;
+mod clusters;
 mod contacts;
 mod creep;
 mod guarded;
 mod hits;
+mod loads;
 mod manifold;
 mod motion;
 mod nails;
@@ -22,6 +24,7 @@ use glam::{DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::*;
 
+pub use clusters::ClusterId;
 pub use contacts::{Side, Touch, TouchPoint};
 pub use guarded::{Energy, Snapshot};
 pub use hits::Hit;
@@ -49,8 +52,17 @@ pub enum Role {
     Frozen,
     /// Placed by hand, and to stay: others may rest on it.
     Pinned,
+    /// Glued to the ground or to scenery, by itself or through others.
+    Anchored,
     /// Taken out.
     Gone,
+}
+
+impl Role {
+    /// It carries others like the ground, until someone takes that away.
+    pub fn stands(self) -> bool {
+        matches!(self, Role::Pinned | Role::Anchored)
+    }
 }
 
 /// One body; lengths, masses in engine units.
@@ -68,8 +80,16 @@ pub struct WorldBody {
     /// Product of the two smaller extents: the area of its smallest face.
     pub face_area: f64,
     pub friction: f64,
+    id: BodyId,
+    /// What moves it: its own rigid body, or its cluster's.
     handle: RigidBodyHandle,
+    own: RigidBodyHandle,
     collider: ColliderHandle,
+    /// Of the collider on the body's own rigid body.
+    place: EnginePose,
+    /// On what moves it.
+    offset: EnginePose,
+    cluster: Option<ClusterId>,
 }
 
 /// What effects have done so far: bodies, summed over the steps.
@@ -102,6 +122,7 @@ pub struct World {
     engine: PhysicsWorld,
     bodies: Vec<WorldBody>,
     nails: nails::Nails,
+    clusters: Vec<Option<clusters::Cluster>>,
     moving: Vec<scenery::Moving>,
     marks: creep::Marks,
     rolling: rolling::Rolling,
@@ -175,6 +196,7 @@ impl World {
             engine,
             bodies: Vec::new(),
             nails: nails::Nails::default(),
+            clusters: Vec::new(),
             moving: Vec::new(),
             marks: creep::Marks::default(),
             rolling: rolling::Rolling::new(physics),
@@ -195,7 +217,16 @@ impl World {
 
     /// Velocity of the centre of mass, engine units.
     pub fn velocity(&self, id: BodyId) -> DVec3 {
-        self.engine.bodies[self.bodies[id].handle].linvel().as_dvec3()
+        let rigid = &self.engine.bodies[self.bodies[id].handle];
+        if self.bodies[id].cluster.is_none() {
+            return rigid.linvel().as_dvec3();
+        }
+        let arm = self.engine_pose(id).translation - rigid.translation();
+        (rigid.linvel() + rigid.angvel().cross(arm)).as_dvec3()
+    }
+
+    pub fn angular_velocity(&self, id: BodyId) -> DVec3 {
+        self.engine.bodies[self.bodies[id].handle].angvel().as_dvec3()
     }
 
     /// Bodies that are still there, rising.
@@ -209,7 +240,11 @@ impl World {
 
     pub fn remove(&mut self, id: BodyId) {
         self.nails.forget(id);
-        self.engine.remove_body(self.bodies[id].handle);
+        // Those that it was glued to go on by themselves.
+        if let Some(cluster) = self.bodies[id].cluster {
+            self.unglue(cluster);
+        }
+        self.engine.remove_body(self.bodies[id].own);
         self.bodies[id].role = Role::Gone;
     }
 
@@ -220,7 +255,13 @@ impl World {
     }
 
     pub fn pose(&self, id: BodyId) -> Pose {
-        from_engine(self.engine.bodies[self.bodies[id].handle].position())
+        from_engine(&self.engine_pose(id))
+    }
+
+    fn engine_pose(&self, id: BodyId) -> EnginePose {
+        let body = &self.bodies[id];
+        let carrier = self.engine.bodies[body.handle].position();
+        if body.cluster.is_some() { *carrier * body.offset } else { *carrier }
     }
 
     pub fn step_length(&self) -> f64 {

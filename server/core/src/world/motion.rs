@@ -35,7 +35,10 @@ impl World {
             return 0.0;
         }
         let body = self.rigid(id);
-        body.linvel().length() as f64 + body.angvel().length() as f64 * self.bodies[id].radius
+        let turning = body.angvel().length() as f64 * self.bodies[id].radius;
+        let moving =
+            if self.cluster_of(id).is_some() { self.velocity(id).length() } else { body.linvel().length() as f64 };
+        moving + turning
     }
 
     /// Before a step: what is fast must neither pass through what it hits nor stop deep in it. One convex shape is swept along
@@ -48,12 +51,17 @@ impl World {
             Switch::On => CAREFULLY_FAST,
             Switch::Off => return,
         };
-        for body in self.bodies.iter().filter(|body| body.role == Role::Free) {
+        for (id, body) in self.bodies.iter().enumerate().filter(|(_, body)| body.role == Role::Free) {
+            if !self.leads(id) {
+                continue;
+            }
             let rigid = &self.engine.bodies[body.handle];
-            let has_parts = self.engine.colliders[body.collider].shape().as_compound().is_some();
-            let turn = if has_parts { rigid.angvel().length() * body.radius as f32 } else { 0.0 };
+            let (_, radius, thickness) = self.carried(id);
+            let has_parts =
+                body.cluster.is_some() || self.engine.colliders[body.collider].shape().as_compound().is_some();
+            let turn = if has_parts { rigid.angvel().length() * radius as f32 } else { 0.0 };
             let way = (rigid.linvel().length() + turn) * dt;
-            let is_fast = way > (share * body.thickness) as f32;
+            let is_fast = way > (share * thickness) as f32;
             let (is_swept, ahead) = (is_fast && !has_parts, if is_fast && has_parts { way } else { 0.0 });
             if is_fast && !rigid.is_sleeping() {
                 self.counters.ccd_body_steps += u64::from(is_swept);
@@ -74,19 +82,17 @@ impl World {
     }
 
     pub fn momentum(&self, id: BodyId) -> Momentum {
-        let body = self.rigid(id);
-        let inertia = body.mass_properties().local_mprops.reconstruct_inertia_matrix();
-        let spin = body.rotation().inverse() * body.angvel();
         Momentum {
-            linear: body.linvel().as_dvec3() * self.bodies[id].mass,
-            angular: (*body.rotation() * (inertia * spin)).as_dvec3(),
+            linear: self.velocity(id) * self.bodies[id].mass,
+            angular: self.inertia(id) * self.angular_velocity(id),
         }
     }
 
     /// Kinetic energy of all free bodies.
     pub fn kinetic_energy(&self) -> f64 {
         let energy = |id: BodyId| self.rigid(id).kinetic_energy() as f64;
-        self.present().filter(|&id| self.bodies[id].role == Role::Free).map(energy).sum()
+        let moves = |&id: &BodyId| self.bodies[id].role == Role::Free && self.leads(id);
+        self.present().filter(moves).map(energy).sum()
     }
 
     /// Kinetic and potential energy of all bodies; gravity is 1 downward.

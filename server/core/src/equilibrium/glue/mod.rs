@@ -29,12 +29,14 @@
 
 mod certificate;
 mod factor;
+mod loads;
 pub mod oracle;
 mod program;
 mod splitting;
 
 use super::global::{BALANCED, GlobalBody, GlobalContact};
 use glam::DVec3;
+pub use loads::Loads;
 use program::Program;
 use splitting::{Splitting, Weights};
 use std::ops::{ControlFlow, Range};

@@ -13,6 +13,7 @@ impl Control<'_> {
         let state = |(id, body): (usize, &WorldBody)| match body.role {
             Role::Waiting => State::Waiting,
             Role::Pinned => State::Pinned,
+            Role::Anchored => State::Anchored,
             Role::Frozen => State::Held,
             Role::Gone => State::Free,
             Role::Free if self.ended => State::Free,

@@ -1,5 +1,170 @@
-//! Glue: dots that join bodies of a pile, or a body and the ground.
+//! Glue: dots that join bodies of a pile, or a body and what stands still. Bodies joined by dots move as one; what is joined to the
+//! ground stands. A dot that carries more than it can breaks, and what it joined parts.
 
+mod cluster;
 mod problem;
 
 pub use problem::Sites;
+
+use super::policy::Policy;
+use crate::geometry::pose::Pose;
+use crate::world::{BodyId, Role, World};
+use cluster::Group;
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// A glued touch. Engine units.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Dot {
+    pub a: BodyId,
+    /// The other body; `None`: the ground or scenery.
+    pub b: Option<BodyId>,
+    /// Where it is at the beginning, and the normal of the touch there, into `a`.
+    pub point: DVec3,
+    pub normal: DVec3,
+    /// A moment counts as the force that causes it at this distance.
+    pub arm: f64,
+    /// What it carries in the certified equilibrium, on `a`.
+    pub force: DVec3,
+    pub moment: DVec3,
+    /// It breaks beyond this |(force, moment / arm)|; infinite: it never does.
+    pub limit: f64,
+    pub is_broken: bool,
+}
+
+impl Dot {
+    /// |(force, moment / arm)| of the certified equilibrium.
+    pub fn load(&self) -> f64 {
+        (self.force.length_squared() + (self.moment / self.arm).length_squared()).sqrt()
+    }
+}
+
+/// What the glue has done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GlueTally {
+    pub broken: u64,
+    /// Loads of clusters that were computed.
+    pub looks: u64,
+}
+
+/// The glue of a pile.
+#[derive(Default)]
+pub struct Glue {
+    pub dots: Vec<Dot>,
+    pub tally: GlueTally,
+    /// Bodies joined by whole dots, by their first.
+    groups: BTreeMap<BodyId, Group>,
+    /// Where its bodies were when they were glued.
+    homes: BTreeMap<BodyId, Pose>,
+    breaks: bool,
+}
+
+impl Glue {
+    /// Glues the bodies of a world as they stand. `breaks`: dots may break.
+    pub fn new(dots: Vec<Dot>, breaks: bool, world: &mut World, policy: &mut Policy) -> Glue {
+        let mut glue = Glue { dots, breaks, ..Glue::default() };
+        let ids: Vec<BodyId> = glue.dots.iter().flat_map(|dot| [Some(dot.a), dot.b]).flatten().collect();
+        glue.homes = ids.iter().map(|&id| (id, world.pose(id))).collect();
+        glue.join(&ids, world, policy);
+        glue
+    }
+
+    /// Groups of bodies joined by whole dots, each rising.
+    pub fn clusters(&self) -> impl Iterator<Item = &[BodyId]> {
+        self.groups.values().map(|group| &group.members[..])
+    }
+
+    /// The cluster of each body by number, in the order of [`Glue::clusters`]. Shape `[body]`.
+    pub fn cluster_of(&self, bodies: usize) -> Vec<Option<usize>> {
+        let mut of = vec![None; bodies];
+        for (number, members) in self.clusters().enumerate() {
+            members.iter().for_each(|&id| of[id] = Some(number));
+        }
+        of
+    }
+
+    /// After a step: dots that carry too much break. Returns the bodies that may move now.
+    pub fn break_overloaded(&mut self, world: &mut World, policy: &mut Policy) -> Vec<BodyId> {
+        if self.groups.is_empty() {
+            return Vec::new();
+        }
+        // Whoever was taken out of the world takes its dots along.
+        let gone = |dot: &Dot| [Some(dot.a), dot.b].into_iter().flatten().any(|id| !world.is_present(id));
+        let mut broken: Vec<usize> =
+            (0..self.dots.len()).filter(|&k| !self.dots[k].is_broken && gone(&self.dots[k])).collect();
+        if self.breaks {
+            for group in self.groups.values_mut() {
+                self.tally.looks += u64::from(group.overloaded(world, &self.dots, &mut broken));
+            }
+        }
+        if broken.is_empty() {
+            return Vec::new();
+        }
+        self.tally.broken += broken.len() as u64;
+        let mut loose: Vec<BodyId> = Vec::new();
+        for &k in &broken {
+            self.dots[k].is_broken = true;
+            for id in [Some(self.dots[k].a), self.dots[k].b].into_iter().flatten() {
+                loose.extend(self.part(id, world));
+            }
+        }
+        loose.sort_unstable();
+        loose.dedup();
+        loose.retain(|&id| world.is_present(id));
+        // What no longer hangs on the ground may move.
+        for &id in &loose {
+            if world.bodies()[id].role == Role::Anchored {
+                policy.release(world, id);
+            }
+        }
+        self.join(&loose, world, policy);
+        loose
+    }
+
+    /// All of it dissolves.
+    pub fn end(&mut self, world: &mut World, policy: &mut Policy) {
+        for id in self.groups.keys().copied().collect::<Vec<_>>() {
+            for id in self.part(id, world) {
+                if world.is_present(id) && world.bodies()[id].role == Role::Anchored {
+                    policy.release(world, id);
+                }
+            }
+        }
+        self.breaks = false;
+    }
+
+    /// Takes the group of a body apart. Returns its bodies.
+    fn part(&mut self, id: BodyId, world: &mut World) -> Vec<BodyId> {
+        let of = self.groups.iter().find(|(_, group)| group.members.binary_search(&id).is_ok());
+        let Some(first) = of.map(|(&first, _)| first) else { return Vec::new() };
+        let Some(group) = self.groups.remove(&first) else { return Vec::new() };
+        let cluster = group.members.iter().filter(|&&id| world.is_present(id)).find_map(|&id| world.cluster_of(id));
+        if let Some(cluster) = cluster {
+            world.unglue(cluster);
+        }
+        group.members
+    }
+
+    /// Joins these bodies by the whole dots between them.
+    fn join(&mut self, ids: &[BodyId], world: &mut World, policy: &mut Policy) {
+        for group in cluster::groups(ids, &self.dots, &self.homes) {
+            if let [first, _, ..] = group.members[..] {
+                let roles = group.members.iter().map(|&id| world.bodies()[id].role);
+                let waits = roles.clone().any(|role| role == Role::Waiting);
+                // A cluster waits or moves as a whole.
+                for &id in &group.members {
+                    if waits { Policy::wait(world, id) } else { policy.release(world, id) }
+                }
+                world.glue(&group.members);
+                if group.is_anchored {
+                    Policy::anchor(world, first);
+                }
+            } else if let Some(&only) = group.members.first().filter(|_| group.is_anchored) {
+                Policy::anchor(world, only);
+            } else {
+                continue;
+            }
+            self.groups.insert(group.members[0], group);
+        }
+    }
+}
