@@ -102,6 +102,7 @@ fn stage(stage: &cairn_core::input::observer::Stage) -> &'static str {
     match stage {
         Stage::Shape => "shape",
         Stage::Fill => "fill",
+        Stage::Glue => "glue",
         Stage::Release => "release",
         Stage::Hold => "hold",
         Stage::Measure => "measure",

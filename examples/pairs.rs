@@ -196,7 +196,7 @@ impl Observer for Watch {
             eprintln!("{:?}: {} bodies, {:.1} CPU s", now.stage, now.bodies, self.cpu_seconds() - self.began);
         }
         let wrong = match now.stage {
-            Stage::Shape | Stage::Measure => false,
+            Stage::Shape | Stage::Glue | Stage::Measure => false,
             Stage::Fill => now.bodies >= TRIAL_LIMIT as usize,
             Stage::Release | Stage::Hold => !(FEWEST..=MOST).contains(&now.bodies),
         };

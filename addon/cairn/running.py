@@ -13,6 +13,7 @@ from .job import Job
 STAGES = {
     "STAGE_SHAPE": "Preparing shapes",
     "STAGE_FILL": "Filling",
+    "STAGE_GLUE": "Placing glue",
     "STAGE_RELEASE": "Letting go",
     "STAGE_HOLD": "Coming to rest",
     "STAGE_MEASURE": "Measuring",

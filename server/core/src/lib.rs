@@ -33,7 +33,7 @@ use report::clock::Clock;
 use sim::step::Simulation;
 use stages::cache::{Cache, CachedFill, FillInputs, FrameKeeper, NoCache};
 use stages::fill::Filled;
-use stages::{fill, hold, release, turn_over};
+use stages::{fill, glue, hold, release, turn_over};
 use world::Units;
 
 /// Checks the scene and tells what would be simulated; simulates nothing.
@@ -60,7 +60,7 @@ pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64
     Ok(ladder.iter().map(|params| estimate::of(scene, params, &checked, &shapes, machine)).collect())
 }
 
-/// The method: shapes, fill, turn over, release, hold. A scene may bring its bodies along instead of a fill.
+/// The method: shapes, fill, turn over, glue, release, hold. A scene may bring its bodies along instead of a fill.
 pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<Bake, Error> {
     bake_with(scene, params, &mut NoCache, observer)
 }
@@ -82,7 +82,7 @@ pub struct FullContainer {
     shapes: Vec<Shape>,
     units: Units,
     filled: Option<(Container, Filled)>,
-    /// Where the control acts, if that is not the inside of the container; engine units.
+    /// Where control and glue act, if that is not the inside of the container; engine units.
     region: Option<DistanceGrid>,
     /// Nothing was filled now: it was in the cache.
     is_cached: bool,
@@ -110,8 +110,13 @@ impl FullContainer {
             units: self.units,
             bodies: self.filled.as_ref().map_or(&[][..], |(_, filled)| &filled.bodies),
             ground: self.checked.ground,
-            region: self.region.as_ref().or(self.filled.as_ref().map(|(container, _)| &container.distance)),
+            region: self.region(),
         })
+    }
+
+    /// Where the control and the glue act, engine units; `None`: everywhere.
+    fn region(&self) -> Option<&DistanceGrid> {
+        self.region.as_ref().or(self.filled.as_ref().map(|(container, _)| &container.distance))
     }
 }
 
@@ -170,7 +175,7 @@ pub fn fill_container(
     Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached: false, clock })
 }
 
-/// The second half of [`bake`]: turn over, release, hold. `params` may differ from the fill's in what comes after it.
+/// The second half of [`bake`]: turn over, glue, release, hold. `params` may differ from the fill's in what comes after it.
 pub fn release_pile(
     scene: &Scene,
     params: &Params,
@@ -185,6 +190,16 @@ pub fn release_pile(
     clock.skip(observer);
 
     let mut sim = full.turn_over_as(scene, params, &resolved)?;
+    let glued = match resolved.is_on(EffectName::Glue) {
+        true => {
+            let region = full.region();
+            let again = || full.turn_over_as(scene, params, &resolved);
+            Some(glue::run(&mut sim, &again, region, params, &resolved, observer)?)
+        }
+        false => None,
+    };
+    clock.lap(Stage::Glue, observer);
+
     release::run(&mut sim, params, observer)?;
     clock.lap(Stage::Release, observer);
 
@@ -205,6 +220,7 @@ pub fn release_pile(
         target: checked.target().map(|target| &target.mesh),
         filled: filled.as_ref(),
         held,
+        glued: glued.as_ref(),
         bodies: &bodies,
         frames: &frames,
         ground: checked.ground,

@@ -33,6 +33,7 @@ pub fn name(stage: Stage) -> &'static str {
     match stage {
         Stage::Shape => "shape",
         Stage::Fill => "fill",
+        Stage::Glue => "glue",
         Stage::Release => "release",
         Stage::Hold => "hold",
         Stage::Measure => "measure",

@@ -4,8 +4,8 @@ use crate::problem::Problem;
 use crate::wire::proto;
 use cairn_core::input::observer::{Progress, Stage, State};
 use cairn_core::input::params::{
-    Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve,
-    Neighbours, Params, Physics, ReleaseOrder, Spread, Switch, Time,
+    Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve, Glue,
+    GlueMode, Neighbours, Params, Physics, ReleaseOrder, Spread, Switch, Time,
 };
 use cairn_core::prepare::effects::Effect;
 use cairn_core::prepare::estimate::Estimate;
@@ -24,6 +24,7 @@ pub fn params(params: &Params) -> proto::Scene {
         base: Some(proto::Base { height: Some(params.base.height) }),
         fill: Some(fill(params)),
         release: Some(release(params)),
+        glue: Some(glue(&params.glue)),
         control: Some(control(&params.control)),
         hold: Some(proto::Hold { patience: Some(params.hold.patience), least_seconds: Some(params.hold.least) }),
         output: Some(proto::Output {
@@ -73,6 +74,7 @@ pub fn stage(stage: Stage) -> proto::Stage {
     match stage {
         Stage::Shape => proto::Stage::Shape,
         Stage::Fill => proto::Stage::Fill,
+        Stage::Glue => proto::Stage::Glue,
         Stage::Release => proto::Stage::Release,
         Stage::Hold => proto::Stage::Hold,
         Stage::Measure => proto::Stage::Measure,
@@ -88,6 +90,8 @@ pub fn body_state(state: State) -> proto::BodyState {
         State::Held => proto::BodyState::Held,
         State::Outside => proto::BodyState::Outside,
         State::Pinned => proto::BodyState::Kept,
+        State::Glued => proto::BodyState::Glued,
+        State::Anchored => proto::BodyState::Anchored,
     }
 }
 
@@ -226,6 +230,24 @@ fn release(params: &Params) -> proto::Release {
             ReleaseOrder::AtOnce => proto::ReleaseOrder::AtOnce,
         }
         .into(),
+    }
+}
+
+fn glue(glue: &Glue) -> proto::Glue {
+    proto::Glue {
+        mode: match glue.mode {
+            GlueMode::Auto => proto::GlueMode::Auto,
+            GlueMode::Natural => proto::GlueMode::Natural,
+            GlueMode::Tacky => proto::GlueMode::Tacky,
+            GlueMode::AsModelled => proto::GlueMode::AsModelled,
+        }
+        .into(),
+        strength: glue.strength,
+        friction_factor: Some(glue.friction_factor),
+        normal_price: Some(glue.normal_price),
+        anchor: switch(glue.anchor),
+        breaking: Some(glue.breaking),
+        proof: switch(glue.proof),
     }
 }
 

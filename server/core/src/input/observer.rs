@@ -11,6 +11,8 @@ pub enum Stage {
     Shape,
     /// The upside-down container is filled and settles.
     Fill,
+    /// Dots of glue are placed, and the pile is let go to see that it stands.
+    Glue,
     /// Layers are let go from the bottom to the top.
     Release,
     /// Until at rest, or until the last frame.

@@ -29,6 +29,7 @@ pub struct Params {
     pub base: Base,
     pub fill: Fill,
     pub release: Release,
+    pub glue: Glue,
     pub control: Control,
     pub hold: Hold,
     pub output: Output,
@@ -183,6 +184,59 @@ pub enum ReleaseOrder {
     TopDown,
     /// All layers together, at frame 0.
     AtOnce,
+}
+
+/// Dots that join bodies where friction cannot carry them.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Glue {
+    pub mode: GlueMode,
+    /// The most that a dot carries in the equilibrium for which it is placed, in weights of the median prop; `None`: as `mode` says.
+    pub strength: Option<f64>,
+    /// Friction counts by this factor where dots are placed, 0.05 to 1. Default 0.5: at 1, piles balance on paper by wedging, and fall.
+    pub friction_factor: f64,
+    /// What a normal force costs there, against a dot's force as 1, 0 to 1. Default 0.02: at 0, bodies wedge each other.
+    pub normal_price: f64,
+    /// Whether bodies may be glued to the ground and to scenery. On: all that touch it are.
+    pub anchor: Switch,
+    /// A dot breaks beyond this many times its load of the beginning, 1 to 1e6. Default 4.
+    pub breaking: f64,
+    /// Whether the glued pile is let go before, to see that it stands. On: tilted, too. Off: not at all.
+    pub proof: Switch,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum GlueMode {
+    /// As modelled where a control mesh is filled and bodies are held, natural else and for `paper`.
+    Auto,
+    /// Nothing is glued.
+    Natural,
+    /// Dots of bounded strength: what they cannot carry falls.
+    Tacky,
+    /// Dots of any strength: the pile keeps its shape.
+    AsModelled,
+}
+
+/// Strength of a dot where `tacky` is not given another, in weights of the median prop.
+const TACKY: f64 = 5.0;
+
+impl Params {
+    /// The most that a dot of glue carries, in weights of the median prop: 0 where nothing is glued. `fills`: a control mesh is filled.
+    pub fn glue_bound(&self, fills: bool) -> f64 {
+        self.glue.bound(fills && self.control.mode == ControlMode::Freeze)
+    }
+}
+
+impl Glue {
+    /// The most that a dot carries, in weights of the median prop: 0 where nothing is glued. `fills`: a control mesh is filled, and
+    /// the pile is held meanwhile.
+    fn bound(&self, fills: bool) -> f64 {
+        match self.mode {
+            GlueMode::Natural => 0.0,
+            GlueMode::Auto if self.strength.is_none() && !fills => 0.0,
+            GlueMode::Auto | GlueMode::AsModelled => self.strength.unwrap_or(f64::INFINITY),
+            GlueMode::Tacky => self.strength.unwrap_or(TACKY),
+        }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -4,7 +4,7 @@ use crate::input::observer::Stage;
 use crate::input::params::{Fill, Params};
 use crate::input::scene::Scene;
 use crate::prepare::check::Checked;
-use crate::prepare::effects::{self, Effect, Resolved};
+use crate::prepare::effects::{self, Effect, EffectName, Resolved};
 use crate::prepare::shape::{Nature, Size};
 
 /// The stages that a bake will run and the effects that are switched on, each with its reason.
@@ -35,6 +35,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature],
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
     let fill_bodies = filled_bodies(scene, params, checked);
     let fill_stage = filled.map(|_| Stage::Fill);
+    let glue_stage = resolved.is_on(EffectName::Glue).then_some(Stage::Glue);
     let most = params.fill.max_bodies;
     let limited = (fill_bodies == most as usize && params.fill.count.is_none()).then(|| {
         format!("more bodies would fit than fill.max_bodies = {most}: the control mesh will not be full; raise it, or use larger props")
@@ -44,10 +45,17 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature],
         expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + release_steps(scene, params, checked) as usize,
         prop_diameter: checked.diameter,
         natural_time,
-        stages: [Some(Stage::Shape), fill_stage, Some(Stage::Release), Some(Stage::Hold), Some(Stage::Measure)]
-            .into_iter()
-            .flatten()
-            .collect(),
+        stages: [
+            Some(Stage::Shape),
+            fill_stage,
+            glue_stage,
+            Some(Stage::Release),
+            Some(Stage::Hold),
+            Some(Stage::Measure),
+        ]
+        .into_iter()
+        .flatten()
+        .collect(),
         effects: effects::all(scene, params, checked, natures, resolved),
         warnings: checked.warnings.iter().cloned().chain(limited).collect(),
     }

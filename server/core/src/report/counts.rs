@@ -12,6 +12,7 @@ pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<C
     let (scene, pile) = (inputs.scene, &sim.pile);
     let filled = inputs.filled.map(|(_, filled)| filled);
     let (tally, done, world) = (pile.control.tally(), pile.done, &pile.world);
+    let glue = pile.glue.tally;
     let of_kind = |is: fn(&Outline) -> bool| pile.shapes.iter().filter(|s| is(&s.solid.outline())).count() as u64;
     let steps_if = |on: bool| if on { pile.step } else { 0 };
     let removed = filled.map(|filled| filled.removed).unwrap_or_default();
@@ -61,5 +62,11 @@ pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<C
         (Count::RegionTests, tally.region_tests),
         (Count::BreakChecks, tally.break_checks),
         (Count::ImpactLooks, tally.impact_looks),
+        (Count::GlueDots, inputs.glued.map_or(0, |glued| glued.dots.len() as u64)),
+        (Count::GlueClusters, glue.clusters),
+        (Count::GlueIterations, inputs.glued.map_or(0, |glued| glued.iterations)),
+        (Count::GlueProofSteps, inputs.glued.map_or(0, |glued| glued.proof_steps)),
+        (Count::GlueLoads, glue.looks),
+        (Count::GlueDotsBroken, glue.broken),
     ])
 }

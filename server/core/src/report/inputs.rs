@@ -10,6 +10,7 @@ use crate::prepare::effects::Resolved;
 use crate::prepare::plan::Plan;
 use crate::prepare::shape::Shape;
 use crate::stages::fill::Filled;
+use crate::stages::glue::Glued;
 use crate::stages::hold::HoldOutcome;
 use std::collections::BTreeMap;
 
@@ -27,6 +28,8 @@ pub struct Inputs<'a> {
     pub target: Option<&'a TriMesh>,
     pub filled: Option<&'a (Container, Filled)>,
     pub held: HoldOutcome,
+    /// `None`: nothing is glued.
+    pub glued: Option<&'a Glued>,
     pub bodies: &'a [BakedBody],
     /// Shape `[frame][body]`, SI, from the props' own frames.
     pub frames: &'a [Vec<Pose>],

@@ -1,7 +1,7 @@
 //! Measures the pile, and says what a person should know.
 
 use super::inputs::{Figures, Inputs};
-use super::{Name, Report, contacts, counts, motion, shape, warnings};
+use super::{Name, Report, contacts, counts, glue, motion, shape, warnings};
 use crate::error::Error;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::prepare::effects::{EffectName, bill};
@@ -37,6 +37,10 @@ pub fn report(
         measures.insert("pocket_fraction", Some(filled.pockets));
         measures.insert("wall_deviation_rel", Some(filled.wall_deviation));
     }
+    if let Some(glued) = inputs.glued {
+        measures.extend(glue::figures(glued, sim));
+        told.extend(glue::warnings(inputs, glued));
+    }
     observe(observer, &progress(0.8))?;
     measures.extend(contacts::figures(&sim.pile.world));
     measures.extend(motion::figures(inputs, &sim.pile));
@@ -59,9 +63,12 @@ pub fn report(
     spent.lap(Stage::Measure, observer);
     let seconds = spent.into_seconds();
     let of_stage = |stage: Stage| seconds.get(&stage).copied().unwrap_or(0.0);
+    let proof_seconds = inputs.glued.map_or(0.0, |glued| glued.proof_seconds);
     let own = BTreeMap::from([
         (EffectName::Decomposition, of_stage(Stage::Shape)),
         (EffectName::Fill, of_stage(Stage::Fill)),
+        (EffectName::Glue, of_stage(Stage::Glue) - proof_seconds),
+        (EffectName::GlueProof, proof_seconds),
         (EffectName::Control, sim.seconds.control()),
         (EffectName::Frames, sim.seconds.frames()),
         (EffectName::FreeStanding, freed_seconds),

@@ -49,6 +49,20 @@ pub fn figures(
         figures.insert("fill_fraction", Some(first.fill_fraction));
         figures.insert("kept_shape", at_end.as_ref().and_then(|end| measure::kept_shape(first, end)));
     }
+    // Let go without any hold, glued and not.
+    let freed = |poses: &Option<Vec<Pose>>| -> Option<f64> {
+        let units = pile.world.units;
+        let body = |(b, pose): (&crate::sim::instance::Instance, &Pose)| {
+            (b.prop, b.scale, pile.shapes[b.prop].prop_pose(&units.pose_to_si(pose), b.scale))
+        };
+        let bodies = only(pile.instances.iter().zip(poses.as_ref()?).map(body).collect());
+        let freed = gauge.measure(&measure::Instances { props: &props, bodies: &bodies });
+        measure::kept_shape(first.as_ref()?, &freed)
+    };
+    if let Some(glued) = inputs.glued {
+        figures.insert("kept_shape_freed", freed(&glued.freed));
+        figures.insert("kept_shape_natural", freed(&glued.natural));
+    }
     let mut caveats_of = first.or(at_end);
     if hold_end < last || caveats_of.is_none() {
         let after = gauge.measure(&pile_of(&after));

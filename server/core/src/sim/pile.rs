@@ -2,6 +2,7 @@
 
 use super::control::Control;
 use super::gentle_stop::GentleStop;
+use super::glue::Glue;
 use super::instance::Instance;
 use super::policy::Policy;
 use super::record::Recorder;
@@ -29,6 +30,7 @@ pub struct Pile<'a> {
     pub world: World,
     pub policy: Policy,
     pub control: Control<'a>,
+    pub glue: Glue,
     pub gentle_stop: GentleStop,
     pub recorder: Recorder,
     /// Steps since turning over.
@@ -61,6 +63,7 @@ impl<'a> Pile<'a> {
             world,
             policy: Policy::new(damping),
             control,
+            glue: Glue::default(),
             gentle_stop: GentleStop::default(),
             recorder,
             step: 0,
@@ -121,6 +124,7 @@ impl<'a> Pile<'a> {
     pub fn end_control(&mut self, gently: bool) {
         self.disturb();
         self.control.end(&mut self.world, &mut self.policy);
+        self.glue.end(&mut self.world, &mut self.policy);
         self.policy.set_quiet(None);
         if gently {
             self.gentle_stop.begin(self.step);

@@ -8,7 +8,7 @@
 //! | policy | reasons | damping |
 //! | engine | all of the world | poses, velocities, contacts; bodies that the guard sets aside |
 //! | fallen | heights | bodies that are gone |
-//! | breaking | loads of the step | supports, roles; reasons for damping, for the next step |
+//! | breaking | loads of the step | supports, glue, roles; reasons for damping, for the next step |
 //! | record | poses | the number of the step; frames, their observer |
 //! | progress | roles, speeds | the top speed, counts, the caller's progress |
 //!
@@ -159,8 +159,11 @@ impl<'a> Simulation<'a> {
     }
 
     fn break_overloaded(&mut self) {
-        let Pile { world, policy, control, .. } = &mut self.pile;
+        let Pile { world, policy, control, glue, .. } = &mut self.pile;
         control.break_overloaded(world, policy);
+        for id in glue.break_overloaded(world, policy) {
+            control.release(id);
+        }
     }
 
     fn record(&mut self, observer: &mut dyn Observer, stage: Stage) {

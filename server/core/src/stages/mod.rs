@@ -5,6 +5,7 @@ pub mod calibrate;
 pub mod fill;
 pub mod free_pour;
 pub mod free_standing;
+pub mod glue;
 pub mod hold;
 pub mod release;
 pub mod turn_over;

@@ -254,6 +254,12 @@ impl World {
         self.engine.wake_up_all(true);
     }
 
+    /// Which way gravity of 1 points.
+    pub fn set_gravity(&mut self, direction: DVec3) {
+        self.engine.gravity = direction.as_vec3();
+        self.engine.wake_up_all(true);
+    }
+
     pub fn pose(&self, id: BodyId) -> Pose {
         from_engine(&self.engine_pose(id))
     }

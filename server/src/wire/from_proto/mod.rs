@@ -9,8 +9,8 @@ use crate::wire::proto;
 use cairn_core::input::observer::{Progress, Stage};
 use cairn_core::input::params::{
     Accuracy, ContactSelection, Control, ControlMode, ControlSwitches, Fill, FillMethod, FrictionCone, FrictionModel,
-    FrictionReserve, Hold, Neighbours, Output, Params, Physics, PhysicsSwitches, Release, ReleaseOrder, Spread, Switch,
-    Time,
+    FrictionReserve, Glue, GlueMode, Hold, Neighbours, Output, Params, Physics, PhysicsSwitches, Release, ReleaseOrder,
+    Spread, Switch, Time,
 };
 
 /// The values of a prop that are not set.
@@ -43,6 +43,7 @@ pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     set(&mut params.base.height, scene.base.unwrap_or_default().height);
     fill(&mut params.fill, &scene.fill.unwrap_or_default(), &mut counts);
     release(&mut params.release, &scene.release.unwrap_or_default());
+    glue(&mut params.glue, &scene.glue.unwrap_or_default());
     control(&mut params.control, &scene.control.unwrap_or_default(), &mut counts);
     hold(&mut params.hold, &scene.hold.unwrap_or_default());
     output(&mut params.output, &scene.output.unwrap_or_default(), &mut counts);
@@ -56,6 +57,7 @@ pub fn progress(progress: &proto::Progress) -> Progress {
     let stage = match progress.stage() {
         proto::Stage::Unspecified | proto::Stage::Shape => Stage::Shape,
         proto::Stage::Fill => Stage::Fill,
+        proto::Stage::Glue => Stage::Glue,
         proto::Stage::Release => Stage::Release,
         proto::Stage::Hold => Stage::Hold,
         proto::Stage::Measure => Stage::Measure,
@@ -160,6 +162,22 @@ fn release(release: &mut Release, given: &proto::Release) {
         proto::ReleaseOrder::TopDown => release.order = ReleaseOrder::TopDown,
         proto::ReleaseOrder::AtOnce => release.order = ReleaseOrder::AtOnce,
     }
+}
+
+fn glue(glue: &mut Glue, given: &proto::Glue) {
+    match given.mode() {
+        proto::GlueMode::Unspecified => {}
+        proto::GlueMode::Auto => glue.mode = GlueMode::Auto,
+        proto::GlueMode::Natural => glue.mode = GlueMode::Natural,
+        proto::GlueMode::Tacky => glue.mode = GlueMode::Tacky,
+        proto::GlueMode::AsModelled => glue.mode = GlueMode::AsModelled,
+    }
+    glue.strength = given.strength.or(glue.strength);
+    set(&mut glue.friction_factor, given.friction_factor);
+    set(&mut glue.normal_price, given.normal_price);
+    glue.anchor = switch(given.anchor());
+    set(&mut glue.breaking, given.breaking);
+    glue.proof = switch(given.proof());
 }
 
 fn control(control: &mut Control, given: &proto::Control, counts: &mut Counts) {

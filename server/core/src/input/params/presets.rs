@@ -37,6 +37,15 @@ impl Params {
                 wall_tolerance: 0.02,
             },
             release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0, order: ReleaseOrder::BottomUp },
+            glue: Glue {
+                mode: GlueMode::Auto,
+                strength: None,
+                friction_factor: 0.5,
+                normal_price: 0.02,
+                anchor: Switch::Auto,
+                breaking: 4.0,
+                proof: Switch::Auto,
+            },
             control: Control {
                 mode: ControlMode::Freeze,
                 period: 5,
@@ -95,6 +104,7 @@ impl Params {
                 params.physics.rolling_resistance = 0.0;
                 params.fill.method = FillMethod::Pour;
                 params.fill.friction = 0.7;
+                params.glue.mode = GlueMode::Natural;
                 params.control = Control {
                     mode: ControlMode::Nails,
                     period: 20,

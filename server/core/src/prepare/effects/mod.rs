@@ -43,6 +43,8 @@ pub enum EffectName {
     Fill,
     WallSimplification,
     TurnOver,
+    Glue,
+    GlueProof,
     StagedRelease,
     Scenery,
     Bodies,
@@ -81,6 +83,8 @@ impl EffectName {
             EffectName::Fill => (Some("fill.method"), &[FillSteps]),
             EffectName::WallSimplification => (Some("fill.wall_tolerance"), &[WallTrianglesSaved]),
             EffectName::TurnOver => (None, &[FillSteps]),
+            EffectName::Glue => (Some("glue.mode"), &[GlueIterations, GlueDots, GlueClusters]),
+            EffectName::GlueProof => (Some("glue.proof"), &[GlueProofSteps]),
             EffectName::StagedRelease => (Some("release.order"), &[ReleaseLayers]),
             EffectName::Scenery => (None, &[SceneryPieces]),
             EffectName::Bodies => (None, &[BodiesPlaced]),
@@ -99,7 +103,9 @@ impl EffectName {
             EffectName::KeptVerdicts => (Some("effects.kept_verdicts"), &[VerdictsKept]),
             EffectName::Region => (Some("effects.region"), &[RegionTests]),
             EffectName::Nails => (Some("control.mode"), &[NailsDriven]),
-            EffectName::Breaking => (Some("effects.breaking"), &[BreakChecks, NailsBroken, HoldsBroken]),
+            EffectName::Breaking => {
+                (Some("effects.breaking"), &[BreakChecks, NailsBroken, HoldsBroken, GlueLoads, GlueDotsBroken])
+            }
             EffectName::Impact => (Some("effects.impact"), &[ImpactLooks, Shaken]),
             EffectName::Stand => (Some("control.stand"), &[StandSteps]),
             EffectName::Frames => (Some("effects.frames"), &[Frames]),

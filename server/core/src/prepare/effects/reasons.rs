@@ -1,7 +1,7 @@
 //! Why each effect is on or off, in a sentence for a person.
 
 use super::{EffectName, Resolved};
-use crate::input::params::{ControlMode, FillMethod, FrictionCone, FrictionModel, Params, ReleaseOrder};
+use crate::input::params::{ControlMode, FillMethod, FrictionCone, FrictionModel, GlueMode, Params, ReleaseOrder};
 use crate::input::scene::Scene;
 use crate::prepare::check::Checked;
 use crate::prepare::container;
@@ -29,6 +29,11 @@ impl Reasons<'_> {
             EffectName::WallSimplification => self.walls(),
             EffectName::TurnOver if self.resolved.is_on(name) => "the container is filled upside down".into(),
             EffectName::TurnOver => "there is no fill".into(),
+            EffectName::Glue => self.glue(),
+            EffectName::GlueProof => match self.resolved.is_on(name) {
+                true => "the glued pile is let go first, to see that it stands".into(),
+                false => "nothing is glued, or glue.proof is off".into(),
+            },
             EffectName::StagedRelease => self.release().into(),
             EffectName::Scenery => self.scenery(),
             EffectName::Bodies => match self.scene.bodies.len() {
@@ -106,6 +111,17 @@ impl Reasons<'_> {
             Some(true) => {
                 format!("the container's walls may be finer than the props need: within {tolerance} d of it")
             }
+        }
+    }
+
+    fn glue(&self) -> String {
+        match self.resolved.glue_bound {
+            0.0 if self.params.glue.mode == GlueMode::Natural => "the pile is to be natural".into(),
+            0.0 => "nothing is filled, or the glue has no strength".into(),
+            f64::INFINITY => {
+                "the pile is to stand as modelled: bodies are glued where friction cannot carry them".into()
+            }
+            bound => format!("bodies are glued where that takes at most {bound} weights; what needs more falls"),
         }
     }
 

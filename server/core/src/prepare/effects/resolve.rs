@@ -24,6 +24,8 @@ pub struct Resolved {
     pub thickness: f64,
     /// Some prop has several convex parts.
     pub compounds: bool,
+    /// The most that a dot of glue carries, in weights of the median prop; 0: nothing is glued.
+    pub glue_bound: f64,
 }
 
 impl Resolved {
@@ -42,6 +44,7 @@ impl Resolved {
             physics,
             mass_ratio,
             thickness,
+            glue_bound: params.glue_bound(scene.is_filled(params)),
             compounds: natures.iter().any(|nature| nature.outline == Outline::Parts),
         }
     }
@@ -80,6 +83,8 @@ impl Case<'_> {
                 let closed = checked.control.as_ref().filter(|_| fill && params.fill.wall_tolerance > 0.0);
                 closed.is_some_and(|closed| container::has_fine_walls(&closed.topology, checked.diameter))
             }
+            EffectName::Glue => self.glues(),
+            EffectName::GlueProof => self.glues() && params.glue.proof != Switch::Off,
             EffectName::StagedRelease => params.release.order != ReleaseOrder::AtOnce,
             EffectName::Scenery => !scene.statics.is_empty(),
             EffectName::Bodies => !scene.bodies.is_empty(),
@@ -94,15 +99,20 @@ impl Case<'_> {
             | EffectName::Guard
             | EffectName::SameOnAllMachines
             | EffectName::Frames => true,
-            EffectName::Control | EffectName::Analysis | EffectName::Breaking => is_controlled,
+            EffectName::Control | EffectName::Analysis => is_controlled,
+            EffectName::Breaking => is_controlled || self.glues(),
             EffectName::KeptVerdicts => freezes,
-            EffectName::Region => is_controlled && scene.target().is_some(),
+            EffectName::Region => (is_controlled || self.glues()) && scene.target().is_some(),
             EffectName::Nails => params.control.mode == ControlMode::Nails,
             EffectName::Impact => freezes && scene.something_hits(),
             EffectName::Stand => is_controlled && params.control.stand,
             EffectName::FreeStanding => params.output.free_standing,
             EffectName::FreePour => params.output.free_pour,
         }
+    }
+
+    fn glues(&self) -> bool {
+        self.params.glue_bound(self.scene.is_filled(self.params)) > 0.0
     }
 
     /// The user's word on an effect. What nothing is controlled or held for stays off, whatever it is forced to.
@@ -113,7 +123,9 @@ impl Case<'_> {
         match name {
             EffectName::KeptVerdicts | EffectName::Impact if !freezes => Switch::Auto,
             EffectName::Region if scene.target().is_none() => Switch::Auto,
-            EffectName::Region | EffectName::Breaking if params.control.mode == ControlMode::Off => Switch::Auto,
+            EffectName::Region | EffectName::Breaking if params.control.mode == ControlMode::Off && !self.glues() => {
+                Switch::Auto
+            }
             EffectName::Primitives => physics.primitives,
             EffectName::Decomposition => physics.decomposition,
             EffectName::ContinuousCollision => physics.continuous_collision,
@@ -130,6 +142,8 @@ impl Case<'_> {
             EffectName::Fill
             | EffectName::WallSimplification
             | EffectName::TurnOver
+            | EffectName::Glue
+            | EffectName::GlueProof
             | EffectName::StagedRelease
             | EffectName::Scenery
             | EffectName::Bodies

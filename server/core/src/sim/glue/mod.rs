@@ -43,6 +43,8 @@ impl Dot {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GlueTally {
     pub broken: u64,
+    /// Clusters at the beginning: bodies joined to each other.
+    pub clusters: u64,
     /// Loads of clusters that were computed.
     pub looks: u64,
 }
@@ -66,6 +68,7 @@ impl Glue {
         let ids: Vec<BodyId> = glue.dots.iter().flat_map(|dot| [Some(dot.a), dot.b]).flatten().collect();
         glue.homes = ids.iter().map(|&id| (id, world.pose(id))).collect();
         glue.join(&ids, world, policy);
+        glue.tally.clusters = glue.clusters().filter(|members| members.len() > 1).count() as u64;
         glue
     }
 

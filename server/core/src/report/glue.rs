@@ -1,0 +1,89 @@
+//! Figures of the glue, and what a person should know of it.
+
+use super::inputs::{Figures, Inputs};
+use crate::measure;
+use crate::sim::glue::Dot;
+use crate::sim::step::Simulation;
+use crate::stages::glue::Glued;
+use crate::world::BodyId;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Beyond this share of the bodies, the glued pile did not stand in the proof run.
+const MOST_MOVED: f64 = 0.01;
+/// Beyond this share of the touches, the pile is nearly one solid.
+const SOLID: f64 = 0.3;
+
+/// How much is glued, and what it carries. Forces are in weights of the median prop, which in engine units is 1.
+pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
+    let count = sim.pile.instances.len().max(1) as f64;
+    let touched: BTreeSet<BodyId> = glued.dots.iter().flat_map(|dot| [Some(dot.a), dot.b]).flatten().collect();
+    let forces: Vec<f64> = glued.dots.iter().map(|dot| dot.force.length()).collect();
+    // A moment in weights times the radius of the median prop, d/2.
+    let moment = |dot: &Dot| dot.moment.length() * 2.0;
+    let largest = |values: &[f64]| (!values.is_empty()).then(|| values.iter().copied().fold(0.0, f64::max));
+    let anchored = glued.dots.iter().filter(|dot| dot.b.is_none()).count();
+    BTreeMap::from([
+        ("touches", Some(glued.touches as f64)),
+        ("glued_touch_fraction", Some(glued.dots.len() as f64 / glued.touches.max(1) as f64)),
+        ("glued_body_fraction", Some(touched.len() as f64 / count)),
+        ("glue_cluster_max", Some(largest_cluster(&glued.dots) as f64)),
+        ("anchored", Some(anchored as f64)),
+        ("glue_force_max", largest(&forces)),
+        ("glue_force_p50", (!forces.is_empty()).then(|| measure::percentile(&forces, 0.5))),
+        ("glue_moment_max", largest(&glued.dots.iter().map(moment).collect::<Vec<_>>())),
+        ("glue_friction_factor", Some(glued.factor)),
+        ("glue_imbalance", Some(glued.imbalance)),
+        ("moved_freed", glued.moved),
+        ("moved_tilted", glued.moved_tilted),
+    ])
+}
+
+/// Bodies in the largest group that dots join to each other.
+fn largest_cluster(dots: &[Dot]) -> usize {
+    let mut beside = BTreeMap::<BodyId, Vec<BodyId>>::new();
+    for (a, b) in dots.iter().filter_map(|dot| Some((dot.a, dot.b?))) {
+        beside.entry(a).or_default().push(b);
+        beside.entry(b).or_default().push(a);
+    }
+    let mut seen = BTreeSet::new();
+    let size = |first: &BodyId| {
+        let (mut size, mut front) = (0, vec![*first]);
+        while let Some(id) = front.pop() {
+            if seen.insert(id) {
+                size += 1;
+                front.extend(&beside[&id]);
+            }
+        }
+        size
+    };
+    beside.keys().map(size).max().unwrap_or(0)
+}
+
+/// What could not be glued, and what does not stand for all the glue.
+pub fn warnings(inputs: &Inputs, glued: &Glued) -> Vec<String> {
+    let bodies = |n: usize| if n == 1 { "1 body".to_owned() } else { format!("{n} bodies") };
+    let mut warnings = Vec::new();
+    if glued.apart > 0 {
+        let who = bodies(glued.apart);
+        warnings.push(format!("{who} touched nothing that stands on the ground, and could not be glued: they fall"));
+    }
+    if glued.fallen > 0 {
+        let (who, bound) = (bodies(glued.fallen), inputs.resolved.glue_bound);
+        warnings.push(format!("{who} would need stronger glue than {bound} weights per dot: they were left to fall"));
+    }
+    if let Some(moved) = glued.moved.filter(|moved| *moved > MOST_MOVED) {
+        let share = 100.0 * moved;
+        warnings.push(format!(
+            "let go without any hold, {share:.0} % of the bodies moved though they were glued; smaller props, or a broader foot, \
+             stand better"
+        ));
+    }
+    if glued.anchors_all {
+        warnings.push("the foot is narrow: whatever touches the ground was glued to it".into());
+    }
+    let share = glued.dots.len() as f64 / glued.touches.max(1) as f64;
+    if share > SOLID {
+        warnings.push(format!("{:.0} % of all touches are glued: the pile is nearly one solid", 100.0 * share));
+    }
+    warnings
+}

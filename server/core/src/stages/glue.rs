@@ -1,0 +1,252 @@
+//! Glue: where friction cannot carry the pile, bodies are glued, and the glued pile is let go to see that it stands.
+
+use crate::equilibrium::glue::{self, GlueError, GlueOptions, Placement};
+use crate::error::Error;
+use crate::geometry::pose::Pose;
+use crate::geometry::region::DistanceGrid;
+use crate::input::observer::{Observer, Progress, Stage, observe};
+use crate::input::params::{Params, Switch};
+use crate::prepare::effects::{EffectName, Resolved};
+use crate::sim::glue::{Dot, Glue, Sites};
+use crate::sim::step::Simulation;
+use crate::world::{BodyId, Side, World};
+use glam::{DQuat, DVec3};
+use std::ops::ControlFlow;
+
+/// For how long the glued pile is let go, natural times.
+const PROOF_TIME: f64 = 20.0;
+/// A body has moved if it did by more than this, d.
+const MOVED: f64 = 0.25;
+/// The pile stands if no larger share of its bodies has moved.
+const MOST_MOVED: f64 = 0.01;
+/// If a larger share has moved, it leans as a whole: its foot is too narrow.
+const LEANS: f64 = 0.2;
+/// The friction factor of each attempt, against the one that is asked for.
+const ATTEMPTS: [f64; 3] = [1.0, 0.7, 0.5];
+/// The ground tilts by this much to four sides, degrees.
+const TILT: f64 = 5.0;
+/// A dot of weak certified load still carries this much before it breaks, in weights of the median prop.
+const LEAST_LIMIT: f64 = 5.0;
+/// Steps of the proof between two looks at what has moved.
+const LOOK: u64 = 50;
+
+/// What was glued, and what that proved. Engine units.
+#[derive(Clone, Debug)]
+pub struct Glued {
+    pub dots: Vec<Dot>,
+    /// Touches that could have been glued, pegs not counted.
+    pub touches: usize,
+    /// Bodies that no touch joins to the ground.
+    pub apart: usize,
+    /// Bodies that the glue is too weak for.
+    pub fallen: usize,
+    /// What the certified forces leave unbalanced: sum over the bodies, each by its own weight.
+    pub imbalance: f64,
+    /// Friction counted by this factor.
+    pub factor: f64,
+    /// All that touches the ground is glued to it.
+    pub anchors_all: bool,
+    /// Share of the bodies that moved when the pile was let go, on level ground and on the worst of the tilted ones.
+    pub moved: Option<f64>,
+    pub moved_tilted: Option<f64>,
+    /// Where the bodies were after that, on level ground, and where they would be without glue. Shape `[body]`.
+    pub freed: Option<Vec<Pose>>,
+    pub natural: Option<Vec<Pose>>,
+    pub iterations: u64,
+    pub proof_steps: u64,
+    /// CPU seconds of the proof.
+    pub proof_seconds: f64,
+}
+
+/// Places the dots of a pile that has been turned over, and glues it. `turn_over`: the same pile again, for the proof.
+/// `region`: where glue may be, engine units.
+pub fn run<'a>(
+    sim: &mut Simulation<'a>,
+    turn_over: &dyn Fn() -> Result<Simulation<'a>, Error>,
+    region: Option<&DistanceGrid>,
+    params: &Params,
+    resolved: &Resolved,
+    observer: &mut dyn Observer,
+) -> Result<Glued, Error> {
+    let anchors = params.glue.anchor != Switch::Off;
+    let sites = Sites::new(&sim.pile.world, region.filter(|_| resolved.is_on(EffectName::Region)), anchors);
+    let proves = resolved.is_on(EffectName::GlueProof);
+    let mut anchors_all = params.glue.anchor == Switch::On;
+    let (mut iterations, mut proof_steps, mut proof_seconds) = (0, 0, 0.0);
+    let mut attempts = ATTEMPTS.iter().enumerate().peekable();
+    let mut best: Option<Glued> = None;
+    while let Some((number, share)) = attempts.next() {
+        let bodies = sites.ids.len();
+        let progress =
+            |fraction: f64| Progress { stage: Stage::Glue, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
+        let begin = number as f64 / ATTEMPTS.len() as f64;
+        observe(observer, &progress(begin))?;
+        let factor = params.glue.friction_factor * share;
+        let options = GlueOptions {
+            friction_factor: factor,
+            normal_price: params.glue.normal_price,
+            strength: Some(resolved.glue_bound).filter(|bound| bound.is_finite()),
+        };
+        let mut going = || observer.progress(&progress(begin));
+        let placement = place(&sites, &options, &mut going)?;
+        iterations += placement.iterations;
+        let dots = dots(&sites, &placement, anchors_all, resolved.glue_bound, params.glue.breaking);
+        let mut glued = Glued {
+            dots,
+            touches: sites.real(),
+            apart: sites.apart.len(),
+            fallen: placement.fallen.len(),
+            imbalance: placement.imbalance,
+            factor,
+            anchors_all,
+            moved: None,
+            moved_tilted: None,
+            freed: None,
+            natural: None,
+            iterations,
+            proof_steps,
+            proof_seconds: 0.0,
+        };
+        if !proves {
+            best = Some(glued);
+            break;
+        }
+        let loose: Vec<BodyId> =
+            placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
+        let is_last = attempts.peek().is_none();
+        let clock = observer.cpu_seconds();
+        let mut tell = |part: f64| observe(observer, &progress(begin + part / ATTEMPTS.len() as f64));
+        let freed = let_go(turn_over()?, &glued.dots, &loose, DVec3::NEG_Y, is_last, &mut tell)?;
+        proof_steps += freed.steps;
+        proof_seconds += observer.cpu_seconds() - clock;
+        (glued.moved, glued.freed) = (Some(freed.moved), freed.poses);
+        let stands = freed.moved <= MOST_MOVED;
+        anchors_all |= anchors && freed.moved > LEANS;
+        let is_better = best.as_ref().and_then(|best| best.moved).is_none_or(|moved| freed.moved < moved);
+        if is_better {
+            best = Some(glued);
+        }
+        if stands {
+            break;
+        }
+    }
+    let mut glued = best.ok_or_else(|| Error::Internal("no dots were placed".into()))?;
+    if params.glue.proof == Switch::On && proves {
+        let clock = observer.cpu_seconds();
+        let loose: Vec<BodyId> = sites.apart.clone();
+        let bodies = sites.ids.len();
+        let progress = Progress { stage: Stage::Glue, fraction: 1.0, bodies, released: 0, at_rest: 0, nails: 0 };
+        let mut tell = |_: f64| observe(observer, &progress);
+        let natural = let_go(turn_over()?, &[], &loose, DVec3::NEG_Y, true, &mut tell)?;
+        proof_steps += natural.steps;
+        glued.natural = natural.poses;
+        let mut worst = 0.0f64;
+        for side in [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z] {
+            let down = DQuat::from_axis_angle(side, TILT.to_radians()) * DVec3::NEG_Y;
+            let freed = let_go(turn_over()?, &glued.dots, &loose, down, false, &mut tell)?;
+            proof_steps += freed.steps;
+            worst = worst.max(freed.moved);
+        }
+        glued.moved_tilted = Some(worst);
+        proof_seconds += observer.cpu_seconds() - clock;
+    }
+    (glued.iterations, glued.proof_steps, glued.proof_seconds) = (iterations, proof_steps, proof_seconds);
+    let breaks = resolved.is_on(EffectName::Breaking);
+    sim.pile.glue = Glue::new(glued.dots.clone(), breaks, &mut sim.pile.world, &mut sim.pile.policy);
+    Ok(glued)
+}
+
+fn place(sites: &Sites, options: &GlueOptions, going: &mut dyn FnMut() -> ControlFlow<()>) -> Result<Placement, Error> {
+    glue::place(&sites.problem(DVec3::NEG_Y), options, going).map_err(|error| match error {
+        GlueError::Cancelled => Error::Cancelled,
+        other => Error::Internal(other.to_string()),
+    })
+}
+
+/// The dots of a placement; and, where the foot is too narrow, dots at all that touches the ground.
+fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, bound: f64, breaking: f64) -> Vec<Dot> {
+    let pile = sites.problem(DVec3::NEG_Y);
+    let dot = |touch: usize, force: DVec3, moment: DVec3| {
+        let site = &pile.touches[touch];
+        let mut dot = Dot {
+            a: sites.ids[site.body],
+            b: site.other.map(|other| sites.ids[other]),
+            point: site.center,
+            normal: sites.normals[touch],
+            arm: site.arm,
+            force,
+            moment,
+            limit: 0.0,
+            is_broken: false,
+        };
+        dot.limit = breaking * dot.load().max(LEAST_LIMIT.min(bound));
+        dot
+    };
+    let mut dots: Vec<Dot> = placement.dots.iter().map(|d| dot(d.touch, d.force, d.moment)).collect();
+    if anchors_all {
+        let chosen = |touch: usize| placement.dots.iter().any(|d| d.touch == touch);
+        let stands = |touch: usize| placement.fallen.binary_search(&pile.touches[touch].body).is_err();
+        let feet = (0..pile.touches.len()).filter(|&t| {
+            let is_foot =
+                matches!(sites.between[t].1, Side::Ground | Side::Scenery) && !pile.touches[t].contacts.is_empty();
+            is_foot && !chosen(t) && stands(t)
+        });
+        dots.extend(feet.map(|touch| dot(touch, DVec3::ZERO, DVec3::ZERO)));
+    }
+    dots
+}
+
+/// What a pile did, left to itself.
+struct LetGo {
+    moved: f64,
+    /// Where the bodies are in the end; `None` where it was ended early.
+    poses: Option<Vec<Pose>>,
+    steps: u64,
+}
+
+/// Lets a glued pile go, awake, without any control; `loose` bodies are not there. Unless it is to go `to_the_end`, it ends early where
+/// the pile plainly does not stand.
+fn let_go(
+    mut sim: Simulation,
+    dots: &[Dot],
+    loose: &[BodyId],
+    down: DVec3,
+    to_the_end: bool,
+    tell: &mut dyn FnMut(f64) -> Result<(), Error>,
+) -> Result<LetGo, Error> {
+    let pile = &mut sim.pile;
+    let _glue = Glue::new(dots.to_vec(), false, &mut pile.world, &mut pile.policy);
+    loose.iter().for_each(|&id| pile.world.remove(id));
+    pile.policy.leave_to_physics(&mut pile.world);
+    let world = &mut pile.world;
+    world.set_gravity(down);
+    let before = poses(world);
+    let steps = (PROOF_TIME / world.step_length()).ceil() as u64;
+    for step in 1..=steps {
+        world.step();
+        if step % LOOK == 0 || step == steps {
+            tell(step as f64 / steps as f64)?;
+            let moved = moved(world, &before);
+            if step == steps || moved > 2.0 * LEANS && !to_the_end {
+                let poses = (step == steps).then(|| poses(world));
+                return Ok(LetGo { moved, poses, steps: step });
+            }
+        }
+    }
+    Ok(LetGo { moved: 0.0, poses: Some(before), steps: 0 })
+}
+
+/// Share of the bodies that have moved.
+fn moved(world: &World, before: &[Pose]) -> f64 {
+    let (mut moved, mut count) = (0usize, 0usize);
+    for id in world.present() {
+        count += 1;
+        moved += usize::from(world.pose(id).translation.distance(before[id].translation) > MOVED);
+    }
+    moved as f64 / count.max(1) as f64
+}
+
+fn poses(world: &World) -> Vec<Pose> {
+    let pose = |id: BodyId| if world.is_present(id) { world.pose(id) } else { Pose::IDENTITY };
+    (0..world.bodies().len()).map(pose).collect()
+}
