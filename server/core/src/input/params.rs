@@ -270,6 +270,16 @@ pub struct Control {
     pub switches: ControlSwitches,
 }
 
+/// The paper's kappa is an impulse per kg over this time (s): its step.
+const KAPPA_TIME: f64 = 1.0 / 240.0;
+
+impl Control {
+    /// Force per mass at which a support breaks, in weights.
+    pub fn break_limit(&self, gravity: f64) -> f64 {
+        self.kappa / KAPPA_TIME / gravity
+    }
+}
+
 /// What is done with the bodies that may be held until the next verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum ControlMode {

@@ -19,14 +19,14 @@ const PROOF_TIME: f64 = 20.0;
 const MOVED: f64 = 0.25;
 /// The pile stands if no larger share of its bodies has moved.
 const MOST_MOVED: f64 = 0.01;
-/// If a larger share has moved, it leans as a whole: its foot is too narrow.
-const LEANS: f64 = 0.2;
+/// It leans as a whole, on a foot that is too narrow, if its bodies have moved by more than this in the mean, d.
+const LEANS: f64 = 0.04;
+/// It plainly does not stand if a larger share of its bodies has moved.
+const COLLAPSED: f64 = 0.4;
 /// The friction factor of each attempt, against the one that is asked for.
 const ATTEMPTS: [f64; 3] = [1.0, 0.7, 0.5];
 /// The ground tilts by this much to four sides, degrees.
 const TILT: f64 = 5.0;
-/// A dot of weak certified load still carries this much before it breaks, in weights of the median prop.
-const LEAST_LIMIT: f64 = 5.0;
 /// Steps of the proof between two looks at what has moved.
 const LOOK: u64 = 50;
 
@@ -71,10 +71,11 @@ pub fn run<'a>(
     let anchors = params.glue.anchor != Switch::Off;
     let sites = Sites::new(&sim.pile.world, region.filter(|_| resolved.is_on(EffectName::Region)), anchors);
     let proves = resolved.is_on(EffectName::GlueProof);
+    let least_limit = params.control.break_limit(params.gravity);
     let mut anchors_all = params.glue.anchor == Switch::On;
     let (mut iterations, mut proof_steps, mut proof_seconds) = (0, 0, 0.0);
     let mut attempts = ATTEMPTS.iter().enumerate().peekable();
-    let mut best: Option<Glued> = None;
+    let (mut best, mut least_way): (Option<Glued>, f64) = (None, f64::INFINITY);
     while let Some((number, share)) = attempts.next() {
         let bodies = sites.ids.len();
         let progress =
@@ -90,7 +91,7 @@ pub fn run<'a>(
         let mut going = || observer.progress(&progress(begin));
         let placement = place(&sites, &options, &mut going)?;
         iterations += placement.iterations;
-        let dots = dots(&sites, &placement, anchors_all, resolved.glue_bound, params.glue.breaking);
+        let dots = dots(&sites, &placement, anchors_all, least_limit, params.glue.breaking);
         let mut glued = Glued {
             dots,
             touches: sites.real(),
@@ -120,11 +121,10 @@ pub fn run<'a>(
         proof_steps += freed.steps;
         proof_seconds += observer.cpu_seconds() - clock;
         (glued.moved, glued.freed) = (Some(freed.moved), freed.poses);
-        let stands = freed.moved <= MOST_MOVED;
-        anchors_all |= anchors && freed.moved > LEANS;
-        let is_better = best.as_ref().and_then(|best| best.moved).is_none_or(|moved| freed.moved < moved);
-        if is_better {
-            best = Some(glued);
+        let stands = freed.moved <= MOST_MOVED && freed.way <= LEANS;
+        anchors_all |= anchors && freed.way > LEANS;
+        if freed.way < least_way {
+            (least_way, best) = (freed.way, Some(glued));
         }
         if stands {
             break;
@@ -164,7 +164,8 @@ fn place(sites: &Sites, options: &GlueOptions, going: &mut dyn FnMut() -> Contro
 }
 
 /// The dots of a placement; and, where the foot is too narrow, dots at all that touches the ground.
-fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, bound: f64, breaking: f64) -> Vec<Dot> {
+/// `least_limit`: what each dot carries at least before it breaks.
+fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit: f64, breaking: f64) -> Vec<Dot> {
     let pile = sites.problem(DVec3::NEG_Y);
     let dot = |touch: usize, force: DVec3, moment: DVec3| {
         let site = &pile.touches[touch];
@@ -179,7 +180,7 @@ fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, bound: f64, bre
             limit: 0.0,
             is_broken: false,
         };
-        dot.limit = breaking * dot.load().max(LEAST_LIMIT.min(bound));
+        dot.limit = least_limit.max(breaking * dot.load());
         dot
     };
     let mut dots: Vec<Dot> = placement.dots.iter().map(|d| dot(d.touch, d.force, d.moment)).collect();
@@ -198,7 +199,10 @@ fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, bound: f64, bre
 
 /// What a pile did, left to itself.
 struct LetGo {
+    /// Share of the bodies that have moved.
     moved: f64,
+    /// How far the bodies have moved in the mean, d.
+    way: f64,
     /// Where the bodies are in the end; `None` where it was ended early.
     poses: Option<Vec<Pose>>,
     steps: u64,
@@ -226,24 +230,23 @@ fn let_go(
         world.step();
         if step % LOOK == 0 || step == steps {
             tell(step as f64 / steps as f64)?;
-            let moved = moved(world, &before);
-            if step == steps || moved > 2.0 * LEANS && !to_the_end {
+            let (moved, way) = moved(world, &before);
+            if step == steps || moved > COLLAPSED && !to_the_end {
                 let poses = (step == steps).then(|| poses(world));
-                return Ok(LetGo { moved, poses, steps: step });
+                return Ok(LetGo { moved, way, poses, steps: step });
             }
         }
     }
-    Ok(LetGo { moved: 0.0, poses: Some(before), steps: 0 })
+    Ok(LetGo { moved: 0.0, way: 0.0, poses: Some(before), steps: 0 })
 }
 
-/// Share of the bodies that have moved.
-fn moved(world: &World, before: &[Pose]) -> f64 {
-    let (mut moved, mut count) = (0usize, 0usize);
-    for id in world.present() {
-        count += 1;
-        moved += usize::from(world.pose(id).translation.distance(before[id].translation) > MOVED);
-    }
-    moved as f64 / count.max(1) as f64
+/// Share of the bodies that have moved, and how far all have in the mean, d. What flew away counts as 1 d.
+fn moved(world: &World, before: &[Pose]) -> (f64, f64) {
+    let ways: Vec<f64> =
+        world.present().map(|id| world.pose(id).translation.distance(before[id].translation)).collect();
+    let count = ways.len().max(1) as f64;
+    let moved = ways.iter().filter(|way| **way > MOVED).count() as f64;
+    (moved / count, ways.iter().map(|way| way.min(1.0)).sum::<f64>() / count)
 }
 
 fn poses(world: &World) -> Vec<Pose> {

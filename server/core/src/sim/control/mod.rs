@@ -23,8 +23,6 @@ use eligibility::Eligibility;
 use impact::Impact;
 use support::{Lifetime, Support, Verdicts};
 
-/// The paper's kappa is an impulse per kg over this time (s): its step.
-const KAPPA_TIME: f64 = 1.0 / 240.0;
 /// Late in the hold slow bodies are damped this many times as much. What lacks support still falls, at 1/20 of d per natural time:
 /// five times what counts as rest.
 const LATE_DAMPING: f64 = 3.0;
@@ -62,7 +60,7 @@ impl<'a> Control<'a> {
             params,
             looks_out: resolved.is_on(EffectName::Impact),
             breaks: resolved.is_on(EffectName::Breaking),
-            break_limit: params.kappa / KAPPA_TIME / gravity,
+            break_limit: params.break_limit(gravity),
             analysis: Analysis::new(params, resolved.is_on(EffectName::KeptVerdicts)),
             eligibility: Eligibility::new(region.filter(|_| resolved.is_on(EffectName::Region))),
             impact: Impact::new(f64::from(params.period) * step_length),

@@ -59,7 +59,12 @@ pub struct Glue {
     /// Where its bodies were when they were glued.
     homes: BTreeMap<BodyId, Pose>,
     breaks: bool,
+    /// Engine time since the last body was let go.
+    settled: f64,
 }
+
+/// Bodies that were squeezed by the fill push each other when they are let go: for so long, natural times, no dot breaks.
+const SETTLING: f64 = 1.0;
 
 impl Glue {
     /// Glues the bodies of a world as they stand. `breaks`: dots may break.
@@ -95,7 +100,9 @@ impl Glue {
         let gone = |dot: &Dot| [Some(dot.a), dot.b].into_iter().flatten().any(|id| !world.is_present(id));
         let mut broken: Vec<usize> =
             (0..self.dots.len()).filter(|&k| !self.dots[k].is_broken && gone(&self.dots[k])).collect();
-        if self.breaks {
+        let waits = world.present().any(|id| world.bodies()[id].role == Role::Waiting);
+        self.settled = if waits { 0.0 } else { self.settled + world.step_length() };
+        if self.breaks && self.settled > SETTLING {
             for group in self.groups.values_mut() {
                 self.tally.looks += u64::from(group.overloaded(world, &self.dots, &mut broken));
             }
