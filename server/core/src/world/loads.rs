@@ -2,31 +2,59 @@
 
 use super::{BodyId, World};
 use glam::DVec3;
+use rapier3d::prelude::*;
+
+/// The engine marks new contacts in the highest bit of their index.
+const INDEX: u32 = 0x7fff_ffff;
 
 impl World {
     /// Force of all contacts on a body, and its moment about the body's centre of mass. Those it is glued to are not asked.
     pub fn load_on(&self, id: BodyId) -> (DVec3, DVec3) {
         let me = self.bodies[id].collider;
         let center = self.pose(id).translation;
-        let (dt, substeps) = (self.step_length(), self.engine.integration_parameters.num_solver_iterations as f64);
-        let patch_wide = !self.has_friction_per_point();
         let (mut force, mut moment) = (DVec3::ZERO, DVec3::ZERO);
         for pair in self.engine.narrow_phase.contact_pairs_with(me) {
             let Some(first) = self.engine.colliders.get(pair.collider1) else { continue };
             let sign = if pair.collider1 == me { 1.0 } else { -1.0 };
-            for patch in pair.manifolds() {
-                let pose = patch.subshape_pos1().map_or(*first.position(), |local| *first.position() * *local);
-                let normal = patch.data.normal.as_dvec3();
-                for (k, point) in patch.points.iter().enumerate() {
-                    let mut push = -normal * (f64::from(point.data.impulse) / dt);
-                    // The patch has one friction force, and each of its points tells it.
-                    if k == 0 || !patch_wide {
-                        push += point.data.warmstart_tangent_world.as_dvec3() * (substeps / dt);
-                    }
-                    let at = pose.transform_point(point.local_p1).as_dvec3();
-                    force += sign * push;
-                    moment += (at - center).cross(sign * push);
-                }
+            for patch in pair.solver_manifolds() {
+                let (f, m) = self.load_of(patch, first.position(), center);
+                force += sign * f;
+                moment += sign * m;
+            }
+        }
+        (force, moment)
+    }
+
+    /// Force of a patch on its first collider, which has this position, and its moment about `center`. Points that the solver left out
+    /// remember impulses of old.
+    fn load_of(&self, patch: &ContactManifold, position: &Pose, center: DVec3) -> (DVec3, DVec3) {
+        let dt = self.step_length();
+        let per_substep = self.engine.integration_parameters.num_solver_iterations as f64 / dt;
+        let pose = patch.subshape_pos1().map_or(*position, |local| *position * *local);
+        let normal = patch.data.normal.as_dvec3();
+        let points: Vec<(DVec3, &ContactData)> = patch
+            .data
+            .solver_contacts
+            .iter()
+            .filter_map(|contact| patch.points.get((contact.contact_id[0] & INDEX) as usize))
+            .map(|point| (pose.transform_point(point.local_p1).as_dvec3() - center, &point.data))
+            .collect();
+        let (mut force, mut moment) = (DVec3::ZERO, DVec3::ZERO);
+        let mut add = |arm: DVec3, f: DVec3| {
+            force += f;
+            moment += arm.cross(f);
+        };
+        for (arm, data) in &points {
+            add(*arm, -normal * (f64::from(data.impulse) / dt));
+        }
+        if self.has_friction_per_point() {
+            points.iter().for_each(|(arm, data)| add(*arm, data.warmstart_tangent_world.as_dvec3() * per_substep));
+        } else if let Some((_, data)) = points.last() {
+            // The patch has one friction force, in its middle, and one twist; each of its points tells them.
+            let middle = points.iter().map(|(arm, _)| *arm).sum::<DVec3>() / points.len() as f64;
+            add(middle, data.warmstart_tangent_world.as_dvec3() * per_substep);
+            if points.len() > 1 {
+                moment -= normal * (f64::from(data.warmstart_twist_impulse) * per_substep);
             }
         }
         (force, moment)
