@@ -175,6 +175,7 @@ fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit: f6
             point: site.center,
             normal: sites.normals[touch],
             arm: site.arm,
+            contact: sites.patches[touch],
             force,
             moment,
             limit: 0.0,

@@ -87,8 +87,7 @@ impl Group {
         }
         let Some(loads) = &mut self.loads else { return false };
         for (carried, &k) in loads.carry(&wanted).iter().zip(&self.dots) {
-            let load = (carried.force.length_squared() + (carried.moment / dots[k].arm).length_squared()).sqrt();
-            if load > dots[k].limit {
+            if dots[k].load_of(carried.force, carried.moment) > dots[k].limit {
                 broken.push(k);
             }
         }

@@ -24,7 +24,9 @@ pub struct Dot {
     pub normal: DVec3,
     /// A moment counts as the force that causes it at this distance.
     pub arm: f64,
-    /// What it carries in the certified equilibrium, on `a`.
+    /// Friction of the touch, and how far its contact points are from its middle; `None`: a peg, whose ends do not touch.
+    pub contact: Option<(f64, f64)>,
+    /// What it carries in the certified equilibrium beside the contacts, on `a`.
     pub force: DVec3,
     pub moment: DVec3,
     /// It breaks beyond this |(force, moment / arm)|; infinite: it never does.
@@ -35,7 +37,23 @@ pub struct Dot {
 impl Dot {
     /// |(force, moment / arm)| of the certified equilibrium.
     pub fn load(&self) -> f64 {
-        (self.force.length_squared() + (self.moment / self.arm).length_squared()).sqrt()
+        self.norm(self.force, self.moment)
+    }
+
+    fn norm(&self, force: DVec3, moment: DVec3) -> f64 {
+        (force.length_squared() + (moment / self.arm).length_squared()).sqrt()
+    }
+
+    /// What it carries of all that passes through the touch: the contact itself takes what presses the two together, the friction
+    /// of that, and what tilts them within its points.
+    fn load_of(&self, force: DVec3, moment: DVec3) -> f64 {
+        let Some((friction, spread)) = self.contact else { return self.norm(force, moment) };
+        let press = force.dot(self.normal).max(0.0);
+        let less = |v: DVec3, by: f64| v * (1.0 - by / v.length().max(by).max(f64::MIN_POSITIVE));
+        let (pull, twist) = (force.dot(self.normal).min(0.0) * self.normal, moment.dot(self.normal) * self.normal);
+        let (shear, tilt) = (force - force.dot(self.normal) * self.normal, moment - twist);
+        let force = pull + less(shear, friction * press);
+        self.norm(force, less(tilt, press * spread) + less(twist, friction * press * spread))
     }
 }
 

@@ -25,6 +25,8 @@ pub struct Sites {
     pub between: Vec<(BodyId, Side)>,
     /// Normal of each touch, into its body. Shape `[touch]`.
     pub normals: Vec<DVec3>,
+    /// Friction of each touch, and how far its contact points are from their middle; `None`: a peg. Shape `[touch]`.
+    pub patches: Vec<Option<(f64, f64)>>,
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
     touches: Vec<GlueTouch>,
@@ -57,6 +59,7 @@ impl Sites {
             bodies: ids.iter().map(body).collect(),
             between: Vec::new(),
             normals: Vec::new(),
+            patches: Vec::new(),
             contacts: Vec::new(),
             touches: Vec::new(),
             ids,
@@ -89,6 +92,8 @@ impl Sites {
         let center = contacts.iter().map(|c| c.point).sum::<DVec3>() / count;
         let normal = contacts.iter().map(|c| c.normal).sum::<DVec3>().normalize_or(DVec3::Y);
         let ends = if self.ids[body] == touch.a { (touch.a, touch.b) } else { (self.ids[body], Side::Body(touch.a)) };
+        let far = contacts.iter().map(|c| c.point.distance(center)).sum::<f64>() / count;
+        self.patches.push(carries.then_some((touch.friction, far)));
         if !carries {
             contacts.clear();
         }
