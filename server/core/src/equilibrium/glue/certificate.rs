@@ -31,7 +31,7 @@ const INNER: usize = 400;
 const LEAST_CONTACT: f64 = 1e-4;
 const LEAST_DOT: f64 = 1.0;
 /// Beyond so many bodies, Clarabel takes longer than all the rest.
-const MOST_BODIES: usize = 2000;
+pub const MOST_BODIES: usize = 2000;
 
 /// Forces for the dots at these touches, from a state nearby. `tight`: the same pile with less friction, which leaves room for
 /// corrections.
@@ -52,12 +52,10 @@ pub fn balance(
     let iterations = splitting.iterations;
     let (state, imbalance) = correct(program, splitting.state, &may, going)?;
     let bodies = program.target.len();
-    if imbalance > BALANCED && bodies <= MOST_BODIES {
-        let state = oracle::balance(program, &may)?;
-        let exact = unbalanced(program, &state);
-        if exact < imbalance {
-            return Ok(Balanced { state, imbalance: exact, by_cone_program: true, iterations });
-        }
+    let exact = if imbalance > BALANCED && bodies <= MOST_BODIES { oracle::balance(program, &may).ok() } else { None };
+    let exact = exact.map(|state| (unbalanced(program, &state), state));
+    if let Some((exact, state)) = exact.filter(|(exact, _)| *exact < imbalance) {
+        return Ok(Balanced { state, imbalance: exact, by_cone_program: true, iterations });
     }
     Ok(Balanced { state, imbalance, by_cone_program: false, iterations })
 }
@@ -114,4 +112,11 @@ fn unbalanced(program: &Program, state: &State) -> f64 {
     let mut left = Vec::new();
     program.imbalance(state, &mut left);
     left.iter().map(|e| e.norm()).sum()
+}
+
+/// The body that misses most.
+pub fn worst(program: &Program, state: &State) -> usize {
+    let mut left = Vec::new();
+    program.imbalance(state, &mut left);
+    (0..left.len()).max_by(|&a, &b| left[a].norm().total_cmp(&left[b].norm())).unwrap_or(0)
 }

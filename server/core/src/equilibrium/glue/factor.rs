@@ -31,7 +31,7 @@ pub struct Factor {
 const SHIFT: f64 = 1.05;
 /// Beyond it, the matrix is not one.
 const MOST_SHIFT: f64 = 1e9;
-/// A body whose forces span less than all six directions is still given a factor.
+/// A body whose forces span less than all six directions moves a little in the others.
 const LEAST: f64 = 1e-9;
 
 impl Factor {
@@ -55,12 +55,22 @@ impl Factor {
                 add(&mut beside[b.body], a.body, block.transpose());
             }
         }
+        for block in &mut diagonal {
+            let trace = block.trace();
+            *block += Matrix6::identity() * if trace > 0.0 { LEAST * trace } else { 1.0 };
+        }
         beside.iter_mut().for_each(|row| row.sort_by_key(|(other, _)| *other));
         let mut factor =
             Factor { diagonal, beside, order: program.order.clone(), lower: Vec::new(), inverse: Vec::new() };
         let mut shift = SHIFT;
-        while !factor.factorise(shift) && shift < MOST_SHIFT {
+        while !factor.factorise(shift) {
             shift *= 1.5;
+            if shift > MOST_SHIFT {
+                // Numbers beyond their range: nothing moves.
+                factor.lower = vec![Vec::new(); count];
+                factor.inverse = vec![Matrix6::zeros(); count];
+                break;
+            }
         }
         factor
     }
@@ -89,8 +99,7 @@ impl Factor {
                 }
                 *block *= self.inverse[*j].transpose();
             }
-            let least = Matrix6::identity() * (LEAST * self.diagonal[body].trace()).max(f64::MIN_POSITIVE.sqrt());
-            let mut pivot = self.diagonal[body] * shift + least;
+            let mut pivot = self.diagonal[body] * shift;
             row.iter().for_each(|(_, block)| pivot -= block * block.transpose());
             let Some(inverse) = pivot.cholesky().and_then(|cholesky| cholesky.l().try_inverse()) else { return false };
             self.inverse.push(inverse);
@@ -133,7 +142,8 @@ impl Factor {
         direction.clone_from(z);
         let mut along = dot(residual, z);
         for _ in 0..most {
-            if along <= 0.0 || dot(residual, residual) <= tolerance * tolerance * begin {
+            let is_done = along <= 0.0 || dot(residual, residual) <= tolerance * tolerance * begin;
+            if is_done || !along.is_finite() {
                 break;
             }
             self.times(direction, image);

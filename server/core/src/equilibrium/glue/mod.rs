@@ -18,8 +18,8 @@
 //! not used at all (Candes, Wakin & Boyd 2008). What is below [`NOTHING`] in the end is no dot. To find the fewest dots is NP-hard:
 //! this finds few.
 //!
-//! A bound on what a dot carries is a bound on |g_t|. Where that is too little for some bodies, they cannot stand:
-//! [`Placement::fallen`] names them, and the rest is balanced without them.
+//! A bound on what a dot carries is a bound on |g_t|. Where no balance is found, some bodies fall: those that miss most where every
+//! touch that may be is glued ([`falls`]). [`Placement::fallen`] names them, and the rest is balanced without them.
 //!
 //! # Method
 //!
@@ -29,6 +29,7 @@
 
 mod certificate;
 mod factor;
+mod falls;
 mod loads;
 pub mod oracle;
 mod program;
@@ -94,7 +95,7 @@ pub struct GlueDot {
 pub struct Placement {
     /// By touch, rising.
     pub dots: Vec<GlueDot>,
-    /// Bodies that even glue of this strength cannot hold, rising.
+    /// Bodies that glue of this strength, where it may be, cannot hold, rising.
     pub fallen: Vec<usize>,
     /// Contact forces that balance the rest together with the dots. Shape `[contact]`.
     pub forces: Vec<DVec3>,
@@ -120,6 +121,8 @@ pub enum GlueError {
     Problem(#[from] super::global::GlobalProblemError),
     #[error("touch {0}: its bodies, its contacts or its arm mean nothing")]
     Touch(usize),
+    #[error("friction factor, price or strength is negative or no number")]
+    Options,
     #[error("cancelled")]
     Cancelled,
 }
@@ -130,12 +133,6 @@ const ROUNDS: [f64; 5] = [0.3, 0.1, 0.05, 0.03, 0.02];
 const NOTHING: f64 = 1e-4;
 /// Dots are chosen for a friction that is smaller still, by this factor: that leaves the certificate the room which it needs.
 const TIGHT: f64 = 0.97;
-/// Where glue is of bounded strength: a body falls rather than be held at this price, against that of a dot's force as 1 and for
-/// its own weight. No glue of any strength costs as much where it helps at all.
-const FALLS: f64 = 100.0;
-/// A body that misses more than this, in its weight, has no support.
-const MISSING: f64 = 0.05;
-
 /// Told between iterations; `Break` cancels.
 pub type Going<'a> = dyn FnMut() -> ControlFlow<()> + 'a;
 
@@ -143,20 +140,24 @@ pub type Going<'a> = dyn FnMut() -> ControlFlow<()> + 'a;
 pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Result<Placement, GlueError> {
     let mut fallen = vec![false; pile.bodies.len()];
     let mut iterations = 0;
+    let tight_options = GlueOptions { friction_factor: options.friction_factor * TIGHT, ..*options };
     loop {
         let program = Program::new(pile, options, &fallen)?;
-        let tight = GlueOptions { friction_factor: options.friction_factor * TIGHT, ..*options };
-        let tight = Program::new(pile, &tight, &fallen)?;
-        let (chosen, missing, splitting) = choose(&tight, options, &mut iterations, going)?;
-        if !missing.is_empty() {
-            missing.into_iter().for_each(|body| fallen[body] = true);
-            continue;
-        }
+        let tight = Program::new(pile, &tight_options, &fallen)?;
+        let (chosen, splitting) = choose(&tight, options, going)?;
+        iterations += splitting.iterations;
         let balanced = certificate::balance(&program, &tight, splitting.state, &chosen, going)?;
         iterations += balanced.iterations;
-        let dots = chosen.iter().map(|&touch| program.dot(touch, &balanced.state)).collect();
+        if balanced.imbalance > BALANCED {
+            let worst = certificate::worst(&program, &balanced.state);
+            let fall = falls::fall(pile, &tight_options, &mut fallen, worst, going)?;
+            iterations += fall.iterations;
+            if fall.any {
+                continue;
+            }
+        }
         return Ok(Placement {
-            dots,
+            dots: chosen.iter().map(|&touch| program.dot(touch, &balanced.state)).collect(),
             fallen: (0..fallen.len()).filter(|&body| fallen[body]).collect(),
             forces: program.forces(&balanced.state),
             imbalance: balanced.imbalance,
@@ -166,25 +167,21 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
     }
 }
 
-/// The touches to glue, rising, and the bodies that no glue of this strength holds.
+/// The touches to glue, rising.
 fn choose<'p>(
     program: &'p Program,
     options: &GlueOptions,
-    iterations: &mut u64,
     going: &mut Going,
-) -> Result<(Vec<usize>, Vec<usize>, Splitting<'p>), GlueError> {
-    let falls = options.strength.map(|_| FALLS);
-    let mut weights = Weights::even(program, options.normal_price, falls);
+) -> Result<(Vec<usize>, Splitting<'p>), GlueError> {
+    let mut weights = Weights::even(program, options.normal_price, None);
     let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
-    let mut splitting = Splitting::new(program, &may, falls.is_some());
+    let mut splitting = Splitting::new(program, &may, false);
     splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
     for e in ROUNDS {
         weights.reweight(&splitting.state.dots, e);
         splitting.run(&weights, splitting::NEXT, splitting::NEAR, going)?;
     }
-    *iterations += splitting.iterations;
-    let missing = splitting.missing(MISSING);
     let strong = |&touch: &usize| splitting.state.dots[touch].norm() > NOTHING;
     let chosen = (0..program.touches.len()).filter(strong).collect();
-    Ok((chosen, missing, splitting))
+    Ok((chosen, splitting))
 }

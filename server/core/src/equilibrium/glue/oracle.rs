@@ -7,6 +7,8 @@
 //! such that  at each contact   price + its velocity is in the dual of the friction cone
 //!            at each dot       |velocity| <= w
 //! ```
+//!
+//! A dot of bounded strength may move faster, at the price of its strength.
 
 use super::program::{Program, State};
 use super::{GlueError, GlueOptions, GlueProblem, Going, NOTHING, Placement, ROUNDS};
@@ -24,7 +26,7 @@ const PRICE: f64 = 1e-3;
 
 /// Chooses the dots as [`super::place`] does, with no bound on their strength.
 pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Result<Placement, GlueError> {
-    let program = Program::new(pile, options, &vec![false; pile.bodies.len()])?;
+    let program = Program::new(pile, &GlueOptions { strength: None, ..*options }, &vec![false; pile.bodies.len()])?;
     let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
     let mut weights = vec![1.0; may.len()];
     let mut state = solve(&program, &may, &weights, options.normal_price, CHOOSING)?;
@@ -35,12 +37,21 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
         weights.iter_mut().zip(&state.dots).for_each(|(weight, dot)| *weight = e / (dot.norm() + e));
         state = solve(&program, &may, &weights, options.normal_price, CHOOSING)?;
     }
-    let strong: Vec<bool> = state.dots.iter().map(|dot| dot.norm() > NOTHING).collect();
-    let state = balance(&program, &strong)?;
+    balanced(&program, &state.dots.iter().map(|dot| dot.norm() > NOTHING).collect::<Vec<_>>())
+}
+
+/// The placement of dots at these touches and no others; it stands if they suffice.
+pub fn place_at(pile: &GlueProblem, options: &GlueOptions, dots: &[usize]) -> Result<Placement, GlueError> {
+    let program = Program::new(pile, options, &vec![false; pile.bodies.len()])?;
+    balanced(&program, &(0..program.touches.len()).map(|touch| dots.contains(&touch)).collect::<Vec<_>>())
+}
+
+fn balanced(program: &Program, may: &[bool]) -> Result<Placement, GlueError> {
+    let state = balance(program, may)?;
     let mut left = Vec::new();
     program.imbalance(&state, &mut left);
     Ok(Placement {
-        dots: (0..may.len()).filter(|&touch| strong[touch]).map(|touch| program.dot(touch, &state)).collect(),
+        dots: (0..may.len()).filter(|&touch| may[touch]).map(|touch| program.dot(touch, &state)).collect(),
         fallen: Vec::new(),
         forces: program.forces(&state),
         imbalance: left.iter().map(|e| e.norm()).sum(),
@@ -56,6 +67,8 @@ pub(super) fn balance(program: &Program, may: &[bool]) -> Result<State, GlueErro
 
 fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance: f64) -> Result<State, GlueError> {
     let width = 6 * program.target.len();
+    let is_dot = |t: usize| may[t] && program.touches[t].strength > 0.0;
+    let mut bounded = Vec::new();
     let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
     let (mut rhs, mut cones): (Vec<f64>, Vec<SupportedConeT<f64>>) = (Vec::new(), Vec::new());
     let mut row = |entries: &mut dyn Iterator<Item = (usize, Vector6<f64>)>, bound: f64, rhs: &mut Vec<f64>| {
@@ -79,7 +92,10 @@ fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance
             }
             cones.push(if mu > 0.0 { SecondOrderConeT(3) } else { NonnegativeConeT(1) });
         }
-        if may[t] {
+        if is_dot(t) {
+            if touch.strength.is_finite() {
+                bounded.push((rhs.len(), touch.strength));
+            }
             row(&mut std::iter::empty(), weights[t], &mut rhs);
             for k in 0..6 {
                 let mut entries = touch.sides.iter().map(|side| (side.body, side.dot.column(k).into_owned()));
@@ -92,8 +108,17 @@ fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance
     if rhs.is_empty() || width == 0 {
         return Ok(state);
     }
+    let mut q: Vec<f64> = program.target.iter().flat_map(|b| b.iter().map(|b| -b).collect::<Vec<_>>()).collect();
+    for &(row, strength) in &bounded {
+        rows.extend([row, rhs.len()]);
+        columns.extend([q.len(), q.len()]);
+        values.extend([-1.0, -1.0]);
+        rhs.push(0.0);
+        q.push(strength);
+    }
+    cones.push(NonnegativeConeT(bounded.len()));
+    let width = q.len();
     let matrix = CscMatrix::new_from_triplets(rhs.len(), width, rows, columns, values);
-    let q: Vec<f64> = program.target.iter().flat_map(|b| b.iter().map(|b| -b).collect::<Vec<_>>()).collect();
     let settings = DefaultSettings {
         verbose: false,
         presolve_enable: false,
@@ -115,9 +140,9 @@ fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance
             // An interior point may end a rounding outside its cone.
             state.contacts[touch.first + c] = super::splitting::onto_cone(force, 0.0, mu);
         }
-        if may[t] {
+        if is_dot(t) {
             next();
-            state.dots[t] = Vector6::from_fn(|_, _| next());
+            state.dots[t] = super::splitting::capped(Vector6::from_fn(|_, _| next()), touch.strength);
         }
     }
     Ok(state)

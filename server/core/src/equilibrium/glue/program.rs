@@ -62,6 +62,11 @@ pub struct Program<'a> {
 impl<'a> Program<'a> {
     /// `fallen`: bodies that are not there. Shape `[body]`.
     pub fn new(pile: &'a GlueProblem<'a>, options: &GlueOptions, fallen: &[bool]) -> Result<Program<'a>, GlueError> {
+        let counts = |x: f64| x >= 0.0 && x.is_finite();
+        let strength = options.strength.unwrap_or(0.0);
+        if !(counts(options.friction_factor) && counts(options.normal_price) && strength >= 0.0) {
+            return Err(GlueError::Options);
+        }
         global::check(&global::GlobalProblem { bodies: pile.bodies, contacts: pile.contacts, gravity: pile.gravity })?;
         let g = pile.gravity.length();
         let down = pile.gravity / g;
@@ -72,8 +77,14 @@ impl<'a> Program<'a> {
             let follows = touch.contacts.start == touches.last().map_or(0, |t: &Touch| t.first + t.axes.len());
             let contacts = pile.contacts.get(touch.contacts.clone()).filter(|_| bodies_exist && follows);
             let is_sane = touch.arm > 0.0 && touch.arm.is_finite() && touch.center.is_finite();
-            let contacts = contacts.filter(|_| is_sane).ok_or(GlueError::Touch(index))?;
-            touches.push(Touch::new(pile, touch, contacts, options, fallen, g));
+            let is_between = |c: &GlobalContact| (c.body, c.other) == (touch.body, touch.other);
+            let contacts = contacts.filter(|all| is_sane && all.iter().all(is_between));
+            let next = contacts.map(|contacts| Touch::new(pile, touch, contacts, options, fallen, g));
+            let is_finite = |touch: &Touch| touch.sides.iter().all(|side| side.dot.iter().all(|x| x.is_finite()));
+            touches.push(next.filter(is_finite).ok_or(GlueError::Touch(index))?);
+        }
+        if touches.last().map_or(0, |t| t.first + t.axes.len()) != pile.contacts.len() {
+            return Err(GlueError::Touch(touches.len()));
         }
         let weight = Vector6::new(-down.x, -down.y, -down.z, 0.0, 0.0, 0.0);
         let target = fallen.iter().map(|&fallen| if fallen { Vector6::zeros() } else { weight }).collect();
@@ -142,7 +153,10 @@ impl Touch {
                 Vector6::new(axis.x, axis.y, axis.z, moment.x, moment.y, moment.z) * scale
             };
             let contact = |(c, axes): (&GlobalContact, &[DVec3; 3])| {
-                Lever::from_columns(&[lever(c.point, axes[0]), lever(c.point, axes[1]), lever(c.point, axes[2])])
+                // Without friction, only the normal force counts.
+                let slides = if c.friction * options.friction_factor > 0.0 { 1.0 } else { 0.0 };
+                let [normal, t1, t2] = axes.map(|axis| lever(c.point, axis));
+                Lever::from_columns(&[normal, t1 * slides, t2 * slides])
             };
             let mut dot = Matrix6::zeros();
             for (k, axis) in DVec3::AXES.into_iter().enumerate() {

@@ -207,7 +207,7 @@ impl<'p> Splitting<'p> {
 /// The nearest contact force within friction, after the normal force has paid its price.
 pub fn onto_cone(f: Vector3<f64>, price: f64, friction: f64) -> Vector3<f64> {
     let (normal, tangent) = (f[0] - price, f[1].hypot(f[2]));
-    if tangent <= friction * normal {
+    if normal >= 0.0 && tangent <= friction * normal {
         return Vector3::new(normal, f[1], f[2]);
     }
     if friction * tangent <= -normal {
