@@ -15,8 +15,8 @@
 //! ```
 //!
 //! The first solve has w = 1; each of [`ROUNDS`] then reweights by w_t = e / (|g_t| + e), so that what is needed little is
-//! not used at all (Candes, Wakin & Boyd 2008). What is below [`NOTHING`] in the end is no dot. To find the fewest dots is NP-hard:
-//! this finds few.
+//! not used at all (Candes, Wakin & Boyd 2008). The price falls by e too, or a dot would soon cost less than the normal force
+//! that replaces it. What is below [`NOTHING`] in the end is no dot. To find the fewest dots is NP-hard: this finds few.
 //!
 //! A bound on what a dot carries is a bound on |g_t|. Where no balance is found, some bodies fall: those that miss most where every
 //! touch that may be is glued ([`falls`]). [`Placement::fallen`] names them, and the rest is balanced without them.
@@ -179,6 +179,7 @@ fn choose<'p>(
     splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
     for e in ROUNDS {
         weights.reweight(&splitting.state.dots, e);
+        weights.normal = options.normal_price * e;
         splitting.run(&weights, splitting::NEXT, splitting::NEAR, going)?;
     }
     let strong = |&touch: &usize| splitting.state.dots[touch].norm() > NOTHING;

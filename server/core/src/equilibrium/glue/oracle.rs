@@ -35,7 +35,7 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
             return Err(GlueError::Cancelled);
         }
         weights.iter_mut().zip(&state.dots).for_each(|(weight, dot)| *weight = e / (dot.norm() + e));
-        state = solve(&program, &may, &weights, options.normal_price, CHOOSING)?;
+        state = solve(&program, &may, &weights, options.normal_price * e, CHOOSING)?;
     }
     balanced(&program, &state.dots.iter().map(|dot| dot.norm() > NOTHING).collect::<Vec<_>>())
 }
