@@ -4,6 +4,7 @@ mod agreement;
 mod candidates;
 mod generator;
 mod global;
+mod glue;
 mod input;
 mod physics;
 mod wall;

@@ -1,0 +1,160 @@
+//! Piles whose answer is known.
+
+use super::piles::{Block, cantilever, of_blocks};
+use super::{GRAVITY, OPTIONS, Pile, dots};
+use glam::DVec3;
+
+const FOOT: [DVec3; 4] =
+    [DVec3::new(-0.5, 0.0, -0.5), DVec3::new(0.5, 0.0, -0.5), DVec3::new(0.5, 0.0, 0.5), DVec3::new(-0.5, 0.0, 0.5)];
+
+const NONE: [usize; 0] = [];
+
+/// The dots' touches of a pile that stands.
+fn glued(pile: &Pile, what: &str) -> Vec<usize> {
+    let placed = pile.place(&OPTIONS);
+    pile.certify(&placed, &OPTIONS, what);
+    assert!(placed.fallen.is_empty(), "{what}");
+    dots(&placed)
+}
+
+fn cube(x: f64, y: f64) -> Block {
+    Block { center: DVec3::new(x, y + 0.5, 0.0), half: DVec3::splat(0.5), mass: 1.0 }
+}
+
+#[test]
+fn one_body() {
+    assert_eq!(glued(&of_blocks(&[cube(0.0, 0.0)], false, 0.5), "on the ground"), NONE);
+    assert_eq!(glued(&of_blocks(&[cube(0.0, 0.0)], false, 0.0), "on ice"), NONE);
+    for (x, expected) in [(0.0, vec![]), (0.2, vec![0]), (1e-2, vec![0])] {
+        for friction in [0.0, 0.6] {
+            let mut pile = Pile::new();
+            pile.body(1.0, DVec3::Y, 1.0);
+            pile.touch(0, None, &[DVec3::X * x], DVec3::Y, friction);
+            assert_eq!(glued(&pile, "on a point"), expected, "{x} beside");
+        }
+    }
+    let mut hanging = Pile::new();
+    hanging.body(3.0, DVec3::ZERO, 1.0);
+    hanging.touch(0, None, &FOOT, DVec3::NEG_Y, 0.5);
+    assert_eq!(glued(&hanging, "under a ceiling"), [0]);
+}
+
+#[test]
+fn a_slope_needs_glue_beyond_the_reduced_friction() {
+    for (mu, expected) in [(0.45, vec![0]), (0.55, vec![])] {
+        let mut pile = Pile::new();
+        pile.body(1.0, DVec3::Y * 0.2, 0.7);
+        pile.touch(0, None, &FOOT, DVec3::Y, mu);
+        // Gravity leans by a slope of 0.25; friction counts by half.
+        pile.gravity = DVec3::new(0.25, -1.0, 0.0) * 9.81;
+        assert_eq!(glued(&pile, "on a slope"), expected, "friction {mu}");
+    }
+}
+
+#[test]
+fn a_peg_without_contacts_is_glued() {
+    let mut pile = Pile::new();
+    pile.body(1.0, DVec3::Y, 1.0);
+    pile.peg(0, None, DVec3::new(0.3, 0.1, 0.0));
+    assert_eq!(glued(&pile, "a peg"), [0]);
+    // A peg between touches that carry.
+    let mut pile = Pile::new();
+    pile.body(1.0, DVec3::Y * 0.5, 1.0);
+    pile.body(1.0, DVec3::new(2.0, 0.5, 0.0), 1.0);
+    pile.body(1.0, DVec3::Y * 1.5, 1.0);
+    pile.touch(0, None, &FOOT, DVec3::Y, 0.5);
+    pile.peg(1, None, DVec3::X * 2.0);
+    pile.touch(2, Some(0), &FOOT.map(|p| p + DVec3::Y), DVec3::Y, 0.5);
+    assert_eq!(glued(&pile, "a peg between touches"), [1]);
+}
+
+#[test]
+fn two_bodies() {
+    let on_top = of_blocks(&[cube(0.0, 0.0), cube(0.3, 1.0)], false, 0.5);
+    assert_eq!(glued(&on_top, "one on the other"), NONE);
+    let over_the_edge = of_blocks(&[cube(0.0, 0.0), cube(0.7, 1.0)], false, 0.5);
+    assert_eq!(glued(&over_the_edge, "over the edge"), [1]);
+    // Hangs below one that rests on a table; the table carries both.
+    let mut hanging = Pile::new();
+    hanging.body(1.0, DVec3::Y * 0.5, 1.0);
+    hanging.body(0.5, DVec3::Y * -0.5, 1.0);
+    hanging.touch(0, None, &FOOT, DVec3::Y, 0.5);
+    hanging.touch(1, Some(0), &FOOT.map(|p| p * 0.5), DVec3::NEG_Y, 0.5);
+    assert_eq!(glued(&hanging, "one hangs"), [1]);
+    let pile = hanging.place(&OPTIONS);
+    let pull = pile.dots[0].force + pile.forces[4..].iter().sum::<DVec3>();
+    assert!((pull + 0.5 * GRAVITY).length() < 1e-4, "{pull}");
+}
+
+/// Cubes in a row from a wall: the joint beyond which m cubes hang carries m weights, and the moment m^2/2 weights.
+#[test]
+fn a_cantilever_has_a_dot_in_every_joint() {
+    for count in [1, 2, 5, 10, 20] {
+        let pile = cantilever(count);
+        let placed = pile.place(&OPTIONS);
+        pile.certify(&placed, &OPTIONS, "cantilever");
+        assert_eq!(dots(&placed), (0..count).collect::<Vec<_>>());
+        let weight = 2.0 * GRAVITY.length();
+        for dot in &placed.dots {
+            let hang = (count - dot.touch) as f64;
+            let contacts = pile.touches[dot.touch].contacts.clone();
+            // Moments about the dot: what the joint carries in all, contacts beside the dot.
+            let center = pile.touches[dot.touch].center;
+            let beside = contacts.map(|c| (pile.contacts[c].point - center).cross(placed.forces[c]));
+            let moment = (dot.moment + beside.sum::<DVec3>()) / weight;
+            let exact = DVec3::Z * (hang * hang / 2.0);
+            assert!((moment - exact).length() < 1e-3 * (1.0 + exact.length()), "{hang} hang: {moment}, not {exact}");
+        }
+        // Where the edge below presses, the dot also pulls at a lever of half a cube.
+        let arm = pile.touches[0].arm;
+        let loads: Vec<f64> =
+            placed.dots.iter().map(|dot| dot.force.length().hypot(dot.moment.length() / arm)).collect();
+        let least = (count * count) as f64 / 2.0 * weight / arm.hypot(0.5);
+        let most = 1.2 * least + count as f64 * weight;
+        assert!((0.99 * least..most).contains(&loads[0]), "{count} cubes: {} of {least}", loads[0]);
+        assert!(loads.is_sorted_by(|a, b| a > b), "{loads:?}");
+    }
+}
+
+#[test]
+fn disconnected_parts_do_not_disturb_each_other() {
+    let parts = [of_blocks(&[cube(0.0, 0.0), cube(0.7, 1.0)], false, 0.5), of_blocks(&[cube(9.0, 0.0)], false, 0.5)];
+    let both = of_blocks(&[cube(0.0, 0.0), cube(0.7, 1.0), cube(9.0, 0.0)], false, 0.5);
+    assert_eq!(glued(&parts[1], "alone"), NONE);
+    assert_eq!(glued(&both, "both"), glued(&parts[0], "alone"));
+}
+
+/// A ball on a point spans three directions of six: balance without glue is no matter of the others.
+#[test]
+fn few_directions_spoil_nothing() {
+    let mut pile = of_blocks(&[cube(0.0, 0.0), cube(0.7, 1.0), cube(1.4, 2.0)], false, 0.5);
+    for (k, beside) in [0.0, 0.1].into_iter().enumerate() {
+        let x = 9.0 + k as f64;
+        let ball = pile.body(1.0, DVec3::new(x, 1.0, 0.0), 0.5);
+        pile.touch(ball, None, &[DVec3::new(x + beside, 0.5, 0.0)], DVec3::Y, 0.5);
+        pile.touches.last_mut().expect("just added").may = false;
+    }
+    let placed = pile.place(&OPTIONS);
+    pile.certify(&placed, &OPTIONS, "beside balls");
+    assert_eq!((dots(&placed), placed.fallen), (vec![0, 1, 2], vec![4]));
+}
+
+/// What nothing joins to the ground cannot stand; all else does.
+#[test]
+fn a_floating_body_falls_and_spoils_nothing() {
+    let mut pile = of_blocks(&[cube(0.0, 0.0), cube(0.7, 1.0), cube(1.4, 2.0)], false, 0.5);
+    pile.body(1.0, DVec3::Y * 9.0, 1.0);
+    let placed = pile.place(&OPTIONS);
+    pile.certify(&placed, &OPTIONS, "beside a floating body");
+    assert_eq!((dots(&placed), placed.fallen), (vec![0, 1, 2], vec![3]));
+}
+
+/// What only a forbidden dot could hold falls.
+#[test]
+fn forbidden_touches_are_not_glued() {
+    let mut pile = of_blocks(&[cube(0.0, 0.0), cube(0.7, 1.0)], false, 0.5);
+    pile.touches[1].may = false;
+    let placed = pile.place(&OPTIONS);
+    pile.certify(&placed, &OPTIONS, "forbidden");
+    assert_eq!((dots(&placed), placed.fallen), (vec![], vec![1]));
+}
