@@ -18,8 +18,8 @@
 //! not used at all (Candes, Wakin & Boyd 2008). The price falls by e too, or a dot would soon cost less than the normal force
 //! that replaces it. What is below [`NOTHING`] in the end is no dot. To find the fewest dots is NP-hard: this finds few.
 //!
-//! A bound on what a dot carries is a bound on |g_t|. Where no balance is found, some bodies fall: those that miss most where every
-//! touch that may be is glued ([`falls`]). [`Placement::fallen`] names them, and the rest is balanced without them.
+//! A bound on what a dot carries is a bound on |g_t|. Where no balance is found within it, even with all dots that any round chose,
+//! some bodies fall: those that miss most where every touch that may be is glued ([`falls`]). [`Placement::fallen`] names them, and the rest is balanced without them.
 //!
 //! # Method
 //!
@@ -144,11 +144,18 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
     loop {
         let program = Program::new(pile, options, &fallen)?;
         let tight = Program::new(pile, &tight_options, &fallen)?;
-        let (chosen, splitting) = choose(&tight, options, going)?;
+        let (mut chosen, once, splitting) = choose(&tight, options, going)?;
         iterations += splitting.iterations;
-        let balanced = certificate::balance(&program, &tight, splitting.state, &chosen, going)?;
+        let mut balanced = certificate::balance(&program, &tight, splitting.state.clone(), &chosen, going)?;
         iterations += balanced.iterations;
-        if balanced.imbalance > BALANCED {
+        if balanced.imbalance > BALANCED && once != chosen {
+            let more = certificate::balance(&program, &tight, splitting.state, &once, going)?;
+            iterations += more.iterations;
+            if more.imbalance < balanced.imbalance {
+                (chosen, balanced) = (once, more);
+            }
+        }
+        if options.strength.is_some() && balanced.imbalance > BALANCED {
             let worst = certificate::worst(&program, &balanced.state);
             let fall = falls::fall(pile, &tight_options, &mut fallen, worst, going)?;
             iterations += fall.iterations;
@@ -167,22 +174,23 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
     }
 }
 
-/// The touches to glue, rising.
+/// The touches to glue, rising; those that were chosen in any round; and the last of the solves.
 fn choose<'p>(
     program: &'p Program,
     options: &GlueOptions,
     going: &mut Going,
-) -> Result<(Vec<usize>, Splitting<'p>), GlueError> {
+) -> Result<(Vec<usize>, Vec<usize>, Splitting<'p>), GlueError> {
     let mut weights = Weights::even(program, options.normal_price, None);
     let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
     let mut splitting = Splitting::new(program, &may, false);
     splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
+    let mut once = vec![false; program.touches.len()];
     for e in ROUNDS {
         weights.reweight(&splitting.state.dots, e);
         weights.normal = options.normal_price * e;
         splitting.run(&weights, splitting::NEXT, splitting::NEAR, going)?;
+        once.iter_mut().zip(&splitting.state.dots).for_each(|(once, dot)| *once |= dot.norm() > NOTHING);
     }
-    let strong = |&touch: &usize| splitting.state.dots[touch].norm() > NOTHING;
-    let chosen = (0..program.touches.len()).filter(strong).collect();
-    Ok((chosen, splitting))
+    let chosen = (0..once.len()).filter(|&touch| splitting.state.dots[touch].norm() > NOTHING).collect();
+    Ok((chosen, (0..once.len()).filter(|&touch| once[touch]).collect(), splitting))
 }

@@ -17,7 +17,9 @@ fn nothing_needs_nothing() {
     assert!(empty.place_by_clarabel(&OPTIONS).stands());
     let mut alone = Pile::new();
     alone.body(1.0, DVec3::ZERO, 1.0);
-    for strength in [None, Some(0.0), Some(5.0)] {
+    let placed = alone.place(&OPTIONS);
+    assert!(!placed.stands() && (placed.imbalance - 1.0).abs() < 1e-12, "{placed:?}");
+    for strength in [Some(0.0), Some(5.0)] {
         let placed = alone.place(&GlueOptions { strength, ..OPTIONS });
         assert!(placed.stands() && placed.fallen == [0], "{placed:?}");
     }
