@@ -20,7 +20,7 @@ use error::Problem;
 use geometry::pose::Pose;
 use geometry::region::DistanceGrid;
 use input::observer::{Observer, Silent, Stage};
-use input::params::Params;
+use input::params::{Params, ReleaseOrder};
 use input::scene::{Scene, StaticModel};
 use prepare::check::{self, Checked};
 use prepare::container::{Container, grid};
@@ -200,7 +200,9 @@ pub fn release_pile(
     };
     clock.lap(Stage::Glue, observer);
 
-    release::run(&mut sim, params, observer)?;
+    let is_staged = resolved.is_on(EffectName::StagedRelease);
+    let order = if is_staged { params.release.order } else { ReleaseOrder::AtOnce };
+    release::run(&mut sim, params, order, observer)?;
     clock.lap(Stage::Release, observer);
 
     let held = hold::run(&mut sim, params, observer)?;

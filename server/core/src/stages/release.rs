@@ -8,10 +8,15 @@ use crate::world::{BodyId, Role, World};
 use std::collections::BTreeMap;
 
 /// Lets the layers go, one after the other.
-pub fn run(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer) -> Result<(), Error> {
+pub fn run(
+    sim: &mut Simulation,
+    params: &Params,
+    order: ReleaseOrder,
+    observer: &mut dyn Observer,
+) -> Result<(), Error> {
     let world = &sim.pile.world;
     let interval = (world.units.duration(params.release.interval) / world.step_length()).round().max(1.0) as u64;
-    let layers = layers(world, params.release.layer, params.release.order);
+    let layers = layers(world, params.release.layer, order);
     let total = layers.len() as u64 * interval;
     sim.show(observer, Stage::Release);
     for layer in layers {

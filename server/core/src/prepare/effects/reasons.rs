@@ -34,7 +34,6 @@ impl Reasons<'_> {
                 true => "the glued pile is let go first, to see that it stands".into(),
                 false => "nothing is glued, or glue.proof is off".into(),
             },
-            EffectName::StagedRelease => self.release().into(),
             EffectName::Scenery => self.scenery(),
             EffectName::Bodies => match self.scene.bodies.len() {
                 0 => "no body is placed by hand".into(),
@@ -60,6 +59,12 @@ impl Reasons<'_> {
             EffectName::StiffContacts => self.stiffness(),
             EffectName::Guard => "every step is watched, which costs less than one in a hundred".into(),
             EffectName::SameOnAllMachines => "the engine's arithmetic is the same on every processor".into(),
+            EffectName::Control | EffectName::Analysis | EffectName::StagedRelease | EffectName::KeptVerdicts
+                if self.resolved.is_on(EffectName::Glue) =>
+            {
+                "what is glued stands without being held, and is let go at once".into()
+            }
+            EffectName::StagedRelease => self.release().into(),
             EffectName::Control
             | EffectName::Analysis
             | EffectName::KeptVerdicts

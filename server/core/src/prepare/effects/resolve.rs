@@ -72,8 +72,10 @@ impl Case<'_> {
     /// Whether the scene and its parameters call for an effect.
     fn calls_for(&self, name: EffectName) -> bool {
         let Case { scene, params, checked, natures, is_stiff } = *self;
-        let is_controlled = params.control.mode != ControlMode::Off;
-        let freezes = params.control.mode == ControlMode::Freeze;
+        let glues = self.glues();
+        // What is glued stands without being held.
+        let is_controlled = params.control.mode != ControlMode::Off && !glues;
+        let freezes = is_controlled && params.control.mode == ControlMode::Freeze;
         let fill = scene.is_filled(params);
         match name {
             EffectName::Primitives => natures.iter().any(|n| matches!(n.outline, Outline::Box | Outline::Ball)),
@@ -83,9 +85,9 @@ impl Case<'_> {
                 let closed = checked.control.as_ref().filter(|_| fill && params.fill.wall_tolerance > 0.0);
                 closed.is_some_and(|closed| container::has_fine_walls(&closed.topology, checked.diameter))
             }
-            EffectName::Glue => self.glues(),
-            EffectName::GlueProof => self.glues() && params.glue.proof != Switch::Off,
-            EffectName::StagedRelease => params.release.order != ReleaseOrder::AtOnce,
+            EffectName::Glue => glues,
+            EffectName::GlueProof => glues && params.glue.proof != Switch::Off,
+            EffectName::StagedRelease => params.release.order != ReleaseOrder::AtOnce && !glues,
             EffectName::Scenery => !scene.statics.is_empty(),
             EffectName::Bodies => !scene.bodies.is_empty(),
             EffectName::Emitters => !scene.emitters.is_empty(),
@@ -100,10 +102,10 @@ impl Case<'_> {
             | EffectName::SameOnAllMachines
             | EffectName::Frames => true,
             EffectName::Control | EffectName::Analysis => is_controlled,
-            EffectName::Breaking => is_controlled || self.glues(),
+            EffectName::Breaking => is_controlled || glues,
             EffectName::KeptVerdicts => freezes,
-            EffectName::Region => (is_controlled || self.glues()) && scene.target().is_some(),
-            EffectName::Nails => params.control.mode == ControlMode::Nails,
+            EffectName::Region => (is_controlled || glues) && scene.target().is_some(),
+            EffectName::Nails => is_controlled && params.control.mode == ControlMode::Nails,
             EffectName::Impact => freezes && scene.something_hits(),
             EffectName::Stand => is_controlled && params.control.stand,
             EffectName::FreeStanding => params.output.free_standing,
@@ -119,7 +121,7 @@ impl Case<'_> {
     fn word(&self, name: EffectName) -> Switch {
         let Case { scene, params, .. } = *self;
         let (physics, control) = (&params.physics.switches, &params.control.switches);
-        let freezes = params.control.mode == ControlMode::Freeze;
+        let freezes = params.control.mode == ControlMode::Freeze && !self.glues();
         match name {
             EffectName::KeptVerdicts | EffectName::Impact if !freezes => Switch::Auto,
             EffectName::Region if scene.target().is_none() => Switch::Auto,

@@ -57,7 +57,7 @@ impl<'a> Analysis<'a> {
     pub fn note(&mut self, world: &World, touches: Vec<Touch>) {
         self.touches = touches;
         if self.keeps_verdicts {
-            let stands = |role: Role| matches!(role, Role::Frozen | Role::Waiting) || role.stands();
+            let stands = |role: Role| matches!(role, Role::Frozen | Role::Waiting | Role::Pinned);
             self.unmoved = world.bodies().iter().map(|b| stands(b.role)).collect();
         }
     }
@@ -93,25 +93,16 @@ impl<'a> Analysis<'a> {
         eligibility: &Eligibility,
         tally: &mut Tally,
     ) {
-        let mut unchanged = self.unchanged(world, touches);
-        let mut contacts = contacts(world, touches, self.params.selection);
-        // What is glued to each other is judged as one body.
-        for id in world.present().filter(|&id| world.leads(id)) {
-            let members = world.glued_with(id);
-            unchanged[id] = members.iter().all(|&id| unchanged[id]);
-            for &member in &members[1..] {
-                let theirs = std::mem::take(&mut contacts[member]);
-                contacts[id].extend(theirs);
-            }
-        }
+        let unchanged = self.unchanged(world, touches);
+        let contacts = contacts(world, touches, self.params.selection);
         let rules = self.rules(world.units.length);
         let mut passed = vec![false; world.bodies().len()];
         for (id, contacts) in contacts.iter().enumerate() {
-            let body = &world.bodies()[id];
-            if !world.leads(id) || world.glued_with(id).iter().any(|&id| barred.get(id).is_some_and(|&barred| barred)) {
+            if barred.get(id).is_some_and(|&barred| barred) {
                 continue;
             }
-            if body.role.stands() {
+            let body = &world.bodies()[id];
+            if body.role == Role::Pinned {
                 passed[id] = true;
                 continue;
             }
@@ -128,15 +119,11 @@ impl<'a> Analysis<'a> {
             let problem = LocalProblem {
                 contacts,
                 mass: 1.0,
-                center_of_mass: world.carried_center(id),
-                radius: world.carried(id).1,
+                center_of_mass: world.pose(id).translation,
+                radius: body.radius,
                 gravity: DVec3::NEG_Y,
             };
             passed[id] = self.judge(&problem, &rules.of(body.face_area), tally);
-        }
-        for id in world.present().filter(|&id| world.leads(id)) {
-            let all = passed[id];
-            world.glued_with(id).iter().for_each(|&id| passed[id] = all);
         }
         self.candidates = passed;
     }
@@ -221,8 +208,7 @@ fn contacts(world: &World, touches: &[Touch], selection: ContactSelection) -> Ve
         Side::Moving => false,
     };
     let selected = |normal: DVec3| selection == ContactSelection::All || normal.y > 0.0;
-    let apart = |t: &&Touch| !matches!(t.b, Side::Body(b) if world.are_glued(t.a, b));
-    for t in touches.iter().filter(apart) {
+    for t in touches {
         for p in &t.points {
             if supports(t.b) && selected(p.normal) {
                 contacts[t.a].push(LocalContact { point: p.point, normal: p.normal, friction: t.friction });

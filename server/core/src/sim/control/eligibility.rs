@@ -74,8 +74,7 @@ impl<'a> Eligibility<'a> {
     pub fn hanging(&self, world: &World, touches: &[Touch], speed: f64) -> Vec<BodyId> {
         let waits = |id: BodyId| world.bodies()[id].role == Role::Waiting;
         let released = |t: &&Touch| !waits(t.a) && !matches!(t.b, Side::Body(b) if waits(b));
-        let mut contacts: Vec<_> = touches.iter().filter(released).flat_map(|t| t.bearings(world)).collect();
-        contacts.extend(world.glue_bearings());
+        let contacts: Vec<_> = touches.iter().filter(released).flat_map(|t| t.bearings(world)).collect();
         let slow = |id: BodyId| {
             let free = world.bodies()[id].role == Role::Free && world.speed(id) < speed;
             (free || world.bodies()[id].role == Role::Frozen) && self.is_inside(world, id)

@@ -64,7 +64,7 @@ impl<'a> Control<'a> {
             analysis: Analysis::new(params, resolved.is_on(EffectName::KeptVerdicts)),
             eligibility: Eligibility::new(region.filter(|_| resolved.is_on(EffectName::Region))),
             impact: Impact::new(f64::from(params.period) * step_length),
-            support: support::of(params, seed),
+            support: support::of(params, seed).filter(|_| resolved.is_on(EffectName::Control)),
             tally: Tally::default(),
             ended: false,
         }

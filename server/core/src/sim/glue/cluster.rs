@@ -5,8 +5,11 @@ use crate::equilibrium::global::GlobalBody;
 use crate::equilibrium::glue::{GlueTouch, Loads};
 use crate::geometry::pose::Pose;
 use crate::world::{BodyId, Role, World};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
+
+/// A force, and a moment.
+pub type Wrench = (DVec3, DVec3);
 
 /// A group of bodies joined by whole dots.
 pub struct Group {
@@ -59,29 +62,39 @@ pub fn groups(ids: &[BodyId], dots: &[Dot], homes: &BTreeMap<BodyId, Pose>) -> V
 }
 
 impl Group {
-    /// Adds the dots that carry more than they can. Returns whether the loads had to be computed.
-    pub fn overloaded(&mut self, world: &World, dots: &[Dot], broken: &mut Vec<usize>) -> bool {
-        let first = self.members[0];
-        let moves = match world.bodies()[first].role {
-            Role::Free => world.is_awake(first),
+    /// Whether contacts do anything new to it.
+    pub fn is_awake(&self, world: &World) -> bool {
+        match world.bodies()[self.members[0]].role {
+            Role::Free => world.is_awake(self.members[0]),
             Role::Anchored => true,
             Role::Waiting | Role::Frozen | Role::Pinned | Role::Gone => false,
-        };
-        let weakest = self.dots.iter().map(|&k| dots[k].limit).fold(f64::INFINITY, f64::min);
-        if !moves || weakest == f64::INFINITY {
+        }
+    }
+
+    /// Adds the dots that carry too much beside what they are used to. `calm`: what contacts and weight do to each body, averaged.
+    /// Returns whether the loads had to be computed.
+    pub fn overloaded(
+        &mut self,
+        world: &World,
+        dots: &[Dot],
+        calm: &BTreeMap<BodyId, Wrench>,
+        broken: &mut Vec<usize>,
+    ) -> bool {
+        if !self.is_awake(world) {
             return false;
         }
-        let wanted = self.wanted(world);
+        let first = self.members[0];
+        let less = |(f, m): Wrench, calm: Option<&Wrench>| calm.map_or((f, m), |(g, n)| (f - *g, m - *n));
+        let news: Vec<Wrench> = self.suffered(world).map(|(id, wrench)| less(wrench, calm.get(&id))).collect();
         let arm = self.dots.iter().map(|&k| dots[k].arm).fold(f64::INFINITY, f64::min);
-        // No dot carries more than all that the bodies ask for, with the longest lever that there is.
+        let weakest = self.dots.iter().map(|&k| dots[k].limit).fold(f64::INFINITY, f64::min);
+        // No dot carries more than all that happens to the bodies, twice, with the longest lever that there is.
         let (_, radius, _) = world.carried(first);
-        let most: f64 = wanted.iter().map(|(f, m)| f.length() * (1.0 + 2.0 * radius / arm) + m.length() / arm).sum();
-        if most <= weakest {
+        let most: f64 = news.iter().map(|(f, m)| f.length() * (1.0 + 2.0 * radius / arm) + m.length() / arm).sum();
+        if 2.0 * most <= weakest {
             return false;
         }
-        // Back to the frame in which the dots were placed.
-        let turn = self.then.rotation * world.pose(first).rotation.inverse();
-        let wanted: Vec<(DVec3, DVec3)> = wanted.iter().map(|&(f, m)| (turn * f, turn * m)).collect();
+        let wanted = self.wanted(world, &news);
         if self.loads.is_none() {
             self.loads = self.make_loads(world, dots);
         }
@@ -94,30 +107,42 @@ impl Group {
         true
     }
 
-    /// The force and the moment that its dots must give each body, beside contacts and gravity, so that it moves with the others.
-    fn wanted(&self, world: &World) -> Vec<(DVec3, DVec3)> {
-        let members = || self.members.iter().copied();
-        let mass = |id: BodyId| world.bodies()[id].mass;
-        // Gravity is 1 downward.
-        let weight = |id: BodyId| DVec3::NEG_Y * mass(id);
-        let loads: Vec<(DVec3, DVec3)> = members().map(|id| world.load_on(id)).collect();
-        let mut wanted: Vec<(DVec3, DVec3)> =
-            members().zip(&loads).map(|(id, &(force, moment))| (-force - weight(id), -moment)).collect();
+    /// Force and moment about its centre of mass that contacts and gravity give each body, in the frame of the dots.
+    pub fn suffered<'w>(&'w self, world: &'w World) -> impl Iterator<Item = (BodyId, Wrench)> + 'w {
+        let turn = self.turn(world);
+        self.members.iter().map(move |&id| {
+            let (force, moment) = world.load_on(id);
+            // Gravity is 1 downward.
+            (id, (turn * (force + DVec3::NEG_Y * world.bodies()[id].mass), turn * moment))
+        })
+    }
+
+    /// From the world as it is to the frame of the dots.
+    fn turn(&self, world: &World) -> DQuat {
+        self.then.rotation * world.pose(self.members[0]).rotation.inverse()
+    }
+
+    /// The force and the moment that its dots must give each body, so that it moves with the others for all that it suffers.
+    fn wanted(&self, world: &World, suffered: &[Wrench]) -> Vec<Wrench> {
+        let mut wanted: Vec<Wrench> = suffered.iter().map(|&(f, m)| (-f, -m)).collect();
         if self.is_anchored {
             return wanted;
         }
+        let turn = self.turn(world);
+        let members = || self.members.iter().copied();
+        let mass = |id: BodyId| world.bodies()[id].mass;
         let (total, center) = (members().map(mass).sum::<f64>(), world.carried_center(self.members[0]));
-        let arm = |id: BodyId| world.pose(id).translation - center;
-        let force: DVec3 = wanted.iter().map(|(force, _)| -force).sum();
-        let moment: DVec3 = members().zip(&wanted).map(|(id, &(f, m))| -m - arm(id).cross(f)).sum();
+        let arm = |id: BodyId| turn * (world.pose(id).translation - center);
+        let force: DVec3 = suffered.iter().map(|(force, _)| *force).sum();
+        let moment: DVec3 = members().zip(suffered).map(|(id, &(f, m))| m + arm(id).cross(f)).sum();
         let inertia = members().map(|id| world.inertia_about(id, center)).reduce(|a, b| a + b).unwrap_or_default();
-        let (acceleration, spin) = (force / total, inertia.inverse() * moment);
+        let (acceleration, spin) = (force / total, turn * (inertia.inverse() * (turn.inverse() * moment)));
         if !spin.is_finite() {
             return wanted;
         }
         for (id, (f, m)) in members().zip(&mut wanted) {
             *f += (acceleration + spin.cross(arm(id))) * mass(id);
-            *m += world.inertia(id) * spin;
+            *m += turn * (world.inertia(id) * (turn.inverse() * spin));
         }
         wanted
     }

@@ -9,7 +9,7 @@ pub use problem::Sites;
 use super::policy::Policy;
 use crate::geometry::pose::Pose;
 use crate::world::{BodyId, Role, World};
-use cluster::Group;
+use cluster::{Group, Wrench};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -79,9 +79,12 @@ pub struct Glue {
     breaks: bool,
     /// Engine time since the last body was let go.
     settled: f64,
+    /// What contacts and weight do to each body, averaged over about [`SETTLING`]. The fill squeezed the pile, and stiff clusters bear
+    /// that on: it is no load. A hit comes faster.
+    calm: BTreeMap<BodyId, Wrench>,
 }
 
-/// Bodies that were squeezed by the fill push each other when they are let go: for so long, natural times, no dot breaks.
+/// For so long after the last body was let go, natural times, the pile settles, and no dot breaks.
 const SETTLING: f64 = 1.0;
 
 impl Glue {
@@ -122,8 +125,11 @@ impl Glue {
         self.settled = if waits { 0.0 } else { self.settled + world.step_length() };
         if self.breaks && self.settled > SETTLING {
             for group in self.groups.values_mut() {
-                self.tally.looks += u64::from(group.overloaded(world, &self.dots, &mut broken));
+                self.tally.looks += u64::from(group.overloaded(world, &self.dots, &self.calm, &mut broken));
             }
+        }
+        if self.breaks {
+            self.calm_down(world);
         }
         if broken.is_empty() {
             return Vec::new();
@@ -147,6 +153,17 @@ impl Glue {
         }
         self.join(&loose, world, policy);
         loose
+    }
+
+    /// What contacts do to the bodies becomes, little by little, what they are used to.
+    fn calm_down(&mut self, world: &World) {
+        let share = (world.step_length() / SETTLING).min(1.0);
+        for (id, (force, moment)) in self.groups.values().filter(|g| g.is_awake(world)).flat_map(|g| g.suffered(world))
+        {
+            let (f, m) = self.calm.entry(id).or_insert((force, moment));
+            *f += (force - *f) * share;
+            *m += (moment - *m) * share;
+        }
     }
 
     /// All of it dissolves.

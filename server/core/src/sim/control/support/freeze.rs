@@ -67,10 +67,7 @@ impl Support for Freeze {
 
     fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, tally: &mut Tally) {
         self.cycle = verdicts.cycle;
-        let chosen = self.choose(verdicts);
-        for id in world.present().filter(|&id| world.leads(id)).collect::<Vec<_>>() {
-            // What is glued to each other is held as a whole, or not.
-            let freeze = world.glued_with(id).iter().all(|&id| chosen[id]);
+        for (id, freeze) in self.choose(verdicts).into_iter().enumerate() {
             match world.bodies()[id].role {
                 Role::Free if freeze => policy.freeze(world, id),
                 Role::Frozen if !freeze => policy.thaw(world, id),

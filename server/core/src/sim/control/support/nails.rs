@@ -31,14 +31,13 @@ impl Nails {
     }
 
     /// One nail for each pair of candidates bodies, at one of its contacts.
-    fn choose(&mut self, verdicts: &Verdicts, world: &World) -> Vec<Nail> {
+    fn choose(&mut self, verdicts: &Verdicts) -> Vec<Nail> {
         let closed = supportable(self.neighbours, verdicts);
         let candidates = verdicts.candidates;
         let mut driven = vec![0u32; candidates.len()];
         let mut chosen = Vec::new();
         for t in verdicts.touches {
             let (nailed, b) = match t.b {
-                Side::Body(b) if world.are_glued(t.a, b) => continue,
                 Side::Body(b) => (candidates[t.a] && candidates[b] && (closed[t.a] || closed[b]), Some(b)),
                 Side::Ground | Side::Scenery => (closed[t.a], None),
                 Side::Moving => continue,
@@ -63,7 +62,7 @@ impl Support for Nails {
     }
 
     fn place(&mut self, verdicts: &Verdicts, world: &mut World, _: &mut Policy, tally: &mut Tally) {
-        for nail in self.choose(verdicts, world) {
+        for nail in self.choose(verdicts) {
             world.drive_nail(nail.a, nail.b, nail.at.point, nail.at.normal);
             tally.nails_driven += 1;
         }
