@@ -79,13 +79,15 @@ pub struct Glue {
     breaks: bool,
     /// Engine time since the last body was let go.
     settled: f64,
-    /// What contacts and weight do to each body, averaged over about [`SETTLING`]. The fill squeezed the pile, and stiff clusters bear
+    /// What contacts and weight do to each body, averaged over about [`USED_TO`]. The fill squeezed the pile, and stiff clusters bear
     /// that on: it is no load. A hit comes faster.
     calm: BTreeMap<BodyId, Wrench>,
 }
 
 /// For so long after the last body was let go, natural times, the pile settles, and no dot breaks.
-const SETTLING: f64 = 1.0;
+const SETTLING: f64 = 2.0;
+/// Time in which bodies get used to what contacts do to them, natural times.
+const USED_TO: f64 = 1.0;
 
 impl Glue {
     /// Glues the bodies of a world as they stand. `breaks`: dots may break.
@@ -157,7 +159,7 @@ impl Glue {
 
     /// What contacts do to the bodies becomes, little by little, what they are used to.
     fn calm_down(&mut self, world: &World) {
-        let share = (world.step_length() / SETTLING).min(1.0);
+        let share = if self.settled > SETTLING { (world.step_length() / USED_TO).min(1.0) } else { 1.0 };
         for (id, (force, moment)) in self.groups.values().filter(|g| g.is_awake(world)).flat_map(|g| g.suffered(world))
         {
             let (f, m) = self.calm.entry(id).or_insert((force, moment));
