@@ -12,7 +12,8 @@ use std::collections::BTreeMap;
 const UNBALANCED: f64 = 0.1;
 
 /// Figures of all contacts of the end.
-pub fn figures(world: &World) -> Figures {
+/// `forces`: also what the contacts of the whole pile cannot carry.
+pub fn figures(world: &World, forces: bool) -> Figures {
     // `hanging` counts contacts up to d/200, which may be more than the thickness tolerance of thin props.
     let thinnest = world.present().map(|id| world.bodies()[id].thickness).fold(f64::INFINITY, f64::min);
     let touches = world.touches(REAL_CONTACT.max(contact::CARRYING_GAP / thinnest));
@@ -25,7 +26,7 @@ pub fn figures(world: &World) -> Figures {
     let hanging = contact::hanging(&at_rest, &contacts, 1.0).len();
     let overlap = |t: &Touch| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
     let penetration = measure::penetration(&touches.iter().map(overlap).collect::<Vec<_>>());
-    let unsupported = unsupported(world);
+    let unsupported = if forces { unsupported(world) } else { f64::NAN };
     BTreeMap::from([
         ("unsupported_fraction", unsupported.is_finite().then_some(unsupported)),
         ("hanging", Some(hanging as f64)),

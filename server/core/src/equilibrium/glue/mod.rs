@@ -184,11 +184,13 @@ fn choose<'p>(
     let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
     let mut splitting = Splitting::new(program, &may, false);
     splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
+    // In a small pile, balance says nothing of whether the choice is made.
+    let next = if program.target.len() <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
     let mut once = vec![false; program.touches.len()];
     for e in ROUNDS {
         weights.reweight(&splitting.state.dots, e);
         weights.normal = options.normal_price * e;
-        splitting.run(&weights, splitting::NEXT, splitting::NEAR, going)?;
+        splitting.run(&weights, next, splitting::NEAR, going)?;
         once.iter_mut().zip(&splitting.state.dots).for_each(|(once, dot)| *once |= dot.norm() > NOTHING);
     }
     let chosen = (0..once.len()).filter(|&touch| splitting.state.dots[touch].norm() > NOTHING).collect();

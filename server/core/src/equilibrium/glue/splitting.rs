@@ -15,7 +15,10 @@ pub struct Length {
 
 /// The first run, from nothing, and those that go on from it.
 pub const FIRST: Length = Length { least: 200, most: 1200 };
-pub const NEXT: Length = Length { least: 600, most: 600 };
+pub const NEXT: Length = Length { least: 100, most: 600 };
+/// The same for piles of at most so many bodies.
+pub const NEXT_SMALL: Length = Length { least: 600, most: 600 };
+pub const SMALL: usize = 100;
 
 /// A run that only chooses ends once what the forces that obey their laws leave unbalanced, on average, is less than this, in a
 /// body's weight.

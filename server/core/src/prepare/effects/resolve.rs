@@ -102,7 +102,7 @@ impl Case<'_> {
             | EffectName::SameOnAllMachines
             | EffectName::Frames => true,
             EffectName::Control | EffectName::Analysis => is_controlled,
-            EffectName::Breaking => is_controlled || glues,
+            EffectName::Breaking => is_controlled || glues && scene.something_hits(),
             EffectName::KeptVerdicts => freezes,
             EffectName::Region => (is_controlled || glues) && scene.target().is_some(),
             EffectName::Nails => is_controlled && params.control.mode == ControlMode::Nails,
