@@ -38,6 +38,7 @@ pub fn bake_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> Bake {
         shapes: vec![],
         seconds: Default::default(),
         bill: Vec::new(),
+        glue: None,
         warnings: vec![],
     };
     let bodies = bodies.iter().map(|&(prop, scale)| BakedBody { prop, scale, first_frame: 0 }).collect();

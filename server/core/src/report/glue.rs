@@ -5,8 +5,60 @@ use crate::measure;
 use crate::sim::glue::Dot;
 use crate::sim::step::Simulation;
 use crate::stages::glue::Glued;
-use crate::world::BodyId;
+use crate::world::{BodyId, Role};
 use std::collections::{BTreeMap, BTreeSet};
+
+/// The glue of a finished pile, SI, where its bodies are at the last frame: so that others can simulate it further.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Glue {
+    pub dots: Vec<GlueDot>,
+    /// Bodies that move as one, by their indices, rising: joined by dots that hold.
+    pub clusters: Vec<Vec<usize>>,
+    /// Bodies that dots join to the ground or to scenery, directly or through others, rising.
+    pub anchored: Vec<usize>,
+}
+
+/// A glued touch.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct GlueDot {
+    pub body: usize,
+    /// The other body; `None`: the ground or scenery.
+    pub other: Option<usize>,
+    /// m.
+    pub point: [f64; 3],
+    /// Of the touch, unit, into `body`.
+    pub normal: [f64; 3],
+    /// What it carries in the equilibrium for which it was placed, beside the contacts: on `body`, N.
+    pub force: [f64; 3],
+    /// About `point`, N m.
+    pub moment: [f64; 3],
+    /// It broke while the bake ran.
+    pub is_broken: bool,
+}
+
+/// The glue as it is at the end.
+pub fn told(sim: &Simulation) -> Glue {
+    let (world, glue) = (&sim.pile.world, &sim.pile.glue);
+    let units = world.units;
+    let force = units.mass * units.length / (units.time * units.time);
+    let dot = |dot: &Dot| {
+        let (turn, point) = glue.place_of(dot, world);
+        GlueDot {
+            body: dot.a,
+            other: dot.b,
+            point: (point * units.length).to_array(),
+            normal: (turn * dot.normal).to_array(),
+            force: (turn * dot.force * force).to_array(),
+            moment: (turn * dot.moment * force * units.length).to_array(),
+            is_broken: dot.is_broken,
+        }
+    };
+    Glue {
+        dots: glue.dots.iter().map(dot).collect(),
+        clusters: glue.clusters().filter(|members| members.len() > 1).map(<[BodyId]>::to_vec).collect(),
+        anchored: (0..world.bodies().len()).filter(|&id| world.bodies()[id].role == Role::Anchored).collect(),
+    }
+}
 
 /// Beyond this share of the bodies, the glued pile did not stand in the proof run.
 const MOST_MOVED: f64 = 0.01;

@@ -47,6 +47,7 @@ pub fn report(
     measures.extend(contacts::figures(&sim.pile.world, weighs));
     measures.extend(motion::figures(inputs, &sim.pile));
     measures.extend(motion::control(sim));
+    let glue = inputs.glued.map(|_| glue::told(sim));
     let begin = observer.cpu_seconds();
     let freed = match resolved.is_on(EffectName::FreeStanding) {
         true => Some(free_standing::run(&mut sim.pile, observer)?),
@@ -87,6 +88,7 @@ pub fn report(
         counts,
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds,
+        glue,
         warnings: told,
     })
 }

@@ -12,6 +12,8 @@ mod motion;
 mod shape;
 mod warnings;
 
+pub use glue::{Glue, GlueDot};
+
 use crate::input::observer::Stage;
 use crate::input::params::Params;
 use crate::prepare::effects::{Charge, Count};
@@ -45,6 +47,8 @@ pub struct Report {
     pub seconds: BTreeMap<Stage, f64>,
     /// What each effect did and cost.
     pub bill: Vec<Charge>,
+    /// What is glued; `None` where nothing may be.
+    pub glue: Option<Glue>,
     /// Sentences for a person: what was repaired, removed, left empty, not at rest.
     pub warnings: Vec<String>,
 }

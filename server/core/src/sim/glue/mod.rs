@@ -10,7 +10,7 @@ use super::policy::Policy;
 use crate::geometry::pose::Pose;
 use crate::world::{BodyId, Role, World};
 use cluster::{Group, Wrench};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
 
 /// A glued touch. Engine units.
@@ -105,13 +105,13 @@ impl Glue {
         self.groups.values().map(|group| &group.members[..])
     }
 
-    /// The cluster of each body by number, in the order of [`Glue::clusters`]. Shape `[body]`.
-    pub fn cluster_of(&self, bodies: usize) -> Vec<Option<usize>> {
-        let mut of = vec![None; bodies];
-        for (number, members) in self.clusters().enumerate() {
-            members.iter().for_each(|&id| of[id] = Some(number));
-        }
-        of
+    /// How a dot's first body has turned since it was glued, and where the dot is now.
+    pub fn place_of(&self, dot: &Dot, world: &World) -> (DQuat, DVec3) {
+        let home = self.homes.get(&dot.a).filter(|_| world.is_present(dot.a));
+        let Some(home) = home else { return (DQuat::IDENTITY, dot.point) };
+        let now = world.pose(dot.a);
+        let turn = now.rotation * home.rotation.inverse();
+        (turn, now.translation + turn * (dot.point - home.translation))
     }
 
     /// After a step: dots that carry too much break. Returns the bodies that may move now.
