@@ -205,7 +205,7 @@ pub fn release_pile(
     release::run(&mut sim, params, order, observer)?;
     clock.lap(Stage::Release, observer);
 
-    let held = hold::run(&mut sim, params, observer)?;
+    let held = hold::run(&mut sim, params, resolved.is_on(EffectName::Stand), observer)?;
     clock.lap(Stage::Hold, observer);
 
     let (bodies, frames) = prop_frames(&sim.pile);

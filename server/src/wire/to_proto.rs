@@ -292,6 +292,10 @@ fn control(control: &Control) -> proto::Control {
         kappa: Some(control.kappa),
         nails_per_body: Some(signed(control.nails_per_body)),
         until: control.until.map(proto::control::Until::UntilSeconds),
-        stand: Some(control.stand),
+        stand: match control.stand {
+            Switch::Auto => None,
+            Switch::On => Some(true),
+            Switch::Off => Some(false),
+        },
     }
 }

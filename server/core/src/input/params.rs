@@ -265,8 +265,8 @@ pub struct Control {
     pub nails_per_body: u32,
     /// When the control ends, s after frame 0; `None`: with the bake.
     pub until: Option<f64>,
-    /// The control ends gently: at `until`, or when the pile is at rest.
-    pub stand: bool,
+    /// The control ends gently: at `until`, or when the pile is at rest. Auto: where a control mesh is filled and nothing is glued.
+    pub stand: Switch,
     pub switches: ControlSwitches,
 }
 

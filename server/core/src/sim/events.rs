@@ -7,7 +7,7 @@ use super::policy::Policy;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::geometry::region::Region;
-use crate::input::params::Params;
+use crate::input::params::{Params, Switch};
 use crate::input::scene::{Emitter, Place, PlacedBody, Scene, StaticModel};
 use crate::world::{BodyId, MovingId};
 use glam::DVec3;
@@ -76,7 +76,7 @@ impl<'a> Events<'a> {
             pinned,
             emissions: scene.emitters.iter().enumerate().map(emission).collect(),
             moving: Vec::new(),
-            until: params.control.until.map(|time| (time, params.control.stand)),
+            until: params.control.until.map(|time| (time, params.control.stand == Switch::On)),
             time: 0.0,
             are_there: false,
         };

@@ -120,6 +120,14 @@ impl<'a> Pile<'a> {
         self.recorder.disturb();
     }
 
+    /// The pile rests, and is let go gently: it is to stand by itself, and only then is it done.
+    pub fn wean(&mut self) {
+        self.latest_event = self.step;
+        self.control.end(&mut self.world, &mut self.policy);
+        self.policy.set_quiet(None);
+        self.gentle_stop.begin(self.step);
+    }
+
     /// The control ends. Gently: everything is damped for a while.
     pub fn end_control(&mut self, gently: bool) {
         self.disturb();

@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage};
-use crate::input::params::Params;
+use crate::input::params::{Params, Switch};
 use crate::sim::pile::REST_SPEED;
 use crate::sim::step::Simulation;
 
@@ -35,7 +35,13 @@ pub struct Rest {
 
 /// Steps until rest, patience or the last frame ends it. A pile at rest is not simulated any further: its bodies are
 /// certified or asleep, and each further cycle would find the same.
-pub fn run(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer) -> Result<HoldOutcome, Error> {
+/// `stands`: once the pile rests, the control ends gently.
+pub fn run(
+    sim: &mut Simulation,
+    params: &Params,
+    stands: bool,
+    observer: &mut dyn Observer,
+) -> Result<HoldOutcome, Error> {
     let step = sim.pile.world.step_length();
     let patience = (params.hold.patience / step).ceil() as u64;
     let rest_steps = (REST_TIME / step).ceil() as u64;
@@ -43,11 +49,14 @@ pub fn run(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer) -
     let mut begin = sim.pile.step;
     let (mut calm, mut top_speed) = (0, 0.0f64);
     let mut rest = None;
-    let mut to_stand = params.control.stand && params.control.until.is_none() && sim.pile.control.is_on();
+    let mut to_stand = stands && params.control.until.is_none() && sim.pile.control.is_on();
     loop {
         let rests = calm >= rest_steps && sim.is_left_alone();
         if rests && to_stand {
-            sim.pile.end_control(true);
+            match params.control.stand {
+                Switch::On => sim.pile.end_control(true),
+                Switch::Auto | Switch::Off => sim.pile.wean(),
+            }
             (to_stand, calm, rest) = (false, 0, None);
         } else if rests && sim.pile.step - begin >= least_steps {
             break;

@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::geometry::region::DistanceGrid;
-use crate::input::params::Params;
+use crate::input::params::{Params, Switch};
 use crate::input::scene::Scene;
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::prepare::shape::Shape;
@@ -56,8 +56,24 @@ pub fn run<'a>(inputs: &Inputs<'a, '_>) -> Result<Simulation<'a>, Error> {
         }
         pile.control.place(id);
     }
+    if resolved.is_on(EffectName::Glue) && params.glue.anchor != Switch::Off {
+        set_down(&mut pile, bodies.len(), inputs);
+    }
     pile.world.zero_step();
     Simulation::new(pile, guard, depth, params)
+}
+
+/// A pile on a tip or a round foot may have room below it for no prop: it is set down on the ground.
+fn set_down(pile: &mut Pile, filled: usize, inputs: &Inputs) {
+    let gap = pile.world.lowest(0..filled) - inputs.ground / inputs.units.length;
+    if !(inputs.params.ground && inputs.scene.statics.is_empty() && gap > 0.0 && gap.is_finite()) {
+        return;
+    }
+    for id in 0..filled {
+        let pose = &mut pile.instances[id].pose;
+        pose.translation.y -= gap;
+        pile.world.put(id, pose);
+    }
 }
 
 /// The ground, and what stands still.

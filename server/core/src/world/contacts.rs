@@ -112,6 +112,12 @@ impl World {
         touches
     }
 
+    /// Height of the lowest point of these bodies' boxes; infinite where there are none.
+    pub fn lowest(&self, ids: std::ops::Range<BodyId>) -> f64 {
+        let bottom = |id: BodyId| f64::from(self.engine.colliders[self.bodies[id].collider].compute_aabb().mins.y);
+        ids.map(bottom).fold(f64::INFINITY, f64::min)
+    }
+
     /// Bodies with a gap of at most `tolerance` times their thickness to the ground or to scenery that stands still, in order.
     pub fn near_what_stands(&self, tolerance: f64) -> Vec<Touch> {
         let mut touches = Vec::new();

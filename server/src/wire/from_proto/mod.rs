@@ -222,7 +222,9 @@ fn control(control: &mut Control, given: &proto::Control, counts: &mut Counts) {
     set(&mut control.damping, given.damping);
     set(&mut control.kappa, given.kappa);
     set(&mut control.nails_per_body, given.nails_per_body.map(|n| counts.natural("control.nails_per_body", n)));
-    set(&mut control.stand, given.stand);
+    if let Some(stand) = given.stand {
+        control.stand = if stand { Switch::On } else { Switch::Off };
+    }
 }
 
 fn effects(params: &mut Params, given: &proto::Effects) {

@@ -61,7 +61,7 @@ impl Params {
                 kappa: 5.0,
                 nails_per_body: 1,
                 until: None,
-                stand: false,
+                stand: Switch::Auto,
                 switches: ControlSwitches::default(),
             },
             hold: Hold { patience: 120.0, least: 0.0 },
@@ -107,6 +107,7 @@ impl Params {
                 params.glue.mode = GlueMode::Natural;
                 params.control = Control {
                     mode: ControlMode::Nails,
+                    stand: Switch::Off,
                     period: 20,
                     friction_reserve: FrictionReserve::Paper,
                     friction_cone: FrictionCone::Pyramid,

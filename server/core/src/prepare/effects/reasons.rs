@@ -181,8 +181,10 @@ impl Reasons<'_> {
         match name {
             EffectName::Nails if freezes => "bodies are held, not nailed".into(),
             EffectName::Control | EffectName::Nails => holding.into(),
-            EffectName::Stand if self.resolved.is_on(name) => "the control ends gently".into(),
-            EffectName::Stand => "only on request: the control would end gently".into(),
+            EffectName::Stand if self.resolved.is_on(name) => {
+                "once the pile rests, the control ends gently: what is delivered stands by itself".into()
+            }
+            EffectName::Stand => "nothing is filled and held to the end, or it is held on purpose".into(),
             _ if mode == ControlMode::Off => "nothing is controlled".into(),
             EffectName::KeptVerdicts | EffectName::Impact if !freezes => "nothing is held".into(),
             EffectName::KeptVerdicts => "a verdict holds until something that it rests on changes".into(),

@@ -107,7 +107,8 @@ impl Case<'_> {
             EffectName::Region => (is_controlled || glues) && scene.target().is_some(),
             EffectName::Nails => is_controlled && params.control.mode == ControlMode::Nails,
             EffectName::Impact => freezes && scene.something_hits(),
-            EffectName::Stand => is_controlled && params.control.stand,
+            // What is to happen later needs the control until then.
+            EffectName::Stand => freezes && fill && params.control.until.is_none() && !scene.something_hits(),
             EffectName::FreeStanding => params.output.free_standing,
             EffectName::FreePour => params.output.free_pour,
         }
@@ -139,6 +140,8 @@ impl Case<'_> {
             EffectName::Region => control.region,
             EffectName::Breaking => control.breaking,
             EffectName::Impact => control.impact,
+            EffectName::Stand if params.control.mode == ControlMode::Off || self.glues() => Switch::Auto,
+            EffectName::Stand => params.control.stand,
             EffectName::Frames => params.output.keeps_frames,
             // These have parameters of their own, or follow from the scene alone.
             EffectName::Fill
@@ -155,7 +158,6 @@ impl Case<'_> {
             | EffectName::Control
             | EffectName::Analysis
             | EffectName::Nails
-            | EffectName::Stand
             | EffectName::FreeStanding
             | EffectName::FreePour => Switch::Auto,
         }

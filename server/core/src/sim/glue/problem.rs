@@ -10,7 +10,8 @@ use std::collections::BTreeSet;
 
 /// A dot carries moments as if by forces this far apart, as a share of the smaller body's radius.
 const ARM: f64 = 0.25;
-/// What is this near to the ground, in its thickness, may be glued to it without touching it: a peg.
+/// What is this near to the ground, in its thickness, may be glued to it without touching it: a peg. So may what touches nothing else be
+/// to what is near it.
 const PEG: f64 = 0.5;
 /// As for the control: a centre of mass this far outside the region, in d, still counts as inside.
 const REGION_TOLERANCE: f64 = 0.1;
@@ -48,7 +49,18 @@ impl Sites {
             let near = world.near_what_stands(PEG).into_iter();
             touches.extend(near.filter(|touch| !known.contains(&(touch.a, touch.b))));
         }
-        let joined = joined(world, &inside, &touches);
+        let mut joined = joined_by(world, &inside, &touches);
+        let is_apart = |joined: &[bool], id: BodyId| inside[id] && !joined[id];
+        if anchors && (0..inside.len()).any(|id| is_apart(&joined, id)) {
+            let known: BTreeSet<(BodyId, Side)> = touches.iter().map(|touch| (touch.a, touch.b)).collect();
+            let bridges = |touch: &Touch| match touch.b {
+                Side::Body(b) => is_apart(&joined, touch.a) || is_apart(&joined, b),
+                _ => false,
+            };
+            let near = world.touches(PEG).into_iter();
+            touches.extend(near.filter(|touch| bridges(touch) && !known.contains(&(touch.a, touch.b))));
+            joined = joined_by(world, &inside, &touches);
+        }
         let ids: Vec<BodyId> = (0..inside.len()).filter(|&id| joined[id]).collect();
         let body = |&id: &BodyId| {
             let b = &world.bodies()[id];
@@ -115,7 +127,7 @@ impl Sites {
 }
 
 /// Bodies that chains of touches join to what stands still. Shape `[body]`.
-fn joined(world: &World, inside: &[bool], touches: &[Touch]) -> Vec<bool> {
+fn joined_by(world: &World, inside: &[bool], touches: &[Touch]) -> Vec<bool> {
     let mut beside = vec![Vec::new(); inside.len()];
     let mut front = Vec::new();
     let is_pinned = |id: BodyId| world.is_present(id) && world.bodies()[id].role == Role::Pinned;
