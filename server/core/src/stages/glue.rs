@@ -121,6 +121,17 @@ pub fn run<'a>(
         proof_steps += freed.steps;
         proof_seconds += observer.cpu_seconds() - clock;
         (glued.moved, glued.freed) = (Some(freed.moved), freed.poses);
+        eprintln!(
+            "attempt {number} factor {factor:.2} all {anchors_all} dots {} its {} cone {} imb {:.1e} moved {:.3} way {:.3} steps {} glue so far {:.1}",
+            glued.dots.len(),
+            placement.iterations,
+            placement.by_cone_program,
+            placement.imbalance,
+            freed.moved,
+            freed.way,
+            freed.steps,
+            observer.cpu_seconds()
+        );
         let stands = freed.moved <= MOST_MOVED && freed.way <= LEANS;
         anchors_all |= anchors && freed.way > LEANS;
         if freed.way < least_way {

@@ -106,6 +106,7 @@ impl Sites {
         let ends = if self.ids[body] == touch.a { (touch.a, touch.b) } else { (self.ids[body], Side::Body(touch.a)) };
         let far = contacts.iter().map(|c| c.point.distance(center)).sum::<f64>() / count;
         self.patches.push(carries.then_some((touch.friction, far)));
+        contacts = few(contacts);
         if !carries {
             contacts.clear();
         }
@@ -124,6 +125,41 @@ impl Sites {
         self.between.push(ends);
         self.normals.push(normal);
     }
+}
+
+/// Points of a patch that are kept: those that reach farthest.
+const KEPT: usize = 4;
+/// Contacts whose normals differ by less than this are one patch, 1 - cosine.
+const ONE_PATCH: f64 = 1e-3;
+
+/// Of each patch, the points between which all the others are, or nearly: more of them bear nothing that those do not.
+fn few(contacts: Vec<GlobalContact>) -> Vec<GlobalContact> {
+    let mut patches: Vec<Vec<GlobalContact>> = Vec::new();
+    for contact in contacts {
+        let of_one = |patch: &&mut Vec<GlobalContact>| patch[0].normal.dot(contact.normal) > 1.0 - ONE_PATCH;
+        match patches.iter_mut().find(of_one) {
+            Some(patch) => patch.push(contact),
+            None => patches.push(vec![contact]),
+        }
+    }
+    let spread = |patch: Vec<GlobalContact>| {
+        if patch.len() <= KEPT {
+            return patch;
+        }
+        let middle = patch.iter().map(|c| c.point).sum::<DVec3>() / patch.len() as f64;
+        let farthest = |from: &[DVec3]| {
+            let far =
+                |c: &GlobalContact| from.iter().map(|p| p.distance_squared(c.point)).fold(f64::INFINITY, f64::min);
+            patch.iter().copied().reduce(|a, b| if far(&b) > far(&a) { b } else { a })
+        };
+        let mut kept: Vec<GlobalContact> = farthest(&[middle]).into_iter().collect();
+        while kept.len() < KEPT {
+            let points: Vec<DVec3> = kept.iter().map(|c| c.point).collect();
+            kept.extend(farthest(&points));
+        }
+        kept
+    };
+    patches.into_iter().flat_map(spread).collect()
 }
 
 /// Bodies that chains of touches join to what stands still. Shape `[body]`.
