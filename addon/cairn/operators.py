@@ -201,8 +201,8 @@ def finished(operator, context, collection):
     if bpy.app.background:
         # With a window, Blender does so before it draws.
         context.view_layer.update()
-        for warning in told.get("warnings", ()):
-            print(f"Cairn: {warning}", flush=True)
+        for sentence in filter(None, (running.glue_of(told), *told.get("warnings", ()))):
+            print(f"Cairn: {sentence}", flush=True)
     return {"FINISHED"}
 
 

@@ -5,7 +5,7 @@ from bpy.types import Panel, UIList
 
 from . import estimates, preferences, request, result, running
 from .operators import is_running
-from .properties import ACCURACIES
+from .properties import ACCURACIES, knows
 
 # Width of a sign of the interface's font, in pixels at scale 1, on average.
 SIGN = 6.2
@@ -68,6 +68,7 @@ class CAIRN_PT_pile(Pile, Panel):
         active = context.object
         if settings.control_mesh is None and active and active.type == "MESH":
             layout.operator("cairn.use_selected", text=f"Use “{active.name}”", icon="EYEDROPPER")
+        draw_kept_shape(layout, settings)
         draw_props(layout, context, settings)
         layout.separator()
         layout.prop(settings, "colliders")
@@ -99,6 +100,22 @@ class CAIRN_PT_pile(Pile, Panel):
         elif running.plan:
             for warning in running.plan["warnings"]:
                 draw_warning(layout, context, warning, {})
+
+
+def draw_kept_shape(layout, settings):
+    """How far the shape is kept: right below it."""
+    if not knows("Glue"):
+        return
+    column = layout.column()
+    column.use_property_split = False
+    # The first name is the longest.
+    row = column.split(factor=0.44, align=True)
+    row.prop_enum(settings, "kept_shape", "AS_MODELLED")
+    others = row.row(align=True)
+    for name in ("TACKY", "NATURAL"):
+        others.prop_enum(settings, "kept_shape", name)
+    if settings.kept_shape == "TACKY":
+        column.prop(settings, "glue_strength", slider=True)
 
 
 def draw_props(layout, context, settings):

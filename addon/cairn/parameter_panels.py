@@ -64,6 +64,15 @@ class CAIRN_PT_control(_Parameters, Panel):
     messages = ("Control",)
 
 
+class CAIRN_PT_glue(_Parameters, Panel):
+    bl_label = "Glue"
+    messages = ("Glue",)
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Glue")
+
+
 class CAIRN_PT_physics(_Parameters, Panel):
     bl_label = "Simulation"
     messages = ("Physics",)
@@ -142,6 +151,7 @@ CLASSES = [
     CAIRN_PT_fill,
     CAIRN_PT_release,
     CAIRN_PT_control,
+    CAIRN_PT_glue,
     CAIRN_PT_drop,
     CAIRN_PT_region,
     CAIRN_PT_keep,

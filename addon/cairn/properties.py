@@ -18,7 +18,7 @@ from bpy.types import PropertyGroup
 
 FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
 # What the add-on sets itself, from its own properties or from Blender's scene.
-OWN = {("Output", "fps"), ("Output", "frames"), ("Effects", "frames")}
+OWN = {("Output", "fps"), ("Output", "frames"), ("Effects", "frames"), ("Glue", "mode"), ("Glue", "strength")}
 # Names of groups in the settings, by message: those whose fields have values in the accuracy's preset.
 GROUPS = {
     "Physics": "physics",
@@ -26,6 +26,7 @@ GROUPS = {
     "Fill": "fill",
     "Release": "release",
     "Control": "control",
+    "Glue": "glue",
     "Hold": "hold",
     "Output": "output",
     "Effects": "effects",
@@ -185,6 +186,25 @@ ACCURACIES = sorted(
     _items(next(field for field in FIELDS["Scene"] if field["name"] == "accuracy")),
     key=lambda item: BY_COST.index(item[0]) if item[0] in BY_COST else len(BY_COST),
 )
+# How much may be glued. A .blend file keeps the numbers.
+KEPT_SHAPES = [
+    (
+        "AS_MODELLED",
+        "As Modelled",
+        "The pile keeps the shape: where friction cannot carry it, as few bodies as possible are glued. Nothing is "
+        "where the fill or the control is off, nor at the accuracy Paper",
+        "NONE",
+        0,
+    ),
+    (
+        "TACKY",
+        "Tacky",
+        "Bodies are glued where that needs no more than the strength below; what would need stronger glue falls",
+        "NONE",
+        1,
+    ),
+    ("NATURAL", "Natural", "Nothing is glued: what friction cannot carry falls", "NONE", 2),
+]
 OUTPUTS = [
     ("AUTO", "Automatic", "Animated objects up to 2000 bodies, instanced points beyond"),
     ("ANIMATION", "Animated Objects", "One object with keyframes for each body"),
@@ -202,6 +222,21 @@ class CairnSettings(PropertyGroup):
         "the control mesh",
         type=bpy.types.Object,
         poll=_is_solid,
+    )
+    kept_shape: EnumProperty(
+        name="Kept Shape", description="How far the pile keeps its shape", items=KEPT_SHAPES, default="AS_MODELLED"
+    )
+    glue_strength: FloatProperty(
+        name="Glue Strength",
+        description="The most that a dot of glue carries, in weights of a typical prop: at 5, five such props could "
+        "hang from it. With less glue more of the pile falls, with more of it the shape is kept better",
+        default=5.0,
+        min=0.0,
+        max=1e9,
+        soft_min=0.1,
+        soft_max=100.0,
+        precision=2,
+        step=10,
     )
     prop_source: EnumProperty(
         name="Props",

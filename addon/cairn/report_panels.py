@@ -80,6 +80,9 @@ class CAIRN_PT_report(Pile, Panel):
                 draw_figure(column, title, form.format(value))
         if "seconds" in told:
             draw_figure(column, "Time", running.duration(told["seconds"]))
+        glue = running.glue_of(told)
+        if glue:
+            wrapped(layout, context, glue)
         names = running.recipe_of(collection).get("names", {})
         for warning in told.get("warnings", ()):
             draw_warning(layout, context, warning, names)

@@ -177,6 +177,18 @@ def _set_parameters(v1, told, settings):
                 # As the artist typed it: Blender keeps single precision.
                 value = float(f"{value:.7g}")
             setattr(getattr(told, name), field["name"], value)
+    if knows("Glue"):
+        _set_glue(v1, told.glue, settings)
+
+
+def _set_glue(v1, glue, settings):
+    """As modelled is what the service does by itself, where there is something to glue."""
+    if settings.kept_shape == "NATURAL":
+        glue.mode = v1.GLUE_MODE_NATURAL
+    elif settings.kept_shape == "TACKY":
+        glue.mode = v1.GLUE_MODE_TACKY
+        # As the artist typed it.
+        glue.strength = float(f"{settings.glue_strength:.7g}")
 
 
 def to_dict(group):

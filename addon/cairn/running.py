@@ -195,6 +195,27 @@ def report_of(collection):
     return told if "measures" in told else _late.get(collection.cairn.bake_id, told)
 
 
+def glue_of(told):
+    """What a pile's report says of its glue, in words; empty if nothing was to be glued."""
+    share = told.get("measures", {}).get("glued_body_fraction")
+    counts = told.get("counts", {})
+    dots = counts.get("glue_dots", 0)
+    if share is None:
+        return ""
+    if not dots:
+        return "Nothing is glued."
+    sentences = ["1 dot of glue joins" if dots == 1 else f"{dots} dots of glue join"]
+    sentences[0] += f" {share:.0%} of the bodies."
+    anchors = round(told["measures"].get("anchored") or 0)
+    if anchors:
+        dots_hold = "1 dot holds" if anchors == 1 else f"{anchors} dots hold"
+        sentences.append(f"{dots_hold} on to the ground or to scenery.")
+    broken = counts.get("glue_dots_broken", 0)
+    if broken:
+        sentences.append(f"{broken} broke.")
+    return " ".join(sentences)
+
+
 def wait_for_report(made):
     """The pile of a bake is there, but for the report: that is added when it comes."""
     measuring.append(made)

@@ -23,6 +23,9 @@ STATES = [
     ("Held", (0.00, 0.45, 0.70)),
     ("Outside the region", (0.94, 0.89, 0.26)),
     ("Kept", (0.80, 0.47, 0.65)),
+    # A light and a dark green: not the palette's own, which is too near to grey for some.
+    ("Glued", (0.55, 0.85, 0.67)),
+    ("Anchored", (0.00, 0.35, 0.25)),
 ]
 COLORS = np.array([color for _, color in STATES])
 # As Blender keeps colours of objects: linear, in single precision.

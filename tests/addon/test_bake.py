@@ -164,7 +164,7 @@ def test_without_a_ground_there_is_something_to_fall_on(desk, addon):
     desk.settings.colliders = bpy.data.collections.new("Colliders")
     bpy.context.scene.collection.children.link(desk.settings.colliders)
     cuboid("Shelf", (0.5, 2.0, 0.2), desk.settings.colliders, location=(-0.2, 0, -0.1))
-    collection = desk.bake()
+    collection = desk.bake(kept_shape="NATURAL")
     told = json.loads(collection.cairn.report)
     assert any("fell past the scenery" in text for text in told["warnings"])
     assert 0 < (desk.motion.positions[-1, :, 1] < -1).sum() < len(desk.motion.props)

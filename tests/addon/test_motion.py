@@ -26,7 +26,7 @@ def made_up(addon, bodies=20, frames=12, seed=3):
     present = np.ones((frames, bodies), bool)
     Motion = addon("recording").Motion
     scales = random.uniform(0.5, 1.5, bodies).astype(np.float32)
-    states = np.sort(random.integers(1, 5, (frames, bodies)), axis=0).astype(np.uint8)
+    states = np.sort(random.integers(1, 9, (frames, bodies)), axis=0).astype(np.uint8)
     return Motion(np.zeros(bodies, np.int32), scales, positions, rotations, present, states)
 
 

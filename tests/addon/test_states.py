@@ -122,11 +122,13 @@ def test_a_bake_tells_of_states(desk, addon, show):
     v1 = addon("messages").v1
     desk.add_stick()
     show(True)
-    collection = desk.bake(start_frame=11)
+    collection = desk.bake(start_frame=11, kept_shape="NATURAL")
     states = addon("states")
     first = states.at(collection, 11)
     assert len(first) == len(collection.objects) and (first == v1.BODY_STATE_WAITING).all()
-    assert (states.at(collection, 10**6) == v1.BODY_STATE_HELD).mean() > 0.5
+    # The control may end before the bake does.
+    frames = range(11, 11 + len(desk.motion.positions))
+    assert max((states.at(collection, frame) == v1.BODY_STATE_HELD).mean() for frame in frames) > 0.5
     bpy.context.scene.frame_set(11)
     assert np.array_equal(colors_of(collection.objects), states.LINEAR[first])
     desk.settings.control.use_mode, desk.settings.control.mode = True, "OFF"
@@ -142,3 +144,5 @@ def test_the_numbers_are_those_of_the_schema(addon):
     for name, number in names.items():
         title = states.STATES[number][0].upper()
         assert name == "BODY_STATE_UNSPECIFIED" and title == "FREE" or title.startswith(name[11:])
+    # A newer server may have more.
+    assert states.known(np.array([0, 8, 9, 255], np.uint8)).tolist() == [0, 8, 0, 0]

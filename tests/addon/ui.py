@@ -18,7 +18,7 @@ import bpy
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
 # there; the button; and Cancel, which is shown above the rest while a bake runs.
 TAB = 1144, 192
-BAKE_BELOW_ACCURACIES = 1030, 416
+BAKE_BELOW_ACCURACIES = 1030, 438
 ACCURACY_HEIGHT = 21
 CANCEL = 1050, 219
 VIEW = 600, 500
