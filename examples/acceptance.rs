@@ -4,7 +4,7 @@
 //!     cargo run --release --example acceptance -- --seeds 5
 
 use cairn_core::input::observer::{Observer, Progress};
-use cairn_core::input::params::{Accuracy, ControlMode, Params};
+use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params, Switch};
 use cairn_core::input::scene::{Model, Prop, Scene};
 use cairn_core::report::Report;
 use cairn_core::stages::cache::NoCache;
@@ -49,7 +49,13 @@ fn main() -> Result<(), String> {
     println!("|{}", " --- |".repeat(COLUMNS.len() + 5));
     for shape in &args.shapes {
         let scene = scene(shape, &args.prop)?;
-        let params = |seed| Params { seed, ..Params::new(Accuracy::Standard) };
+        let natural = || {
+            let mut params = Params::new(Accuracy::Standard);
+            params.glue.mode = GlueMode::Natural;
+            params.control.stand = Switch::Off;
+            params
+        };
+        let params = |seed| Params { seed, ..natural() };
         let fill =
             |seed| cairn_core::fill_container(&scene, &params(seed), &mut NoCache, &mut Cpu).map_err(|e| e.to_string());
         let full = (1..=args.seeds).map(fill).collect::<Result<Vec<_>, _>>()?;

@@ -5,13 +5,15 @@ use crate::desk::{Desk, Done};
 use serde_json::Value;
 
 /// A small pile of boxes in which nothing bounces, rolls, flies or is split.
-const PILE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";
+const PILE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12 \
+                    --set glue=natural --set control.stand=false";
 
 /// A small pile in which all of it happens: balls roll and bounce, bananas are split, sticks are a hundred times as heavy as wood, and
 /// a thrown ball flies into what is held.
 const LIVELY: &str = r#"
 control_mesh = "mound.glb"
 accuracy = "draft"
+glue = "natural"
 [fill]
 count = 20
 [output]

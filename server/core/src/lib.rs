@@ -192,7 +192,8 @@ pub fn release_pile(
     let mut sim = full.turn_over_as(scene, params, &resolved)?;
     let glued = match resolved.is_on(EffectName::Glue) {
         true => {
-            let region = full.region();
+            // What was filled is inside.
+            let region = full.region.as_ref().filter(|_| resolved.is_on(EffectName::Region));
             let again = || full.turn_over_as(scene, params, &resolved);
             Some(glue::run(&mut sim, &again, region, params, &resolved, observer)?)
         }

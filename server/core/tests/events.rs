@@ -5,7 +5,7 @@ mod common;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Frame, Observer, Progress, Silent, State};
-use cairn_core::input::params::{Accuracy, ContactSelection, ControlMode, Params, ReleaseOrder, Switch};
+use cairn_core::input::params::{Accuracy, ContactSelection, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
 use cairn_core::input::scene::{Emitter, Key, Model, Place, PlacedBody, Prop, Scene, StaticModel};
 use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake};
@@ -236,6 +236,7 @@ fn the_control_ends_when_told() {
 #[test]
 fn a_stand_leaves_the_pile_to_itself() {
     let mut params = Params::new(Accuracy::Draft);
+    params.glue.mode = GlueMode::Natural;
     params.control.stand = Switch::On;
     let bake = baked(&scene(cone(0.7, 1.0), stick()), &params);
     assert!(figure(&bake, "shape_iou_after") > 0.8 * figure(&bake, "shape_iou"), "the shape kept by standing is told");

@@ -6,7 +6,7 @@ use cairn_core::bake;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Observer, Progress, Silent};
-use cairn_core::input::params::{Accuracy, ControlMode, FillMethod, Params};
+use cairn_core::input::params::{Accuracy, ControlMode, FillMethod, GlueMode, Params, Switch};
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::shape::hull_mesh;
 use cairn_core::stages::cache::NoCache;
@@ -16,7 +16,14 @@ use glam::DVec3;
 use std::ops::ControlFlow;
 
 fn params() -> Params {
-    Params::new(Accuracy::Draft)
+    natural(Params::new(Accuracy::Draft))
+}
+
+/// Held by the control to the end, and not glued.
+fn natural(mut params: Params) -> Params {
+    params.glue.mode = GlueMode::Natural;
+    params.control.stand = Switch::Off;
+    params
 }
 
 #[test]

@@ -4,7 +4,7 @@ use crate::rows::scenes::{ball, block, cone, cylinder, prop};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
+use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
 use cairn_core::input::scene::{Model, PlacedBody, Prop, Scene};
 use cairn_core::prepare::{check, shape};
 use cairn_core::world::{Insertion, Side, Touch, Units, World};
@@ -266,6 +266,9 @@ impl Recipe {
             Model { name: "control".into(), mesh }
         });
         let mut params = Params::new(Accuracy::Standard);
+        // It is the control that is tried, and the engine.
+        params.glue.mode = GlueMode::Natural;
+        params.control.stand = Switch::Off;
         params.seed = self.seed;
         params.ground_friction = self.friction;
         params.ground_height = self.control.is_none().then_some(0.0);

@@ -20,11 +20,13 @@ const MOVED: f64 = 0.25;
 /// The pile stands if no larger share of its bodies has moved.
 const MOST_MOVED: f64 = 0.01;
 /// It leans as a whole, on a foot that is too narrow, if its bodies have moved by more than this in the mean, d.
-const LEANS: f64 = 0.04;
+const LEANS: f64 = 0.03;
+/// It fails in places if no larger share has moved.
+const IN_PLACES: f64 = 0.2;
 /// It plainly does not stand if a larger share of its bodies has moved.
 const COLLAPSED: f64 = 0.4;
 /// The friction factor of each attempt, against the one that is asked for.
-const ATTEMPTS: [f64; 3] = [1.0, 0.7, 0.5];
+const ATTEMPTS: [f64; 5] = [1.0, 0.7, 0.5, 0.5, 0.5];
 /// The ground tilts by this much to four sides, degrees.
 const TILT: f64 = 5.0;
 /// Steps of the proof between two looks at what has moved.
@@ -69,7 +71,7 @@ pub fn run<'a>(
     observer: &mut dyn Observer,
 ) -> Result<Glued, Error> {
     let anchors = params.glue.anchor != Switch::Off;
-    let sites = Sites::new(&sim.pile.world, region.filter(|_| resolved.is_on(EffectName::Region)), anchors);
+    let mut sites = Sites::new(&sim.pile.world, region, anchors);
     let proves = resolved.is_on(EffectName::GlueProof);
     let least_limit = params.control.break_limit(params.gravity);
     let mut anchors_all = params.glue.anchor == Switch::On;
@@ -121,23 +123,15 @@ pub fn run<'a>(
         proof_steps += freed.steps;
         proof_seconds += observer.cpu_seconds() - clock;
         (glued.moved, glued.freed) = (Some(freed.moved), freed.poses);
-        eprintln!(
-            "attempt {number} factor {factor:.2} all {anchors_all} dots {} its {} cone {} imb {:.1e} moved {:.3} way {:.3} steps {} glue so far {:.1}",
-            glued.dots.len(),
-            placement.iterations,
-            placement.by_cone_program,
-            placement.imbalance,
-            freed.moved,
-            freed.way,
-            freed.steps,
-            observer.cpu_seconds()
-        );
+        // Where it fails in places, friction there counts less.
+        let changes = freed.moved <= IN_PLACES && sites.distrust(&freed.who) || *share > ATTEMPTS[ATTEMPTS.len() - 1];
         let stands = freed.moved <= MOST_MOVED && freed.way <= LEANS;
+        let changes = changes || anchors && freed.way > LEANS && !anchors_all;
         anchors_all |= anchors && freed.way > LEANS;
         if freed.way < least_way {
             (least_way, best) = (freed.way, Some(glued));
         }
-        if stands {
+        if stands || !changes {
             break;
         }
     }
@@ -213,6 +207,8 @@ fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit: f6
 struct LetGo {
     /// Share of the bodies that have moved.
     moved: f64,
+    /// Those that have, rising.
+    who: Vec<BodyId>,
     /// How far the bodies have moved in the mean, d.
     way: f64,
     /// Where the bodies are in the end; `None` where it was ended early.
@@ -242,23 +238,23 @@ fn let_go(
         world.step();
         if step % LOOK == 0 || step == steps {
             tell(step as f64 / steps as f64)?;
-            let (moved, way) = moved(world, &before);
+            let (who, moved, way) = moved(world, &before);
             if step == steps || moved > COLLAPSED && !to_the_end {
                 let poses = (step == steps).then(|| poses(world));
-                return Ok(LetGo { moved, way, poses, steps: step });
+                return Ok(LetGo { moved, who, way, poses, steps: step });
             }
         }
     }
-    Ok(LetGo { moved: 0.0, way: 0.0, poses: Some(before), steps: 0 })
+    Ok(LetGo { moved: 0.0, who: Vec::new(), way: 0.0, poses: Some(before), steps: 0 })
 }
 
-/// Share of the bodies that have moved, and how far all have in the mean, d. What flew away counts as 1 d.
-fn moved(world: &World, before: &[Pose]) -> (f64, f64) {
-    let ways: Vec<f64> =
-        world.present().map(|id| world.pose(id).translation.distance(before[id].translation)).collect();
-    let count = ways.len().max(1) as f64;
-    let moved = ways.iter().filter(|way| **way > MOVED).count() as f64;
-    (moved / count, ways.iter().map(|way| way.min(1.0)).sum::<f64>() / count)
+/// The bodies that have moved, their share, and how far all have in the mean, d. What flew away counts as 1 d.
+fn moved(world: &World, before: &[Pose]) -> (Vec<BodyId>, f64, f64) {
+    let way = |id: BodyId| world.pose(id).translation.distance(before[id].translation);
+    let who: Vec<BodyId> = world.present().filter(|&id| way(id) > MOVED).collect();
+    let count = world.present().count().max(1) as f64;
+    let share = who.len() as f64 / count;
+    (who, share, world.present().map(|id| way(id).min(1.0)).sum::<f64>() / count)
 }
 
 fn poses(world: &World) -> Vec<Pose> {

@@ -9,18 +9,18 @@ impl Control<'_> {
     pub fn states(&self, world: &World) -> Vec<State> {
         let held =
             self.support.as_ref().map_or_else(|| vec![false; world.bodies().len()], |support| support.held(world));
-        let judges = self.is_on();
         let candidates = self.candidates();
         let state = |(id, body): (usize, &WorldBody)| match body.role {
-            Role::Waiting if !judges => State::Free,
+            Role::Anchored => State::Anchored,
+            Role::Waiting | Role::Free if world.cluster_of(id).is_some() => State::Glued,
+            // Nobody judges.
+            _ if self.support.is_none() => State::Free,
             Role::Waiting => State::Waiting,
             Role::Pinned => State::Pinned,
-            Role::Anchored => State::Anchored,
             Role::Frozen => State::Held,
             Role::Gone => State::Free,
-            Role::Free if judges && held[id] => State::Held,
-            Role::Free if world.cluster_of(id).is_some() => State::Glued,
-            Role::Free if !judges => State::Free,
+            Role::Free if self.ended => State::Free,
+            Role::Free if held[id] => State::Held,
             Role::Free if candidates.get(id).is_some_and(|&candidates| candidates) => State::Candidate,
             Role::Free if !self.eligibility.is_inside(world, id) => State::Outside,
             Role::Free => State::Unstable,

@@ -13,6 +13,8 @@ const ARM: f64 = 0.25;
 /// What is this near to the ground, in its thickness, may be glued to it without touching it: a peg. So may what touches nothing else be
 /// to what is near it.
 const PEG: f64 = 0.5;
+/// Friction counts by this factor at bodies that it did not hold.
+const DISTRUST: f64 = 0.2;
 /// As for the control: a centre of mass this far outside the region, in d, still counts as inside.
 const REGION_TOLERANCE: f64 = 0.1;
 
@@ -28,6 +30,7 @@ pub struct Sites {
     pub normals: Vec<DVec3>,
     /// Friction of each touch, and how far its contact points are from their middle; `None`: a peg. Shape `[touch]`.
     pub patches: Vec<Option<(f64, f64)>>,
+    distrusted: BTreeSet<BodyId>,
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
     touches: Vec<GlueTouch>,
@@ -69,6 +72,7 @@ impl Sites {
         let mut sites = Sites {
             apart: (0..inside.len()).filter(|&id| inside[id] && !joined[id]).collect(),
             bodies: ids.iter().map(body).collect(),
+            distrusted: BTreeSet::new(),
             between: Vec::new(),
             normals: Vec::new(),
             patches: Vec::new(),
@@ -85,6 +89,19 @@ impl Sites {
             }
         }
         sites
+    }
+
+    /// Friction at these bodies counts less: they moved though it should have held them. Returns whether any of them is new.
+    pub fn distrust(&mut self, moved: &[BodyId]) -> bool {
+        let before = self.distrusted.len();
+        let new: Vec<BodyId> = moved.iter().copied().filter(|&id| self.distrusted.insert(id)).collect();
+        let slips = |index: usize| new.binary_search(&self.ids[index]).is_ok();
+        for contact in &mut self.contacts {
+            if slips(contact.body) || contact.other.is_some_and(slips) {
+                contact.friction *= DISTRUST;
+            }
+        }
+        self.distrusted.len() > before
     }
 
     pub fn problem(&self, gravity: DVec3) -> GlueProblem<'_> {
