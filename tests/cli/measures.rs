@@ -53,7 +53,7 @@ start_seconds = 0.5
 "#,
     );
     let pile = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12 --set output.free_standing=true \
-                --set output.free_pour=true";
+                --set output.free_pour=true --set glue.proof=on";
     [pile, "stack.toml"].map(|args| {
         desk.line(&format!("bake {args} -o pile.json --report report.json --quiet")).ok();
         serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap()
@@ -78,7 +78,7 @@ fn the_page_of_measures_is_the_report() {
     for source in pile["error_sources"].as_object().unwrap().keys() {
         assert!(page.contains(&format!("`{source}`")), "{source}");
     }
-    for part in ["measures", "counts", "error_sources", "limited_by", "seconds", "bill", "warnings"] {
+    for part in ["measures", "counts", "glue", "error_sources", "limited_by", "seconds", "bill", "warnings"] {
         assert!(pile.get(part).is_some() && page.contains(&format!("`{part}`")), "{part}");
     }
 }

@@ -3,5 +3,6 @@
 mod collection;
 mod export;
 mod files;
+mod glue;
 mod reader;
 mod render;

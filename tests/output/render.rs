@@ -1,13 +1,17 @@
 //! Pictures of results.
 
 use crate::files::{bake_of, kit, kit_json, no_files, textured_cube, tumbling};
+use crate::glue::dot;
 use cairn::model::export::{ExportScene, Format, SourceModel, encode};
 use cairn::model::render::{Model, Moment, RenderError, Settings, render};
 use cairn_core::geometry::pose::Pose;
+use cairn_core::report::Glue;
+use glam::{DQuat, DVec3};
 use image::RgbImage;
 use serde_json::{Value, json};
 
-const SMALL: Settings = Settings { moment: Moment::End, size: [64, 48], azimuth: 20.0, elevation: 15.0, samples: 4 };
+const SMALL: Settings =
+    Settings { moment: Moment::End, size: [64, 48], azimuth: 20.0, elevation: 15.0, samples: 4, glue: false };
 
 fn picture(bytes: &[u8], settings: Settings) -> Result<RgbImage, RenderError> {
     render(&Model { name: "file.glb", bytes, resolve: &no_files }, None, &settings)
@@ -141,5 +145,74 @@ fn size_and_place_of_the_world_do_not_matter() {
         let differences =
             near.pixels().zip(far.pixels()).filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 24));
         assert!(differences.count() < 10, "scale {scale}, offset {offset}");
+    }
+}
+
+/// Two of three cubes side by side, glued to each other.
+fn glued(moves: f64) -> Vec<u8> {
+    let cube = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cube.glb")).unwrap();
+    let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files };
+    let at = |x: f64| Pose { translation: DVec3::X * x, rotation: DQuat::IDENTITY };
+    let frames = [moves, 0.0].map(|by| [-4.0, 0.0, 4.0].map(|x| at(x + by)).to_vec()).to_vec();
+    let mut bake = bake_of(&[(0, 1.0); 3], frames);
+    bake.report.glue = Some(Glue {
+        dots: vec![dot(0, Some(1), [-2.0, 0.0, 0.0], 1.0, false)],
+        clusters: vec![vec![0, 1]],
+        anchored: vec![],
+    });
+    encode(Format::Glb, &bake, &ExportScene { props: vec![prop], scenery: vec![] }).unwrap()
+}
+
+const SHOWN: Settings = Settings { glue: true, size: [480, 180], azimuth: 0.0, elevation: 5.0, ..SMALL };
+
+#[test]
+fn dots_are_shown() {
+    // The only dot carries most: it is bright red, in a picture in which what is glued is grey and what is not is pale.
+    let red = |picture: &RgbImage| -> Vec<(u32, u32)> {
+        let is_red = |p: &image::Rgb<u8>| p.0[0] > 150 && p.0[0] / 2 > p.0[1].max(p.0[2]);
+        picture.enumerate_pixels().filter(|(_, _, p)| is_red(p)).map(|(x, y, _)| (x, y)).collect()
+    };
+    let file = glued(0.0);
+    let shown = picture(&file, SHOWN).unwrap();
+    let seen = red(&shown);
+    assert!((8..100).contains(&seen.len()), "{seen:?}");
+    let middle = seen.iter().map(|at| at.0).sum::<u32>() / seen.len() as u32;
+    assert!((105..225).contains(&middle), "between the first and the second of three: {middle}");
+
+    // It goes with its bodies.
+    let moved = picture(&glued(-2.0), Settings { moment: Moment::Frame(0), ..SHOWN }).unwrap();
+    let differences =
+        shown.pixels().zip(moved.pixels()).filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 24));
+    assert!(differences.count() < 200);
+}
+
+#[test]
+fn a_pile_without_glue_is_refused() {
+    let cube = textured_cube();
+    let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files };
+    let scene = ExportScene { props: vec![prop], scenery: vec![] };
+    let plain = encode(Format::Glb, &bake_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
+    for bytes in [&plain, &kit()] {
+        let refused = picture(bytes, SHOWN).unwrap_err().to_string();
+        assert!(refused.contains("tells of no glue") && refused.contains("--set glue=as_modelled"), "{refused}");
+    }
+    let good = json!({ "bodies": [0, null], "point": [0, 0, 0], "force": [0, 0, 0], "moment": [0, 0, 0] });
+    let file = |dots: Value| {
+        let mut json = kit_json();
+        json["nodes"][0]["name"] = json!("pile");
+        json["nodes"][0]["extras"] = json!({ "cairn": { "glue": { "dots": dots, "clusters": [], "anchored": [0] } } });
+        json.to_string().into_bytes()
+    };
+    picture(&file(json!([good])), SHOWN).unwrap();
+    for (key, value) in
+        [("bodies", json!([99, null])), ("bodies", json!(3)), ("point", json!([1])), ("force", json!(null))]
+    {
+        let mut dot = good.clone();
+        dot[key] = value;
+        let refused = picture(&file(json!([dot])), SHOWN).unwrap_err().to_string();
+        assert!(refused.contains("cannot be read"), "{refused}");
+    }
+    for dots in [json!(null), json!({}), json!([1])] {
+        assert!(picture(&file(dots), SHOWN).is_err());
     }
 }

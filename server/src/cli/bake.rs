@@ -85,7 +85,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
             tell("warning", AnsiColor::Yellow, warning);
         }
-        let recalled = |name: &str| bake.report.counts.get(name).is_some_and(|&steps| steps > 0);
+        let counted = |name: &str| bake.report.counts.get(name).copied().unwrap_or(0);
+        let recalled = |name: &str| counted(name) > 0;
         if recalled("steps_recalled") {
             tell(
                 "note",
@@ -96,7 +97,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             tell("note", AnsiColor::Cyan, "the fill is that of an earlier bake (--no-cache fills anew)");
         }
         let measure = |name: &str| bake.report.measures.get(name).copied().flatten();
-        for line in summary::lines(bake.report.bodies, bake.frames.len(), measure, seconds, &args.output) {
+        let (bodies, frames) = (bake.report.bodies, bake.frames.len());
+        for line in summary::lines(bodies, frames, measure, counted, seconds, &args.output) {
             anstream::eprintln!("{line}");
         }
     }

@@ -249,9 +249,10 @@ impl<'a> Told<'a> {
         }
         let count = |count: i32| usize::try_from(count).unwrap_or(0);
         let measure = |name: &str| summary.measures.get(name).copied();
+        let counted = |name: &str| summary.counts.get(name).map_or(0, |&count| u64::try_from(count).unwrap_or(0));
         let (bodies, frames) = (count(summary.body_count), count(summary.frame_count));
         let name = output.unwrap_or(Path::new("the pile"));
-        for line in summary::lines(bodies, frames, measure, self.began.elapsed().as_secs_f64(), name) {
+        for line in summary::lines(bodies, frames, measure, counted, self.began.elapsed().as_secs_f64(), name) {
             anstream::eprintln!("{line}");
         }
         Ok(())

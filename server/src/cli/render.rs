@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 Examples:
   cairn render pile.glb -o pile.png
   cairn render pile.glb -o start.png --frame 0 --control dome.glb
+  cairn render pile.glb -o glue.png --glue
   cairn render pile.glb -o poster.png --size 3840x2160 --samples 128 --azimuth 60
 
 Needs no graphics card, and gives the same picture for any number of threads.")]
@@ -59,6 +60,11 @@ pub struct Args {
     /// Also show this mesh, such as the control mesh, as if made of frosted glass
     #[arg(long, value_name = "MESH")]
     control: Option<PathBuf>,
+
+    /// Also show the dots of glue, through the bodies: the redder, the more they carry, black where they broke. Bodies on the ground's
+    /// glue are blue, those without glue pale
+    #[arg(long)]
+    glue: bool,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -77,6 +83,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         azimuth: args.azimuth,
         elevation: args.elevation,
         samples: args.samples,
+        glue: args.glue,
     };
     let read = |path: &PathBuf| File::read(path.as_path()).map_err(|problem| Failure::Input(vec![problem]));
     let pile = read(&args.pile)?;

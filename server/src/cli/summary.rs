@@ -3,11 +3,12 @@
 use cairn_core::sim::pile::REST_SPEED;
 use std::path::Path;
 
-/// What an artist wants to know, one entry per line. `measure` gives the report's figures by name.
+/// What an artist wants to know, one entry per line. `measure` and `counted` give the report's figures and counts by name.
 pub fn lines(
     bodies: usize,
     frames: usize,
     measure: impl Fn(&str) -> Option<f64>,
+    counted: impl Fn(&str) -> u64,
     seconds: f64,
     output: &Path,
 ) -> Vec<String> {
@@ -24,10 +25,74 @@ pub fn lines(
             percent(kept)
         ));
     }
+    lines.extend(glue(&measure, counted));
     if let (Some(speed), Some(relative)) = (measure("resting_speed_max"), measure("resting_speed_max_rel")) {
         let state = if relative < REST_SPEED { "all at rest" } else { "not at rest" };
         lines.push(format!("{state}: in the last second no point was faster than {:.1} mm/s", speed * 1000.0));
     }
     lines.push(format!("{} in {seconds:.1} s", output.display()));
     lines
+}
+
+/// How much is glued, where anything may be.
+fn glue(measure: impl Fn(&str) -> Option<f64>, counted: impl Fn(&str) -> u64) -> Option<String> {
+    let whole = |value: f64| grouped(value as u64);
+    let touches = whole(measure("touches")?);
+    let mut line = match counted("glue_dots") {
+        0 => format!("glued: none of {touches} touches"),
+        dots => {
+            let (clusters, anchored) = (counted("glue_clusters"), measure("anchored").unwrap_or(0.0));
+            let clusters = match clusters {
+                0 => String::new(),
+                1 => " in 1 cluster".into(),
+                many => format!(" in {} clusters", grouped(many)),
+            };
+            let ground = if anchored > 0.0 { format!(", {} to the ground", whole(anchored)) } else { String::new() };
+            format!("glued: {} of {touches} touches{clusters}{ground}", grouped(dots))
+        }
+    };
+    if let Some(moved) = measure("moved_freed") {
+        // A single body that moved is not nothing.
+        let share = if moved > 0.0 && moved < 0.005 { "less than 1".into() } else { format!("{:.0}", moved * 100.0) };
+        line += &format!("; let go, {share} % of the bodies moved");
+    }
+    if let broken @ 1.. = counted("glue_dots_broken") {
+        line += &format!("; {} broke", grouped(broken));
+    }
+    Some(line)
+}
+
+/// 1,050.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn glue_is_told_where_there_may_be_some() {
+        let line = |figures: &[(&str, f64)], counts: &[(&str, u64)]| {
+            let measure = |name: &str| figures.iter().find(|(n, _)| *n == name).map(|(_, value)| *value);
+            glue(measure, |name| counts.iter().find(|(n, _)| *n == name).map_or(0, |(_, count)| *count))
+        };
+        assert_eq!(line(&[], &[]), None);
+        let figures = [("touches", 1050.0), ("anchored", 2.0), ("moved_freed", 0.0)];
+        let told = line(&figures, &[("glue_dots", 29), ("glue_clusters", 23)]).unwrap();
+        assert_eq!(told, "glued: 29 of 1,050 touches in 23 clusters, 2 to the ground; let go, 0 % of the bodies moved");
+        let told = line(&[("touches", 12.0), ("moved_freed", 0.004)], &[]).unwrap();
+        assert_eq!(told, "glued: none of 12 touches; let go, less than 1 % of the bodies moved");
+        let counts = [("glue_dots", 1000), ("glue_clusters", 1), ("glue_dots_broken", 3)];
+        let told = line(&[("touches", 1_234_567.0)], &counts).unwrap();
+        assert_eq!(told, "glued: 1,000 of 1,234,567 touches in 1 cluster; 3 broke");
+    }
 }

@@ -6,13 +6,20 @@
 //! mesh data: the body's node carries the mesh itself where the prop is one mesh in its own frame, else the prop's
 //! nodes stand below it. The `pile` node's extras tell `fps` and `frames`.
 //!
+//! Where bodies may be glued, the `pile` node's extras have `cairn.glue` for those who simulate the pile further; poses are those of
+//! the last frame, in metres, newtons and newton metres. `dots`, each with `bodies` (its indices among the children of `pile`; the second
+//! is `null` for the ground or scenery), `point`, `normal` (into the first body), `force` and `moment` (on the first body, about the point:
+//! what the dot carried where it was placed) and `broken`. `clusters`: bodies that move as one. `anchored`: bodies that dots join to the
+//! ground or to scenery. A body of these has the extras `cairn`: `cluster`, the number of its cluster or `null`, and `anchored`. A prop's own
+//! extras stay.
+//!
 //! A body that appears later has scale 0 until then, by keys that do not blend: glTF's own way to hide a node, which every
 //! player and importer follows. Moving scenery is moved by the same animation.
 
 use super::copy::{Output, Source};
 use super::hierarchy::{Branch, Frame, INSTANCING, branch};
 use super::tracks::{self, Track};
-use super::{ExportError, ExportScene, SourceModel};
+use super::{ExportError, ExportScene, SourceModel, glue};
 use crate::model::decompress;
 use crate::model::document::DocumentError;
 use cairn_core::geometry::pose::Pose;
@@ -35,6 +42,9 @@ pub fn encode(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportError> 
         tops.push(scenery);
     }
     let mut node = json!({ "name": "pile", "extras": { "fps": bake.fps, "frames": bake.frames.len() } });
+    if let Some(glue) = &bake.report.glue {
+        node["extras"][glue::KEY] = json!({ "glue": glue::whole(glue) });
+    }
     if !bodies.is_empty() {
         node["children"] = json!(bodies);
     }
@@ -57,6 +67,7 @@ impl<'a> File<'a> {
     /// Fills the bodies' nodes and gives their indices.
     fn bodies(&mut self, bake: &Bake, scene: &'a ExportScene, pile: usize) -> Result<Vec<usize>, ExportError> {
         let names = super::body_names(bake, scene);
+        let mut glued = glue::of_bodies(bake.report.glue.as_ref(), bake.bodies.len());
         let mut props: BTreeMap<usize, (usize, Branch)> = BTreeMap::new();
         for (i, body) in bake.bodies.iter().enumerate() {
             let model = &scene.props[body.prop];
@@ -85,6 +96,9 @@ impl<'a> File<'a> {
             }
             let scale = [if body.first_frame > 0 { 0.0 } else { body.scale as f32 }; 3];
             node.insert("scale".into(), json!(scale));
+            if let Some(told) = glued[i].take() {
+                glue::add_to(&mut node, told);
+            }
             self.nodes.insert(at, Value::Object(node));
         }
         Ok((0..bake.bodies.len()).map(|i| pile + 1 + i).collect())

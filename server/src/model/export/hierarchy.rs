@@ -1,5 +1,6 @@
 //! The part of a source file's node tree that is copied: the nodes that carry a mesh, and what stands above them.
 
+use super::glue;
 use crate::model::document::{Document, DocumentError, Part, reference, references};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -136,6 +137,13 @@ fn kept(source: &Map<String, Value>) -> Map<String, Value> {
         if let Some(value) = source.get(key) {
             json.insert(key.into(), value.clone());
         }
+    }
+    // What an earlier bake told of its own bodies is not true of this one's.
+    if let Some(Value::Object(extras)) = json.get_mut("extras")
+        && extras.remove(glue::KEY).is_some()
+        && extras.is_empty()
+    {
+        json.remove("extras");
     }
     let extensions = source.get("extensions").and_then(Value::as_object);
     if let Some(instancing) = extensions.and_then(|e| e.get(INSTANCING)) {

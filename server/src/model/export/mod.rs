@@ -4,6 +4,7 @@
 
 mod copy;
 mod glb;
+mod glue;
 mod hierarchy;
 mod images;
 mod table;

@@ -9,9 +9,10 @@
 //!
 //! `.json`: one object. `generator`; `fps` (1/s); `props` (names); `bodies`: per body `name` (that of its node in the
 //! `.glb`), `prop` (index into `props`), `scale`; `pose`: the names of the seven columns with their units; `frames`:
-//! shape `[frame][body][7]`, `null` where a body is not there yet; the `.csv` has no row for it then.
+//! shape `[frame][body][7]`, `null` where a body is not there yet; the `.csv` has no row for it then. Where bodies may be glued,
+//! `glue`: that of the `.glb`'s node `pile`.
 
-use super::{ExportError, ExportScene, body_names};
+use super::{ExportError, ExportScene, body_names, glue};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::Bake;
 use serde::Serialize;
@@ -26,6 +27,8 @@ struct Table<'a> {
     bodies: Vec<BodyEntry>,
     pose: [&'static str; 7],
     frames: Vec<Vec<Option<[f64; 7]>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    glue: Option<serde_json::Value>,
 }
 
 #[derive(Serialize)]
@@ -47,6 +50,7 @@ pub fn encode_json(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportEr
             .collect(),
         pose: POSE_COLUMNS,
         frames: bake.frames.iter().enumerate().map(|(frame, poses)| row(bake, frame, poses)).collect(),
+        glue: bake.report.glue.as_ref().map(glue::whole),
     };
     Ok(serde_json::to_vec(&table).map_err(std::io::Error::from)?)
 }

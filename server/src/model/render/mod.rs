@@ -2,6 +2,7 @@
 
 mod animation;
 mod camera;
+mod glue;
 mod library;
 mod local;
 mod nodes;
@@ -13,6 +14,7 @@ use crate::model::decompress;
 use crate::model::document::{DocumentError, Resolver};
 use camera::Camera;
 use glam::{DAffine3, DQuat, DVec3};
+use glue::Glue;
 use image::RgbImage;
 use library::Library;
 use nodes::Placed;
@@ -31,11 +33,14 @@ pub struct Settings {
     pub elevation: f64,
     /// Rays per picture element, at least 1. Noise falls with the square root.
     pub samples: u32,
+    /// Show the dots of glue. Needs a pile that was baked with glue.
+    pub glue: bool,
 }
 
 impl Default for Settings {
     fn default() -> Settings {
-        Settings { moment: Moment::End, size: [1200, 900], azimuth: 30.0, elevation: 16.0, samples: 16 }
+        let (azimuth, elevation) = (30.0, 16.0);
+        Settings { moment: Moment::End, size: [1200, 900], azimuth, elevation, samples: 16, glue: false }
     }
 }
 
@@ -83,6 +88,10 @@ pub enum Problem {
     NoFrame(u64, u64),
     #[error("does not tell its frame rate; choose the moment in seconds")]
     NoFrameRate,
+    #[error("tells of no glue; bake it to a .glb with glue (--set glue=as_modelled, or tacky), or leave out --glue")]
+    NoGlue,
+    #[error("tells of its glue in a way that cannot be read; bake it again, or leave out --glue")]
+    BrokenGlue,
 }
 
 /// Renders `model`; the camera is fitted to its node `pile`, or to everything where there is none. `control` is shown
@@ -94,8 +103,8 @@ pub fn render(model: &Model, control: Option<&Model>, settings: &Settings) -> Re
     if !(settings.azimuth.is_finite() && settings.elevation.is_finite()) {
         return Err(RenderError::Settings("the camera's angles must be numbers"));
     }
-    let loaded = Loaded::read(model, settings.moment).map_err(|problem| problem.of(model))?;
-    let ghost = control.map(|c| Loaded::read(c, Moment::Seconds(0.0)).map_err(|p| p.of(c))).transpose()?;
+    let loaded = Loaded::read(model, settings.moment, settings.glue).map_err(|problem| problem.of(model))?;
+    let ghost = control.map(|c| Loaded::read(c, Moment::Seconds(0.0), false).map_err(|p| p.of(c))).transpose()?;
 
     let pile: Vec<DVec3> = loaded.points(&loaded.placed, loaded.placed.iter().any(|p| p.in_pile));
     let mut subject = pile.clone();
@@ -115,7 +124,9 @@ pub fn render(model: &Model, control: Option<&Model>, settings: &Settings) -> Re
     if stage.is_empty() {
         return Err(Problem::Empty.of(model));
     }
+    let bodies = || loaded.placed.iter().map(|p| p.body);
     let shot = Shot {
+        glue: loaded.glue.as_ref().map(|glue| glue.shown(to_stage, loaded.usual_radius(), bodies())),
         stage,
         library: &loaded.library,
         ghost: ghost.as_ref().map(|ghost| Stage::new(&ghost.library, &ghost.placed, to_stage)),
@@ -139,10 +150,12 @@ struct Loaded {
     /// When the animation is over.
     at_end: Vec<Placed>,
     library: Library,
+    /// If it is wanted.
+    glue: Option<Glue>,
 }
 
 impl Loaded {
-    fn read(model: &Model, moment: Moment) -> Result<Loaded, Problem> {
+    fn read(model: &Model, moment: Moment, with_glue: bool) -> Result<Loaded, Problem> {
         let document = decompress::open(model.bytes, model.resolve)?;
         let end = animation::duration(&document)?;
         let seconds = match moment {
@@ -159,12 +172,24 @@ impl Loaded {
         let placed = nodes::placed(&document, seconds)?;
         let at_end = nodes::placed(&document, end)?;
         let library = Library::read(&document, &placed, model.resolve)?;
-        let loaded = Loaded { placed, at_end, library };
+        let glue = with_glue.then(|| Glue::read(&document, seconds, end)).transpose()?;
+        let loaded = Loaded { placed, at_end, library, glue };
         let points = loaded.points(&loaded.placed, false);
         if points.is_empty() || points.iter().any(|p| !p.is_finite()) {
             return Err(Problem::Empty);
         }
         Ok(loaded)
+    }
+
+    /// The median radius of what the pile is made of.
+    fn usual_radius(&self) -> f64 {
+        let radius = |p: &Placed| {
+            let mesh = self.library.meshes.get(&p.mesh)?;
+            Some((p.world * mesh.from_cube).transform_vector3(mesh.bounds[1]).length())
+        };
+        let mut radii: Vec<f64> = self.placed.iter().filter(|p| p.in_pile).filter_map(radius).collect();
+        radii.sort_by(f64::total_cmp);
+        radii.get(radii.len() / 2).copied().unwrap_or(0.0)
     }
 
     /// The outlines of every instance, in the world.

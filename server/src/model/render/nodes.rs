@@ -8,6 +8,7 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde_json::{Map, Value};
 
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+const PILE: &str = "pile";
 
 /// A mesh somewhere in the world.
 pub struct Placed {
@@ -15,6 +16,8 @@ pub struct Placed {
     pub world: DAffine3,
     /// Below the node `pile`.
     pub in_pile: bool,
+    /// Which child of that node.
+    pub body: Option<usize>,
 }
 
 /// Every mesh of the default scene, `seconds` into the first animation.
@@ -22,22 +25,25 @@ pub fn placed(document: &Document, seconds: f64) -> Result<Vec<Placed>, Document
     let locals = locals(document, seconds)?;
     let mut seen = vec![false; locals.len()];
     let mut placed = Vec::new();
-    let mut open: Vec<(usize, DAffine3, bool)> =
-        document.roots().into_iter().rev().map(|r| (r, DAffine3::IDENTITY, false)).collect();
-    while let Some((index, above, in_pile)) = open.pop() {
+    let pile = pile(document).map(|(index, _)| index);
+    let mut open: Vec<(usize, DAffine3, bool, Option<usize>)> =
+        document.roots().into_iter().rev().map(|r| (r, DAffine3::IDENTITY, false, None)).collect();
+    while let Some((index, above, in_pile, body)) = open.pop() {
         let node = document.get("nodes", index)?;
         if std::mem::replace(&mut seen[index], true) {
             continue;
         }
         let world = above * locals[index];
-        let in_pile = in_pile || node.get("name").and_then(Value::as_str) == Some("pile");
+        let in_pile = in_pile || node.get("name").and_then(Value::as_str) == Some(PILE);
         if let Some(mesh) = reference(node, "mesh") {
             let copies = instances(document, node)?.into_iter().map(|copy| world * copy);
             // A scale of 0 hides a node.
             let seen = copies.filter(|world| world.matrix3.determinant() != 0.0);
-            placed.extend(seen.map(|world| Placed { mesh, world, in_pile }));
+            placed.extend(seen.map(|world| Placed { mesh, world, in_pile, body }));
         }
-        open.extend(references(node, "children").into_iter().rev().map(|c| (c, world, in_pile)));
+        let children = references(node, "children").into_iter().enumerate().rev();
+        let body_of = |k: usize| body.or((pile == Some(index)).then_some(k));
+        open.extend(children.map(|(k, c)| (c, world, in_pile, body_of(k))));
     }
     Ok(placed)
 }
@@ -63,10 +69,23 @@ fn instances(document: &Document, node: &Map<String, Value>) -> Result<Vec<DAffi
 
 /// Frames per second and number of frames, where the file's node `pile` tells them.
 pub fn frame_clock(document: &Document) -> Option<(f64, u64)> {
-    let named = |node: &&Value| node.get("name").and_then(Value::as_str) == Some("pile");
-    let extras = document.array("nodes").iter().find(named)?.get("extras")?;
+    let extras = pile(document)?.1.get("extras")?;
     let fps = extras.get("fps")?.as_f64().filter(|fps| *fps > 0.0)?;
     Some((fps, extras.get("frames")?.as_u64()?))
+}
+
+/// The node that holds the bodies, and its index.
+pub fn pile(document: &Document) -> Option<(usize, &Map<String, Value>)> {
+    let nodes = document.array("nodes").iter().filter_map(Value::as_object).enumerate();
+    nodes.into_iter().find(|(_, node)| node.get("name").and_then(Value::as_str) == Some(PILE))
+}
+
+/// Where the bodies' nodes stand, `seconds` into the first animation.
+pub fn bodies(document: &Document, seconds: f64) -> Result<Vec<DAffine3>, DocumentError> {
+    let Some((index, pile)) = pile(document) else { return Ok(Vec::new()) };
+    let locals = locals(document, seconds)?;
+    let world = |body: usize| locals.get(body).map(|local| locals[index] * *local);
+    Ok(references(pile, "children").into_iter().filter_map(world).collect())
 }
 
 fn locals(document: &Document, seconds: f64) -> Result<Vec<DAffine3>, DocumentError> {

@@ -4,6 +4,7 @@
 //! which elements are worked out, so any number of threads gives the same picture.
 
 use super::camera::Camera;
+use super::glue::{self, Ball};
 use super::library::Library;
 use super::stage::{Hit, Stage};
 use glam::{Vec2, Vec3, vec3};
@@ -33,6 +34,8 @@ pub struct Shot<'a> {
     pub library: &'a Library,
     /// Shown as if made of frosted glass.
     pub ghost: Option<Stage<'a>>,
+    /// Shown through everything.
+    pub glue: Option<glue::Shown>,
     /// Height of the ground, stage space.
     pub ground: f32,
     pub camera: Camera,
@@ -66,11 +69,12 @@ impl Shot<'_> {
         let mut sum = Vec3::ZERO;
         let mut taken = 0;
         let mut only_paper = true;
+        let balls = self.balls(x as f32, y as f32, [width, height]);
         while taken < self.samples {
             let [dx, dy, s0, s1, a0, a1] = sequence.next();
             let (u, v) = (2.0 * (x as f32 + dx) / width - 1.0, 1.0 - 2.0 * (y as f32 + dy) / height);
             let random = [Vec2::new(s0, s1), Vec2::new(a0, a1)];
-            let (color, is_paper) = self.radiance(self.camera.ray(u, v), Vec2::new(u, v), sun, random);
+            let (color, is_paper) = self.radiance(self.camera.ray(u, v), Vec2::new(u, v), sun, random, &balls);
             sum += color;
             taken += 1;
             only_paper &= is_paper;
@@ -82,8 +86,16 @@ impl Shot<'_> {
         Rgb(display(sum / taken as f32).map(|c| (c * 255.0 + dither) as u8))
     }
 
+    /// What a picture element may show of the glue.
+    fn balls(&self, x: f32, y: f32, [width, height]: [f32; 2]) -> Vec<&Ball> {
+        let Some(glue) = &self.glue else { return Vec::new() };
+        let ray = |x: f32, y: f32| self.camera.ray(2.0 * x / width - 1.0, 1.0 - 2.0 * y / height);
+        let middle = ray(x + 0.5, y + 0.5);
+        glue.near(self.camera.eye, middle, 2.0 * middle.distance(ray(x, y)))
+    }
+
     /// The light along a ray, and whether it shows bare paper.
-    fn radiance(&self, direction: Vec3, at: Vec2, sun: Vec3, random: [Vec2; 2]) -> (Vec3, bool) {
+    fn radiance(&self, direction: Vec3, at: Vec2, sun: Vec3, random: [Vec2; 2], balls: &[&Ball]) -> (Vec3, bool) {
         let eye = self.camera.eye;
         let to_ground = if direction.y < 0.0 { (self.ground - eye.y) / direction.y } else { f32::INFINITY };
         let to_ground = if to_ground > 0.0 { to_ground } else { f32::INFINITY };
@@ -99,7 +111,7 @@ impl Shot<'_> {
                 (paper * shade, to_ground, shade == 1.0)
             }
         };
-        match &self.ghost {
+        let (color, is_paper) = match &self.ghost {
             None => (color, is_paper),
             Some(ghost) => {
                 let mut clear = 1.0;
@@ -109,6 +121,10 @@ impl Shot<'_> {
                 });
                 (color * clear + Vec3::splat(1.1 * (1.0 - clear)), is_paper && clear == 1.0)
             }
+        };
+        match glue::over(balls, eye, direction, reach, color) {
+            Some(color) => (color, false),
+            None => (color, is_paper),
         }
     }
 
@@ -120,6 +136,9 @@ impl Shot<'_> {
         {
             let [a, b, c] = hit.surface.coordinates;
             color *= texture.sample(picture, a * hit.shares.x + b * hit.shares.y + c * hit.shares.z);
+        }
+        if let Some(glue) = &self.glue {
+            color = glue.tinted(hit.number, color);
         }
         // Equal props side by side are told apart by a shade.
         color *= 1.0 + 0.16 * (hash(hit.number as u32) as f32 / u32::MAX as f32 - 0.5);

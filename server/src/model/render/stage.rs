@@ -236,7 +236,8 @@ mod tests {
                 let turn = DQuat::from_euler(EulerRot::XYZ, wave(i, 1.1) * 3.0, wave(i, 2.3), wave(i, 0.7) * 3.0);
                 let scale = DVec3::new(2.0 + wave(i, 1.0), 2.0, if i % 3 == 0 { -2.0 } else { 1.0 });
                 let place = DVec3::new(wave(i, 1.7), wave(i, 2.9), wave(i, 0.4)) * 0.5;
-                Placed { mesh: 0, world: DAffine3::from_scale_rotation_translation(scale, turn, place), in_pile: true }
+                let world = DAffine3::from_scale_rotation_translation(scale, turn, place);
+                Placed { mesh: 0, world, in_pile: true, body: None }
             })
             .collect();
         let library = Library::read(&document, &placed, &resolve).unwrap();
