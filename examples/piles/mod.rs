@@ -40,6 +40,7 @@ impl Full {
 }
 
 /// The best forces over all contacts of a pile. Bodies in the order of [`World::present`], without those that are pinned.
+#[allow(dead_code)]
 pub fn whole(world: &World) -> Option<Balance> {
     Whole::new(world, REAL_CONTACT).balance(0).ok()
 }

@@ -7,6 +7,7 @@ use crate::geometry::pose::Pose;
 use crate::geometry::region::Region;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::measure::{self, Gauge, ShapeMeasures};
+use crate::sim::instance::Instance;
 use crate::sim::pile::Pile;
 
 /// Figures of the end of the hold under their names; those right after turning over with `_start` behind; where
@@ -50,12 +51,12 @@ pub fn figures(
         figures.insert("kept_shape", at_end.as_ref().and_then(|end| measure::kept_shape(first, end)));
     }
     // Let go without any hold, glued and not.
-    let freed = |poses: &Option<Vec<Pose>>| -> Option<f64> {
+    let freed = |poses: &Option<Vec<Option<Pose>>>| -> Option<f64> {
         let units = pile.world.units;
-        let body = |(b, pose): (&crate::sim::instance::Instance, &Pose)| {
-            (b.prop, b.scale, pile.shapes[b.prop].prop_pose(&units.pose_to_si(pose), b.scale))
+        let body = |(b, pose): (&Instance, &Option<Pose>)| {
+            Some((b.prop, b.scale, pile.shapes[b.prop].prop_pose(&units.pose_to_si(pose.as_ref()?), b.scale)))
         };
-        let bodies = only(pile.instances.iter().zip(poses.as_ref()?).map(body).collect());
+        let bodies = only(pile.instances.iter().zip(poses.as_ref()?).filter_map(body).collect());
         let freed = gauge.measure(&measure::Instances { props: &props, bodies: &bodies });
         measure::kept_shape(first.as_ref()?, &freed)
     };

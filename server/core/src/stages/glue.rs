@@ -51,9 +51,10 @@ pub struct Glued {
     /// Share of the bodies that moved when the pile was let go, on level ground and on the worst of the tilted ones.
     pub moved: Option<f64>,
     pub moved_tilted: Option<f64>,
-    /// Where the bodies were after that, on level ground, and where they would be without glue. Shape `[body]`.
-    pub freed: Option<Vec<Pose>>,
-    pub natural: Option<Vec<Pose>>,
+    /// Where the bodies were after that, on level ground, and where they would be without glue. Shape `[body]`; `None`: it was not
+    /// there, since nothing holds it.
+    pub freed: Option<Vec<Option<Pose>>>,
+    pub natural: Option<Vec<Option<Pose>>>,
     pub iterations: u64,
     pub proof_steps: u64,
     /// CPU seconds of the proof.
@@ -212,7 +213,7 @@ struct LetGo {
     /// How far the bodies have moved in the mean, d.
     way: f64,
     /// Where the bodies are in the end; `None` where it was ended early.
-    poses: Option<Vec<Pose>>,
+    poses: Option<Vec<Option<Pose>>>,
     steps: u64,
 }
 
@@ -249,15 +250,15 @@ fn let_go(
 }
 
 /// The bodies that have moved, their share, and how far all have in the mean, d. What flew away counts as 1 d.
-fn moved(world: &World, before: &[Pose]) -> (Vec<BodyId>, f64, f64) {
-    let way = |id: BodyId| world.pose(id).translation.distance(before[id].translation);
+fn moved(world: &World, before: &[Option<Pose>]) -> (Vec<BodyId>, f64, f64) {
+    let way = |id: BodyId| before[id].map_or(0.0, |pose| world.pose(id).translation.distance(pose.translation));
     let who: Vec<BodyId> = world.present().filter(|&id| way(id) > MOVED).collect();
     let count = world.present().count().max(1) as f64;
     let share = who.len() as f64 / count;
     (who, share, world.present().map(|id| way(id).min(1.0)).sum::<f64>() / count)
 }
 
-fn poses(world: &World) -> Vec<Pose> {
-    let pose = |id: BodyId| if world.is_present(id) { world.pose(id) } else { Pose::IDENTITY };
+fn poses(world: &World) -> Vec<Option<Pose>> {
+    let pose = |id: BodyId| world.is_present(id).then(|| world.pose(id));
     (0..world.bodies().len()).map(pose).collect()
 }
