@@ -1,0 +1,167 @@
+//! Glued piles, end to end: any shape stands, with few dots, and breaks where it is hit.
+
+mod common;
+
+use cairn_core::bake;
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::observer::Silent;
+use cairn_core::input::params::{Accuracy, GlueMode, Params, ReleaseOrder, Switch};
+use cairn_core::input::scene::{Model, PlacedBody, Prop, Scene};
+use cairn_core::report::bake::Bake;
+use common::{cone, scene, stick};
+use glam::{DQuat, DVec3};
+
+fn params() -> Params {
+    let mut params = Params::new(Accuracy::Draft);
+    params.release.order = ReleaseOrder::AtOnce;
+    params
+}
+
+/// A cone on its tip: nothing that friction carries.
+fn top(radius: f64, height: f64) -> TriMesh {
+    let cone = cone(radius, height);
+    let points = cone.points.iter().map(|p| DVec3::new(p.x, height - p.y, -p.z)).collect();
+    TriMesh { points, ..cone }
+}
+
+/// Cubes of 0.2 m.
+fn cubes(bodies: Vec<PlacedBody>) -> Scene {
+    let stick = stick();
+    let points = stick.points.iter().map(|p| p / DVec3::new(0.25, 0.03, 0.03) * 0.1).collect();
+    let model = Model { name: "cube".into(), mesh: TriMesh { points, ..stick } };
+    let prop =
+        Prop { model, weight: 1.0, friction: 0.7, density: 500.0, restitution: 0.0, scale: [1.0; 2], tilt_max: 180.0 };
+    Scene { props: vec![prop], bodies, ..Scene::default() }
+}
+
+fn cube(x: f64, y: f64) -> PlacedBody {
+    PlacedBody::new(0, Pose { translation: DVec3::new(x, y, 0.0), rotation: DQuat::IDENTITY })
+}
+
+/// A gallows: a post of four cubes, and an arm of two at its top.
+fn gallows() -> Vec<PlacedBody> {
+    let post = (0..4).map(|k| cube(0.0, 0.1 + 0.2 * f64::from(k)));
+    post.chain([cube(0.2, 0.7), cube(0.4, 0.7)]).collect()
+}
+
+fn baked(scene: &Scene, params: &Params) -> Bake {
+    bake(scene, params, &mut Silent).unwrap()
+}
+
+fn figure(bake: &Bake, name: &str) -> f64 {
+    bake.report.measures[name].unwrap()
+}
+
+/// How far a body has come down, m.
+fn fell(bake: &Bake, body: usize) -> f64 {
+    bake.frames[0][body].translation.y - bake.frames.last().unwrap()[body].translation.y
+}
+
+#[test]
+fn a_pile_on_its_tip_stands_as_it_was_modelled() {
+    let scene = scene(top(0.7, 1.4), stick());
+    let mut params = params();
+    params.glue.proof = Switch::On;
+    let glued = baked(&scene, &params);
+    assert!(figure(&glued, "kept_shape") > 0.9, "kept {}", figure(&glued, "kept_shape"));
+    assert!(figure(&glued, "kept_shape_freed") > 0.9, "freed {}", figure(&glued, "kept_shape_freed"));
+    assert!(figure(&glued, "moved_freed") <= 0.02, "moved {}", figure(&glued, "moved_freed"));
+    assert!(figure(&glued, "kept_shape_natural") < 0.5, "natural {}", figure(&glued, "kept_shape_natural"));
+    assert!(figure(&glued, "glue_imbalance") <= 1e-5, "{}", figure(&glued, "glue_imbalance"));
+    assert!(figure(&glued, "anchored") >= 1.0);
+    let told = glued.report.glue.as_ref().unwrap();
+    assert_eq!(told.dots.len() as u64, glued.report.counts["glue_dots"]);
+    assert!(told.dots.iter().all(|dot| !dot.is_broken));
+    assert_eq!(glued.report.counts["control_cycles"], 0, "what is glued is not held");
+
+    assert_eq!(baked(&scene, &params).frames, glued.frames, "the same bytes");
+
+    params.glue.mode = GlueMode::Natural;
+    let natural = baked(&scene, &params);
+    assert_eq!(natural.report.counts["glue_dots"], 0);
+    assert!(figure(&natural, "kept_shape") < 0.6, "{}", figure(&natural, "kept_shape"));
+}
+
+#[test]
+fn what_friction_carries_is_not_glued() {
+    let params = params();
+    let mut glued = params.clone();
+    glued.glue.mode = GlueMode::AsModelled;
+    let tower = (0..4).map(|k| cube(0.0, 0.1 + 0.2 * f64::from(k))).collect();
+    let bake = baked(&cubes(tower), &glued);
+    assert_eq!(bake.report.counts["glue_dots"], 0);
+    let one = baked(&cubes(vec![cube(0.0, 0.1)]), &glued);
+    assert_eq!((one.report.counts["glue_dots"], one.report.counts["glue_clusters"]), (0, 0));
+    // Placed by hand, nothing is glued unless that is asked for.
+    assert!(!baked(&cubes(gallows()), &params).report.measures.contains_key("touches"));
+}
+
+#[test]
+fn stronger_glue_holds_more() {
+    let held = |strength: f64| {
+        let mut params = params();
+        (params.glue.mode, params.glue.strength) = (GlueMode::Tacky, Some(strength));
+        let bake = baked(&cubes(gallows()), &params);
+        (4..6).filter(|&body| fell(&bake, body) < 0.1).count()
+    };
+    let held: Vec<usize> = [0.0, 0.5, 100.0].map(held).to_vec();
+    assert!(held.is_sorted() && held[0] == 0 && held[2] == 2, "{held:?}");
+}
+
+#[test]
+fn a_hit_breaks_what_a_touch_does_not() {
+    let mut params = params();
+    params.glue.mode = GlueMode::AsModelled;
+    params.output.frames = Some(60);
+    let thrown = |mass: f64| {
+        let projectile =
+            PlacedBody { velocity: DVec3::new(0.0, -8.0, 0.0), mass: Some(mass), start: 1.0, ..cube(0.4, 1.5) };
+        let mut bodies = gallows();
+        bodies.push(projectile);
+        baked(&cubes(bodies), &params)
+    };
+    let (light, heavy) = (thrown(0.01), thrown(400.0));
+    assert_eq!(light.report.counts["glue_dots_broken"], 0);
+    assert!(fell(&light, 5) < 0.05, "the arm stands: {}", fell(&light, 5));
+    assert!(heavy.report.counts["glue_dots_broken"] > 0);
+    assert!(fell(&heavy, 5) > 0.3, "the arm comes down: {}", fell(&heavy, 5));
+    assert!(heavy.report.glue.as_ref().unwrap().dots.iter().any(|dot| dot.is_broken));
+    params.control.until = Some(1.0);
+    assert!(fell(&baked(&cubes(gallows()), &params), 5) > 0.3, "the glue ends with the control");
+}
+
+#[test]
+fn no_ground_and_no_touch_are_no_fault() {
+    let mut params = params();
+    params.glue.mode = GlueMode::AsModelled;
+    let apart = baked(&cubes(vec![cube(0.0, 0.1), cube(0.0, 1.0)]), &params);
+    assert_eq!(apart.report.counts["glue_dots"], 0);
+    assert!(
+        apart.report.warnings.iter().any(|text| text.contains("could not be glued")),
+        "{:?}",
+        apart.report.warnings
+    );
+    assert!(fell(&apart, 1) > 0.5);
+}
+
+#[test]
+fn size_changes_nothing() {
+    let normal = scene(top(0.6, 1.2), stick());
+    let dots = |factor: f64| {
+        let mut scene = normal.clone();
+        let control = scene.control.as_mut().unwrap();
+        control.mesh = control.mesh.scaled(factor);
+        scene.props[0].model.mesh = scene.props[0].model.mesh.scaled(factor);
+        let mut params = params();
+        params.output.fps = (40.0 / factor.sqrt()).clamp(1.0, 1000.0);
+        let bake = baked(&scene, &params);
+        (bake.report.counts["glue_dots"], figure(&bake, "glue_force_max"))
+    };
+    let (here, small, large) = (dots(1.0), dots(1.0 / 1024.0), dots(1024.0));
+    assert!(here.0 > 0);
+    for other in [small, large] {
+        assert_eq!(here.0, other.0);
+        assert!((here.1 / other.1 - 1.0).abs() < 1e-3, "{} {}", here.1, other.1);
+    }
+}
