@@ -14,11 +14,13 @@ use cairn::cost::{Ledger, Record};
 use cairn::job::machine;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::observer::{Observer, Progress, Stage};
-use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::input::params::{Accuracy, Glue, GlueMode, Params};
 use cairn_core::input::scene::{Prop, Scene};
 use cairn_core::prepare::check;
+use cairn_core::prepare::effects::EffectName;
 use cairn_core::prepare::shape;
 use cairn_core::report::bake::Bake;
+use cairn_core::stages::cache::NoCache;
 use cairn_core::stages::calibrate::calibrate;
 use cairn_core::stages::free_pour::free_pour;
 use clap::Parser;
@@ -44,9 +46,9 @@ const LEAST_RATIO: f64 = 0.8;
 /// In units of sqrt(g d).
 const REST_SPEED: f64 = 0.01;
 
-const HEADER: &str = "| # | prop | control | bodies | shape | deviation | fill | free pour | ratio | iou start | kept | \
+const HEADER: &str = "| # | prop | control | bodies | shape | deviation | fill | free pour | ratio | iou start | kept, natural | kept, glued | freed | moved | dots / touches | anchored | CPU s glue, proof | \
 protrusion | penetration max | mean | speed | hanging | unsupported | removed out/overlap/escaped | CPU s shape/fill/release+hold/measure | CPU s expected | verdict |\n\
-|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// Bakes pairs of props and control meshes drawn from a collection, and judges each.
 #[derive(clap::Parser)]
@@ -153,7 +155,7 @@ struct Row {
 
 impl Row {
     fn without_figures(verdict: &str) -> Row {
-        Row { cells: "| ".repeat(17), verdict: verdict.replace(['|', '\n'], " "), record: None }
+        Row { cells: "| ".repeat(23), verdict: verdict.replace(['|', '\n'], " "), record: None }
     }
 
     fn refused(reason: &str) -> Row {
@@ -234,6 +236,7 @@ fn pair<'a>(
     let mut scene = Scene { control: Some(control), props: vec![prop], ..Scene::default() };
     let mut params = Params::new(Accuracy::Standard);
     params.fill.max_bodies = TRIAL_LIMIT;
+    let natural = Params { glue: Glue { mode: GlueMode::Natural, ..params.glue.clone() }, ..params.clone() };
     let mut watch = Watch::new();
     let mut last = None;
     // Sizes of which too many fit, and too few.
@@ -246,9 +249,14 @@ fn pair<'a>(
             scene.control.as_ref().map_or("", |c| &c.name)
         );
         watch.begin(true);
-        match cairn_core::bake(&scene, &params, &mut watch) {
-            Ok(bake) => {
-                last = Some(bake);
+        let baked = cairn_core::fill_container(&scene, &params, &mut NoCache, &mut watch).and_then(|full| {
+            let bake = cairn_core::release_pile(&scene, &natural, &full, &mut watch)?;
+            watch.begin(false);
+            Ok((bake, cairn_core::release_pile(&scene, &params, &full, &mut watch)?))
+        });
+        match baked {
+            Ok(both) => {
+                last = Some(both);
                 break;
             }
             Err(cairn_core::Error::Cancelled) if !watch.is_spent() => {
@@ -264,13 +272,13 @@ fn pair<'a>(
         }
     }
     watch.begin(false);
-    let Some(bake) = last else {
+    let Some((bake, glued)) = last else {
         return Row::without_figures("fail: no size lets 150 to 300 fit");
     };
     let reference = *poured.entry(name).or_insert_with(|| reference(&scene, &params, &mut watch));
     let expected =
         cairn_core::estimates(&scene, &params, &[params.clone()], machine).map_or(f64::NAN, |all| all[0].cpu_seconds);
-    let mut row = judge(&bake, reference, expected);
+    let mut row = judge(&bake, &glued, reference, expected);
     row.record = Record::new(
         format!("{name} in {}", scene.control.as_ref().map_or("", |c| &c.name)),
         "pair".into(),
@@ -291,7 +299,28 @@ fn reference(scene: &Scene, params: &Params, watch: &mut Watch) -> Option<f64> {
     free_pour(&scene.props[0], &shapes[0], params, watch).ok()?
 }
 
-fn judge(bake: &Bake, reference: Option<f64>, expected: f64) -> Row {
+/// What is kept without glue and with it, and what the glue takes.
+fn glue_cells(natural: &Bake, glued: &Bake) -> String {
+    let figure = |bake: &Bake, name: &str| bake.report.measures.get(name).copied().flatten().unwrap_or(f64::NAN);
+    let own = |name: EffectName| {
+        let charge = glued.report.bill.iter().find(|charge| charge.name == name);
+        charge.and_then(|charge| charge.seconds).unwrap_or(0.0)
+    };
+    format!(
+        "{:.3} | {:.3} | {:.3} | {:.3} | {} / {} | {} | {:.1}, {:.1}",
+        figure(natural, "kept_shape"),
+        figure(glued, "kept_shape"),
+        figure(glued, "kept_shape_freed"),
+        figure(glued, "moved_freed"),
+        glued.report.counts.get("glue_dots").copied().unwrap_or(0),
+        figure(glued, "touches"),
+        figure(glued, "anchored"),
+        own(EffectName::Glue),
+        own(EffectName::GlueProof),
+    )
+}
+
+fn judge(bake: &Bake, glued: &Bake, reference: Option<f64>, expected: f64) -> Row {
     let report = &bake.report;
     let measure = |name: &str| report.measures.get(name).copied().flatten().unwrap_or(f64::NAN);
     let count = |name: &str| report.counts.get(name).copied().unwrap_or(0);
@@ -301,7 +330,7 @@ fn judge(bake: &Bake, reference: Option<f64>, expected: f64) -> Row {
     let seconds: BTreeMap<String, f64> = report.seconds.iter().map(|(s, t)| (format!("{s:?}"), *t)).collect();
     let stage = |name: &str| seconds.get(name).copied().unwrap_or(0.0);
     let cells = format!(
-        "| {} | {} {} | {:.3} | {fill:.3} | {free:.3} | {:.2} | {:.3} | {:.3} | {:.3} | {:.2} | {:.4} | {speed:.4} | {} | {:.3} \
+        "| {} | {} {} | {:.3} | {fill:.3} | {free:.3} | {:.2} | {:.3} | {} | {:.3} | {:.2} | {:.4} | {speed:.4} | {} | {:.3} \
          | {}/{}/{} | {:.1}/{:.1}/{:.1}/{:.1} | {expected:.0} ",
         bake.bodies.len(),
         shape.kind,
@@ -309,7 +338,7 @@ fn judge(bake: &Bake, reference: Option<f64>, expected: f64) -> Row {
         shape.deviation_rel,
         fill / free,
         measure("shape_iou_start"),
-        measure("kept_shape"),
+        glue_cells(bake, glued),
         measure("protrusion_rel"),
         measure("penetration_max_rel"),
         measure("penetration_mean_rel"),

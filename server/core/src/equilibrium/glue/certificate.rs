@@ -33,13 +33,14 @@ const LEAST_DOT: f64 = 1.0;
 /// Beyond so many bodies, Clarabel takes longer than all the rest.
 pub const MOST_BODIES: usize = 2000;
 
-/// Forces for the dots at these touches, from a state nearby. `tight`: the same pile with less friction, which leaves room for
+/// Forces for the dots at these touches, from a state nearby; with the help of Clarabel where that is allowed and needed. `tight`: the same pile with less friction, which leaves room for
 /// corrections.
 pub fn balance(
     program: &Program,
     tight: &Program,
     from: State,
     chosen: &[usize],
+    by_cone_program: bool,
     going: &mut Going,
 ) -> Result<Balanced, GlueError> {
     let mut may = vec![false; program.touches.len()];
@@ -52,7 +53,11 @@ pub fn balance(
     let iterations = splitting.iterations;
     let (state, imbalance) = correct(program, splitting.state, &may, going)?;
     let bodies = program.target.len();
-    let exact = if imbalance > BALANCED && bodies <= MOST_BODIES { oracle::balance(program, &may).ok() } else { None };
+    let exact = if by_cone_program && imbalance > BALANCED && bodies <= MOST_BODIES {
+        oracle::balance(program, &may).ok()
+    } else {
+        None
+    };
     let exact = exact.map(|state| (unbalanced(program, &state), state));
     if let Some((exact, state)) = exact.filter(|(exact, _)| *exact < imbalance) {
         return Ok(Balanced { state, imbalance: exact, by_cone_program: true, iterations });

@@ -36,6 +36,7 @@ mod program;
 mod splitting;
 
 use super::global::{BALANCED, GlobalBody, GlobalContact};
+use certificate::Balanced;
 use glam::DVec3;
 pub use loads::Loads;
 use program::Program;
@@ -144,17 +145,22 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
     loop {
         let program = Program::new(pile, options, &fallen)?;
         let tight = Program::new(pile, &tight_options, &fallen)?;
-        let (mut chosen, once, splitting) = choose(&tight, options, going)?;
+        let (choices, splitting) = choose(&tight, options, going)?;
         iterations += splitting.iterations;
-        let mut balanced = certificate::balance(&program, &tight, splitting.state.clone(), &chosen, going)?;
-        iterations += balanced.iterations;
-        if balanced.imbalance > BALANCED && once != chosen {
-            let more = certificate::balance(&program, &tight, splitting.state, &once, going)?;
-            iterations += more.iterations;
-            if more.imbalance < balanced.imbalance {
-                (chosen, balanced) = (once, more);
+        let mut best: Option<(&Vec<usize>, Balanced)> = None;
+        for (k, choice) in choices.iter().enumerate() {
+            // The cone program has its say on the smallest choice, and on the largest.
+            let ends = k == 0 || k + 1 == choices.len();
+            let found = certificate::balance(&program, &tight, splitting.state.clone(), choice, ends, going)?;
+            iterations += found.iterations;
+            if best.as_ref().is_none_or(|(_, best)| found.imbalance < best.imbalance) {
+                best = Some((choice, found));
+            }
+            if best.as_ref().is_some_and(|(_, best)| best.imbalance <= BALANCED) {
+                break;
             }
         }
+        let Some((chosen, balanced)) = best else { return Err(GlueError::Options) };
         if options.strength.is_some() && balanced.imbalance > BALANCED {
             let worst = certificate::worst(&program, &balanced.state);
             let fall = falls::fall(pile, &tight_options, &mut fallen, worst, going)?;
@@ -174,25 +180,31 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
     }
 }
 
-/// The touches to glue, rising; those that were chosen in any round; and the last of the solves.
+/// The touches to glue: those of the last round, then with those of each round before it, each rising; and the last of the solves.
 fn choose<'p>(
     program: &'p Program,
     options: &GlueOptions,
     going: &mut Going,
-) -> Result<(Vec<usize>, Vec<usize>, Splitting<'p>), GlueError> {
+) -> Result<(Vec<Vec<usize>>, Splitting<'p>), GlueError> {
     let mut weights = Weights::even(program, options.normal_price, None);
     let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
     let mut splitting = Splitting::new(program, &may, false);
     splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
     // In a small pile, balance says nothing of whether the choice is made.
     let next = if program.target.len() <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
-    let mut once = vec![false; program.touches.len()];
+    let mut rounds: Vec<Vec<bool>> = Vec::new();
     for e in ROUNDS {
         weights.reweight(&splitting.state.dots, e);
         weights.normal = options.normal_price * e;
         splitting.run(&weights, next, splitting::NEAR, going)?;
-        once.iter_mut().zip(&splitting.state.dots).for_each(|(once, dot)| *once |= dot.norm() > NOTHING);
+        rounds.push(splitting.state.dots.iter().map(|dot| dot.norm() > NOTHING).collect());
     }
-    let chosen = (0..once.len()).filter(|&touch| splitting.state.dots[touch].norm() > NOTHING).collect();
-    Ok((chosen, (0..once.len()).filter(|&touch| once[touch]).collect(), splitting))
+    let mut so_far = vec![false; may.len()];
+    let mut choices: Vec<Vec<usize>> = Vec::new();
+    for round in rounds.iter().rev() {
+        so_far.iter_mut().zip(round).for_each(|(so_far, chosen)| *so_far |= chosen);
+        choices.push((0..may.len()).filter(|&touch| so_far[touch]).collect());
+    }
+    choices.dedup();
+    Ok((choices, splitting))
 }
