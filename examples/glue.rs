@@ -35,9 +35,9 @@ struct Args {
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     println!(
-        "| scene | method | bodies | touches | contacts | dots | largest | imbalance | by cone program | iterations | CPU s |"
+        "| scene | method | bodies | touches | contacts | dots | largest | imbalance | by cone program | fallen | iterations | CPU s |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for scene in &args.scenes {
         let full = piles::Full::of(scene, &args.set)?;
         let sim = full.turn_over()?;
@@ -48,7 +48,7 @@ fn main() -> anyhow::Result<()> {
         let tell = |method: &str, placed: &Placement, seconds: f64| {
             let force = |dot: &glue::GlueDot| dot.force.length();
             println!(
-                "| {name} | {method} | {} | {} | {} | {} | {:.1} | {:.1e} | {} | {} | {seconds:.2} |",
+                "| {name} | {method} | {} | {} | {} | {} | {:.1} | {:.1e} | {} | {} | {} | {seconds:.2} |",
                 sites.ids.len(),
                 sites.real(),
                 problem.contacts.len(),
@@ -56,9 +56,9 @@ fn main() -> anyhow::Result<()> {
                 placed.dots.iter().map(force).fold(0.0, f64::max),
                 placed.imbalance,
                 placed.by_cone_program,
+                placed.fallen.len(),
                 placed.iterations,
             );
-            println!("fallen {:?}", placed.fallen.len());
         };
         let mut going = || ControlFlow::Continue(());
         let begin = ThreadTime::now();

@@ -114,7 +114,7 @@ impl FullContainer {
         })
     }
 
-    /// Where the control and the glue act, engine units; `None`: everywhere.
+    /// Where the control acts, engine units; `None`: everywhere.
     fn region(&self) -> Option<&DistanceGrid> {
         self.region.as_ref().or(self.filled.as_ref().map(|(container, _)| &container.distance))
     }

@@ -4,7 +4,7 @@ use super::inputs::{Figures, Inputs};
 use crate::measure;
 use crate::sim::glue::Dot;
 use crate::sim::step::Simulation;
-use crate::stages::glue::Glued;
+use crate::stages::glue::{Glued, MOST_MOVED};
 use crate::world::{BodyId, Role};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -60,15 +60,13 @@ pub fn told(sim: &Simulation) -> Glue {
     }
 }
 
-/// Beyond this share of the bodies, the glued pile did not stand in the proof run.
-const MOST_MOVED: f64 = 0.01;
 /// Beyond this share of the touches, the pile is nearly one solid.
 const SOLID: f64 = 0.3;
 
 /// How much is glued, and what it carries. Forces are in weights of the median prop, which in engine units is 1.
 pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
     let count = sim.pile.instances.len().max(1) as f64;
-    let touched: BTreeSet<BodyId> = glued.dots.iter().flat_map(|dot| [Some(dot.a), dot.b]).flatten().collect();
+    let touched: BTreeSet<BodyId> = glued.dots.iter().flat_map(Dot::bodies).collect();
     let forces: Vec<f64> = glued.dots.iter().map(|dot| dot.force.length()).collect();
     // A moment in weights times the radius of the median prop, d/2.
     let moment = |dot: &Dot| dot.moment.length() * 2.0;
@@ -78,7 +76,7 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
         ("touches", Some(glued.touches as f64)),
         ("glued_touch_fraction", Some(glued.dots.len() as f64 / glued.touches.max(1) as f64)),
         ("glued_body_fraction", Some(touched.len() as f64 / count)),
-        ("glue_cluster_max", Some(largest_cluster(&glued.dots) as f64)),
+        ("glue_cluster_max", Some(sim.pile.glue.tally.cluster_max as f64)),
         ("anchored", Some(anchored as f64)),
         ("glue_force_max", largest(&forces)),
         ("glue_force_p50", (!forces.is_empty()).then(|| measure::percentile(&forces, 0.5))),
@@ -88,27 +86,6 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
         ("moved_freed", glued.moved),
         ("moved_tilted", glued.moved_tilted),
     ])
-}
-
-/// Bodies in the largest group that dots join to each other.
-fn largest_cluster(dots: &[Dot]) -> usize {
-    let mut beside = BTreeMap::<BodyId, Vec<BodyId>>::new();
-    for (a, b) in dots.iter().filter_map(|dot| Some((dot.a, dot.b?))) {
-        beside.entry(a).or_default().push(b);
-        beside.entry(b).or_default().push(a);
-    }
-    let mut seen = BTreeSet::new();
-    let size = |first: &BodyId| {
-        let (mut size, mut front) = (0, vec![*first]);
-        while let Some(id) = front.pop() {
-            if seen.insert(id) {
-                size += 1;
-                front.extend(&beside[&id]);
-            }
-        }
-        size
-    };
-    beside.keys().map(size).max().unwrap_or(0)
 }
 
 /// What could not be glued, and what does not stand for all the glue.

@@ -123,16 +123,18 @@ impl<'a> Pile<'a> {
     /// The pile rests, and is let go gently: it is to stand by itself, and only then is it done.
     pub fn wean(&mut self) {
         self.latest_event = self.step;
-        self.control.end(&mut self.world, &mut self.policy);
-        self.policy.set_quiet(None);
-        self.gentle_stop.begin(self.step);
+        self.stop_holding(true);
     }
 
     /// The control ends. Gently: everything is damped for a while.
     pub fn end_control(&mut self, gently: bool) {
         self.disturb();
-        self.control.end(&mut self.world, &mut self.policy);
         self.glue.end(&mut self.world, &mut self.policy);
+        self.stop_holding(gently);
+    }
+
+    fn stop_holding(&mut self, gently: bool) {
+        self.control.end(&mut self.world, &mut self.policy);
         self.policy.set_quiet(None);
         if gently {
             self.gentle_stop.begin(self.step);

@@ -18,7 +18,7 @@ const PROOF_TIME: f64 = 20.0;
 /// A body has moved if it did by more than this, d.
 const MOVED: f64 = 0.25;
 /// The pile stands if no larger share of its bodies has moved.
-const MOST_MOVED: f64 = 0.01;
+pub const MOST_MOVED: f64 = 0.01;
 /// It leans as a whole, on a foot that is too narrow, if its bodies have moved by more than this in the mean, d.
 const LEANS: f64 = 0.03;
 /// It fails in places if no larger share has moved.

@@ -85,16 +85,7 @@ impl World {
         let mut touches = Vec::new();
         let is_still = |id: BodyId| still.get(id).copied().unwrap_or(false);
         for a in self.present() {
-            let collider = &self.engine.colliders[self.bodies[a].collider];
-            let reach = tolerance * self.bodies[a].thickness;
-            let aabb = collider.compute_aabb().loosened((reach + STALE_INDEX) as f32);
-            let mut near: Vec<(Side, ColliderHandle)> = self
-                .query()
-                .intersect_aabb_conservative(aabb)
-                .filter_map(|(h, c)| Some((self.side(a, c)?, h)))
-                .collect();
-            near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
-            for (b, other) in near {
+            for (b, other) in self.near(a, tolerance) {
                 let unmoved = is_still(a) && !matches!(b, Side::Body(b) if !is_still(b));
                 if !unmoved {
                     self.touch(a, b, other, tolerance, &mut touches);
@@ -122,18 +113,22 @@ impl World {
     pub fn near_what_stands(&self, tolerance: f64) -> Vec<Touch> {
         let mut touches = Vec::new();
         for a in self.present() {
-            let collider = &self.engine.colliders[self.bodies[a].collider];
-            let aabb = collider.compute_aabb().loosened((tolerance * self.bodies[a].thickness + STALE_INDEX) as f32);
-            let stands = |side: &Side| matches!(side, Side::Ground | Side::Scenery);
-            let mut near: Vec<(Side, ColliderHandle)> = self
-                .query()
-                .intersect_aabb_conservative(aabb)
-                .filter_map(|(h, c)| Some((self.side(a, c).filter(stands)?, h)))
-                .collect();
-            near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
-            near.into_iter().for_each(|(b, other)| self.touch(a, b, other, tolerance, &mut touches));
+            let near = self.near(a, tolerance).into_iter();
+            near.filter(|(side, _)| matches!(side, Side::Ground | Side::Scenery))
+                .for_each(|(b, other)| self.touch(a, b, other, tolerance, &mut touches));
         }
         touches
+    }
+
+    /// What may be within `tolerance` times its thickness of body `a`, in order; no body before it.
+    fn near(&self, a: BodyId, tolerance: f64) -> Vec<(Side, ColliderHandle)> {
+        let collider = &self.engine.colliders[self.bodies[a].collider];
+        let reach = tolerance * self.bodies[a].thickness;
+        let aabb = collider.compute_aabb().loosened((reach + STALE_INDEX) as f32);
+        let mut near: Vec<(Side, ColliderHandle)> =
+            self.query().intersect_aabb_conservative(aabb).filter_map(|(h, c)| Some((self.side(a, c)?, h))).collect();
+        near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
+        near
     }
 
     /// Bodies glued to each other, as if each rested on the others.

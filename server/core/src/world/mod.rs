@@ -250,8 +250,7 @@ impl World {
 
     /// Gravity is 1 downward, or upward while an upright container is filled as if it stood on its head.
     pub fn set_gravity_up(&mut self, up: bool) {
-        self.engine.gravity = if up { Vector::Y } else { Vector::NEG_Y };
-        self.engine.wake_up_all(true);
+        self.set_gravity(if up { DVec3::Y } else { DVec3::NEG_Y });
     }
 
     /// Which way gravity of 1 points.

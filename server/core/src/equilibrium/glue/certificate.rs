@@ -33,8 +33,8 @@ const LEAST_DOT: f64 = 1.0;
 /// Beyond so many bodies, Clarabel takes longer than all the rest.
 pub const MOST_BODIES: usize = 2000;
 
-/// Forces for the dots at these touches, from a state nearby; with the help of Clarabel where that is allowed and needed. `tight`: the same pile with less friction, which leaves room for
-/// corrections.
+/// Forces for the dots at these touches, from a state nearby; with the help of Clarabel where that is allowed and needed. `tight`: the
+/// same pile with less friction, which leaves room for corrections.
 pub fn balance(
     program: &Program,
     tight: &Program,

@@ -48,7 +48,7 @@ impl<'a> Eligibility<'a> {
     pub fn is_inside(&self, world: &World, id: BodyId) -> bool {
         let Some(region) = self.region else { return true };
         self.region_tests.set(self.region_tests.get() + 1);
-        region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE
+        is_inside(region, world, id)
     }
 
     /// Bodies that may not be held now, whatever their contacts say. Shape `[body]`; empty where there are none.
@@ -95,6 +95,11 @@ impl<'a> Eligibility<'a> {
         }
         flying
     }
+}
+
+/// Whether a body belongs to a region, engine units.
+pub fn is_inside(region: &DistanceGrid, world: &World, id: BodyId) -> bool {
+    region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE
 }
 
 /// Bodies that moving scenery carries or pushes, directly or through others: they move with it. Shape `[body]`; empty

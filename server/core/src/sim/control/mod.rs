@@ -10,6 +10,7 @@ mod state;
 pub mod support;
 mod tally;
 
+pub use eligibility::is_inside;
 pub use tally::{BodyProblem, Tally};
 
 use super::policy::Policy;

@@ -31,7 +31,7 @@ pub fn groups(ids: &[BodyId], dots: &[Dot], homes: &BTreeMap<BodyId, Pose>) -> V
     let mut of: BTreeMap<BodyId, Vec<usize>> = among.iter().map(|&id| (id, Vec::new())).collect();
     for (k, dot) in dots.iter().enumerate().filter(|(_, dot)| !dot.is_broken) {
         if among.contains(&dot.a) && dot.b.is_none_or(|b| among.contains(&b)) {
-            [Some(dot.a), dot.b].into_iter().flatten().for_each(|id| of.entry(id).or_default().push(k));
+            dot.bodies().for_each(|id| of.entry(id).or_default().push(k));
         }
     }
     let mut seen = BTreeSet::new();
@@ -45,7 +45,7 @@ pub fn groups(ids: &[BodyId], dots: &[Dot], homes: &BTreeMap<BodyId, Pose>) -> V
             members.insert(id);
             for &k in &of[&id] {
                 joints.insert(k);
-                front.extend([Some(dots[k].a), dots[k].b].into_iter().flatten());
+                front.extend(dots[k].bodies());
             }
         }
         if !joints.is_empty() {

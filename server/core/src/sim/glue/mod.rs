@@ -35,6 +35,11 @@ pub struct Dot {
 }
 
 impl Dot {
+    /// What it joins: one body or two.
+    pub fn bodies(&self) -> impl Iterator<Item = BodyId> + use<> {
+        [Some(self.a), self.b].into_iter().flatten()
+    }
+
     /// |(force, moment / arm)| of the certified equilibrium.
     pub fn load(&self) -> f64 {
         self.norm(self.force, self.moment)
@@ -63,6 +68,8 @@ pub struct GlueTally {
     pub broken: u64,
     /// Clusters at the beginning: bodies joined to each other.
     pub clusters: u64,
+    /// Bodies in the largest of them.
+    pub cluster_max: usize,
     /// Loads of clusters that were computed.
     pub looks: u64,
 }
@@ -93,10 +100,12 @@ impl Glue {
     /// Glues the bodies of a world as they stand. `breaks`: dots may break.
     pub fn new(dots: Vec<Dot>, breaks: bool, world: &mut World, policy: &mut Policy) -> Glue {
         let mut glue = Glue { dots, breaks, ..Glue::default() };
-        let ids: Vec<BodyId> = glue.dots.iter().flat_map(|dot| [Some(dot.a), dot.b]).flatten().collect();
+        let ids: Vec<BodyId> = glue.dots.iter().flat_map(Dot::bodies).collect();
         glue.homes = ids.iter().map(|&id| (id, world.pose(id))).collect();
         glue.join(&ids, world, policy);
-        glue.tally.clusters = glue.clusters().filter(|members| members.len() > 1).count() as u64;
+        let sizes: Vec<usize> = glue.clusters().map(<[BodyId]>::len).filter(|&bodies| bodies > 1).collect();
+        glue.tally.clusters = sizes.len() as u64;
+        glue.tally.cluster_max = sizes.into_iter().max().unwrap_or(0);
         glue
     }
 
@@ -120,7 +129,7 @@ impl Glue {
             return Vec::new();
         }
         // Whoever was taken out of the world takes its dots along.
-        let gone = |dot: &Dot| [Some(dot.a), dot.b].into_iter().flatten().any(|id| !world.is_present(id));
+        let gone = |dot: &Dot| dot.bodies().any(|id| !world.is_present(id));
         let mut broken: Vec<usize> =
             (0..self.dots.len()).filter(|&k| !self.dots[k].is_broken && gone(&self.dots[k])).collect();
         let waits = world.present().any(|id| world.bodies()[id].role == Role::Waiting);
@@ -140,7 +149,7 @@ impl Glue {
         let mut loose: Vec<BodyId> = Vec::new();
         for &k in &broken {
             self.dots[k].is_broken = true;
-            for id in [Some(self.dots[k].a), self.dots[k].b].into_iter().flatten() {
+            for id in self.dots[k].bodies() {
                 loose.extend(self.part(id, world));
             }
         }

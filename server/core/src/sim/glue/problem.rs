@@ -3,6 +3,7 @@
 use crate::equilibrium::global::{GlobalBody, GlobalContact};
 use crate::equilibrium::glue::{GlueProblem, GlueTouch};
 use crate::geometry::region::DistanceGrid;
+use crate::sim::control;
 use crate::sim::whole::{self, REAL_CONTACT};
 use crate::world::{BodyId, Role, Side, Touch, World};
 use glam::DVec3;
@@ -15,8 +16,6 @@ const ARM: f64 = 0.25;
 const PEG: f64 = 0.5;
 /// Friction counts by this factor at bodies that it did not hold.
 const DISTRUST: f64 = 0.2;
-/// As for the control: a centre of mass this far outside the region, in d, still counts as inside.
-const REGION_TOLERANCE: f64 = 0.1;
 
 /// The bodies of a pile and their touches. Engine units.
 pub struct Sites {
@@ -39,29 +38,25 @@ pub struct Sites {
 impl Sites {
     /// `region`: where the glue acts; `None`: everywhere. `anchors`: bodies may be glued to what stands still.
     pub fn new(world: &World, region: Option<&DistanceGrid>, anchors: bool) -> Sites {
-        let is_inside = |id: BodyId| {
-            region.is_none_or(|region| region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE)
-        };
+        let is_inside = |id: BodyId| region.is_none_or(|region| control::is_inside(region, world, id));
         let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && is_inside(id);
         let inside: Vec<bool> = (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
         let mut touches = world.touches(REAL_CONTACT);
         touches.retain(|touch| touch.b != Side::Moving);
         let carrying = touches.len();
         if anchors {
-            let known: BTreeSet<(BodyId, Side)> = touches.iter().map(|touch| (touch.a, touch.b)).collect();
-            let near = world.near_what_stands(PEG).into_iter();
-            touches.extend(near.filter(|touch| !known.contains(&(touch.a, touch.b))));
+            add_new(&mut touches, world.near_what_stands(PEG));
         }
         let mut joined = joined_by(world, &inside, &touches);
         let is_apart = |joined: &[bool], id: BodyId| inside[id] && !joined[id];
         if anchors && (0..inside.len()).any(|id| is_apart(&joined, id)) {
-            let known: BTreeSet<(BodyId, Side)> = touches.iter().map(|touch| (touch.a, touch.b)).collect();
             let bridges = |touch: &Touch| match touch.b {
                 Side::Body(b) => is_apart(&joined, touch.a) || is_apart(&joined, b),
                 _ => false,
             };
-            let near = world.touches(PEG).into_iter();
-            touches.extend(near.filter(|touch| bridges(touch) && !known.contains(&(touch.a, touch.b))));
+            let mut near = world.touches(PEG);
+            near.retain(bridges);
+            add_new(&mut touches, near);
             joined = joined_by(world, &inside, &touches);
         }
         let ids: Vec<BodyId> = (0..inside.len()).filter(|&id| joined[id]).collect();
@@ -85,7 +80,7 @@ impl Sites {
             // What is neither in the pile nor stands still carries nothing here.
             let stands = |id: BodyId| joined[id] || pinned(id);
             if stands(touch.a) && !matches!(touch.b, Side::Body(b) if !stands(b)) {
-                sites.add(world, touch, k < carrying, anchors);
+                sites.add(touch, k < carrying, anchors);
             }
         }
         sites
@@ -113,7 +108,7 @@ impl Sites {
         self.touches.iter().filter(|touch| !touch.contacts.is_empty()).count()
     }
 
-    fn add(&mut self, world: &World, touch: &Touch, carries: bool, anchors: bool) {
+    fn add(&mut self, touch: &Touch, carries: bool, anchors: bool) {
         let index = |id: BodyId| self.ids.binary_search(&id).ok();
         let Some(mut contacts) = whole::contacts(touch, &index).map(|all| all.collect::<Vec<_>>()) else { return };
         let Some(&GlobalContact { body, other, .. }) = contacts.first() else { return };
@@ -138,10 +133,15 @@ impl Sites {
             arm: ARM * other.map_or(f64::INFINITY, radius).min(radius(body)),
             may: other.is_some() || anchors,
         });
-        debug_assert!(world.is_present(ends.0));
         self.between.push(ends);
         self.normals.push(normal);
     }
+}
+
+/// Adds those of pairs that are not among them yet.
+fn add_new(touches: &mut Vec<Touch>, near: Vec<Touch>) {
+    let known: BTreeSet<(BodyId, Side)> = touches.iter().map(|touch| (touch.a, touch.b)).collect();
+    touches.extend(near.into_iter().filter(|touch| !known.contains(&(touch.a, touch.b))));
 }
 
 /// Points of a patch that are kept: those that reach farthest.
