@@ -124,8 +124,10 @@ pub fn run<'a>(
         proof_steps += freed.steps;
         proof_seconds += observer.cpu_seconds() - clock;
         (glued.moved, glued.freed) = (Some(freed.moved), freed.poses);
-        // Where it fails in places, friction there counts less.
-        let changes = freed.moved <= IN_PLACES && sites.distrust(&freed.who) || *share > ATTEMPTS[ATTEMPTS.len() - 1];
+        // Where it fails in places, friction there counts less; once less friction everywhere does not help, wherever it fails.
+        let is_lowest = *share <= ATTEMPTS[ATTEMPTS.len() - 1];
+        let distrusts = (freed.moved <= IN_PLACES || is_lowest) && sites.distrust(&freed.who);
+        let changes = distrusts || !is_lowest;
         let stands = freed.moved <= MOST_MOVED && freed.way <= LEANS;
         let changes = changes || anchors && freed.way > LEANS && !anchors_all;
         anchors_all |= anchors && freed.way > LEANS;

@@ -8,6 +8,7 @@ use super::program::{Program, State};
 use super::splitting::{Length, Splitting, Weights, capped, onto_cone};
 use super::{GlueError, Going, oracle};
 use crate::equilibrium::global::BALANCED;
+use nalgebra::{Vector3, Vector6};
 
 /// What balances.
 pub struct Balanced {
@@ -20,12 +21,12 @@ pub struct Balanced {
 
 /// How long the splitting method is given before a correction, and how near it is to get, on average over the bodies.
 const APPROACH: Length = Length { least: 50, most: 600 };
-const NEAR: f64 = 1e-3;
+const NEAR: f64 = 3e-4;
 /// Price of a normal force meanwhile.
 const PRICE: f64 = 1e-3;
 /// Corrections, the residual of each, and the iterations that it may take.
 const CORRECTIONS: usize = 12;
-const RESIDUAL: f64 = 1e-8;
+const RESIDUAL: f64 = 1e-3;
 const INNER: usize = 400;
 /// No force is less movable than one of this size, in weights; nor a dot than one of that size.
 const LEAST_CONTACT: f64 = 1e-4;
@@ -89,21 +90,16 @@ fn correct(program: &Program, from: State, may: &[bool], going: &mut Going) -> R
             missing: 0.0,
         };
         program.imbalance(&state, &mut left);
-        let mut multipliers = vec![nalgebra::Vector6::zeros(); left.len()];
+        let mut multipliers = vec![Vector6::zeros(); left.len()];
         Factor::new(program, &mobility).solve(&left, &mut multipliers, RESIDUAL, INNER, &mut work);
-        for (t, touch) in program.touches.iter().enumerate() {
-            for c in 0..touch.axes.len() {
-                let at = touch.first + c;
-                let step = touch.sides.iter().map(|side| side.contacts[c].tr_mul(&multipliers[side.body]));
-                let moved = state.contacts[at] + step.sum::<nalgebra::Vector3<f64>>() * mobility.contacts[at];
-                state.contacts[at] = onto_cone(moved, 0.0, touch.friction[c]);
-            }
-            if may[t] {
-                let step = touch.sides.iter().map(|side| side.dot.tr_mul(&multipliers[side.body]));
-                let moved = state.dots[t] + step.sum::<nalgebra::Vector6<f64>>() * mobility.dots[t];
-                state.dots[t] = capped(moved, touch.strength);
-            }
-        }
+        let State { contacts, dots, .. } = &mut state;
+        let contact = |at: usize, step: Vector3<f64>| {
+            contacts[at] = onto_cone(contacts[at] + step * mobility.contacts[at], 0.0, program.contacts[at].friction);
+        };
+        let dot = |t: usize, step: Vector6<f64>| {
+            dots[t] = capped(dots[t] + step * mobility.dots[t], program.touches[t].strength);
+        };
+        program.velocities(&multipliers, may, contact, dot);
         let now = unbalanced(program, &state);
         if now < best.1 {
             best = (state.clone(), now);

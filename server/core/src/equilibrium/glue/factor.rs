@@ -2,7 +2,8 @@
 //! its solution by conjugate gradients, preconditioned by an incomplete Cholesky factorisation without fill.
 
 use super::program::Program;
-use nalgebra::{Matrix6, SMatrix, Vector6};
+use nalgebra::{Matrix6, Vector6};
+use std::collections::BTreeMap;
 
 /// How much the unknowns may move: squares of a scale.
 pub struct Mobility {
@@ -18,13 +19,15 @@ pub struct Mobility {
 pub struct Factor {
     /// Shape `[body]`.
     diagonal: Vec<Matrix6<f64>>,
-    /// Per body, the bodies beside it and their blocks (row: this body), by body.
-    beside: Vec<Vec<(usize, Matrix6<f64>)>>,
+    /// Pairs of bodies side by side, the earlier in the order first, and the block at its row and the other's column.
+    beside: Vec<((usize, usize), Matrix6<f64>)>,
     order: Vec<usize>,
-    /// Per place in the order: earlier places and the factor's blocks, rising.
-    lower: Vec<Vec<(usize, Matrix6<f64>)>>,
-    /// Inverse of the factor's diagonal blocks.
-    inverse: Vec<Matrix6<f64>>,
+    /// Per place in the order: the end of its row among the blocks.
+    ends: Vec<usize>,
+    /// The factor's blocks beside its diagonal: a body earlier in the order, rising by place, and the block.
+    lower: Vec<(usize, Matrix6<f32>)>,
+    /// Inverse of the factor's diagonal blocks, per place in the order.
+    inverse: Vec<Matrix6<f32>>,
 }
 
 /// The diagonal of the matrix that is factorised is this much larger, at first.
@@ -38,36 +41,48 @@ impl Factor {
     pub fn new(program: &Program, mobility: &Mobility) -> Factor {
         let count = program.target.len();
         let mut diagonal = vec![Matrix6::identity() * mobility.missing; count];
-        let mut beside: Vec<Vec<(usize, Matrix6<f64>)>> = vec![Vec::new(); count];
+        let place = places(&program.order);
+        let mut beside: BTreeMap<(usize, usize), Matrix6<f64>> = BTreeMap::new();
         for (touch, &dot) in program.touches.iter().zip(&mobility.dots) {
-            let product = |a: &super::program::Side, b: &super::program::Side| {
-                let mut block = a.dot * b.dot.transpose() * dot;
-                let contacts = a.contacts.iter().zip(&b.contacts).zip(&mobility.contacts[touch.first..]);
-                contacts.for_each(|((a, b), &m)| block += a * b.transpose() * m);
+            let product = |a: usize, b: usize| {
+                let mut block = touch.sides()[a].dot() * touch.sides()[b].dot().transpose() * dot;
+                for at in touch.contacts.clone() {
+                    block +=
+                        program.lever(touch, a, at) * program.lever(touch, b, at).transpose() * mobility.contacts[at];
+                }
                 block
             };
-            for side in &touch.sides {
-                diagonal[side.body] += product(side, side);
+            for (number, side) in touch.sides().iter().enumerate() {
+                diagonal[side.body] += product(number, number);
             }
-            if let [a, b] = &touch.sides[..] {
-                let block = product(a, b);
-                add(&mut beside[a.body], b.body, block);
-                add(&mut beside[b.body], a.body, block.transpose());
+            if let [a, b] = touch.sides() {
+                let (a, b) = (place[a.body], place[b.body]);
+                let block = if a < b { product(0, 1) } else { product(1, 0) };
+                *beside.entry((a.min(b), a.max(b))).or_default() += block;
             }
         }
         for block in &mut diagonal {
             let trace = block.trace();
             *block += Matrix6::identity() * if trace > 0.0 { LEAST * trace } else { 1.0 };
         }
-        beside.iter_mut().for_each(|row| row.sort_by_key(|(other, _)| *other));
-        let mut factor =
-            Factor { diagonal, beside, order: program.order.clone(), lower: Vec::new(), inverse: Vec::new() };
+        let body = |(a, b): (usize, usize)| (program.order[a], program.order[b]);
+        let mut factor = Factor {
+            diagonal,
+            beside: beside.iter().map(|(&pair, block)| (body(pair), *block)).collect(),
+            order: program.order.clone(),
+            ends: Vec::new(),
+            lower: Vec::new(),
+            inverse: Vec::new(),
+        };
+        let mut rows: Vec<Vec<(usize, Matrix6<f64>)>> = vec![Vec::new(); count];
+        beside.iter().for_each(|(&(a, b), block)| rows[b].push((a, block.transpose())));
         let mut shift = SHIFT;
-        while !factor.factorise(shift) {
+        while !factor.factorise(rows.clone(), shift) {
             shift *= 1.5;
             if shift > MOST_SHIFT {
                 // Numbers beyond their range: nothing moves.
-                factor.lower = vec![Vec::new(); count];
+                factor.ends = vec![0; count];
+                factor.lower = Vec::new();
                 factor.inverse = vec![Matrix6::zeros(); count];
                 break;
             }
@@ -75,72 +90,79 @@ impl Factor {
         factor
     }
 
-    /// False where a block of the diagonal is not positive definite.
-    fn factorise(&mut self, shift: f64) -> bool {
-        let count = self.order.len();
-        let mut place = vec![0; count];
-        self.order.iter().enumerate().for_each(|(k, &body)| place[body] = k);
-        self.lower = Vec::with_capacity(count);
-        self.inverse = Vec::with_capacity(count);
-        for (i, &body) in self.order.iter().enumerate() {
-            let earlier = self.beside[body].iter().map(|(other, block)| (place[*other], *block));
-            let mut row: Vec<(usize, Matrix6<f64>)> = earlier.filter(|(j, _)| *j < i).collect();
-            row.sort_by_key(|(j, _)| *j);
+    /// `rows`: per place in the order, earlier places and the matrix's blocks, rising. False where a block of the diagonal is not
+    /// positive definite.
+    fn factorise(&mut self, mut rows: Vec<Vec<(usize, Matrix6<f64>)>>, shift: f64) -> bool {
+        let mut inverses: Vec<Matrix6<f64>> = Vec::with_capacity(rows.len());
+        for i in 0..rows.len() {
+            let (done, rest) = rows.split_at_mut(i);
+            let row = &mut rest[0];
             for at in 0..row.len() {
                 let (before, rest) = row.split_at_mut(at);
                 let (j, block) = &mut rest[0];
                 // M_ij less the products of what both rows have.
-                let mut other = self.lower[*j].iter().peekable();
+                let mut other = done[*j].iter().peekable();
                 for (k, left) in before.iter() {
                     while other.next_if(|(m, _)| m < k).is_some() {}
                     if let Some((_, right)) = other.next_if(|(m, _)| m == k) {
                         *block -= left * right.transpose();
                     }
                 }
-                *block *= self.inverse[*j].transpose();
+                *block *= inverses[*j].transpose();
             }
-            let mut pivot = self.diagonal[body] * shift;
-            row.iter().for_each(|(_, block)| pivot -= block * block.transpose());
+            let mut pivot = self.diagonal[self.order[i]] * shift;
+            row.iter().for_each(|(_, block)| pivot -= *block * block.transpose());
             let Some(inverse) = pivot.cholesky().and_then(|cholesky| cholesky.l().try_inverse()) else { return false };
-            self.inverse.push(inverse);
-            self.lower.push(row);
+            inverses.push(inverse);
         }
+        self.ends = rows
+            .iter()
+            .scan(0, |end, row| {
+                *end += row.len();
+                Some(*end)
+            })
+            .collect();
+        self.lower = rows.iter().flatten().map(|(j, block)| (self.order[*j], block.cast())).collect();
+        self.inverse = inverses.iter().map(|inverse| inverse.cast()).collect();
         true
     }
 
     fn times(&self, x: &[Vector6<f64>], y: &mut [Vector6<f64>]) {
-        for (body, y) in y.iter_mut().enumerate() {
-            *y = self.diagonal[body] * x[body];
-            for (other, block) in &self.beside[body] {
-                *y += block * x[*other];
-            }
+        y.iter_mut().zip(x.iter().zip(&self.diagonal)).for_each(|(y, (x, block))| *y = block * x);
+        for ((a, b), block) in &self.beside {
+            y[*a] += block * x[*b];
+            y[*b] += block.tr_mul(&x[*a]);
         }
     }
 
-    /// Solves with the incomplete factor.
-    fn precondition(&self, r: &[Vector6<f64>], z: &mut [Vector6<f64>]) {
+    /// Solves with the incomplete factor. Shape of `z`: `[body]`.
+    fn precondition(&self, r: &[Vector6<f64>], z: &mut [Vector6<f32>]) {
+        let mut begin = 0;
         for (i, &body) in self.order.iter().enumerate() {
-            let mut rest = r[body];
-            self.lower[i].iter().for_each(|(j, block)| rest -= block * z[self.order[*j]]);
+            let mut rest: Vector6<f32> = r[body].cast();
+            self.lower[begin..self.ends[i]].iter().for_each(|(other, block)| rest -= block * z[*other]);
             z[body] = self.inverse[i] * rest;
+            begin = self.ends[i];
         }
         for (i, &body) in self.order.iter().enumerate().rev() {
-            let solved = self.inverse[i].transpose() * z[body];
+            let solved = self.inverse[i].tr_mul(&z[body]);
             z[body] = solved;
-            self.lower[i].iter().for_each(|(j, block)| z[self.order[*j]] -= block.tr_mul(&solved));
+            let begin = if i > 0 { self.ends[i - 1] } else { 0 };
+            self.lower[begin..self.ends[i]].iter().for_each(|(other, block)| z[*other] -= block.tr_mul(&solved));
         }
     }
 
     /// Solves M x = r from the guess `x`, to `tolerance` of the residual that it leaves or in `most` iterations.
     pub fn solve(&self, r: &[Vector6<f64>], x: &mut [Vector6<f64>], tolerance: f64, most: usize, work: &mut Work) {
         let Work { residual, direction, image, z } = work;
-        [&mut *residual, direction, image, z].into_iter().for_each(|v| v.resize(r.len(), Vector6::zeros()));
+        [&mut *residual, direction, image].into_iter().for_each(|v| v.resize(r.len(), Vector6::zeros()));
+        z.resize(r.len(), Vector6::zeros());
         self.times(x, image);
         residual.iter_mut().zip(r).zip(&*image).for_each(|((rest, r), y)| *rest = r - y);
         let begin = dot(residual, residual);
         self.precondition(residual, z);
-        direction.clone_from(z);
-        let mut along = dot(residual, z);
+        direction.iter_mut().zip(&*z).for_each(|(d, z)| *d = z.cast());
+        let mut along = dot(residual, direction);
         for _ in 0..most {
             let is_done = along <= 0.0 || dot(residual, residual) <= tolerance * tolerance * begin;
             if is_done || !along.is_finite() {
@@ -157,10 +179,10 @@ impl Factor {
                 *rest -= y * step;
             }
             self.precondition(residual, z);
-            let next = dot(residual, z);
+            let next = residual.iter().zip(&*z).map(|(r, z)| r.dot(&z.cast())).sum::<f64>();
             let turn = next / along;
             along = next;
-            direction.iter_mut().zip(&*z).for_each(|(d, z)| *d = z + *d * turn);
+            direction.iter_mut().zip(&*z).for_each(|(d, z)| *d = z.cast() + *d * turn);
         }
     }
 }
@@ -171,16 +193,16 @@ pub struct Work {
     residual: Vec<Vector6<f64>>,
     direction: Vec<Vector6<f64>>,
     image: Vec<Vector6<f64>>,
-    z: Vec<Vector6<f64>>,
+    z: Vec<Vector6<f32>>,
 }
 
 fn dot(a: &[Vector6<f64>], b: &[Vector6<f64>]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
 }
 
-fn add(row: &mut Vec<(usize, SMatrix<f64, 6, 6>)>, other: usize, block: Matrix6<f64>) {
-    match row.iter_mut().find(|(o, _)| *o == other) {
-        Some((_, sum)) => *sum += block,
-        None => row.push((other, block)),
-    }
+/// The place of each body in an order.
+fn places(order: &[usize]) -> Vec<usize> {
+    let mut places = vec![0; order.len()];
+    order.iter().enumerate().for_each(|(place, &body)| places[body] = place);
+    places
 }

@@ -47,9 +47,7 @@ impl Loads {
         let target: Vec<Vector6<f64>> = self.bodies.iter().zip(wanted).map(unit).collect();
         self.factor.solve(&target, &mut self.multipliers, RESIDUAL, MOST, &mut self.work);
         let mut state: State = program.empty_state();
-        for (t, touch) in program.touches.iter().enumerate() {
-            state.dots[t] = touch.sides.iter().map(|side| side.dot.tr_mul(&self.multipliers[side.body])).sum();
-        }
+        program.velocities(&self.multipliers, &vec![true; self.dots.len()], |_, _| (), |t, v| state.dots[t] = v);
         (0..self.dots.len()).map(|touch| program.dot(touch, &state)).collect()
     }
 }

@@ -81,13 +81,14 @@ fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance
         }
         rhs.push(bound);
     };
-    for (t, touch) in program.touches.iter().enumerate().filter(|(_, touch)| !touch.sides.is_empty()) {
-        for c in 0..touch.axes.len() {
-            let mu = touch.friction[c];
+    for (t, touch) in program.touches.iter().enumerate().filter(|(_, touch)| !touch.sides().is_empty()) {
+        for at in touch.contacts.clone() {
+            let mu = program.contacts[at].friction;
             for k in 0..if mu > 0.0 { 3 } else { 1 } {
                 let scale = if k == 0 { 1.0 } else { mu };
-                let mut entries =
-                    touch.sides.iter().map(|side| (side.body, side.contacts[c].column(k).into_owned() * scale));
+                let sides = touch.sides().iter().enumerate();
+                let mut entries = sides
+                    .map(|(number, side)| (side.body, program.lever(touch, number, at).column(k).into_owned() * scale));
                 row(&mut entries, if k == 0 { price } else { 0.0 }, &mut rhs);
             }
             cones.push(if mu > 0.0 { SecondOrderConeT(3) } else { NonnegativeConeT(1) });
@@ -98,7 +99,7 @@ fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance
             }
             row(&mut std::iter::empty(), weights[t], &mut rhs);
             for k in 0..6 {
-                let mut entries = touch.sides.iter().map(|side| (side.body, side.dot.column(k).into_owned()));
+                let mut entries = touch.sides().iter().map(|side| (side.body, side.dot().column(k).into_owned()));
                 row(&mut entries, 0.0, &mut rhs);
             }
             cones.push(SecondOrderConeT(7));
@@ -133,12 +134,13 @@ fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance
     solver.solve();
     let mut z = solver.solution.z.iter().map(|z| if z.is_finite() { *z } else { 0.0 });
     let mut next = || z.next().unwrap_or(0.0);
-    for (t, touch) in program.touches.iter().enumerate().filter(|(_, touch)| !touch.sides.is_empty()) {
-        for (c, &mu) in touch.friction.iter().enumerate() {
+    for (t, touch) in program.touches.iter().enumerate().filter(|(_, touch)| !touch.sides().is_empty()) {
+        for at in touch.contacts.clone() {
+            let mu = program.contacts[at].friction;
             let force =
                 if mu > 0.0 { Vector3::new(next(), mu * next(), mu * next()) } else { Vector3::new(next(), 0.0, 0.0) };
             // An interior point may end a rounding outside its cone.
-            state.contacts[touch.first + c] = super::splitting::onto_cone(force, 0.0, mu);
+            state.contacts[at] = super::splitting::onto_cone(force, 0.0, mu);
         }
         if is_dot(t) {
             next();

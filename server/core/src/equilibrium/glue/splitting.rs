@@ -4,7 +4,7 @@
 use super::factor::{Factor, Mobility, Work};
 use super::program::{Program, State};
 use super::{GlueError, Going};
-use nalgebra::{Vector3, Vector6};
+use nalgebra::{SVector, Vector3, Vector6};
 
 /// How long a run takes.
 #[derive(Clone, Copy, Debug)]
@@ -62,6 +62,8 @@ pub struct Splitting<'p> {
     pub state: State,
     /// What has been asked for in vain, in sum.
     dual: State,
+    /// State less dual.
+    point: State,
     /// Multipliers of the balance.
     multipliers: Vec<Vector6<f64>>,
     penalty: f64,
@@ -85,6 +87,7 @@ impl<'p> Splitting<'p> {
             factor: Factor::new(program, &mobility),
             state: program.empty_state(),
             dual: program.empty_state(),
+            point: program.empty_state(),
             multipliers: vec![Vector6::zeros(); program.target.len()],
             penalty: 1.0,
             iterations: 0,
@@ -137,60 +140,41 @@ impl<'p> Splitting<'p> {
     fn iterate(&mut self, weights: &Weights) -> (f64, f64) {
         self.iterations += 1;
         // The projection of w = z - u onto balance is w + A^T l with M l = target - A w.
-        let mut point = self.program.empty_state();
-        for (p, (z, u)) in point.contacts.iter_mut().zip(self.state.contacts.iter().zip(&self.dual.contacts)) {
-            *p = z - u;
-        }
-        for (p, (z, u)) in point.dots.iter_mut().zip(self.state.dots.iter().zip(&self.dual.dots)) {
-            *p = z - u;
-        }
-        for (p, (z, u)) in point.missing.iter_mut().zip(self.state.missing.iter().zip(&self.dual.missing)) {
-            *p = z - u;
-        }
-        self.program.imbalance(&point, &mut self.left);
-        self.factor.solve(&self.left, &mut self.multipliers, INNER_TOLERANCE, INNER, &mut self.work);
-        let (mut apart, mut moved) = (0.0, 0.0);
-        for (t, touch) in self.program.touches.iter().enumerate() {
-            if touch.sides.is_empty() {
-                continue;
-            }
-            for c in 0..touch.axes.len() {
-                let at = touch.first + c;
-                let mut x: Vector3<f64> = point.contacts[at];
-                touch.sides.iter().for_each(|side| x += side.contacts[c].tr_mul(&self.multipliers[side.body]));
-                let z = &mut self.state.contacts[at];
-                let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + self.dual.contacts[at];
-                let next = onto_cone(relaxed, weights.normal / self.penalty, touch.friction[c]);
-                self.dual.contacts[at] = relaxed - next;
-                apart += (x - next).norm_squared();
-                moved += (*z - next).norm_squared();
-                *z = next;
-            }
-            if self.may[t] {
-                let mut x: Vector6<f64> = point.dots[t];
-                touch.sides.iter().for_each(|side| x += side.dot.tr_mul(&self.multipliers[side.body]));
-                let z = &mut self.state.dots[t];
-                let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + self.dual.dots[t];
-                let next = capped(shrunk(relaxed, weights.dots[t] / self.penalty), touch.strength);
-                self.dual.dots[t] = relaxed - next;
-                apart += (x - next).norm_squared();
-                moved += (*z - next).norm_squared();
-                *z = next;
-            }
-        }
+        let Splitting { program, state, dual, point, multipliers, penalty, .. } = self;
+        let (program, penalty) = (*program, *penalty);
+        difference(&mut point.contacts, &state.contacts, &dual.contacts);
+        difference(&mut point.dots, &state.dots, &dual.dots);
+        difference(&mut point.missing, &state.missing, &dual.missing);
+        program.imbalance(point, &mut self.left);
+        self.factor.solve(&self.left, multipliers, INNER_TOLERANCE, INNER, &mut self.work);
+        let (mut of_contacts, mut of_dots) = (Ways::default(), Ways::default());
+        let contact = |at: usize, step: Vector3<f64>| {
+            let (x, z, u) = (point.contacts[at] + step, &mut state.contacts[at], &mut dual.contacts[at]);
+            let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + *u;
+            let next = onto_cone(relaxed, weights.normal / penalty, program.contacts[at].friction);
+            of_contacts.add((x - next).norm_squared(), (*z - next).norm_squared());
+            (*u, *z) = (relaxed - next, next);
+        };
+        let dot = |t: usize, step: Vector6<f64>| {
+            let (x, z, u) = (point.dots[t] + step, &mut state.dots[t], &mut dual.dots[t]);
+            let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + *u;
+            let next = capped(shrunk(relaxed, weights.dots[t] / penalty), program.touches[t].strength);
+            of_dots.add((x - next).norm_squared(), (*z - next).norm_squared());
+            (*u, *z) = (relaxed - next, next);
+        };
+        program.velocities(multipliers, &self.may, contact, dot);
+        of_contacts.add(of_dots.apart, of_dots.moved);
+        let ways = &mut of_contacts;
         if let Some(cost) = weights.missing.filter(|_| self.is_elastic) {
-            for body in 0..self.multipliers.len() {
-                let x = point.missing[body] + self.multipliers[body];
-                let z = &mut self.state.missing[body];
-                let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + self.dual.missing[body];
-                let next = shrunk(relaxed, cost / self.penalty);
-                self.dual.missing[body] = relaxed - next;
-                apart += (x - next).norm_squared();
-                moved += (*z - next).norm_squared();
-                *z = next;
+            for (body, step) in multipliers.iter().enumerate() {
+                let (x, z, u) = (point.missing[body] + step, &mut state.missing[body], &mut dual.missing[body]);
+                let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + *u;
+                let next = shrunk(relaxed, cost / penalty);
+                ways.add((x - next).norm_squared(), (*z - next).norm_squared());
+                (*u, *z) = (relaxed - next, next);
             }
         }
-        (apart.sqrt(), moved.sqrt())
+        (ways.apart.sqrt(), ways.moved.sqrt())
     }
 
     /// A higher penalty draws the two kinds of forces together, a lower one lets the costs decide.
@@ -200,16 +184,40 @@ impl<'p> Splitting<'p> {
             () if moved > UNEVEN * apart => 0.5,
             () => return,
         };
-        self.penalty *= factor;
+        self.set_penalty(self.penalty * factor);
+    }
+
+    /// How much balance weighs against the costs.
+    pub fn set_penalty(&mut self, penalty: f64) {
+        let factor = penalty / self.penalty;
+        self.penalty = penalty;
         self.dual.contacts.iter_mut().for_each(|u| *u /= factor);
         self.dual.dots.iter_mut().for_each(|u| *u /= factor);
         self.dual.missing.iter_mut().for_each(|u| *u /= factor);
     }
 }
 
+/// Sums of squares: how far the two kinds of forces are apart, and how far those that obey their laws have moved.
+#[derive(Default)]
+struct Ways {
+    apart: f64,
+    moved: f64,
+}
+
+impl Ways {
+    fn add(&mut self, apart: f64, moved: f64) {
+        self.apart += apart;
+        self.moved += moved;
+    }
+}
+
+fn difference<const N: usize>(point: &mut [SVector<f64, N>], state: &[SVector<f64, N>], dual: &[SVector<f64, N>]) {
+    point.iter_mut().zip(state.iter().zip(dual)).for_each(|(p, (z, u))| *p = z - u);
+}
+
 /// The nearest contact force within friction, after the normal force has paid its price.
 pub fn onto_cone(f: Vector3<f64>, price: f64, friction: f64) -> Vector3<f64> {
-    let (normal, tangent) = (f[0] - price, f[1].hypot(f[2]));
+    let (normal, tangent) = (f[0] - price, (f[1] * f[1] + f[2] * f[2]).sqrt());
     if normal >= 0.0 && tangent <= friction * normal {
         return Vector3::new(normal, f[1], f[2]);
     }
