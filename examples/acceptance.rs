@@ -1,4 +1,4 @@
-//! The acceptance table: sticks in a steep cone, a vertical cylinder and a letter T, with control, without, and without
+//! The acceptance table: sticks in a steep cone, a vertical cylinder and a letter T, glued, with control, without, and without
 //! but with everything damped as strongly; medians over seeds.
 //!
 //!     cargo run --release --example acceptance -- --seeds 5
@@ -25,7 +25,9 @@ struct Args {
 }
 
 /// A column of the table: its heading, the figure's name and its digits.
-const COLUMNS: [(&str, &str, usize); 14] = [
+const COLUMNS: [(&str, &str, usize); 16] = [
+    ("touches", "touches", 0),
+    ("glued, of touches", "glued_touch_fraction", 3),
     ("fill", "fill_fraction", 3),
     ("IoU at turn-over", "shape_iou_start", 3),
     ("kept shape", "kept_shape", 3),
@@ -45,7 +47,7 @@ const COLUMNS: [(&str, &str, usize); 14] = [
 fn main() -> Result<(), String> {
     let args = Args::parse();
     let headings: Vec<&str> = COLUMNS.iter().map(|c| c.0).collect();
-    println!("| shape | control | bodies | {} | CPU s fill | release, hold |", headings.join(" | "));
+    println!("| shape | control | bodies | {} | CPU s fill | glue, release, hold |", headings.join(" | "));
     println!("|{}", " --- |".repeat(COLUMNS.len() + 5));
     for shape in &args.shapes {
         let scene = scene(shape, &args.prop)?;
@@ -82,7 +84,7 @@ fn main() -> Result<(), String> {
                 median(&reports, |r| r.bodies as f64),
                 figures.join(" | "),
                 seconds(&["fill"]),
-                seconds(&["release", "hold"])
+                seconds(&["glue", "release", "hold"])
             );
         }
     }
@@ -91,9 +93,10 @@ fn main() -> Result<(), String> {
 
 type Change = fn(&mut Params);
 
-/// With control; without; and without but with every body damped as strongly as the control damps uncertified ones.
-fn variants() -> [(&'static str, Change); 3] {
+/// Glued; with control; without; and without but with every body damped as strongly as the control damps uncertified ones.
+fn variants() -> [(&'static str, Change); 4] {
     [
+        ("as modelled", |p| p.glue.mode = GlueMode::AsModelled),
         ("hold", |_| {}),
         ("off", |p| p.control.mode = ControlMode::Off),
         ("off, damped", |p| {

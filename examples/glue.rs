@@ -1,18 +1,31 @@
-//! Where piles must be glued: dots and CPU seconds of the splitting method, beside Clarabel's.
+//! What holds a pile: nothing, as few dots as Cairn finds, those that Clarabel finds, as many at random, all that could be, and dots of
+//! bounded strength. Each pile is let go, awake, for 20 natural times.
 //!
-//!     cargo run --release --example glue -- examples/sticks.toml examples/column.toml --set fill.count=200
+//!     cargo run --release --example glue -- examples/sticks.toml --set fill.count=200 --strength 1,3,10,30
 
 mod piles;
 
-use cairn_core::equilibrium::glue::{self, GlueOptions, Placement, oracle};
+use anyhow::{Context, anyhow};
+use cairn_core::equilibrium::glue::{self, GlueDot, GlueOptions, Placement, oracle};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::geometry::region::Region;
+use cairn_core::measure::{Gauge, Instances, kept_shape};
 use cairn_core::sim::glue::Sites;
+use cairn_core::sim::instance::Instance;
+use cairn_core::sim::pile::Pile;
+use cairn_core::stages::glue::{dots, let_go};
+use cairn_core::world::BodyId;
 use clap::Parser;
 use cpu_time::ThreadTime;
 use glam::DVec3;
+use rand::SeedableRng;
+use rand::seq::index;
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Where piles must be glued, by the splitting method and by Clarabel.
+/// What holds a pile: nothing, few dots, as many at random, all of them, and weaker ones.
 #[derive(Parser)]
 struct Args {
     /// Scene files
@@ -27,48 +40,100 @@ struct Args {
     /// Friction counts by this factor
     #[arg(long, default_value_t = 0.5)]
     factor: f64,
-    /// Bound on a dot's force, in weights of the median prop
-    #[arg(long)]
-    strength: Option<f64>,
+    /// Bounds on a dot's force, in weights of the median prop
+    #[arg(long, value_delimiter = ',')]
+    strength: Vec<f64>,
 }
+
+const NORMAL_PRICE: f64 = 0.02;
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     println!(
-        "| scene | method | bodies | touches | contacts | dots | largest | imbalance | by cone program | fallen | iterations | CPU s |"
+        "| scene | glue | bodies | touches | dots | largest force | imbalance | fallen | CPU s | moved | kept, let go |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for scene in &args.scenes {
-        let full = piles::Full::of(scene, &args.set)?;
-        let sim = full.turn_over()?;
-        let sites = Sites::new(&sim.pile.world, None, true);
-        let problem = sites.problem(DVec3::NEG_Y);
-        let options = GlueOptions { friction_factor: args.factor, normal_price: 0.02, strength: args.strength };
-        let name = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let tell = |method: &str, placed: &Placement, seconds: f64| {
-            let force = |dot: &glue::GlueDot| dot.force.length();
-            println!(
-                "| {name} | {method} | {} | {} | {} | {} | {:.1} | {:.1e} | {} | {} | {} | {seconds:.2} |",
-                sites.ids.len(),
-                sites.real(),
-                problem.contacts.len(),
-                placed.dots.len(),
-                placed.dots.iter().map(force).fold(0.0, f64::max),
-                placed.imbalance,
-                placed.by_cone_program,
-                placed.fallen.len(),
-                placed.iterations,
-            );
-        };
-        let mut going = || ControlFlow::Continue(());
-        let begin = ThreadTime::now();
-        let placed = glue::place(&problem, &options, &mut going)?;
-        tell("splitting", &placed, begin.elapsed().as_secs_f64());
-        if sites.ids.len() <= args.oracle {
-            let begin = ThreadTime::now();
-            let placed = oracle::place(&problem, &options, &mut going)?;
-            tell("Clarabel", &placed, begin.elapsed().as_secs_f64());
-        }
+        rows(scene, &args)?;
     }
     Ok(())
+}
+
+fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
+    let full = piles::Full::of(scene, &args.set)?;
+    let sim = full.turn_over()?;
+    let sites = Sites::new(&sim.pile.world, None, true);
+    let problem = sites.problem(DVec3::NEG_Y);
+    let options = |strength| GlueOptions { friction_factor: args.factor, normal_price: NORMAL_PRICE, strength };
+    let control = &full.job.scene.control.as_ref().context("the scene fills no control mesh")?.mesh;
+    let ruler = Ruler::new(control, full.job.scene.props.iter().map(|prop| prop.model.mesh.clone()).collect());
+    let name = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let tell = |glue: &str, placed: &Placement, seconds: f64| -> anyhow::Result<()> {
+        let loose: Vec<BodyId> =
+            placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
+        let dots = dots(&sites, placed, false, 0.0, 1.0);
+        let freed = let_go(full.turn_over()?, &dots, &loose, DVec3::NEG_Y, true, &mut |_| Ok(()))?;
+        let poses = freed.poses.context("it was let go to its end")?;
+        println!(
+            "| {name} | {glue} | {} | {} | {} | {:.1} | {:.1e} | {} | {seconds:.2} | {:.3} | {:.3} |",
+            sites.ids.len(),
+            sites.real(),
+            dots.len(),
+            dots.iter().map(|dot| dot.force.length()).fold(0.0, f64::max),
+            placed.imbalance,
+            placed.fallen.len(),
+            freed.moved,
+            ruler.kept(&sim.pile, &poses).ok_or_else(|| anyhow!("the pile has no shape"))?,
+        );
+        Ok(())
+    };
+    let at = |touches: Vec<usize>| {
+        let dot = |touch: usize| GlueDot { touch, force: DVec3::ZERO, moment: DVec3::ZERO };
+        Placement { dots: touches.into_iter().map(dot).collect(), imbalance: f64::NAN, ..Placement::default() }
+    };
+    let mut going = || ControlFlow::Continue(());
+    tell("none", &at(Vec::new()), 0.0)?;
+    let begin = ThreadTime::now();
+    let least = glue::place(&problem, &options(None), &mut going)?;
+    tell("as few as Cairn finds", &least, begin.elapsed().as_secs_f64())?;
+    if sites.ids.len() <= args.oracle {
+        let begin = ThreadTime::now();
+        let placed = oracle::place(&problem, &options(None), &mut going)?;
+        tell("as few as Clarabel finds", &placed, begin.elapsed().as_secs_f64())?;
+    }
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(full.job.params.seed);
+    let chance = index::sample(&mut rng, problem.touches.len(), least.dots.len()).into_vec();
+    tell("as many at random", &at(BTreeSet::from_iter(chance).into_iter().collect()), 0.0)?;
+    tell("every touch", &at((0..problem.touches.len()).collect()), 0.0)?;
+    for &strength in &args.strength {
+        let begin = ThreadTime::now();
+        let placed = glue::place(&problem, &options(Some(strength)), &mut going)?;
+        tell(&format!("at most {strength} weights"), &placed, begin.elapsed().as_secs_f64())?;
+    }
+    Ok(())
+}
+
+/// Measures a pile's shape.
+struct Ruler {
+    control: TriMesh,
+    region: Region,
+    props: Vec<TriMesh>,
+}
+
+impl Ruler {
+    fn new(control: &TriMesh, props: Vec<TriMesh>) -> Ruler {
+        Ruler { control: control.clone(), region: Region::new(control), props }
+    }
+
+    /// `kept_shape` of these poses against those of the pile. Engine units; shape `[body]`.
+    fn kept(&self, pile: &Pile, poses: &[Option<Pose>]) -> Option<f64> {
+        let place = |(b, pose): (&Instance, Pose)| {
+            (b.prop, b.scale, pile.shapes[b.prop].prop_pose(&pile.world.units.pose_to_si(&pose), b.scale))
+        };
+        let begin: Vec<_> = pile.instances.iter().enumerate().map(|(id, b)| place((b, pile.world.pose(id)))).collect();
+        let end: Vec<_> = pile.instances.iter().zip(poses).filter_map(|(b, &pose)| Some(place((b, pose?)))).collect();
+        let begin = Instances { props: &self.props, bodies: &begin };
+        let gauge = Gauge::new(&self.control, &self.region, &begin);
+        kept_shape(&gauge.measure(&begin), &gauge.measure(&Instances { props: &self.props, bodies: &end }))
+    }
 }

@@ -171,9 +171,9 @@ fn place(sites: &Sites, options: &GlueOptions, going: &mut dyn FnMut() -> Contro
     })
 }
 
-/// The dots of a placement; and, where the foot is too narrow, dots at all that touches the ground.
+/// The dots of a placement, engine units; and, where the foot is too narrow, dots at all that touches the ground.
 /// `least_limit`: what each dot carries at least before it breaks.
-fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit: f64, breaking: f64) -> Vec<Dot> {
+pub fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit: f64, breaking: f64) -> Vec<Dot> {
     let pile = sites.problem(DVec3::NEG_Y);
     let dot = |touch: usize, force: DVec3, moment: DVec3| {
         let site = &pile.touches[touch];
@@ -207,21 +207,21 @@ fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit: f6
 }
 
 /// What a pile did, left to itself.
-struct LetGo {
-    /// Share of the bodies that have moved.
-    moved: f64,
+pub struct LetGo {
+    /// Share of the bodies that have moved by more than d/4.
+    pub moved: f64,
     /// Those that have, rising.
-    who: Vec<BodyId>,
+    pub who: Vec<BodyId>,
     /// How far the bodies have moved in the mean, d.
-    way: f64,
-    /// Where the bodies are in the end; `None` where it was ended early.
-    poses: Option<Vec<Option<Pose>>>,
-    steps: u64,
+    pub way: f64,
+    /// Where the bodies are in the end, engine units; `None` where it was ended early. Shape `[body]`; `None`: not there.
+    pub poses: Option<Vec<Option<Pose>>>,
+    pub steps: u64,
 }
 
-/// Lets a glued pile go, awake, without any control; `loose` bodies are not there. Unless it is to go `to_the_end`, it ends early where
+/// Lets a pile with these dots go for 20 natural times, awake, without any control; `loose` bodies are not there. Unless it is to go `to_the_end`, it ends early where
 /// the pile plainly does not stand.
-fn let_go(
+pub fn let_go(
     mut sim: Simulation,
     dots: &[Dot],
     loose: &[BodyId],
@@ -244,6 +244,8 @@ fn let_go(
             let (who, moved, way) = moved(world, &before);
             if step == steps || moved > COLLAPSED && !to_the_end {
                 let poses = (step == steps).then(|| poses(world));
+                // What was not waited for counts as the most that it could be.
+                let way = if step == steps { way } else { 2.0 - step as f64 / steps as f64 };
                 return Ok(LetGo { moved, who, way, poses, steps: step });
             }
         }
