@@ -283,7 +283,7 @@ fn pair<'a>(
         format!("{name} in {}", scene.control.as_ref().map_or("", |c| &c.name)),
         "pair".into(),
         (&scene, &params),
-        bake.report,
+        glued.report,
     )
     .ok();
     row

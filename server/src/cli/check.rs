@@ -59,6 +59,9 @@ pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>) -> S
     let mut line = |name: &str, value: String| writeln!(text, "  {name:<22}{value}").expect("a string takes all");
     line("bodies", format!("about {}", plan.expected_bodies));
     line("steps", format!("about {}", plan.expected_steps));
+    if let Some(dots) = expected.map(|expected| expected.glue_dots).filter(|dots| *dots >= 1.0) {
+        line("dots of glue", format!("{:.0} to {:.0}, as the shape needs", (dots / 4.0).ceil(), (2.0 * dots).ceil()));
+    }
     line("prop diameter", format!("{:.3} m", plan.prop_diameter));
     line("natural time", format!("{:.3} s", plan.natural_time));
     for effect in plan.effects.iter().filter(|effect| effect.on) {

@@ -22,6 +22,10 @@ pub struct Estimate {
     pub cpu_seconds: f64,
     /// CPU seconds of the fill.
     pub fill_seconds: f64,
+    /// CPU seconds of placing glue and of the proof; 0 where nothing is glued.
+    pub glue_seconds: f64,
+    /// Dots of glue, more or less: shapes that hang over need several times as many as shapes that stand almost by themselves.
+    pub glue_dots: f64,
     /// CPU seconds of release and hold; the rest is for shapes and measures.
     pub release_seconds: f64,
     /// Nine of ten bakes take between `cpu_seconds` / `factor` and `cpu_seconds` * `factor`.
@@ -37,6 +41,7 @@ impl Estimate {
     pub fn share(&self, effect: EffectName) -> Option<f64> {
         let seconds = match effect {
             EffectName::Fill => self.fill_seconds,
+            EffectName::Glue => self.glue_seconds,
             EffectName::Control => model::CONTROL_SHARE * self.release_seconds,
             _ => return None,
         };
@@ -65,6 +70,9 @@ pub struct Workload {
     pub substeps: f64,
     /// Each contact point has a friction force of its own.
     pub coulomb: bool,
+    /// The pile is glued where friction does not carry it.
+    #[serde(default)]
+    pub glued: bool,
 }
 
 /// What the power laws are of.
@@ -101,6 +109,7 @@ impl Workload {
             step_rate,
             substeps: f64::from(params.physics.substeps),
             coulomb: params.physics.friction_model == FrictionModel::Coulomb,
+            glued: params.glue_bound(scene.is_filled(params)) > 0.0,
         }
     }
 
@@ -120,13 +129,14 @@ impl Workload {
         ]
     }
 
-    /// Expected CPU seconds of fill, of release and hold, and of shapes and measures, on the machine that the model was
+    /// Expected CPU seconds of fill, of glue, of release and hold, and of shapes and measures, on the machine that the model was
     /// fitted on.
-    pub fn stage_seconds(&self) -> [f64; 3] {
+    pub fn stage_seconds(&self) -> [f64; 4] {
         let features = self.features();
         let law = |weights: &Weights| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
         let fill = if self.filled > 0.0 { law(&model::FILL) } else { 0.0 };
-        [fill, law(&model::RELEASE_AND_HOLD), law(&model::MEASURE)]
+        let glue = if self.glued { law(&model::GLUE) } else { 0.0 };
+        [fill, glue, law(&model::RELEASE_AND_HOLD), law(&model::MEASURE)]
     }
 
     /// The sum of [`Workload::stage_seconds`].
@@ -138,12 +148,14 @@ impl Workload {
 /// The estimate for a checked scene. `machine`: from `stages::calibrate`.
 pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], machine: f64) -> Estimate {
     let [penetration_mean_rel, friction_violation_mean] = model::errors(params.accuracy);
-    let [fill_seconds, release_seconds, rest] =
-        Workload::of(scene, params, checked, shapes).stage_seconds().map(|seconds| machine * seconds);
+    let workload = Workload::of(scene, params, checked, shapes);
+    let [fill_seconds, glue_seconds, release_seconds, rest] = workload.stage_seconds().map(|seconds| machine * seconds);
     Estimate {
         accuracy: params.accuracy,
-        cpu_seconds: fill_seconds + release_seconds + rest,
+        cpu_seconds: fill_seconds + glue_seconds + release_seconds + rest,
         fill_seconds,
+        glue_seconds,
+        glue_dots: if workload.glued { model::DOTS_PER_BODY * workload.bodies } else { 0.0 },
         release_seconds,
         factor: model::FACTOR,
         penetration_mean_rel,

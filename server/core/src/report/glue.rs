@@ -74,6 +74,7 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
     let anchored = glued.dots.iter().filter(|dot| dot.b.is_none()).count();
     BTreeMap::from([
         ("touches", Some(glued.touches as f64)),
+        ("glue_dots_least", Some(glued.at_least as f64)),
         ("glued_touch_fraction", Some(glued.dots.len() as f64 / glued.touches.max(1) as f64)),
         ("glued_body_fraction", Some(touched.len() as f64 / count)),
         ("glue_cluster_max", Some(sim.pile.glue.tally.cluster_max as f64)),

@@ -38,6 +38,8 @@ pub struct Glued {
     pub dots: Vec<Dot>,
     /// Touches that could have been glued, pegs not counted.
     pub touches: usize,
+    /// No choice has fewer dots.
+    pub at_least: usize,
     /// Bodies that no touch joins to the ground.
     pub apart: usize,
     /// Bodies that the glue is too weak for.
@@ -98,6 +100,7 @@ pub fn run<'a>(
         let mut glued = Glued {
             dots,
             touches: sites.real(),
+            at_least: placement.at_least,
             apart: sites.apart.len(),
             fallen: placement.fallen.len(),
             imbalance: placement.imbalance,

@@ -16,7 +16,7 @@
 //!
 //! The first solve has w = 1; each of [`ROUNDS`] then reweights by w_t = e / (|g_t| + e), so that what is needed little is
 //! not used at all (Candes, Wakin & Boyd 2008). The price falls by e too, or a dot would soon cost less than the normal force
-//! that replaces it. What is below [`NOTHING`] in the end is no dot. To find the fewest dots is NP-hard: this finds few.
+//! that replaces it. What is below [`NOTHING`] in the end is no dot. To find the fewest dots is NP-hard: this finds few; [`Placement::at_least`] is a bound.
 //!
 //! A bound on what a dot carries is a bound on |g_t|. Where no balance is found within it, even with all dots that any round chose,
 //! some bodies fall: those that miss most where every touch that may be is glued ([`falls`]). [`Placement::fallen`] names them, and the rest is balanced without them.
@@ -27,6 +27,7 @@
 //! (ADMM; Boyd et al. 2011), the former by preconditioned conjugate gradients. It chooses long before it balances; so
 //! [`certificate`] balances the chosen dots, to [`BALANCED`] by substitution, with the help of Clarabel where that fails.
 
+mod bound;
 mod certificate;
 mod factor;
 mod falls;
@@ -96,6 +97,8 @@ pub struct GlueDot {
 pub struct Placement {
     /// By touch, rising.
     pub dots: Vec<GlueDot>,
+    /// No choice has fewer dots than this; it may well be that none has so few.
+    pub at_least: usize,
     /// Bodies that glue of this strength, where it may be, cannot hold, rising.
     pub fallen: Vec<usize>,
     /// Contact forces that balance the rest together with the dots. Shape `[contact]`.
@@ -174,6 +177,7 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
         }
         return Ok(Placement {
             dots: chosen.iter().map(|&touch| program.dot(touch, &balanced.state)).collect(),
+            at_least: bound::at_least(pile, options, &fallen),
             fallen: (0..fallen.len()).filter(|&body| fallen[body]).collect(),
             forces: program.forces(&balanced.state),
             imbalance: balanced.imbalance,

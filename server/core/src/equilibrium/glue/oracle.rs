@@ -52,6 +52,7 @@ fn balanced(program: &Program, may: &[bool]) -> Result<Placement, GlueError> {
     program.imbalance(&state, &mut left);
     Ok(Placement {
         dots: (0..may.len()).filter(|&touch| may[touch]).map(|touch| program.dot(touch, &state)).collect(),
+        at_least: 0,
         fallen: Vec::new(),
         forces: program.forces(&state),
         imbalance: left.iter().map(|e| e.norm()).sum(),

@@ -15,6 +15,7 @@ fn glued(pile: &Pile, what: &str) -> Vec<usize> {
     let placed = pile.place(&OPTIONS);
     pile.certify(&placed, &OPTIONS, what);
     assert!(placed.fallen.is_empty(), "{what}");
+    assert!(placed.at_least <= placed.dots.len(), "{what}: {} dots, at least {}", placed.dots.len(), placed.at_least);
     dots(&placed)
 }
 
@@ -49,6 +50,27 @@ fn one_body() {
     hanging.body(3.0, DVec3::ZERO, 1.0);
     hanging.touch(0, None, &FOOT, DVec3::NEG_Y, 0.5);
     assert_eq!(glued(&hanging, "under a ceiling"), [0]);
+}
+
+/// What hangs has a dot of its own, and one dot serves two.
+#[test]
+fn dots_that_no_choice_can_spare() {
+    let least = |pile: &Pile| pile.place(&OPTIONS).at_least;
+    assert_eq!(least(&of_blocks(&[cube(0.0, 0.0), cube(0.3, 1.0)], false, 0.5)), 0, "a stack");
+    assert_eq!(least(&of_blocks(&[cube(0.0, 0.0), cube(0.7, 1.0)], false, 0.5)), 1, "over the edge");
+    let mut hanging = Pile::new();
+    for k in 0..5 {
+        hanging.body(1.0, DVec3::new(3.0 * k as f64, -0.5, 0.0), 1.0);
+        hanging.touch(k, None, &FOOT.map(|p| p + DVec3::X * 3.0 * k as f64), DVec3::NEG_Y, 0.5);
+    }
+    assert_eq!(least(&hanging), 5, "side by side below a ceiling");
+    let mut chain = Pile::new();
+    for k in 0..5 {
+        chain.body(1.0, DVec3::Y * (-0.5 - k as f64), 1.0);
+        chain.touch(k, k.checked_sub(1), &FOOT.map(|p| p - DVec3::Y * k as f64), DVec3::NEG_Y, 0.5);
+    }
+    assert_eq!(glued(&chain, "a chain").len(), 5);
+    assert_eq!(least(&chain), 1, "one below the other: each could push the one above");
 }
 
 #[test]
