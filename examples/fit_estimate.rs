@@ -25,8 +25,12 @@ struct Arguments {
 /// Of the exponents, against a weight of 1 for each file.
 const RIDGE: f64 = 1e-3;
 /// The stages that a law is fitted for, by the names of the constants.
-const LAWS: [(&str, &[&str]); 4] =
-    [("FILL", &["fill"]), ("GLUE", &["glue"]), ("RELEASE_AND_HOLD", &["release", "hold"]), ("MEASURE", &["measure", "shape"])];
+const LAWS: [(&str, &[&str]); 4] = [
+    ("FILL", &["fill"]),
+    ("GLUE", &["glue"]),
+    ("RELEASE_AND_HOLD", &["release", "hold"]),
+    ("MEASURE", &["measure", "shape"]),
+];
 
 fn main() -> anyhow::Result<()> {
     let mut runs: Vec<(f64, Record)> = Vec::new();
@@ -52,7 +56,8 @@ fn main() -> anyhow::Result<()> {
         let numbers: Vec<String> = law.iter().map(|w| format!("{w:.3}")).collect();
         println!("/// Of {}.\npub const {name}: Weights = [{}];", FEATURES.join(", "), numbers.join(", "));
     }
-    let dots = |r: &Record| Some(r.measures.get("touches")? * r.measures.get("glued_touch_fraction")? / r.bodies as f64);
+    let dots =
+        |r: &Record| Some(r.measures.get("touches")? * r.measures.get("glued_touch_fraction")? / r.bodies as f64);
     let mut dots: Vec<f64> = runs.iter().filter_map(|(_, r)| dots(r)).collect();
     dots.sort_by(f64::total_cmp);
     println!("/// Median over the bakes.\npub const DOTS_PER_BODY: f64 = {:.2};", dots[dots.len() / 2]);
