@@ -169,6 +169,7 @@ mod tests {
         step_rate: 20.0,
         substeps: 8.0,
         coulomb: false,
+        glued: false,
     };
 
     fn run(name: &str, cost: f64, error: f64, kept: f64) -> (Variant, Vec<Record>) {
