@@ -72,7 +72,8 @@ fn main() -> Result<(), String> {
             }
             let figure = |&(_, key, digits): &(&str, &str, usize)| {
                 let value = |r: &Report| r.measures.get(key).copied().flatten().unwrap_or(f64::NAN);
-                format!("{:.digits$}", median(&reports, value))
+                let value = median(&reports, value);
+                if value.is_nan() { "-".into() } else { format!("{value:.digits$}") }
             };
             let figures: Vec<String> = COLUMNS.iter().map(figure).collect();
             let seconds = |names: &[&str]| {

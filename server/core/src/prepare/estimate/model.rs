@@ -14,10 +14,10 @@ pub const CONTROL_SHARE: f64 = 0.36;
 
 /// Exponents of the fill's CPU time: of 1, bodies, corners, parts, slenderness, walls, times, step_rate, substeps, coulomb.
 pub const FILL: Weights = [-5.316, 1.000, 0.212, 0.331, -0.260, 0.115, 0.000, 0.433, 0.083, 0.000];
-/// The same for glue and its proof.
-pub const GLUE: Weights = [-5.316, 1.000, 0.212, 0.331, -0.260, 0.115, 0.000, 0.433, 0.083, 0.000];
+/// The same for glue and its proof: of the first bakes of pairs, at `standard` only.
+pub const GLUE: Weights = [-4.578, 1.000, 0.049, 0.469, -0.329, 0.000, 0.404, 0.000, 0.000, 0.000];
 /// Dots of glue for each body: median over the bakes.
-pub const DOTS_PER_BODY: f64 = 0.35;
+pub const DOTS_PER_BODY: f64 = 0.52;
 /// The same for release and hold.
 pub const RELEASE_AND_HOLD: Weights = [-11.217, 1.000, 0.592, 0.193, -0.173, 0.068, 0.784, 0.519, 0.221, 0.080];
 /// The same for shapes and measures.
