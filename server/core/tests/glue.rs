@@ -145,6 +145,17 @@ fn no_ground_and_no_touch_are_no_fault() {
     assert!(fell(&apart, 1) > 0.5);
 }
 
+/// A gap that the fill left is no reason to fall; it is told.
+#[test]
+fn what_touches_nothing_is_glued_across_a_narrow_gap() {
+    let mut params = params();
+    params.glue.mode = GlueMode::AsModelled;
+    let bridged = baked(&cubes(vec![cube(0.0, 0.1), cube(0.0, 0.45), cube(0.0, 0.65)]), &params);
+    assert!(fell(&bridged, 1) < 0.01 && fell(&bridged, 2) < 0.01, "{} {}", fell(&bridged, 1), fell(&bridged, 2));
+    let warnings = &bridged.report.warnings;
+    assert!(warnings.iter().any(|text| text.contains("1 dot of glue bridges a gap of up to 0.150 m")), "{warnings:?}");
+}
+
 #[test]
 fn size_changes_nothing() {
     let normal = scene(top(0.6, 1.2), stick());

@@ -97,6 +97,14 @@ pub fn warnings(inputs: &Inputs, glued: &Glued) -> Vec<String> {
         let who = bodies(glued.apart);
         warnings.push(format!("{who} touched nothing that stands on the ground, and could not be glued: they fall"));
     }
+    if glued.bridges > 0 {
+        let (dots, widest) = (glued.bridges, glued.widest * inputs.plan.prop_diameter);
+        let dots =
+            if dots == 1 { "1 dot of glue bridges a gap".into() } else { format!("{dots} dots of glue bridge gaps") };
+        warnings.push(format!(
+            "{dots} of up to {widest:.3} m that the fill left in narrow places; smaller props fill them better"
+        ));
+    }
     if glued.fallen > 0 {
         let (who, bound) = (bodies(glued.fallen), inputs.resolved.glue_bound);
         warnings.push(format!("{who} would need stronger glue than {bound} weights per dot: they were left to fall"));

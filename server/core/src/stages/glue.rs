@@ -40,6 +40,9 @@ pub struct Glued {
     pub touches: usize,
     /// No choice has fewer dots.
     pub at_least: usize,
+    /// Dots across gaps, where no chain of touches joins bodies to the ground, and the widest of those gaps.
+    pub bridges: usize,
+    pub widest: f64,
     /// Bodies that no touch joins to the ground.
     pub apart: usize,
     /// Bodies that the glue is too weak for.
@@ -97,10 +100,13 @@ pub fn run<'a>(
         let placement = place(&sites, &options, &mut going)?;
         iterations += placement.iterations;
         let dots = dots(&sites, &placement, anchors_all, least_limit, params.glue.breaking);
+        let gaps = || placement.dots.iter().map(|dot| sites.gaps[dot.touch]).filter(|gap| *gap > 0.0);
         let mut glued = Glued {
             dots,
             touches: sites.real(),
             at_least: placement.at_least,
+            bridges: gaps().count(),
+            widest: gaps().fold(0.0, f64::max),
             apart: sites.apart.len(),
             fallen: placement.fallen.len(),
             imbalance: placement.imbalance,

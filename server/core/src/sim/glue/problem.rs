@@ -14,6 +14,10 @@ const ARM: f64 = 0.25;
 /// What is this near to the ground, in its thickness, may be glued to it without touching it: a peg. So may what touches nothing else be
 /// to what is near it.
 const PEG: f64 = 0.5;
+/// What even that does not join to the ground may be glued to what is joined across gaps of this many thicknesses, the narrowest first;
+/// but not across gaps wider than this, d.
+const BRIDGES: [f64; 3] = [1.0, 2.0, 4.0];
+const WIDEST: f64 = 0.75;
 /// Friction counts by this factor at bodies that it did not hold.
 const DISTRUST: f64 = 0.2;
 
@@ -29,6 +33,8 @@ pub struct Sites {
     pub normals: Vec<DVec3>,
     /// Friction of each touch, and how far its contact points are from their middle; `None`: a peg. Shape `[touch]`.
     pub patches: Vec<Option<(f64, f64)>>,
+    /// Gap of each touch that is a bridge; 0 of all others. Shape `[touch]`.
+    pub gaps: Vec<f64>,
     distrusted: BTreeSet<BodyId>,
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
@@ -59,6 +65,28 @@ impl Sites {
             add_new(&mut touches, near);
             joined = joined_by(world, &inside, &touches);
         }
+        let pegs = touches.len();
+        for reach in BRIDGES {
+            // What is joined by one bridge may carry the next.
+            while anchors && (0..inside.len()).any(|id| is_apart(&joined, id)) {
+                let mut near = world.touches(reach);
+                near.retain(|touch| {
+                    let bridges = match touch.b {
+                        Side::Body(b) => {
+                            is_apart(&joined, touch.a) && joined[b] || is_apart(&joined, b) && joined[touch.a]
+                        }
+                        Side::Ground | Side::Scenery => is_apart(&joined, touch.a),
+                        Side::Moving => false,
+                    };
+                    bridges && narrowest(touch) <= WIDEST
+                });
+                if near.is_empty() {
+                    break;
+                }
+                add_new(&mut touches, near);
+                joined = joined_by(world, &inside, &touches);
+            }
+        }
         let ids: Vec<BodyId> = (0..inside.len()).filter(|&id| joined[id]).collect();
         let body = |&id: &BodyId| {
             let b = &world.bodies()[id];
@@ -71,6 +99,7 @@ impl Sites {
             between: Vec::new(),
             normals: Vec::new(),
             patches: Vec::new(),
+            gaps: Vec::new(),
             contacts: Vec::new(),
             touches: Vec::new(),
             ids,
@@ -80,7 +109,7 @@ impl Sites {
             // What is neither in the pile nor stands still carries nothing here.
             let stands = |id: BodyId| joined[id] || pinned(id);
             if stands(touch.a) && !matches!(touch.b, Side::Body(b) if !stands(b)) {
-                sites.add(touch, k < carrying, anchors);
+                sites.add(touch, k < carrying, k >= pegs, anchors);
             }
         }
         sites
@@ -108,7 +137,7 @@ impl Sites {
         self.touches.iter().filter(|touch| !touch.contacts.is_empty()).count()
     }
 
-    fn add(&mut self, touch: &Touch, carries: bool, anchors: bool) {
+    fn add(&mut self, touch: &Touch, carries: bool, bridges: bool, anchors: bool) {
         let index = |id: BodyId| self.ids.binary_search(&id).ok();
         let Some(mut contacts) = whole::contacts(touch, &index).map(|all| all.collect::<Vec<_>>()) else { return };
         let Some(&GlobalContact { body, other, .. }) = contacts.first() else { return };
@@ -118,6 +147,7 @@ impl Sites {
         let ends = if self.ids[body] == touch.a { (touch.a, touch.b) } else { (self.ids[body], Side::Body(touch.a)) };
         let far = contacts.iter().map(|c| c.point.distance(center)).sum::<f64>() / count;
         self.patches.push(carries.then_some((touch.friction, far)));
+        self.gaps.push(if bridges { narrowest(touch) } else { 0.0 });
         contacts = few(contacts);
         if !carries {
             contacts.clear();
@@ -136,6 +166,10 @@ impl Sites {
         self.between.push(ends);
         self.normals.push(normal);
     }
+}
+
+fn narrowest(touch: &Touch) -> f64 {
+    touch.points.iter().map(|p| p.gap).fold(f64::INFINITY, f64::min)
 }
 
 /// Adds those of pairs that are not among them yet.
