@@ -7,12 +7,20 @@ mod file;
 mod shapes;
 mod vector;
 
+use clap::Parser;
 use shapes::*;
 use std::path::{Path, PathBuf};
 
+/// Makes the meshes of the examples.
+#[derive(Parser)]
+struct Args {
+    /// Folder for them; examples/assets if it is not named
+    folder: Option<PathBuf>,
+}
+
 fn main() -> std::io::Result<()> {
     let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets");
-    let folder = std::env::args_os().nth(1).map_or(default, PathBuf::from);
+    let folder = Args::parse().folder.unwrap_or(default);
     std::fs::create_dir_all(&folder)?;
     let assets = [
         ("stick", stick()),
