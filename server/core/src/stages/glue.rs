@@ -136,10 +136,10 @@ pub fn run<'a>(
         // Where it fails in places, friction there counts less; once less friction everywhere does not help, wherever it fails.
         let is_lowest = *share <= ATTEMPTS[ATTEMPTS.len() - 1];
         let distrusts = (freed.moved <= IN_PLACES || is_lowest) && sites.distrust(&freed.who);
-        let changes = distrusts || !is_lowest;
+        let leans = anchors && freed.way > LEANS;
+        let changes = distrusts || !is_lowest || leans && !anchors_all;
         let stands = freed.moved <= MOST_MOVED && freed.way <= LEANS;
-        let changes = changes || anchors && freed.way > LEANS && !anchors_all;
-        anchors_all |= anchors && freed.way > LEANS;
+        anchors_all |= leans;
         if freed.way < least_way {
             (least_way, best) = (freed.way, Some(glued));
         }
@@ -228,8 +228,8 @@ pub struct LetGo {
     pub steps: u64,
 }
 
-/// Lets a pile with these dots go for 20 natural times, awake, without any control; `loose` bodies are not there. Unless it is to go `to_the_end`, it ends early where
-/// the pile plainly does not stand.
+/// Lets a pile with these dots go for 20 natural times, awake, without any control; `loose` bodies are not there. Unless it is to go
+/// `to_the_end`, it ends early where the pile plainly does not stand.
 pub fn let_go(
     mut sim: Simulation,
     dots: &[Dot],

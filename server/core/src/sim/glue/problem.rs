@@ -66,26 +66,8 @@ impl Sites {
             joined = joined_by(world, &inside, &touches);
         }
         let pegs = touches.len();
-        for reach in BRIDGES {
-            // What is joined by one bridge may carry the next.
-            while anchors && (0..inside.len()).any(|id| is_apart(&joined, id)) {
-                let mut near = world.touches(reach);
-                near.retain(|touch| {
-                    let bridges = match touch.b {
-                        Side::Body(b) => {
-                            is_apart(&joined, touch.a) && joined[b] || is_apart(&joined, b) && joined[touch.a]
-                        }
-                        Side::Ground | Side::Scenery => is_apart(&joined, touch.a),
-                        Side::Moving => false,
-                    };
-                    bridges && narrowest(touch) <= WIDEST
-                });
-                if near.is_empty() {
-                    break;
-                }
-                add_new(&mut touches, near);
-                joined = joined_by(world, &inside, &touches);
-            }
+        if anchors {
+            bridge(world, &inside, &mut touches, &mut joined);
         }
         let ids: Vec<BodyId> = (0..inside.len()).filter(|&id| joined[id]).collect();
         let body = |&id: &BodyId| {
@@ -165,6 +147,32 @@ impl Sites {
         });
         self.between.push(ends);
         self.normals.push(normal);
+    }
+}
+
+/// Adds bridges from what is joined to what is not, and marks what they join.
+fn bridge(world: &World, inside: &[bool], touches: &mut Vec<Touch>, joined: &mut Vec<bool>) {
+    let is_apart = |joined: &[bool], id: BodyId| inside[id] && !joined[id];
+    for reach in BRIDGES {
+        if !(0..inside.len()).any(|id| is_apart(joined, id)) {
+            return;
+        }
+        let mut near = world.touches(reach);
+        near.retain(|touch| narrowest(touch) <= WIDEST);
+        // What is joined by one bridge may carry the next.
+        loop {
+            let joins = |touch: &&Touch| match touch.b {
+                Side::Body(b) => is_apart(joined, touch.a) && joined[b] || is_apart(joined, b) && joined[touch.a],
+                Side::Ground | Side::Scenery => is_apart(joined, touch.a),
+                Side::Moving => false,
+            };
+            let bridges: Vec<Touch> = near.iter().filter(joins).cloned().collect();
+            if bridges.is_empty() {
+                break;
+            }
+            add_new(touches, bridges);
+            *joined = joined_by(world, inside, touches);
+        }
     }
 }
 
