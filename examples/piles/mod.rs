@@ -4,7 +4,7 @@ use anyhow::{Context, anyhow};
 use cairn::job::Job;
 use cairn::scene_file::SceneTree;
 use cairn_core::FullContainer;
-use cairn_core::equilibrium::global::Balance;
+use cairn_core::equilibrium::global::{self, Balance, Objective};
 use cairn_core::input::observer::Silent;
 use cairn_core::sim::step::Simulation;
 use cairn_core::sim::whole::{REAL_CONTACT, Whole};
@@ -42,5 +42,5 @@ impl Full {
 /// The best forces over all contacts of a pile. Bodies in the order of [`World::present`], without those that are pinned.
 #[allow(dead_code)]
 pub fn whole(world: &World) -> Option<Balance> {
-    Whole::new(world, REAL_CONTACT).balance(0).ok()
+    global::analyse(&Whole::new(world, REAL_CONTACT).problem(), Objective::default()).ok()
 }

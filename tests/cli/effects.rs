@@ -72,15 +72,8 @@ fn is_on(report: &Value, effect: &str) -> bool {
 }
 
 /// Effects without which the lively pile becomes another one.
-const DECISIVE: [&str; 7] = [
-    "primitives",
-    "decomposition",
-    "continuous_collision",
-    "stiff_contacts",
-    "rolling_resistance",
-    "restitution",
-    "impact",
-];
+const DECISIVE: [&str; 6] =
+    ["primitives", "decomposition", "stiff_contacts", "rolling_resistance", "restitution", "impact"];
 
 #[test]
 fn what_is_off_leaves_no_trace() {

@@ -29,7 +29,7 @@ fn natural(mut params: Params) -> Params {
 #[test]
 fn a_cone_of_sticks_keeps_its_shape_and_comes_to_rest() {
     let scene = scene(cone(0.9, 2.0), stick());
-    let bake = bake(&scene, &params(), &mut Silent).unwrap();
+    let bake = bake(&scene, &natural(Params::new(Accuracy::Standard)), &mut Silent).unwrap();
     let figure = |name: &str| bake.report.measures[name].unwrap();
     assert!(bake.bodies.len() > 25, "{} bodies", bake.bodies.len());
     assert!(figure("fill_fraction") > 0.3, "fill {}", figure("fill_fraction"));
@@ -73,7 +73,7 @@ fn another_seed_gives_another_pile() {
 fn a_scene_a_thousand_times_smaller_or_larger_gives_the_same_pile() {
     let normal = scene(cone(0.6, 0.9), stick());
     let bake = |scene: &Scene, fps: f64| {
-        let mut params = params();
+        let mut params = natural(Params::new(Accuracy::Standard));
         params.output.fps = fps;
         bake(scene, &params, &mut Silent).unwrap()
     };
@@ -114,7 +114,7 @@ fn a_more_accurate_bake_does_more_work_and_sinks_in_less() {
     let baked = ladder.each_ref().map(|params| {
         let report = bake(&scene, params, &mut Silent).unwrap().report;
         let substeps = report.counts["steps"] * u64::from(params.physics.substeps)
-            + report.counts["fill_steps"] * u64::from(params.fill_physics().substeps);
+            + report.counts["fill_steps"] * u64::from(params.fill_physics(1.0).substeps);
         (substeps, report.measures["penetration_mean_rel"].unwrap())
     });
     for k in 1..ladder.len() {

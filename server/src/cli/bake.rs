@@ -44,6 +44,10 @@ pub struct Args {
     #[arg(short, long)]
     quiet: bool,
 
+    /// Threads to bake with; 0: one per core. The result is the same with any number
+    #[arg(long, default_value_t = 0, env = "CAIRN_BAKE_THREADS")]
+    threads: usize,
+
     /// Bake on a server: HOST:PORT or unix:PATH of a `cairn serve`
     #[arg(long, value_name = "ADDRESS", help_heading = "Server")]
     server: Option<String>,
@@ -72,6 +76,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
         return remote::bake(&args.access.at(server)?, scene, files, format, &wanted);
     }
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(args.threads)
+        .build_global()
+        .map_err(|error| Failure::Internal(error.to_string()))?;
     let job = Job::read(&scene).map_err(Failure::Input)?;
     check_outputs(args, job.inputs())?;
 

@@ -71,7 +71,7 @@ pub struct Args {
     #[serde(skip_serializing_if = "Option::is_none")]
     queue: Option<usize>,
 
-    /// Threads of one bake; 0: one per core [default: 0]
+    /// Threads of one bake; 0: its share of the cores [default: 0]
     #[arg(long, env = "CAIRN_THREADS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     threads: Option<usize>,

@@ -42,7 +42,7 @@ impl Record {
             variant,
             seed: report.seed,
             bodies: report.bodies,
-            substeps: report.counts["fill_steps"] * u64::from(of.1.fill_physics().substeps)
+            substeps: report.counts["fill_steps"] * u64::from(of.1.fill_physics(1.0).substeps)
                 + report.counts["steps"] * u64::from(of.1.physics.substeps),
             workload: cairn_core::workload(of.0, of.1)?,
             seconds,

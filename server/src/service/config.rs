@@ -24,7 +24,7 @@ pub struct Config {
     pub workers: usize,
     /// Bakes that may wait besides. Default: 32.
     pub queue: usize,
-    /// Threads of one bake. Default: 0, one per core: bakes share what is idle.
+    /// Threads of one bake. Default: 0, its share of the cores: the bakes that may run at once divide them.
     pub threads: usize,
     /// Memory of one bake, MiB; 0: not limited. Default: 8192.
     pub bake_memory_mib: u64,
@@ -99,10 +99,22 @@ impl Default for Config {
 /// Bytes of a chunk of an upload, at most.
 pub const MAX_CHUNK: usize = 1 << 20;
 
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 impl Config {
+    /// Threads of each bake.
+    pub fn threads(&self) -> usize {
+        match self.threads {
+            0 => (cores() / self.workers()).max(1),
+            threads => threads,
+        }
+    }
+
     pub fn workers(&self) -> usize {
         match self.workers {
-            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            0 => cores(),
             n => n,
         }
     }

@@ -54,9 +54,7 @@ impl Worker {
         if config.reuse {
             command.arg("--cache").arg(config.data.join("cache"));
         }
-        if config.threads > 0 {
-            command.env("RAYON_NUM_THREADS", config.threads.to_string());
-        }
+        command.env("RAYON_NUM_THREADS", config.threads().to_string());
         // Ctrl-C at the terminal is the server's to handle.
         #[cfg(unix)]
         command.process_group(0);

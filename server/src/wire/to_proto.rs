@@ -207,6 +207,7 @@ fn fill(params: &Params) -> proto::Fill {
         friction: Some(fill.friction),
         count: fill.count.map(signed),
         max_bodies: Some(signed(fill.max_bodies)),
+        step: Some(fill.step),
         full_below: Some(fill.full_below),
         settle: Some(fill.settle),
         protrusion: Some(fill.protrusion),

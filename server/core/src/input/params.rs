@@ -144,6 +144,8 @@ pub struct Fill {
     pub count: Option<u32>,
     /// Upper bound on bodies, 1 to 100000. Reaching it is told.
     pub max_bodies: u32,
+    /// Step of an `insert` fill, natural times, 0.001 to 0.2; never shorter than that of the bake.
+    pub step: f64,
     /// A round (`insert`) or a batch (`pour`) that adds less than this share of the bodies means full.
     pub full_below: f64,
     /// Settling in the closed container after the last prop, natural times.

@@ -26,25 +26,23 @@ pub fn figures(world: &World, forces: bool) -> Figures {
     let hanging = contact::hanging(&at_rest, &contacts, 1.0).len();
     let overlap = |t: &Touch| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
     let penetration = measure::penetration(&touches.iter().map(overlap).collect::<Vec<_>>());
-    let unsupported = if forces { unsupported(world) } else { f64::NAN };
+    let unsupported = if forces { unsupported(world) } else { None };
     BTreeMap::from([
-        ("unsupported_fraction", unsupported.is_finite().then_some(unsupported)),
+        ("unsupported_fraction", unsupported),
         ("hanging", Some(hanging as f64)),
         ("penetration_max_rel", Some(penetration.max_rel)),
         ("penetration_mean_rel", Some(penetration.mean_rel)),
     ])
 }
 
-/// `unsupported_fraction`: share of the resting bodies that the best global distribution of contact forces leaves
-/// unbalanced by more than [`UNBALANCED`]. All contacts count, up to a gap of [`REAL_CONTACT`]. NaN where there is none.
-fn unsupported(world: &World) -> f64 {
-    /// Rounds that settle ties between bodies that could equally well be at fault.
-    const SHARPEN: u32 = 2;
+/// `unsupported_fraction`: share of the resting bodies that the best global distribution of contact forces found leaves
+/// unbalanced by more than [`UNBALANCED`]. All contacts count, up to a gap of [`REAL_CONTACT`]. `None` where there is none.
+fn unsupported(world: &World) -> Option<f64> {
     let whole = Whole::new(world, REAL_CONTACT);
-    let Ok(balance) = whole.balance(SHARPEN) else { return f64::NAN };
+    let missing = whole.missing(UNBALANCED).ok()?;
     let is_resting = |id: BodyId| world.speed(id) < REST_SPEED;
     let resting = whole.ids.iter().filter(|&&id| is_resting(id)).count();
     let unbalanced = |(&id, &e): (&BodyId, &f64)| is_resting(id) && e > UNBALANCED;
-    let count = whole.ids.iter().zip(&balance.imbalance).filter(|&pair| unbalanced(pair)).count();
-    count as f64 / resting.max(1) as f64
+    let count = whole.ids.iter().zip(&missing).filter(|&pair| unbalanced(pair)).count();
+    Some(count as f64 / resting.max(1) as f64)
 }

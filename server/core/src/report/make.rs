@@ -4,6 +4,7 @@ use super::inputs::{Figures, Inputs};
 use super::{Name, Report, contacts, counts, glue, motion, shape, warnings};
 use crate::error::Error;
 use crate::input::observer::{Observer, Progress, Stage, observe};
+use crate::input::params::Accuracy;
 use crate::prepare::effects::{EffectName, bill};
 use crate::sim::step::Simulation;
 use crate::stages::{free_pour, free_standing};
@@ -42,8 +43,9 @@ pub fn report(
         told.extend(glue::warnings(inputs, glued));
     }
     observe(observer, &progress(0.8))?;
-    // Glued, a pile is certified already, and what its contacts alone would carry takes longer than all else.
-    let weighs = inputs.glued.is_none() || resolved.is_on(EffectName::FreeStanding);
+    // Glued, a pile is certified already; and a pile to shape by need not be: that takes as long as all other figures together.
+    let is_rough = matches!(params.accuracy, Accuracy::Draft | Accuracy::Preview);
+    let weighs = inputs.glued.is_none() && !is_rough || resolved.is_on(EffectName::FreeStanding);
     measures.extend(contacts::figures(&sim.pile.world, weighs));
     measures.extend(motion::figures(inputs, &sim.pile));
     measures.extend(motion::control(sim));

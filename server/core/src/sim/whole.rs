@@ -1,10 +1,10 @@
 //! The equilibrium problem of a whole pile, from what its bodies touch.
 
-use crate::equilibrium::global::{
-    self, Balance, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError, Objective,
-};
+use crate::equilibrium::global::{GlobalBody, GlobalContact, GlobalProblem};
+use crate::equilibrium::glue::{self, GlueError, GlueProblem, GlueTouch};
 use crate::world::{BodyId, Side, Touch, World};
 use glam::DVec3;
+use std::ops::ControlFlow;
 
 /// Gap up to which contacts carry, as a share of the thinner body's thickness.
 pub const REAL_CONTACT: f64 = 0.05;
@@ -16,6 +16,7 @@ pub struct Whole {
     /// Shape `[body]`, in the order of `ids`.
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
+    touches: Vec<GlueTouch>,
 }
 
 impl Whole {
@@ -29,17 +30,33 @@ impl Whole {
             GlobalBody { mass: b.mass, center_of_mass: world.pose(id).translation, radius: b.radius }
         };
         let index = |id: BodyId| ids.binary_search(&id).ok();
-        let contacts = world.touches(gap).iter().filter_map(|t| contacts(t, &index)).flatten().collect();
-        Whole { bodies: ids.iter().map(body).collect(), contacts, ids }
+        let mut all: Vec<GlobalContact> = Vec::new();
+        let mut touches = Vec::new();
+        for touch in &world.touches(gap) {
+            let from = all.len();
+            all.extend(contacts(touch, &index).into_iter().flatten());
+            touches.extend(all.get(from).map(|&GlobalContact { body, other, point, .. }| GlueTouch {
+                body,
+                other,
+                contacts: from..all.len(),
+                center: point,
+                arm: 1.0,
+                may: false,
+            }));
+        }
+        Whole { bodies: ids.iter().map(body).collect(), contacts: all, touches, ids }
     }
 
     pub fn problem(&self) -> GlobalProblem<'_> {
         GlobalProblem { bodies: &self.bodies, contacts: &self.contacts, gravity: DVec3::NEG_Y }
     }
 
-    /// The forces that leave the least imbalance, in sum over the bodies, after so many rounds of sharpening.
-    pub fn balance(&self, sharpen: u32) -> Result<Balance, GlobalProblemError> {
-        global::analyse(&self.problem(), Objective::SumOfNorms { sharpen })
+    /// What contact forces leave unbalanced, in each body's weight, once none misses more than `enough` or no better ones are
+    /// found. Shape `[body]`, in the order of `ids`.
+    pub fn missing(&self, enough: f64) -> Result<Vec<f64>, GlueError> {
+        let Whole { bodies, contacts, touches, .. } = self;
+        let pile = GlueProblem { bodies, contacts, touches, gravity: DVec3::NEG_Y };
+        glue::missing(&pile, enough, &mut || ControlFlow::Continue(()))
     }
 }
 

@@ -71,6 +71,9 @@ const CLEANUP_ROUNDS: usize = 4;
 /// Settling after each of them, natural times.
 const CLEANUP_SETTLE: f64 = 0.5;
 
+/// What the clean-up takes from a wanted number of bodies is replaced so many times.
+const REPLACEMENTS: usize = 3;
+
 /// Fills the container and lets the props settle in it.
 pub fn run(
     scene: &Scene,
@@ -89,24 +92,25 @@ pub fn run(
     let closed = container.closed();
     let walls = filling.world.add_container(&closed.mesh, 0.0).map_err(Error::Internal)?;
     let floor = filling.world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0);
-    if poured.is_none() {
-        insert::run(&mut filling, observer)?;
-    }
-    filling.use_real_friction();
-    // Turned over with the container still around it, the pile closes its gaps under its own weight; what becomes free
-    // at the top is filled once more.
-    filling.world.set_gravity_up(false);
-    filling.settle(params.fill.settle, observer)?;
     let full = match poured {
         Some(full) => full,
-        None => {
-            let full = insert::run(&mut filling, observer)?;
-            filling.use_real_friction();
-            filling.settle(params.fill.settle, observer)?;
-            full
-        }
+        None => insert::run(&mut filling, observer)?,
     };
+    filling.use_real_friction();
+    // Turned over with the container still around it, the pile closes its gaps under its own weight.
+    filling.world.set_gravity_up(false);
+    filling.settle(params.fill.settle, observer)?;
     filling.clean_up(observer)?;
+    for _ in 0..REPLACEMENTS {
+        let missing = |filling: &Filling| params.fill.count.is_some_and(|n| filling.loose().count() < n as usize);
+        if full || poured.is_some() || !missing(&filling) {
+            break;
+        }
+        insert::run(&mut filling, observer)?;
+        filling.use_real_friction();
+        filling.settle(params.fill.settle, observer)?;
+        filling.clean_up(observer)?;
+    }
     filling.world.remove_wall(walls);
     filling.world.remove_wall(floor);
     let bodies = filling.loose().map(|id| filling.placed(id)).collect();
@@ -154,7 +158,7 @@ impl<'a> Filling<'a> {
         let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
         let expected = expected_bodies(scene, &sizes, container.volume * units.length.powi(3), &params.fill);
         let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
-        let mut world = World::new(units, &params.fill_physics(), thickness / units.length, compounds);
+        let mut world = World::new(units, &params.fill_physics(units.time), thickness / units.length, compounds);
         world.set_gravity_up(true);
         Filling {
             scene,
@@ -277,7 +281,7 @@ impl<'a> Filling<'a> {
             let out = self.loose().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));
-            let pairs = self.overlapping();
+            let pairs = self.overlapping(self.params.fill.overlap);
             let overlapping = self.separate(pairs, 0);
             self.removed.overlapping += overlapping;
             if (out.is_empty() && overlapping == 0) || round == CLEANUP_ROUNDS {
@@ -288,11 +292,11 @@ impl<'a> Filling<'a> {
         Ok(())
     }
 
-    /// Pairs that overlap too deeply, rising; the lower number first.
-    pub fn overlapping(&mut self) -> Vec<(BodyId, BodyId)> {
+    /// Pairs that overlap by more than `limit` of the thinner one's thickness, rising; the lower number first.
+    pub fn overlapping(&mut self, limit: f64) -> Vec<(BodyId, BodyId)> {
         self.world.zero_step();
         let too_deep = |t: &Touch| match t.b {
-            Side::Body(b) => (t.depth() > self.params.fill.overlap * self.world.pair_thickness(t)).then_some((t.a, b)),
+            Side::Body(b) => (t.depth() > limit * self.world.pair_thickness(t)).then_some((t.a, b)),
             _ => None,
         };
         self.world.touches(0.0).iter().filter_map(too_deep).collect()

@@ -99,6 +99,8 @@ pub fn run<'a>(
         let mut going = || observer.progress(&progress(begin));
         let placement = place(&sites, &options, &mut going)?;
         iterations += placement.iterations;
+        // Where nothing is to prove that the foot is wide enough, all of it is glued.
+        anchors_all |= anchors && !proves && !placement.dots.is_empty();
         let dots = dots(&sites, &placement, anchors_all, least_limit, params.glue.breaking);
         let gaps = || placement.dots.iter().map(|dot| sites.gaps[dot.touch]).filter(|gap| *gap > 0.0);
         let mut glued = Glued {

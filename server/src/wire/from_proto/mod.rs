@@ -138,6 +138,7 @@ fn fill(fill: &mut Fill, given: &proto::Fill, counts: &mut Counts) {
     set(&mut fill.friction, given.friction);
     set(&mut fill.count, given.count.map(|n| Some(counts.natural("fill.count", n))));
     set(&mut fill.max_bodies, given.max_bodies.map(|n| counts.natural("fill.max_bodies", n)));
+    set(&mut fill.step, given.step);
     set(&mut fill.full_below, given.full_below);
     set(&mut fill.settle, given.settle);
     set(&mut fill.protrusion, given.protrusion);

@@ -48,7 +48,7 @@ pub fn balance(
     chosen.iter().for_each(|&touch| may[touch] = true);
     let mut splitting = Splitting::new(tight, &may, false);
     splitting.take(from);
-    let mut weights = Weights::even(program, PRICE, None);
+    let mut weights = Weights::even(program, PRICE, false);
     weights.dots.fill(0.0);
     splitting.run(&weights, APPROACH, NEAR, going)?;
     let iterations = splitting.iterations;

@@ -28,7 +28,7 @@ pub fn fall(
     loop {
         let program = Program::new(pile, options, fallen)?;
         let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
-        let mut weights = Weights::even(&program, 0.0, Some(1.0));
+        let mut weights = Weights::even(&program, 0.0, true);
         weights.dots.fill(0.0);
         let mut splitting = Splitting::new(&program, &may, true);
         splitting.run(&weights, LENGTH, NEAR, going)?;

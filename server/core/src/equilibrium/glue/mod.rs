@@ -32,6 +32,7 @@ mod certificate;
 mod factor;
 mod falls;
 mod loads;
+mod missing;
 pub mod oracle;
 mod program;
 mod splitting;
@@ -40,6 +41,7 @@ use super::global::{BALANCED, GlobalBody, GlobalContact};
 use certificate::Balanced;
 use glam::DVec3;
 pub use loads::Loads;
+pub use missing::missing;
 use program::Program;
 use splitting::{Splitting, Weights};
 use std::ops::{ControlFlow, Range};
@@ -193,7 +195,7 @@ fn choose<'p>(
     options: &GlueOptions,
     going: &mut Going,
 ) -> Result<(Vec<Vec<usize>>, Splitting<'p>), GlueError> {
-    let mut weights = Weights::even(program, options.normal_price, None);
+    let mut weights = Weights::even(program, options.normal_price, false);
     let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
     let mut splitting = Splitting::new(program, &may, false);
     splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;

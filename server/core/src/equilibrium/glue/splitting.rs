@@ -38,18 +38,24 @@ pub struct Weights {
     pub dots: Vec<f64>,
     /// Of each normal force.
     pub normal: f64,
-    /// Of the norm of what a body misses; `None`: nothing may be missing.
-    pub missing: Option<f64>,
+    /// Of the norm of what each body misses, shape `[body]`; empty: nothing may be missing.
+    pub missing: Vec<f64>,
 }
 
 impl Weights {
-    pub fn even(program: &Program, normal: f64, missing: Option<f64>) -> Weights {
+    pub fn even(program: &Program, normal: f64, may_miss: bool) -> Weights {
+        let missing = vec![1.0; if may_miss { program.target.len() } else { 0 }];
         Weights { dots: vec![1.0; program.touches.len()], normal, missing }
     }
 
     /// What carries little costs more.
     pub fn reweight(&mut self, dots: &[Vector6<f64>], e: f64) {
         self.dots.iter_mut().zip(dots).for_each(|(weight, dot)| *weight = e / (dot.norm() + e));
+    }
+
+    /// What misses little is to miss nothing.
+    pub fn reweight_missing(&mut self, missing: &[Vector6<f64>], e: f64) {
+        self.missing.iter_mut().zip(missing).for_each(|(weight, missing)| *weight = e / (missing.norm() + e));
     }
 }
 
@@ -129,6 +135,12 @@ impl<'p> Splitting<'p> {
         self.left.iter().map(|e| e.norm()).sum::<f64>() / self.left.len().max(1) as f64
     }
 
+    /// What the contact forces leave each body without. Shape `[body]`.
+    pub fn left_by_contacts(&mut self) -> Vec<f64> {
+        self.program.imbalance(&self.state, &mut self.left);
+        self.left.iter().zip(&self.state.missing).map(|(left, missing)| (left + missing).norm()).collect()
+    }
+
     /// Bodies that miss more than `least`, and at least half as much as the one that misses most.
     pub fn missing(&self, least: f64) -> Vec<usize> {
         let missing = || self.state.missing.iter().map(|e| e.norm()).enumerate();
@@ -165,8 +177,8 @@ impl<'p> Splitting<'p> {
         program.velocities(multipliers, &self.may, contact, dot);
         of_contacts.add(of_dots.apart, of_dots.moved);
         let ways = &mut of_contacts;
-        if let Some(cost) = weights.missing.filter(|_| self.is_elastic) {
-            for (body, step) in multipliers.iter().enumerate() {
+        if self.is_elastic {
+            for ((body, step), cost) in multipliers.iter().enumerate().zip(&weights.missing) {
                 let (x, z, u) = (point.missing[body] + step, &mut state.missing[body], &mut dual.missing[body]);
                 let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + *u;
                 let next = shrunk(relaxed, cost / penalty);

@@ -2,6 +2,9 @@
 
 use super::*;
 
+/// The least stiffness of a fill's contacts, per natural time.
+const FILL_FREQUENCY: f64 = 22.0;
+
 impl Params {
     /// The preset's complete parameters.
     pub fn new(accuracy: Accuracy) -> Params {
@@ -30,10 +33,11 @@ impl Params {
                 friction: 0.0,
                 count: None,
                 max_bodies: 20_000,
-                full_below: 0.004,
+                step: 0.1,
+                full_below: 0.01,
                 settle: 2.2,
                 protrusion: 0.05,
-                overlap: 0.25,
+                overlap: 0.15,
                 wall_tolerance: 0.02,
             },
             release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0, order: ReleaseOrder::BottomUp },
@@ -78,6 +82,12 @@ impl Params {
             Accuracy::Draft => {
                 params.physics.substeps = 4;
                 params.physics.contact_frequency = 10.0;
+                params.physics.shape_tolerance = 0.1;
+                params.physics.max_parts = 6;
+                params.fill.wall_tolerance = 0.05;
+                // More glue takes the place of letting the pile go.
+                params.glue.friction_factor = 0.35;
+                params.glue.proof = Switch::Off;
             }
             Accuracy::Preview => {
                 params.physics.substeps = 6;
@@ -104,6 +114,8 @@ impl Params {
                 params.physics.rolling_resistance = 0.0;
                 params.fill.method = FillMethod::Pour;
                 params.fill.friction = 0.7;
+                params.fill.full_below = 0.004;
+                params.fill.overlap = 0.25;
                 params.glue.mode = GlueMode::Natural;
                 params.control = Control {
                     mode: ControlMode::Nails,
@@ -123,9 +135,21 @@ impl Params {
         params
     }
 
-    /// The engine's settings for the fill: half the substeps, since nothing has to balance there, and
-    /// nothing has to stop rolling.
-    pub fn fill_physics(&self) -> Physics {
-        Physics { substeps: self.physics.substeps.div_ceil(2), rolling_resistance: 0.0, ..self.physics.clone() }
+    /// The engine's settings for the fill: half the substeps, since nothing has to balance there, and nothing has to stop
+    /// rolling; but no softer contacts, which squeeze out what grows. An insert fill steps farther, and sweeps nothing, unless asked to: its props hardly fall.
+    pub fn fill_physics(&self, natural_time: f64) -> Physics {
+        let mut physics = Physics {
+            substeps: self.physics.substeps.div_ceil(2),
+            rolling_resistance: 0.0,
+            contact_frequency: self.physics.contact_frequency.max(FILL_FREQUENCY),
+            ..self.physics.clone()
+        };
+        if self.fill.method == FillMethod::Insert {
+            physics.step = Time::Natural(self.fill.step.max(physics.step.seconds(natural_time) / natural_time));
+            if physics.switches.continuous_collision == Switch::Auto {
+                physics.switches.continuous_collision = Switch::Off;
+            }
+        }
+        physics
     }
 }
