@@ -33,6 +33,11 @@ pub fn params(params: &Params) -> proto::Scene {
             free_standing: Some(params.output.free_standing),
             free_pour: Some(params.output.free_pour),
         }),
+        report: Some(proto::Figures {
+            shape: switch(params.report.shape),
+            pictures: switch(params.report.pictures),
+            support: switch(params.report.support),
+        }),
         effects: Some(effects(params)),
         ..Default::default()
     }
@@ -208,6 +213,7 @@ fn fill(params: &Params) -> proto::Fill {
         count: fill.count.map(signed),
         max_bodies: Some(signed(fill.max_bodies)),
         step: Some(fill.step),
+        round: Some(fill.round),
         full_below: Some(fill.full_below),
         settle: Some(fill.settle),
         protrusion: Some(fill.protrusion),

@@ -33,6 +33,7 @@ pub struct Params {
     pub control: Control,
     pub hold: Hold,
     pub output: Output,
+    pub report: Figures,
     /// Steps are watched, and taken again where they fail.
     pub guard: Switch,
 }
@@ -146,6 +147,9 @@ pub struct Fill {
     pub max_bodies: u32,
     /// Step of an `insert` fill, natural times, 0.001 to 0.2; never shorter than that of the bake.
     pub step: f64,
+    /// An `insert` fill adds at most this share of the expected bodies in a round, 0.01 to 1. Smaller rounds take longer, and the
+    /// pile stands better by itself: what comes few at a time finds its place on what lies there.
+    pub round: f64,
     /// A round (`insert`) or a batch (`pour`) that adds less than this share of the bodies means full.
     pub full_below: f64,
     /// Settling in the closed container after the last prop, natural times.
@@ -339,6 +343,17 @@ pub struct Hold {
     pub patience: f64,
     /// The bake goes on for at least this long after that, s, even if the pile rests before. Default 0.
     pub least: f64,
+}
+
+/// What the report measures of the finished pile.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Figures {
+    /// Shape against the control mesh. Auto: wherever there is one.
+    pub shape: Switch,
+    /// Silhouettes and top surface; with `shape` only. Auto: not at `draft`.
+    pub pictures: Switch,
+    /// `unsupported_fraction`. Auto: from `standard` on, where nothing is glued.
+    pub support: Switch,
 }
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -3,7 +3,7 @@
 use super::extent::Cluster;
 use super::gauge::{Gauge, HEIGHT_SHARE, placed, ratio};
 use super::solid::Solid;
-use super::{Instances, PropSolid, ShapeMeasures, pictures};
+use super::{Instances, PictureMeasures, PropSolid, ShapeMeasures, pictures};
 use crate::geometry::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 const INSIDE_TOLERANCE: f64 = 0.1;
 
 impl Gauge<'_> {
-    /// All figures of a pile of the same props.
+    /// The figures of the shape of a pile of the same props.
     pub fn measure(&self, pile: &Instances) -> ShapeMeasures {
         assert_eq!(pile.props.len(), self.props.len());
         let solid = |s: &Solid| PropSolid { source: s.source, volume: s.volume, capped: s.capped };
@@ -24,11 +24,17 @@ impl Gauge<'_> {
             height_p95_rel: self.height_p95_rel(pile),
             height_p95_rel_solid: self.height_p95_rel_solid(),
             protrusion_rel: self.protrusion_rel(pile),
-            silhouette_iou: pictures::silhouette_iou(self, pile),
-            height_rms_rel: pictures::height_rms_rel(self, pile),
             fill_fraction: self.fill_fraction(pile),
             control_volume: self.region.volume(),
             solids: self.solids.iter().map(|s| s.as_ref().map(solid)).collect(),
+        }
+    }
+
+    /// What a camera sees of it.
+    pub fn look(&self, pile: &Instances) -> PictureMeasures {
+        PictureMeasures {
+            silhouette_iou: pictures::silhouette_iou(self, pile),
+            height_rms_rel: pictures::height_rms_rel(self, pile),
         }
     }
 

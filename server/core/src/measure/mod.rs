@@ -48,17 +48,22 @@ pub struct ShapeMeasures {
     pub height_p95_rel_solid: f64,
     /// Largest distance of a body's vertex outside the control mesh / d.
     pub protrusion_rel: f64,
-    /// Mean IoU of the silhouettes from 8 azimuths.
-    pub silhouette_iou: f64,
-    /// RMS of the difference of the top surfaces, over the control mesh's footprint / d. Where no body is below the
-    /// sky, the pile's top is the control mesh's base.
-    pub height_rms_rel: f64,
     /// Volume of the bodies' parts inside the control mesh / its volume.
     pub fill_fraction: f64,
     /// Of the control mesh, m^3.
     pub control_volume: f64,
     /// One per prop, in their order; `None` for a prop that no body uses.
     pub solids: Vec<Option<PropSolid>>,
+}
+
+/// What a camera sees of the shape.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PictureMeasures {
+    /// Mean IoU of the silhouettes from 8 azimuths.
+    pub silhouette_iou: f64,
+    /// RMS of the difference of the top surfaces, over the control mesh's footprint / d. Where no body is below the
+    /// sky, the pile's top is the control mesh's base.
+    pub height_rms_rel: f64,
 }
 
 /// The volume IoU, and the grid that it was taken on.
@@ -90,7 +95,7 @@ pub struct PropSolid {
 
 impl ShapeMeasures {
     /// The figures by name.
-    pub fn figures(&self) -> [(&'static str, f64); 10] {
+    pub fn figures(&self) -> [(&'static str, f64); 8] {
         [
             ("inside_fraction", self.inside_fraction),
             ("shape_iou", self.shape_iou.value),
@@ -98,8 +103,6 @@ impl ShapeMeasures {
             ("height_p95_rel", self.height_p95_rel),
             ("height_p95_rel_solid", self.height_p95_rel_solid),
             ("protrusion_rel", self.protrusion_rel),
-            ("silhouette_iou", self.silhouette_iou),
-            ("height_rms_rel", self.height_rms_rel),
             ("fill_fraction", self.fill_fraction),
             ("prop_diameter", self.prop_diameter),
         ]

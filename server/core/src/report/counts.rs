@@ -19,6 +19,8 @@ pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<C
     let both = |of: fn(&Counters) -> u64| of(&world.counters) + filled.map_or(0, |filled| of(&filled.counters));
     BTreeMap::from([
         (Count::FillSteps, filled.map_or(0, |filled| filled.steps)),
+        (Count::FillBodySteps, filled.map_or(0, |filled| filled.counters.awake_body_steps)),
+        (Count::FillPairSteps, filled.map_or(0, |filled| filled.counters.pair_steps)),
         (Count::FillStepsRecalled, 0),
         (Count::Steps, pile.step),
         (Count::StepsRecalled, 0),

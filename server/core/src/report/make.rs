@@ -4,8 +4,7 @@ use super::inputs::{Figures, Inputs};
 use super::{Name, Report, contacts, counts, glue, motion, shape, warnings};
 use crate::error::Error;
 use crate::input::observer::{Observer, Progress, Stage, observe};
-use crate::input::params::Accuracy;
-use crate::prepare::effects::{EffectName, bill};
+use crate::prepare::effects::{Count, EffectName, bill};
 use crate::sim::step::Simulation;
 use crate::stages::{free_pour, free_standing};
 use std::collections::BTreeMap;
@@ -25,12 +24,19 @@ pub fn report(
     let mut told = inputs.plan.warnings.clone();
     told.extend(filled.map_or(Vec::new(), |(container, filled)| warnings::container(inputs, container, filled)));
     told.append(&mut sim.pile.notes);
-    let mut measures = Figures::new();
-    if let Some(target) = inputs.target {
-        let (figures, first) = shape::figures(inputs, target, &sim.pile, observer)?;
-        measures.extend(figures);
+    let begin = observer.cpu_seconds();
+    let shape = match inputs.target {
+        Some(target) if resolved.is_on(EffectName::ShapeFigures) => {
+            Some(shape::figures(inputs, target, &sim.pile, observer)?)
+        }
+        Some(_) => Some(shape::Measured::nothing()),
+        None => None,
+    };
+    let shape_seconds = observer.cpu_seconds() - begin;
+    let mut measures = shape.as_ref().map_or(Figures::new(), |shape| shape.figures.clone());
+    if let Some(first) = shape.as_ref().and_then(|shape| shape.first.as_ref()) {
         if let Some((_, filled)) = filled {
-            told.extend(warnings::fill(inputs, filled, &first));
+            told.extend(warnings::fill(inputs, filled, first));
         }
         told.extend(first.caveats());
     }
@@ -43,10 +49,14 @@ pub fn report(
         told.extend(glue::warnings(inputs, glued));
     }
     observe(observer, &progress(0.8))?;
-    // Glued, a pile is certified already; and a pile to shape by need not be: that takes as long as all other figures together.
-    let is_rough = matches!(params.accuracy, Accuracy::Draft | Accuracy::Preview);
-    let weighs = inputs.glued.is_none() && !is_rough || resolved.is_on(EffectName::FreeStanding);
-    measures.extend(contacts::figures(&sim.pile.world, weighs));
+    measures.extend(contacts::figures(&sim.pile.world));
+    let begin = observer.cpu_seconds();
+    let support = match resolved.is_on(EffectName::SupportFigures) {
+        true => contacts::support(&sim.pile.world, &mut || observer.progress(&progress(0.9)))?,
+        false => contacts::Support::default(),
+    };
+    measures.insert("unsupported_fraction", support.unsupported);
+    let support_seconds = observer.cpu_seconds() - begin;
     measures.extend(motion::figures(inputs, &sim.pile));
     measures.extend(motion::control(sim));
     let glue = inputs.glued.map(|_| glue::told(sim));
@@ -64,7 +74,14 @@ pub fn report(
     told.extend(warnings::end(sim, inputs.held, &measures));
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);
     let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
-    let counts = counts::counts(inputs, sim, freed_steps);
+    let (picture_seconds, shapes_measured, pictures_measured) =
+        shape.map_or((0.0, 0, 0), |shape| (shape.picture_seconds, shape.shapes, shape.pictures));
+    let mut counts = counts::counts(inputs, sim, freed_steps);
+    counts.extend([
+        (Count::ShapesMeasured, shapes_measured),
+        (Count::PicturesMeasured, pictures_measured),
+        (Count::SupportIterations, support.iterations),
+    ]);
     spent.lap(Stage::Measure, observer);
     let seconds = spent.into_seconds();
     let of_stage = |stage: Stage| seconds.get(&stage).copied().unwrap_or(0.0);
@@ -76,6 +93,9 @@ pub fn report(
         (EffectName::GlueProof, proof_seconds),
         (EffectName::Control, sim.seconds.control()),
         (EffectName::Frames, sim.seconds.frames()),
+        (EffectName::ShapeFigures, shape_seconds - picture_seconds),
+        (EffectName::PictureFigures, picture_seconds),
+        (EffectName::SupportFigures, support_seconds),
         (EffectName::FreeStanding, freed_seconds),
     ]);
     Ok(Report {

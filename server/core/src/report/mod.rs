@@ -59,8 +59,9 @@ impl Report {
         if let Some(steps) = self.counts.insert(Count::FillSteps, 0).filter(|&steps| steps > 0) {
             self.counts.insert(Count::FillStepsRecalled, steps);
         }
-        for charge in &mut self.bill {
-            charge.counts.entry(Count::FillSteps).and_modify(|steps| *steps = 0);
+        for count in [Count::FillSteps, Count::FillBodySteps, Count::FillPairSteps] {
+            let all = self.bill.iter_mut().map(|charge| &mut charge.counts).chain([&mut self.counts]);
+            all.for_each(|counts| drop(counts.entry(count).and_modify(|steps| *steps = 0)));
         }
     }
 

@@ -7,17 +7,51 @@ use crate::geometry::pose::Pose;
 use crate::geometry::region::Region;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::measure::{self, Gauge, ShapeMeasures};
+use crate::prepare::effects::EffectName;
 use crate::sim::instance::Instance;
 use crate::sim::pile::Pile;
+use std::collections::BTreeSet;
+
+/// What is null where nothing is measured.
+const NAMES: [&str; 14] = [
+    "fill_fraction",
+    "height_p95_rel",
+    "height_p95_rel_solid",
+    "height_p95_rel_start",
+    "height_rms_rel",
+    "inside_fraction",
+    "kept_shape",
+    "prop_diameter",
+    "protrusion_rel",
+    "shape_iou",
+    "shape_iou_solid",
+    "shape_iou_start",
+    "silhouette_iou",
+    "silhouette_iou_start",
+];
+
+/// What was measured, and what it took.
+pub struct Measured {
+    pub figures: Figures,
+    /// Right after turning over, or of the first pile that there is.
+    pub first: Option<ShapeMeasures>,
+    /// How often shapes were measured, and pictures taken.
+    pub shapes: u64,
+    pub pictures: u64,
+    /// CPU seconds of the pictures.
+    pub picture_seconds: f64,
+}
+
+impl Measured {
+    pub fn nothing() -> Measured {
+        let figures = NAMES.iter().map(|&name| (name, None)).collect();
+        Measured { figures, first: None, shapes: 0, pictures: 0, picture_seconds: 0.0 }
+    }
+}
 
 /// Figures of the end of the hold under their names; those right after turning over with `_start` behind; where
-/// something disturbed the hold, those of the last frame with `_after` behind. Also the measures that caveats are taken of.
-pub fn figures(
-    inputs: &Inputs,
-    target: &TriMesh,
-    pile: &Pile,
-    observer: &mut dyn Observer,
-) -> Result<(Figures, ShapeMeasures), Error> {
+/// something disturbed the hold, those of the last frame with `_after` behind.
+pub fn figures(inputs: &Inputs, target: &TriMesh, pile: &Pile, observer: &mut dyn Observer) -> Result<Measured, Error> {
     let bodies = inputs.bodies.len();
     let progress =
         |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
@@ -26,51 +60,82 @@ pub fn figures(
     let last = inputs.frames.len() - 1;
     let hold_end = pile.recorder.disturbed_frame.unwrap_or(last).min(last);
     let [start, held, after] = [0, hold_end, last].map(|number| inputs.placed(number));
-    let pile_of = |bodies| measure::Instances { props: &props, bodies };
     // The pile is what it is made of at the beginning: a ball thrown into it has no part in its shape.
-    let made_of: std::collections::BTreeSet<usize> =
-        if start.is_empty() { &after } else { &start }.iter().map(|b| b.0).collect();
+    let made_of: BTreeSet<usize> = if start.is_empty() { &after } else { &start }.iter().map(|b| b.0).collect();
     let only =
         |bodies: Vec<(usize, f64, Pose)>| -> Vec<_> { bodies.into_iter().filter(|b| made_of.contains(&b.0)).collect() };
     let (held, after) = (only(held), only(after));
-    let gauge = Gauge::new(target, &region, &pile_of(if start.is_empty() { &after } else { &start }));
-    let first = (!start.is_empty()).then(|| gauge.measure(&pile_of(&start)));
+    let gauge = Gauge::new(target, &region, &pile_of(&props, if start.is_empty() { &after } else { &start }));
+    let mut measured = Measured::nothing();
+    let first = (!start.is_empty()).then(|| measured.measure(&gauge, &pile_of(&props, &start)));
     observe(observer, &progress(0.4))?;
-    let mut figures = Figures::new();
-    let at_end = (!held.is_empty()).then(|| gauge.measure(&pile_of(&held)));
+    let at_end = (!held.is_empty()).then(|| measured.measure(&gauge, &pile_of(&props, &held)));
     if let Some(at_end) = &at_end {
-        figures.extend(at_end.figures().into_iter().map(|(name, value)| (name, Some(value))));
+        measured.figures.extend(at_end.figures().map(|(name, value)| (name, Some(value))));
     }
     if let Some(first) = &first {
-        figures.insert("shape_iou_start", Some(first.shape_iou.value));
-        figures.insert("height_p95_rel_start", Some(first.height_p95_rel));
-        figures.insert("silhouette_iou_start", Some(first.silhouette_iou));
-        // Defined right after turning over, and after the fill.
-        figures.insert("protrusion_rel", Some(first.protrusion_rel));
-        figures.insert("fill_fraction", Some(first.fill_fraction));
-        figures.insert("kept_shape", at_end.as_ref().and_then(|end| measure::kept_shape(first, end)));
+        let kept = at_end.as_ref().and_then(|end| measure::kept_shape(first, end));
+        measured.figures.extend([
+            ("shape_iou_start", Some(first.shape_iou.value)),
+            ("height_p95_rel_start", Some(first.height_p95_rel)),
+            // Defined right after turning over, and after the fill.
+            ("protrusion_rel", Some(first.protrusion_rel)),
+            ("fill_fraction", Some(first.fill_fraction)),
+            ("kept_shape", kept),
+        ]);
     }
-    // Let go without any hold, glued and not.
-    let freed = |poses: &Option<Vec<Option<Pose>>>| -> Option<f64> {
-        let units = pile.world.units;
-        let body = |(b, pose): (&Instance, &Option<Pose>)| {
-            Some((b.prop, b.scale, pile.shapes[b.prop].prop_pose(&units.pose_to_si(pose.as_ref()?), b.scale)))
-        };
-        let bodies = only(pile.instances.iter().zip(poses.as_ref()?).filter_map(body).collect());
-        let freed = gauge.measure(&measure::Instances { props: &props, bodies: &bodies });
-        measure::kept_shape(first.as_ref()?, &freed)
-    };
     if let Some(glued) = inputs.glued {
-        figures.insert("kept_shape_freed", freed(&glued.freed));
-        figures.insert("kept_shape_natural", freed(&glued.natural));
+        // Let go without any hold, glued and not.
+        for (name, poses) in [("kept_shape_freed", &glued.freed), ("kept_shape_natural", &glued.natural)] {
+            let bodies = poses.as_ref().map(|poses| only(freed(pile, poses)));
+            let shape = bodies.map(|bodies| measured.measure(&gauge, &pile_of(&props, &bodies)));
+            let kept = first.as_ref().zip(shape).and_then(|(first, shape)| measure::kept_shape(first, &shape));
+            measured.figures.insert(name, kept);
+        }
     }
-    let mut caveats_of = first.or(at_end);
-    if hold_end < last || caveats_of.is_none() {
-        let after = gauge.measure(&pile_of(&after));
-        figures.insert("shape_iou_after", Some(after.shape_iou.value));
-        figures.insert("height_p95_rel_after", Some(after.height_p95_rel));
-        figures.insert("silhouette_iou_after", Some(after.silhouette_iou));
-        caveats_of.get_or_insert(after);
+    let mut first = first.or(at_end);
+    let is_disturbed = hold_end < last || first.is_none();
+    if is_disturbed {
+        let shape = measured.measure(&gauge, &pile_of(&props, &after));
+        measured.figures.insert("shape_iou_after", Some(shape.shape_iou.value));
+        measured.figures.insert("height_p95_rel_after", Some(shape.height_p95_rel));
+        first.get_or_insert(shape);
     }
-    Ok((figures, caveats_of.expect("some frame has bodies")))
+    measured.first = first;
+    if inputs.resolved.is_on(EffectName::PictureFigures) {
+        let begin = observer.cpu_seconds();
+        let mut look = |bodies: &[(usize, f64, Pose)]| {
+            measured.pictures += 1;
+            gauge.look(&pile_of(&props, bodies))
+        };
+        let start = (!start.is_empty()).then(|| look(&start).silhouette_iou);
+        let held = (!held.is_empty()).then(|| look(&held));
+        let after = is_disturbed.then(|| look(&after).silhouette_iou);
+        measured.figures.insert("silhouette_iou_start", start);
+        measured.figures.insert("silhouette_iou", held.map(|held| held.silhouette_iou));
+        measured.figures.insert("height_rms_rel", held.map(|held| held.height_rms_rel));
+        measured.figures.extend(after.map(|after| ("silhouette_iou_after", Some(after))));
+        measured.picture_seconds = observer.cpu_seconds() - begin;
+    }
+    Ok(measured)
+}
+
+impl Measured {
+    fn measure(&mut self, gauge: &Gauge, pile: &measure::Instances) -> ShapeMeasures {
+        self.shapes += 1;
+        gauge.measure(pile)
+    }
+}
+
+/// The bodies that were still there when the pile had been let go: prop, scale and pose.
+fn freed(pile: &Pile, poses: &[Option<Pose>]) -> Vec<(usize, f64, Pose)> {
+    let units = pile.world.units;
+    let body = |(b, pose): (&Instance, &Option<Pose>)| {
+        Some((b.prop, b.scale, pile.shapes[b.prop].prop_pose(&units.pose_to_si(pose.as_ref()?), b.scale)))
+    };
+    pile.instances.iter().zip(poses).filter_map(body).collect()
+}
+
+fn pile_of<'a>(props: &'a [TriMesh], bodies: &'a [(usize, f64, Pose)]) -> measure::Instances<'a> {
+    measure::Instances { props, bodies }
 }

@@ -52,11 +52,15 @@ impl Whole {
     }
 
     /// What contact forces leave unbalanced, in each body's weight, once none misses more than `enough` or no better ones are
-    /// found. Shape `[body]`, in the order of `ids`.
-    pub fn missing(&self, enough: f64) -> Result<Vec<f64>, GlueError> {
+    /// found. Shape `[body]`, in the order of `ids`; and the iterations that took.
+    pub fn missing(
+        &self,
+        enough: f64,
+        going: &mut dyn FnMut() -> ControlFlow<()>,
+    ) -> Result<(Vec<f64>, u64), GlueError> {
         let Whole { bodies, contacts, touches, .. } = self;
         let pile = GlueProblem { bodies, contacts, touches, gravity: DVec3::NEG_Y };
-        glue::missing(&pile, enough, &mut || ControlFlow::Continue(()))
+        glue::missing(&pile, enough, going)
     }
 }
 

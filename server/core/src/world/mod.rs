@@ -95,6 +95,10 @@ pub struct WorldBody {
 /// What effects have done so far: bodies, summed over the steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Counters {
+    /// Bodies that the engine moved.
+    pub awake_body_steps: u64,
+    /// Pairs of near boxes that the engine kept.
+    pub pair_steps: u64,
     /// Bodies whose contacts were found a step ahead.
     pub speculative_body_steps: u64,
     /// Bodies swept along their way.
@@ -278,6 +282,8 @@ impl World {
         self.watch_fast_ones();
         self.engine.step();
         self.steps += 1;
+        self.counters.awake_body_steps += self.engine.islands.num_active_bodies() as u64;
+        self.counters.pair_steps += self.engine.narrow_phase.contact_graph().raw_graph().raw_edges().len() as u64;
         let broken = self.engine.quarantine().bodies().to_vec();
         let ids: Vec<BodyId> = (0..self.bodies.len())
             .filter(|&i| self.bodies[i].role != Role::Gone && broken.contains(&self.bodies[i].handle))

@@ -8,9 +8,9 @@ use crate::problem::Problem;
 use crate::wire::proto;
 use cairn_core::input::observer::{Progress, Stage};
 use cairn_core::input::params::{
-    Accuracy, ContactSelection, Control, ControlMode, ControlSwitches, Fill, FillMethod, FrictionCone, FrictionModel,
-    FrictionReserve, Glue, GlueMode, Hold, Neighbours, Output, Params, Physics, PhysicsSwitches, Release, ReleaseOrder,
-    Spread, Switch, Time,
+    Accuracy, ContactSelection, Control, ControlMode, ControlSwitches, Figures, Fill, FillMethod, FrictionCone,
+    FrictionModel, FrictionReserve, Glue, GlueMode, Hold, Neighbours, Output, Params, Physics, PhysicsSwitches,
+    Release, ReleaseOrder, Spread, Switch, Time,
 };
 
 /// The values of a prop that are not set.
@@ -47,6 +47,7 @@ pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     control(&mut params.control, &scene.control.unwrap_or_default(), &mut counts);
     hold(&mut params.hold, &scene.hold.unwrap_or_default());
     output(&mut params.output, &scene.output.unwrap_or_default(), &mut counts);
+    report(&mut params.report, &scene.report.unwrap_or_default());
     until(&mut params, scene, &mut counts);
     effects(&mut params, &scene.effects.unwrap_or_default());
     (params, counts.problems)
@@ -139,6 +140,7 @@ fn fill(fill: &mut Fill, given: &proto::Fill, counts: &mut Counts) {
     set(&mut fill.count, given.count.map(|n| Some(counts.natural("fill.count", n))));
     set(&mut fill.max_bodies, given.max_bodies.map(|n| counts.natural("fill.max_bodies", n)));
     set(&mut fill.step, given.step);
+    set(&mut fill.round, given.round);
     set(&mut fill.full_below, given.full_below);
     set(&mut fill.settle, given.settle);
     set(&mut fill.protrusion, given.protrusion);
@@ -287,4 +289,10 @@ fn output(output: &mut Output, given: &proto::Output, counts: &mut Counts) {
     set(&mut output.frames, given.frames.map(|n| Some(counts.natural("output.frames", n))));
     set(&mut output.free_standing, given.free_standing);
     set(&mut output.free_pour, given.free_pour);
+}
+
+fn report(report: &mut Figures, given: &proto::Figures) {
+    report.shape = switch(given.shape());
+    report.pictures = switch(given.pictures());
+    report.support = switch(given.support());
 }

@@ -34,6 +34,7 @@ impl Params {
                 count: None,
                 max_bodies: 20_000,
                 step: 0.1,
+                round: 0.1,
                 full_below: 0.01,
                 settle: 2.2,
                 protrusion: 0.05,
@@ -76,6 +77,7 @@ impl Params {
                 free_pour: false,
                 keeps_frames: Switch::Auto,
             },
+            report: Figures::default(),
         };
         match accuracy {
             Accuracy::Standard => {}
@@ -85,6 +87,9 @@ impl Params {
                 params.physics.shape_tolerance = 0.1;
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
+                params.fill.round = 0.25;
+                params.fill.full_below = 0.08;
+                params.fill.settle = 0.8;
                 // More glue takes the place of letting the pile go.
                 params.glue.friction_factor = 0.35;
                 params.glue.proof = Switch::Off;

@@ -29,6 +29,7 @@ impl Params {
             ("fill.count", f64::from(self.fill.count.unwrap_or(1)), 1.0, 100_000.0),
             ("fill.max_bodies", f64::from(self.fill.max_bodies), 1.0, 100_000.0),
             ("fill.step", self.fill.step, 0.001, 0.2),
+            ("fill.round", self.fill.round, 0.01, 1.0),
             ("fill.full_below", self.fill.full_below, 0.0, 0.5),
             ("fill.settle", self.fill.settle, 0.0, 1000.0),
             ("fill.protrusion", self.fill.protrusion, 0.0, 1.0),

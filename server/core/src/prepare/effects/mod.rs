@@ -65,6 +65,9 @@ pub enum EffectName {
     Impact,
     Stand,
     Frames,
+    ShapeFigures,
+    PictureFigures,
+    SupportFigures,
     FreeStanding,
     FreePour,
 }
@@ -80,7 +83,7 @@ impl EffectName {
         match self {
             EffectName::Primitives => (Some("effects.primitives"), &[PropsAsPrimitives]),
             EffectName::Decomposition => (Some("effects.decomposition"), &[PropsSplit]),
-            EffectName::Fill => (Some("fill.method"), &[FillSteps]),
+            EffectName::Fill => (Some("fill.method"), &[FillSteps, FillBodySteps, FillPairSteps]),
             EffectName::WallSimplification => (Some("fill.wall_tolerance"), &[WallTrianglesSaved]),
             EffectName::TurnOver => (None, &[FillSteps]),
             EffectName::Glue => (Some("glue.mode"), &[GlueIterations, GlueDots, GlueClusters]),
@@ -109,6 +112,9 @@ impl EffectName {
             EffectName::Impact => (Some("effects.impact"), &[ImpactLooks, Shaken]),
             EffectName::Stand => (Some("control.stand"), &[StandSteps]),
             EffectName::Frames => (Some("effects.frames"), &[Frames]),
+            EffectName::ShapeFigures => (Some("report.shape"), &[ShapesMeasured]),
+            EffectName::PictureFigures => (Some("report.pictures"), &[PicturesMeasured]),
+            EffectName::SupportFigures => (Some("report.support"), &[SupportIterations]),
             EffectName::FreeStanding => (Some("output.free_standing"), &[FreeStandingSteps]),
             EffectName::FreePour => (Some("output.free_pour"), &[]),
         }

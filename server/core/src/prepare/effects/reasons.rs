@@ -76,6 +76,19 @@ impl Reasons<'_> {
             EffectName::Frames => {
                 format!("{} per second; without them, the result is the final pose", self.params.output.fps)
             }
+            EffectName::ShapeFigures | EffectName::PictureFigures if self.scene.target().is_none() => {
+                "there is no control mesh to compare with".into()
+            }
+            EffectName::ShapeFigures => "the pile is compared with the control mesh".into(),
+            EffectName::PictureFigures => match self.resolved.is_on(name) {
+                true => "the pile is compared with the control mesh as a camera sees them".into(),
+                false => "not at this accuracy, unless asked for".into(),
+            },
+            EffectName::SupportFigures => match self.resolved.is_on(name) {
+                true => "the contacts of the whole pile are weighed at the end".into(),
+                false if self.resolved.is_on(EffectName::Glue) => "the glue is certified already".into(),
+                false => "not at this accuracy, unless asked for".into(),
+            },
             EffectName::FreeStanding | EffectName::FreePour => match self.resolved.is_on(name) {
                 true => "asked for: a further simulation".into(),
                 false => "only on request: it is a further simulation".into(),

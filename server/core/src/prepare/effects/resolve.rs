@@ -1,7 +1,7 @@
 //! What a bake simulates: decided here, once, from the scene, the user's word and the props' shapes.
 
 use super::EffectName;
-use crate::input::params::{ControlMode, FrictionModel, Params, Physics, ReleaseOrder, Switch};
+use crate::input::params::{Accuracy, ControlMode, FrictionModel, Params, Physics, ReleaseOrder, Switch};
 use crate::input::scene::Scene;
 use crate::prepare::check::Checked;
 use crate::prepare::container;
@@ -109,6 +109,12 @@ impl Case<'_> {
             EffectName::Impact => freezes && scene.something_hits(),
             // What is to happen later needs the control until then.
             EffectName::Stand => freezes && fill && params.control.until.is_none() && !scene.something_hits(),
+            EffectName::ShapeFigures => scene.target().is_some(),
+            EffectName::PictureFigures => scene.target().is_some() && params.accuracy != Accuracy::Draft,
+            EffectName::SupportFigures => {
+                let is_rough = matches!(params.accuracy, Accuracy::Draft | Accuracy::Preview);
+                !glues && !is_rough || params.output.free_standing
+            }
             EffectName::FreeStanding => params.output.free_standing,
             EffectName::FreePour => params.output.free_pour,
         }
@@ -126,6 +132,12 @@ impl Case<'_> {
         match name {
             EffectName::KeptVerdicts | EffectName::Impact if !freezes => Switch::Auto,
             EffectName::Region if scene.target().is_none() => Switch::Auto,
+            EffectName::ShapeFigures if scene.target().is_none() => Switch::Auto,
+            EffectName::ShapeFigures => params.report.shape,
+            EffectName::PictureFigures if scene.target().is_none() => Switch::Auto,
+            EffectName::PictureFigures if params.report.shape == Switch::Off => Switch::Off,
+            EffectName::PictureFigures => params.report.pictures,
+            EffectName::SupportFigures => params.report.support,
             EffectName::Region | EffectName::Breaking if params.control.mode == ControlMode::Off && !self.glues() => {
                 Switch::Auto
             }

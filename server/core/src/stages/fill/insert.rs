@@ -16,9 +16,6 @@ const SEED_SCALE: f64 = 0.4;
 const GROWTH_STAGES: usize = 4;
 /// A seed grows to its full size in this time, natural times.
 const GROWTH_TIME: f64 = 0.8;
-/// Largest share of the expected bodies added in a round. More would block each other; and what comes few at a time finds its
-/// place on what lies there, so that the pile stands better: all sticks of a column at once keep 0.86 of it, a tenth at a time 0.96.
-const ROUND_SHARE: f64 = 0.1;
 /// Places tried for each prop wanted in a round. A place costs a thousandth of what a prop that grows there does.
 const TRIES_PER_PROP: usize = 60;
 /// Places tried at least in a round.
@@ -49,7 +46,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         if before >= limit {
             return Ok(false);
         }
-        let wanted = ((ROUND_SHARE * filling.expected as f64).ceil() as usize).min(limit - before);
+        let wanted = ((fill.round * filling.expected as f64).ceil() as usize).min(limit - before);
         let first = filling.world.bodies().len();
         let seeds = plant(filling, wanted, &inside)?;
         if seeds.is_empty() {

@@ -4,6 +4,7 @@ mod bounded;
 mod clarabel;
 mod input;
 mod known;
+mod missing;
 mod piles;
 mod units;
 
