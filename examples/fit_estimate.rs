@@ -9,6 +9,7 @@
 use anyhow::Context;
 use cairn::cost::Record;
 use cairn_core::prepare::estimate::{FEATURES, Weights};
+use cairn_core::prepare::packing;
 use cairn_core::stages::calibrate::calibrate;
 use clap::Parser;
 use nalgebra::{DMatrix, DVector};
@@ -56,6 +57,20 @@ fn main() -> anyhow::Result<()> {
         let numbers: Vec<String> = law.iter().map(|w| format!("{w:.3}")).collect();
         println!("/// Of {}.\npub const {name}: Weights = [{}];", FEATURES.join(", "), numbers.join(", "));
     }
+    let filled: Vec<&(f64, Record)> = runs.iter().filter(|(_, r)| r.workload.room > 0.0).collect();
+    let reached = |r: &Record| (r.bodies as f64 / r.workload.room).ln();
+    let a = DMatrix::from_fn(filled.len(), packing::FEATURES.len(), |i, j| filled[i].1.workload.packing[j]);
+    let b = DVector::from_fn(filled.len(), |i, _| reached(&filled[i].1));
+    let normal = a.transpose() * &a + DMatrix::identity(a.ncols(), a.ncols()) * RIDGE;
+    let law = normal.cholesky().expect("a ridge makes it positive definite").solve(&(a.transpose() * &b));
+    let mut off: Vec<f64> = (&a * &law - &b).iter().map(|e| e.abs().exp()).collect();
+    off.sort_by(f64::total_cmp);
+    println!(
+        "/// Of {}; nine of ten within a factor of {:.2}.\nconst PACKING: Weights = [{}];",
+        packing::FEATURES.join(", "),
+        off[(off.len() - 1) * 9 / 10],
+        law.iter().map(|w| format!("{w:.3}")).collect::<Vec<_>>().join(", ")
+    );
     let dots =
         |r: &Record| Some(r.measures.get("touches")? * r.measures.get("glued_touch_fraction")? / r.bodies as f64);
     let mut dots: Vec<f64> = runs.iter().filter_map(|(_, r)| dots(r)).collect();

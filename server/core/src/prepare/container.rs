@@ -23,6 +23,8 @@ pub struct Container {
     /// Height of the base, which a half-space closes as well.
     pub base: f64,
     pub volume: f64,
+    /// Of the control mesh's surface.
+    pub area: f64,
     pub low: DVec3,
     pub high: DVec3,
     /// The walls are a surface around the union of the mesh's parts, not the mesh itself.
@@ -68,7 +70,17 @@ impl Container {
         let remeshed = !topology.is_watertight() || topology.components > 1 && region.overlaps(TOUCH);
         let walls = if remeshed { surface(&distance) } else { inward(&solid, region.was_inside_out()) };
         let base = low.y.max(ground / length);
-        Container { walls, tolerance, distance, base, volume: region.volume(), low, high, remeshed }
+        Container {
+            walls,
+            tolerance,
+            distance,
+            base,
+            volume: region.volume(),
+            area: topology.area / length.powi(2),
+            low,
+            high,
+            remeshed,
+        }
     }
 
     /// The walls, closed.

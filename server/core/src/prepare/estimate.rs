@@ -11,8 +11,8 @@ use crate::input::params::{Accuracy, FrictionModel, Params};
 use crate::input::scene::Scene;
 use crate::prepare::check::Checked;
 use crate::prepare::effects::EffectName;
-use crate::prepare::plan;
 use crate::prepare::shape::Shape;
+use crate::prepare::{packing, plan};
 
 /// What a bake is expected to cost and to reach.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -73,6 +73,11 @@ pub struct Workload {
     /// The pile is glued where friction does not carry it.
     #[serde(default)]
     pub glued: bool,
+    /// Volume of the control mesh over the mean volume of a prop, and what decides how densely they pack; 0 without a fill.
+    #[serde(default)]
+    pub room: f64,
+    #[serde(default)]
+    pub packing: packing::Weights,
 }
 
 /// What the power laws are of.
@@ -98,6 +103,7 @@ impl Workload {
         let [parts, corners, slenderness] = mean;
         let step_rate = natural_time / params.physics.step.seconds(natural_time);
         let container = checked.control.as_ref().filter(|_| scene.is_filled(params));
+        let (room, packing) = container.map_or(Default::default(), |c| plan::room(c).load(scene, &checked.sizes));
         Workload {
             bodies: (filled + scene.added_bodies()) as f64,
             filled: filled as f64,
@@ -110,6 +116,8 @@ impl Workload {
             substeps: f64::from(params.physics.substeps),
             coulomb: params.physics.friction_model == FrictionModel::Coulomb,
             glued: params.glue_bound(scene.is_filled(params)) > 0.0,
+            room,
+            packing,
         }
     }
 

@@ -6,5 +6,6 @@ pub mod container;
 pub mod effects;
 pub mod estimate;
 pub(crate) mod extremes;
+pub mod packing;
 pub mod plan;
 pub mod shape;

@@ -1,11 +1,13 @@
 //! What would be simulated, told before anything runs.
 
+use crate::geometry::Closed;
 use crate::input::observer::Stage;
-use crate::input::params::{Fill, Params};
+use crate::input::params::Params;
 use crate::input::scene::Scene;
 use crate::prepare::check::Checked;
 use crate::prepare::effects::{self, Effect, EffectName, Resolved};
-use crate::prepare::shape::{Nature, Size};
+use crate::prepare::packing::{Room, expected_bodies};
+use crate::prepare::shape::Nature;
 
 /// The stages that a bake will run and the effects that are switched on, each with its reason.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -64,7 +66,12 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature],
 /// Bodies that the fill will place.
 pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &Checked) -> usize {
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
-    filled.map_or(0, |c| expected_bodies(scene, &checked.sizes, c.volume(), &params.fill))
+    filled.map_or(0, |control| expected_bodies(scene, &checked.sizes, &room(control), &params.fill))
+}
+
+/// What is to be filled.
+pub(crate) fn room(control: &Closed) -> Room {
+    Room { volume: control.volume(), area: control.topology.area }
 }
 
 /// Steps of release and hold, as far as they can be foretold.
@@ -94,20 +101,4 @@ fn last_event(scene: &Scene, params: &Params) -> f64 {
     let emitters = scene.emitters.iter().map(|e| Some(e.start + f64::from(e.count - 1) / e.rate));
     let moves = scene.statics.iter().map(|m| m.keys.last().map(|k| k.time));
     bodies.chain(emitters).chain(moves).chain([params.control.until]).flatten().fold(0.0, f64::max)
-}
-
-/// Share of the volume that props usually fill.
-pub const USUAL_PACKING: f64 = 0.4;
-
-/// Bodies that fit into a volume in m^3, by the packing that fills usually reach and the limits given.
-pub fn expected_bodies(scene: &Scene, sizes: &[Size], volume: f64, fill: &Fill) -> usize {
-    let total: f64 = scene.props.iter().map(|p| p.weight).sum();
-    let mean: f64 = scene.props.iter().zip(sizes).map(|(p, s)| p.weight / total * s.volume * mean_cube(p.scale)).sum();
-    let fitting = (USUAL_PACKING * volume / mean).ceil().max(1.0);
-    (fitting.min(fill.max_bodies as f64) as usize).min(fill.count.unwrap_or(u32::MAX) as usize).max(1)
-}
-
-/// Mean of s^3 for s even between the two.
-fn mean_cube([lo, hi]: [f64; 2]) -> f64 {
-    (lo + hi) * (lo * lo + hi * hi) / 4.0
 }

@@ -61,7 +61,9 @@ impl Report {
         }
         for count in [Count::FillSteps, Count::FillBodySteps, Count::FillPairSteps] {
             let all = self.bill.iter_mut().map(|charge| &mut charge.counts).chain([&mut self.counts]);
-            all.for_each(|counts| drop(counts.entry(count).and_modify(|steps| *steps = 0)));
+            all.for_each(|counts| {
+                counts.entry(count).and_modify(|steps| *steps = 0);
+            });
         }
     }
 

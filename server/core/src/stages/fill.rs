@@ -10,7 +10,7 @@ use crate::input::observer::{Frame, Observer, Progress, Shown, Stage, State, obs
 use crate::input::params::{FillMethod, Params};
 use crate::input::scene::Scene;
 use crate::prepare::container::Container;
-use crate::prepare::plan::expected_bodies;
+use crate::prepare::packing::{Room, expected_bodies};
 use crate::prepare::shape::{Shape, Size, Solid};
 use crate::sim::instance::{self, Instance};
 use crate::sim::policy::Policy;
@@ -71,6 +71,9 @@ const CLEANUP_ROUNDS: usize = 4;
 /// Settling after each of them, natural times.
 const CLEANUP_SETTLE: f64 = 0.5;
 
+/// Places for so many times the expected bodies are before the walls.
+const ROOM: usize = 2;
+
 /// What the clean-up takes from a wanted number of bodies is replaced so many times.
 const REPLACEMENTS: usize = 3;
 
@@ -90,8 +93,12 @@ pub fn run(
         FillMethod::Insert | FillMethod::Off => None,
     };
     let closed = container.closed();
-    let walls = filling.world.add_container(&closed.mesh, 0.0).map_err(Error::Internal)?;
-    let floor = filling.world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0);
+    let room = ROOM * filling.expected.min(params.fill.max_bodies as usize);
+    let (walls, floor) = filling.world.add_behind(room, |world| {
+        let walls = world.add_container(&closed.mesh, 0.0);
+        (walls, world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0))
+    });
+    let walls = walls.map_err(Error::Internal)?;
     let full = match poured {
         Some(full) => full,
         None => insert::run(&mut filling, observer)?,
@@ -156,7 +163,9 @@ impl<'a> Filling<'a> {
             (shapes.iter().zip(&scene.props)).filter(|(_, p)| p.weight > 0.0).map(|(s, p)| s.thickness() * p.scale[0]);
         let thickness = thickness.fold(f64::INFINITY, f64::min);
         let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
-        let expected = expected_bodies(scene, &sizes, container.volume * units.length.powi(3), &params.fill);
+        let room =
+            Room { volume: container.volume * units.length.powi(3), area: container.area * units.length.powi(2) };
+        let expected = expected_bodies(scene, &sizes, &room, &params.fill);
         let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
         let mut world = World::new(units, &params.fill_physics(units.time), thickness / units.length, compounds);
         world.set_gravity_up(true);

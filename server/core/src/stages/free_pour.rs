@@ -15,7 +15,6 @@ use crate::input::params::{FillMethod, Params};
 use crate::input::scene::{Prop, Scene};
 use crate::measure::{self, Gauge};
 use crate::prepare::container::Container;
-use crate::prepare::plan;
 use crate::prepare::shape::Shape;
 use crate::stages::fill;
 use crate::world::Units;
@@ -31,6 +30,9 @@ const MARGIN: f64 = 1.0;
 /// In a narrow box, that distance is at most this share of its width.
 const LARGEST_MARGIN: f64 = 0.25;
 
+/// Share of its volume that a pour usually fills, about.
+const USUAL_PACKING: f64 = 0.4;
+
 /// The volume fraction of a free pour of this prop, in the middle of its range of scales.
 pub fn free_pour(
     prop: &Prop,
@@ -40,7 +42,7 @@ pub fn free_pour(
 ) -> Result<Option<f64>, Error> {
     let scale = (prop.scale[0] + prop.scale[1]) / 2.0;
     let diameter = shape.size.diameter * scale;
-    let needed = MAX_BODIES as f64 * shape.volume * scale.powi(3) / plan::USUAL_PACKING;
+    let needed = MAX_BODIES as f64 * shape.volume * scale.powi(3) / USUAL_PACKING;
     let width = (needed.cbrt() / diameter).clamp(WIDTHS[1], WIDTHS[0]);
     let bin = block(DVec3::new(-0.5, 0.0, -0.5) * width * diameter, DVec3::new(0.5, 1.0, 0.5) * width * diameter);
 

@@ -12,6 +12,7 @@ use rapier3d::parry::query::{
     ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher, PersistentQueryDispatcher, intersection_test,
 };
 use rapier3d::prelude::*;
+use rayon::prelude::*;
 
 /// What a body touches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -72,6 +73,9 @@ pub(super) const STALE_INDEX: f64 = 0.02;
 /// Frequency of contact springs, per natural time, up to which loads are compared with kappa as they are.
 const USUAL_FREQUENCY: f64 = 20.0;
 
+/// Bodies that are worth another thread.
+const LEAST_SHARE: usize = 64;
+
 impl World {
     /// Pairs with a gap of at most `tolerance` times the thinner one's thickness, in order of `(a, b)`. Exact: from the
     /// poses, not from the engine's memory. Walls of a container are not told.
@@ -82,9 +86,9 @@ impl World {
     /// The same, where `before` was the answer when the bodies marked in `still` (shape `[body]`) stood where they stand
     /// now: pairs of which neither has moved are taken from there.
     pub fn touches_since(&self, tolerance: f64, before: &[Touch], still: &[bool]) -> Vec<Touch> {
-        let mut touches = Vec::new();
         let is_still = |id: BodyId| still.get(id).copied().unwrap_or(false);
-        for a in self.present() {
+        let touches_of = |&a: &BodyId| {
+            let mut touches = Vec::new();
             for (b, other) in self.near(a, tolerance) {
                 let unmoved = is_still(a) && !matches!(b, Side::Body(b) if !is_still(b));
                 if !unmoved {
@@ -95,12 +99,15 @@ impl World {
                 let from = before.partition_point(|t| t.a < a);
                 let mine = before[from..].iter().take_while(|t| t.a == a);
                 let unmoved = |t: &&Touch| !matches!(t.b, Side::Body(b) if !is_still(b) || !self.is_present(b));
-                let begin = touches.partition_point(|t| t.a < a);
                 touches.extend(mine.filter(unmoved).cloned());
-                touches[begin..].sort_by_key(|t| t.b);
+                touches.sort_by_key(|t| t.b);
             }
-        }
-        touches
+            touches
+        };
+        let ids: Vec<BodyId> = self.present().collect();
+        // In the order of the bodies, whoever finds them.
+        let touches: Vec<Vec<Touch>> = ids.par_iter().with_min_len(LEAST_SHARE).map(touches_of).collect();
+        touches.into_iter().flatten().collect()
     }
 
     /// Height of the lowest point of these bodies' boxes; infinite where there are none.

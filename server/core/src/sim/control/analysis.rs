@@ -10,7 +10,10 @@ use crate::equilibrium::{
 use crate::input::params::{self, ContactSelection, Control as ControlParams, FrictionCone};
 use crate::world::{BodyId, Role, Side, Touch, World};
 use glam::DVec3;
+use rayon::prelude::*;
 
+/// Bodies that one thread judges in a go.
+const SHARE: usize = 64;
 /// Distinct contacts that a candidate needs (paper, 3.3).
 const LEAST_CONTACTS: usize = 3;
 
@@ -18,7 +21,8 @@ const LEAST_CONTACTS: usize = 3;
 pub struct Analysis<'a> {
     params: &'a ControlParams,
     options: Options,
-    analyser: Analyser,
+    /// Verdicts that left the solver without a proof within its tolerances.
+    undecided: u64,
     /// Verdicts are kept where nothing that they rest on has changed.
     keeps_verdicts: bool,
     /// Passed the latest analysis and candidate rules. Shape `[body]`.
@@ -38,7 +42,7 @@ impl<'a> Analysis<'a> {
         Analysis {
             params,
             options: Options { friction_law, solver: Solver::Fast, margin: false },
-            analyser: Analyser::new(),
+            undecided: 0,
             keeps_verdicts,
             candidates: Vec::new(),
             touches: Vec::new(),
@@ -97,7 +101,8 @@ impl<'a> Analysis<'a> {
         let contacts = contacts(world, touches, self.params.selection);
         let rules = self.rules(world.units.length);
         let mut passed = vec![false; world.bodies().len()];
-        for (id, contacts) in contacts.iter().enumerate() {
+        let mut asked = Vec::new();
+        for id in 0..contacts.len() {
             if barred.get(id).is_some_and(|&barred| barred) {
                 continue;
             }
@@ -113,38 +118,44 @@ impl<'a> Analysis<'a> {
             }
             let released = matches!(body.role, Role::Free | Role::Frozen);
             let slow = body.role == Role::Frozen || world.speed(id) < self.params.speed;
-            if !released || !slow || contacts.is_empty() || !eligibility.is_inside(world, id) {
-                continue;
+            if released && slow && !contacts[id].is_empty() && eligibility.is_inside(world, id) {
+                asked.push(id);
             }
+        }
+        let options = &self.options;
+        let judge = |analyser: &mut Analyser, &id: &BodyId| {
+            let body = &world.bodies()[id];
             let problem = LocalProblem {
-                contacts,
+                contacts: &contacts[id],
                 mass: 1.0,
                 center_of_mass: world.pose(id).translation,
                 radius: body.radius,
                 gravity: DVec3::NEG_Y,
             };
-            passed[id] = self.judge(&problem, &rules.of(body.face_area), tally);
+            let candidacy = analyser.candidate(&problem, options, &rules.of(body.face_area));
+            // The contacts come from finite poses and the parameters are validated: an error would be a fault of ours, and
+            // then nothing is held.
+            debug_assert!(candidacy.is_ok(), "contacts of a checked world");
+            candidacy.ok()
+        };
+        let shares = asked.par_chunks(SHARE).map(|ids| {
+            let mut analyser = Analyser::new();
+            let verdicts: Vec<Option<Candidacy>> = ids.iter().map(|id| judge(&mut analyser, id)).collect();
+            (verdicts, analyser.counters().uncertified)
+        });
+        let shares: Vec<(Vec<Option<Candidacy>>, u64)> = shares.collect();
+        self.undecided += shares.iter().map(|(_, undecided)| undecided).sum::<u64>();
+        for (id, verdict) in asked.into_iter().zip(shares.into_iter().flat_map(|(verdicts, _)| verdicts)) {
+            tally.analyses += 1;
+            let Some(verdict) = verdict else { continue };
+            match verdict.is_stable() {
+                true => tally.stable += 1,
+                false => tally.unstable += 1,
+            }
+            passed[id] = verdict == Candidacy::Candidate;
+            tally.candidates += u64::from(passed[id]);
         }
         self.candidates = passed;
-    }
-
-    /// Analysis and candidate rules for one body.
-    fn judge(&mut self, problem: &LocalProblem, rules: &CandidateRules, tally: &mut Tally) -> bool {
-        tally.analyses += 1;
-        // The contacts come from finite poses and the parameters are validated: an error would be a fault of ours, and
-        // then nothing is held.
-        let Ok(candidacy) = self.analyser.candidate(problem, &self.options, rules) else {
-            debug_assert!(false, "contacts of a checked world");
-            return false;
-        };
-        if candidacy.is_stable() {
-            tally.stable += 1;
-        } else {
-            tally.unstable += 1;
-        }
-        let passed = candidacy == Candidacy::Candidate;
-        tally.candidates += u64::from(passed);
-        passed
     }
 
     /// The candidate rules in engine units. `length`: metres per engine unit.
@@ -163,7 +174,7 @@ impl<'a> Analysis<'a> {
 
     /// Verdicts that left the solver without a proof within its tolerances.
     pub fn undecided(&self) -> u64 {
-        self.analyser.counters().uncertified
+        self.undecided
     }
 
     /// The local problems that a cycle would now pose, of all released bodies with contacts: for tools that compare

@@ -28,9 +28,14 @@ const GROWING_OVERLAP: f64 = 0.25;
 /// What a round squeezes, the next one may set free again. Pairs that overlap too deeply after so many rounds in a row are jammed.
 const JAMMED: u32 = 3;
 
-/// Jammed props trade places: a round adds some and squeezes others out. So the gain of so many rounds together tells whether the
-/// container is full.
-const STALL_ROUNDS: usize = 2;
+/// Where no larger share of a round's seeds finds room to grow, they take it from each other: the next round asks for half as
+/// many, but for no less than this share of the expected bodies.
+const CROWDED: f64 = 0.5;
+const LEAST_ROUND: f64 = 0.025;
+
+/// Jammed props trade places: a round adds some and squeezes others out. So the gain of as many seeds as so many full rounds ask
+/// for tells whether the container is full.
+const STALL_ROUNDS: f64 = 2.0;
 
 /// Runs rounds until they add next to nothing. Returns whether the container is full.
 pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
@@ -38,7 +43,10 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
     let limit = fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize;
     let deep = fill.overlap.max(GROWING_OVERLAP);
     let inside = inside(filling);
-    let mut counts = Vec::new();
+    // Share of the expected bodies that a round asks for.
+    let mut share = fill.round;
+    // Bodies asked for so far, and bodies there, before each round.
+    let mut history = vec![(0, filling.loose().count())];
     // Pairs that overlap too deeply, and for how many rounds in a row.
     let mut squeezed = BTreeMap::<(BodyId, BodyId), u32>::new();
     for _ in 0..MAX_ROUNDS {
@@ -46,7 +54,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         if before >= limit {
             return Ok(false);
         }
-        let wanted = ((fill.round * filling.expected as f64).ceil() as usize).min(limit - before);
+        let wanted = ((share * filling.expected as f64).ceil() as usize).min(limit - before);
         let first = filling.world.bodies().len();
         let seeds = plant(filling, wanted, &inside)?;
         if seeds.is_empty() {
@@ -58,10 +66,16 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         filling.separate(new, first);
         squeezed = old.into_iter().map(|pair| (pair, squeezed.get(&pair).map_or(1, |rounds| rounds + 1))).collect();
         filling.separate(squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair).collect(), 0);
-        let after = filling.loose().count();
-        counts.push(before);
-        let least = STALL_ROUNDS as f64 * (fill.full_below * after as f64).max(1.0);
-        if counts.len().checked_sub(STALL_ROUNDS).is_some_and(|k| (after as f64) < counts[k] as f64 + least) {
+        let (kept, after) = (filling.loose().filter(|&id| id >= first).count(), filling.loose().count());
+        if (kept as f64) < CROWDED * seeds.len() as f64 {
+            share = (share / 2.0).max(LEAST_ROUND.min(fill.round));
+        }
+        let asked = wanted + history.last().map_or(0, |&(asked, _)| asked);
+        history.push((asked, after));
+        let stall = (STALL_ROUNDS * fill.round * filling.expected as f64).ceil() as usize;
+        let least = STALL_ROUNDS * (fill.full_below * after as f64).max(1.0);
+        let then = history.iter().rev().find(|(earlier, _)| earlier + stall <= asked);
+        if then.is_some_and(|&(_, then)| (after as f64) < then as f64 + least) {
             return Ok(true);
         }
     }

@@ -28,8 +28,16 @@ fn it_finds_as_many_as_clarabel() {
         let judge = analyse(&problem, Objective::SumOfNorms { sharpen: 2 }).expect("a valid pile");
         let (mine, judged) = (count(&found), count(&judge.imbalance));
         let total: f64 = found.iter().sum();
-        println!("pile {seed}: {mine} of {} lack support, {judged} by Clarabel; {total:.3}, at least {:.3}", found.len(), judge.bound);
-        assert!(total >= judge.bound * (1.0 - 1e-6) - 1e-9, "pile {seed}: {total} is less than is possible: {}", judge.bound);
+        println!(
+            "pile {seed}: {mine} of {} lack support, {judged} by Clarabel; {total:.3}, at least {:.3}",
+            found.len(),
+            judge.bound
+        );
+        assert!(
+            total >= judge.bound * (1.0 - 1e-6) - 1e-9,
+            "pile {seed}: {total} is less than is possible: {}",
+            judge.bound
+        );
         (ours, theirs, worst) = (ours + mine, theirs + judged, worst.max(mine.abs_diff(judged)));
     }
     println!("in all {ours}, {theirs} by Clarabel");

@@ -1,0 +1,70 @@
+//! How many props a control mesh takes, told before the fill: a model fitted on finished fills.
+
+use super::shape::Size;
+use crate::input::params::Fill;
+use crate::input::scene::{Prop, Scene};
+
+/// What the packing is a product of powers of; `crowding` is an exponent of e.
+pub const FEATURES: [&str; 5] = ["1", "boxiness", "flatness", "width", "crowding"];
+/// An exponent for each of the features.
+pub type Weights = [f64; FEATURES.len()];
+
+/// The fitted exponents; the example `fit_estimate` prints them.
+const PACKING: Weights = [-0.916, 0.0, 0.0, 0.0, 0.0];
+
+/// What is to be filled.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    /// m^3.
+    pub volume: f64,
+    /// Of its walls, m^2.
+    pub area: f64,
+}
+
+impl Room {
+    /// Logarithms of the numbers that decide how densely a prop packs, in the order of [`FEATURES`]: its volume over that of the box
+    /// around it; the least and the middle edge of that box over the longest; and how much of the room is near its walls.
+    pub fn features(&self, prop: &Prop, size: &Size) -> Weights {
+        let [least, middle, longest] = size.extents.to_array();
+        let diameter = size.diameter * (prop.scale[0] + prop.scale[1]) / 2.0;
+        let crowding = (diameter * self.area / self.volume).min(MOST_CROWDED);
+        [
+            1.0,
+            (size.volume / (least * middle * longest)).ln(),
+            (least / longest).ln(),
+            (middle / longest).ln(),
+            crowding,
+        ]
+    }
+
+    /// Volume of the room over the mean volume of a prop, and the mean features of the props, by their weight.
+    pub fn load(&self, scene: &Scene, sizes: &[Size]) -> (f64, Weights) {
+        let total: f64 = scene.props.iter().map(|p| p.weight).sum();
+        let (mut volume, mut features) = (0.0, Weights::default());
+        for (prop, size) in scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0) {
+            volume += prop.weight / total * size.volume * mean_cube(prop.scale);
+            for (sum, feature) in features.iter_mut().zip(self.features(prop, size)) {
+                *sum += prop.weight / total * feature;
+            }
+        }
+        (self.volume / volume, features)
+    }
+}
+
+/// A room smaller than this, against its props, is beyond the model.
+const MOST_CROWDED: f64 = 12.0;
+/// The share of a volume that props fill is between these.
+const RANGE: (f64, f64) = (0.02, 0.9);
+
+/// Bodies that fit, by the packing that fills usually reach and the limits given.
+pub fn expected_bodies(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill) -> usize {
+    let (times, features) = room.load(scene, sizes);
+    let packing = features.iter().zip(PACKING).map(|(f, w)| f * w).sum::<f64>().exp().clamp(RANGE.0, RANGE.1);
+    let fitting = (packing * times).ceil().max(1.0);
+    (fitting.min(fill.max_bodies as f64) as usize).min(fill.count.unwrap_or(u32::MAX) as usize).max(1)
+}
+
+/// Mean of s^3 for s even between the two.
+fn mean_cube([lo, hi]: [f64; 2]) -> f64 {
+    (lo + hi) * (lo * lo + hi * hi) / 4.0
+}
