@@ -206,7 +206,8 @@ pub struct Glue {
     pub anchor: Switch,
     /// A dot breaks beyond this many times its load of the beginning, 1 to 1e6. Default 4.
     pub breaking: f64,
-    /// Whether the glued pile is let go before, to see that it stands. On: tilted, too. Off: not at all.
+    /// Whether the glued pile is let go before, to see that it stands. On: tilted, too. Off: not at all. Auto: on but at
+    /// `draft`.
     pub proof: Switch,
 }
 

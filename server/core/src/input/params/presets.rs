@@ -35,7 +35,7 @@ impl Params {
                 max_bodies: 20_000,
                 step: 0.1,
                 round: 0.1,
-                full_below: 0.01,
+                full_below: 0.015,
                 settle: 2.2,
                 protrusion: 0.05,
                 overlap: 0.15,
@@ -88,11 +88,10 @@ impl Params {
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
                 params.fill.round = 0.25;
-                params.fill.full_below = 0.08;
+                params.fill.full_below = 0.12;
                 params.fill.settle = 0.8;
                 // More glue takes the place of letting the pile go.
                 params.glue.friction_factor = 0.35;
-                params.glue.proof = Switch::Off;
             }
             Accuracy::Preview => {
                 params.physics.substeps = 6;

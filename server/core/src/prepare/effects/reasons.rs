@@ -32,7 +32,7 @@ impl Reasons<'_> {
             EffectName::Glue => self.glue(),
             EffectName::GlueProof => match self.resolved.is_on(name) {
                 true => "the glued pile is let go first, to see that it stands".into(),
-                false => "nothing is glued, or glue.proof is off".into(),
+                false => "nothing is glued, or it is not let go at this accuracy".into(),
             },
             EffectName::Scenery => self.scenery(),
             EffectName::Bodies => match self.scene.bodies.len() {

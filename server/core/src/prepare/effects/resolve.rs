@@ -86,7 +86,7 @@ impl Case<'_> {
                 closed.is_some_and(|closed| container::has_fine_walls(&closed.topology, checked.diameter))
             }
             EffectName::Glue => glues,
-            EffectName::GlueProof => glues && params.glue.proof != Switch::Off,
+            EffectName::GlueProof => glues && params.glue.proof.is_on(params.accuracy != Accuracy::Draft),
             EffectName::StagedRelease => params.release.order != ReleaseOrder::AtOnce && !glues,
             EffectName::Scenery => !scene.statics.is_empty(),
             EffectName::Bodies => !scene.bodies.is_empty(),

@@ -29,13 +29,9 @@ const GROWING_OVERLAP: f64 = 0.25;
 const JAMMED: u32 = 3;
 
 /// Where no larger share of a round's seeds finds room to grow, they take it from each other: the next round asks for half as
-/// many, but for no less than this share of the expected bodies.
+/// many, but for no less than this share of a full round.
 const CROWDED: f64 = 0.5;
-const LEAST_ROUND: f64 = 0.025;
-
-/// Jammed props trade places: a round adds some and squeezes others out. So the gain of as many seeds as so many full rounds ask
-/// for tells whether the container is full.
-const STALL_ROUNDS: f64 = 2.0;
+const LEAST_ROUND: f64 = 0.25;
 
 /// Runs rounds until they add next to nothing. Returns whether the container is full.
 pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
@@ -68,13 +64,14 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         filling.separate(squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair).collect(), 0);
         let (kept, after) = (filling.loose().filter(|&id| id >= first).count(), filling.loose().count());
         if (kept as f64) < CROWDED * seeds.len() as f64 {
-            share = (share / 2.0).max(LEAST_ROUND.min(fill.round));
+            share = (share / 2.0).max(LEAST_ROUND * fill.round);
         }
         let asked = wanted + history.last().map_or(0, |&(asked, _)| asked);
         history.push((asked, after));
-        let stall = (STALL_ROUNDS * fill.round * filling.expected as f64).ceil() as usize;
-        let least = STALL_ROUNDS * (fill.full_below * after as f64).max(1.0);
-        let then = history.iter().rev().find(|(earlier, _)| earlier + stall <= asked);
+        // Jammed props trade places: a small round adds some and squeezes others out. So as many seeds count as a full round asks for.
+        let full_round = (fill.round * filling.expected as f64).ceil() as usize;
+        let least = (fill.full_below * after as f64).max(1.0);
+        let then = history.iter().rev().find(|(earlier, _)| earlier + full_round <= asked);
         if then.is_some_and(|&(_, then)| (after as f64) < then as f64 + least) {
             return Ok(true);
         }
