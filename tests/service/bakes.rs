@@ -48,6 +48,9 @@ async fn a_plan_simulates_nothing() {
     let (told, end) = events(service.bake(crate::server::request(short(1))).await.unwrap().into_inner()).await;
     end.unwrap();
     assert_eq!(accepted_id(&told), planned.bake_id);
+    // Its events are the same on every machine.
+    let Some(Kind::Accepted(accepted)) = &told[0].kind else { panic!("{told:?}") };
+    assert!(accepted.plan.as_ref().unwrap().estimates.is_empty());
 }
 
 #[tokio::test]
