@@ -4,6 +4,7 @@ import atexit
 
 import bpy
 from bpy.app.handlers import persistent
+from bpy.props import BoolProperty
 
 from . import (
     estimates,
@@ -28,6 +29,9 @@ bl_info = {
     "version": (0, 1, 0),
     "blender": (3, 4, 0),
     "location": "3D View > Sidebar > Pile",
+    "doc_url": "https://extensions.blender.org/add-ons/cairn/",
+    "tracker_url": "https://extensions.blender.org/add-ons/cairn/",
+    "support": "COMMUNITY",
     "category": "Physics",
 }
 
@@ -66,8 +70,8 @@ def _before_save(*_):
 @persistent
 def _after_save(*_):
     bake = running.bake
-    if bake is not None and not bake.end and bake.job.bake_id:
-        pending.note(bake.job.bake_id, bake.recipe)
+    if bake is not None and not bake.end and bake.recipe:
+        pending.note(bake.recipe, bake.job.bake_id)
     states.refresh(bpy.context.scene)
 
 
@@ -89,6 +93,10 @@ HANDLERS = {
 
 def register():
     properties.register()
+    # Of this session, not of the file.
+    bpy.types.WindowManager.cairn_warnings = BoolProperty(
+        name="Warnings", description="Show what the server says of the scene or of the pile"
+    )
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     states.register()
@@ -107,4 +115,5 @@ def unregister():
         getattr(bpy.app.handlers, name).remove(handler)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
+    del bpy.types.WindowManager.cairn_warnings
     properties.unregister()

@@ -352,6 +352,20 @@ class CairnSettings(PropertyGroup):
     frame_count: IntProperty(name="Frames", description="Frames after the start frame", default=250, min=0, max=100000)
 
 
+class CairnPointer(PropertyGroup):
+    """Something that a bake was made of. Its name is its key."""
+
+    object: PointerProperty(type=bpy.types.Object)
+    collection: PointerProperty(type=bpy.types.Collection)
+
+
+class CairnAsked(PropertyGroup):
+    """What a bake under way is made of, so that a new name does no harm."""
+
+    token: StringProperty()
+    pointers: CollectionProperty(type=CairnPointer)
+
+
 class CairnBody(PropertyGroup):
     """What an object of a pile remembers."""
 
@@ -378,12 +392,14 @@ class CairnResult(PropertyGroup):
     # Not a result, but in one, with what shows points by state.
     is_of_state: BoolProperty()
     control: PointerProperty(type=bpy.types.Object)
+    # What the settings and the bodies came from, by the recipe's keys.
+    pointers: CollectionProperty(type=CairnPointer)
     # How the control mesh was shown before.
     control_hide_render: BoolProperty()
     control_display_type: StringProperty()
 
 
-CLASSES = [*PARAMETERS.values(), CairnProp, CairnSettings, CairnBody, CairnResult]
+CLASSES = [*PARAMETERS.values(), CairnProp, CairnSettings, CairnPointer, CairnAsked, CairnBody, CairnResult]
 
 
 def register():
@@ -393,6 +409,7 @@ def register():
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.cairn = PointerProperty(type=CairnSettings)
+    bpy.types.Scene.cairn_asked = PointerProperty(type=CairnAsked)
     bpy.types.Collection.cairn = PointerProperty(type=CairnResult)
     bpy.types.Object.cairn = PointerProperty(type=CairnBody)
 
@@ -400,6 +417,7 @@ def register():
 def unregister():
     del bpy.types.Object.cairn
     del bpy.types.Collection.cairn
+    del bpy.types.Scene.cairn_asked
     del bpy.types.Scene.cairn
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -3,8 +3,9 @@
 import numpy as np
 from bpy.types import Panel
 
-from . import result, running, states
-from .panels import Pile, draw_warning, wrapped
+from . import result, running, states, wording
+from .layouts import draw_folded, wrapped
+from .panels import Pile
 
 # Figures of the report, by their names there: what the panel calls them, what they mean, and how they are shown.
 FIGURES = [
@@ -84,8 +85,7 @@ class CAIRN_PT_report(Pile, Panel):
         if glue:
             wrapped(layout, context, glue)
         names = running.recipe_of(collection).get("names", {})
-        for warning in told.get("warnings", ()):
-            draw_warning(layout, context, warning, names)
+        draw_folded(layout, context, wording.gathered(told.get("warnings", ()), names))
         row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name

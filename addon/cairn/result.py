@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import axes, keyframes, parts, points, states
+from . import axes, keyframes, parts, pointers, points, states
 from .client import Fault
 
 # Bodies up to which `AUTO` animates objects. More of them make Blender slow.
@@ -57,16 +57,17 @@ def mode_of(recipe, body_count):
 def build(context, motion, recipe, told):
     """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing of the
     pile is in the scene before the end. `told`: what the collection remembers. Returns the collection."""
-    scene = bpy.data.scenes.get(recipe["scene"]) or context.scene
-    control = bpy.data.objects.get(recipe["control"])
-    sources = [bpy.data.objects.get((prop["name"], prop.get("library"))) for prop in recipe["props"]]
+    scene, found = pointers.asked(recipe)
+    scene = scene or context.scene
+    control = found.get("control") or bpy.data.objects.get(recipe["control"])
+    sources = sources_of(recipe, found)
     gone = [prop["name"] for prop, source in zip(recipe["props"], sources) if source is None]
     if gone:
         raise Fault(f"These props are not in the file any more: {', '.join(gone)}. Bring them back, or bake again.")
     locals_ = [Matrix(prop["local"]) for prop in recipe["props"]]
     moved = BodyMotion(motion, recipe)
     mode = mode_of(recipe, len(moved.props))
-    name = f"{recipe['control']} Pile"
+    name = f"{control.name if control else recipe['control']} Pile"
     yield 0.0
 
     objects = []
@@ -93,23 +94,22 @@ def build(context, motion, recipe, told):
     # Slow for many one by one; and until here nobody has seen them.
     _link(objects, collection)
     _remember(collection, recipe, told, mode, control)
+    pointers.write(collection.cairn.pointers, found)
+    pointers.forget(recipe)
     collection.cairn.states = states.packed(moved.states, recipe["start_frame"])
     states.refresh(scene)
     return collection
 
 
+def sources_of(recipe, found):
+    """The props' objects; None where one is gone. `found`: as `pointers` has them."""
+    named = enumerate(recipe["props"])
+    return [found.get(f"props.{n}") or bpy.data.objects.get((prop["name"], prop.get("library"))) for n, prop in named]
+
+
 def _link(objects, collection):
     for made_object in objects:
         collection.objects.link(made_object)
-
-
-def finish(generator):
-    """Runs `build` to its end. Returns the collection."""
-    while True:
-        try:
-            next(generator)
-        except StopIteration as end:
-            return end.value
 
 
 def _body(made, moved, body, mode, start_frame):

@@ -47,7 +47,7 @@ def write(desk, motion, mode):
     desk.add_stick()
     desk.motion, desk.recipe = motion, recipe_of(desk, mode)
     result = desk.addon("result")
-    return result.finish(result.build(bpy.context, motion, desk.recipe, {}))
+    return desk.addon("request").finish(result.build(bpy.context, motion, desk.recipe, {}))
 
 
 def check(desk, collection, frame, matrices, present):
