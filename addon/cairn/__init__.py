@@ -9,6 +9,7 @@ from bpy.props import BoolProperty
 from . import (
     estimates,
     job,
+    live,
     operators,
     panels,
     parameter_panels,
@@ -50,6 +51,7 @@ CLASSES = [
 @persistent
 def _before_load(*_):
     """Another file is about to be opened. The server bakes on; this file's note says so."""
+    live.show(False)
     running.forget_all()
     states.forget()
     estimates.forget()
@@ -100,6 +102,7 @@ def register():
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     states.register()
+    live.register()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
     atexit.register(preferences.stop_server)
@@ -107,6 +110,7 @@ def register():
 
 def unregister():
     atexit.unregister(preferences.stop_server)
+    live.unregister()
     states.unregister()
     _before_load()
     preferences.stop_server()

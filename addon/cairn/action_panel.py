@@ -1,6 +1,6 @@
 """The button, how the bake goes, and what is wrong: in one place, so that nothing moves under the pointer."""
 
-from . import preferences, request, result, running, wording
+from . import live, preferences, request, result, running, wording
 from .following import is_running
 from .layouts import draw_folded, draw_sentences, wrapped
 
@@ -71,9 +71,13 @@ def _draw_running(row, bake):
 def _draw_bake(row, context, settings, may_bake):
     control = settings.control_mesh
     again = result.existing(context.scene, control) if control else None
-    row.enabled = may_bake
-    row.operator("cairn.bake", text="Bake Pile Again" if again else "Bake Pile", icon="PHYSICS")
-    row.operator("cairn.check", text="", icon="VIEWZOOM")
+    buttons = row.row(align=True)
+    buttons.enabled = may_bake
+    buttons.operator("cairn.bake", text="Bake Pile Again" if again else "Bake Pile", icon="PHYSICS")
+    buttons.operator("cairn.check", text="", icon="VIEWZOOM")
+    row.prop(context.window_manager, "cairn_live", text="", icon="HIDE_OFF" if live.is_on else "HIDE_ON")
+    if live.is_on:
+        return live.told() or "Live", ""
     if again is None:
         return "", ""
     told = running.report_of(again)

@@ -1,12 +1,11 @@
 """What each accuracy is expected to cost. While the tab is seen, the server is asked whenever the scene has changed and
 then was left alone for a moment. The scene is only read, object by object, so that nobody waits for it."""
 
-import json
 import time
 
 import bpy
 
-from . import job, preferences, preview, request, running
+from . import fingerprint, job, preferences, preview, request, running
 from .client import Fault
 from .messages import v1
 
@@ -16,9 +15,6 @@ SEEN = 5.0
 # While it is read: how long at a time, and the pause between, s.
 SLICE = 0.01
 PAUSE = 0.02
-# Of more objects or vertices, reading would be felt: then only the button asks.
-MAX_VERTICES = 500_000
-MAX_OBJECTS = 300
 
 _seen_at = 0.0
 _answer = _slices = None
@@ -56,7 +52,7 @@ def shown(context):
 def asked(context):
     """The button has asked about the scene as it is now."""
     global _asked
-    _asked = _fingerprint(context.scene)
+    _asked = fingerprint.of(context.scene)
 
 
 def _look():
@@ -72,12 +68,12 @@ def _look():
         if _answer.done():
             answer, _answer = _answer, None
             _receive(answer)
-        elif _fingerprint(context.scene) != _asked:
+        elif fingerprint.of(context.scene) != _asked:
             _give_up()
         return TICK
     if running.bake is not None or context.mode != "OBJECT" or request.missing(context.scene.cairn):
         return TICK
-    now = _fingerprint(context.scene)
+    now = fingerprint.of(context.scene)
     is_too_much = now is None
     if now != _asked:
         running.plan_is_old = True
@@ -127,33 +123,9 @@ def _receive(answer):
     preview.redraw(bpy.context, "UI")
 
 
-def _fingerprint(scene):
-    """What a plan depends on, as far as it is seen at a glance; None if there is too much of it."""
-    settings = scene.cairn
-    tops = [settings.control_mesh, settings.region, settings.drop_mesh, *request.colliders_of(settings)]
-    tops += [source for source, _ in request.props_of(settings)]
-    tops += [*request.objects_of(settings.keep), *request.objects_of(settings.impact)]
-    objects = [member for top in tops if top for member in (top, *top.children_recursive)]
-    if len(objects) > MAX_OBJECTS:
-        return None
-    parts, vertices = [], 0
-    for source in objects:
-        count = len(source.data.vertices) if source.type == "MESH" else 0
-        vertices += count
-        box = [round(value, 5) for corner in source.bound_box for value in corner]
-        parts.append((source.name, count, box, [round(v, 5) for row in source.matrix_world for v in row]))
-    if vertices > MAX_VERTICES:
-        return None
-    values = request.to_dict(settings)
-    # All of them are told at once, and how it is written costs nothing.
-    for name in ("accuracy", "output_mode", "active_prop"):
-        values.pop(name)
-    return json.dumps([values, parts, scene.unit_settings.scale_length, scene.render.fps])
-
-
 def stand_aside(scene):
     """A bake begins: nothing else is to keep the server busy, and what was told of another scene is forgotten."""
-    if _asked != _fingerprint(scene):
+    if _asked != fingerprint.of(scene):
         running.plan_is_old = True
     _give_up()
 

@@ -37,7 +37,7 @@ def test_the_other_parameters_are_in_a_panel_of_their_own(desk, glue, addon):
 
 
 def test_a_changed_choice_is_a_changed_scene(desk, glue, addon):
-    fingerprint = addon("estimates")._fingerprint
+    fingerprint = addon("fingerprint").of
     before = fingerprint(bpy.context.scene)
     desk.settings.kept_shape = "TACKY"
     tacky = fingerprint(bpy.context.scene)

@@ -71,7 +71,7 @@ def test_expected_times_stay_until_the_next_are_there(desk, addon, looking, monk
     bpy.context.view_layer.update()
     assert looking(lambda: running.plan_is_old) and running.plan is first
     assert looking(lambda: not running.plan_is_old) and running.plan is not first
-    monkeypatch.setattr(estimates, "MAX_VERTICES", 4)
+    monkeypatch.setattr(addon("fingerprint"), "MAX_VERTICES", 4)
     assert looking(lambda: estimates.is_too_much) and running.plan is None
     assert "Check" in addon("panels").reliance()
 
@@ -317,3 +317,60 @@ def test_props_are_drawn_as_they_look(addon):
     square = outline.shaded(*outline.box(soup))
     # A sharp edge has a normal for each side.
     assert len(square.triangles) == 12 and len(square.points) > 24
+
+
+@pytest.fixture
+def live(desk, addon):
+    """Without a window there are no timers: turns them by hand."""
+    live = addon("live")
+    live.show(True)
+
+    def turn(until, patience=PATIENCE):
+        end = time.monotonic() + patience
+        while not until() and time.monotonic() < end:
+            live._look()
+            time.sleep(0.01)
+        return until()
+
+    yield live, turn
+    live.show(False)
+
+
+def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
+    live, turn = live
+    drawn = []
+
+    class Preview:
+        def __init__(self, props, metres):
+            self.props = props
+
+        def update(self, snapshot):
+            drawn.append(snapshot)
+
+        def remove(self):
+            drawn.append(None)
+
+    monkeypatch.setattr(live.preview, "Preview", Preview)
+    asked = []
+    start = addon("job").Job.start
+    monkeypatch.setattr(addon("job").Job, "start", lambda job: asked.append(job) or start(job))
+    assert turn(lambda: "made of" in live.told())
+    desk.add_stick()
+    before = all_blocks(), bpy.context.scene.frame_current
+    desk.settings.accuracy = "REFERENCE"
+    assert turn(lambda: drawn)
+    v1 = addon("messages").v1
+    assert asked[0].spec.scene.accuracy == v1.ACCURACY_DRAFT
+    assert drawn[-1].stage != v1.STAGE_FILL and drawn[-1].present.sum() > 10 and "Draft of" in live.told()
+    # A change drops what is under way; the old picture stays until the new one is there.
+    desk.control.scale.z = 0.5
+    bpy.context.view_layer.update()
+    assert turn(lambda: len(asked) == 2)
+    desk.settings.seed = 5
+    assert turn(lambda: len(drawn) == 3)
+    assert len(asked) == 3 and drawn[1] is None and asked[2].spec.scene.seed == 5
+    assert turn(lambda: False, 1.0) is False and len(asked) == 3
+    assert (all_blocks(), bpy.context.scene.frame_current) == before
+    live.show(False)
+    assert drawn[-1] is None and live._on_change not in bpy.app.handlers.depsgraph_update_post
+    assert not bpy.app.timers.is_registered(live._look)
