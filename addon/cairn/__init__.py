@@ -4,10 +4,11 @@ import atexit
 
 import bpy
 from bpy.app.handlers import persistent
-from bpy.props import BoolProperty
+from bpy.props import BoolProperty, IntProperty
 
 from . import (
     estimates,
+    glue,
     job,
     live,
     operators,
@@ -21,6 +22,9 @@ from . import (
     running,
     setup_operators,
     states,
+    variant_operators,
+    variant_panel,
+    variants,
 )
 
 bl_info = {
@@ -41,7 +45,10 @@ CLASSES = [
     *operators.CLASSES,
     *pile_operators.CLASSES,
     *setup_operators.CLASSES,
+    *glue.CLASSES,
+    *variant_operators.CLASSES,
     *panels.CLASSES,
+    *variant_panel.CLASSES,
     *report_panels.CLASSES,
     *parameter_panels.CLASSES,
     *panels.LAST,
@@ -52,6 +59,8 @@ CLASSES = [
 def _before_load(*_):
     """Another file is about to be opened. The server bakes on; this file's note says so."""
     live.show(False)
+    glue.show(False)
+    variants.forget()
     running.forget_all()
     states.forget()
     estimates.forget()
@@ -99,10 +108,17 @@ def register():
     bpy.types.WindowManager.cairn_warnings = BoolProperty(
         name="Warnings", description="Show what the server says of the scene or of the pile"
     )
+    bpy.types.WindowManager.cairn_seed_count = IntProperty(
+        name="Seeds", description="How many seeds are tried, from the scene's own on", default=4, min=1, max=32
+    )
+    bpy.types.WindowManager.cairn_seed_glue = BoolProperty(
+        name="And Glue", description="Try each seed as modelled and with no glue, as well as with the glue set above"
+    )
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     states.register()
     live.register()
+    glue.register()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
     atexit.register(preferences.stop_server)
@@ -110,6 +126,7 @@ def register():
 
 def unregister():
     atexit.unregister(preferences.stop_server)
+    glue.unregister()
     live.unregister()
     states.unregister()
     _before_load()
@@ -119,5 +136,6 @@ def unregister():
         getattr(bpy.app.handlers, name).remove(handler)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
-    del bpy.types.WindowManager.cairn_warnings
+    for name in ("cairn_warnings", "cairn_seed_count", "cairn_seed_glue"):
+        delattr(bpy.types.WindowManager, name)
     properties.unregister()

@@ -80,6 +80,9 @@ def _draw_bake(row, context, settings, may_bake):
         return live.told() or "Live", ""
     if again is None:
         return "", ""
-    told = running.report_of(again)
+    place = result.replaced(context.scene, control, {"use_replace": settings.use_replace, "seed": settings.seed})
+    if place is None:
+        return f"“{again.name}” stays,", "hidden: another seed"
+    again, told = place, running.report_of(place)
     what = "the pile" if told.get("is_whole") else f"the {told.get('body_count', 0)} bodies that were kept"
     return f"Replaces {what} in", f"“{again.name}”"

@@ -2,6 +2,7 @@
 
 import asyncio
 import hashlib
+import json
 import ssl
 from dataclasses import dataclass, field
 
@@ -115,6 +116,13 @@ class Client:
                         sent += len(part)
                         on_progress(sent / total)
                     await stream.recv_message()
+
+    async def report(self, bake_id):
+        """What a bake's report says, whole."""
+        parts = [
+            reply.chunk async for reply in self.stream("DownloadResult", bake_id=bake_id, artifact=v1.ARTIFACT_REPORT)
+        ]
+        return json.loads(b"".join(parts))
 
     async def plan(self, spec):
         """What a bake would do. Reads every model: it may take a while."""

@@ -34,6 +34,7 @@ def take(plan, accuracy):
         "step_count": plan.expected_step_count,
         "warnings": list(plan.warnings),
         "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
+        "dots": {names[told.accuracy]: getattr(told, "glue_dots", 0.0) for told in plan.estimates},
         "estimates": {names[told.accuracy]: (told.cpu_seconds, told.factor) for told in plan.estimates},
     }
 

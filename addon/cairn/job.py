@@ -49,6 +49,8 @@ class Job:
     recording: Recording = field(default_factory=Recording)
     # The bodies as last heard of, for whoever draws them.
     latest: object = None
+    # As the server writes it, once the bake is done.
+    report: dict = field(default_factory=dict)
     _task: object = None
     _detached: bool = False
 
@@ -124,6 +126,8 @@ class Job:
                 summary = event.summary
         if summary is None:
             raise Fault("The server ended the bake without a result. Bake again.")
+        async with Client(await self.server.reach()) as connection:
+            self.report = await connection.report(self.bake_id)
         self.news.put(("done", summary))
 
     def _keep_request(self):

@@ -4,6 +4,7 @@ final pose is drawn over the view. Nothing of it is in the file. Switched off, t
 import time
 
 import bpy
+import numpy as np
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
@@ -78,7 +79,6 @@ class _Draft:
             taken.spec.scene.accuracy = v1.ACCURACY_DRAFT
             self.metres, self.drawn, running.names = taken.recipe["metres"], drawn, taken.recipe["names"]
             self.job = job.Job(preferences.server(context), taken.spec, taken.contents, taken.problems)
-            self.began, self.is_wrong = time.monotonic(), False
             self.job.start()
             self.tell(context, "Drafting…")
         except (Fault, ReferenceError):
@@ -107,8 +107,9 @@ class _Draft:
         running.problems = []
         self.preview = preview.Preview(self.drawn, self.metres)
         self.preview.update(snapshot)
-        count = int(snapshot.present.sum())
-        self.tell(context, f"Draft of {count} bodies, {time.monotonic() - self.began:.1f} s")
+        here = snapshot.states[snapshot.present]
+        glued = np.isin(here, (v1.BODY_STATE_GLUED, v1.BODY_STATE_ANCHORED)).mean() if len(here) else 0.0
+        self.tell(context, f"Draft of {len(here)} bodies" + (f", {glued:.0%} of them glued" if glued else ""))
         preview.redraw(context)
 
     def tell(self, context, text):

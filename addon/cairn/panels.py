@@ -1,5 +1,7 @@
 """The tab "Pile" in the 3D View's sidebar."""
 
+import math
+
 from bpy.types import Panel, UIList
 
 from . import action_panel, estimates, preferences, presets, running
@@ -54,7 +56,9 @@ class CAIRN_PT_pile(Pile, Panel):
             draw_optional(layout, settings, "ground_height", "Height")
         layout.separator()
         draw_accuracies(layout, settings)
-        layout.prop(settings, "seed")
+        row = layout.row(align=True)
+        row.prop(settings, "seed")
+        row.prop(settings, "use_replace", text="", icon="FILE_REFRESH")
 
 
 def draw_kept_shape(layout, settings):
@@ -71,6 +75,20 @@ def draw_kept_shape(layout, settings):
         others.prop_enum(settings, "kept_shape", name)
     if settings.kept_shape == "TACKY":
         column.prop(settings, "glue_strength", slider=True)
+    told = column.row()
+    told.active = not running.plan_is_old
+    told.label(text=effect_of(settings))
+
+
+def effect_of(settings):
+    """What the choice does to this pile, as far as it is known before the bake."""
+    if settings.kept_shape == "NATURAL":
+        return "No glue: what overhangs falls"
+    dots = running.plan["dots"].get(settings.accuracy, 0.0) if running.plan else 0.0
+    if settings.kept_shape == "TACKY":
+        return "What would need stronger glue falls"
+    # The plan's own range.
+    return f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue" if dots >= 1 else ""
 
 
 def draw_props(layout, context, settings):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import bpy
 import gpu
 import numpy as np
-from mathutils import Matrix
+from mathutils import Euler, Matrix, Vector
 
 from . import axes, outline, states, tints
 
@@ -17,6 +17,8 @@ LIGHT = np.array([0.4, -0.5, 0.77])
 AMBIENT = 0.35
 # Moves all depths to the nearest twentieth of their range.
 NEAREST = Matrix(((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 0.05, -0.95), (0, 0, 0, 1)))
+# From where small pictures are taken.
+VIEW = Euler((1.15, 0.0, 0.6))
 COLORS = np.array([[0.80, 0.62, 0.38], [0.47, 0.63, 0.78], [0.70, 0.45, 0.42], [0.55, 0.70, 0.47], [0.68, 0.60, 0.76]])
 
 
@@ -45,14 +47,14 @@ def drawn(props):
 class Preview:
     """Draws snapshots of a bake. `props`: as `drawn` makes them."""
 
-    def __init__(self, props, metres):
+    def __init__(self, props, metres, is_shown=True):
         self.props, self.metres = props, metres
         self.snapshot = None
         self.is_by_state = False
         self.arrays = self.batch = None
         # What is drawn of which bodies decides on the triangles; they are made anew only when that changes.
         self.faces_of, self.faces = None, None
-        self.handle = bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")
+        self.handle = is_shown and bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")
 
     def remove(self):
         if self.handle:
@@ -114,25 +116,66 @@ class Preview:
     def _draw(self):
         if not self.arrays or not len(self.arrays[0]):
             return
-        # Blender 4 has the same shader for two and three dimensions.
-        shader = gpu.shader.from_builtin("3D_SMOOTH_COLOR" if bpy.app.version < (4, 0, 0) else "SMOOTH_COLOR")
         if self.batch is None:
-            layout = gpu.types.GPUVertFormat()
-            for name, size in (("pos", 3), ("color", 4)):
-                layout.attr_add(id=name, comp_type="F32", len=size, fetch_mode="FLOAT")
-            buffer = gpu.types.GPUVertBuf(layout, len(self.arrays[0]))
-            for name, values in zip(("pos", "color"), self.arrays):
-                buffer.attr_fill(name, np.ascontiguousarray(values, np.float32))
-            faces = gpu.types.GPUIndexBuf(type="TRIS", seq=self.faces)
-            self.batch = gpu.types.GPUBatch(type="TRIS", buf=buffer, elem=faces)
-        gpu.state.depth_test_set("LESS_EQUAL")
-        gpu.state.depth_mask_set(True)
-        with gpu.matrix.push_pop_projection():
-            # In front of the scene, since the control mesh is around the pile; but in its own order of depth.
-            gpu.matrix.load_projection_matrix(NEAREST @ gpu.matrix.get_projection_matrix())
-            self.batch.draw(shader)
-        gpu.state.depth_mask_set(False)
-        gpu.state.depth_test_set("NONE")
+            self.batch = batch_of(*self.arrays, self.faces)
+        draw_in_front(self.batch)
+
+
+def picture(props, metres, snapshot, size):
+    """A pile as a small picture: shape [size, size, 4], from its lower left."""
+    unseen = Preview(props, metres, is_shown=False)
+    unseen.update(snapshot)
+    vertices = unseen.arrays[0]
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    middle, radius = Vector((low + high) / 2), float(np.linalg.norm(high - low)) / 2
+    view = VIEW.to_matrix().to_4x4().inverted() @ Matrix.Translation(-middle)
+    # Orthographic: x and y from side to side, the farther the deeper.
+    across = np.abs((vertices - np.array(middle)) @ np.array(VIEW.to_matrix())[:, :2]).max()
+    projection = Matrix.Diagonal((1 / across, 1 / across, -1 / (2 * radius), 1.0))
+    target = gpu.types.GPUOffScreen(size, size)
+    try:
+        with target.bind():
+            frame = gpu.state.active_framebuffer_get()
+            frame.clear(color=(0.0, 0.0, 0.0, 0.0), depth=1.0)
+            with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+                gpu.matrix.load_matrix(view)
+                gpu.matrix.load_projection_matrix(projection)
+                draw_in_front(batch_of(*unseen.arrays, unseen.faces))
+            buffer = frame.read_color(0, 0, size, size, 4, 0, "FLOAT")
+    finally:
+        target.free()
+    buffer.dimensions = size * size * 4
+    return np.array(buffer, np.float32).reshape(size, size, 4)
+
+
+def shades(normals):
+    """How light a surface is, shape [n, 3] -> [n]."""
+    return AMBIENT + (1 - AMBIENT) * np.clip(normals @ LIGHT, 0, 1)
+
+
+def batch_of(vertices, colors, faces):
+    """Triangles to be drawn: vertices [v, 3], colours [v, 4], faces [t, 3]."""
+    layout = gpu.types.GPUVertFormat()
+    for name, size in (("pos", 3), ("color", 4)):
+        layout.attr_add(id=name, comp_type="F32", len=size, fetch_mode="FLOAT")
+    buffer = gpu.types.GPUVertBuf(layout, len(vertices))
+    for name, values in (("pos", vertices), ("color", colors)):
+        buffer.attr_fill(name, np.ascontiguousarray(values, np.float32))
+    elements = gpu.types.GPUIndexBuf(type="TRIS", seq=np.ascontiguousarray(faces, np.int32))
+    return gpu.types.GPUBatch(type="TRIS", buf=buffer, elem=elements)
+
+
+def draw_in_front(batch):
+    """In front of the scene, since the control mesh is around the pile; but in its own order of depth."""
+    # Blender 4 has the same shader for two and three dimensions.
+    shader = gpu.shader.from_builtin("3D_SMOOTH_COLOR" if bpy.app.version < (4, 0, 0) else "SMOOTH_COLOR")
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(True)
+    with gpu.matrix.push_pop_projection():
+        gpu.matrix.load_projection_matrix(NEAREST @ gpu.matrix.get_projection_matrix())
+        batch.draw(shader)
+    gpu.state.depth_mask_set(False)
+    gpu.state.depth_test_set("NONE")
 
 
 def redraw(context, only=None):

@@ -340,6 +340,11 @@ class CairnSettings(PropertyGroup):
         default=1,
         min=0,
     )
+    use_replace: BoolProperty(
+        name="Replace",
+        description="Put the new pile in the place of that which is shown. Off: a pile of another seed stays, hidden; "
+        "of the same seed, it is replaced",
+    )
     output_mode: EnumProperty(name="Output", description="What the pile becomes in Blender", items=OUTPUTS)
     start_frame: IntProperty(
         name="Start Frame",
@@ -366,6 +371,18 @@ class CairnAsked(PropertyGroup):
     pointers: CollectionProperty(type=CairnPointer)
 
 
+class CairnVariant(PropertyGroup):
+    """A bake that was tried, kept by the server: its name tells it from the others."""
+
+    bake_id: StringProperty()
+    # JSON.
+    recipe: StringProperty()
+    # How it went, in a few words; empty before it is done.
+    told: StringProperty()
+    # What it is made of, whatever that is called now.
+    pointers: CollectionProperty(type=CairnPointer)
+
+
 class CairnBody(PropertyGroup):
     """What an object of a pile remembers."""
 
@@ -389,6 +406,8 @@ class CairnResult(PropertyGroup):
     report: StringProperty()
     # As `states` packs them.
     states: StringProperty()
+    # JSON: the server's bodies that no object shows.
+    left_out: StringProperty()
     # Not a result, but in one, with what shows points by state.
     is_of_state: BoolProperty()
     control: PointerProperty(type=bpy.types.Object)
@@ -399,7 +418,16 @@ class CairnResult(PropertyGroup):
     control_display_type: StringProperty()
 
 
-CLASSES = [*PARAMETERS.values(), CairnProp, CairnSettings, CairnPointer, CairnAsked, CairnBody, CairnResult]
+CLASSES = [
+    *PARAMETERS.values(),
+    CairnProp,
+    CairnSettings,
+    CairnPointer,
+    CairnAsked,
+    CairnVariant,
+    CairnBody,
+    CairnResult,
+]
 
 
 def register():
@@ -410,6 +438,7 @@ def register():
         bpy.utils.register_class(cls)
     bpy.types.Scene.cairn = PointerProperty(type=CairnSettings)
     bpy.types.Scene.cairn_asked = PointerProperty(type=CairnAsked)
+    bpy.types.Scene.cairn_variants = CollectionProperty(type=CairnVariant)
     bpy.types.Collection.cairn = PointerProperty(type=CairnResult)
     bpy.types.Object.cairn = PointerProperty(type=CairnBody)
 
@@ -417,6 +446,7 @@ def register():
 def unregister():
     del bpy.types.Object.cairn
     del bpy.types.Collection.cairn
+    del bpy.types.Scene.cairn_variants
     del bpy.types.Scene.cairn_asked
     del bpy.types.Scene.cairn
     for cls in reversed(CLASSES):

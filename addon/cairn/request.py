@@ -1,5 +1,6 @@
 """The panels' settings and the scene -> what the server is asked to bake."""
 
+import time
 import uuid
 from dataclasses import dataclass
 
@@ -96,6 +97,19 @@ def finish(generator):
             next(generator)
         except StopIteration as end:
             return end.value
+
+
+def advance(generator, seconds, take):
+    """Runs a generator for so long. Whether there is more to do; `take` gets what it returns."""
+    until = time.monotonic() + seconds
+    try:
+        next(generator)
+        while time.monotonic() < until:
+            next(generator)
+    except StopIteration as end:
+        take(end.value)
+        return False
+    return True
 
 
 def taking(context, passive=False):

@@ -7,7 +7,7 @@ import time
 import bpy
 import numpy as np
 
-from . import pending, pointers
+from . import dots, pending, pointers
 from .job import Job
 from .recording import Motion
 
@@ -207,6 +207,7 @@ class Bake:
                 cpu_seconds=round(summary.cpu_seconds, 3),
                 stage_seconds={name: round(value, 3) for name, value in sorted(summary.stage_seconds.items())},
                 seconds=round(time.monotonic() - self.began, 3),
+                dots=dots.told(self.job, self.job.report, self.recipe["metres"]),
             )
         else:
             bodies = len(self.job.recording.props) if self.frame_count else int(self.job.latest.present.sum())

@@ -86,7 +86,7 @@ def test_baked_again_it_is_replaced_and_deleted_it_is_gone(desk):
     blocks = count_blocks()
     assert desk.bake() == first and len(first.objects) == count and first.cairn.result_hash == kept
     assert count_blocks() == blocks
-    again = desk.bake(seed=2, output_mode="POINTS")
+    again = desk.bake(seed=2, output_mode="POINTS", use_replace=True)
     assert again == first and first.cairn.result_hash != kept
     assert bpy.ops.cairn.delete() == {"FINISHED"}
     assert count_blocks() == before

@@ -211,7 +211,7 @@ def test_every_button_and_setting_says_what_it_does(addon):
     for prop in addon("preferences").CairnPreferences.bl_rna.properties:
         if prop.identifier not in ("rna_type", "bl_idname"):
             assert len(prop.description) > 10, prop.identifier
-    for modules in ("operators", "pile_operators", "setup_operators"):
+    for modules in ("operators", "pile_operators", "setup_operators", "variant_operators", "glue"):
         for operator in importlib.import_module(addon(modules).__name__).CLASSES:
             assert len(operator.__doc__) > 20, operator
 
