@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import bpy
 
-from . import preview, request, result, running, wording
+from . import preview, request, result, running, timing, wording
 from .client import Fault, Problem
 
 # How often news are looked at, and how long Blender may be kept from its user at a time, s.
@@ -174,6 +174,9 @@ class Follows:
             self._leave(context, None)
             if not bake.end:
                 running.wait_for_report(bake)
+            if end.value.cairn.mode != "POSE":
+                # Where the preview was.
+                context.scene.frame_set(timing.end_of(end.value))
             return finished(self, context, end.value)
         self._show(context, bake)
         return {"RUNNING_MODAL"}

@@ -126,8 +126,12 @@ class Job:
                 summary = event.summary
         if summary is None:
             raise Fault("The server ended the bake without a result. Bake again.")
-        async with Client(await self.server.reach()) as connection:
-            self.report = await connection.report(self.bake_id)
+        try:
+            async with Client(await self.server.reach()) as connection:
+                self.report = await connection.report(self.bake_id)
+        except Fault:
+            # The pile is there without it.
+            pass
         self.news.put(("done", summary))
 
     def _keep_request(self):

@@ -394,6 +394,12 @@ class CairnBody(PropertyGroup):
     was_shown: BoolProperty()
 
 
+def _retime(self, _):
+    from . import timing
+
+    timing.apply(self.id_data)
+
+
 class CairnResult(PropertyGroup):
     """What a collection with a baked pile remembers: enough to bake it again, and to tell how it went."""
 
@@ -408,6 +414,40 @@ class CairnResult(PropertyGroup):
     states: StringProperty()
     # JSON: the server's bodies that no object shows.
     left_out: StringProperty()
+    # Frames of the result, and when they are shown: as set, and as the pile has it (JSON).
+    frame_count: IntProperty()
+    timing_start: IntProperty(
+        name="Start Frame",
+        description="Frame of the scene at which the pile begins to be held",
+        default=1,
+        update=_retime,
+    )
+    timing_hold: IntProperty(
+        name="Hold",
+        description="For how many frames the pile stands still before it is let go",
+        min=0,
+        max=100000,
+        update=_retime,
+    )
+    timing_speed: FloatProperty(
+        name="Speed",
+        description="How fast the collapse plays: 2 is twice as fast as it was simulated, 0.5 slow motion",
+        default=1.0,
+        min=0.001,
+        soft_min=0.1,
+        soft_max=10.0,
+        max=1000.0,
+        update=_retime,
+    )
+    timing_ease: FloatProperty(
+        name="Ease",
+        description="Above 0 the collapse begins slowly and becomes faster; below 0 it begins fast and becomes slower. "
+        "Its length stays",
+        min=-2.0,
+        max=2.0,
+        update=_retime,
+    )
+    timed: StringProperty()
     # Not a result, but in one, with what shows points by state.
     is_of_state: BoolProperty()
     control: PointerProperty(type=bpy.types.Object)

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import axes, keyframes, parts, pointers, points, states
+from . import axes, keyframes, parts, pointers, points, states, timing
 from .client import Fault
 
 # Bodies up to which `AUTO` animates objects. More of them make Blender slow.
@@ -124,6 +124,7 @@ def build(context, motion, recipe, told):
     _remember(scene, collection, recipe, told, mode, control)
     pointers.write(collection.cairn.pointers, found)
     pointers.forget(recipe)
+    timing.set_by_bake(collection, recipe["start_frame"], len(moved.positions))
     collection.cairn.left_out = json.dumps(moved.left_out)
     collection.cairn.states = states.packed(moved.states, recipe["start_frame"])
     states.refresh(scene)

@@ -11,7 +11,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
-from . import dots, points, running
+from . import dots, points, running, timing
 
 # By the number of `BodyState`: what the panel calls it, and its colour (sRGB) from a palette (Okabe and Ito's) that the
 # colour-blind tell apart, too.
@@ -75,10 +75,18 @@ def at(collection, frame):
         count = len(_unpacked(collection.cairn.states)[1])
         levels = dots.loads(collection, running.report_of(collection).get("dots", ()), count)
         return np.where(levels > 0, len(STATES) - 1 + levels, 0) if levels.any() else None
-    start, states = _unpacked(collection.cairn.states)
+    _, states = _unpacked(collection.cairn.states)
     last = states.shape[1] - 1
-    number = last if collection.cairn.mode == "POSE" else min(max(frame - start, 0), last)
+    number = last if collection.cairn.mode == "POSE" else _frame_of(collection, frame, last)
     return states[:, number]
+
+
+def _frame_of(collection, frame, last):
+    """Which frame of the result is shown."""
+    if not collection.cairn.frame_count:
+        return last
+    number = np.searchsorted(timing.shown(collection), frame + 1e-3, side="right") - 1
+    return int(min(max(number, 0), last))
 
 
 def refresh(scene):
