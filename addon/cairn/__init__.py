@@ -7,6 +7,7 @@ from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, IntProperty
 
 from . import (
+    edit_operators,
     estimates,
     glue,
     job,
@@ -50,6 +51,7 @@ CLASSES = [
     *variant_operators.CLASSES,
     *panels.CLASSES,
     *timing_panel.CLASSES,
+    *edit_operators.CLASSES,
     *variant_panel.CLASSES,
     *report_panels.CLASSES,
     *parameter_panels.CLASSES,
@@ -113,6 +115,9 @@ def register():
     bpy.types.WindowManager.cairn_seed_count = IntProperty(
         name="Seeds", description="How many seeds are tried, from the scene's own on", default=4, min=1, max=32
     )
+    bpy.types.WindowManager.cairn_add_count = IntProperty(
+        name="Count", description="How many props are dropped on top", default=10, min=1, max=10000
+    )
     bpy.types.WindowManager.cairn_seed_glue = BoolProperty(
         name="And Glue", description="Try each seed as modelled and with no glue, as well as with the glue set above"
     )
@@ -138,6 +143,6 @@ def unregister():
         getattr(bpy.app.handlers, name).remove(handler)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
-    for name in ("cairn_warnings", "cairn_seed_count", "cairn_seed_glue"):
+    for name in ("cairn_warnings", "cairn_seed_count", "cairn_add_count", "cairn_seed_glue"):
         delattr(bpy.types.WindowManager, name)
     properties.unregister()

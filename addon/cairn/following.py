@@ -75,6 +75,10 @@ class Follows:
         """A generator that yields now and then, with a bake in `running`. Returns the preview's props, or None."""
         raise NotImplementedError
 
+    def make(self, context, bake):
+        """A generator: makes the pile of what was baked, and returns its collection."""
+        return result.build(context, bake.motion(), bake.recipe, bake.told())
+
     def invoke(self, context, _):
         if bpy.app.background:
             return self.execute(context)
@@ -133,7 +137,7 @@ class Follows:
         if bake.end == "stopped":
             return self._stopped(context, bake)
         if bake.has_all_frames:
-            self.writer = result.build(context, bake.motion(), bake.recipe, bake.told())
+            self.writer = self.make(context, bake)
             bake.written = 0.0
         return {"RUNNING_MODAL"}
 
@@ -221,7 +225,7 @@ class Follows:
                 wait_for(bake)
                 if bake.end == "failed":
                     raise bake.fault
-                collection = request.finish(result.build(context, bake.motion(), bake.recipe, bake.told()))
+                collection = request.finish(self.make(context, bake))
             finally:
                 running.end()
             return finished(self, context, collection)

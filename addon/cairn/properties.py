@@ -388,6 +388,9 @@ class CairnBody(PropertyGroup):
 
     # Which body of the pile it is, counted from 1, or the first of those that it shows; 0: none.
     number: IntProperty()
+    # Which of the pile's props it is, counted from 0, and its size, as a factor.
+    prop: IntProperty()
+    size: FloatProperty(default=1.0)
     # While it is coloured by state: the colour that is its own; of points, whether they were shown.
     is_coloured: BoolProperty()
     color: FloatVectorProperty(size=4)
@@ -398,6 +401,11 @@ def _retime(self, _):
     from . import timing
 
     timing.apply(self.id_data)
+
+
+def _display(self, _):
+    for body in self.id_data.objects:
+        body.display_type = self.display
 
 
 class CairnResult(PropertyGroup):
@@ -448,6 +456,18 @@ class CairnResult(PropertyGroup):
         update=_retime,
     )
     timed: StringProperty()
+    display: EnumProperty(
+        name="Display",
+        description="How the bodies are shown in the 3D View. Renders are not changed by it",
+        items=[
+            ("TEXTURED", "Full", "As they are"),
+            ("SOLID", "Plain", "Without textures"),
+            ("BOUNDS", "Boxes", "As boxes: the quickest"),
+        ],
+        update=_display,
+    )
+    # Of a pile that is worked on by hand: its bodies as they settled last (JSON).
+    settled: StringProperty()
     # Not a result, but in one, with what shows points by state.
     is_of_state: BoolProperty()
     control: PointerProperty(type=bpy.types.Object)

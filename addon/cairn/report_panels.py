@@ -94,6 +94,8 @@ class CAIRN_PT_report(Pile, Panel):
             wrapped(layout, context, glue)
         names = running.recipe_of(collection).get("names", {})
         draw_folded(layout, context, wording.gathered(told.get("warnings", ()), names))
+        if collection.cairn.mode != "POINTS":
+            layout.prop(collection.cairn, "display")
         row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name

@@ -141,7 +141,7 @@ def taking(context, passive=False):
     if settings.use_ground_height:
         told.ground_height = settings.ground_height * exporter.metres
     for prop, (_, item) in zip(props, chosen):
-        told.props.append(_prop(v1, prop.model.uri, item))
+        told.props.append(prop_message(v1, prop.model.uri, item))
     for _, model in statics:
         told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     extras = placed.Extras(v1, told, exporter, settings)
@@ -194,7 +194,8 @@ def taking(context, passive=False):
     return Request(v1.BakeSpec(scene=told, assets=assets), exporter.contents, props, recipe, exporter.problems, named)
 
 
-def _prop(v1, uri, item):
+def prop_message(v1, uri, item):
+    """A prop with its settings."""
     low, high = sorted((item.scale_min, item.scale_max))
     prop = v1.Prop(
         path=uri,

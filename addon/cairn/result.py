@@ -146,7 +146,7 @@ def _body(made, moved, body, mode, start_frame):
     part = made[moved.props[body]]
     factor = float(moved.scales[body])
     shown = part.body(f"{part.name} Body", factor)
-    shown.cairn.number = body + 1
+    shown.cairn.number, shown.cairn.prop, shown.cairn.size = body + 1, int(moved.props[body]), factor
     here = moved.present[:, body]
     # Where it is first or last seen.
     at = np.flatnonzero(here)[-1 if mode == "POSE" else 0]
@@ -164,6 +164,13 @@ def _body(made, moved, body, mode, start_frame):
         hidden = changes + start_frame, ~here[changes]
     if keyed.sum() > 1 or hidden is not None:
         keyframes.write(shown, shown.name, numbers[keyed] + start_frame, positions[keyed], rotations[keyed], hidden)
+    return shown
+
+
+def still_body(made, moved, body, number):
+    """A body where it is in the last frame."""
+    shown = _body(made, moved, body, "POSE", 0)
+    shown.cairn.number = number
     return shown
 
 

@@ -201,7 +201,11 @@ class Bake:
                 body_count=summary.body_count,
                 frame_count=summary.frame_count,
                 frame_rate=summary.frame_rate,
-                measures={"at_rest_fraction": self.at_rest(), **dict(sorted(summary.measures.items()))},
+                measures={
+                    "at_rest_fraction": self.at_rest(),
+                    **dict(sorted(summary.measures.items())),
+                    "prop_diameter": self.prop_diameter(),
+                },
                 counts=dict(sorted(summary.counts.items())),
                 warnings=list(summary.warnings),
                 cpu_seconds=round(summary.cpu_seconds, 3),
@@ -222,7 +226,11 @@ class Bake:
         count = len(before.props)
         steps = np.linalg.norm(after.positions[:count] - before.positions[:count], axis=1)
         here = after.present[:count]
-        return float((steps[here] < REST * self.summary.measures["prop_diameter"]).mean()) if here.any() else 1.0
+        return float((steps[here] < REST * self.prop_diameter()).mean()) if here.any() else 1.0
+
+    def prop_diameter(self):
+        """m. Without a fill, the measure of this name is 0."""
+        return self.summary.measures.get("prop_diameter") or self.accepted.plan.prop_diameter
 
 
 class TimeLeft:
@@ -300,7 +308,7 @@ def _collect():
         if made.end:
             measuring.remove(made)
         if made.end == "done":
-            told = _late[made.job.bake_id] = made.told()
+            told = _late[made.job.bake_id] = {**made.told(), **_by_hand(made.job.bake_id)}
             for collection in bpy.data.collections:
                 if collection.cairn.is_result and collection.cairn.bake_id == made.job.bake_id:
                     if report_of(collection)["frame_count"] != told["frame_count"]:
@@ -311,6 +319,15 @@ def _collect():
         if area.type == "VIEW_3D":
             area.tag_redraw()
     return TICK if measuring else None
+
+
+def _by_hand(bake_id):
+    """What the pile of a bake has of the work by hand, which no bake knows of."""
+    for collection in bpy.data.collections:
+        if collection.cairn.is_result and collection.cairn.bake_id == bake_id and collection.cairn.settled:
+            before = report_of(collection)
+            return {name: before[name] for name in ("settled", "dots", "body_count") if name in before}
+    return {}
 
 
 def end():
