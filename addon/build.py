@@ -45,8 +45,6 @@ def main():
     package = output / "cairn"
     shutil.rmtree(package, ignore_errors=True)
     shutil.copytree(ADDON / "cairn", package, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("LICENSE-APACHE", "LICENSE-MIT"):
-        shutil.copy(ROOT / name, package)
     vendor(output / "wheels", package / "_vendor")
     describe(output, package)
     kind = "any"

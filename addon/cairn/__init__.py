@@ -4,10 +4,14 @@ import atexit
 
 import bpy
 from bpy.app.handlers import persistent
+from bpy.props import BoolProperty, IntProperty
 
 from . import (
+    edit_operators,
     estimates,
+    glue,
     job,
+    live,
     operators,
     panels,
     parameter_panels,
@@ -19,6 +23,10 @@ from . import (
     running,
     setup_operators,
     states,
+    timing_panel,
+    variant_operators,
+    variant_panel,
+    variants,
 )
 
 bl_info = {
@@ -28,6 +36,9 @@ bl_info = {
     "version": (0, 1, 0),
     "blender": (3, 4, 0),
     "location": "3D View > Sidebar > Pile",
+    "doc_url": "https://extensions.blender.org/add-ons/cairn/",
+    "tracker_url": "https://extensions.blender.org/add-ons/cairn/",
+    "support": "COMMUNITY",
     "category": "Physics",
 }
 
@@ -36,7 +47,12 @@ CLASSES = [
     *operators.CLASSES,
     *pile_operators.CLASSES,
     *setup_operators.CLASSES,
+    *glue.CLASSES,
+    *variant_operators.CLASSES,
     *panels.CLASSES,
+    *timing_panel.CLASSES,
+    *edit_operators.CLASSES,
+    *variant_panel.CLASSES,
     *report_panels.CLASSES,
     *parameter_panels.CLASSES,
     *panels.LAST,
@@ -46,6 +62,9 @@ CLASSES = [
 @persistent
 def _before_load(*_):
     """Another file is about to be opened. The server bakes on; this file's note says so."""
+    live.show(False)
+    glue.show(False)
+    variants.forget()
     running.forget_all()
     states.forget()
     estimates.forget()
@@ -66,8 +85,8 @@ def _before_save(*_):
 @persistent
 def _after_save(*_):
     bake = running.bake
-    if bake is not None and not bake.end and bake.job.bake_id:
-        pending.note(bake.job.bake_id, bake.recipe)
+    if bake is not None and not bake.end and bake.recipe:
+        pending.note(bake.recipe, bake.job.bake_id)
     states.refresh(bpy.context.scene)
 
 
@@ -89,9 +108,24 @@ HANDLERS = {
 
 def register():
     properties.register()
+    # Of this session, not of the file.
+    bpy.types.WindowManager.cairn_warnings = BoolProperty(
+        name="Warnings", description="Show what the server says of the scene or of the pile"
+    )
+    bpy.types.WindowManager.cairn_seed_count = IntProperty(
+        name="Seeds", description="How many seeds are tried, from the scene's own on", default=4, min=1, max=32
+    )
+    bpy.types.WindowManager.cairn_add_count = IntProperty(
+        name="Count", description="How many props are dropped on top", default=10, min=1, max=10000
+    )
+    bpy.types.WindowManager.cairn_seed_glue = BoolProperty(
+        name="And Glue", description="Try each seed as modelled and with no glue, as well as with the glue set above"
+    )
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     states.register()
+    live.register()
+    glue.register()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
     atexit.register(preferences.stop_server)
@@ -99,6 +133,8 @@ def register():
 
 def unregister():
     atexit.unregister(preferences.stop_server)
+    glue.unregister()
+    live.unregister()
     states.unregister()
     _before_load()
     preferences.stop_server()
@@ -107,4 +143,6 @@ def unregister():
         getattr(bpy.app.handlers, name).remove(handler)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
+    for name in ("cairn_warnings", "cairn_seed_count", "cairn_add_count", "cairn_seed_glue"):
+        delattr(bpy.types.WindowManager, name)
     properties.unregister()

@@ -2,6 +2,7 @@
 
 import asyncio
 import hashlib
+import json
 import ssl
 from dataclasses import dataclass, field
 
@@ -18,6 +19,8 @@ FIRST_PAUSE = 0.2
 CHECK = "Check address, token and certificates in the add-on's preferences."
 # What a call takes at most that answers from memory, s.
 SHORT = 30.0
+# What the latest server has told of itself, presets included; None before that.
+info = None
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,15 @@ class Target:
     certificates: str = ""
 
 
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with a scene."""
+
+    text: str
+    # The object's name, or as the server calls it; empty if it is about none.
+    about: str = ""
+
+
 @dataclass
 class Fault(Exception):
     """What went wrong, for a person."""
@@ -37,7 +49,7 @@ class Fault(Exception):
     message: str
     # As in google.rpc.ErrorInfo: SCENE_INVALID, QUEUE_FULL, ...; empty if the call never arrived.
     reason: str = ""
-    # Field and description of everything that is wrong with the request.
+    # Everything that is wrong with the scene.
     problems: list = field(default_factory=list)
     # The same call may go through on a new connection.
     is_broken: bool = False
@@ -81,7 +93,9 @@ class Client:
 
     async def handshake(self):
         """Server information; a fault if the two do not understand each other."""
-        return await self.call("GetServerInfo", protocol_version=PROTOCOL)
+        global info
+        info = await self.call("GetServerInfo", protocol_version=PROTOCOL)
+        return info
 
     async def upload(self, contents, on_progress=lambda share: None):
         """Sends what the server does not have. `contents`: bytes by SHA-256."""
@@ -103,19 +117,28 @@ class Client:
                         on_progress(sent / total)
                     await stream.recv_message()
 
+    async def report(self, bake_id):
+        """What a bake's report says, whole."""
+        parts = [
+            reply.chunk async for reply in self.stream("DownloadResult", bake_id=bake_id, artifact=v1.ARTIFACT_REPORT)
+        ]
+        return json.loads(b"".join(parts))
+
     async def plan(self, spec):
         """What a bake would do. Reads every model: it may take a while."""
         return await self.call("PlanBake", timeout=600.0, spec=spec)
 
 
-async def bake(reach, spec, contents, on_progress=lambda share: None):
+async def bake(reach, spec, contents, told=lambda state: None):
     """Uploads, bakes, and yields the events to the end, over as many connections as it takes.
 
-    `reach`: gives the target, awaited before each connection.
+    `reach`: gives the target, awaited before each connection. `told`: hears what is done before the first event.
     """
     async with Client(await reach()) as client:
         await client.handshake()
-        await client.upload(contents, on_progress)
+        await client.upload(contents, lambda share: told(f"Sending props, {share:.0%}"))
+        # The server looks at all of them before it takes the bake.
+        told("Reading props")
         bake_id, last = "", 0
         try:
             async for reply in client.stream("Bake", spec=spec, frames=v1.FRAME_SELECTION_ALL):
@@ -200,7 +223,7 @@ def _fault(error):
         if name == "ErrorInfo":
             reason = detail.reason
         elif name == "BadRequest":
-            problems = [(wrong.field, wrong.description) for wrong in detail.field_violations]
+            problems = [Problem(wrong.description) for wrong in detail.field_violations]
     if reason == "TOKEN_INVALID":
         return Fault(f"The server does not take the token. {CHECK}", reason)
     is_broken = error.status in (Status.UNAVAILABLE, Status.UNKNOWN) and reason != "SHUTTING_DOWN"

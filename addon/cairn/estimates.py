@@ -1,32 +1,32 @@
 """What each accuracy is expected to cost. While the tab is seen, the server is asked whenever the scene has changed and
-then was left alone for a moment; never where Blender would have to wait for it."""
+then was left alone for a moment. The scene is only read, object by object, so that nobody waits for it."""
 
-import json
 import time
 
 import bpy
 
-from . import job, preferences, preview, request, running
+from . import fingerprint, job, preferences, preview, request, running
 from .client import Fault
 from .messages import v1
 
 # How often the scene is looked at, and how long after the tab was last drawn, s.
 TICK = 0.7
 SEEN = 5.0
-# Sending more, or what took longer the last time (s), would be felt: then only the button asks.
-MAX_VERTICES = 40_000
-MAX_OBJECTS = 300
-MAX_TAKING = 0.05
+# While it is read: how long at a time, and the pause between, s.
+SLICE = 0.01
+PAUSE = 0.02
 
 _seen_at = 0.0
-_answer = None
+_answer = _slices = None
 # The scene as it was last looked at, and as it was last asked about.
 _before = _asked = None
-_taking = 0.0
+# There is more of the scene than is read in passing.
+is_too_much = False
 
 
 def take(plan, accuracy):
     """A plan has come: the panel shows it."""
+    running.plan_is_old = False
     names = {number: name[9:] for name, number in vars(v1).items() if name.startswith("ACCURACY_")}
     running.plan = {
         "accuracy": accuracy,
@@ -34,6 +34,7 @@ def take(plan, accuracy):
         "step_count": plan.expected_step_count,
         "warnings": list(plan.warnings),
         "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
+        "dots": {names[told.accuracy]: getattr(told, "glue_dots", 0.0) for told in plan.estimates},
         "estimates": {names[told.accuracy]: (told.cpu_seconds, told.factor) for told in plan.estimates},
     }
 
@@ -52,96 +53,96 @@ def shown(context):
 def asked(context):
     """The button has asked about the scene as it is now."""
     global _asked
-    _asked = _fingerprint(context.scene)
+    _asked = fingerprint.of(context.scene)
 
 
 def _look():
-    """Now and then: takes an answer, or asks."""
-    global _before, _asked, _answer
+    """Now and then: takes an answer, reads on, or begins to ask."""
+    global _before, _asked, _answer, is_too_much
     if time.monotonic() - _seen_at > SEEN and _answer is None:
         return None
+    if _slices is not None:
+        _read_on()
+        return PAUSE
+    context = bpy.context
     if _answer is not None:
         if _answer.done():
             answer, _answer = _answer, None
             _receive(answer)
+        elif fingerprint.of(context.scene) != _asked:
+            _give_up()
         return TICK
-    context = bpy.context
     if running.bake is not None or context.mode != "OBJECT" or request.missing(context.scene.cairn):
         return TICK
-    now = _fingerprint(context.scene)
-    if now != _asked and now == _before:
-        _asked = now
-        running.plan = None
-        if now is not None and _taking < MAX_TAKING:
-            _ask(context)
+    now = fingerprint.of(context.scene)
+    is_too_much = now is None
+    if now != _asked:
+        running.plan_is_old = True
+        if now is None:
+            # Old figures would stay for good.
+            running.plan = None
+        elif now == _before:
+            _asked = now
+            _begin(context)
         preview.redraw(context, "UI")
     _before = now
     return TICK
 
 
-def _ask(context):
-    global _answer, _taking
+def _begin(context):
+    global _slices
+    _slices = request.taking(context, passive=True)
+
+
+def _read_on():
+    global _answer, _slices
+    until = time.monotonic() + SLICE
     try:
-        began = time.monotonic()
-        taken = request.take(context)
-        _taking = time.monotonic() - began
-        _answer = job.plan(preferences.server(context), taken.spec, taken.contents)
-    except Fault:
-        # Check and Bake tell of it.
-        pass
+        next(_slices)
+        while time.monotonic() < until:
+            next(_slices)
+    except StopIteration as end:
+        _slices = None
+        try:
+            taken = end.value
+            if not taken.problems:
+                running.names = taken.recipe["names"]
+                _answer = job.plan(preferences.server(bpy.context), taken.spec, taken.contents)
+        except Fault:
+            # Check and Bake tell of it.
+            running.plan = None
+    except (Fault, ReferenceError):
+        # The scene has changed on the way.
+        _slices = None
 
 
 def _receive(answer):
     try:
         take(answer.result().plan, bpy.context.scene.cairn.accuracy)
     except Fault:
-        pass
+        running.plan = None
     preview.redraw(bpy.context, "UI")
-
-
-def _fingerprint(scene):
-    """What a plan depends on, as far as it is seen at a glance; None if there is too much of it."""
-    settings = scene.cairn
-    tops = [settings.control_mesh, settings.region, settings.drop_mesh, *request.colliders_of(settings)]
-    tops += [source for source, _ in request.props_of(settings)]
-    tops += [*request.objects_of(settings.keep), *request.objects_of(settings.impact)]
-    objects = [member for top in tops if top for member in (top, *top.children_recursive)]
-    if len(objects) > MAX_OBJECTS:
-        return None
-    parts, vertices = [], 0
-    for source in objects:
-        count = len(source.data.vertices) if source.type == "MESH" else 0
-        vertices += count
-        box = [round(value, 5) for corner in source.bound_box for value in corner]
-        parts.append((source.name, count, box, [round(v, 5) for row in source.matrix_world for v in row]))
-    if vertices > MAX_VERTICES:
-        return None
-    values = request.to_dict(settings)
-    # All of them are told at once, and how it is written costs nothing.
-    for name in ("accuracy", "output_mode", "active_prop"):
-        values.pop(name)
-    return json.dumps([values, parts, scene.unit_settings.scale_length, scene.render.fps])
 
 
 def stand_aside(scene):
     """A bake begins: nothing else is to keep the server busy, and what was told of another scene is forgotten."""
-    if _asked != _fingerprint(scene):
-        running.plan = None
+    if _asked != fingerprint.of(scene):
+        running.plan_is_old = True
     _give_up()
 
 
 def _give_up():
-    global _answer, _asked
+    global _answer, _asked, _slices
     if _answer is not None:
         _answer.cancel()
-        _answer = _asked = None
+    if _answer is not None or _slices is not None:
+        _answer = _asked = _slices = None
 
 
 def forget():
     """Another file is opened, or the add-on ends."""
-    global _before, _asked, _taking
+    global _before, _asked
     _give_up()
     _before = _asked = None
-    _taking = 0.0
     if bpy.app.timers.is_registered(_look):
         bpy.app.timers.unregister(_look)

@@ -8,7 +8,7 @@ import numpy as np
 from mathutils import Matrix
 
 from . import axes, client, glb
-from .client import Fault
+from .client import Problem
 
 SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 # Deviation from a diagonal, relative to the largest entry, from which a matrix counts as sheared: what rounding in
@@ -38,7 +38,8 @@ class Prop:
     local: Matrix
     # From the prop's own frame to the world.
     frame: Matrix
-    # Triangles in the prop's own frame, Blender's axes and units: shape [t, 3, 3]. For the view while baking.
+    # Vertices [v, 3] in the prop's own frame, Blender's axes and units, and triangles [t, 3]: for the preview.
+    vertices: np.ndarray
     triangles: np.ndarray
 
 
@@ -49,64 +50,72 @@ def metres(scene):
 
 
 class Exporter:
-    """Takes models of a scene as it stands."""
+    """Takes models of a scene as it stands, object by object: the generators yield in between, so that Blender stays
+    awake. `passive`: nothing is touched, even where that means to take hidden objects without their modifiers."""
 
-    def __init__(self, context):
+    def __init__(self, context, passive=False):
         # What is being edited counts as it is seen.
-        for source in context.objects_in_mode_unique_data if context.mode.startswith("EDIT") else ():
+        for source in context.objects_in_mode_unique_data if context.mode.startswith("EDIT") and not passive else ():
             source.update_from_editmode()
         self.context = context
+        self.passive = passive
         self.metres = metres(context.scene)
         self.contents = {}
+        # What is wrong with the scene: all of it is told at once.
+        self.problems = []
         self.uris = set()
         self.known = {}
 
     def region(self, source):
-        """A mesh in the world."""
-        with evaluated(self.context, [source]) as geometry:
+        """A mesh in the world. None, and a problem, if it has no faces."""
+        with evaluated(self.context, [source], self.passive) as geometry:
             meshes = geometry(source)
-            if not meshes:
-                raise Fault(f"“{source.name}” has no faces. Choose a closed mesh as the shape.")
-            return self._model(source.name, meshes, Matrix())
+            if meshes:
+                return self._model(source.name, meshes, Matrix())
+        self.problems.append(Problem(f"“{source.name}” has no faces. Choose a closed mesh.", source.name))
+        return None
 
     def scenery(self, sources):
         """Meshes in the world, one of each object that has faces, with the object."""
         models = []
-        with evaluated(self.context, sources) as geometry:
-            for source in sources:
+        for source in sources:
+            with evaluated(self.context, [source], self.passive) as geometry:
                 meshes = geometry(source)
                 if meshes:
                     models.append((source, self._model(source.name, meshes, Matrix())))
+            yield
         return models
 
     def props(self, sources):
-        """Meshes in their own frames, of each object with everything below it."""
-        families = [[source, *source.children_recursive] for source in sources]
+        """Meshes in their own frames, of each object with everything below it. Those without faces are problems."""
         props = []
-        with evaluated(self.context, [member for family in families for member in family]) as geometry:
-            for source, family in zip(sources, families):
+        for source in sources:
+            family = [source, *source.children_recursive]
+            with evaluated(self.context, family, self.passive) as geometry:
                 meshes = [mesh for member in family for mesh in geometry(member)]
-                if not meshes:
-                    raise Fault(f"The prop “{source.name}” has no faces. Take it out of the props, or give it some.")
                 place = geometry.matrix(source)
+            if meshes:
                 location, rotation, _ = place.decompose()
                 frame = Matrix.Translation(location) @ rotation.to_matrix().to_4x4()
                 model = self._model(source.name, meshes, frame.inverted())
                 vertices, triangles = joined(meshes, frame.inverted())
-                props.append(Prop(model, source, frame.inverted() @ place, frame, vertices[triangles]))
+                props.append(Prop(model, source, frame.inverted() @ place, frame, vertices, triangles))
+            else:
+                told = f"The prop “{source.name}” has no faces. Take it out of the props, or give it some."
+                self.problems.append(Problem(told, source.name))
+            yield
         return props
 
     def _model(self, name, meshes, matrix):
-        key = tuple((id(mesh.vertices), _key(matrix @ mesh.matrix)) for mesh in meshes)
+        # Rounding differs from place to place, and the same mesh is to be sent once.
+        key = tuple((mesh.digest(), _key(matrix @ mesh.matrix)) for mesh in meshes)
         if key not in self.known:
             vertices, triangles = joined(meshes, matrix)
             content = glb.write("model", axes.points_to_server(vertices, self.metres), triangles)
-            sha256 = client.digest(content)
-            self.contents[sha256] = content
-            # The meshes are kept with it, so that their ids stay theirs.
-            self.known[key] = content, sha256, meshes
-        content, sha256, _ = self.known[key]
-        return Model(self._uri(name), content, sha256)
+            self.known[key] = client.digest(content)
+            self.contents[self.known[key]] = content
+        sha256 = self.known[key]
+        return Model(self._uri(name), self.contents[sha256], sha256)
 
     def _uri(self, name):
         """A name for the server's messages: the object's, but for signs that mean something in paths."""
@@ -126,6 +135,9 @@ class Mesh:
     vertices: np.ndarray
     triangles: np.ndarray
     matrix: Matrix
+
+    def digest(self):
+        return client.digest(self.vertices.tobytes() + self.triangles.tobytes())
 
 
 def joined(meshes, matrix):
@@ -152,21 +164,27 @@ def _key(matrix):
 
 
 @contextmanager
-def evaluated(context, sources):
+def evaluated(context, sources, passive=False):
     """Gives a function from an object to its evaluated meshes; with `.matrix(object)`, where it stands.
 
-    Blender does not evaluate what is hidden or outside the view layer: copies in a scene of their own stand in for it.
+    Blender does not evaluate what is hidden or outside the view layer, nor for the render: copies in a scene of their
+    own stand in for it. `passive`: there are none, and hidden objects are taken as they are without modifiers.
     """
-    view = set(context.view_layer.objects)
-    hidden = [source for source in sources if source not in view or not source.visible_get()]
+    unseen = [source for source in sources if context.view_layer.objects.get(source.name) != source]
+    unseen += [source for source in sources if source not in unseen and not source.visible_get()]
+    if passive:
+        yield Geometry([context.evaluated_depsgraph_get()], sources, {}, unseen)
+        return
+    copied = unseen + [source for source in sources if source not in unseen and differs_in_render(source)]
     scratch, copies = None, {}
     try:
-        if hidden:
+        if copied:
             scratch = bpy.data.scenes.new("Cairn export")
             scratch.frame_set(context.scene.frame_current)
-            for source in hidden:
+            for source in copied:
                 copy = source.copy()
                 copy.hide_viewport = False
+                as_rendered(copy)
                 copies[source] = copy
                 scratch.collection.objects.link(copy)
             scratch.view_layers[0].update()
@@ -179,16 +197,41 @@ def evaluated(context, sources):
             bpy.data.scenes.remove(scratch)
 
 
+def has_instances(source):
+    """Whether an object may show instances: looking at all of a large scene's takes long."""
+    kinds = {modifier.type for modifier in source.modifiers}
+    return source.instance_type != "NONE" or not kinds.isdisjoint({"NODES", "PARTICLE_SYSTEM"})
+
+
+def differs_in_render(source):
+    """Whether the render has other modifiers, or more of them, than the view."""
+    return any(
+        modifier.show_viewport != modifier.show_render
+        or getattr(modifier, "levels", 0) != getattr(modifier, "render_levels", getattr(modifier, "levels", 0))
+        for modifier in source.modifiers
+    )
+
+
+def as_rendered(copy):
+    for modifier in copy.modifiers:
+        modifier.show_viewport = modifier.show_render
+        if hasattr(modifier, "render_levels"):
+            modifier.levels = modifier.render_levels
+
+
 class Geometry:
     """Evaluated meshes, each data block read once."""
 
-    def __init__(self, graphs, sources, copies):
+    def __init__(self, graphs, sources, copies, unseen=()):
         self.graphs = graphs
         self.copies = copies
+        # Of these, what the file has is taken.
+        self.unseen = set(unseen)
         self.known = {}
         # By object: what it instances, with matrices to the world.
         self.instances = {copies.get(source, source): [] for source in sources}
-        for graph in graphs:
+        may_instance = any(has_instances(source) for source in sources)
+        for graph in graphs if may_instance else ():
             for instance in graph.object_instances:
                 if instance.is_instance and instance.object.type in SOLID:
                     found = self.instances.get(instance.parent.original)
@@ -207,6 +250,8 @@ class Geometry:
         return mesh
 
     def _evaluated(self, source):
+        if source in self.unseen:
+            return source
         stand_in = self.copies.get(source)
         return stand_in.evaluated_get(self.graphs[-1]) if stand_in else source.evaluated_get(self.graphs[0])
 
@@ -215,6 +260,10 @@ class Geometry:
         shown = self._evaluated(source)
         pairs = [(self._read(shown), shown.matrix_world.copy())] if shown.type in SOLID else []
         pairs += self.instances[self.copies.get(source, source)]
+        if source in self.unseen and source.instance_collection:
+            inward = source.matrix_world @ Matrix.Translation(-source.instance_collection.instance_offset)
+            inside = [member for member in source.instance_collection.all_objects if member.type in SOLID]
+            pairs += [(self._read(member), inward @ member.matrix_world) for member in inside]
         return [Mesh(*arrays, matrix) for arrays, matrix in pairs if len(arrays[1])]
 
     def _read(self, shown):

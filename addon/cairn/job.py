@@ -2,15 +2,19 @@
 
 import asyncio
 import queue
+import shutil
 import threading
 from dataclasses import dataclass, field
 
 from . import client
 from .client import Client, Fault
+from .messages import v1
 from .recording import Recording
 
 # How long the server may take to hear of a cancelled bake, s.
 FAREWELL = 2.0
+# The name of a kept request's message, beside the models.
+SPEC = "spec"
 
 
 @dataclass
@@ -36,11 +40,17 @@ class Job:
     # What to bake, and the models' bytes by SHA-256; or the id of a bake that runs or is done.
     spec: object = None
     contents: dict = field(default_factory=dict)
+    # What is wrong with it already. The server is asked for the rest, and nothing is baked.
+    problems: list = field(default_factory=list)
     bake_id: str = ""
+    # A folder where the request waits until the server has taken it; None: nowhere.
+    kept: object = None
     news: queue.SimpleQueue = field(default_factory=queue.SimpleQueue)
     recording: Recording = field(default_factory=Recording)
     # The bodies as last heard of, for whoever draws them.
     latest: object = None
+    # As the server writes it, once the bake is done.
+    report: dict = field(default_factory=dict)
     _task: object = None
     _detached: bool = False
 
@@ -49,21 +59,24 @@ class Job:
 
     def stop(self):
         """Ends the bake, here and on the server. Returns at once."""
-        self._task.cancel()
+        if self._task:
+            self._task.cancel()
 
     def detach(self):
         """Ends only the listening; the server goes on."""
         self._detached = True
-        self._task.cancel()
+        self.stop()
 
     async def _run(self):
         try:
             await self._follow()
         except asyncio.CancelledError:
             self.news.put(("stopped", None))
-            if self.bake_id and not self._detached:
-                # The task ends as cancelled; this one does not.
-                asyncio.ensure_future(self._cancel())
+            if not self._detached:
+                self._forget_request()
+                if self.bake_id:
+                    # The task ends as cancelled; this one does not.
+                    asyncio.ensure_future(self._cancel())
             raise
         except Fault as fault:
             self.news.put(("failed", fault))
@@ -71,6 +84,13 @@ class Job:
             self.news.put(("failed", Fault(f"The add-on has a fault: {type(error).__name__}: {error}")))
 
     async def _follow(self):
+        if self.problems:
+            # All that is wrong is told at once.
+            await _plan(self.server, self.spec, self.contents, self.problems)
+        if self.kept and self.spec:
+            await asyncio.get_running_loop().run_in_executor(None, self._keep_request)
+        elif self.kept and not self.bake_id:
+            await asyncio.get_running_loop().run_in_executor(None, self._read_request)
         try:
             await self._follow_once()
         except Fault as fault:
@@ -87,13 +107,14 @@ class Job:
         if self.spec is None:
             events = client.watch(self.server.reach, self.bake_id)
         else:
-            told = lambda share: self.news.put(("state", f"Sending models, {share:.0%}"))  # noqa: E731
+            told = lambda state: self.news.put(("state", state))  # noqa: E731
             events = client.bake(self.server.reach, self.spec, self.contents, told)
         summary = None
         async for event in events:
             kind = event.WhichOneof("kind")
             if kind == "accepted":
                 self.bake_id = event.accepted.bake_id
+                self._forget_request()
                 self.news.put(("accepted", event.accepted))
             elif kind == "progress":
                 self.news.put(("progress", event.progress))
@@ -105,7 +126,33 @@ class Job:
                 summary = event.summary
         if summary is None:
             raise Fault("The server ended the bake without a result. Bake again.")
+        try:
+            async with Client(await self.server.reach()) as connection:
+                self.report = await connection.report(self.bake_id)
+        except Fault:
+            # The pile is there without it.
+            pass
         self.news.put(("done", summary))
+
+    def _keep_request(self):
+        part = self.kept.with_suffix(".part")
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        for sha256, content in self.contents.items():
+            (part / sha256).write_bytes(content)
+        (part / SPEC).write_bytes(self.spec.SerializeToString())
+        part.rename(self.kept)
+
+    def _read_request(self):
+        try:
+            self.spec = v1.BakeSpec.FromString((self.kept / SPEC).read_bytes())
+            self.contents = {asset.sha256: (self.kept / asset.sha256).read_bytes() for asset in self.spec.assets}
+        except OSError as error:
+            raise Fault("Blender closed before the bake had begun. Press Bake Pile.") from error
+
+    def _forget_request(self):
+        if self.kept:
+            shutil.rmtree(self.kept, ignore_errors=True)
 
     async def _cancel(self):
         try:
@@ -127,16 +174,28 @@ def ask(server, name, **fields):
     return asyncio.run_coroutine_threadsafe(_ask(server, name, **fields), _loop())
 
 
-async def _plan(server, spec, contents):
-    async with Client(await server.reach()) as connection:
-        await connection.handshake()
-        await connection.upload(contents)
-        return await connection.plan(spec)
+async def _plan(server, spec, contents, problems):
+    problems = list(problems)
+    if problems and not (spec.scene.control_mesh.path and spec.scene.props):
+        # There is nothing more to ask.
+        raise Fault("", problems=problems)
+    try:
+        async with Client(await server.reach()) as connection:
+            await connection.handshake()
+            await connection.upload(contents)
+            answer = await connection.plan(spec)
+    except Fault as fault:
+        if not problems or not fault.problems:
+            raise
+        problems += fault.problems
+    if problems:
+        raise Fault("", problems=problems)
+    return answer
 
 
-def plan(server, spec, contents):
-    """What a bake would do, as a future."""
-    return asyncio.run_coroutine_threadsafe(_plan(server, spec, contents), _loop())
+def plan(server, spec, contents, problems=()):
+    """What a bake would do, as a future. `problems`: what is wrong already; the server's are told with them."""
+    return asyncio.run_coroutine_threadsafe(_plan(server, spec, contents, problems), _loop())
 
 
 _background = None

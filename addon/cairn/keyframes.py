@@ -43,6 +43,28 @@ def write(body, name, frames, positions, rotations, hidden):
             _key(curves.new(path, 0), *hidden, CONSTANT)
 
 
+def retime(action, before, after):
+    """Moves all keys of an action in time: what was at a frame of `before` is then at that of `after`, shape [n]."""
+    for curve in _all_curves(action):
+        points = curve.keyframe_points
+        coordinates = np.empty(2 * len(points), np.float32)
+        points.foreach_get("co", coordinates)
+        frames = coordinates[::2].astype(float)
+        moved = np.interp(frames, before, after)
+        # What somebody has keyed outside goes along.
+        moved += np.minimum(frames - before[0], 0) + np.maximum(frames - before[-1], 0)
+        coordinates[::2] = moved
+        points.foreach_set("co", coordinates)
+        curve.update()
+
+
+def _all_curves(action):
+    if not HAS_SLOTS:
+        return list(action.fcurves)
+    strips = [strip for layer in action.layers for strip in layer.strips]
+    return [curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves]
+
+
 def _key(curve, frames, values, interpolation):
     count = len(frames)
     points = curve.keyframe_points

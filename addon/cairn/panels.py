@@ -1,31 +1,13 @@
 """The tab "Pile" in the 3D View's sidebar."""
 
-import bpy
+import math
+
 from bpy.types import Panel, UIList
 
-from . import estimates, preferences, request, result, running
-from .operators import is_running
+from . import action_panel, estimates, preferences, presets, running
+from .following import is_running
+from .layouts import wrapped
 from .properties import ACCURACIES, knows
-
-# Width of a sign of the interface's font, in pixels at scale 1, on average.
-SIGN = 6.2
-
-
-def wrapped(layout, context, text, icon="NONE"):
-    """A text in as many lines as the sidebar's width asks for."""
-    scale = context.preferences.system.ui_scale
-    signs = max(16, int((context.region.width / scale - (62 if icon == "NONE" else 84)) / SIGN))
-    column = layout.column(align=True)
-    line = ""
-    lines = []
-    for word in text.split():
-        if line and len(line) + 1 + len(word) > signs:
-            lines.append(line)
-            line = word
-        else:
-            line = f"{line} {word}".strip()
-    for number, text in enumerate([*lines, line]):
-        column.label(text=text, icon=icon if number == 0 else ("NONE" if icon == "NONE" else "BLANK1"))
 
 
 class Pile:
@@ -52,16 +34,13 @@ class CAIRN_PT_pile(Pile, Panel):
         layout = self.layout
         settings = context.scene.cairn
         estimates.shown(context)
-        if running.bake:
-            draw_bake(layout, context)
-        elif running.left:
-            draw_left(layout, context)
         layout.use_property_split = True
         layout.use_property_decorate = False
         column = layout.column()
         column.enabled = not is_running()
         self.draw_scene(column, context, settings)
-        self.draw_bake_button(column, context, settings)
+        layout.separator()
+        action_panel.draw(layout, context, settings)
 
     def draw_scene(self, layout, context, settings):
         layout.prop(settings, "control_mesh", text="Shape")
@@ -77,29 +56,9 @@ class CAIRN_PT_pile(Pile, Panel):
             draw_optional(layout, settings, "ground_height", "Height")
         layout.separator()
         draw_accuracies(layout, settings)
-        layout.prop(settings, "seed")
-
-    def draw_bake_button(self, layout, context, settings):
-        layout.separator()
-        lacking = request.missing(settings)
-        problem = ""
-        if preferences.of(context).server == "LOCAL":
-            problem = preferences.program_problem(preferences.of(context))
-        column = layout.column()
-        column.enabled = not lacking and not problem
-        row = column.row(align=True)
-        row.scale_y = 1.6
-        again = result.existing(context.scene, settings.control_mesh) if settings.control_mesh else None
-        row.operator("cairn.bake", text="Bake Pile Again" if again else "Bake Pile", icon="PHYSICS")
-        row.operator("cairn.check", text="", icon="VIEWZOOM")
-        if lacking:
-            wrapped(layout, context, lacking, "INFO")
-        elif problem:
-            wrapped(layout, context, problem, "ERROR")
-            layout.operator("cairn.preferences", icon="PREFERENCES")
-        elif running.plan:
-            for warning in running.plan["warnings"]:
-                draw_warning(layout, context, warning, {})
+        row = layout.row(align=True)
+        row.prop(settings, "seed")
+        row.prop(settings, "use_replace", text="", icon="FILE_REFRESH")
 
 
 def draw_kept_shape(layout, settings):
@@ -116,6 +75,20 @@ def draw_kept_shape(layout, settings):
         others.prop_enum(settings, "kept_shape", name)
     if settings.kept_shape == "TACKY":
         column.prop(settings, "glue_strength", slider=True)
+    told = column.row()
+    told.active = not running.plan_is_old
+    told.label(text=effect_of(settings))
+
+
+def effect_of(settings):
+    """What the choice does to this pile, as far as it is known before the bake."""
+    if settings.kept_shape == "NATURAL":
+        return "No glue: what overhangs falls"
+    dots = running.plan["dots"].get(settings.accuracy, 0.0) if running.plan else 0.0
+    if settings.kept_shape == "TACKY":
+        return "What would need stronger glue falls"
+    # The plan's own range.
+    return f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue" if dots >= 1 else ""
 
 
 def draw_props(layout, context, settings):
@@ -156,7 +129,9 @@ def draw_accuracies(layout, settings):
     for name, *_ in ACCURACIES:
         row = column.row(align=True)
         row.prop_enum(settings, "accuracy", name)
-        row.label(text=expected(name))
+        told = row.row()
+        told.active = not running.plan_is_old
+        told.label(text=expected(name))
 
 
 def expected(accuracy):
@@ -175,7 +150,9 @@ def expected(accuracy):
 def reliance():
     """What the expected times are, and how far they may be off."""
     factors = [factor for _, factor in running.plan["estimates"].values()] if running.plan else []
-    return f"CPU time, ×÷ {max(factors):.2g}" if factors else ""
+    if not factors:
+        return "Check tells the CPU time" if estimates.is_too_much else ""
+    return f"CPU time, ×÷ {max(factors):.2g}"
 
 
 def draw_switch(layout, group, name, heading):
@@ -199,54 +176,13 @@ def draw_field(layout, group, field):
     row.use_property_split = False
     row.prop(group, "use_" + name, text=group.bl_rna.properties[name].name)
     value = row.row()
-    is_set = getattr(group, "use_" + name)
-    value.enabled = is_set
-    if not is_set and field["default"] is None:
-        value.label(text="–")
-    elif not is_set and group.id_data.cairn.accuracy != "STANDARD":
-        # The defaults that are known here are the standard's.
-        value.label(text="preset")
+    if not getattr(group, "use_" + name):
+        value.enabled = False
+        value.label(text=presets.text(group, field))
     elif field["kind"] == "bool":
         value.prop(group, name, text="On" if getattr(group, name) else "Off", toggle=True)
     else:
         value.prop(group, name, text="")
-
-
-def draw_bake(layout, context):
-    """The bake that runs, or the question what to do with one that was stopped."""
-    bake = running.bake
-    box = layout.box()
-    if bake.end == "stopped":
-        wrapped(box, context, f"The bake was stopped after {bake.frame_count} frames.", "QUESTION")
-        box.operator("cairn.keep", text=f"Keep the {bake.frame_count} Frames", icon="CHECKMARK")
-        box.operator("cairn.discard", icon="X")
-        return
-    share = bake.share() if bake.written is None else bake.written
-    title = bake.stage() if bake.written is None else "Making the objects"
-    if hasattr(box, "progress"):
-        box.progress(factor=share, text=f"{title}  {share:.0%}")
-    else:
-        box.label(text=f"{title}  {share:.0%}", icon="TIME")
-    # Both lines always: a button that jumps is hard to press.
-    for text in (bake.counts(2), bake.time_left()):
-        box.label(text=text)
-    box.operator("cairn.stop", icon="CANCEL")
-
-
-def draw_left(layout, context):
-    box = layout.box()
-    wrapped(box, context, "A bake was under way when this file was closed.", "TIME")
-    box.operator("cairn.fetch", icon="IMPORT")
-    box.operator("cairn.forget", icon="X")
-
-
-def draw_warning(layout, context, text, names):
-    """A sentence, with a button for each object that it names."""
-    column = layout.column(align=True)
-    wrapped(column, context, text, "ERROR")
-    for uri, name in names.items():
-        if uri in text and name in bpy.data.objects:
-            column.operator("cairn.select", text=f"Select “{name}”", icon="RESTRICT_SELECT_OFF").object = name
 
 
 class CAIRN_PT_server(Pile, Panel):

@@ -2,7 +2,7 @@
 
 from bpy.types import Panel
 
-from .operators import is_running
+from .following import is_running
 from .panels import Pile, draw_field, draw_optional
 from .properties import GROUPS, fields_of, knows
 

@@ -20,6 +20,8 @@ class Part:
     # Materials that belong to the source object, not to its data: slot -> material.
     materials: dict = None
     collection: bpy.types.Collection = None
+    # What its bodies take over besides: the prop itself.
+    source: bpy.types.Object = None
 
     def body(self, name, factor):
         """A new object, in no collection yet. Factor: the body's scale."""
@@ -33,7 +35,17 @@ class Part:
             made.instance_type = "COLLECTION"
             made.instance_collection = self.collection
             made.empty_display_size = PLAIN_EMPTY_SIZE
+        carry(self.source, made)
         return made
+
+
+def carry(source, made):
+    """What a pipeline goes by: pass index and custom properties."""
+    made.pass_index = source.pass_index
+    for name in source.keys():
+        # Those of add-ons are theirs.
+        if name not in source.bl_rna.properties:
+            made[name] = source[name]
 
 
 def make(context, sources, locals_, as_collections):
@@ -51,6 +63,7 @@ def make(context, sources, locals_, as_collections):
                 made.append(Part(source.name, collection=_collection(geometry, source, family, local)))
             else:
                 made.append(_single(geometry, source, local))
+            made[-1].source = source
         return made
 
 

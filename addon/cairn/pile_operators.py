@@ -1,48 +1,12 @@
-"""What the buttons do to a pile: keep what a stopped bake has, or not; delete one; take its settings up again."""
+"""What the buttons do to a pile: delete it; take its settings up again."""
 
 import bpy
 from bpy.props import StringProperty
 from bpy.types import Operator
 
-from . import pending, preview, request, result, running
+from . import pending, pointers, request, result, running
 from .client import Fault
-from .operators import explain, explaining, finished, is_running
-
-
-class CAIRN_OT_keep(Operator):
-    """Make the pile of the frames that were baked before it was cancelled"""
-
-    bl_idname = "cairn.keep"
-    bl_label = "Keep"
-    bl_options = {"UNDO"}
-
-    @classmethod
-    def poll(cls, _):
-        return running.bake is not None and running.bake.end == "stopped"
-
-    def execute(self, context):
-        with explaining(self):
-            bake, running.bake = running.bake, None
-            motion = bake.job.recording.motion()
-            collection = result.finish(result.build(context, motion, bake.recipe, bake.told()))
-            return finished(self, context, collection)
-        return {"CANCELLED"}
-
-
-class CAIRN_OT_discard(Operator):
-    """Forget the frames that were baked. The scene is as it was before"""
-
-    bl_idname = "cairn.discard"
-    bl_label = "Restore the Scene"
-
-    @classmethod
-    def poll(cls, _):
-        return running.bake is not None and running.bake.end == "stopped"
-
-    def execute(self, context):
-        running.bake = None
-        preview.redraw(context)
-        return {"FINISHED"}
+from .following import explain, is_running
 
 
 class CAIRN_OT_delete(Operator):
@@ -83,7 +47,8 @@ class CAIRN_OT_restore_settings(Operator):
             return explain(
                 self, Fault("There is no baked pile of this shape. Choose the shape of the one that you mean.")
             )
-        request.from_dict(context.scene.cairn, running.recipe_of(collection)["settings"])
+        found = pointers.read(collection.cairn.pointers)
+        request.from_dict(context.scene.cairn, running.recipe_of(collection)["settings"], found, "settings.")
         return {"FINISHED"}
 
 
@@ -101,9 +66,9 @@ class CAIRN_OT_forget(Operator):
     bl_label = "Forget It"
 
     def execute(self, _):
-        pending.forget()
+        pending.give_up()
         running.left = None
         return {"FINISHED"}
 
 
-CLASSES = [CAIRN_OT_keep, CAIRN_OT_discard, CAIRN_OT_delete, CAIRN_OT_restore_settings, CAIRN_OT_forget]
+CLASSES = [CAIRN_OT_delete, CAIRN_OT_restore_settings, CAIRN_OT_forget]

@@ -3,11 +3,13 @@
 import numpy as np
 
 from . import axes, keyframes
-from .client import Fault
+from .client import Problem
 from .properties import knows
 
 # A scale that changes by more than this while a collider moves cannot be followed.
 SAME_SCALE = 1e-3
+# Frames that are looked at before Blender may draw.
+BATCH = 8
 
 
 def is_animated(source):
@@ -54,12 +56,17 @@ class Extras:
 
     def add_region(self):
         if self.settings.region and knows("Body"):
-            self.told.region.path = self._add(self.exporter.region(self.settings.region), self.settings.region)
+            model = self.exporter.region(self.settings.region)
+            if model:
+                self.told.region.path = self._add(model, self.settings.region)
 
     def add_drops(self):
         settings = self.settings
         if settings.drop_mesh and knows("Emitter"):
-            place = self._add(self.exporter.region(settings.drop_mesh), settings.drop_mesh)
+            model = self.exporter.region(settings.drop_mesh)
+            if model is None:
+                return
+            place = self._add(model, settings.drop_mesh)
             drops = self.told.emitters.add(mesh=place, rate=round(settings.drop_rate, 6), count=settings.drop_count)
             drops.velocity.extend(velocity(settings.drop_velocity))
             drops.start_frame = self._frame(settings.drop_frame)
@@ -69,10 +76,10 @@ class Extras:
         settings = self.settings
         if not knows("Body"):
             return
-        for prop in self._placed(keep):
+        for prop in (yield from self._placed(keep)):
             self._body(prop).kept = True
             self.kept.append(prop)
-        for prop in self._placed(impact):
+        for prop in (yield from self._placed(impact)):
             body = self._body(prop)
             body.velocity.extend(velocity(settings.impact_velocity))
             body.start_frame = self._frame(settings.impact_frame)
@@ -81,13 +88,14 @@ class Extras:
 
     def _placed(self, sources):
         """Props that the fill does not draw."""
-        for prop in self.exporter.props(sources):
+        props = yield from self.exporter.props(sources)
+        for prop in props:
             self.told.props.add(path=self._add(prop.model, prop.source), weight=0.0)
-            self.props.append(prop)
-            yield prop
+        self.props += props
+        return props
 
     def _body(self, prop):
-        body = self.told.bodies.add(prop=str(len(self.told.props) - 1))
+        body = self.told.bodies.add(prop=str(len(self.told.props) - len(self.props) + self.props.index(prop)))
         location, rotation, _ = prop.frame.decompose()
         self._pose(body, location, rotation)
         return body
@@ -97,8 +105,9 @@ class Extras:
         if not sources:
             return
         friction = round(self.settings.collider_friction, 6)
-        models = self.exporter.props(sources)
-        positions, rotations = self._poses(context, sources)
+        models = yield from self.exporter.props(sources)
+        sources = [model.source for model in models]
+        positions, rotations = yield from self._poses(context, sources)
         keyed = keyframes.needed(positions, rotations)
         for number, prop in enumerate(models):
             scenery = self.told.statics.add(path=self._add(prop.model, prop.source), friction=friction)
@@ -111,21 +120,25 @@ class Extras:
         scene, settings = context.scene, self.settings
         last = settings.frame_count if settings.use_frame_count else scene.frame_end - settings.start_frame
         positions, rotations, sizes = [], [], []
-        try:
-            for frame in range(max(last, 0) + 1):
-                scene.frame_set(settings.start_frame + frame)
-                graph = context.evaluated_depsgraph_get()
-                places = [source.evaluated_get(graph).matrix_world.decompose() for source in sources]
-                positions.append([tuple(location) for location, _, _ in places])
-                rotations.append([tuple(rotation) for _, rotation, _ in places])
-                sizes.append([tuple(scale) for _, _, scale in places])
-        finally:
-            scene.frame_set(settings.start_frame)
+        frames = range(settings.start_frame, settings.start_frame + max(last, 0) + 1)
+        for first in range(0, len(frames), BATCH):
+            # Between two batches Blender is as it was.
+            try:
+                for frame in frames[first : first + BATCH]:
+                    scene.frame_set(frame)
+                    graph = context.evaluated_depsgraph_get()
+                    places = [source.evaluated_get(graph).matrix_world.decompose() for source in sources]
+                    positions.append([tuple(location) for location, _, _ in places])
+                    rotations.append([tuple(rotation) for _, rotation, _ in places])
+                    sizes.append([tuple(scale) for _, _, scale in places])
+            finally:
+                scene.frame_set(settings.start_frame)
+            yield
         changes = np.ptp(np.array(sizes), axis=0).max(axis=1)
-        wrong = [source.name for source, change in zip(sources, changes) if change > SAME_SCALE]
-        if wrong:
-            told = f"These colliders change their size: {', '.join(wrong)}. Only moving and turning is followed: "
-            raise Fault(told + "take the animation of their scale away.")
+        for source, change in zip(sources, changes):
+            if change > SAME_SCALE:
+                told = f"The collider “{source.name}” changes its size. Only moving and turning is followed: take the "
+                self.exporter.problems.append(Problem(told + "animation of its scale away.", source.name))
         return np.array(positions), np.array(rotations)
 
 

@@ -14,6 +14,8 @@ AXES = ("axis_x", "axis_z")
 THERE = 0.5
 # Rows that are worked on at once.
 BLOCK = 1 << 14
+# Names of nodes that are found again: frames since the start; since the body moves; what lies between.
+TIME, SINCE, RETIME = "Time", "Since", "Retime"
 # What the nodes read of each body.
 READ = {"first": np.intc, "count": np.intc, "offset": np.intc, "prop": np.intc, "size": np.float32}
 
@@ -81,6 +83,31 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
     modifier = shown.modifiers.new("Pile", "NODES")
     modifier.node_group = _nodes(name, table_object, parts_collection, start_frame)
     return shown
+
+
+def retime(shown, last, start, hold, speed, ease):
+    """Shows the frames at other times: as `timing.times` has them."""
+    modifier = shown.modifiers.get("Pile")
+    group = modifier and modifier.node_group
+    time = group and group.nodes.get(TIME)
+    since = group and group.nodes.get(SINCE)
+    if not (time and since):
+        # Changed by hand.
+        return
+    for node in [node for node in group.nodes if node.name.startswith(RETIME)]:
+        group.nodes.remove(node)
+    time.inputs[1].default_value = float(start + hold)
+    now = time.outputs[0]
+    last = float(max(last, 1))
+    # From the frame of the scene to that of the result.
+    steps = [("MAXIMUM", 0.0), ("MULTIPLY", speed / last), ("POWER", 2.0**ease), ("MULTIPLY", last)]
+    for number, (operation, value) in enumerate(steps if (speed, ease) != (1.0, 0.0) else ()):
+        node = group.nodes.new("ShaderNodeMath")
+        node.operation, node.name = operation, f"{RETIME} {number}"
+        node.inputs[1].default_value = value
+        group.links.new(now, node.inputs[0])
+        now = node.outputs[0]
+    group.links.new(now, since.inputs[0])
 
 
 def show_states(shown, states, colors, collection):
@@ -206,8 +233,10 @@ def _nodes(name, table_object, parts_collection, start_frame):
 
     # Which rows: the two around the frame, of the body's own.
     time = tree.math("SUBTRACT", add("GeometryNodeInputSceneTime").outputs["Frame"], float(start_frame))
+    time.node.name = TIME
     last = tree.math("SUBTRACT", tree.attribute("count", "INT"), 1.0)
     since = tree.math("SUBTRACT", time, tree.attribute("first", "INT"))
+    since.node.name = SINCE
     place = tree.math("MINIMUM", tree.math("MAXIMUM", since, 0.0), last)
     low = tree.math("FLOOR", place, 0.0)
     high = tree.math("MINIMUM", tree.math("ADD", low, 1.0), last)

@@ -340,6 +340,11 @@ class CairnSettings(PropertyGroup):
         default=1,
         min=0,
     )
+    use_replace: BoolProperty(
+        name="Replace",
+        description="Put the new pile in the place of that which is shown. Off: a pile of another seed stays, hidden; "
+        "of the same seed, it is replaced",
+    )
     output_mode: EnumProperty(name="Output", description="What the pile becomes in Blender", items=OUTPUTS)
     start_frame: IntProperty(
         name="Start Frame",
@@ -352,15 +357,55 @@ class CairnSettings(PropertyGroup):
     frame_count: IntProperty(name="Frames", description="Frames after the start frame", default=250, min=0, max=100000)
 
 
+class CairnPointer(PropertyGroup):
+    """Something that a bake was made of. Its name is its key."""
+
+    object: PointerProperty(type=bpy.types.Object)
+    collection: PointerProperty(type=bpy.types.Collection)
+
+
+class CairnAsked(PropertyGroup):
+    """What a bake under way is made of, so that a new name does no harm."""
+
+    token: StringProperty()
+    pointers: CollectionProperty(type=CairnPointer)
+
+
+class CairnVariant(PropertyGroup):
+    """A bake that was tried, kept by the server: its name tells it from the others."""
+
+    bake_id: StringProperty()
+    # JSON.
+    recipe: StringProperty()
+    # How it went, in a few words; empty before it is done.
+    told: StringProperty()
+    # What it is made of, whatever that is called now.
+    pointers: CollectionProperty(type=CairnPointer)
+
+
 class CairnBody(PropertyGroup):
     """What an object of a pile remembers."""
 
     # Which body of the pile it is, counted from 1, or the first of those that it shows; 0: none.
     number: IntProperty()
+    # Which of the pile's props it is, counted from 0, and its size, as a factor.
+    prop: IntProperty()
+    size: FloatProperty(default=1.0)
     # While it is coloured by state: the colour that is its own; of points, whether they were shown.
     is_coloured: BoolProperty()
     color: FloatVectorProperty(size=4)
     was_shown: BoolProperty()
+
+
+def _retime(self, _):
+    from . import timing
+
+    timing.apply(self.id_data)
+
+
+def _display(self, _):
+    for body in self.id_data.objects:
+        body.display_type = self.display
 
 
 class CairnResult(PropertyGroup):
@@ -375,15 +420,74 @@ class CairnResult(PropertyGroup):
     report: StringProperty()
     # As `states` packs them.
     states: StringProperty()
+    # JSON: the server's bodies that no object shows.
+    left_out: StringProperty()
+    # Frames of the result, and when they are shown: as set, and as the pile has it (JSON).
+    frame_count: IntProperty()
+    timing_start: IntProperty(
+        name="Start Frame",
+        description="Frame of the scene at which the pile begins to be held",
+        default=1,
+        update=_retime,
+    )
+    timing_hold: IntProperty(
+        name="Hold",
+        description="For how many frames the pile stands still before it is let go",
+        min=0,
+        max=100000,
+        update=_retime,
+    )
+    timing_speed: FloatProperty(
+        name="Speed",
+        description="How fast the collapse plays: 2 is twice as fast as it was simulated, 0.5 slow motion",
+        default=1.0,
+        min=0.001,
+        soft_min=0.1,
+        soft_max=10.0,
+        max=1000.0,
+        update=_retime,
+    )
+    timing_ease: FloatProperty(
+        name="Ease",
+        description="Above 0 the collapse begins slowly and becomes faster; below 0 it begins fast and becomes slower. "
+        "Its length stays",
+        min=-2.0,
+        max=2.0,
+        update=_retime,
+    )
+    timed: StringProperty()
+    display: EnumProperty(
+        name="Display",
+        description="How the bodies are shown in the 3D View. Renders are not changed by it",
+        items=[
+            ("TEXTURED", "Full", "As they are"),
+            ("SOLID", "Plain", "Without textures"),
+            ("BOUNDS", "Boxes", "As boxes: the quickest"),
+        ],
+        update=_display,
+    )
+    # Of a pile that is worked on by hand: its bodies as they settled last (JSON).
+    settled: StringProperty()
     # Not a result, but in one, with what shows points by state.
     is_of_state: BoolProperty()
     control: PointerProperty(type=bpy.types.Object)
+    # What the settings and the bodies came from, by the recipe's keys.
+    pointers: CollectionProperty(type=CairnPointer)
     # How the control mesh was shown before.
     control_hide_render: BoolProperty()
     control_display_type: StringProperty()
 
 
-CLASSES = [*PARAMETERS.values(), CairnProp, CairnSettings, CairnBody, CairnResult]
+CLASSES = [
+    *PARAMETERS.values(),
+    CairnProp,
+    CairnSettings,
+    CairnPointer,
+    CairnAsked,
+    CairnVariant,
+    CairnBody,
+    CairnResult,
+]
 
 
 def register():
@@ -393,6 +497,8 @@ def register():
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.cairn = PointerProperty(type=CairnSettings)
+    bpy.types.Scene.cairn_asked = PointerProperty(type=CairnAsked)
+    bpy.types.Scene.cairn_variants = CollectionProperty(type=CairnVariant)
     bpy.types.Collection.cairn = PointerProperty(type=CairnResult)
     bpy.types.Object.cairn = PointerProperty(type=CairnBody)
 
@@ -400,6 +506,8 @@ def register():
 def unregister():
     del bpy.types.Object.cairn
     del bpy.types.Collection.cairn
+    del bpy.types.Scene.cairn_variants
+    del bpy.types.Scene.cairn_asked
     del bpy.types.Scene.cairn
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

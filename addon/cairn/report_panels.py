@@ -3,8 +3,9 @@
 import numpy as np
 from bpy.types import Panel
 
-from . import result, running, states
-from .panels import Pile, draw_warning, wrapped
+from . import dots, glue, result, running, states, wording
+from .layouts import draw_folded, wrapped
+from .panels import Pile
 
 # Figures of the report, by their names there: what the panel calls them, what they mean, and how they are shown.
 FIGURES = [
@@ -16,6 +17,9 @@ FIGURES = [
     ("penetration_max_rel", "Penetration", "{:.1%}"),
     ("nails_end", "Nails at the end", "{:.0f}"),
 ]
+
+# Dots of glue that are listed: those that carry most.
+LISTED = 12
 
 
 class CAIRN_PT_states(Pile, Panel):
@@ -29,7 +33,7 @@ class CAIRN_PT_states(Pile, Panel):
     def draw(self, context):
         layout = self.layout
         layout.prop(context.window_manager, "cairn_states")
-        if not states.is_shown:
+        if not states.is_shown or states.is_by_load:
             return
         if running.bake:
             latest = running.bake.job.latest
@@ -47,11 +51,16 @@ class CAIRN_PT_states(Pile, Panel):
                 row = column.split(factor=0.75)
                 row.label(text=title, icon_value=states.icon(number))
                 row.label(text=str(counts[number]))
-        shading = context.space_data.shading
-        if shading.type != "SOLID":
-            layout.prop_enum(shading, "type", "SOLID", text="Colours Need Solid Shading")
-        elif shading.color_type != "OBJECT":
-            layout.prop_enum(shading, "color_type", "OBJECT", text="Show the Objects' Colours")
+        draw_shading(layout, context)
+
+
+def draw_shading(layout, context):
+    """What keeps the colours from being seen."""
+    shading = context.space_data.shading
+    if shading.type != "SOLID":
+        layout.prop_enum(shading, "type", "SOLID", text="Colours Need Solid Shading")
+    elif shading.color_type != "OBJECT":
+        layout.prop_enum(shading, "color_type", "OBJECT", text="Show the Objects' Colours")
 
 
 class CAIRN_PT_report(Pile, Panel):
@@ -84,11 +93,49 @@ class CAIRN_PT_report(Pile, Panel):
         if glue:
             wrapped(layout, context, glue)
         names = running.recipe_of(collection).get("names", {})
-        for warning in told.get("warnings", ()):
-            draw_warning(layout, context, warning, names)
+        draw_folded(layout, context, wording.gathered(told.get("warnings", ()), names))
+        if collection.cairn.mode != "POINTS":
+            layout.prop(collection.cairn, "display")
         row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
+
+
+class CAIRN_PT_holds(Pile, Panel):
+    bl_label = "What Holds It"
+    bl_parent_id = "CAIRN_PT_pile"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        collection = result.chosen(context)
+        return collection is not None and bool(glue.dots_of(collection))
+
+    def draw(self, context):
+        layout, manager = self.layout, context.window_manager
+        collection = result.chosen(context)
+        listed, objects = glue.dots_of(collection), glue.objects_of(collection)
+        layout.prop(manager, "cairn_glue")
+        layout.prop(manager, "cairn_loads")
+        if states.is_by_load:
+            draw_shading(layout, context)
+        wrapped(layout, context, "Dots of glue, and what they carry in weights of a typical prop:")
+        column = layout.column(align=True)
+        for number, dot in enumerate(listed[:LISTED]):
+            names = [_called(collection, objects, body) for body in (dot["body"], dot["other"])]
+            row = column.split(factor=0.78, align=True)
+            button = row.operator("cairn.select_dot", text=" – ".join(names), icon="RESTRICT_SELECT_OFF")
+            button.collection, button.dot = collection.name, number
+            row.label(text="broke" if dot["broken"] else f"{dot['load']:.2g}")
+        if len(listed) > LISTED:
+            layout.label(text=f"and {len(listed) - LISTED} that carry less")
+
+
+def _called(collection, objects, body):
+    if body is None:
+        return "Ground"
+    shown = objects.get(dots.number_of(collection, body))
+    return f"Body {body}" if shown is None or collection.cairn.mode == "POINTS" else shown.name
 
 
 def draw_figure(layout, title, value):
@@ -97,4 +144,4 @@ def draw_figure(layout, title, value):
     split.label(text=value)
 
 
-CLASSES = [CAIRN_PT_states, CAIRN_PT_report]
+CLASSES = [CAIRN_PT_states, CAIRN_PT_report, CAIRN_PT_holds]

@@ -1,10 +1,12 @@
 """The panels' settings and the scene -> what the server is asked to bake."""
 
+import time
+import uuid
 from dataclasses import dataclass
 
 import bpy
 
-from . import placed
+from . import placed, pointers
 from .client import Fault
 from .export import Exporter
 from .properties import GROUPS, fields_of, knows
@@ -23,6 +25,10 @@ class Request:
     # As `recipe` says, with what only lives as long as Blender.
     props: list
     recipe: dict
+    # What is wrong as far as Blender knows. The server may know of more.
+    problems: list
+    # What the recipe names, by its keys there.
+    pointers: dict
 
 
 def props_of(settings):
@@ -30,7 +36,8 @@ def props_of(settings):
     if settings.prop_source == "LIST":
         pairs = [(item.object, item) for item in settings.props if item.object]
     elif settings.prop_collection:
-        pairs = [(source, settings.prop_common) for source in objects_of(settings.prop_collection)]
+        sources = objects_of(settings.prop_collection)
+        pairs = [(source, settings.prop_common) for source in sources if not is_bare(source)]
     else:
         pairs = []
     taken = {settings.control_mesh, settings.drop_mesh, settings.region, *objects_of(settings.keep)}
@@ -46,6 +53,12 @@ def objects_of(collection):
         for source in (collection.all_objects if collection else ())
         if source.parent not in inside and source.type in PLACED
     ]
+
+
+def is_bare(source):
+    """An empty with nothing below it: somebody's marker, not a prop."""
+    family = [source, *source.children_recursive]
+    return all(member.type == "EMPTY" and member.instance_collection is None for member in family)
 
 
 def colliders_of(settings):
@@ -72,24 +85,52 @@ def missing(settings):
     return ""
 
 
-def take(context):
+def take(context, passive=False):
     """The request of a scene as it stands now."""
+    return finish(taking(context, passive))
+
+
+def finish(generator):
+    """Runs a generator to its end. Returns what it returns."""
+    while True:
+        try:
+            next(generator)
+        except StopIteration as end:
+            return end.value
+
+
+def advance(generator, seconds, take):
+    """Runs a generator for so long. Whether there is more to do; `take` gets what it returns."""
+    until = time.monotonic() + seconds
+    try:
+        next(generator)
+        while time.monotonic() < until:
+            next(generator)
+    except StopIteration as end:
+        take(end.value)
+        return False
+    return True
+
+
+def taking(context, passive=False):
+    """The same as a generator, which yields so that Blender stays awake. `passive`: nothing of the file is touched;
+    what moves is taken where it stands."""
     from .messages import v1
 
     scene, settings = context.scene, context.scene.cairn
     lacking = missing(settings)
     if lacking:
         raise Fault(lacking)
-    exporter = Exporter(context)
+    exporter = Exporter(context, passive)
     control = exporter.region(settings.control_mesh)
     chosen = props_of(settings)
-    props = exporter.props([source for source, _ in chosen])
+    props = yield from exporter.props([source for source, _ in chosen])
     colliders = colliders_of(settings)
-    moving = placed.moving(context, colliders)
-    statics = exporter.scenery([source for source in colliders if source not in moving])
+    moving = [] if passive else placed.moving(context, colliders)
+    statics = yield from exporter.scenery([source for source in colliders if source not in moving])
 
     told = v1.Scene(
-        control_mesh=v1.ControlMesh(path=control.uri),
+        control_mesh=v1.ControlMesh(path=control.uri if control else ""),
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
         seed=settings.seed,
         gravity=round(settings.gravity, 6),
@@ -100,27 +141,31 @@ def take(context):
     if settings.use_ground_height:
         told.ground_height = settings.ground_height * exporter.metres
     for prop, (_, item) in zip(props, chosen):
-        told.props.append(_prop(v1, prop.model.uri, item))
+        told.props.append(prop_message(v1, prop.model.uri, item))
     for _, model in statics:
         told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     extras = placed.Extras(v1, told, exporter, settings)
-    extras.add_moving(context, moving)
+    yield from extras.add_moving(context, moving)
     extras.add_region()
     extras.add_drops()
-    extras.add_bodies(objects_of(settings.keep), objects_of(settings.impact))
+    yield from extras.add_bodies(objects_of(settings.keep), objects_of(settings.impact))
     _set_parameters(v1, told, settings)
     told.output.fps = scene.render.fps / scene.render.fps_base
     if settings.use_frame_count:
         told.output.frames = settings.frame_count
 
-    models = [control, *(prop.model for prop in props), *(model for _, model in statics), *extras.models]
+    models = [*(prop.model for prop in props), *(model for _, model in statics), *extras.models]
+    names = {}
+    if control:
+        models.insert(0, control)
+        names[control.uri] = settings.control_mesh.name
     assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
-    names = {control.uri: settings.control_mesh.name}
     names.update((prop.model.uri, prop.source.name) for prop in props)
     names.update((model.uri, source.name) for source, model in statics)
     names.update(extras.names)
     props += extras.props
     recipe = {
+        "token": uuid.uuid4().hex,
         "scene": scene.name,
         "control": settings.control_mesh.name,
         "props": [
@@ -144,10 +189,13 @@ def take(context):
         "output_mode": settings.output_mode,
         "settings": to_dict(settings),
     }
-    return Request(v1.BakeSpec(scene=told, assets=assets), exporter.contents, props, recipe)
+    named = {"control": settings.control_mesh, **{f"props.{n}": prop.source for n, prop in enumerate(props)}}
+    named.update(pointers.of(settings, "settings."))
+    return Request(v1.BakeSpec(scene=told, assets=assets), exporter.contents, props, recipe, exporter.problems, named)
 
 
-def _prop(v1, uri, item):
+def prop_message(v1, uri, item):
+    """A prop with its settings."""
     low, high = sorted((item.scale_min, item.scale_max))
     prop = v1.Prop(
         path=uri,
@@ -209,8 +257,9 @@ def to_dict(group):
     return out
 
 
-def from_dict(group, values):
-    """Sets a property group to what `to_dict` gave, as far as the objects are still there."""
+def from_dict(group, values, found=None, path=""):
+    """Sets a property group to what `to_dict` gave, as far as the objects are still there. `found`: them, by their
+    paths, whatever their names are now; those that are not in it are looked for by name."""
     for prop in group.bl_rna.properties:
         name = prop.identifier
         if name not in values:
@@ -219,12 +268,12 @@ def from_dict(group, values):
         if prop.type == "COLLECTION":
             items = getattr(group, name)
             items.clear()
-            for item in value:
-                from_dict(items.add(), item)
+            for number, item in enumerate(value):
+                from_dict(items.add(), item, found, f"{path}{name}.{number}.")
         elif prop.type == "POINTER" and isinstance(value, dict):
-            from_dict(getattr(group, name), value)
+            from_dict(getattr(group, name), value, found, f"{path}{name}.")
         elif prop.type == "POINTER":
             known = bpy.data.objects if prop.fixed_type.identifier == "Object" else bpy.data.collections
-            setattr(group, name, known.get(value) if value else None)
+            setattr(group, name, (found or {}).get(path + name) or (known.get(value) if value else None))
         else:
             setattr(group, name, value)

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import axes, keyframes, parts, points, states
+from . import axes, keyframes, parts, pointers, points, states, timing
 from .client import Fault
 
 # Bodies up to which `AUTO` animates objects. More of them make Blender slow.
@@ -24,6 +24,7 @@ class BodyMotion:
         # A body that was never there has no place, and one that stays as placed is in the scene already.
         is_shown = np.array([prop.get("is_shown", True) for prop in recipe["props"]])
         ever = motion.present.any(axis=0) & is_shown[motion.props]
+        self.left_out = np.flatnonzero(~ever).tolist()
         ever = slice(None) if ever.all() else ever
         self.props, self.scales = motion.props[ever], motion.scales[ever]
         self.positions = axes.points_to_blender(motion.positions[:, ever], metres)
@@ -31,10 +32,37 @@ class BodyMotion:
         self.present, self.states = motion.present[:, ever], motion.states[:, ever]
 
 
+def piles(scene, control):
+    """The collections with piles of a control mesh in a scene, those that are shown first."""
+    inside = [c for c in scene.collection.children_recursive if c.cairn.is_result and c.cairn.control == control]
+    return sorted(inside, key=lambda collection: collection.hide_viewport)
+
+
 def existing(scene, control):
-    """The collection with the pile of a control mesh in a scene, if there is one."""
-    inside = scene.collection.children_recursive
-    return next((c for c in inside if c.cairn.is_result and c.cairn.control == control), None)
+    """The collection with the pile of a control mesh in a scene, if there is one: that which is shown."""
+    return next(iter(piles(scene, control)), None)
+
+
+def replaced(scene, control, settings):
+    """The pile whose place a new one takes; None if all stay. `settings`: as `to_dict` gives them."""
+    found = piles(scene, control)
+    if settings.get("use_replace", True) and found:
+        return found[0]
+    return next((pile for pile in found if seed_of(pile) == settings["seed"]), None)
+
+
+def seed_of(collection):
+    """The seed of a pile; None if it is not known."""
+    try:
+        return json.loads(collection.cairn.settings)["settings"]["seed"]
+    except (ValueError, KeyError):
+        return None
+
+
+def show_only(scene, collection):
+    """Of the piles of a control mesh, one is shown."""
+    for other in piles(scene, collection.cairn.control):
+        other.hide_viewport = other.hide_render = other != collection
 
 
 def chosen(context):
@@ -57,16 +85,17 @@ def mode_of(recipe, body_count):
 def build(context, motion, recipe, told):
     """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing of the
     pile is in the scene before the end. `told`: what the collection remembers. Returns the collection."""
-    scene = bpy.data.scenes.get(recipe["scene"]) or context.scene
-    control = bpy.data.objects.get(recipe["control"])
-    sources = [bpy.data.objects.get((prop["name"], prop.get("library"))) for prop in recipe["props"]]
+    scene, found = pointers.asked(recipe)
+    scene = scene or context.scene
+    control = found.get("control") or bpy.data.objects.get(recipe["control"])
+    sources = sources_of(recipe, found)
     gone = [prop["name"] for prop, source in zip(recipe["props"], sources) if source is None]
     if gone:
         raise Fault(f"These props are not in the file any more: {', '.join(gone)}. Bring them back, or bake again.")
     locals_ = [Matrix(prop["local"]) for prop in recipe["props"]]
     moved = BodyMotion(motion, recipe)
     mode = mode_of(recipe, len(moved.props))
-    name = f"{recipe['control']} Pile"
+    name = f"{control.name if control else recipe['control']} Pile"
     yield 0.0
 
     objects = []
@@ -89,13 +118,23 @@ def build(context, motion, recipe, told):
         bpy.data.collections.remove(unwanted)
         raise
 
-    collection = _collection(scene, control, name)
+    collection = _collection(scene, control, name, recipe.get("settings", {}))
     # Slow for many one by one; and until here nobody has seen them.
     _link(objects, collection)
-    _remember(collection, recipe, told, mode, control)
+    _remember(scene, collection, recipe, told, mode, control)
+    pointers.write(collection.cairn.pointers, found)
+    pointers.forget(recipe)
+    timing.set_by_bake(collection, recipe["start_frame"], len(moved.positions))
+    collection.cairn.left_out = json.dumps(moved.left_out)
     collection.cairn.states = states.packed(moved.states, recipe["start_frame"])
     states.refresh(scene)
     return collection
+
+
+def sources_of(recipe, found):
+    """The props' objects; None where one is gone. `found`: as `pointers` has them."""
+    named = enumerate(recipe["props"])
+    return [found.get(f"props.{n}") or bpy.data.objects.get((prop["name"], prop.get("library"))) for n, prop in named]
 
 
 def _link(objects, collection):
@@ -103,20 +142,11 @@ def _link(objects, collection):
         collection.objects.link(made_object)
 
 
-def finish(generator):
-    """Runs `build` to its end. Returns the collection."""
-    while True:
-        try:
-            next(generator)
-        except StopIteration as end:
-            return end.value
-
-
 def _body(made, moved, body, mode, start_frame):
     part = made[moved.props[body]]
     factor = float(moved.scales[body])
     shown = part.body(f"{part.name} Body", factor)
-    shown.cairn.number = body + 1
+    shown.cairn.number, shown.cairn.prop, shown.cairn.size = body + 1, int(moved.props[body]), factor
     here = moved.present[:, body]
     # Where it is first or last seen.
     at = np.flatnonzero(here)[-1 if mode == "POSE" else 0]
@@ -137,6 +167,13 @@ def _body(made, moved, body, mode, start_frame):
     return shown
 
 
+def still_body(made, moved, body, number):
+    """A body where it is in the last frame."""
+    shown = _body(made, moved, body, "POSE", 0)
+    shown.cairn.number = number
+    return shown
+
+
 def _numbered(name, made):
     """A collection of the parts' collections, whose order, by name, is the props'."""
     outer = bpy.data.collections.new(f"{name} Parts")
@@ -146,18 +183,24 @@ def _numbered(name, made):
     return outer
 
 
-def _collection(scene, control, name):
-    """The collection of the result, empty: the one that there is, or a new one."""
-    collection = existing(scene, control)
+def _collection(scene, control, name, settings):
+    """The collection of the result, empty: the one that it replaces, or a new one."""
+    collection, before = replaced(scene, control, settings), existing(scene, control)
     if collection:
         clear(collection)
     else:
-        collection = bpy.data.collections.new(name)
+        collection = bpy.data.collections.new(f"{name} Seed {settings['seed']}" if before else name)
         scene.collection.children.link(collection)
+        if before:
+            # The shape is wire already.
+            note = collection.cairn
+            note.is_result, note.control = True, control
+            note.control_hide_render = before.cairn.control_hide_render
+            note.control_display_type = before.cairn.control_display_type
     return collection
 
 
-def _remember(collection, recipe, told, mode, control):
+def _remember(scene, collection, recipe, told, mode, control):
     note = collection.cairn
     if control and not note.is_result:
         note.control_hide_render, note.control_display_type = control.hide_render, control.display_type
@@ -172,6 +215,7 @@ def _remember(collection, recipe, told, mode, control):
         control.hide_render = True
         # The pile stands where the mesh is.
         control.display_type = "WIRE"
+        show_only(scene, collection)
 
 
 def clear(collection):
@@ -188,7 +232,10 @@ def clear(collection):
 def delete(collection):
     """Takes a baked pile away, and shows the control mesh as it was."""
     note = collection.cairn
-    if note.control:
+    others = [pile for pile in piles(bpy.context.scene, note.control) if pile != collection] if note.control else []
+    if others:
+        show_only(bpy.context.scene, others[0])
+    elif note.control:
         note.control.hide_render = note.control_hide_render
         note.control.display_type = note.control_display_type or "TEXTURED"
     clear(collection)

@@ -7,11 +7,12 @@ import time
 import bpy
 import numpy as np
 
-from . import pending
+from . import dots, pending, pointers
 from .job import Job
+from .recording import Motion
 
 STAGES = {
-    "STAGE_SHAPE": "Preparing shapes",
+    "STAGE_SHAPE": "Splitting shapes",
     "STAGE_FILL": "Filling",
     "STAGE_GLUE": "Placing glue",
     "STAGE_RELEASE": "Letting go",
@@ -25,10 +26,15 @@ REST = 1e-3
 # How often a bake that only measures is looked at, s.
 TICK = 0.25
 
+# Time left is doubted from this much more than was told, and this many seconds besides.
+DOUBT = 1.5, 3.0
+
 # The bake that runs or was stopped and waits for a decision; None if there is none.
 bake = None
-# The latest answer to "Check", for the panel.
-plan = None
+# The latest answer to "Check", for the panel; and whether the scene has changed since.
+plan, plan_is_old = None, False
+# What was found wrong with the scene, for the panel; and the objects' names by what the server calls them.
+problems, names = [], {}
 # A bake of this file that was under way when it was closed.
 left = None
 # Bakes whose pile is there already, while the server still measures it.
@@ -40,23 +46,37 @@ _late = {}
 class Bake:
     """A job with what is known of it."""
 
-    def __init__(self, server, recipe, request=None, bake_id=""):
-        self.recipe = recipe
-        if request:
-            self.job = Job(server, request.spec, request.contents)
-        else:
-            self.job = Job(server, bake_id=bake_id)
-        self.state = "Connecting"
+    def __init__(self, server):
+        self.recipe = {}
+        self.job = Job(server)
+        self.state = "Reading props"
         self.accepted = self.progress = self.summary = self.fault = None
-        # "", "done", "stopped" or "failed".
+        self.left = TimeLeft()
+        # "", "done", "stopped", "kept" or "failed".
         self.end = ""
         self.is_stopping = False
         # Share of the writing, once there is a result.
         self.written = None
         self.began = time.monotonic()
 
+    def ask(self, request):
+        """What to bake."""
+        global names
+        self.recipe = request.recipe
+        names = request.recipe["names"]
+        self.job.spec, self.job.contents, self.job.problems = request.spec, request.contents, request.problems
+        if bpy.data.filepath and not request.problems:
+            self.job.kept = pending.request_folder(self.recipe)
+            pending.note(self.recipe, "")
+
+    def resume(self, recipe, bake_id):
+        """What was asked for before: the server has it, or its request is still kept."""
+        self.recipe, self.job.bake_id = recipe, bake_id
+        self.job.kept = pending.request_folder(recipe)
+
     def start(self):
-        self.job.start()
+        if not self.end:
+            self.job.start()
 
     def stop(self):
         """Ends at once; the server hears of it in the background."""
@@ -65,7 +85,25 @@ class Bake:
         self.job.stop()
         self.end = "stopped"
         self.summary = None
-        pending.forget()
+        pending.forget(self.recipe)
+
+    def kept_kind(self):
+        """What there is to be kept, as a button says it; empty if it is nothing."""
+        if self.frame_count:
+            return f"Keep the {self.frame_count} Frames"
+        latest = self.job.latest
+        count = 0 if latest is None else int(latest.present.sum())
+        return f"Keep the {count} Bodies as They Are" if count else ""
+
+    def keep(self):
+        """Takes what there is for the result."""
+        self.end, self.is_stopping = "kept", False
+        if not self.frame_count:
+            self.recipe = {**self.recipe, "output_mode": "POSE"}
+
+    def motion(self):
+        """The result; of a bake that was stopped while it filled, the bodies as they were."""
+        return self.job.recording.motion() or Motion.of([self.job.latest])
 
     def poll(self, wait=0.0):
         """Takes the news. Whether there were any."""
@@ -80,14 +118,16 @@ class Bake:
                 self.state = what
             elif kind == "accepted":
                 self.accepted, self.state = what, "Waiting for its turn"
-                pending.note(what.bake_id, self.recipe)
+                pending.note(self.recipe, what.bake_id)
             elif kind == "progress":
                 self.progress = what
+                known = what.remaining_seconds if what.HasField("remaining_seconds") else None
+                self.left.hear(what.stage, known, time.monotonic())
             else:
                 self.end = kind
                 self.summary = what if kind == "done" else None
                 self.fault = what if kind == "failed" else None
-                pending.forget()
+                pending.forget(self.recipe)
         return is_new
 
     @property
@@ -96,7 +136,9 @@ class Bake:
         from .messages import v1
 
         is_measured = self.progress is not None and self.progress.stage == v1.STAGE_MEASURE
-        return self.end == "done" or (is_measured and not self.end and not self.is_stopping and self.frame_count > 0)
+        return self.end in ("done", "kept") or (
+            is_measured and not self.end and not self.is_stopping and self.frame_count > 0
+        )
 
     @property
     def frame_count(self):
@@ -129,21 +171,24 @@ class Bake:
         return ", ".join(parts[:most])
 
     def time_left(self):
-        progress = self.progress
-        if progress is None or progress.remaining_seconds < 1:
+        if self.progress is None or self.is_stopping:
             return ""
-        return f"{duration(progress.remaining_seconds)} left in this stage"
+        seconds = self.left.told(time.monotonic())
+        if seconds is None:
+            return "Time left: not known yet"
+        return f"{duration(seconds)} left in this stage" if seconds >= 1 else ""
 
     def line(self):
         """All of it, in one line."""
         if self.written is not None:
             return f"Making the objects, {self.written:.0%}"
         share = f"{self.share():.0%}" if self.progress and not self.is_stopping else ""
-        return ", ".join(part for part in (self.stage(), share, self.counts(), self.time_left()) if part)
+        left = self.time_left() if self.left.told(time.monotonic()) is not None else ""
+        return ", ".join(part for part in (self.stage(), share, self.counts(), left) if part)
 
     def told(self):
         """What the result's collection is to remember: plain values."""
-        told = {"bake_id": self.job.bake_id, "is_whole": self.has_all_frames}
+        told = {"bake_id": self.job.bake_id, "is_whole": self.has_all_frames and self.end != "kept"}
         told["warnings"] = []
         if self.accepted:
             versions = self.accepted.versions
@@ -156,15 +201,21 @@ class Bake:
                 body_count=summary.body_count,
                 frame_count=summary.frame_count,
                 frame_rate=summary.frame_rate,
-                measures={"at_rest_fraction": self.at_rest(), **dict(sorted(summary.measures.items()))},
+                measures={
+                    "at_rest_fraction": self.at_rest(),
+                    **dict(sorted(summary.measures.items())),
+                    "prop_diameter": self.prop_diameter(),
+                },
                 counts=dict(sorted(summary.counts.items())),
                 warnings=list(summary.warnings),
                 cpu_seconds=round(summary.cpu_seconds, 3),
                 stage_seconds={name: round(value, 3) for name, value in sorted(summary.stage_seconds.items())},
                 seconds=round(time.monotonic() - self.began, 3),
+                dots=dots.told(self.job, self.job.report, self.recipe["metres"]),
             )
         else:
-            told.update(body_count=len(self.job.recording.props), frame_count=self.frame_count)
+            bodies = len(self.job.recording.props) if self.frame_count else int(self.job.latest.present.sum())
+            told.update(body_count=bodies, frame_count=self.frame_count)
         told["warnings"] += self.recipe.get("notes", ())
         return told
 
@@ -175,7 +226,35 @@ class Bake:
         count = len(before.props)
         steps = np.linalg.norm(after.positions[:count] - before.positions[:count], axis=1)
         here = after.present[:count]
-        return float((steps[here] < REST * self.summary.measures["prop_diameter"]).mean()) if here.any() else 1.0
+        return float((steps[here] < REST * self.prop_diameter()).mean()) if here.any() else 1.0
+
+    def prop_diameter(self):
+        """m. Without a fill, the measure of this name is 0."""
+        return self.summary.measures.get("prop_diameter") or self.accepted.plan.prop_diameter
+
+
+class TimeLeft:
+    """What is left of a stage, as a person is told it: it only falls, or it is not known."""
+
+    def __init__(self):
+        self.stage = self.end = None
+        self.is_doubted = False
+
+    def hear(self, stage, seconds, now):
+        """The latest estimate; None before there is one."""
+        if stage != self.stage:
+            self.stage, self.end, self.is_doubted = stage, None, False
+        if seconds is None:
+            return
+        if self.end is None or now + seconds <= self.end:
+            self.end, self.is_doubted = now + seconds, False
+        else:
+            factor, more = DOUBT
+            self.is_doubted = seconds > factor * max(self.end - now, 0.0) + more
+
+    def told(self, now):
+        """Seconds; None if they are not known."""
+        return None if self.end is None or self.is_doubted else max(self.end - now, 0.0)
 
 
 def duration(seconds):
@@ -229,7 +308,7 @@ def _collect():
         if made.end:
             measuring.remove(made)
         if made.end == "done":
-            told = _late[made.job.bake_id] = made.told()
+            told = _late[made.job.bake_id] = {**made.told(), **_by_hand(made.job.bake_id)}
             for collection in bpy.data.collections:
                 if collection.cairn.is_result and collection.cairn.bake_id == made.job.bake_id:
                     if report_of(collection)["frame_count"] != told["frame_count"]:
@@ -242,14 +321,32 @@ def _collect():
     return TICK if measuring else None
 
 
+def _by_hand(bake_id):
+    """What the pile of a bake has of the work by hand, which no bake knows of."""
+    for collection in bpy.data.collections:
+        if collection.cairn.is_result and collection.cairn.bake_id == bake_id and collection.cairn.settled:
+            before = report_of(collection)
+            return {name: before[name] for name in ("settled", "dots", "body_count") if name in before}
+    return {}
+
+
+def end():
+    """Nothing runs any more, and nothing waits for a decision."""
+    global bake
+    if bake is not None:
+        pointers.forget(bake.recipe)
+    bake = None
+
+
 def forget_all():
     """Another file is opened, or the add-on ends: the server bakes on, and nobody listens."""
-    global bake, plan, left
+    global bake, plan, left, problems
     for other in [bake, *measuring]:
         if other is not None:
             other.job.detach()
     measuring.clear()
     bake = plan = left = None
+    problems = []
     if bpy.app.timers.is_registered(_collect):
         bpy.app.timers.unregister(_collect)
 

@@ -8,7 +8,7 @@ from bpy.types import Operator
 
 from . import estimates, job, preferences, preview, request, running
 from .client import Fault
-from .operators import explain, explaining, is_running, start_frame
+from .following import explain, explaining, is_running, start_frame
 from .properties import GROUPS
 
 # How often an answer of the server is looked for, s, and how long the preferences wait for one.
@@ -90,9 +90,10 @@ class CAIRN_OT_check(Operator):
     def _ask(self, context):
         with start_frame(context):
             taken = request.take(context)
+        running.problems, running.names = [], taken.recipe["names"]
         self.accuracy = context.scene.cairn.accuracy
         estimates.asked(context)
-        self.answer = job.plan(preferences.server(context), taken.spec, taken.contents)
+        self.answer = job.plan(preferences.server(context), taken.spec, taken.contents, taken.problems)
 
     def invoke(self, context, _):
         with explaining(self):

@@ -11,7 +11,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
-from . import points
+from . import dots, points, running, timing
 
 # By the number of `BodyState`: what the panel calls it, and its colour (sRGB) from a palette (Okabe and Ito's) that the
 # colour-blind tell apart, too.
@@ -28,8 +28,10 @@ STATES = [
     ("Anchored", (0.00, 0.35, 0.25)),
 ]
 COLORS = np.array([color for _, color in STATES])
+# Behind them: those of loads.
+ALL_COLORS = np.concatenate([COLORS, dots.COLORS])
 # As Blender keeps colours of objects: linear, in single precision.
-LINEAR = np.where(COLORS <= 0.04045, COLORS / 12.92, ((COLORS + 0.055) / 1.055) ** 2.4)
+LINEAR = np.where(ALL_COLORS <= 0.04045, ALL_COLORS / 12.92, ((ALL_COLORS + 0.055) / 1.055) ** 2.4)
 LINEAR = np.concatenate([LINEAR, np.ones((len(LINEAR), 1))], axis=1).astype(np.float32)
 # Those that the panel tells of, even if no body has them: the others are rare.
 USUAL = (1, 2, 3, 4)
@@ -37,6 +39,8 @@ USUAL = (1, 2, 3, 4)
 ICON = 16
 
 is_shown = False
+# By what dots of glue carry, instead of by state.
+is_by_load = False
 _icons = None
 # How the 3D Views were coloured before.
 _shadings = {}
@@ -64,13 +68,25 @@ def known(states):
 
 
 def at(collection, frame):
-    """The states of a pile's bodies at a frame of the scene, shape [n]; None if there are none."""
+    """What a pile's bodies have the colours of, at a frame of the scene, shape [n]; None if there is nothing."""
     if not collection.cairn.states:
         return None
-    start, states = _unpacked(collection.cairn.states)
+    if is_by_load:
+        count = len(_unpacked(collection.cairn.states)[1])
+        levels = dots.loads(collection, running.report_of(collection).get("dots", ()), count)
+        return np.where(levels > 0, len(STATES) - 1 + levels, 0) if levels.any() else None
+    _, states = _unpacked(collection.cairn.states)
     last = states.shape[1] - 1
-    number = last if collection.cairn.mode == "POSE" else min(max(frame - start, 0), last)
+    number = last if collection.cairn.mode == "POSE" else _frame_of(collection, frame, last)
     return states[:, number]
+
+
+def _frame_of(collection, frame, last):
+    """Which frame of the result is shown."""
+    if not collection.cairn.frame_count:
+        return last
+    number = np.searchsorted(timing.shown(collection), frame + 1e-3, side="right") - 1
+    return int(min(max(number, 0), last))
 
 
 def refresh(scene):
@@ -156,8 +172,8 @@ def _shade(by_object):
 
 def forget():
     """Another file is opened."""
-    global is_shown
-    is_shown = False
+    global is_shown, is_by_load
+    is_shown = is_by_load = False
     _shadings.clear()
     _follow(False)
 
@@ -178,11 +194,12 @@ def _follow(on):
         handlers.remove(_on_frame)
 
 
-def show(on):
+def show(on, by_load=False):
     """Switches the colours on or off."""
-    global is_shown
-    is_shown = on
+    global is_shown, is_by_load
+    is_shown, is_by_load = on, on and by_load
     _follow(on)
+    restore()
     refresh(bpy.context.scene)
 
 
@@ -204,13 +221,21 @@ def register():
         name="Colour by State",
         description="Show what the control makes of each body at the current frame, as colours of the objects in Solid "
         "shading. Switched off, everything has its own colours again; they are not saved either way",
-        get=lambda _: is_shown,
+        get=lambda _: is_shown and not is_by_load,
         set=lambda _, on: show(on),
+    )
+    bpy.types.WindowManager.cairn_loads = BoolProperty(
+        name="Colour by Load",
+        description="Show what the dots of glue on each body carry, in weights of a typical prop, as colours of the "
+        "objects in Solid shading. Switched off, everything has its own colours again; they are not saved either way",
+        get=lambda _: is_by_load,
+        set=lambda _, on: show(on, by_load=True),
     )
 
 
 def unregister():
     show(False)
+    del bpy.types.WindowManager.cairn_loads
     del bpy.types.WindowManager.cairn_states
     from bpy.utils import previews
 

@@ -82,7 +82,7 @@ def writing():
         for _ in range(3):
             empty()
             scene()
-            from cairn import result
+            from cairn import request, result
 
             identity = [[float(i == j) for j in range(4)] for i in range(4)]
             recipe = {
@@ -95,7 +95,7 @@ def writing():
             }
             made_up = motion(bodies, FRAMES)
             began, worked = time.perf_counter(), cpu()
-            result.finish(result.build(bpy.context, made_up, recipe, {}))
+            request.finish(result.build(bpy.context, made_up, recipe, {}))
             times.append((time.perf_counter() - began, cpu() - worked))
         wall, work = (statistics.median(column) for column in zip(*times))
         print(f"{mode}: {bodies} bodies x {FRAMES} frames, {wall:.2f} s wall, {work:.2f} s CPU", flush=True)
@@ -161,10 +161,10 @@ def window():
     """The button, pressed in a window: how long each of the operator's turns takes."""
     settings = scene()
     settings.control_mesh.select_set(False)
-    from cairn import operators, running
+    from cairn import following, operators, running
 
     turns = []
-    modal, invoke = operators._Bakes.modal, operators._Bakes.invoke
+    modal, invoke = following.Follows.modal, following.Follows.invoke
 
     def timed(function):
         def turn(self, context, event):

@@ -81,21 +81,21 @@ class Desk:
         for name, value in settings.items():
             setattr(self.settings, name, value)
         result, request = self.addon("result"), self.addon("request")
-        build, take = result.build, request.take
+        build, taking = result.build, request.taking
 
         def build_and_keep(context, motion, recipe, told):
             self.motion, self.recipe = motion, recipe
             return build(context, motion, recipe, told)
 
         def take_and_keep(context):
-            self.request = take(context)
+            self.request = yield from taking(context)
             return self.request
 
-        result.build, request.take = build_and_keep, take_and_keep
+        result.build, request.taking = build_and_keep, take_and_keep
         try:
             assert bpy.ops.cairn.bake() == {"FINISHED"}
         finally:
-            result.build, request.take = build, take
+            result.build, request.taking = build, taking
         return result.existing(bpy.context.scene, self.control)
 
     def expected(self, frame):

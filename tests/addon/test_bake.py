@@ -86,7 +86,7 @@ def test_baked_again_it_is_replaced_and_deleted_it_is_gone(desk):
     blocks = count_blocks()
     assert desk.bake() == first and len(first.objects) == count and first.cairn.result_hash == kept
     assert count_blocks() == blocks
-    again = desk.bake(seed=2, output_mode="POINTS")
+    again = desk.bake(seed=2, output_mode="POINTS", use_replace=True)
     assert again == first and first.cairn.result_hash != kept
     assert bpy.ops.cairn.delete() == {"FINISHED"}
     assert count_blocks() == before
@@ -136,7 +136,7 @@ def test_check_tells_what_a_bake_would_do(desk, addon):
 
 def test_check_tells_what_each_accuracy_costs(desk, addon):
     desk.add_stick()
-    running, panels, estimates = addon("running"), addon("panels"), addon("estimates")
+    running, panels = addon("running"), addon("panels")
     assert panels.expected("STANDARD") == ""
     bpy.ops.cairn.check()
     assert panels.expected("STANDARD") and panels.reliance()
@@ -149,11 +149,11 @@ def test_check_tells_what_each_accuracy_costs(desk, addon):
     ]
     assert panels.reliance().endswith("2.5")
     # What a plan depends on, and what it does not.
-    asked = estimates._fingerprint(bpy.context.scene)
+    asked = addon("fingerprint").of(bpy.context.scene)
     desk.settings.accuracy, desk.settings.output_mode = "FINE", "POSE"
-    assert estimates._fingerprint(bpy.context.scene) == asked
+    assert addon("fingerprint").of(bpy.context.scene) == asked
     desk.settings.fill.use_count = True
-    assert estimates._fingerprint(bpy.context.scene) != asked
+    assert addon("fingerprint").of(bpy.context.scene) != asked
 
 
 def test_without_a_ground_there_is_something_to_fall_on(desk, addon):

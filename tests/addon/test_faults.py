@@ -40,7 +40,9 @@ def start(desk, addon, **settings):
         setattr(desk.settings, name, value)
     request, running, chosen = addon("request"), addon("running"), addon("preferences")
     taken = request.take(bpy.context)
-    bake = running.bake = running.Bake(chosen.server(bpy.context), taken.recipe, taken)
+    bake = running.bake = running.Bake(chosen.server(bpy.context))
+    addon("pointers").ask(bpy.context.scene, taken.recipe["token"], taken.pointers)
+    bake.ask(taken)
     bake.start()
     return bake
 
@@ -209,7 +211,7 @@ def test_every_button_and_setting_says_what_it_does(addon):
     for prop in addon("preferences").CairnPreferences.bl_rna.properties:
         if prop.identifier not in ("rna_type", "bl_idname"):
             assert len(prop.description) > 10, prop.identifier
-    for modules in ("operators", "pile_operators", "setup_operators"):
+    for modules in ("operators", "pile_operators", "setup_operators", "variant_operators", "glue"):
         for operator in importlib.import_module(addon(modules).__name__).CLASSES:
             assert len(operator.__doc__) > 20, operator
 
@@ -220,7 +222,7 @@ def test_the_pile_is_there_before_its_figures(desk, addon):
     bake = start(desk, addon, accuracy="DRAFT", seed=41)
     wait(bake, lambda: bake.has_all_frames)
     motion = bake.job.recording.motion()
-    collection = result.finish(result.build(bpy.context, motion, bake.recipe, bake.told()))
+    collection = addon("request").finish(result.build(bpy.context, motion, bake.recipe, bake.told()))
     assert running.report_of(collection)["is_whole"]
     running.bake = None
     running.wait_for_report(bake)

@@ -1,7 +1,9 @@
 """How far a pile keeps its shape: what is asked of the server, what the file keeps, and what is told of the glue."""
 
 import bpy
+import numpy as np
 import pytest
+from conftest import TURN
 
 
 @pytest.fixture
@@ -37,7 +39,7 @@ def test_the_other_parameters_are_in_a_panel_of_their_own(desk, glue, addon):
 
 
 def test_a_changed_choice_is_a_changed_scene(desk, glue, addon):
-    fingerprint = addon("estimates")._fingerprint
+    fingerprint = addon("fingerprint").of
     before = fingerprint(bpy.context.scene)
     desk.settings.kept_shape = "TACKY"
     tacky = fingerprint(bpy.context.scene)
@@ -96,3 +98,48 @@ def test_the_words_for_it(addon):
     assert words(told(24, 0.4, 4.0, 2)) == (
         "24 dots of glue join 40% of the bodies. 4 dots hold on to the ground or to scenery. 2 broke."
     )
+
+
+def test_dots_are_where_the_server_has_them(desk, glue, addon):
+    """Each on a body that it joins, whatever the body does then."""
+    desk.control.scale = (1.0, 0.35, 1.6)
+    bakes, running, view, dots = [], addon("running"), addon("glue"), addon("dots")
+    told = running.Bake.told
+    running.Bake.told = lambda bake: bakes.append(bake) or told(bake)
+    try:
+        collection = desk.bake(start_frame=5)
+    finally:
+        running.Bake.told = told
+    report = bakes[-1].job.report
+    listed = view.dots_of(collection)
+    assert len(listed) == len(report["glue"]["dots"]) > 0
+    assert [dot["load"] for dot in listed] == sorted((dot["load"] for dot in listed), reverse=True)
+    assert listed[0]["load"] == pytest.approx(report["measures"]["glue_force_max"], rel=1e-3)
+    bpy.context.scene.frame_set(10**5)
+    expected = np.array([dot["point"] for dot in report["glue"]["dots"]]) @ TURN.T
+    found = view.places(collection)
+    assert np.abs(found[:, None] - expected[None]).max(axis=2).min(axis=1).max() < 1e-4
+    first = view.objects_of(collection)[dots.number_of(collection, listed[0]["body"])]
+    first.animation_data_clear()
+    first.location.x += 1.0
+    bpy.context.view_layer.update()
+    assert view.places(collection)[0][0] - found[0][0] == pytest.approx(1.0, abs=1e-4)
+    assert bpy.ops.cairn.select_dot(collection=collection.name, dot=0) == {"FINISHED"}
+    assert first in bpy.context.selected_objects
+    # Bodies have the colour of the most that a dot on them carries, and then their own again.
+    own = tuple(first.color)
+    states, manager = addon("states"), bpy.context.window_manager
+    manager.cairn_loads = True
+    wanted = states.LINEAR[len(states.STATES) + dots.level(listed[0]["load"])]
+    assert np.allclose(first.color, wanted, atol=1e-6) and not manager.cairn_states
+    manager.cairn_loads = False
+    assert tuple(first.color) == own
+
+
+def test_bodies_that_are_not_shown_are_left_out_of_the_count(addon):
+    dots = addon("dots")
+    made = bpy.data.collections.new("Pile")
+    made.cairn.left_out = "[1, 4]"
+    assert [dots.number_of(made, body) for body in (0, 1, 2, 3, 4, 5, None)] == [1, None, 2, 3, None, 4, None]
+    told = [{"body": 0, "other": 2, "load": 3.0}, {"body": 2, "other": None, "load": 0.1}]
+    assert dots.loads(made, told, 4).tolist() == [4, 4, 0, 0]

@@ -47,7 +47,7 @@ def write(desk, motion, mode):
     desk.add_stick()
     desk.motion, desk.recipe = motion, recipe_of(desk, mode)
     result = desk.addon("result")
-    return result.finish(result.build(bpy.context, motion, desk.recipe, {}))
+    return desk.addon("request").finish(result.build(bpy.context, motion, desk.recipe, {}))
 
 
 def check(desk, collection, frame, matrices, present):
@@ -160,8 +160,8 @@ def test_axes_there_and_back(addon):
     assert np.array_equal(axes.rotations_to_blender([0, 0.6, 0, 0.8]), [0.8, 0, 0, 0.6])
 
 
-def test_the_preview_draws_boxes_of_large_piles(addon):
-    preview, recording = addon("preview"), addon("recording")
+def test_the_preview_draws_many_bodies_coarser(addon):
+    preview, recording, outline = addon("preview"), addon("recording"), addon("outline")
     motion = made_up(addon)
     snapshot = recording.Snapshot(
         3,
@@ -170,17 +170,19 @@ def test_the_preview_draws_boxes_of_large_piles(addon):
         *(v[0] for v in (motion.positions, motion.rotations)),
         *(v[0] for v in (motion.present, motion.states)),
     )
-    shape = np.random.default_rng(1).normal(size=(100, 3, 3))
-    drawn = preview.Preview.__new__(preview.Preview)
-    drawn.metres, drawn.shapes, drawn.boxes = 1.0, [shape], [preview.box(shape)]
-    assert len(drawn._triangles(snapshot)[0]) == 20 * 100 * 3
-    preview_limit, preview.MAX_TRIANGLES = preview.MAX_TRIANGLES, 100
+    points = np.random.default_rng(1).normal(size=(100, 3))
+    outlines = [outline.shaded(points, np.arange(99).reshape(33, 3)), *(outline.shaded(*outline.box(points)),) * 2]
+    drawn = preview.Preview([preview.Drawn(outlines, preview.COLORS[0])], 1.0, is_shown=False)
+    assert drawn.update(snapshot) and not drawn.update(snapshot)
+    assert len(drawn.faces) == 20 * 33 and drawn.faces.max() < len(drawn.arrays[0]) == len(drawn.arrays[1])
+    limit, preview.MAX_TRIANGLES = preview.MAX_TRIANGLES, 300
     try:
-        vertices, colors = drawn._triangles(snapshot)
+        vertices, colors = drawn._vertices(snapshot)
     finally:
-        preview.MAX_TRIANGLES = preview_limit
-    assert len(vertices) == len(colors) == 20 * 12 * 3
+        preview.MAX_TRIANGLES = limit
+    assert len(drawn.faces) == 20 * 12 and len(vertices) == len(colors)
     # A box's faces look outwards.
-    box = preview.box(shape)
+    corners, faces = outline.box(points)
+    box = corners[faces]
     normals = np.cross(box[:, 1] - box[:, 0], box[:, 2] - box[:, 0])
-    assert (np.einsum("ti,ti->t", normals, box.mean(axis=1) - shape.reshape(-1, 3).mean(axis=0)) > 0).all()
+    assert (np.einsum("ti,ti->t", normals, box.mean(axis=1) - points.mean(axis=0)) > 0).all()

@@ -52,7 +52,7 @@ def test_colliders_that_grow_are_refused(placing):
         wall.scale.z = size
         wall.keyframe_insert("scale", frame=frame)
     placing.settings.colliders = collection("Walls", wall)
-    with pytest.raises(RuntimeError, match="change their size: Wall"):
+    with pytest.raises(RuntimeError, match="“Wall” changes its size"):
         bpy.ops.cairn.bake()
 
 

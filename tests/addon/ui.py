@@ -2,8 +2,8 @@
 
     blender --factory-startup --window-geometry 0 0 1400 900 --python ui.py
 
-Bakes five times: stopped by Esc, by the right mouse button and by the Cancel button, and to the end, as objects and as
-points, both of them coloured by state, too. $CAIRN_ADDON is the add-on's zip,
+Bakes four times: stopped by Esc and by the Cancel button, and to the end, as objects and as points, both of them
+coloured by state, too. $CAIRN_ADDON is the add-on's zip,
 $CAIRN_SCREENSHOTS a folder for pictures of the window.
 """
 
@@ -16,11 +16,11 @@ import traceback
 import bpy
 
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
-# there; the button; and Cancel, which is shown above the rest while a bake runs.
+# there; the button; and Cancel, at the right end of the same row while a bake runs.
 TAB = 1144, 192
-BAKE_BELOW_ACCURACIES = 1030, 438
+BAKE_BELOW_ACCURACIES = 1000, 468
 ACCURACY_HEIGHT = 21
-CANCEL = 1050, 219
+CANCEL_X = 1106
 VIEW = 600, 500
 PATIENCE = 60.0
 SCREENSHOTS = os.environ["CAIRN_SCREENSHOTS"]
@@ -50,6 +50,16 @@ def press(key):
     press_done()
     xdotool("key", key)
     yield 0.02
+
+
+def answer_escape():
+    """Esc asks; the answer lies under the pointer."""
+    xdotool("mousemove", *VIEW)
+    yield 0.3
+    yield from press("Escape")
+    yield 0.6
+    picture("3-question.png")
+    yield from click(VIEW[0], VIEW[1] + 2)
 
 
 def press_done():
@@ -123,15 +133,21 @@ def walk():
     with view(area):
         bpy.ops.ed.undo_push(message="scene")
 
-    # To be stopped on the way.
+    # To be stopped on the way. A click elsewhere, or Esc without an answer, does not.
     settings.accuracy, settings.use_frame_count, settings.frame_count = "DRAFT", True, 100000
-    stops = {"escape": lambda: press("Escape"), "mouse": lambda: click(*VIEW, 3), "button": lambda: click(*CANCEL)}
-    for name, stop in stops.items():
+    cancel_button = CANCEL_X, bake_button[1]
+    for name, stop in (("escape", answer_escape), ("button", lambda: click(*cancel_button))):
         yield from click(*bake_button)
         yield from wait(lambda: running.bake and running.bake.frame_count > 5, f"frames, to stop by {name}")
         yield 0.5
         picture(f"3-{name}.png")
         bake = running.bake
+        yield from click(*VIEW, 3)
+        yield 0.5
+        # Closes the menu.
+        xdotool("mousemove", 300, 700)
+        yield 0.5
+        assert not bake.end
         yield from stop()
         yield from wait(lambda: bake.end, f"the end by {name}")
         print(f"stopped by {name}: at most {time.monotonic() - pressed_at:.2f} s later", flush=True)

@@ -40,6 +40,7 @@ async fn a_plan_simulates_nothing() {
     assert!(plan.expected_step_count > 100 && plan.prop_diameter > 1.0 && plan.stages.len() == 6);
     assert_eq!(plan.estimates.len(), 5);
     assert!(plan.estimates.iter().all(|e| e.cpu_seconds > 0.0 && e.factor >= 1.0 && e.penetration_mean_rel > 0.0));
+    assert!(plan.estimates.iter().all(|e| e.glue_dots > 0.0));
     assert_eq!(planned.effective_scene.unwrap().seed, Some(1));
     let list = service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner();
     assert!(list.bakes.is_empty());
@@ -48,6 +49,9 @@ async fn a_plan_simulates_nothing() {
     let (told, end) = events(service.bake(crate::server::request(short(1))).await.unwrap().into_inner()).await;
     end.unwrap();
     assert_eq!(accepted_id(&told), planned.bake_id);
+    // Its events are the same on every machine.
+    let Some(Kind::Accepted(accepted)) = &told[0].kind else { panic!("{told:?}") };
+    assert!(accepted.plan.as_ref().unwrap().estimates.is_empty());
 }
 
 #[tokio::test]

@@ -24,6 +24,7 @@ pub struct Args {
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Task {
     Plan,
+    Accept,
     Bake,
 }
 
@@ -34,6 +35,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let result = match args.task {
         Task::Plan => worker::plan(&args.folder),
+        Task::Accept => worker::accept(&args.folder),
         Task::Bake => {
             let mut cache = args.cache.as_deref().map_or_else(Cache::none, Cache::at);
             worker::bake(&args.folder, &mut cache)

@@ -20,6 +20,8 @@ use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 #[derive(Clone, Copy)]
 pub enum Task {
     Plan,
+    /// A plan without what it would cost: a bake is to begin.
+    Accept,
     Bake,
 }
 
@@ -45,6 +47,7 @@ impl Worker {
         let mut command = Command::new(program);
         command.arg("worker").arg(match task {
             Task::Plan => "plan",
+            Task::Accept => "accept",
             Task::Bake => "bake",
         });
         command.arg(folder);

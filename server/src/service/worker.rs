@@ -15,7 +15,8 @@ use crate::wire::digest::hex;
 use crate::wire::frame_delta::FrameDelta;
 use crate::wire::proto::{self, bake_event::Kind};
 use crate::wire::to_proto;
-use cairn_core::input::observer::{Frame, Observer, Progress};
+use cairn_core::input::observer::{Frame, Observer, Progress, Stage};
+use cairn_core::prepare::estimate::Estimate;
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -86,14 +87,23 @@ pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Tells what a bake would do, or all that is wrong with it.
+/// Tells what a bake would do and cost, or all that is wrong with it.
 pub fn plan(folder: &Path) -> Result<(), Error> {
-    let (spec, job) = read(folder)?;
-    let plan = cairn_core::plan(&job.scene, &job.params).map_err(job::Error::from)?;
+    let (_, job) = read(folder)?;
     let estimates = job.estimates().map_err(job::Error::from)?;
-    debug_assert!(spec.scene.is_some());
+    tell_plan(job, &estimates)
+}
+
+/// The same, but for what it costs: that takes as long as the bake's first stage, and tells of the machine.
+pub fn accept(folder: &Path) -> Result<(), Error> {
+    let (_, job) = read(folder)?;
+    tell_plan(job, &[])
+}
+
+fn tell_plan(job: Job, estimates: &[Estimate]) -> Result<(), Error> {
+    let plan = cairn_core::plan(&job.scene, &job.params).map_err(job::Error::from)?;
     tell(News::Planned(Box::new(proto::Accepted {
-        plan: Some(to_proto::plan(&plan, &job.notes, &estimates, &job.params)),
+        plan: Some(to_proto::plan(&plan, &job.notes, estimates, &job.params)),
         effective_scene: Some(job.effective),
         ..Default::default()
     })));
@@ -102,6 +112,9 @@ pub fn plan(folder: &Path) -> Result<(), Error> {
 
 /// Bakes, and leaves the files in the folder.
 pub fn bake(folder: &Path, cache: &mut Cache) -> Result<(), Error> {
+    // It waits no longer, even if there is much to read.
+    let begun = Progress { stage: Stage::Shape, fraction: 0.0, bodies: 0, released: 0, at_rest: 0, nails: 0 };
+    tell(News::Progress(to_proto::progress(&begun, None)));
     let (spec, job) = read(folder)?;
     let name = result_name(spec.format());
     let path = folder.join(name);

@@ -109,6 +109,7 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         factor: estimate.factor,
         penetration_mean_rel: estimate.penetration_mean_rel,
         friction_violation_mean: estimate.friction_violation_mean,
+        glue_dots: estimate.glue_dots,
     };
     let effect = |effect: &Effect| proto::Effect {
         name: effect.name.to_string(),

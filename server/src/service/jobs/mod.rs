@@ -195,7 +195,7 @@ impl Bakes {
         let _planner = self.planners.acquire().await;
         let folder = self.store.prepare_plan(&spec)?;
         let mut worker = None;
-        let accepted = self.run_plan(folder.path(), &mut worker).await?;
+        let accepted = self.run_plan(Task::Plan, folder.path(), &mut worker).await?;
         Ok(proto::PlanBakeResponse {
             bake_id: bake_id(&spec),
             plan: accepted.plan,
@@ -204,10 +204,15 @@ impl Bakes {
     }
 
     /// Lets a worker plan. `slot` holds the process, so that the caller may wait for its end.
-    async fn run_plan(&self, folder: &std::path::Path, slot: &mut Option<Worker>) -> Result<proto::Accepted, Fault> {
+    async fn run_plan(
+        &self,
+        task: Task,
+        folder: &std::path::Path,
+        slot: &mut Option<Worker>,
+    ) -> Result<proto::Accepted, Fault> {
         /// A plan reads files and measures meshes; what takes longer is hostile.
         const LONGEST: Duration = Duration::from_secs(120);
-        let worker = slot.insert(Worker::start(&self.config, Task::Plan, folder)?);
+        let worker = slot.insert(Worker::start(&self.config, task, folder)?);
         let news = tokio::time::timeout(LONGEST, worker.next()).await;
         match news.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
             Some(News::Planned(accepted)) => Ok(*accepted),

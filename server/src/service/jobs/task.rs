@@ -134,7 +134,7 @@ impl Bakes {
     ) -> Result<Accepted, Fault> {
         let _planner = self.planners.acquire().await;
         self.store.prepare(id, spec)?;
-        let mut accepted = self.run_plan(folder, slot).await?;
+        let mut accepted = self.run_plan(Task::Accept, folder, slot).await?;
         // It has said all.
         if let Some(mut planner) = slot.take() {
             planner.kill().await;

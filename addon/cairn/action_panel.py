@@ -1,0 +1,88 @@
+"""The button, how the bake goes, and what is wrong: in one place, so that nothing moves under the pointer."""
+
+from . import live, preferences, request, result, running, wording
+from .following import is_running
+from .layouts import draw_folded, draw_sentences, wrapped
+
+TALL = 1.6
+
+
+def draw(layout, context, settings):
+    layout.use_property_split = False
+    bake = running.bake
+    lacking, problem = request.missing(settings), ""
+    if preferences.of(context).server == "LOCAL":
+        problem = preferences.program_problem(preferences.of(context))
+    row = layout.row(align=True)
+    row.scale_y = TALL
+    if bake and is_running():
+        lines = _draw_running(row, bake)
+    elif bake:
+        row.operator("cairn.keep", text=bake.kept_kind(), icon="CHECKMARK")
+        row.operator("cairn.discard", text="", icon="X")
+        lines = "Stopped. Keep what there is,", "or restore the scene."
+    elif running.left:
+        row.operator("cairn.fetch", icon="IMPORT")
+        row.operator("cairn.forget", text="", icon="X")
+        lines = "A bake was under way", "when this file was closed."
+    else:
+        lines = _draw_bake(row, context, settings, not lacking and not problem)
+    column = layout.column(align=True)
+    # Always two.
+    for line in lines:
+        column.label(text=line)
+    if is_running():
+        return
+    if lacking:
+        wrapped(layout, context, lacking, "INFO")
+    elif problem:
+        wrapped(layout, context, problem, "ERROR")
+        layout.operator("cairn.preferences", icon="PREFERENCES")
+    elif running.problems:
+        box = layout.box()
+        box.label(text="This has to be put right first:")
+        draw_sentences(box, context, problems())
+    elif running.plan:
+        draw_folded(layout, context, wording.gathered(running.plan["warnings"], running.names))
+
+
+def problems():
+    """What is wrong with the scene, with the objects that each is about."""
+    told = {}
+    for problem in running.problems:
+        about = [problem.about] if problem.about else []
+        for text, things in [(problem.text, about)] if about else wording.gathered([problem.text], running.names):
+            told.setdefault(text, []).extend(name for name in things if name not in told.get(text, ()))
+    return list(told.items())
+
+
+def _draw_running(row, bake):
+    share = bake.share() if bake.written is None else bake.written
+    title = bake.stage() if bake.written is None else "Making the objects"
+    text = f"{title}  {share:.0%}" if bake.progress or bake.written is not None else title
+    if hasattr(row, "progress"):
+        row.progress(factor=share, text=text)
+    else:
+        row.label(text=text, icon="TIME")
+    row.operator("cairn.stop", text="", icon="CANCEL")
+    return bake.counts(2), bake.time_left()
+
+
+def _draw_bake(row, context, settings, may_bake):
+    control = settings.control_mesh
+    again = result.existing(context.scene, control) if control else None
+    buttons = row.row(align=True)
+    buttons.enabled = may_bake
+    buttons.operator("cairn.bake", text="Bake Pile Again" if again else "Bake Pile", icon="PHYSICS")
+    buttons.operator("cairn.check", text="", icon="VIEWZOOM")
+    row.prop(context.window_manager, "cairn_live", text="", icon="HIDE_OFF" if live.is_on else "HIDE_ON")
+    if live.is_on:
+        return live.told() or "Live", ""
+    if again is None:
+        return "", ""
+    place = result.replaced(context.scene, control, {"use_replace": settings.use_replace, "seed": settings.seed})
+    if place is None:
+        return f"“{again.name}” stays,", "hidden: another seed"
+    again, told = place, running.report_of(place)
+    what = "the pile" if told.get("is_whole") else f"the {told.get('body_count', 0)} bodies that were kept"
+    return f"Replaces {what} in", f"“{again.name}”"

@@ -1,0 +1,77 @@
+"""The dots of glue of a pile, as its collection remembers them."""
+
+import json
+
+import numpy as np
+
+from . import axes
+
+# Loads, in weights of a typical prop, from which a dot or a body has the next colour (sRGB), from pale to dark red:
+# told apart by lightness, too.
+LOADS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+COLORS = np.array(
+    [
+        (1.00, 0.96, 0.75),
+        (1.00, 0.86, 0.50),
+        (0.99, 0.72, 0.35),
+        (0.97, 0.54, 0.26),
+        (0.89, 0.33, 0.18),
+        (0.73, 0.13, 0.13),
+        (0.45, 0.00, 0.10),
+    ]
+)
+
+
+def told(job, report, metres):
+    """What a collection remembers of the glue, of a report and the last frame: for each dot the bodies, where it is on
+    the first of them (its own axes, Blender's, scene units), the load in weights of a typical prop, whether it broke.
+    Those that carry most come first."""
+    dots = (report.get("glue") or {}).get("dots", ())
+    frames = job.recording.frames
+    if not dots or not frames:
+        return []
+    forces = [float(np.linalg.norm(dot["force"])) for dot in dots]
+    # The report has the largest in weights, too.
+    largest = report["measures"].get("glue_force_max") or 0.0
+    weight = max(forces) / largest if largest else 1.0
+    last, made = frames[-1], []
+    for dot, force in zip(dots, forces):
+        body = dot["body"]
+        position = axes.points_to_blender(last.positions[body].astype(float), metres)
+        w, x, y, z = axes.rotations_to_blender(last.rotations[body].astype(float))
+        turn = axes.matrices(np.zeros((1, 3)), np.array([[w, x, y, z]]), np.ones(1))[0, :, :3]
+        at = turn.T @ (axes.points_to_blender(np.array(dot["point"]), metres) - position)
+        made.append(
+            {
+                "body": body,
+                "other": dot["other"],
+                "at": [round(float(value), 6) for value in at],
+                "load": round(force / weight, 4) if weight else 0.0,
+                "broken": dot["is_broken"],
+            }
+        )
+    return sorted(made, key=lambda dot: -dot["load"])
+
+
+def level(load):
+    """Which colour a load has."""
+    return int(np.searchsorted(LOADS, load, side="right")) - 1
+
+
+def loads(collection, dots, count):
+    """The largest load of each body's dots, as levels counted from 1; 0 of those that no dot holds. Shape [count]."""
+    levels = np.zeros(count, int)
+    for dot in dots:
+        for body in (dot["body"], dot["other"]):
+            number = number_of(collection, body)
+            if number is not None and 0 < number <= count:
+                levels[number - 1] = max(levels[number - 1], 1 + level(dot["load"]))
+    return levels
+
+
+def number_of(collection, body):
+    """By which number the pile's objects know a body of the server; None for the ground, and for what is not shown."""
+    left_out = json.loads(collection.cairn.left_out or "[]")
+    if body is None or body in left_out:
+        return None
+    return 1 + body - sum(other < body for other in left_out)

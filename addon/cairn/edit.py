@@ -1,0 +1,271 @@
+"""A pile that is worked on by hand: bodies taken out, replaced, moved or added, and what that disturbs settles again.
+All else stays: its objects are not even written to."""
+
+import json
+import uuid
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Quaternion, Vector
+from mathutils.bvhtree import BVHTree
+
+from . import axes, outline, parts, pointers, request, result, running, timing
+from .client import Fault
+from .dots import number_of
+from .export import Exporter
+
+# A body was moved by hand from this on, relative to its prop's size; two touch within this.
+MOVED, TOUCH = 1e-4, 0.03
+# Triangles of a body, for finding out who touches whom.
+TRIANGLES = 80
+# New bodies appear so high above the pile and over so much of its width, in sizes of the largest prop.
+ABOVE, MARGIN = 1.5, 0.25
+# How fast they come, bodies per second.
+RATE = 12.0
+
+
+def still_copy(scene, collection):
+    """A pile of objects without animation, as the given one ends: that one is hidden, and stays."""
+    frame = scene.frame_current
+    scene.frame_set(timing.end_of(collection))
+    made = bpy.data.collections.new(f"{collection.name} Edited")
+    for body in collection.objects:
+        copy = body.copy()
+        copy.animation_data_clear()
+        copy.matrix_world = body.matrix_world
+        made.objects.link(copy)
+    scene.frame_set(frame)
+    scene.collection.children.link(made)
+    for prop in collection.cairn.bl_rna.properties:
+        if not prop.is_readonly and prop.identifier not in ("name", "rna_type") and not prop.identifier[:6] == "timing":
+            setattr(made.cairn, prop.identifier, getattr(collection.cairn, prop.identifier))
+    pointers.write(made.cairn.pointers, pointers.read(collection.cairn.pointers))
+    made.cairn.mode, made.cairn.frame_count = "POSE", 0
+    remember(made)
+    result.show_only(scene, made)
+    return made
+
+
+def remember(collection):
+    """The pile has settled as it is now."""
+    collection.cairn.settled = json.dumps({str(body.cairn.number): _state(body) for body in collection.objects})
+
+
+def _state(body):
+    return [body.cairn.prop, *body.location, *body.rotation_quaternion]
+
+
+def is_edited(collection):
+    """Whether a pile is one to work on."""
+    return bool(collection and collection.cairn.settled)
+
+
+class Placed:
+    """Bodies of a pile as they stand: objects [n], and what they are made of."""
+
+    def __init__(self, collection, props):
+        self.objects = [body for body in collection.objects if body.cairn.number]
+        self.props = props
+        # Of what the pile was when it settled last: by number, prop and pose.
+        before = {int(number): state for number, state in json.loads(collection.cairn.settled).items()}
+        here = {body.cairn.number for body in self.objects}
+        shapes = [outline.fewer(prop.vertices, prop.triangles, TRIANGLES) for prop in props]
+        self.sizes = [float(np.ptp(points, axis=0).max()) for points, _ in shapes]
+        self.shapes = shapes
+        self.changed = [self._is_changed(body, before.get(body.cairn.number)) for body in self.objects]
+        # Where something was that is not there any more.
+        moved = {body.cairn.number for body, is_changed in zip(self.objects, self.changed) if is_changed}
+        self.partners = _partners(collection)
+        self.lost = moved | (set(before) - here)
+        self.gone = [
+            self._tree(*_pose(state)) for number, state in before.items() if number in moved or number not in here
+        ]
+
+    def _is_changed(self, body, state):
+        if state is None or state[0] != body.cairn.prop:
+            return True
+        now = _state(body)
+        limit = MOVED * self.sizes[body.cairn.prop]
+        turn = max(abs(a - b) for a, b in zip(now[4:], state[4:]))
+        return max(abs(a - b) for a, b in zip(now[1:4], state[1:4])) > limit or turn > MOVED
+
+    def _tree(self, prop, matrix, size=1.0):
+        points, triangles = self.shapes[prop]
+        world = points * size @ np.array(matrix)[:3, :3].T + np.array(matrix)[:3, 3]
+        tree = BVHTree.FromPolygons(world.tolist(), triangles.tolist(), epsilon=TOUCH * self.sizes[prop] * size)
+        return tree, world.min(axis=0), world.max(axis=0)
+
+    def disturbed(self):
+        """A generator: which objects may move, [n]: those that were changed, those that stood on what is gone, and all
+        that stands on them."""
+        trees = []
+        for body in self.objects:
+            location, rotation = body.location, body.rotation_quaternion
+            matrix = Matrix.Translation(location) @ rotation.to_matrix().to_4x4()
+            trees.append(self._tree(body.cairn.prop, matrix, body.cairn.size))
+            yield
+        low, high = (np.array([tree[side] for tree in trees]) for side in (1, 2))
+        index = {body.cairn.number: n for n, body in enumerate(self.objects)}
+        glued = {index[other] for number in self.lost for other in self.partners.get(number, ()) if other in index}
+        free = [is_changed or n in glued for n, is_changed in enumerate(self.changed)]
+        waiting = [(tree, None) for tree in self.gone] + [(trees[n], n) for n in range(len(trees)) if free[n]]
+        while waiting:
+            (tree, bottom, top), own = waiting.pop()
+            reach = TOUCH * max(self.sizes)
+            near = ((low <= top + reach) & (high >= bottom - reach)).all(axis=1)
+            # What lies below does not need it.
+            above = (low + high)[:, 2] > (bottom + (top if own is not None else bottom))[2]
+            known = self.partners.get(self.objects[own].cairn.number, ()) if own is not None else ()
+            # Glue holds no body that moves: whoever was glued to it is on its own.
+            partners = {index[other] for other in known if other in index}
+            for number in {*np.flatnonzero(near & above).tolist(), *partners}:
+                touches = number in partners or tree.overlap(trees[number][0])
+                if not free[number] and number != own and touches:
+                    free[number] = True
+                    waiting.append((trees[number], number))
+            yield
+        return free
+
+
+def _partners(collection):
+    """Who is glued to whom, by number."""
+    found = {}
+    for dot in running.report_of(collection).get("dots", ()):
+        ends = [number_of(collection, body) for body in (dot["body"], dot["other"])]
+        if None not in ends and not dot["broken"]:
+            for one, other in (ends, ends[::-1]):
+                found.setdefault(one, set()).add(other)
+    return found
+
+
+def _pose(state):
+    prop, *numbers = state
+    return int(prop), Matrix.Translation(numbers[:3]) @ Quaternion(numbers[3:]).to_matrix().to_4x4()
+
+
+def settling(context, collection, added=0, over=()):
+    """A generator: the request to let what was disturbed settle, and objects and whether they may move. `added`: so
+    many props are dropped from above, over those objects, or over the whole pile."""
+    from .messages import v1
+
+    settings = context.scene.cairn
+    recipe = running.recipe_of(collection)
+    found = pointers.read(collection.cairn.pointers)
+    sources = result.sources_of(recipe, found)
+    if None in sources:
+        raise Fault("Some of the pile's props are not in the file any more. Bring them back first.")
+    exporter = Exporter(context)
+    props = yield from exporter.props(sources)
+    if exporter.problems:
+        raise Fault("", problems=exporter.problems)
+    placed = Placed(collection, props)
+    free = yield from placed.disturbed()
+    if not any(free) and not added:
+        raise Fault("Nothing was changed since the pile settled. Remove, replace, move or add bodies first.")
+    statics = yield from exporter.scenery(request.colliders_of(settings))
+
+    told = v1.Scene(
+        accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
+        seed=settings.seed,
+        gravity=round(settings.gravity, 6),
+        ground_friction=round(settings.collider_friction, 6),
+        ground=settings.use_ground,
+        ground_height=_ground(collection, settings) * exporter.metres,
+    )
+    told.glue.mode = v1.GLUE_MODE_NATURAL
+    told.output.fps = context.scene.render.fps / context.scene.render.fps_base
+    for prop, item in zip(props, _items(recipe, len(props))):
+        told.props.append(request.prop_message(v1, prop.model.uri, item))
+    for _, model in statics:
+        told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
+    for body, is_free in zip(placed.objects, free):
+        made = told.bodies.add(prop=str(body.cairn.prop), scale=round(body.cairn.size, 6), kept=not is_free)
+        made.position.extend(axes.points_to_server(np.array(body.location), exporter.metres).tolist())
+        made.rotation.extend(axes.rotations_to_server(np.array(body.rotation_quaternion)).tolist())
+    if added:
+        _add_above(told, placed, added, over, exporter.metres)
+    models = [*(prop.model for prop in props), *(model for _, model in statics)]
+    assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
+    names = {prop.model.uri: prop.source.name for prop in props}
+    names.update((model.uri, source.name) for source, model in statics)
+    recipe = {**recipe, "token": uuid.uuid4().hex, "names": names, "notes": [], "output_mode": "POSE"}
+    spec = v1.BakeSpec(scene=told, assets=assets)
+    taken = request.Request(spec, exporter.contents, props, recipe, [], found)
+    return taken, placed.objects, free
+
+
+def _items(recipe, count):
+    """The settings of each prop, as they were for the bake."""
+    settings = recipe["settings"]
+    items = [item for item in settings["props"] if item["object"]] if settings["prop_source"] == "LIST" else []
+    items += [settings["prop_common"]] * (count - len(items))
+    return [SimpleNamespace(**item) for item in items[:count]]
+
+
+def _ground(collection, settings):
+    control = collection.cairn.control
+    if settings.use_ground_height or control is None:
+        return settings.ground_height
+    return min((control.matrix_world @ Vector(corner)).z for corner in control.bound_box)
+
+
+def _add_above(told, placed, count, over, metres):
+    """Props that fall, from a box above the pile."""
+    below = [body for body in over if body in placed.objects] or placed.objects
+    largest = max(placed.sizes)
+    if below:
+        places = np.array([body.location for body in below])
+        low, high = places.min(axis=0), places.max(axis=0)
+        top = max(body.location.z for body in placed.objects)
+    else:
+        low, high, top = np.zeros(3), np.zeros(3), 0.0
+    size = np.maximum(high - low + MARGIN * largest, largest) * (1, 1, 0) + (0, 0, largest)
+    middle = np.array([*((low + high) / 2)[:2], top + (ABOVE + 0.5) * largest])
+    drops = told.emitters.add(rate=RATE, count=count)
+    drops.center.extend(axes.points_to_server(middle, metres).tolist())
+    drops.size.extend(np.abs(axes.points_to_server(size, metres)).tolist())
+
+
+def applied(context, collection, objects, free, motion, recipe, told):
+    """A generator as `result.build`: bodies that may move are put where they have come to rest, new ones are made."""
+    moved = result.BodyMotion(motion, {**recipe, "props": [{**prop, "is_shown": True} for prop in recipe["props"]]})
+    found = pointers.read(collection.cairn.pointers)
+    sources = result.sources_of(recipe, found)
+    count = len(objects)
+    made = parts.make(context, sources, [Matrix(prop["local"]) for prop in recipe["props"]], as_collections=False)
+    yield 0.5
+    number = max((body.cairn.number for body in objects), default=0)
+    # Nothing is written before this, so that a stop leaves all as it was.
+    fallen = []
+    for index in range(len(moved.props)):
+        is_there = bool(moved.present[-1, index])
+        if index >= count:
+            if is_there:
+                number += 1
+                body = result.still_body(made, moved, index, number)
+                collection.objects.link(body)
+        elif free[index] and is_there:
+            objects[index].location = moved.positions[-1, index]
+            objects[index].rotation_quaternion = moved.rotations[-1, index]
+        elif free[index]:
+            fallen.append(objects[index])
+    loose = {objects[index].cairn.number for index in range(count) if free[index]}
+    bpy.data.batch_remove(fallen)
+    before = running.report_of(collection)
+    stay = _dots_that_stay(collection, before.get("dots", ()), loose)
+    note = {**before, **told, "dots": stay, "body_count": len(collection.objects)}
+    note["settled"] = {"moved": len(loose), "kept": count - len(loose), "added": max(0, len(moved.props) - count)}
+    collection.cairn.report = json.dumps(note)
+    collection.cairn.bake_id = told.get("bake_id", "")
+    collection.cairn.states = ""
+    remember(collection)
+    pointers.forget(recipe)
+    return collection
+
+
+def _dots_that_stay(collection, dots, loose):
+    """Dots between bodies that did not move."""
+    here = {body.cairn.number for body in collection.objects} - loose
+    ends = [[number_of(collection, body) for body in (dot["body"], dot["other"])] for dot in dots]
+    return [dot for dot, own in zip(dots, ends) if all(number is None or number in here for number in own)]

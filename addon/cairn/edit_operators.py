@@ -1,0 +1,181 @@
+"""What the buttons do to a pile that is worked on by hand."""
+
+import bpy
+from bpy.props import EnumProperty, IntProperty
+from bpy.types import Operator, Panel
+
+from mathutils import Matrix
+
+from . import edit, parts, pointers, preferences, preview, result, running
+from .client import Fault
+from .following import Follows, explain, explaining, is_running
+from .panels import Pile
+
+
+def _pile(context):
+    collection = result.chosen(context)
+    return collection if edit.is_edited(collection) else None
+
+
+def _selected(context, collection):
+    return [body for body in collection.objects if body.select_get() and body.cairn.number]
+
+
+class _Edits:
+    bl_options = {"UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return not is_running() and _pile(context) is not None
+
+
+class CAIRN_OT_edit_pile(Operator):
+    """Work on this pile by hand: on a copy of its final pose, made of objects. The pile itself stays, hidden"""
+
+    bl_idname = "cairn.edit_pile"
+    bl_label = "Edit Pile"
+    bl_options = {"UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return not is_running() and result.chosen(context) is not None and _pile(context) is None
+
+    def execute(self, context):
+        collection = result.chosen(context)
+        if collection.cairn.mode == "POINTS":
+            text = "Instanced points have no bodies to select. Bake it as Animated Objects or as Final Pose to edit it."
+            return explain(self, Fault(text))
+        edit.still_copy(context.scene, collection)
+        return {"FINISHED"}
+
+
+class CAIRN_OT_remove_bodies(_Edits, Operator):
+    """Take the selected bodies out of the pile"""
+
+    bl_idname = "cairn.remove_bodies"
+    bl_label = "Remove"
+
+    def execute(self, context):
+        chosen = _selected(context, _pile(context))
+        if not chosen:
+            return explain(self, Fault("Select the bodies that shall go."))
+        bpy.data.batch_remove(chosen)
+        return {"FINISHED"}
+
+
+def _prop_items(_, context):
+    """The pile's props; kept, since Blender does not keep them."""
+    collection = _pile(context) if context else None
+    recipe = running.recipe_of(collection) if collection else {"props": []}
+    _prop_items.kept = [(str(number), prop["name"], "") for number, prop in enumerate(recipe["props"])]
+    return _prop_items.kept or [("0", "–", "")]
+
+
+class CAIRN_OT_replace_bodies(_Edits, Operator):
+    """Put another prop in the place of each selected body"""
+
+    bl_idname = "cairn.replace_bodies"
+    bl_label = "Replace"
+
+    prop: EnumProperty(name="By", description="Which of the pile's props", items=_prop_items)
+
+    def execute(self, context):
+        with explaining(self):
+            collection = _pile(context)
+            chosen = _selected(context, collection)
+            if not chosen:
+                raise Fault("Select the bodies that shall be replaced.")
+            recipe = running.recipe_of(collection)
+            sources = result.sources_of(recipe, pointers.read(collection.cairn.pointers))
+            number = int(self.prop)
+            if sources[number] is None:
+                raise Fault(f"The prop “{recipe['props'][number]['name']}” is not in the file any more.")
+            local = Matrix(recipe["props"][number]["local"])
+            (part,) = parts.make(context, [sources[number]], [local], as_collections=False)
+            for body in chosen:
+                made = part.body(f"{part.name} Body", body.cairn.size)
+                made.location, made.rotation_quaternion = body.location, body.rotation_quaternion
+                made.cairn.number, made.cairn.prop, made.cairn.size = body.cairn.number, number, body.cairn.size
+                collection.objects.link(made)
+            bpy.data.batch_remove(chosen)
+            return {"FINISHED"}
+        return {"CANCELLED"}
+
+
+class _Settles(Follows):
+    added = 0
+
+    @classmethod
+    def poll(cls, context):
+        return not is_running() and _pile(context) is not None
+
+    def begin(self, context):
+        server = preferences.server(context)
+        self.pile = _pile(context)
+        bake = running.bake = running.Bake(server)
+        yield
+        over = _selected(context, self.pile)
+        taken, self.objects, self.free = yield from edit.settling(context, self.pile, self.added, over)
+        pointers.ask(context.scene, taken.recipe["token"], taken.pointers)
+        bake.ask(taken)
+        return (yield from preview.drawn(taken.props))
+
+    def make(self, context, bake):
+        return edit.applied(context, self.pile, self.objects, self.free, bake.motion(), bake.recipe, bake.told())
+
+
+class CAIRN_OT_settle(_Settles, Operator):
+    """Let what was disturbed come to rest again. All else keeps its pose, to the last bit"""
+
+    bl_idname = "cairn.settle"
+    bl_label = "Settle Again"
+
+
+class CAIRN_OT_add_on_top(_Settles, Operator):
+    """Drop more props from above, over the selected bodies or, with none, over the whole pile"""
+
+    bl_idname = "cairn.add_on_top"
+    bl_label = "Add on Top"
+
+    count: IntProperty(name="Count", description="How many props are dropped", default=10, min=1, max=10000)
+
+    @property
+    def added(self):
+        return self.count
+
+
+class CAIRN_PT_edit(Pile, Panel):
+    bl_label = "Edit"
+    bl_parent_id = "CAIRN_PT_pile"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        return result.chosen(context) is not None
+
+    def draw(self, context):
+        layout, collection = self.layout, _pile(context)
+        if collection is None:
+            layout.operator("cairn.edit_pile", icon="GREASEPENCIL")
+            return
+        column = layout.column(align=True)
+        row = column.row(align=True)
+        row.operator("cairn.remove_bodies", icon="X")
+        row.operator_menu_enum("cairn.replace_bodies", "prop", text="Replace By", icon="FILE_REFRESH")
+        row = column.row(align=True)
+        row.prop(context.window_manager, "cairn_add_count", text="")
+        row.operator("cairn.add_on_top", icon="ADD").count = context.window_manager.cairn_add_count
+        layout.operator("cairn.settle", icon="PHYSICS")
+        told = running.report_of(collection).get("settled")
+        if told:
+            layout.label(text=f"{told['moved']} let go, {told['kept']} untouched, {told['added']} new")
+
+
+CLASSES = [
+    CAIRN_OT_edit_pile,
+    CAIRN_OT_remove_bodies,
+    CAIRN_OT_replace_bodies,
+    CAIRN_OT_settle,
+    CAIRN_OT_add_on_top,
+    CAIRN_PT_edit,
+]

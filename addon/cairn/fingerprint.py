@@ -1,0 +1,33 @@
+"""What a bake depends on, as far as it is seen at a glance: whether the scene has changed since."""
+
+import json
+
+from . import request
+
+# Of more objects or vertices, reading would be felt: then only the buttons ask.
+MAX_VERTICES = 500_000
+MAX_OBJECTS = 300
+
+
+def of(scene):
+    """A text that changes when the scene does; None if there is too much of it."""
+    settings = scene.cairn
+    tops = [settings.control_mesh, settings.region, settings.drop_mesh, *request.colliders_of(settings)]
+    tops += [source for source, _ in request.props_of(settings)]
+    tops += [*request.objects_of(settings.keep), *request.objects_of(settings.impact)]
+    objects = [member for top in tops if top for member in (top, *top.children_recursive)]
+    if len(objects) > MAX_OBJECTS:
+        return None
+    parts, vertices = [], 0
+    for source in objects:
+        count = len(source.data.vertices) if source.type == "MESH" else 0
+        vertices += count
+        box = [round(value, 5) for corner in source.bound_box for value in corner]
+        parts.append((source.name, count, box, [round(v, 5) for row in source.matrix_world for v in row]))
+    if vertices > MAX_VERTICES:
+        return None
+    values = request.to_dict(settings)
+    # All of them are told at once, and how it is written costs nothing.
+    for name in ("accuracy", "output_mode", "active_prop", "use_replace"):
+        values.pop(name)
+    return json.dumps([values, parts, scene.unit_settings.scale_length, scene.render.fps])

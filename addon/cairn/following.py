@@ -1,0 +1,289 @@
+"""What the operators that bake have in common: following a bake with a window, or waiting for it without one."""
+
+import time
+import traceback
+from contextlib import contextmanager
+
+import bpy
+
+from . import preview, request, result, running, timing, wording
+from .client import Fault, Problem
+
+# How often news are looked at, and how long Blender may be kept from its user at a time, s.
+TICK = 0.05
+SLICE = 0.025
+# How long a line stands at least, s: a person reads it, and presses the button beside it.
+READ = 0.25
+# Without a window, how often progress is printed, s.
+PRINT = 2.0
+
+
+def is_running():
+    """Whether a bake runs, or its objects are being made; one that was stopped waits for a decision."""
+    return running.bake is not None and running.bake.end != "stopped"
+
+
+def explain(operator, fault):
+    """A popup with what went wrong and what to do about it. The panel keeps it, with buttons."""
+    running.problems = fault.problems or [Problem(fault.message)]
+    lines = ["This has to be put right first:", *(problem.text for problem in fault.problems)]
+    operator.report({"ERROR"}, "\n".join(lines) if fault.problems else fault.message)
+    return {"CANCELLED"}
+
+
+@contextmanager
+def explaining(operator):
+    """Whatever goes wrong inside is told in a popup; a fault of the add-on's own is printed besides."""
+    try:
+        yield
+    except Fault as fault:
+        explain(operator, fault)
+    except Exception as error:  # noqa: BLE001 an artist gets a sentence, whatever it is
+        traceback.print_exc()
+        explain(operator, Fault(f"The add-on has a fault; please report what the console shows: {error}"))
+
+
+class start_frame:  # noqa: N801 used as a function
+    """The scene as it stands at the bake's start."""
+
+    def __init__(self, context):
+        self.scene = context.scene
+        self.before = self.scene.frame_current, self.scene.frame_subframe
+        self.moves = self.before != (self.scene.cairn.start_frame, 0.0)
+
+    def __enter__(self):
+        if self.moves:
+            self.scene.frame_set(self.scene.cairn.start_frame)
+
+    def __exit__(self, *_):
+        if self.moves:
+            self.scene.frame_set(self.before[0], subframe=self.before[1])
+
+
+class Follows:
+    """From the button to the pile, in three parts: the request is taken, the bake is followed, the objects are made."""
+
+    bl_options = {"UNDO"}
+    timer = preview = slices = writer = workspace = None
+    shown, shown_at = "", 0.0
+
+    @classmethod
+    def poll(cls, _):
+        return not is_running()
+
+    def begin(self, context):
+        """A generator that yields now and then, with a bake in `running`. Returns the preview's props, or None."""
+        raise NotImplementedError
+
+    def make(self, context, bake):
+        """A generator: makes the pile of what was baked, and returns its collection."""
+        return result.build(context, bake.motion(), bake.recipe, bake.told())
+
+    def invoke(self, context, _):
+        if bpy.app.background:
+            return self.execute(context)
+        with explaining(self):
+            running.problems = []
+            self.slices = self.begin(context)
+            # What is lacking is told at once.
+            next(self.slices, None)
+            self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
+            context.window_manager.modal_handler_add(self)
+            self.workspace = context.workspace
+            preview.redraw(context)
+            return {"RUNNING_MODAL"}
+        running.end()
+        return {"CANCELLED"}
+
+    def modal(self, context, event):
+        with explaining(self):
+            bake = running.bake
+            if bake is None:
+                # Another file was opened.
+                return self._leave(context, {"CANCELLED"})
+            if event.type == "ESC" and event.value == "PRESS" and self._is_meant(context, event):
+                context.window_manager.popup_menu(_draw_question, title="Stop the Bake?", icon="QUESTION")
+                return {"RUNNING_MODAL"}
+            if event.type != "TIMER":
+                # While the scene is read or objects are made, what the artist did would end up between them.
+                is_free = self.slices is None and self.writer is None
+                return {"PASS_THROUGH"} if is_free or _is_in_sidebar(context, event) else {"RUNNING_MODAL"}
+            try:
+                return self._tick(context, bake)
+            except Exception:
+                running.end()
+                self._leave(context, None)
+                raise
+        return {"CANCELLED"}
+
+    def _is_meant(self, context, event):
+        """Esc ends what runs in the view: not a playback, nor what is under way in another editor."""
+        region, _ = region_at(context, event)
+        return bool(region) and not context.screen.is_animation_playing
+
+    def _tick(self, context, bake):
+        if bake.end == "stopped":
+            return self._stopped(context, bake)
+        if self.slices:
+            return self._take(context, bake)
+        if self.writer:
+            return self._write(context, bake)
+        bake.poll()
+        self._show(context, bake)
+        if self.preview and self.preview.update(bake.job.latest):
+            preview.redraw(context, "WINDOW")
+        if bake.end == "failed":
+            raise bake.fault
+        if bake.end == "stopped":
+            return self._stopped(context, bake)
+        if bake.has_all_frames:
+            self.writer = self.make(context, bake)
+            bake.written = 0.0
+        return {"RUNNING_MODAL"}
+
+    def _take(self, context, bake):
+        until = time.monotonic() + SLICE
+        try:
+            while time.monotonic() < until:
+                next(self.slices)
+        except StopIteration as end:
+            self.slices = None
+            if end.value:
+                self.preview = preview.Preview(end.value, bake.recipe["metres"])
+            bake.start()
+        self._show(context, bake)
+        return {"RUNNING_MODAL"}
+
+    def _stopped(self, context, bake):
+        for generator in (self.slices, self.writer):
+            if generator:
+                generator.close()
+        self.slices = self.writer = bake.written = None
+        self._leave(context, None)
+        if bake.kept_kind():
+            context.window_manager.popup_menu(_draw_choice, title="Bake Stopped", icon="QUESTION")
+        else:
+            running.end()
+            self.report({"INFO"}, "Bake cancelled. The scene is as it was")
+        return {"CANCELLED"}
+
+    def _write(self, context, bake):
+        until = time.monotonic() + SLICE
+        try:
+            while time.monotonic() < until:
+                share = next(self.writer)
+                bake.written = share if share is not None else bake.written
+        except StopIteration as end:
+            running.bake = None
+            self._leave(context, None)
+            if not bake.end:
+                running.wait_for_report(bake)
+            if end.value.cairn.mode != "POSE":
+                # Where the preview was.
+                context.scene.frame_set(timing.end_of(end.value))
+            return finished(self, context, end.value)
+        self._show(context, bake)
+        return {"RUNNING_MODAL"}
+
+    def _show(self, context, bake):
+        """How it goes, in the status bar and in the panel."""
+        line = bake.line()
+        now = time.monotonic()
+        if line != self.shown and now > self.shown_at + READ:
+            self.shown, self.shown_at = line, now
+            self.workspace.status_text_set(f"Pile: {line}      Esc over the 3D View: Stop")
+            preview.redraw(context, "UI")
+
+    def _leave(self, context, answer):
+        if self.workspace:
+            self.workspace.status_text_set(None)
+            self.workspace = None
+        if self.timer:
+            context.window_manager.event_timer_remove(self.timer)
+            self.timer = None
+        if self.preview:
+            self.preview.remove()
+            self.preview = None
+        preview.redraw(context)
+        return answer
+
+    def cancel(self, context):
+        """Blender ends the operator: a file is opened, or the window closes. The bake itself goes on."""
+        for generator in (self.slices, self.writer):
+            if generator:
+                generator.close()
+        if running.bake is not None:
+            running.bake.job.detach()
+            running.bake = None
+        self._leave(context, None)
+
+    def execute(self, context):
+        with explaining(self):
+            try:
+                request.finish(self.begin(context))
+                bake = running.bake
+                wait_for(bake)
+                if bake.end == "failed":
+                    raise bake.fault
+                collection = request.finish(self.make(context, bake))
+            finally:
+                running.end()
+            return finished(self, context, collection)
+        return {"CANCELLED"}
+
+
+def wait_for(bake):
+    """Waits to the end of a bake and prints how it goes."""
+    bake.start()
+    shown, line, stage = 0.0, "", ""
+    try:
+        while not bake.end:
+            bake.poll(wait=0.2)
+            now = time.monotonic()
+            if bake.line() != line and (bake.stage() != stage or now - shown > PRINT):
+                shown, line, stage = now, bake.line(), bake.stage()
+                print(f"Cairn: {line}", flush=True)
+    except KeyboardInterrupt:
+        bake.stop()
+        raise
+
+
+def finished(operator, context, collection):
+    told = running.report_of(collection)
+    operator.report({"INFO"}, f"Pile of {told.get('body_count', 0)} bodies in “{collection.name}”")
+    if bpy.app.background:
+        # With a window, Blender does so before it draws.
+        context.view_layer.update()
+        names = running.recipe_of(collection).get("names", {})
+        warnings = [text for text, _ in wording.gathered(told.get("warnings", ()), names)]
+        for sentence in filter(None, (running.glue_of(told), *warnings)):
+            print(f"Cairn: {sentence}", flush=True)
+    return {"FINISHED"}
+
+
+def region_at(context, event):
+    """The region of a 3D View that the pointer is in, and its kind; None, "" elsewhere."""
+    for area in context.screen.areas:
+        for region in area.regions if area.type == "VIEW_3D" else ():
+            x, y = event.mouse_x - region.x, event.mouse_y - region.y
+            if 0 <= x < region.width and 0 <= y < region.height and region.type != "WINDOW":
+                return region, region.type
+        if area.type == "VIEW_3D" and 0 <= event.mouse_x - area.x < area.width:
+            if 0 <= event.mouse_y - area.y < area.height:
+                return area.regions[-1], "WINDOW"
+    return None, ""
+
+
+def _is_in_sidebar(context, event):
+    return region_at(context, event)[1] == "UI"
+
+
+def _draw_question(self, _):
+    self.layout.operator("cairn.stop", text="Stop It", icon="CANCEL")
+    self.layout.operator("cairn.go_on", icon="PLAY")
+
+
+def _draw_choice(self, _):
+    if running.bake:
+        self.layout.operator("cairn.keep", text=running.bake.kept_kind(), icon="CHECKMARK")
+        self.layout.operator("cairn.discard", icon="X")

@@ -1,0 +1,141 @@
+"""What holds a pile: its dots of glue, shown where they are, listed with what they carry, and bodies coloured by it."""
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, IntProperty, StringProperty
+from bpy.types import Operator
+from mathutils import Vector
+
+from . import dots as glued
+from . import outline, preview, result, running
+
+BROKEN = np.array([0.05, 0.05, 0.05])
+# Radius of a dot, relative to a typical prop's diameter.
+SIZE = 0.09
+
+is_shown = False
+_handle = None
+
+
+def dots_of(collection):
+    """The dots of a pile, those that carry most first."""
+    return running.report_of(collection).get("dots", [])
+
+
+def objects_of(collection):
+    """The pile's objects by number."""
+    return {shown.cairn.number: shown for shown in collection.objects if shown.cairn.number}
+
+
+def places(collection):
+    """Where the dots are now: shape [n, 3]. They go along with their bodies, also where those were moved by hand."""
+    objects, found = objects_of(collection), []
+    for dot in dots_of(collection):
+        shown = objects.get(glued.number_of(collection, dot["body"]))
+        if shown is None or collection.cairn.mode == "POINTS":
+            found.append((np.nan, np.nan, np.nan))
+            continue
+        location, rotation, _ = shown.matrix_world.decompose()
+        found.append(tuple(location + rotation @ Vector(dot["at"])))
+    return np.array(found).reshape(-1, 3)
+
+
+class _Drawn:
+    """The dots' balls, made anew where something has moved."""
+
+    ball = None
+    key = batch = None
+
+    def draw(self):
+        collection = result.chosen(bpy.context)
+        dots = dots_of(collection) if collection else []
+        if not dots or collection.hide_viewport:
+            return
+        where = places(collection)
+        key = collection.name, where.tobytes()
+        if key != self.key:
+            self.key, self.batch = key, self._made(collection, dots, where)
+        if self.batch:
+            preview.draw_in_front(self.batch)
+
+    def _made(self, collection, dots, where):
+        if self.ball is None:
+            self.ball = _ball()
+        here = np.isfinite(where).all(axis=1)
+        if not here.any():
+            return None
+        metres = running.recipe_of(collection).get("metres", 1.0)
+        size = SIZE * running.report_of(collection)["measures"]["prop_diameter"] / metres
+        tints = np.array([BROKEN if dot["broken"] else glued.COLORS[glued.level(dot["load"])] for dot in dots])
+        vertices = (where[here][:, None] + size * self.ball.points).reshape(-1, 3)
+        shade = preview.shades(self.ball.normals)
+        colors = np.ones((len(vertices), 4), np.float32)
+        colors[:, :3] = (shade[None, :, None] * tints[here][:, None]).reshape(-1, 3)
+        starts = len(self.ball.points) * np.arange(here.sum())
+        faces = (starts[:, None, None] + self.ball.triangles).reshape(-1, 3)
+        return preview.batch_of(vertices, colors, faces)
+
+
+def _ball():
+    """A sphere of eight times four faces."""
+    around, up = np.meshgrid(np.linspace(0, 2 * np.pi, 9), np.linspace(-np.pi / 2, np.pi / 2, 6), indexing="ij")
+    points = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=-1).reshape(-1, 3)
+    corner = np.arange(9 * 6).reshape(9, 6)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]))
+    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return outline.Outline(points.astype(np.float32), points.astype(np.float32), triangles.astype(np.int32))
+
+
+def show(on):
+    global is_shown, _handle
+    is_shown = on
+    if on and _handle is None:
+        _handle = bpy.types.SpaceView3D.draw_handler_add(_Drawn().draw, (), "WINDOW", "POST_VIEW")
+    elif not on and _handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+        _handle = None
+    preview.redraw(bpy.context)
+
+
+class CAIRN_OT_select_dot(Operator):
+    """Select the bodies that this dot of glue joins"""
+
+    bl_idname = "cairn.select_dot"
+    bl_label = "Select Glued Bodies"
+    bl_options = {"UNDO"}
+
+    collection: StringProperty(name="Collection", description="The pile's collection")
+    dot: IntProperty(name="Dot", description="Which dot, from that which carries most on", min=0)
+
+    def execute(self, context):
+        collection = bpy.data.collections.get(self.collection)
+        dots = dots_of(collection) if collection else []
+        if self.dot >= len(dots):
+            return {"CANCELLED"}
+        objects, dot = objects_of(collection), dots[self.dot]
+        chosen = [objects.get(glued.number_of(collection, body)) for body in (dot["body"], dot["other"])]
+        for other in context.selected_objects:
+            other.select_set(False)
+        for shown in filter(None, chosen):
+            shown.select_set(True)
+            context.view_layer.objects.active = shown
+        return {"FINISHED"}
+
+
+CLASSES = [CAIRN_OT_select_dot]
+
+
+def register():
+    # Of this session, not of the file.
+    bpy.types.WindowManager.cairn_glue = BoolProperty(
+        name="Show Glue",
+        description="Show the dots of glue of this pile, through the bodies: the darker, the more they carry; black "
+        "where they broke",
+        get=lambda _: is_shown,
+        set=lambda _, on: show(on),
+    )
+
+
+def unregister():
+    show(False)
+    del bpy.types.WindowManager.cairn_glue

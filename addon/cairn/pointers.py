@@ -1,0 +1,58 @@
+"""What a bake was made of, found again after it was renamed: pointers, which Blender keeps, under the recipe's keys."""
+
+import bpy
+
+
+def of(group, path=""):
+    """Objects and collections that a property group points to, by path; those of the groups inside it, too."""
+    found = {}
+    for prop in group.bl_rna.properties:
+        if prop.identifier == "rna_type":
+            continue
+        value = getattr(group, prop.identifier)
+        name = path + prop.identifier
+        if prop.type == "COLLECTION":
+            for number, item in enumerate(value):
+                found.update(of(item, f"{name}.{number}."))
+        elif prop.type == "POINTER" and isinstance(value, bpy.types.PropertyGroup):
+            found.update(of(value, f"{name}."))
+        elif prop.type == "POINTER" and isinstance(value, (bpy.types.Object, bpy.types.Collection)):
+            found[name] = value
+    return found
+
+
+def write(owner, pointers):
+    """Into a collection of `CairnPointer`."""
+    owner.clear()
+    for key, value in pointers.items():
+        made = owner.add()
+        made.name = key
+        setattr(made, "object" if isinstance(value, bpy.types.Object) else "collection", value)
+
+
+def read(owner):
+    """What is still in the file, by key."""
+    found = {item.name: item.object or item.collection for item in owner}
+    return {key: value for key, value in found.items() if value}
+
+
+def ask(scene, token, pointers):
+    """A bake of a scene begins."""
+    scene.cairn_asked.token = token
+    write(scene.cairn_asked.pointers, pointers)
+
+
+def asked(recipe):
+    """The scene of a bake that was asked for, and what its recipe names. After an undo there may be neither."""
+    for scene in bpy.data.scenes:
+        if scene.cairn_asked.token and scene.cairn_asked.token == recipe.get("token"):
+            return scene, read(scene.cairn_asked.pointers)
+    return bpy.data.scenes.get(recipe["scene"]), {}
+
+
+def forget(recipe):
+    """The bake has ended."""
+    for scene in bpy.data.scenes:
+        if scene.cairn_asked.token and scene.cairn_asked.token == recipe.get("token"):
+            scene.cairn_asked.token = ""
+            scene.cairn_asked.pointers.clear()

@@ -1,0 +1,196 @@
+"""What the buttons do to variants: try seeds, look at one, keep one, delete one."""
+
+import json
+
+import bpy
+from bpy.props import BoolProperty, IntProperty, StringProperty
+from bpy.types import Operator
+
+from . import job, pointers, preferences, preview, request, running, variants
+from .client import Fault
+from .following import Follows, explain, explaining, is_running
+from .messages import v1
+
+
+class CAIRN_OT_try_seeds(Operator):
+    """Bake the pile with several seeds, to choose one of them. The scene stays as it is until one is kept"""
+
+    bl_idname = "cairn.try_seeds"
+    bl_label = "Try Seeds"
+
+    count: IntProperty(
+        name="Seeds", description="How many seeds are tried, from the scene's own on", default=4, min=1, max=32
+    )
+    is_with_glue: BoolProperty(
+        name="And Glue",
+        description="Try each seed as modelled, and with no glue at all, as well as with the glue set here",
+    )
+
+    @classmethod
+    def poll(cls, _):
+        return not is_running() and not variants.is_trying()
+
+    def execute(self, context):
+        with explaining(self):
+            lacking = request.missing(context.scene.cairn)
+            if lacking:
+                raise Fault(lacking)
+            preferences.server(context)
+            running.problems = []
+            variants.begin(context.scene, list(self._wanted(context.scene.cairn)))
+            if bpy.app.background:
+                variants.finish()
+            return {"FINISHED"}
+        variants.stop()
+        return {"CANCELLED"}
+
+    def _wanted(self, settings):
+        kept = {"AS_MODELLED", "NATURAL", settings.kept_shape} if self.is_with_glue else {settings.kept_shape}
+        for seed in range(settings.seed, settings.seed + self.count):
+            for choice in sorted(kept):
+                name = f"Seed {seed}" + (f", {choice.replace('_', ' ').title()}" if self.is_with_glue else "")
+                yield name, _changes(seed, choice, settings.glue_strength)
+
+
+def _changes(seed, choice, strength):
+    def change(scene, settings):
+        scene.seed = settings["seed"] = seed
+        settings["kept_shape"] = choice
+        if choice == "NATURAL":
+            scene.glue.mode = v1.GLUE_MODE_NATURAL
+        elif choice == "TACKY":
+            scene.glue.mode, scene.glue.strength = v1.GLUE_MODE_TACKY, float(f"{strength:.7g}")
+        elif scene.HasField("glue"):
+            scene.glue.ClearField("mode")
+            scene.glue.ClearField("strength")
+
+    return change
+
+
+class _OfVariant:
+    variant: StringProperty(name="Variant", description="Its name")
+
+    def entry(self, context):
+        found = context.scene.cairn_variants.get(self.variant)
+        if found is None:
+            raise Fault(f"There is no variant “{self.variant}” in this scene.")
+        return found
+
+
+class CAIRN_OT_show_variant(_OfVariant, Operator):
+    """Draw this variant over the view, in its final pose; once more: do not"""
+
+    bl_idname = "cairn.show_variant"
+    bl_label = "Show Variant"
+
+    def execute(self, context):
+        with explaining(self):
+            entry = self.entry(context)
+            if not variants.is_here(entry):
+                request.finish(variants.load(context, entry))
+            variants.show("" if variants.shown == entry.bake_id else entry.bake_id)
+            return {"FINISHED"}
+        return {"CANCELLED"}
+
+
+class CAIRN_OT_next_variant(Operator):
+    """Draw the next variant over the view"""
+
+    bl_idname = "cairn.next_variant"
+    bl_label = "Flip"
+
+    step: IntProperty(name="Step", description="How many variants on; negative: back", default=1)
+
+    @classmethod
+    def poll(cls, context):
+        return len(context.scene.cairn_variants) > 0
+
+    def execute(self, context):
+        entries = context.scene.cairn_variants
+        known = [entry.bake_id for entry in entries]
+        at = known.index(variants.shown) + self.step if variants.shown in known else 0
+        name = entries[at % len(entries)].name
+        variants.show("")
+        return bpy.ops.cairn.show_variant(variant=name)
+
+
+class CAIRN_OT_keep_variant(_OfVariant, Follows, Operator):
+    """Make the pile of this variant. The others stay in the list"""
+
+    bl_idname = "cairn.keep_variant"
+    bl_label = "Keep Variant"
+
+    def begin(self, context):
+        entry = self.entry(context)
+        recipe = json.loads(entry.recipe)
+        bake = running.Bake(preferences.server(context))
+        bake.resume(recipe, entry.bake_id)
+        pointers.ask(context.scene, recipe["token"], pointers.read(entry.pointers))
+        variants.show("")
+        running.bake = bake
+        yield
+
+
+class CAIRN_OT_delete_variant(_OfVariant, Operator):
+    """Take this variant off the list. A pile that was made of it stays"""
+
+    bl_idname = "cairn.delete_variant"
+    bl_label = "Delete Variant"
+
+    def execute(self, context):
+        with explaining(self):
+            entry = self.entry(context)
+            if variants.shown == entry.bake_id:
+                variants.show("")
+            job.ask(preferences.server(context), "DeleteBake", bake_id=entry.bake_id)
+            entries = context.scene.cairn_variants
+            entries.remove(entries.find(entry.name))
+            preview.redraw(context)
+            return {"FINISHED"}
+        return {"CANCELLED"}
+
+
+class CAIRN_OT_stop_trying(Operator):
+    """Try no more seeds. Those that are done stay"""
+
+    bl_idname = "cairn.stop_trying"
+    bl_label = "Stop"
+
+    @classmethod
+    def poll(cls, _):
+        return variants.is_trying()
+
+    def execute(self, context):
+        variants.stop()
+        preview.redraw(context)
+        return {"FINISHED"}
+
+
+class CAIRN_OT_show_pile(Operator):
+    """Show this pile of the shape, and hide its others"""
+
+    bl_idname = "cairn.show_pile"
+    bl_label = "Show Pile"
+    bl_options = {"UNDO"}
+
+    collection: StringProperty(name="Collection", description="The pile's collection")
+
+    def execute(self, context):
+        from . import result
+
+        collection = bpy.data.collections.get(self.collection)
+        if collection is None or not collection.cairn.is_result:
+            return explain(self, Fault(f"There is no pile “{self.collection}” in this file."))
+        result.show_only(context.scene, collection)
+        return {"FINISHED"}
+
+
+CLASSES = [
+    CAIRN_OT_try_seeds,
+    CAIRN_OT_show_variant,
+    CAIRN_OT_next_variant,
+    CAIRN_OT_keep_variant,
+    CAIRN_OT_delete_variant,
+    CAIRN_OT_stop_trying,
+    CAIRN_OT_show_pile,
+]

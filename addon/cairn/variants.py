@@ -1,0 +1,224 @@
+"""Seeds that are tried: baked one after the other, looked at, one of them kept. The server has the results; the file
+remembers which they are."""
+
+import json
+
+import bpy
+
+from . import client, export, job, pointers, preferences, preview, request, result, running
+from .client import Fault
+from .following import start_frame
+from .messages import v1
+
+# How often news are looked at, and how long Blender may be kept at a time, s.
+TICK = 0.1
+SLICE = 0.015
+# Edge of a thumbnail, pixels.
+THUMBNAIL = 128
+
+# That which is drawn over the view, by its bake; empty if none is.
+shown = ""
+_icons = None
+_trials = None
+# Last poses, and the props as they are drawn, of this session: by bake.
+_poses, _drawn = {}, {}
+_preview = None
+
+
+class _Trials:
+    """A list of bakes that is worked off, for a scene."""
+
+    def __init__(self, scene, wanted):
+        self.scene, self.wanted = scene.name, list(wanted)
+        self.count = len(self.wanted)
+        self.slices = self._read(bpy.context, scene)
+        self.taken = self.drawn = self.job = None
+        self.progress = 0.0
+
+    def _read(self, context, scene):
+        with start_frame(context):
+            taken = yield from request.taking(context)
+        if taken.problems:
+            raise Fault("", problems=taken.problems)
+        drawn = yield from preview.drawn(taken.props)
+        return taken, drawn
+
+    def step(self):
+        """Whether there is more to do."""
+        if self.slices:
+            if not request.advance(self.slices, SLICE, self._take):
+                self.slices = None
+        elif self.job:
+            self._follow()
+        elif self.wanted:
+            self._start(*self.wanted.pop(0))
+        else:
+            return False
+        return True
+
+    def _take(self, value):
+        self.taken, self.drawn = value
+
+    def _start(self, name, change):
+        spec = v1.BakeSpec()
+        spec.CopyFrom(self.taken.spec)
+        recipe = json.loads(json.dumps(self.taken.recipe))
+        change(spec.scene, recipe["settings"])
+        self.name, self.recipe, self.progress = name, recipe, 0.0
+        self.job = job.Job(preferences.server(bpy.context), spec, self.taken.contents)
+        self.job.start()
+
+    def _follow(self):
+        while not self.job.news.empty():
+            kind, what = self.job.news.get()
+            if kind == "progress":
+                self.progress = what.fraction
+            elif kind == "failed":
+                raise what
+            elif kind == "done":
+                self._done(what)
+                self.job = None
+                return
+
+    def _done(self, summary):
+        scene = bpy.data.scenes.get(self.scene)
+        if scene is None:
+            return
+        entry = scene.cairn_variants.get(self.name) or scene.cairn_variants.add()
+        entry.name, entry.bake_id, entry.recipe = self.name, self.job.bake_id, json.dumps(self.recipe)
+        dots = summary.counts.get("glue_dots", 0)
+        entry.told = f"{summary.body_count} bodies, " + (f"{dots} dots of glue" if dots else "no glue")
+        pointers.write(entry.pointers, self.taken.pointers)
+        remember(entry.bake_id, self.job.recording.frames[-1], self.drawn, self.recipe["metres"])
+
+    def told(self):
+        at = self.count - len(self.wanted)
+        return "Reading props" if self.slices else f"{at} of {self.count}: {self.progress:.0%} of its stage"
+
+    def stop(self):
+        if self.slices:
+            self.slices.close()
+        if self.job:
+            self.job.stop()
+
+
+def remember(bake_id, snapshot, drawn, metres):
+    """What is known of a bake while Blender runs."""
+    _poses[bake_id], _drawn[bake_id] = (snapshot, metres), drawn
+    if not bpy.app.background:
+        _thumbnail(bake_id)
+
+
+def _thumbnail(bake_id):
+    from bpy.utils import previews
+
+    global _icons
+    _icons = _icons or previews.new()
+    (snapshot, metres), drawn = _poses[bake_id], _drawn[bake_id]
+    pixels = preview.picture(drawn, metres, snapshot, THUMBNAIL)
+    made = _icons[bake_id] if bake_id in _icons else _icons.new(bake_id)
+    made.icon_size = made.image_size = THUMBNAIL, THUMBNAIL
+    made.icon_pixels_float = made.image_pixels_float = pixels.ravel()
+
+
+def icon(bake_id):
+    """The number of a thumbnail; 0 if there is none."""
+    return _icons[bake_id].icon_id if _icons and bake_id in _icons else 0
+
+
+def is_trying():
+    return _trials is not None
+
+
+def told():
+    """How the trials go, in one line."""
+    return _trials.told() if _trials else ""
+
+
+def begin(scene, wanted):
+    """`wanted`: pairs of a name, and a function that changes the scene's message and the settings."""
+    global _trials
+    stop()
+    _trials = _Trials(scene, wanted)
+    if not bpy.app.background:
+        bpy.app.timers.register(_turn, first_interval=0.0)
+
+
+def finish():
+    """Without a window: to the end, with its faults."""
+    while _trials and _trials.step():
+        pass
+    stop()
+
+
+def _turn():
+    try:
+        is_more = _trials is not None and _trials.step()
+    except Fault as fault:
+        running.problems = fault.problems or [client.Problem(fault.message)]
+        is_more = False
+    if not is_more:
+        stop()
+    preview.redraw(bpy.context, "UI")
+    return TICK if is_more else None
+
+
+def stop():
+    global _trials
+    if _trials:
+        _trials.stop()
+    _trials = None
+
+
+def is_here(entry):
+    """Whether it can be looked at without asking the server."""
+    return entry.bake_id in _poses
+
+
+def load(context, entry):
+    """A generator: gets a bake of before from the server."""
+    recipe = json.loads(entry.recipe)
+    sources = result.sources_of(recipe, pointers.read(entry.pointers))
+    if None in sources:
+        raise Fault("Some of its props are not in the file any more. Bring them back, or bake it again.")
+    exporter = export.Exporter(context)
+    props = yield from exporter.props(sources)
+    drawn = yield from preview.drawn(props)
+    fetched = job.Job(preferences.server(context), bake_id=entry.bake_id)
+    fetched.start()
+    while True:
+        kind, what = (None, None) if fetched.news.empty() else fetched.news.get()
+        if kind == "failed":
+            raise what
+        if kind == "done":
+            break
+        yield
+    remember(entry.bake_id, fetched.recording.frames[-1], drawn, recipe["metres"])
+
+
+def show(bake_id):
+    """Draws one over the view; none, with an empty id."""
+    global shown, _preview
+    if _preview:
+        _preview.remove()
+        _preview = None
+    shown = bake_id if bake_id in _poses else ""
+    if shown:
+        (snapshot, metres), drawn = _poses[shown], _drawn[shown]
+        _preview = preview.Preview(drawn, metres)
+        _preview.update(snapshot)
+    preview.redraw(bpy.context)
+
+
+def forget():
+    """Another file is opened, or the add-on ends."""
+    global _icons
+    stop()
+    show("")
+    _poses.clear()
+    _drawn.clear()
+    if _icons:
+        from bpy.utils import previews
+
+        previews.remove(_icons)
+        _icons = None

@@ -1,0 +1,68 @@
+"""The server's sentences in the artist's words: a parameter by its panel and name, each thing once."""
+
+import re
+
+from .properties import FIELDS, GROUPS, title
+
+# Which panel has the parameters of a group.
+PANELS = {
+    "physics": "Simulation",
+    "base": "Fill",
+    "fill": "Fill",
+    "release": "Release",
+    "control": "Control",
+    "glue": "Glue",
+    "hold": "Release",
+    "output": "Output",
+    "effects": "Effects",
+}
+MESSAGES = {name: message for message, name in GROUPS.items()}
+FIELD = re.compile(r"`?\b(" + "|".join(PANELS) + r")\.([a-z_0-9]+)\b`?( = (?:\"\w+\"|[\w.]+))?")
+OTHERS = [
+    (re.compile(r"\bcontrol[ _]mesh\b"), "shape"),
+    (re.compile(r"\bControl mesh\b"), "Shape"),
+    (re.compile(r"`([^`]*)`"), r"“\1”"),
+]
+
+
+def said(text):
+    """One sentence."""
+    text = FIELD.sub(_parameter, text)
+    for pattern, words in OTHERS:
+        text = pattern.sub(words, text)
+    return text[:1].upper() + text[1:]
+
+
+def _parameter(found):
+    group, name, value = found.groups()
+    known = {field["name"] for field in FIELDS.get(MESSAGES[group], [])}
+    if name not in known:
+        return found[0]
+    told = f"“{title(name)}” in the panel {PANELS[group]}"
+    return told + (f" ({title(value[3:].strip(chr(34)))})" if value else "")
+
+
+def gathered(texts, names):
+    """Sentences, each once. `names`: what the objects are called, by what the server calls them. Those that say the
+    same of several things say it once of all of them. Gives pairs: the sentence, and the things' names."""
+    about = {}
+    for text in texts:
+        thing, colon, rest = text.partition(": ")
+        # The longest name that the text begins with: names may have colons.
+        known = [uri for uri in names if text.startswith(f"{uri}: ")]
+        if known:
+            thing = max(known, key=len)
+            rest = text[len(thing) + 2 :]
+        things = about.setdefault(said(rest if known else text), [])
+        if known and names[thing] not in things:
+            things.append(names[thing])
+    return [(_of(things) + text, things) for text, things in about.items()]
+
+
+def _of(things):
+    """The things that a sentence is about, three at most by name."""
+    if not things:
+        return ""
+    shown = ", ".join(f"“{name}”" for name in things[:3])
+    more = len(things) - 3
+    return f"{shown} and {more} more: " if more > 0 else f"{shown}: "

@@ -1,0 +1,153 @@
+"""A pile is worked on by hand: what was disturbed settles, the rest keeps its pose to the last bit."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+
+
+def poses(collection):
+    return {
+        body.name: np.float32([*body.location, *body.rotation_quaternion, *body.scale]).tobytes()
+        for body in collection.objects
+    }
+
+
+@pytest.fixture
+def edited(desk):
+    """The copy of a pile to work on."""
+    desk.add_stick()
+    desk.add_stick("Block", (0.2, 0.2, 0.2))
+    first = desk.bake(kept_shape="NATURAL")
+    before = {body.name: body.animation_data is not None for body in first.objects}
+    assert bpy.ops.cairn.edit_pile() == {"FINISHED"}
+    collection = desk.addon("result").chosen(bpy.context)
+    assert collection != first and first.hide_viewport and len(collection.objects) == len(first.objects)
+    assert {body.name: body.animation_data is not None for body in first.objects} == before
+    last = desk.expected(len(desk.motion.positions) - 1)
+    for body, matrix in zip(collection.objects, last):
+        assert np.abs(np.array(body.matrix_basis)[:3, 3] - matrix[:3, 3]).max() < 1e-5 and not body.animation_data
+    return collection
+
+
+def select(*bodies):
+    for other in bpy.context.view_layer.objects:
+        other.select_set(other in bodies)
+
+
+def top_of(collection):
+    return max(collection.objects, key=lambda body: body.location.z)
+
+
+def bottom_of(collection):
+    """One that carries others: low, and in the middle."""
+    return min(collection.objects, key=lambda body: body.location.z + body.location.xy.length)
+
+
+def test_nothing_to_settle_is_told(edited):
+    with pytest.raises(RuntimeError, match="Nothing was changed"):
+        bpy.ops.cairn.settle()
+    select()
+    with pytest.raises(RuntimeError, match="Select the bodies"):
+        bpy.ops.cairn.remove_bodies()
+
+
+def test_what_stood_on_a_removed_body_settles(edited, desk):
+    count = len(edited.objects)
+    select(bottom_of(edited))
+    assert bpy.ops.cairn.remove_bodies() == {"FINISHED"} and len(edited.objects) == count - 1
+    before = poses(edited)
+    bpy.ops.ed.undo_push(message="removed")
+    assert bpy.ops.cairn.settle() == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="settled")
+    told = desk.addon("running").report_of(edited)
+    assert told["measures"]["at_rest_fraction"] > 0.8
+    settled = told["settled"]
+    assert settled["moved"] > 0 and settled["kept"] > 0 and settled["moved"] + settled["kept"] == count - 1
+    after = poses(edited)
+    same = [name for name in after if after[name] == before[name]]
+    assert settled["kept"] <= len(same) < count - 1
+    # One step back is all of it.
+    name = edited.name
+    bpy.ops.ed.undo()
+    assert poses(bpy.data.collections[name]) == before
+
+
+def test_the_top_is_taken_off_and_nothing_else_moves(edited, desk):
+    select(top_of(edited))
+    bpy.ops.cairn.remove_bodies()
+    before = poses(edited)
+    try:
+        bpy.ops.cairn.settle()
+    except RuntimeError as error:
+        # Where nothing stood on it, there is nothing to settle.
+        assert "Nothing was changed" in str(error)
+    after = poses(edited)
+    assert sum(after[name] == before[name] for name in after) >= len(after) - 5
+
+
+def test_a_body_moved_by_hand_falls(edited):
+    body = top_of(edited)
+    body.location.z += 0.5
+    before, height = poses(edited), body.location.z
+    assert bpy.ops.cairn.settle() == {"FINISHED"}
+    assert body.location.z < height - 0.2
+    after = poses(edited)
+    assert sum(after[name] != before[name] for name in after) < len(after) / 2
+
+
+def test_a_body_is_replaced(edited, desk):
+    body = top_of(edited)
+    select(body)
+    number, where = body.cairn.number, body.location.copy()
+    other = 1 - body.cairn.prop
+    assert bpy.ops.cairn.replace_bodies(prop=str(other)) == {"FINISHED"}
+    (made,) = [body for body in edited.objects if body.cairn.number == number]
+    assert made.location == where and made.cairn.prop == other
+    assert made.data == bpy.data.objects[["Stick", "Block"][other]].data
+    assert bpy.ops.cairn.settle() == {"FINISHED"}
+
+
+def test_more_is_dropped_on_top(edited, desk):
+    before, count = poses(edited), len(edited.objects)
+    assert bpy.ops.cairn.add_on_top(count=6) == {"FINISHED"}
+    after = poses(edited)
+    assert len(edited.objects) == count + 6
+    assert all(after[name] == before[name] for name in before)
+    told = desk.addon("running").report_of(edited)["settled"]
+    assert (told["moved"], told["kept"], told["added"]) == (0, count, 6)
+    numbers = [body.cairn.number for body in edited.objects]
+    assert len(set(numbers)) == len(numbers)
+
+
+def test_points_cannot_be_edited(desk):
+    desk.add_stick()
+    desk.bake(output_mode="POINTS")
+    with pytest.raises(RuntimeError, match="Animated Objects"):
+        bpy.ops.cairn.edit_pile()
+
+
+def test_what_hung_from_a_removed_body_is_let_go(edited, desk):
+    """Glue holds nothing to what is gone, wherever it was."""
+    edit, dots, running = desk.addon("edit"), desk.addon("dots"), desk.addon("running")
+    listed = [{"body": 0, "other": 1, "at": [0, 0, 0], "load": 1.0, "broken": False}]
+    edited.cairn.report = json.dumps({**running.report_of(edited), "dots": listed})
+    ends = [dots.number_of(edited, body) for body in (listed[0]["body"], listed[0]["other"])]
+    by_number = {body.cairn.number: body for body in edited.objects}
+    gone, other = sorted((by_number[number] for number in ends), key=lambda body: -body.location.z)
+    props = desk.addon("request").finish(desk.addon("export").Exporter(bpy.context).props(list(desk.props.objects)))
+    select(gone)
+    bpy.ops.cairn.remove_bodies()
+    placed = edit.Placed(edited, props)
+    free = desk.addon("request").finish(placed.disturbed())
+    assert free[placed.objects.index(other)]
+
+
+def test_bodies_carry_what_a_pipeline_goes_by(desk):
+    stick = desk.add_stick()
+    stick.pass_index, stick["asset"], stick["lod"] = 7, "stick_a", 2
+    collection = desk.bake(output_mode="POSE")
+    assert {(body.pass_index, body["asset"], body["lod"]) for body in collection.objects} == {(7, "stick_a", 2)}
+    collection.cairn.display = "BOUNDS"
+    assert {body.display_type for body in collection.objects} == {"BOUNDS"} and stick.display_type == "TEXTURED"

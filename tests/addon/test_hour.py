@@ -1,0 +1,376 @@
+"""What an artist meets in an hour of work: nothing moves by itself, nothing is lost, everything is told in words."""
+
+import time
+
+import bpy
+import numpy as np
+import pytest
+from conftest import count_blocks, cuboid, mesh_object
+from test_faults import LONG, PATIENCE, names, refusal, start, wait
+
+
+def all_blocks():
+    """Everything in the file, by kind."""
+    kinds = (name for name in dir(bpy.data) if isinstance(getattr(bpy.data, name), bpy.types.bpy_prop_collection))
+    return {name: sorted(block.name for block in getattr(bpy.data, name)) for name in kinds}
+
+
+@pytest.fixture
+def looking(desk, addon, monkeypatch):
+    """The tab is seen, which without a window it never is: a function that lets so many looks pass."""
+    estimates = addon("estimates")
+    monkeypatch.setattr(estimates, "_seen_at", time.monotonic() + 3600)
+    estimates.forget()
+
+    def look(until, most=2000):
+        for _ in range(most):
+            estimates._look()
+            if until():
+                return True
+            time.sleep(0.01)
+        return False
+
+    yield look
+    estimates.forget()
+
+
+def test_looking_changes_nothing(desk, addon, looking):
+    desk.add_stick()
+    hidden = desk.add_stick("Hidden", (0.2, 0.2, 0.2))
+    hidden.hide_viewport = True
+    hidden.modifiers.new("Round", "BEVEL")
+    wall = cuboid("Wall", (0.2, 1.2, 1.0), location=(1, 0, 0))
+    for frame, place in ((1, 1.0), (200, 2.0)):
+        wall.location.x = place
+        wall.keyframe_insert("location", frame=frame)
+    desk.settings.colliders = bpy.data.collections.new("Walls")
+    desk.settings.colliders.objects.link(wall)
+    bpy.context.scene.collection.children.link(desk.settings.colliders)
+    scene = bpy.context.scene
+    scene.frame_set(37, subframe=0.25)
+    moved, before = [], (all_blocks(), scene.frame_current, scene.frame_subframe)
+    bpy.app.handlers.frame_change_pre.append(lambda *_: moved.append(1))
+    try:
+        running = addon("running")
+        assert looking(lambda: running.plan)
+        looking(lambda: False, 20)
+    finally:
+        bpy.app.handlers.frame_change_pre.pop()
+    assert {"DRAFT", "STANDARD"} <= set(running.plan["estimates"])
+    assert not moved and (all_blocks(), scene.frame_current, scene.frame_subframe) == before
+
+
+def test_expected_times_stay_until_the_next_are_there(desk, addon, looking, monkeypatch):
+    stick = desk.add_stick()
+    running, estimates = addon("running"), addon("estimates")
+    # Reading takes as long as it likes: it is done in slices.
+    monkeypatch.setattr(estimates, "SLICE", 0.0)
+    assert looking(lambda: running.plan)
+    first = running.plan
+    stick.scale = (0.7, 1, 1)
+    bpy.context.view_layer.update()
+    assert looking(lambda: running.plan_is_old) and running.plan is first
+    assert looking(lambda: not running.plan_is_old) and running.plan is not first
+    monkeypatch.setattr(addon("fingerprint"), "MAX_VERTICES", 4)
+    assert looking(lambda: estimates.is_too_much) and running.plan is None
+    assert "Check" in addon("panels").reliance()
+
+
+def test_time_left_only_falls_or_is_not_known(addon):
+    left = addon("running").TimeLeft()
+    random = np.random.default_rng(5)
+    told, doubted = [], 0
+    for second in range(200):
+        # A stage that takes ever longer, then ends.
+        left.hear(2, 11.0 + 8 * random.random() if second < 150 else 200.0 - second, float(second))
+        told.append(left.told(second + 0.5))
+        doubted += told[-1] is None
+    known = [value for value in told if value is not None]
+    assert all(later <= before for before, later in zip(known, known[1:]))
+    assert doubted > 100 and known
+    left.hear(3, None, 200.0)
+    assert left.told(200.0) is None
+    left.hear(3, 60.0, 201.0)
+    assert left.told(202.0) == 59.0
+
+
+def test_stages_before_the_first_frame_are_named(desk, addon):
+    desk.add_stick()
+    bake = start(desk, addon, accuracy="DRAFT", seed=991)
+    seen = []
+    while not bake.end:
+        bake.job.news.put(bake.job.news.get(timeout=PATIENCE))
+        kind = bake.job.news.get()
+        bake.job.news.put(kind)
+        bake.poll()
+        seen += [bake.stage()] if bake.stage() not in seen else []
+    addon("running").end()
+    assert seen[:1] == ["Connecting"] and "Reading props" in seen, seen
+    assert seen.index("Reading props") < seen.index("Filling" if "Filling" in seen else "Placing glue")
+
+
+def test_what_the_fill_has_can_be_kept(desk, addon):
+    desk.add_stick()
+    bake = start(desk, addon, **{**LONG, "seed": 23, "accuracy": "REFERENCE"})
+    wait(bake, lambda: bake.job.latest is not None and bake.job.latest.present.sum() > 3)
+    assert not bake.frame_count
+    bake.stop()
+    count = int(bake.job.latest.present.sum())
+    assert bake.kept_kind() == f"Keep the {count} Bodies as They Are"
+    assert bpy.ops.cairn.keep() == {"FINISHED"}
+    collection = bpy.data.collections["Heap Pile"]
+    assert len(collection.objects) == count and collection.cairn.mode == "POSE"
+    told = addon("running").report_of(collection)
+    assert not told["is_whole"] and told["body_count"] == count
+    inside = [body.location for body in collection.objects]
+    assert all(abs(place.x) < 0.5 and abs(place.y) < 0.5 and -0.1 < place.z < 0.7 for place in inside)
+
+
+def test_a_bake_is_noted_when_it_is_asked_for(desk, addon, tmp_path, monkeypatch):
+    desk.add_stick()
+    path = str(tmp_path / "pile.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    pending, running, job = addon("pending"), addon("running"), addon("job")
+
+    async def never(*_):
+        await job.asyncio.sleep(PATIENCE)
+        yield
+
+    monkeypatch.setattr(job.client, "bake", never)
+    bake = start(desk, addon, accuracy="DRAFT", seed=78)
+    assert pending.of_this_file()["bake_id"] == "" and pending.of_this_file()["recipe"] == bake.recipe
+    folder = pending.request_folder(bake.recipe)
+    end = time.monotonic() + PATIENCE
+    while not folder.exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    monkeypatch.undo()
+    # Blender closes, and the shape is another one when the file is opened again: what was asked for counts.
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert running.left is not None and running.left["bake_id"] == ""
+    bpy.data.objects["Heap"].scale = (0.1, 0.1, 0.1)
+    assert bpy.ops.cairn.fetch() == {"FINISHED"}
+    assert len(bpy.data.collections["Heap Pile"].objects) > 20
+    assert pending.of_this_file() is None and not folder.exists()
+
+
+def test_fetching_draws_the_props(desk, addon, tmp_path):
+    desk.add_stick()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "pile.blend"))
+    taken = addon("request").take(bpy.context)
+    props = addon("request").finish(addon("operators").seen_props(bpy.context, taken.recipe))
+    assert [len(prop.outlines[0].triangles) for prop in props] == [12]
+
+
+def test_two_blenders_keep_their_notes(desk, addon, tmp_path):
+    """Each writes a file of its own, and removes none but its own."""
+    desk.add_stick()
+    pending, request = addon("pending"), addon("request")
+    first, second = (request.take(bpy.context).recipe for _ in range(2))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "one.blend"))
+    pending.note(first, "1")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "two.blend"))
+    assert pending.of_this_file() is None
+    pending.note(second, "2")
+    pending.forget(first)
+    assert pending.of_this_file()["bake_id"] == "2"
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "one.blend"))
+    assert pending.of_this_file()["bake_id"] == "1"
+    pending.give_up()
+    assert pending.of_this_file() is None
+
+
+def test_empties_with_nothing_below_are_no_props(desk, addon):
+    desk.add_stick()
+    marker = bpy.data.objects.new("Marker", None)
+    desk.props.objects.link(marker)
+    assert [source.name for source, _ in addon("request").props_of(desk.settings)] == ["Stick"]
+    below = cuboid("Below", (0.1, 0.1, 0.1), desk.props)
+    below.parent = marker
+    assert {source.name for source, _ in addon("request").props_of(desk.settings)} == {"Stick", "Marker"}
+
+
+def test_all_that_is_wrong_is_told_at_once(desk, addon):
+    desk.add_stick()
+    mesh_object("Ghost", [(0, 0, 0)], [], desk.props)
+    mesh_object("Shade", [(0, 0, 0)], [], desk.props)
+    desk.add_stick("Beam", (9, 9, 9))
+    desk.settings.control_mesh = mesh_object("Sheet", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    for operator in (bpy.ops.cairn.check, bpy.ops.cairn.bake):
+        told = refusal(operator)
+        assert all(name in told for name in ("“Ghost”", "“Shade”", "Sheet")), told
+        pairs = dict(addon("action_panel").problems())
+        about = [things for things in pairs.values() if things]
+        assert ["Ghost"] in about and ["Shade"] in about and ["Sheet"] in about, pairs
+        assert not any("control mesh" in text for text in pairs)
+
+
+def test_warnings_are_told_once_and_in_words(addon):
+    gathered = addon("wording").gathered
+    tail = ": the mesh is open, so that its mass is taken from its collision shape"
+    names = {"a.glb": "Rock", "b.glb": "Rock.001", "c: d": "c: d", "e": "Leaf"}
+    texts = [uri + tail for uri in names] + ["a.glb" + tail]
+    texts += ["the pile was still moving at the last frame; bake more frames, or raise hold.patience"] * 2
+    texts += ["e: only 3 % of its underside lies within 0.010 m of the ground and counts as its base (base.height); a"]
+    texts += ["more bodies would fit than fill.max_bodies = 20: the control mesh will not be full; raise it"]
+    told = gathered(texts, names)
+    assert [things for _, things in told] == [["Rock", "Rock.001", "c: d", "Leaf"], [], ["Leaf"], []]
+    assert told[0][0].startswith("“Rock”, “Rock.001”, “c: d” and 1 more: The mesh is open")
+    assert told[1][0].endswith("raise “Patience” in the panel Release")
+    assert "(“Height” in the panel Fill)" in told[2][0]
+    assert "“Max Bodies” in the panel Fill (20): the shape will" in told[3][0]
+
+
+def test_settings_come_back_after_everything_was_renamed(desk, addon):
+    desk.add_stick()
+    extra = desk.add_stick("Extra", (0.2, 0.2, 0.2))
+    desk.settings.prop_source = "LIST"
+    for source in (bpy.data.objects["Stick"], extra):
+        desk.settings.props.add().object = source
+    collection = desk.bake(seed=6)
+    desk.control.name, extra.name, bpy.data.objects["Stick"].name = "Hill", "Other", "Rod"
+    cuboid("Heap", (1, 1, 1))
+    settings = bpy.context.scene.cairn
+    settings.control_mesh, settings.seed = None, 1
+    settings.props.clear()
+    assert bpy.ops.cairn.restore_settings(collection=collection.name) == {"FINISHED"}
+    assert settings.control_mesh.name == "Hill" and settings.seed == 6
+    assert [item.object.name for item in settings.props] == ["Rod", "Other"]
+
+
+def test_a_rename_during_a_bake_does_no_harm(desk, addon):
+    stick = desk.add_stick()
+    bake = start(desk, addon, accuracy="DRAFT", seed=8)
+    stick.name, desk.control.name, bpy.context.scene.name = "Rod", "Hill", "Set"
+    cuboid("Stick", (1, 1, 1))
+    wait(bake, lambda: bake.end)
+    collection = addon("request").finish(
+        addon("result").build(bpy.context, bake.motion(), bake.recipe, bake.told()),
+    )
+    addon("running").end()
+    assert collection.cairn.control == desk.control and collection.name == "Hill Pile"
+    assert all(body.data == stick.data for body in collection.objects)
+    assert not bpy.context.scene.cairn_asked.token and not bpy.context.scene.cairn_asked.pointers
+
+
+def test_other_presets_show_their_values(desk, addon):
+    desk.add_stick()
+    presets, properties = addon("presets"), addon("properties")
+    bpy.ops.cairn.check()
+    told = {}
+    for accuracy in ("DRAFT", "STANDARD"):
+        desk.settings.accuracy = accuracy
+        told[accuracy] = {
+            (message, field["name"]): presets.text(getattr(desk.settings, name), field)
+            for message, name in properties.GROUPS.items()
+            for field in properties.fields_of(message)
+        }
+    assert told["DRAFT"] != told["STANDARD"]
+    known = [value for value in told["DRAFT"].values() if value != "–"]
+    assert len(known) > len(told["DRAFT"]) / 2
+    assert told["STANDARD"]["Hold", "patience"] == f"{desk.settings.hold.patience:.4g}"
+
+
+def test_bodies_are_as_the_render_has_them(desk, addon):
+    stick = desk.add_stick()
+    smooth = stick.modifiers.new("Smooth", "SUBSURF")
+    smooth.levels, smooth.render_levels = 0, 2
+    before = count_blocks()["scenes"]
+    collection = desk.bake(output_mode="POSE")
+    assert len(desk.sent_vertices(0)) == 98 == len(collection.objects[0].data.vertices)
+    assert (smooth.levels, count_blocks()["scenes"]) == (0, before)
+
+
+def test_stopped_before_the_server_has_it(desk, addon):
+    desk.add_stick()
+    before = names()
+    bake = start(desk, addon, **LONG)
+    bake.stop()
+    assert not bake.kept_kind()
+    addon("running").end()
+    assert names() == before
+
+
+def test_props_are_drawn_as_they_look(addon):
+    outline = addon("outline")
+    bpy.ops.mesh.primitive_torus_add(major_segments=96, minor_segments=48, major_radius=1, minor_radius=0.3)
+    ring = bpy.context.object
+    image = bpy.data.images.new("Rust", 8, 8)
+    image.pixels[:] = [0.6, 0.3, 0.1, 1.0] * 64
+    material = bpy.data.materials.new("Rust")
+    material.use_nodes = True
+    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image = image
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    material.node_tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
+    ring.data.materials.append(material)
+    (prop,) = addon("request").finish(addon("export").Exporter(bpy.context).props([ring]))
+    (drawn,) = addon("request").finish(addon("preview").drawn([prop]))
+    assert np.allclose(drawn.tint, [0.6, 0.3, 0.1], atol=0.01)
+    points, soup = drawn.outlines[0].points, prop.vertices
+    assert 100 < len(drawn.outlines[0].triangles) <= 300
+    # It has its hole, and its size.
+    assert np.linalg.norm(points[:, :2], axis=1).min() > 0.5
+    assert np.abs(points.max(axis=0) - soup.max(axis=0)).max() < 0.15
+    assert np.allclose(np.linalg.norm(drawn.outlines[0].normals, axis=1), 1, atol=1e-3)
+    square = outline.shaded(*outline.box(soup))
+    # A sharp edge has a normal for each side.
+    assert len(square.triangles) == 12 and len(square.points) > 24
+
+
+@pytest.fixture
+def live(desk, addon):
+    """Without a window there are no timers: turns them by hand."""
+    live = addon("live")
+    live.show(True)
+
+    def turn(until, patience=PATIENCE):
+        end = time.monotonic() + patience
+        while not until() and time.monotonic() < end:
+            live._look()
+            time.sleep(0.01)
+        return until()
+
+    yield live, turn
+    live.show(False)
+
+
+def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
+    live, turn = live
+    drawn = []
+
+    class Preview:
+        def __init__(self, props, metres):
+            self.props = props
+
+        def update(self, snapshot):
+            drawn.append(snapshot)
+
+        def remove(self):
+            drawn.append(None)
+
+    monkeypatch.setattr(live.preview, "Preview", Preview)
+    asked = []
+    start = addon("job").Job.start
+    monkeypatch.setattr(addon("job").Job, "start", lambda job: asked.append(job) or start(job))
+    assert turn(lambda: "made of" in live.told())
+    desk.add_stick()
+    before = all_blocks(), bpy.context.scene.frame_current
+    desk.settings.accuracy = "REFERENCE"
+    assert turn(lambda: drawn)
+    v1 = addon("messages").v1
+    assert asked[0].spec.scene.accuracy == v1.ACCURACY_DRAFT
+    assert drawn[-1].stage != v1.STAGE_FILL and drawn[-1].present.sum() > 10 and "Draft of" in live.told()
+    # A change drops what is under way; the old picture stays until the new one is there.
+    desk.control.scale.z = 0.5
+    bpy.context.view_layer.update()
+    assert turn(lambda: len(asked) == 2)
+    desk.settings.seed = 5
+    assert turn(lambda: len(drawn) == 3)
+    assert len(asked) == 3 and drawn[1] is None and asked[2].spec.scene.seed == 5
+    assert turn(lambda: False, 1.0) is False and len(asked) == 3
+    assert (all_blocks(), bpy.context.scene.frame_current) == before
+    live.show(False)
+    assert drawn[-1] is None and live._on_change not in bpy.app.handlers.depsgraph_update_post
+    assert not bpy.app.timers.is_registered(live._look)
