@@ -25,6 +25,8 @@ use tracing::{info, warn};
 /// All descriptors of `cairn.v1`, for reflection.
 const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
 
+/// Bytes of one request: a scene with the most bodies that one may have, 100,000, each with all its values.
+const MAX_REQUEST: usize = 32 << 20;
 /// Calls that one connection may have open.
 const MAX_STREAMS_PER_CONNECTION: u32 = 2048;
 /// A connection is asked so often whether it still lives, and is closed if it says nothing for so long.
@@ -237,7 +239,7 @@ fn routes(bakes: &std::sync::Arc<Bakes>, secrets: &Secrets) -> Result<Routes, Se
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
     let broken = |error: tonic_reflection::server::Error| ServeError::Failed(error.to_string());
-    let pile = PileServiceServer::new(Service::new(bakes.clone()));
+    let pile = PileServiceServer::new(Service::new(bakes.clone())).max_decoding_message_size(MAX_REQUEST);
     Ok(Routes::new(InterceptedService::new(pile, guard))
         .add_service(InterceptedService::new(reflection().build_v1().map_err(broken)?, guard))
         .add_service(InterceptedService::new(reflection().build_v1alpha().map_err(broken)?, guard)))

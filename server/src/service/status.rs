@@ -43,6 +43,8 @@ pub enum Fault {
     Deadline,
     #[error("the bake was cancelled")]
     BakeCancelled,
+    #[error("what the server kept of this bake is damaged: {0}. Ask for the bake again, and it is made again")]
+    BakeDamaged(String),
     #[error(
         "the bake's process ended unexpectedly: {0}. This is a fault in Cairn, not in your scene; please report it"
     )]
@@ -77,6 +79,7 @@ impl Fault {
             Fault::UploadStalled | Fault::TimeLimit(_) | Fault::Deadline => Code::DeadlineExceeded,
             Fault::BakeNotFound(_) => Code::NotFound,
             Fault::BakeCancelled => Code::Cancelled,
+            Fault::BakeDamaged(_) => Code::DataLoss,
             Fault::ServerRestarted => Code::Aborted,
             Fault::ShuttingDown => Code::Unavailable,
             Fault::TokenInvalid => Code::Unauthenticated,
@@ -101,6 +104,7 @@ impl Fault {
             Fault::TimeLimit(_) => "TIME_LIMIT",
             Fault::Deadline => "DEADLINE",
             Fault::BakeCancelled => "BAKE_CANCELLED",
+            Fault::BakeDamaged(_) => "BAKE_DAMAGED",
             Fault::BakeCrashed(_) => "BAKE_CRASHED",
             Fault::ServerRestarted => "SERVER_RESTARTED",
             Fault::ShuttingDown => "SHUTTING_DOWN",
@@ -179,8 +183,7 @@ fn status(failure: &Failure, retry: Option<Duration>) -> Status {
     for (index, problem) in failure.problems.iter().enumerate() {
         room = room.saturating_sub(problem.field.len() + problem.description.len());
         if room == 0 && index > 0 {
-            let rest = failure.problems.len() - index;
-            details.add_bad_request_violation("spec", format!("and {rest} more problems"));
+            details.add_bad_request_violation("spec", "and more problems");
             break;
         }
         details.add_bad_request_violation(&problem.field, cut(&problem.description, ROOM));

@@ -5,10 +5,9 @@ mod stream;
 
 use crate::service::config::MAX_CHUNK;
 use crate::service::deadline;
-use crate::service::folder::{REPORT, SPEC, result_name};
+use crate::service::folder::{REPORT, SCENE, result_name};
 use crate::service::jobs::Bakes;
 use crate::service::status::Fault;
-use crate::wire::proto;
 use crate::wire::proto::pile_service_server::PileService;
 use crate::wire::proto::{
     Artifact, BakeRequest, BakeResponse, BakeState, CancelBakeRequest, CancelBakeResponse, DeleteBakeRequest,
@@ -19,10 +18,9 @@ use crate::wire::proto::{
 };
 use crate::wire::to_proto;
 use crate::wire::versions::{PROTOCOL, versions};
-use prost::Message;
 use std::sync::Arc;
 use std::time::Duration;
-use stream::{Events, Follow};
+use stream::{Download, Events, Follow};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_stream::StreamExt;
 use tonic::{Request, Response, Status, Streaming};
@@ -148,7 +146,7 @@ impl PileService for Service {
     }
 
     async fn plan_bake(&self, request: Request<PlanBakeRequest>) -> Result<Response<PlanBakeResponse>, Status> {
-        let spec = request::checked(request.into_inner().spec)?;
+        let spec = on_disk(|| request::checked(request.into_inner().spec)).await??;
         Ok(Response::new(self.bakes.plan(spec).await?))
     }
 
@@ -158,8 +156,8 @@ impl PileService for Service {
         let deadline = deadline::of(request.metadata());
         let permit = self.stream_permit()?;
         let BakeRequest { spec, frames } = request.into_inner();
-        let spec = request::checked(spec)?;
-        let entry = self.bakes.submit(spec, deadline)?;
+        let bakes = self.bakes.clone();
+        let entry = on_disk(move || bakes.submit(request::checked(spec)?, deadline)).await??;
         entry.accepted().await?;
         self.bakes.store.touch(&entry.id());
         let follow = Follow { from: 1, frames: request::frames(frames)?, deadline };
@@ -209,20 +207,25 @@ impl PileService for Service {
         let permit = self.stream_permit()?;
         let DownloadResultRequest { bake_id, artifact } = request.into_inner();
         let entry = self.bakes.find(&bake_id)?;
-        if entry.watch().borrow().status.state() != BakeState::Succeeded {
+        let Ok(artifact) = Artifact::try_from(artifact) else {
+            return Err(Fault::field("artifact", format!("there is no artifact {artifact}")).into());
+        };
+        let status = entry.watch().borrow().status.clone();
+        if artifact != Artifact::Scene && status.state() != BakeState::Succeeded {
             return Err(Fault::BakeNotDone.into());
         }
-        let folder = self.bakes.store.folder(&bake_id);
-        let name = match Artifact::try_from(artifact) {
-            Ok(Artifact::Unspecified | Artifact::Result) => {
-                let spec = tokio::fs::read(folder.join(SPEC)).await.map_err(Fault::from)?;
-                let spec = proto::BakeSpec::decode(&spec[..]).map_err(|error| Fault::Internal(error.to_string()))?;
-                result_name(spec.format())
+        let summary = status.summary.unwrap_or_default();
+        let (name, sha256) = match artifact {
+            Artifact::Unspecified | Artifact::Result => {
+                let bakes = self.bakes.clone();
+                let spec = on_disk(move || bakes.store.spec(&status.bake_id)).await?.map_err(Fault::from)?;
+                (result_name(spec.format()), summary.result_sha256)
             }
-            Ok(Artifact::Report) => REPORT,
-            Err(_) => return Err(Fault::field("artifact", format!("there is no artifact {artifact}")).into()),
+            Artifact::Report => (REPORT, summary.report_sha256),
+            Artifact::Scene => (SCENE, String::new()),
         };
         self.bakes.store.touch(&bake_id);
-        Ok(Response::new(stream::download(&folder.join(name), permit).await?))
+        let path = self.bakes.store.folder(&bake_id).join(name);
+        Ok(Response::new(Download { path, sha256 }.start(&self.bakes, entry, permit).await?))
     }
 }

@@ -7,7 +7,6 @@ mod task;
 
 use crate::service::config::{Config, Unfinished};
 use crate::service::event_log;
-use crate::service::folder::EVENTS;
 use crate::service::news::News;
 use crate::service::process::{Task, Worker};
 use crate::service::status::Fault;
@@ -134,7 +133,11 @@ impl Bakes {
         found.sort_by_key(|status| status.create_time.map(|time| (time.seconds, time.nanos)));
         for mut status in found {
             let id = status.bake_id.clone();
-            let log_bytes = std::fs::metadata(self.store.folder(&id).join(EVENTS)).map_or(0, |log| log.len());
+            if let Some(damage) = self.store.damage(&status) {
+                warn!(bake_id = %id, damage, "a bake is damaged; it is made again when it is asked for");
+                status.end(BakeState::Failed, Some(&Fault::BakeDamaged(damage)));
+                self.store.write_status(&status)?;
+            }
             let was_unfinished = matches!(status.state(), BakeState::Queued | BakeState::Running);
             if was_unfinished && self.config.unfinished == Unfinished::Fail {
                 status.end(BakeState::Failed, Some(&Fault::ServerRestarted));
@@ -142,6 +145,11 @@ impl Bakes {
                 self.store.release_assets(&id);
             }
             let resume = was_unfinished && self.config.unfinished == Unfinished::Restart;
+            if resume {
+                // Its log is written anew: nothing of it may be read before.
+                (status.event_bytes, status.last_sequence_number) = (0, 0);
+            }
+            let log_bytes = u64::try_from(status.event_bytes).unwrap_or(0);
             let entry = Entry::new(Now { status, log_bytes, accepted: true }, None);
             self.entries().insert(id.clone(), entry.clone());
             if resume {
@@ -160,6 +168,7 @@ impl Bakes {
         let id = bake_id(&spec);
         let mut entries = self.entries();
         if let Some(entry) = entries.get(&id) {
+            self.look_at(entry);
             let state = entry.now.borrow().status.state();
             if !matches!(state, BakeState::Failed | BakeState::Cancelled) && !entry.cancelled.is_cancelled() {
                 let later = |own: &mut Option<Instant>| *own = own.zip(deadline).map(|(a, b)| a.max(b));
@@ -184,6 +193,30 @@ impl Bakes {
         Ok(entry)
     }
 
+    /// A bake whose files are not as long as they were is damaged.
+    fn look_at(&self, entry: &Entry) {
+        let damage = self.store.damage(&entry.now.borrow().status);
+        if let Some(damage) = damage {
+            self.damaged(entry, damage);
+        }
+    }
+
+    /// What is kept of a bake was found to be damaged: who asks for it next has it made again.
+    pub fn damaged(&self, entry: &Entry, damage: String) -> Fault {
+        let fault = Fault::BakeDamaged(damage);
+        let mut status = entry.now.borrow().status.clone();
+        if status.state() == BakeState::Succeeded {
+            warn!(bake_id = %status.bake_id, %fault, "a bake is damaged");
+            status.end(BakeState::Failed, Some(&fault));
+            status.summary = None;
+            if let Err(error) = self.store.write_status(&status) {
+                warn!(%error, "the damage could not be written down");
+            }
+            entry.now.send_modify(|now| now.status = status);
+        }
+        fault
+    }
+
     fn queue_full(&self) -> Fault {
         let last = *self.last_time.lock().unwrap_or_else(PoisonError::into_inner);
         Fault::QueueFull { retry: last.clamp(Duration::from_secs(1), Duration::from_secs(60)) }
@@ -200,6 +233,7 @@ impl Bakes {
             bake_id: bake_id(&spec),
             plan: accepted.plan,
             effective_scene: accepted.effective_scene,
+            has_parameters_only: accepted.has_parameters_only,
         })
     }
 

@@ -1,6 +1,6 @@
 //! The life of one bake: planned, queued, run, ended.
 
-use super::{Bakes, Entry, Now, accepted_before, now};
+use super::{Bakes, Entry, Now, accepted_before, bake_id, now};
 use crate::service::event_log::{Extent, Writer};
 use crate::service::folder::EVENTS;
 use crate::service::news::News;
@@ -96,9 +96,12 @@ impl Bakes {
         };
         let accepted = match spec {
             Some(spec) => self.accept(&id, &folder, &spec, slot).await?,
-            None => accepted_before(&folder.join(EVENTS)).await.ok_or(Fault::ServerRestarted)?,
+            None => match accepted_before(&folder.join(EVENTS)).await {
+                Some(accepted) => accepted,
+                None => self.accept_again(&id, &folder, slot).await?,
+            },
         };
-        let extent = Writer::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.flush()?;
+        let extent = Writer::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.sync()?;
         entry.now.send_modify(|now| {
             now.accepted = true;
             now.status.set_state(BakeState::Queued);
@@ -134,6 +137,23 @@ impl Bakes {
     ) -> Result<Accepted, Fault> {
         let _planner = self.planners.acquire().await;
         self.store.prepare(id, spec)?;
+        self.plan_in(id, folder, slot).await
+    }
+
+    /// An earlier server had accepted this bake, and its events are gone or of another version. This version would bake
+    /// something else under another id.
+    async fn accept_again(&self, id: &str, folder: &Path, slot: &mut Option<Worker>) -> Result<Accepted, Fault> {
+        match self.store.spec(id) {
+            Ok(spec) if bake_id(&spec) == id => {
+                warn!("its events are damaged; it is planned again");
+                let _planner = self.planners.acquire().await;
+                self.plan_in(id, folder, slot).await
+            }
+            _ => Err(Fault::ServerRestarted),
+        }
+    }
+
+    async fn plan_in(&self, id: &str, folder: &Path, slot: &mut Option<Worker>) -> Result<Accepted, Fault> {
         let mut accepted = self.run_plan(folder, slot).await?;
         // It has said all.
         if let Some(mut planner) = slot.take() {
@@ -221,6 +241,7 @@ impl Bakes {
 impl Now {
     fn reached(&mut self, extent: Extent) {
         self.log_bytes = extent.bytes;
+        self.status.event_bytes = crate::wire::to_proto::signed(extent.bytes);
         self.status.last_sequence_number = extent.last;
     }
 }
