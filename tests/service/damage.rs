@@ -1,10 +1,13 @@
 //! What others do to a server's folder: files of theirs, and files that are cut off, emptied or changed.
 
-use crate::server::{Server, accepted_id, assert_fault, events, numbered, request, short, status, watch};
+use crate::server::{Server, accepted_id, assert_fault, channel, events, numbered, request, short, status, watch};
 use cairn::client::Connection;
-use cairn::wire::proto::{Artifact, BakeState};
+use cairn::wire::proto::{Artifact, BakeState, DeleteBakeRequest, ListBakesRequest};
 use std::path::PathBuf;
 use tonic::Code;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_check_response::ServingStatus;
+use tonic_health::pb::health_client::HealthClient;
 
 /// A finished bake: its id and its folder.
 async fn baked(server: &Server, connection: &mut Connection) -> (String, PathBuf) {
@@ -96,6 +99,41 @@ async fn an_unfinished_bake_without_its_events_is_planned_again() {
     let (told, end) = events(watch(&mut connection, &id, 1).await).await;
     end.unwrap();
     assert_eq!((accepted_id(&told), numbered(&told)[0].sequence_number), (id, 1));
+}
+
+/// A token of a page is a place in the list, which is there without the bake, too.
+#[tokio::test]
+async fn a_page_goes_on_where_a_bake_was_deleted() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let mut ids = Vec::new();
+    for seed in 1..=3 {
+        ids.push(crate::server::begin(&mut connection, crate::server::endless(seed)).await);
+    }
+    let mut page = ListBakesRequest { page_size: 1, ..Default::default() };
+    let first = connection.service.list_bakes(page.clone()).await.unwrap().into_inner();
+    assert_eq!(first.bakes[0].bake_id, ids[2]);
+    connection.service.delete_bake(DeleteBakeRequest { bake_id: ids[2].clone() }).await.unwrap();
+    page.page_token = first.next_page_token;
+    let second = connection.service.list_bakes(page).await.unwrap().into_inner();
+    assert_eq!(second.bakes[0].bake_id, ids[1]);
+}
+
+/// A data directory that is gone is told by the health, and one that is back, too.
+#[tokio::test]
+async fn health_knows_the_data_directory() {
+    let server = Server::start(&[]);
+    let mut health = HealthClient::new(channel(&format!("http://{}", server.addresses[0])).await);
+    for (from, to, status) in [("data", "gone", ServingStatus::NotServing), ("gone", "data", ServingStatus::Serving)] {
+        std::fs::rename(server.path(from), server.path(to)).unwrap();
+        for service in ["", "cairn.v1.PileService"] {
+            let request = HealthCheckRequest { service: service.into() };
+            while health.check(request.clone()).await.unwrap().into_inner().status() != status {
+                tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+            }
+        }
+    }
+    assert!(server.log().contains("the data directory cannot be used"), "{}", server.log());
 }
 
 #[tokio::test]

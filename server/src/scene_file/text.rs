@@ -69,7 +69,8 @@ fn from_value(value: &DeValue, ends: &LineEnds, path: &str, lines: &mut BTreeMap
         DeValue::String(string) => Value::String(string.to_string()),
         DeValue::Integer(integer) => match i64::from_str_radix(integer.as_str(), integer.radix()) {
             Ok(number) => Value::Number(number.into()),
-            Err(_) => Value::String(integer.as_str().to_owned()),
+            // Larger than any field takes, and still a number.
+            Err(_) => integer.as_str().parse().map_or_else(|_| Value::String(integer.as_str().to_owned()), from_f64),
         },
         DeValue::Float(float) => match float.as_str().parse::<f64>() {
             Ok(number) => from_f64(number),

@@ -10,6 +10,10 @@ use tonic_types::{ErrorDetails, StatusExt};
 
 const DOMAIN: &str = "cairn";
 
+/// What is full, for a caller, who is not to know the server's folders.
+pub const DISK_FULL: &str =
+    "the disk of its data directory is full; the operator can make room or choose a lower store_mib";
+
 /// A fault of a call or of a bake.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Fault {
@@ -35,8 +39,13 @@ pub enum Fault {
     TooManyCalls,
     #[error("the bake needs more memory than the {0} MiB that this server gives to one")]
     MemoryLimit(u64),
-    #[error("the disk is full or the bake is larger than the store: {0}")]
+    #[error("there is no room on the server: {0}")]
     StorageLimit(String),
+    #[error(
+        "the bake's process was killed from outside, most likely by the server's system as its memory ran out; ask for fewer \
+         bodies, or tell the operator: fewer bakes at once need less"
+    )]
+    BakeKilled,
     #[error("the bake took longer than the {0} s that this server gives to one")]
     TimeLimit(u64),
     #[error("the deadline of the call has passed")]
@@ -75,6 +84,7 @@ impl Fault {
             | Fault::QueueFull { .. }
             | Fault::TooManyCalls
             | Fault::MemoryLimit(_)
+            | Fault::BakeKilled
             | Fault::StorageLimit(_) => Code::ResourceExhausted,
             Fault::UploadStalled | Fault::TimeLimit(_) | Fault::Deadline => Code::DeadlineExceeded,
             Fault::BakeNotFound(_) => Code::NotFound,
@@ -101,6 +111,7 @@ impl Fault {
             Fault::TooManyCalls => "TOO_MANY_CALLS",
             Fault::MemoryLimit(_) => "MEMORY_LIMIT",
             Fault::StorageLimit(_) => "STORAGE_LIMIT",
+            Fault::BakeKilled => "BAKE_KILLED",
             Fault::TimeLimit(_) => "TIME_LIMIT",
             Fault::Deadline => "DEADLINE",
             Fault::BakeCancelled => "BAKE_CANCELLED",
@@ -140,11 +151,13 @@ impl Fault {
 impl From<std::io::Error> for Fault {
     fn from(error: std::io::Error) -> Fault {
         use std::io::ErrorKind;
+        tracing::error!(%error, "the data directory");
         match error.kind() {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
-                Fault::StorageLimit(error.to_string())
+                Fault::StorageLimit(DISK_FULL.into())
             }
-            _ => Fault::Internal(error.to_string()),
+            // The kind alone: the words may name a place of the server.
+            kind => Fault::Internal(format!("the data directory: {kind}")),
         }
     }
 }

@@ -5,6 +5,7 @@
 //! assets/SHA256        one file per asset
 //! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.json; assets/ while it is unfinished
 //! partial/             what is being written
+//! cache/               fills and bakes that others may use again
 //! ```
 //!
 //! A bake has its assets as hard links, so that they may go from `assets/` at any time.
@@ -24,6 +25,8 @@ use tempfile::{NamedTempFile, TempDir};
 use tracing::warn;
 
 const STATUS: &str = "status.binpb";
+/// What earlier bakes left for others.
+pub const CACHE: &str = "cache";
 
 /// An open data directory.
 pub struct Store {
@@ -54,6 +57,13 @@ impl Store {
         let _ = fs::remove_dir_all(root.join("partial"));
         fs::create_dir_all(root.join("partial"))?;
         Ok(Store { root, most_bytes: config.store_bytes(), longest: config.store_time(), _lock: lock })
+    }
+
+    /// Why nothing can be kept here.
+    pub fn fault(&self) -> Option<String> {
+        let tried = ["assets", "bakes"].iter().try_for_each(|folder| fs::metadata(self.root.join(folder)).map(drop));
+        let tried = tried.and_then(|()| tempfile::tempfile_in(self.root.join("partial")));
+        tried.err().map(|error| error.kind().to_string())
     }
 
     /// The folder of a bake.
@@ -182,6 +192,7 @@ impl Store {
     /// Removes what is too old, and what was not used for longest until the rest fits. `remove_bake` removes a
     /// bake, unless it is at work. Returns the bytes that are left.
     pub fn trim(&self, remove_bake: impl Fn(&str) -> Result<bool>) -> Result<u64> {
+        let mut cached = bytes_below(&self.root.join(CACHE));
         let mut entries = Vec::new();
         for entry in fs::read_dir(self.root.join("assets"))?.chain(fs::read_dir(self.root.join("bakes"))?) {
             // It may have gone meanwhile.
@@ -189,6 +200,12 @@ impl Store {
         }
         entries.sort_by_key(|kept| kept.used);
         let mut total: u64 = entries.iter().map(|kept| kept.bytes).sum();
+        if cached > 0 && total + cached > self.most_bytes {
+            // Results are worth more than what only makes others quicker.
+            let _ = fs::remove_dir_all(self.root.join(CACHE));
+            cached = 0;
+        }
+        total += cached;
         let oldest = self.longest.and_then(|longest| SystemTime::now().checked_sub(longest));
         for kept in entries {
             let too_old = oldest.is_some_and(|oldest| kept.used < oldest);
@@ -209,6 +226,17 @@ impl Upload {
         self.bytes += chunk.len() as u64;
         self.file.write_all(chunk)
     }
+}
+
+/// Of all files below a folder.
+fn bytes_below(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let bytes = entries.map(|entry| match entry.metadata() {
+        Ok(found) if found.is_dir() => bytes_below(&entry.path()),
+        Ok(found) => found.len(),
+        Err(_) => 0,
+    });
+    bytes.sum()
 }
 
 /// Whether it is named as assets and bakes are. Others put files here, too: file managers, network drives.

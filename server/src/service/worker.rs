@@ -12,6 +12,7 @@ use crate::scene_file::SceneTree;
 use crate::service::event_log::{self, Writer};
 use crate::service::folder::{ASSETS, EVENTS, REPORT, SCENE, SPEC, result_name};
 use crate::service::news::{Invalid, News, Told};
+use crate::service::status::DISK_FULL;
 use crate::wire::digest::hex;
 use crate::wire::frame_delta::FrameDelta;
 use crate::wire::proto::{self, bake_event::Kind};
@@ -41,7 +42,13 @@ pub enum Error {
 
 impl From<std::io::Error> for Error {
     fn from(error: std::io::Error) -> Error {
-        Error::NotWritten(error.to_string())
+        match error.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
+                Error::NotWritten(DISK_FULL.into())
+            }
+            // The kind alone: the words may name a place of the server.
+            kind => Error::Internal(format!("the data directory: {kind}")),
+        }
     }
 }
 

@@ -93,8 +93,8 @@ pub fn frames(given: i32) -> Result<FrameSelection, Fault> {
 pub fn page(list: Vec<BakeStatus>, request: &ListBakesRequest) -> Result<ListBakesResponse, Fault> {
     let size = match request.page_size {
         0 => PAGE,
-        size @ 1..=MAX_PAGE => size as usize,
-        size => return Err(Fault::field("page_size", format!("{size} is out of range; give 0 to {MAX_PAGE}"))),
+        size @ 1.. => size.min(MAX_PAGE) as usize,
+        size => return Err(Fault::field("page_size", format!("{size} is negative; give 0 to {MAX_PAGE}"))),
     };
     let first = match &request.page_token[..] {
         "" => 0,

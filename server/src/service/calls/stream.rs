@@ -3,6 +3,7 @@
 use crate::service::event_log::Reader;
 use crate::service::folder::EVENTS;
 use crate::service::jobs::{Bakes, Entry};
+use crate::service::shares::Held;
 use crate::service::status::Fault;
 use crate::wire::digest::hex;
 use crate::wire::proto::{BakeEvent, DownloadResultResponse, FrameSelection, Stage, bake_event::Kind};
@@ -11,7 +12,7 @@ use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
-use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio::sync::mpsc;
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
@@ -40,7 +41,7 @@ impl Follow {
         self,
         bakes: &Arc<Bakes>,
         entry: Arc<Entry>,
-        permit: OwnedSemaphorePermit,
+        permit: Held,
     ) -> ReceiverStream<Result<BakeEvent, Status>> {
         let (sender, receiver) = mpsc::channel(WAITING);
         let bakes = bakes.clone();
@@ -134,7 +135,7 @@ impl Download {
         self,
         bakes: &Arc<Bakes>,
         entry: Arc<Entry>,
-        permit: OwnedSemaphorePermit,
+        permit: Held,
     ) -> Result<Events<DownloadResultResponse>, Fault> {
         let damaged =
             |error: &std::io::Error| bakes.damaged(&entry, format!("a file cannot be read ({})", error.kind()));

@@ -5,10 +5,12 @@
 
 mod task;
 
+use crate::service::access::Caller;
 use crate::service::config::{Config, Unfinished};
 use crate::service::event_log;
 use crate::service::news::News;
 use crate::service::process::{Task, Worker};
+use crate::service::shares::Shares;
 use crate::service::status::Fault;
 use crate::service::store::Store;
 use crate::wire::effective::effective;
@@ -20,6 +22,7 @@ use prost_types::Timestamp;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
+use task::New;
 use tokio::sync::{Notify, Semaphore, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -35,9 +38,10 @@ pub struct Bakes {
     places: Arc<Semaphore>,
     /// One permit per bake that runs.
     workers: Arc<Semaphore>,
-    /// One permit per plan that is made or waits.
-    plan_places: Semaphore,
-    planners: Semaphore,
+    /// Plans that are made or wait.
+    plan_places: Shares,
+    /// Plans that are made: twice as many as bakes run, so that no caller can hold them all.
+    planners: Shares,
     /// No more bakes are taken.
     draining: CancellationToken,
     /// Running bakes end, unfinished.
@@ -113,8 +117,8 @@ impl Bakes {
             entries: Mutex::default(),
             places: Arc::new(Semaphore::new(places)),
             workers: Arc::new(Semaphore::new(workers)),
-            plan_places: Semaphore::new(places),
-            planners: Semaphore::new(workers),
+            plan_places: Shares::new(places, places.div_ceil(2)),
+            planners: Shares::new(2 * workers, workers),
             draining: CancellationToken::new(),
             ending: CancellationToken::new(),
             tasks: TaskTracker::new(),
@@ -154,15 +158,20 @@ impl Bakes {
             self.entries().insert(id.clone(), entry.clone());
             if resume {
                 info!(bake_id = %id, "unfinished bake is taken up again");
-                self.spawn(entry, None, None);
+                self.spawn(entry, None);
             }
         }
         Ok(())
     }
 
     /// The bake of this request: the one that there is, or a new one, if there is a place for it.
-    pub fn submit(self: &Arc<Self>, spec: BakeSpec, deadline: Option<Instant>) -> Result<Arc<Entry>, Fault> {
-        if self.draining.is_cancelled() {
+    pub fn submit(
+        self: &Arc<Self>,
+        caller: &Caller,
+        spec: BakeSpec,
+        deadline: Option<Instant>,
+    ) -> Result<Arc<Entry>, Fault> {
+        if self.is_draining() {
             return Err(Fault::ShuttingDown);
         }
         let id = bake_id(&spec);
@@ -189,7 +198,7 @@ impl Bakes {
         status.set_state(BakeState::Queued);
         let entry = Entry::new(Now { status, log_bytes: 0, accepted: false }, deadline);
         entries.insert(id, entry.clone());
-        self.spawn(entry.clone(), Some(spec), Some(place));
+        self.spawn(entry.clone(), Some(New { spec, caller: caller.clone(), place }));
         Ok(entry)
     }
 
@@ -223,9 +232,9 @@ impl Bakes {
     }
 
     /// What a bake would do.
-    pub async fn plan(&self, spec: BakeSpec) -> Result<proto::PlanBakeResponse, Fault> {
-        let _place = self.plan_places.try_acquire().map_err(|_| self.queue_full())?;
-        let _planner = self.planners.acquire().await;
+    pub async fn plan(&self, caller: &Caller, spec: BakeSpec) -> Result<proto::PlanBakeResponse, Fault> {
+        let _place = self.plan_places.try_hold(caller).ok_or_else(|| self.queue_full())?;
+        let _planner = self.planners.hold(caller).await;
         let folder = self.store.prepare_plan(&spec)?;
         let mut worker = None;
         let accepted = self.run_plan(folder.path(), &mut worker).await?;
@@ -315,6 +324,11 @@ impl Bakes {
             }
             let _ = tokio::time::timeout(PAUSE, self.trim.notified()).await;
         }
+    }
+
+    /// Whether the server is about to end.
+    pub fn is_draining(&self) -> bool {
+        self.draining.is_cancelled()
     }
 
     /// Takes no more bakes and lets those that run end, for so long; then ends them. What is unfinished stays so on the
