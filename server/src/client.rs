@@ -105,7 +105,7 @@ impl Connection {
 
     /// Bakes, and hands out the events without frames, to the end. Returns the bake's id.
     pub async fn bake(&mut self, spec: BakeSpec, on_event: impl FnMut(BakeEvent)) -> Result<String, Status> {
-        let request = BakeRequest { spec: Some(spec), frames: FrameSelection::None.into() };
+        let request = BakeRequest { spec: Some(spec), frames: FrameSelection::None.into(), ..Default::default() };
         let events = self.service.bake(request).await?.into_inner();
         let events = events.map(|response| response.map(|response| response.event));
         self.follow(Box::pin(events), String::new(), on_event).await

@@ -81,7 +81,13 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     file.write_all(bytes)?;
     file.as_file().sync_all()?;
     file.persist(path)?;
-    Ok(())
+    sync_folder(folder_of(path))
+}
+
+/// What was made or renamed in a folder outlives a power cut from now on.
+pub fn sync_folder(folder: &Path) -> std::io::Result<()> {
+    // Elsewhere, folders cannot be opened, and their changes are kept by the system.
+    if cfg!(unix) { std::fs::File::open(folder)?.sync_all() } else { Ok(()) }
 }
 
 /// The folder that a file is in.

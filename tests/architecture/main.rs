@@ -113,11 +113,13 @@ fn libraries_stay_in_their_place() {
     let service = [
         "client.rs",
         "cli",
+        "service/access.rs",
         "service/calls",
         "service/deadline.rs",
         "service/jobs",
         "service/serve.rs",
         "service/status.rs",
+        "service/unix.rs",
     ];
     only_in("tonic", "server/src", &service.map(|name| format!("server/src/{name}")).each_ref().map(String::as_str));
     only_in("figment", "server/src", &["server/src/cli/serve.rs"]);

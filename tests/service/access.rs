@@ -2,7 +2,8 @@
 
 use crate::server::{Server, assert_fault, begin, channel, command, events, request, short, until};
 use cairn::client::{Connection, Target};
-use cairn::wire::proto::BakeState;
+use cairn::wire::proto::pile_service_client::PileServiceClient;
+use cairn::wire::proto::{BakeState, ListBakesRequest};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::io::{Read, Write};
 use tokio_stream::StreamExt;
@@ -20,8 +21,24 @@ async fn a_token_is_asked_for_everywhere_but_at_health() {
         let refused = Connection::open(&target).await.err().unwrap();
         assert_fault(&refused, Code::Unauthenticated, "TOKEN_INVALID");
     }
+    assert!(server.log().contains("without the right token"), "{}", server.log());
     let target = Target { token: Some("open sesame".into()), ..server.target() };
     Connection::open(&target).await.unwrap();
+    // The scheme's case does not matter, and what is read again is another token.
+    let address = format!("http://{}", server.addresses[0]);
+    let mut plain = PileServiceClient::new(channel(&address).await);
+    let mut list = async |token: &str| {
+        let mut request = tonic::Request::new(ListBakesRequest::default());
+        request.metadata_mut().insert("authorization", token.parse().unwrap());
+        plain.list_bakes(request).await
+    };
+    list("bearer open sesame").await.unwrap();
+    std::fs::write(folder.path().join("token"), "another").unwrap();
+    server.signal("-HUP");
+    while list("Bearer another").await.is_err() {
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    assert!(list("Bearer open sesame").await.is_err());
 
     let address = format!("http://{}", server.addresses[0]);
     let mut health = HealthClient::new(channel(&address).await);
@@ -108,6 +125,41 @@ async fn encrypted_and_with_certificates_on_both_sides() {
     assert!(Connection::open(&target).await.is_err());
     let unknown = Target { identity: identity(&other_certificate, &other_key), ..target };
     assert!(Connection::open(&unknown).await.is_err());
+}
+
+/// A pair that does not fit is told before anything listens; one that expires soon is warned of; a new one is taken up.
+#[tokio::test]
+async fn certificates_are_checked_and_read_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    let (first, second) = (signed("localhost"), signed("localhost"));
+    write("cert.pem", &first.1);
+    write("key.pem", &second.2);
+    let tls = ["--tls-certificate", "cert.pem", "--tls-key", "key.pem"];
+    let done = command(folder.path()).args(["--listen", "127.0.0.1:0"]).args(tls).output().unwrap();
+    let told = String::from_utf8(done.stderr).unwrap();
+    assert!(done.status.code() == Some(2) && told.contains("key.pem: not the key of cert.pem"), "{told}");
+    assert!(done.stdout.is_empty() && !told.contains("listening"), "{told}");
+    write("cert.pem", "no certificate");
+    let done = command(folder.path()).args(["--listen", "127.0.0.1:0"]).args(tls).output().unwrap();
+    assert_eq!(done.status.code(), Some(2));
+
+    let key = KeyPair::generate().unwrap();
+    let mut old = CertificateParams::new(vec!["localhost".into()]).unwrap();
+    old.not_after = rcgen::date_time_ymd(2001, 1, 1);
+    write("cert.pem", &old.self_signed(&key).unwrap().pem());
+    write("key.pem", &key.serialize_pem());
+    let server = Server::start_in(folder.path(), &tls);
+    assert!(server.log().contains("has expired"), "{}", server.log());
+    let address = server.addresses[0].replace("127.0.0.1", "localhost");
+    let target = Target { address, ca: Some(second.0.into_bytes()), ..Default::default() };
+    assert!(Connection::open(&target).await.is_err());
+    write("cert.pem", &second.1);
+    write("key.pem", &second.2);
+    server.signal("-HUP");
+    while Connection::open(&target).await.is_err() {
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
 }
 
 async fn services_v1(address: String) -> Result<Vec<String>, tonic::Status> {

@@ -303,10 +303,15 @@ async fn requests_of_the_wrong_form() {
     let found = fields(&assert_fault(&told, Code::FailedPrecondition, "ASSETS_MISSING"));
     assert_eq!(found, ["spec.assets[1].sha256", "spec.assets[2].sha256"]);
 
-    for page_size in [-1, 1001] {
-        let told = service.list_bakes(ListBakesRequest { page_size, ..Default::default() }).await.unwrap_err();
-        assert_fault(&told, Code::InvalidArgument, "REQUEST_INVALID");
+    for list in [
+        ListBakesRequest { page_size: -1, ..Default::default() },
+        ListBakesRequest { page_token: "nonsense".into(), ..Default::default() },
+    ] {
+        assert_fault(&service.list_bakes(list).await.unwrap_err(), Code::InvalidArgument, "REQUEST_INVALID");
     }
+    service.list_bakes(ListBakesRequest { page_size: 100_000, ..Default::default() }).await.unwrap();
+    let watch = WatchBakeRequest { bake_id: "0".repeat(64), from_sequence_number: -1, ..Default::default() };
+    assert_fault(&service.watch_bake(watch).await.unwrap_err(), Code::InvalidArgument, "REQUEST_INVALID");
 }
 
 /// A model whose buffer lies beside it.

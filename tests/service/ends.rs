@@ -8,7 +8,8 @@ use cairn::client::Connection;
 use cairn::wire::proto::bake_event::Kind;
 use cairn::wire::proto::pile_service_client::PileServiceClient;
 use cairn::wire::proto::{
-    BakeEvent, BakeResponse, BakeState, BakeStatus, CancelBakeRequest, WatchBakeRequest, WatchBakeResponse,
+    BakeEvent, BakeRequest, BakeResponse, BakeSpec, BakeState, BakeStatus, CancelBakeRequest, WatchBakeRequest,
+    WatchBakeResponse,
 };
 use std::time::{Duration, Instant};
 use tonic::transport::Endpoint;
@@ -69,7 +70,7 @@ async fn the_deadline_of_a_bake_ends_the_physics() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;
     for (seed, deadline) in (1..).zip(deadlines()) {
-        let stream = match connection.service.bake(within(deadline, request(endless(seed)))).await {
+        let stream = match connection.service.bake(within(deadline, ending(endless(seed)))).await {
             Err(status) if is_too_short(&status) => continue,
             stream => stream.unwrap().into_inner(),
         };
@@ -84,6 +85,29 @@ async fn the_deadline_of_a_bake_ends_the_physics() {
         return;
     }
     panic!("no deadline was long enough");
+}
+
+/// Libraries set deadlines on every call: those end the call alone.
+#[tokio::test]
+async fn a_deadline_ends_the_call_alone_by_default() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    for (seed, deadline) in (1..).zip(deadlines()) {
+        let stream = match connection.service.bake(within(deadline, request(endless(seed)))).await {
+            Err(status) if is_too_short(&status) => continue,
+            stream => stream.unwrap().into_inner(),
+        };
+        let (told, end) = events(stream).await;
+        assert_eq!(end.unwrap_err().code(), Code::DeadlineExceeded);
+        until(&mut connection, &accepted_id(&told), BakeState::Running).await;
+        return;
+    }
+    panic!("no deadline was long enough");
+}
+
+/// A bake that its call's deadline ends.
+fn ending(spec: BakeSpec) -> BakeRequest {
+    BakeRequest { deadline_ends_bake: true, ..request(spec) }
 }
 
 #[tokio::test]
@@ -111,7 +135,7 @@ async fn with_two_callers(connection: &mut Connection) -> (String, Streaming<Bak
     for (seed, deadline) in (1..).zip(deadlines()) {
         // The server's own clock of the deadline starts later.
         let began = Instant::now();
-        let brief = match connection.service.bake(within(deadline, request(endless(seed)))).await {
+        let brief = match connection.service.bake(within(deadline, ending(endless(seed)))).await {
             Err(status) if is_too_short(&status) => continue,
             stream => stream.unwrap().into_inner(),
         };

@@ -36,6 +36,16 @@ async fn a_crash_is_internal_for_its_call_alone() {
     events(connection.service.bake(request(spared)).await.unwrap().into_inner()).await.1.unwrap();
 }
 
+/// What the system does when memory runs out.
+#[tokio::test]
+async fn a_killed_worker_is_no_fault_of_ours() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = server_with(folder.path(), "kill -KILL $$", &[]);
+    let mut connection = server.ready().await;
+    let (_, end) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+    assert_fault(&end.unwrap_err(), Code::ResourceExhausted, "BAKE_KILLED");
+}
+
 #[tokio::test]
 async fn what_does_not_return_is_ended() {
     let folder = tempfile::tempdir().unwrap();

@@ -238,7 +238,15 @@ impl<'a> Told<'a> {
         };
         match (output, report) {
             (Some(output), report) => {
-                output::write_result(output, &server.download(&id, Artifact::Result).await?, report)?;
+                let result = server.download(&id, Artifact::Result).await?;
+                if let Some(summary) = &self.summary
+                    && hex(&Sha256::digest(&result)) != summary.result_sha256
+                {
+                    let remedy = "Run the command again; if it happens again, look at the server's disk and network.";
+                    let what = "the result was changed on its way";
+                    return Err(Failure::TryAgain(Problem::new("the server", what, remedy)));
+                }
+                output::write_result(output, &result, report)?;
             }
             (None, Some((path, text))) => output::write(path, text.as_bytes())?,
             (None, None) => {}

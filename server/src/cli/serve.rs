@@ -1,9 +1,11 @@
 //! `cairn serve`: the gRPC service.
 
 use super::{Failure, print};
-use crate::problem::Problem;
+use crate::problem::{Problem, nearest};
 use crate::service::config::Config;
-use crate::service::serve::{self, Secrets, ServeError};
+use crate::service::listen;
+use crate::service::secrets::Secrets;
+use crate::service::serve::{self, ServeError};
 use crate::service::telemetry;
 use figment::Figment;
 use figment::providers::{Format, Serialized, Toml};
@@ -11,14 +13,13 @@ use serde::Serialize;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::Notify;
 
 /// Serve bakes by gRPC, to pipeline tools and to Blender
 ///
 /// Each setting may stand in a TOML file under the flag's name with underscores, in the environment, or here: the later
 /// wins. The addresses are printed once the server listens. SIGTERM and Ctrl-C let running bakes end, within the drain
-/// deadline; a second one ends the server at once.
+/// deadline; a second one ends the server at once. SIGHUP has token and certificates read again.
 #[derive(clap::Args, Serialize)]
 #[command(after_help = "\
 Examples:
@@ -142,7 +143,15 @@ impl Args {
         let config: Config = figment.merge(Serialized::defaults(self)).extract().map_err(|errors| {
             let problem = |error: figment::Error| {
                 let place = self.config.as_ref().map_or("settings".into(), |path| path.display().to_string());
-                Problem::new(place, error.to_string(), "See cairn serve --help for the settings.")
+                let meant = match &error.kind {
+                    figment::error::Kind::UnknownField(name, known) => nearest(name, known.iter().copied()),
+                    _ => None,
+                };
+                let remedy = match meant {
+                    Some(meant) => format!("Did you mean `{meant}`?"),
+                    None => "See cairn serve --help for the settings.".into(),
+                };
+                Problem::new(place, error.to_string(), remedy)
             };
             Failure::Usage(errors.into_iter().map(problem).collect())
         })?;
@@ -156,39 +165,67 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     telemetry::log(config.log);
     let runtime = tokio::runtime::Runtime::new().map_err(|error| Failure::Internal(error.to_string()))?;
     runtime.block_on(async {
-        let secrets = Secrets::read(&config, token)?;
-        let listeners = serve::bind(&config, &secrets).await?;
+        let secrets = Secrets::read(&config, token).map_err(Failure::Usage)?;
+        let listeners = listen::bind(&config, &secrets).await.map_err(Failure::Usage)?;
         let store = serve::open_store(&config)?;
         telemetry::metrics(&config).map_err(|error| {
             let remedy = "Choose a free port and an address of this machine.";
             Failure::Usage(vec![Problem::new("metrics", error.to_string(), remedy)])
         })?;
-        let end = asked_to_end();
+        let (end, reload) = (asked_to_end()?, asked_to_reload()?);
         for listener in &listeners {
             print(&format!("{}\n", listener.address()))?;
         }
-        Ok(serve::run(listeners, end, config, secrets, store).await?)
+        Ok(serve::run(listeners, end, reload, config, secrets, store).await?)
     })
 }
 
 /// Resolves at SIGTERM or Ctrl-C, which are ours from the call on. A second one ends the process.
-fn asked_to_end() -> impl Future<Output = ()> {
+fn asked_to_end() -> Result<impl Future<Output = ()>, Failure> {
+    let broken = |error: std::io::Error| Failure::Internal(error.to_string());
+    #[cfg(unix)]
+    let mut next = {
+        use tokio::signal::unix::{SignalKind, signal};
+        let mut end = signal(SignalKind::terminate()).map_err(broken)?;
+        let mut interrupt = signal(SignalKind::interrupt()).map_err(broken)?;
+        async move || {
+            tokio::select! {
+                _ = end.recv() => {}
+                _ = interrupt.recv() => {}
+            }
+        }
+    };
+    #[cfg(windows)]
+    let mut next = {
+        let mut interrupt = tokio::signal::windows::ctrl_c().map_err(broken)?;
+        async move || drop(interrupt.recv().await)
+    };
     let asked = Arc::new(Notify::new());
     let waiting = asked.clone();
-    let handled = ctrlc::set_handler(move || {
-        static ASKED: AtomicBool = AtomicBool::new(false);
-        if ASKED.swap(true, Ordering::SeqCst) {
-            std::process::exit(130);
-        }
+    tokio::spawn(async move {
+        next().await;
         waiting.notify_one();
+        next().await;
+        std::process::exit(130);
     });
-    async move {
-        match handled {
-            Ok(()) => asked.notified().await,
-            // Without a handler the signals end the process, if less politely.
-            Err(_) => std::future::pending().await,
-        }
+    Ok(async move { asked.notified().await })
+}
+
+/// Notified at SIGHUP, where there is such a signal.
+fn asked_to_reload() -> Result<Arc<Notify>, Failure> {
+    let asked = Arc::new(Notify::new());
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        let mut hangup = signal(SignalKind::hangup()).map_err(|error| Failure::Internal(error.to_string()))?;
+        let asked = asked.clone();
+        tokio::spawn(async move {
+            while hangup.recv().await.is_some() {
+                asked.notify_one();
+            }
+        });
     }
+    Ok(asked)
 }
 
 impl From<ServeError> for Failure {

@@ -101,6 +101,9 @@ impl<'a> Checker<'a> {
         match whole {
             Some(whole) if range.contains(&whole) => Some(Value::Number(whole.into())),
             Some(_) => self.mistyped(path, value, &format!("a whole number up to {}", range.end())),
+            None if value.as_f64().is_some_and(|number| number.fract() == 0.0) => {
+                self.mistyped(path, value, &format!("a whole number up to {}", range.end()))
+            }
             None => self.mistyped(path, value, "a whole number"),
         }
     }
@@ -156,9 +159,14 @@ fn is_exact(number: f64) -> bool {
 }
 
 fn describe(value: &Value) -> String {
+    /// Letters of a text that are told.
+    const LONGEST: usize = 40;
     match value {
         Value::Null => "null".into(),
         Value::Bool(_) | Value::Number(_) => value.to_string(),
+        Value::String(text) if text.chars().count() > LONGEST => {
+            format!("the text \"{}...\"", text.chars().take(LONGEST).collect::<String>())
+        }
         Value::String(text) => format!("the text \"{text}\""),
         Value::Array(_) => "a list".into(),
         Value::Object(_) => "a group of fields".into(),

@@ -32,43 +32,45 @@ pub fn parse_json(text: &str) -> Result<Parsed, Vec<SyntaxError>> {
 
 pub fn parse_toml(text: &str) -> Result<Parsed, Vec<SyntaxError>> {
     let (table, errors) = DeTable::parse_recoverable(text);
+    let ends = LineEnds::of(text);
     if !errors.is_empty() {
-        let at = |error: &toml::de::Error| error.span().map(|span| line(text, span.start));
+        let at = |error: &toml::de::Error| error.span().map(|span| ends.at(span.start));
         return Err(errors
             .iter()
             .map(|error| SyntaxError { line: at(error), message: error.message().replace('\n', ", ") })
             .collect());
     }
     let mut lines = BTreeMap::new();
-    let value = from_table(table.get_ref(), text, "", &mut lines);
+    let value = from_table(table.get_ref(), &ends, "", &mut lines);
     Ok(Parsed { value, lines })
 }
 
 /// One value in TOML's notation, as `--set` takes it.
 pub fn parse_value(text: &str) -> Option<Value> {
     let value = DeValue::parse(text).ok()?;
-    Some(from_value(value.get_ref(), text, "", &mut BTreeMap::new()))
+    Some(from_value(value.get_ref(), &LineEnds::of(text), "", &mut BTreeMap::new()))
 }
 
-fn from_table(table: &DeTable, text: &str, path: &str, lines: &mut BTreeMap<String, usize>) -> Value {
+fn from_table(table: &DeTable, ends: &LineEnds, path: &str, lines: &mut BTreeMap<String, usize>) -> Value {
     let mut map = Map::new();
     // In the order of the text: the table itself is sorted by name.
     let mut entries: Vec<_> = table.iter().collect();
     entries.sort_by_key(|(key, _)| key.span().start);
     for (key, value) in entries {
         let path = if path.is_empty() { key.get_ref().to_string() } else { format!("{path}.{}", key.get_ref()) };
-        lines.insert(path.clone(), line(text, key.span().start));
-        map.insert(key.get_ref().to_string(), from_value(value.get_ref(), text, &path, lines));
+        lines.insert(path.clone(), ends.at(key.span().start));
+        map.insert(key.get_ref().to_string(), from_value(value.get_ref(), ends, &path, lines));
     }
     Value::Object(map)
 }
 
-fn from_value(value: &DeValue, text: &str, path: &str, lines: &mut BTreeMap<String, usize>) -> Value {
+fn from_value(value: &DeValue, ends: &LineEnds, path: &str, lines: &mut BTreeMap<String, usize>) -> Value {
     match value {
         DeValue::String(string) => Value::String(string.to_string()),
         DeValue::Integer(integer) => match i64::from_str_radix(integer.as_str(), integer.radix()) {
             Ok(number) => Value::Number(number.into()),
-            Err(_) => Value::String(integer.as_str().to_owned()),
+            // Larger than any field takes, and still a number.
+            Err(_) => integer.as_str().parse().map_or_else(|_| Value::String(integer.as_str().to_owned()), from_f64),
         },
         DeValue::Float(float) => match float.as_str().parse::<f64>() {
             Ok(number) => from_f64(number),
@@ -79,12 +81,12 @@ fn from_value(value: &DeValue, text: &str, path: &str, lines: &mut BTreeMap<Stri
         DeValue::Array(array) => {
             let elements = array.iter().enumerate().map(|(index, element)| {
                 let path = format!("{path}.{index}");
-                lines.insert(path.clone(), line(text, element.span().start));
-                from_value(element.get_ref(), text, &path, lines)
+                lines.insert(path.clone(), ends.at(element.span().start));
+                from_value(element.get_ref(), ends, &path, lines)
             });
             Value::Array(elements.collect())
         }
-        DeValue::Table(table) => from_table(table, text, path, lines),
+        DeValue::Table(table) => from_table(table, ends, path, lines),
     }
 }
 
@@ -112,6 +114,30 @@ pub fn to_f64(value: &Value) -> Option<f64> {
     }
 }
 
-fn line(text: &str, offset: usize) -> usize {
-    text.as_bytes()[..offset.min(text.len())].iter().filter(|byte| **byte == b'\n').count() + 1
+/// Where the lines of a text end, found once: a scene may have 100,000 fields.
+struct LineEnds(Vec<usize>);
+
+impl LineEnds {
+    fn of(text: &str) -> LineEnds {
+        LineEnds(text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n').map(|(at, _)| at).collect())
+    }
+
+    /// The line of an offset, counted from 1.
+    fn at(&self, offset: usize) -> usize {
+        self.0.partition_point(|end| *end < offset) + 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse_toml;
+
+    /// As many as a scene may have. A search of the text for each of them would take an hour.
+    #[test]
+    fn very_many_bodies_each_with_its_line() {
+        const BODIES: usize = 100_000;
+        let parsed = parse_toml(&"[[bodies]]\nprop = 'cube'\n".repeat(BODIES)).unwrap();
+        assert_eq!(parsed.value["bodies"].as_array().unwrap().len(), BODIES);
+        assert_eq!(parsed.lines[&format!("bodies.{}.prop", BODIES - 1)], 2 * BODIES);
+    }
 }

@@ -12,8 +12,9 @@ use tokio::io::{AsyncReadExt, Take};
 use tokio_stream::StreamExt;
 use tokio_util::codec::{Encoder, FramedRead, LengthDelimitedCodec};
 
-/// Bytes of one event: gRPC's usual limit. A frame of the most bodies that a scene may have, 100,000, takes 3.6 MB.
-pub const MAX_EVENT: usize = 4 << 20;
+/// Bytes of one event: gRPC's usual limit, less what a response adds to its event. A frame of the most bodies that a scene
+/// may have, 100,000, takes 3.9 MB.
+pub const MAX_EVENT: usize = (4 << 20) - 64;
 
 /// How messages are set apart, in the log and between server and worker.
 pub fn codec() -> LengthDelimitedCodec {
@@ -72,6 +73,13 @@ impl Writer {
         self.file.flush()?;
         Ok(self.extent)
     }
+
+    /// The same, and everything appended outlives a power cut.
+    pub fn sync(&mut self) -> Result<Extent> {
+        let extent = self.flush()?;
+        self.file.get_ref().sync_all()?;
+        Ok(extent)
+    }
 }
 
 /// Reads a log that may still grow.
@@ -89,7 +97,7 @@ impl Reader {
         Ok(Reader { framed: FramedRead::with_capacity(file, codec(), PIECE), granted: 0 })
     }
 
-    /// The next event among the first `bytes` of the log.
+    /// The next event among the first `bytes` of the log. An error if it has fewer.
     pub async fn next(&mut self, bytes: u64) -> Result<Option<BakeEvent>> {
         let more = bytes.saturating_sub(self.granted);
         self.granted += more;
@@ -97,6 +105,7 @@ impl Reader {
         file.set_limit(file.limit() + more);
         match self.framed.next().await.transpose()? {
             Some(message) => Ok(Some(BakeEvent::decode(message)?)),
+            None if self.framed.get_ref().limit() > 0 => Err(std::io::ErrorKind::UnexpectedEof.into()),
             None => Ok(None),
         }
     }

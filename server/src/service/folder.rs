@@ -7,6 +7,8 @@ pub const SPEC: &str = "spec.binpb";
 pub const ASSETS: &str = "assets";
 pub const EVENTS: &str = "events.log";
 pub const REPORT: &str = "report.json";
+/// The scene with every parameter set.
+pub const SCENE: &str = "scene.json";
 
 /// What the result file is called.
 pub fn result_name(format: OutputFormat) -> &'static str {

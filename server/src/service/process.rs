@@ -5,6 +5,7 @@ use crate::service::config::Config;
 use crate::service::event_log::codec;
 use crate::service::news::{News, Told};
 use crate::service::status::Fault;
+use crate::service::store::CACHE;
 use prost::Message;
 use std::io::Result;
 use std::path::Path;
@@ -55,7 +56,7 @@ impl Worker {
             command.arg("--memory").arg(bytes.to_string());
         }
         if config.reuse {
-            command.arg("--cache").arg(config.data.join("cache"));
+            command.arg("--cache").arg(config.data.join(CACHE));
         }
         command.env("RAYON_NUM_THREADS", config.threads().to_string());
         // Ctrl-C at the terminal is the server's to handle.
@@ -94,6 +95,7 @@ impl Worker {
         /// A process whose output has ended is about to end.
         const PATIENCE: Duration = Duration::from_secs(2);
         let status = match tokio::time::timeout(PATIENCE, self.child.wait()).await {
+            Ok(Ok(status)) if was_killed(status) => return Fault::BakeKilled,
             Ok(Ok(status)) => status.to_string(),
             Ok(Err(error)) => error.to_string(),
             Err(_) => "it did not end".into(),
@@ -113,4 +115,19 @@ impl Worker {
     pub async fn kill(&mut self) {
         let _ = self.child.kill().await;
     }
+}
+
+/// Whether somebody else has ended the process: the system, since memory ran out, or an operator. A process cannot kill itself
+/// by a fault of its own in this way.
+#[cfg(unix)]
+fn was_killed(status: std::process::ExitStatus) -> bool {
+    use std::os::unix::process::ExitStatusExt;
+    const SIGKILL: i32 = 9;
+    const SIGTERM: i32 = 15;
+    matches!(status.signal(), Some(SIGKILL | SIGTERM))
+}
+
+#[cfg(not(unix))]
+fn was_killed(_: std::process::ExitStatus) -> bool {
+    false
 }

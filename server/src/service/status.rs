@@ -10,6 +10,10 @@ use tonic_types::{ErrorDetails, StatusExt};
 
 const DOMAIN: &str = "cairn";
 
+/// What is full, for a caller, who is not to know the server's folders.
+pub const DISK_FULL: &str =
+    "the disk of its data directory is full; the operator can make room or choose a lower store_mib";
+
 /// A fault of a call or of a bake.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Fault {
@@ -35,14 +39,21 @@ pub enum Fault {
     TooManyCalls,
     #[error("the bake needs more memory than the {0} MiB that this server gives to one")]
     MemoryLimit(u64),
-    #[error("the disk is full or the bake is larger than the store: {0}")]
+    #[error("there is no room on the server: {0}")]
     StorageLimit(String),
+    #[error(
+        "the bake's process was killed from outside, most likely by the server's system as its memory ran out; ask for fewer \
+         bodies, or tell the operator: fewer bakes at once need less"
+    )]
+    BakeKilled,
     #[error("the bake took longer than the {0} s that this server gives to one")]
     TimeLimit(u64),
     #[error("the deadline of the call has passed")]
     Deadline,
     #[error("the bake was cancelled")]
     BakeCancelled,
+    #[error("what the server kept of this bake is damaged: {0}. Ask for the bake again, and it is made again")]
+    BakeDamaged(String),
     #[error(
         "the bake's process ended unexpectedly: {0}. This is a fault in Cairn, not in your scene; please report it"
     )]
@@ -73,10 +84,12 @@ impl Fault {
             | Fault::QueueFull { .. }
             | Fault::TooManyCalls
             | Fault::MemoryLimit(_)
+            | Fault::BakeKilled
             | Fault::StorageLimit(_) => Code::ResourceExhausted,
             Fault::UploadStalled | Fault::TimeLimit(_) | Fault::Deadline => Code::DeadlineExceeded,
             Fault::BakeNotFound(_) => Code::NotFound,
             Fault::BakeCancelled => Code::Cancelled,
+            Fault::BakeDamaged(_) => Code::DataLoss,
             Fault::ServerRestarted => Code::Aborted,
             Fault::ShuttingDown => Code::Unavailable,
             Fault::TokenInvalid => Code::Unauthenticated,
@@ -98,9 +111,11 @@ impl Fault {
             Fault::TooManyCalls => "TOO_MANY_CALLS",
             Fault::MemoryLimit(_) => "MEMORY_LIMIT",
             Fault::StorageLimit(_) => "STORAGE_LIMIT",
+            Fault::BakeKilled => "BAKE_KILLED",
             Fault::TimeLimit(_) => "TIME_LIMIT",
             Fault::Deadline => "DEADLINE",
             Fault::BakeCancelled => "BAKE_CANCELLED",
+            Fault::BakeDamaged(_) => "BAKE_DAMAGED",
             Fault::BakeCrashed(_) => "BAKE_CRASHED",
             Fault::ServerRestarted => "SERVER_RESTARTED",
             Fault::ShuttingDown => "SHUTTING_DOWN",
@@ -136,11 +151,13 @@ impl Fault {
 impl From<std::io::Error> for Fault {
     fn from(error: std::io::Error) -> Fault {
         use std::io::ErrorKind;
+        tracing::error!(%error, "the data directory");
         match error.kind() {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
-                Fault::StorageLimit(error.to_string())
+                Fault::StorageLimit(DISK_FULL.into())
             }
-            _ => Fault::Internal(error.to_string()),
+            // The kind alone: the words may name a place of the server.
+            kind => Fault::Internal(format!("the data directory: {kind}")),
         }
     }
 }
@@ -179,8 +196,7 @@ fn status(failure: &Failure, retry: Option<Duration>) -> Status {
     for (index, problem) in failure.problems.iter().enumerate() {
         room = room.saturating_sub(problem.field.len() + problem.description.len());
         if room == 0 && index > 0 {
-            let rest = failure.problems.len() - index;
-            details.add_bad_request_violation("spec", format!("and {rest} more problems"));
+            details.add_bad_request_violation("spec", "and more problems");
             break;
         }
         details.add_bad_request_violation(&problem.field, cut(&problem.description, ROOM));

@@ -5,15 +5,16 @@
 //! assets/SHA256        one file per asset
 //! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.json; assets/ while it is unfinished
 //! partial/             what is being written
+//! cache/               fills and bakes that others may use again
 //! ```
 //!
 //! A bake has its assets as hard links, so that they may go from `assets/` at any time.
 
-use crate::files::write_atomically;
+use crate::files::{sync_folder, write_atomically};
 use crate::service::config::Config;
-use crate::service::folder::{ASSETS, SPEC};
+use crate::service::folder::{ASSETS, EVENTS, SPEC, result_name};
 use crate::wire::digest::hex;
-use crate::wire::proto::{BakeSpec, BakeStatus};
+use crate::wire::proto::{BakeSpec, BakeState, BakeStatus, OutputFormat};
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File};
@@ -21,8 +22,11 @@ use std::io::{ErrorKind, Result, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use tempfile::{NamedTempFile, TempDir};
+use tracing::warn;
 
 const STATUS: &str = "status.binpb";
+/// What earlier bakes left for others.
+pub const CACHE: &str = "cache";
 
 /// An open data directory.
 pub struct Store {
@@ -55,6 +59,13 @@ impl Store {
         Ok(Store { root, most_bytes: config.store_bytes(), longest: config.store_time(), _lock: lock })
     }
 
+    /// Why nothing can be kept here.
+    pub fn fault(&self) -> Option<String> {
+        let tried = ["assets", "bakes"].iter().try_for_each(|folder| fs::metadata(self.root.join(folder)).map(drop));
+        let tried = tried.and_then(|()| tempfile::tempfile_in(self.root.join("partial")));
+        tried.err().map(|error| error.kind().to_string())
+    }
+
     /// The folder of a bake.
     pub fn folder(&self, id: &str) -> PathBuf {
         self.root.join("bakes").join(id)
@@ -81,6 +92,7 @@ impl Store {
         }
         upload.file.as_file().sync_all()?;
         upload.file.persist(self.asset(sha256))?;
+        sync_folder(&self.root.join("assets"))?;
         Ok(true)
     }
 
@@ -89,7 +101,28 @@ impl Store {
         self.remove(id)?;
         let folder = self.folder(id);
         self.fill(&folder, spec)?;
+        sync_folder(&self.root.join("bakes"))?;
         Ok(folder)
+    }
+
+    /// The request of a bake.
+    pub fn spec(&self, id: &str) -> Result<BakeSpec> {
+        Ok(BakeSpec::decode(&fs::read(self.folder(id).join(SPEC))?[..])?)
+    }
+
+    /// What is missing of a bake that has succeeded, by the sizes of its files.
+    pub fn damage(&self, status: &BakeStatus) -> Option<String> {
+        let summary = status.summary.as_ref().filter(|_| status.state() == BakeState::Succeeded)?;
+        let folder = self.folder(&status.bake_id);
+        let has = |name: &str, bytes: i64| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() as i64 == bytes);
+        let formats = [OutputFormat::Glb, OutputFormat::Json, OutputFormat::Csv];
+        if !has(EVENTS, status.event_bytes) {
+            Some("its events are cut off or gone".into())
+        } else if !formats.iter().any(|format| has(result_name(*format), summary.result_bytes)) {
+            Some("its result is cut off or gone".into())
+        } else {
+            None
+        }
     }
 
     /// A folder to plan in. It goes with the value.
@@ -110,7 +143,7 @@ impl Store {
                 Err(error) => return Err(error),
             }
         }
-        fs::write(folder.join(SPEC), spec.encode_to_vec())
+        write_atomically(&folder.join(SPEC), &spec.encode_to_vec())
     }
 
     pub fn write_status(&self, status: &BakeStatus) -> Result<()> {
@@ -127,15 +160,23 @@ impl Store {
         let _ = touch(&self.folder(id).join(STATUS));
     }
 
-    /// All bakes with a status; folders without one are remains, and go.
+    /// All bakes with a status; folders without one are remains, and go. What no server has made stays.
     pub fn load(&self) -> Result<Vec<BakeStatus>> {
         let mut found = Vec::new();
         for entry in fs::read_dir(self.root.join("bakes"))? {
             let folder = entry?.path();
+            if !is_bake(&folder) {
+                warn!(path = %folder.display(), "not a bake; it is left alone");
+                continue;
+            }
             let read = fs::read(folder.join(STATUS)).ok().and_then(|bytes| BakeStatus::decode(&bytes[..]).ok());
             match read.filter(|status| self.folder(&status.bake_id) == folder) {
                 Some(status) => found.push(status),
-                None => fs::remove_dir_all(&folder)?,
+                None => {
+                    if let Err(error) = fs::remove_dir_all(&folder) {
+                        warn!(path = %folder.display(), %error, "the remains of a bake cannot be removed");
+                    }
+                }
             }
         }
         Ok(found)
@@ -151,13 +192,20 @@ impl Store {
     /// Removes what is too old, and what was not used for longest until the rest fits. `remove_bake` removes a
     /// bake, unless it is at work. Returns the bytes that are left.
     pub fn trim(&self, remove_bake: impl Fn(&str) -> Result<bool>) -> Result<u64> {
+        let mut cached = bytes_below(&self.root.join(CACHE));
         let mut entries = Vec::new();
         for entry in fs::read_dir(self.root.join("assets"))?.chain(fs::read_dir(self.root.join("bakes"))?) {
             // It may have gone meanwhile.
-            entries.extend(entry.and_then(|entry| Kept::of(entry.path())).ok());
+            entries.extend(entry.and_then(|entry| Kept::of(entry.path())).ok().filter(|kept| is_digest(&kept.path)));
         }
         entries.sort_by_key(|kept| kept.used);
         let mut total: u64 = entries.iter().map(|kept| kept.bytes).sum();
+        if cached > 0 && total + cached > self.most_bytes {
+            // Results are worth more than what only makes others quicker.
+            let _ = fs::remove_dir_all(self.root.join(CACHE));
+            cached = 0;
+        }
+        total += cached;
         let oldest = self.longest.and_then(|longest| SystemTime::now().checked_sub(longest));
         for kept in entries {
             let too_old = oldest.is_some_and(|oldest| kept.used < oldest);
@@ -178,6 +226,27 @@ impl Upload {
         self.bytes += chunk.len() as u64;
         self.file.write_all(chunk)
     }
+}
+
+/// Of all files below a folder.
+fn bytes_below(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let bytes = entries.map(|entry| match entry.metadata() {
+        Ok(found) if found.is_dir() => bytes_below(&entry.path()),
+        Ok(found) => found.len(),
+        Err(_) => 0,
+    });
+    bytes.sum()
+}
+
+/// Whether it is named as assets and bakes are. Others put files here, too: file managers, network drives.
+fn is_digest(path: &Path) -> bool {
+    let is_hex = |name: &str| name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
+    path.file_name().and_then(|name| name.to_str()).is_some_and(is_hex)
+}
+
+fn is_bake(path: &Path) -> bool {
+    is_digest(path) && path.is_dir()
 }
 
 /// An asset or a bake, as the limits see it.
@@ -214,10 +283,16 @@ mod tests {
     use super::*;
     use crate::wire::proto::BakeState;
 
-    fn bake(store: &Store, id: &str, bytes: usize, age: u64) {
+    /// An id as bakes have it.
+    fn id(name: &str) -> String {
+        hex(&Sha256::digest(name))
+    }
+
+    fn bake(store: &Store, name: &str, bytes: usize, age: u64) {
+        let id = &id(name);
         let folder = store.prepare(id, &BakeSpec::default()).unwrap();
         fs::write(folder.join("result.glb"), vec![0; bytes]).unwrap();
-        let mut status = BakeStatus { bake_id: id.into(), ..Default::default() };
+        let mut status = BakeStatus { bake_id: id.clone(), ..Default::default() };
         status.set_state(BakeState::Succeeded);
         store.write_status(&status).unwrap();
         let used = SystemTime::now() - Duration::from_secs(age);
@@ -235,14 +310,16 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let config = Config { data: folder.path().join("data"), store_mib: 3, store_days: 1, ..Config::default() };
         let store = Store::open(&config).unwrap();
-        for (id, age) in [("new", 0), ("older", 20), ("oldest", 30), ("at work", 40), ("past its days", 90_000)] {
-            bake(&store, id, 1 << 20, age);
+        for (name, age) in [("new", 0), ("older", 20), ("oldest", 30), ("at work", 40), ("past its days", 90_000)] {
+            bake(&store, name, 1 << 20, age);
         }
-        let remove = |id: &str| Ok(id != "at work" && store.remove(id).is_ok());
+        let remove = |bake: &str| Ok(bake != id("at work") && store.remove(bake).is_ok());
         let left = store.trim(remove).unwrap();
-        assert_eq!(names(&store), ["at work", "new"]);
+        let mut expected = [id("at work"), id("new")];
+        expected.sort();
+        assert_eq!(names(&store), expected);
         assert!((2 << 20..3 << 20).contains(&left), "{left}");
-        store.touch("at work");
+        store.touch(&id("at work"));
         assert_eq!(store.trim(remove).unwrap(), left);
     }
 

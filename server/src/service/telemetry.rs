@@ -26,6 +26,7 @@ pub fn metrics(config: &Config) -> Result<(), BuildError> {
     describe_gauge!("cairn_bakes_running", "Bakes that run.");
     describe_counter!("cairn_bakes_total", "Bakes that have ended, by outcome.");
     describe_counter!("cairn_bakes_refused_total", "Bakes refused because the queue was full.");
+    describe_counter!("cairn_calls_refused_total", "Calls that were not let in, by reason.");
     describe_counter!("cairn_bakes_shared_total", "Requests that a bake of the same request answered.");
     describe_histogram!("cairn_bake_seconds", Unit::Seconds, "Time of a bake from its start to its end.");
     describe_counter!("cairn_bodies_total", "Bodies baked; its rate is bodies per second.");

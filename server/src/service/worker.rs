@@ -8,9 +8,11 @@ use crate::job::reuse::Cache;
 use crate::job::{self, Job, Open, Outcome};
 use crate::model::export::{self, ExportError};
 use crate::problem::{Cause, Problem};
+use crate::scene_file::SceneTree;
 use crate::service::event_log::{self, Writer};
-use crate::service::folder::{ASSETS, EVENTS, REPORT, SPEC, result_name};
+use crate::service::folder::{ASSETS, EVENTS, REPORT, SCENE, SPEC, result_name};
 use crate::service::news::{Invalid, News, Told};
+use crate::service::status::DISK_FULL;
 use crate::wire::digest::hex;
 use crate::wire::frame_delta::FrameDelta;
 use crate::wire::proto::{self, bake_event::Kind};
@@ -41,7 +43,13 @@ pub enum Error {
 
 impl From<std::io::Error> for Error {
     fn from(error: std::io::Error) -> Error {
-        Error::NotWritten(error.to_string())
+        match error.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
+                Error::NotWritten(DISK_FULL.into())
+            }
+            // The kind alone: the words may name a place of the server.
+            kind => Error::Internal(format!("the data directory: {kind}")),
+        }
     }
 }
 
@@ -60,7 +68,19 @@ impl From<job::Error> for Error {
 }
 
 fn invalid(problems: Vec<Problem>) -> Error {
-    Error::Invalid(Invalid { problems: problems.iter().map(to_proto::field_problem).collect(), only_missing: false })
+    told(problems.iter().map(to_proto::field_problem).collect(), false)
+}
+
+/// As many problems as a caller can read: a scene may have 100,000.
+fn told(mut problems: Vec<proto::FieldProblem>, only_missing: bool) -> Error {
+    /// More than a status has room for.
+    const MOST: usize = 100;
+    let more = problems.len() > MOST;
+    problems.truncate(MOST);
+    if more {
+        problems.push(proto::FieldProblem { field: "spec".into(), description: "and more problems".into() });
+    }
+    Error::Invalid(Invalid { problems, only_missing })
 }
 
 /// Tells the server. One that is gone is no longer interested.
@@ -91,24 +111,30 @@ pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
 pub fn plan(folder: &Path) -> Result<(), Error> {
     let (_, job) = read(folder)?;
     let estimates = job.estimates().map_err(job::Error::from)?;
-    tell_plan(job, &estimates)
+    tell_plan(folder, job, &estimates)
 }
 
 /// The same, but for what it costs: that takes as long as the bake's first stage, and tells of the machine.
 pub fn accept(folder: &Path) -> Result<(), Error> {
     let (_, job) = read(folder)?;
-    tell_plan(job, &[])
+    tell_plan(folder, job, &[])
 }
 
-fn tell_plan(job: Job, estimates: &[Estimate]) -> Result<(), Error> {
+fn tell_plan(folder: &Path, job: Job, estimates: &[Estimate]) -> Result<(), Error> {
     let plan = cairn_core::plan(&job.scene, &job.params).map_err(job::Error::from)?;
+    files::write_atomically(&folder.join(SCENE), SceneTree::from_message(&job.effective).to_json().as_bytes())?;
+    let has_parameters_only = job.effective.encoded_len() > MAX_SCENE;
     tell(News::Planned(Box::new(proto::Accepted {
         plan: Some(to_proto::plan(&plan, &job.notes, estimates, &job.params)),
-        effective_scene: Some(job.effective),
+        effective_scene: Some(if has_parameters_only { to_proto::params(&job.params) } else { job.effective }),
+        has_parameters_only,
         ..Default::default()
     })));
     Ok(())
 }
+
+/// Bytes of a scene in an event: the rest of the event has room beside it.
+const MAX_SCENE: usize = 2 << 20;
 
 /// Bakes, and leaves the files in the folder.
 pub fn bake(folder: &Path, cache: &mut Cache) -> Result<(), Error> {
@@ -129,7 +155,7 @@ pub fn bake(folder: &Path, cache: &mut Cache) -> Result<(), Error> {
     files::write_atomically(&path, &done.result)?;
     let summary = summary(&done, &job.notes);
     watcher.log.append(Kind::Summary(summary.clone()))?;
-    tell(News::Logged(watcher.log.flush()?));
+    tell(News::Logged(watcher.log.sync()?));
     tell(News::Done(summary));
     Ok(())
 }
@@ -148,13 +174,13 @@ fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), Error> {
         Err(problems) => problems,
     };
     let others = problems.iter().filter(|problem| problem.cause != Cause::NotUploaded);
-    let mut told: Vec<proto::FieldProblem> = others.map(to_proto::field_problem).collect();
-    let only_missing = told.is_empty();
-    told.extend(missing.into_iter().map(|index| proto::FieldProblem {
+    let mut wrong: Vec<proto::FieldProblem> = others.map(to_proto::field_problem).collect();
+    let only_missing = wrong.is_empty();
+    wrong.extend(missing.into_iter().map(|index| proto::FieldProblem {
         field: format!("spec.assets[{index}].sha256"),
         description: format!("{}: {NOT_UPLOADED}. Upload it by UploadAsset.", spec.assets[index].uri),
     }));
-    Err(Error::Invalid(Invalid { problems: told, only_missing }))
+    Err(told(wrong, only_missing))
 }
 
 const NOT_UPLOADED: &str = "the asset is not on the server";
@@ -201,6 +227,7 @@ fn summary(done: &Outcome, notes: &[String]) -> proto::Summary {
         result_bytes: to_proto::signed(done.result.len()),
         result_sha256: hex(&Sha256::digest(&done.result)),
         cpu_seconds: machine::cpu_seconds(),
+        report_sha256: hex(&Sha256::digest(&done.report)),
         peak_memory_bytes: to_proto::signed(machine::peak_memory().unwrap_or(0)),
     }
 }

@@ -60,9 +60,15 @@ fn at(x: f64, y: f64, z: f64) -> Pose {
 }
 
 fn measured(control: &TriMesh, props: &[TriMesh], bodies: &[(usize, f64, Pose)]) -> ShapeMeasures {
+    seen(control, props, bodies).0
+}
+
+/// Shape and pictures.
+fn seen(control: &TriMesh, props: &[TriMesh], bodies: &[(usize, f64, Pose)]) -> (ShapeMeasures, PictureMeasures) {
     let region = Region::new(control);
     let pile = Instances { props, bodies };
-    Gauge::new(control, &region, &pile).measure(&pile)
+    let gauge = Gauge::new(control, &region, &pile);
+    (gauge.measure(&pile), gauge.look(&pile))
 }
 
 /// Bricks of 0.5 x 0.25 x 0.25 that fill a box of 3 x 2 x 1 exactly, every second course shifted.
@@ -84,12 +90,12 @@ fn wall() -> (TriMesh, Vec<TriMesh>, Vec<(usize, f64, Pose)>) {
 #[test]
 fn a_brick_wall_that_fills_a_box_is_the_box() {
     let (control, props, bodies) = wall();
-    let m = measured(&control, &props, &bodies);
+    let (m, look) = seen(&control, &props, &bodies);
     assert!(m.shape_iou.value >= 0.98 && !m.shape_iou.capped, "{:?}", m.shape_iou);
     assert!((m.fill_fraction - 1.0).abs() < 0.01, "{}", m.fill_fraction);
     assert!((m.height_p95_rel - 0.95).abs() < 0.01 && (m.height_p95_rel_solid - 0.95).abs() < 0.01);
-    assert!(m.inside_fraction == 1.0 && m.protrusion_rel < 1e-9 && m.height_rms_rel < 1e-6);
-    assert!(m.silhouette_iou > 0.99, "{}", m.silhouette_iou);
+    assert!(m.inside_fraction == 1.0 && m.protrusion_rel < 1e-9 && look.height_rms_rel < 1e-6);
+    assert!(look.silhouette_iou > 0.99, "{}", look.silhouette_iou);
     assert!(m.caveats().is_empty(), "{:?}", m.caveats());
 }
 
@@ -114,10 +120,10 @@ fn a_solid_control_mesh_is_itself() {
         let pebbles = [(0, 1.0, Pose::IDENTITY), (0, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
         let gauge = Gauge::new(&control, &region, &Instances { props: &props, bodies: &pebbles });
         let pile = Instances { props: &props, bodies: &pebbles[2..] };
-        let m = gauge.measure(&pile);
+        let (m, look) = (gauge.measure(&pile), gauge.look(&pile));
         assert!(m.shape_iou.solid >= 0.98 && m.shape_iou.value >= 0.98, "{name} {:?}", m.shape_iou);
         assert!((m.height_p95_rel - m.height_p95_rel_solid).abs() < 0.03, "{name}");
-        assert!(m.protrusion_rel < 1e-6 && m.height_rms_rel < 1e-6 && m.silhouette_iou == 1.0, "{name}");
+        assert!(m.protrusion_rel < 1e-6 && look.height_rms_rel < 1e-6 && look.silhouette_iou == 1.0, "{name}");
         assert!((m.fill_fraction - 1.0).abs() < 0.01, "{name} {}", m.fill_fraction);
         // A torus has its centre of mass in its hole.
         assert_eq!(m.inside_fraction, if name == "torus" { 0.0 } else { 1.0 }, "{name}");
@@ -130,7 +136,8 @@ fn a_box_shifted_by_half_has_a_third() {
     let region = Region::new(&props[0]);
     let small = [(0, 1.0, at(0.5, 0.0, 0.0)), (1, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
     let gauge = Gauge::new(&props[0], &region, &Instances { props: &props, bodies: &small });
-    let m = gauge.measure(&Instances { props: &props, bodies: &small[..1] });
+    let pile = Instances { props: &props, bodies: &small[..1] };
+    let (m, look) = (gauge.measure(&pile), gauge.look(&pile));
     assert!((m.shape_iou.value - 1.0 / 3.0).abs() < 0.01, "{:?}", m.shape_iou);
     assert!((m.fill_fraction - 0.5).abs() < 0.03, "{}", m.fill_fraction);
     assert!((m.protrusion_rel * m.prop_diameter - 0.5).abs() < 1e-9);
@@ -138,9 +145,9 @@ fn a_box_shifted_by_half_has_a_third() {
     let wide = |a: f64| a.sin().abs() + a.cos().abs();
     let iou = |a: f64| (wide(a) - a.cos().abs() / 2.0) / (wide(a) + a.cos().abs() / 2.0);
     let expected: f64 = (0..8).map(|k| iou(k as f64 * PI / 8.0)).sum::<f64>() / 8.0;
-    assert!((m.silhouette_iou - expected).abs() < 0.01, "{} {expected}", m.silhouette_iou);
+    assert!((look.silhouette_iou - expected).abs() < 0.01, "{} {expected}", look.silhouette_iou);
     // Half of the footprint is bare: sqrt(1/2) of the height.
-    assert!((m.height_rms_rel * m.prop_diameter - 0.5f64.sqrt()).abs() < 0.02);
+    assert!((look.height_rms_rel * m.prop_diameter - 0.5f64.sqrt()).abs() < 0.02);
 }
 
 #[test]
@@ -150,11 +157,12 @@ fn a_collapsed_cone_is_seen_by_every_figure() {
     let region = Region::new(&control);
     let bodies = [(0, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
     let gauge = Gauge::new(&control, &region, &Instances { props: &props, bodies: &bodies });
-    let m = gauge.measure(&Instances { props: &props, bodies: &bodies[..1] });
+    let pile = Instances { props: &props, bodies: &bodies[..1] };
+    let (m, look) = (gauge.measure(&pile), gauge.look(&pile));
     // The silhouettes are triangles of half width 1 and 2. Below a height of 0.4, where both have the half width 6/7,
     // the control mesh's is the narrower: (1 + 6/7) * 0.4 + 6/7 * 0.3 = 1 in common, of areas 2.8 and 1.4.
     let expected = 1.0 / (2.8 + 1.4 - 1.0);
-    assert!((m.silhouette_iou - expected).abs() < 0.01, "{} {expected}", m.silhouette_iou);
+    assert!((look.silhouette_iou - expected).abs() < 0.01, "{} {expected}", look.silhouette_iou);
     assert!(m.height_p95_rel < 0.25 && m.shape_iou.value < 0.4);
     assert!(m.height_p95_rel_solid > 0.5);
     assert_eq!(m.inside_fraction, 1.0);

@@ -3,12 +3,13 @@
 mod request;
 mod stream;
 
+use crate::service::access::caller;
 use crate::service::config::MAX_CHUNK;
 use crate::service::deadline;
-use crate::service::folder::{REPORT, SPEC, result_name};
+use crate::service::folder::{REPORT, SCENE, result_name};
 use crate::service::jobs::Bakes;
+use crate::service::shares::{Held, Shares};
 use crate::service::status::Fault;
-use crate::wire::proto;
 use crate::wire::proto::pile_service_server::PileService;
 use crate::wire::proto::{
     Artifact, BakeRequest, BakeResponse, BakeState, CancelBakeRequest, CancelBakeResponse, DeleteBakeRequest,
@@ -19,11 +20,10 @@ use crate::wire::proto::{
 };
 use crate::wire::to_proto;
 use crate::wire::versions::{PROTOCOL, versions};
-use prost::Message;
 use std::sync::Arc;
 use std::time::Duration;
-use stream::{Events, Follow};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use stream::{Download, Events, Follow};
+use tokio::time::Instant;
 use tokio_stream::StreamExt;
 use tonic::{Request, Response, Status, Streaming};
 
@@ -33,23 +33,25 @@ const MAX_STREAMS: usize = 4096;
 const MAX_UPLOADS: usize = 16;
 /// Longest wait for the next chunk of an upload.
 const UPLOAD_PAUSE: Duration = Duration::from_secs(60);
+/// Bytes per second that an upload must reach from its first minute on: slower than any line that is in use.
+const UPLOAD_RATE: u64 = 16 << 10;
 
 /// The service.
 pub struct Service {
     bakes: Arc<Bakes>,
-    streams: Arc<Semaphore>,
-    uploads: Semaphore,
+    streams: Shares,
+    uploads: Shares,
 }
 
 impl Service {
     pub fn new(bakes: Arc<Bakes>) -> Service {
-        let (streams, uploads) = (Arc::new(Semaphore::new(MAX_STREAMS)), Semaphore::new(MAX_UPLOADS));
-        Service { bakes, streams, uploads }
+        let streams = Shares::new(MAX_STREAMS, MAX_STREAMS / 4 * 3);
+        Service { bakes, streams, uploads: Shares::new(MAX_UPLOADS, MAX_UPLOADS / 2) }
     }
 
     /// Held by a stream until it ends.
-    fn stream_permit(&self) -> Result<OwnedSemaphorePermit, Fault> {
-        self.streams.clone().try_acquire_owned().map_err(|_| Fault::TooManyCalls)
+    fn stream_permit<T>(&self, request: &Request<T>) -> Result<Held, Fault> {
+        self.streams.try_hold(&caller(request)).ok_or(Fault::TooManyCalls)
     }
 
     fn limits(&self) -> Limits {
@@ -110,14 +112,17 @@ impl PileService for Service {
         &self,
         request: Request<Streaming<UploadAssetRequest>>,
     ) -> Result<Response<UploadAssetResponse>, Status> {
-        let _permit = self.uploads.try_acquire().map_err(|_| Fault::TooManyCalls)?;
+        let _permit = self.uploads.try_hold(&caller(&request)).ok_or(Fault::TooManyCalls)?;
+        let began = Instant::now();
         let mut chunks = request.into_inner();
         let most = self.bakes.config.asset_bytes();
         let mut upload = self.bakes.store.upload().map_err(Fault::from)?;
         let mut header = None;
-        while let Some(message) =
-            tokio::time::timeout(UPLOAD_PAUSE, chunks.message()).await.map_err(|_| Fault::UploadStalled)??
-        {
+        loop {
+            let slowest = began + UPLOAD_PAUSE + Duration::from_secs(upload.bytes / UPLOAD_RATE);
+            let until = slowest.min(Instant::now() + UPLOAD_PAUSE);
+            let next = tokio::time::timeout_at(until, chunks.message()).await;
+            let Some(message) = next.map_err(|_| Fault::UploadStalled)?? else { break };
             if let Some(first) = message.header {
                 request::check_header(&first, header.is_some(), most)?;
                 header = Some(first);
@@ -148,18 +153,19 @@ impl PileService for Service {
     }
 
     async fn plan_bake(&self, request: Request<PlanBakeRequest>) -> Result<Response<PlanBakeResponse>, Status> {
-        let spec = request::checked(request.into_inner().spec)?;
-        Ok(Response::new(self.bakes.plan(spec).await?))
+        let caller = caller(&request);
+        let spec = on_disk(|| request::checked(request.into_inner().spec)).await??;
+        Ok(Response::new(self.bakes.plan(&caller, spec).await?))
     }
 
     type BakeStream = Events<BakeResponse>;
 
     async fn bake(&self, request: Request<BakeRequest>) -> Result<Response<Self::BakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
-        let permit = self.stream_permit()?;
-        let BakeRequest { spec, frames } = request.into_inner();
-        let spec = request::checked(spec)?;
-        let entry = self.bakes.submit(spec, deadline)?;
+        let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
+        let BakeRequest { spec, frames, deadline_ends_bake } = request.into_inner();
+        let (bakes, of_bake) = (self.bakes.clone(), deadline.filter(|_| deadline_ends_bake));
+        let entry = on_disk(move || bakes.submit(&caller, request::checked(spec)?, of_bake)).await??;
         entry.accepted().await?;
         self.bakes.store.touch(&entry.id());
         let follow = Follow { from: 1, frames: request::frames(frames)?, deadline };
@@ -171,8 +177,11 @@ impl PileService for Service {
 
     async fn watch_bake(&self, request: Request<WatchBakeRequest>) -> Result<Response<Self::WatchBakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
-        let permit = self.stream_permit()?;
+        let permit = self.stream_permit(&request)?;
         let WatchBakeRequest { bake_id, from_sequence_number: from, frames } = request.into_inner();
+        if from < 0 {
+            return Err(Fault::field("from_sequence_number", format!("{from} is negative; give 0 or 1 for all")).into());
+        }
         let entry = self.bakes.find(&bake_id)?;
         self.bakes.store.touch(&bake_id);
         let follow = Follow { from, frames: request::frames(frames)?, deadline };
@@ -206,23 +215,28 @@ impl PileService for Service {
         &self,
         request: Request<DownloadResultRequest>,
     ) -> Result<Response<Self::DownloadResultStream>, Status> {
-        let permit = self.stream_permit()?;
+        let permit = self.stream_permit(&request)?;
         let DownloadResultRequest { bake_id, artifact } = request.into_inner();
         let entry = self.bakes.find(&bake_id)?;
-        if entry.watch().borrow().status.state() != BakeState::Succeeded {
+        let Ok(artifact) = Artifact::try_from(artifact) else {
+            return Err(Fault::field("artifact", format!("there is no artifact {artifact}")).into());
+        };
+        let status = entry.watch().borrow().status.clone();
+        if artifact != Artifact::Scene && status.state() != BakeState::Succeeded {
             return Err(Fault::BakeNotDone.into());
         }
-        let folder = self.bakes.store.folder(&bake_id);
-        let name = match Artifact::try_from(artifact) {
-            Ok(Artifact::Unspecified | Artifact::Result) => {
-                let spec = tokio::fs::read(folder.join(SPEC)).await.map_err(Fault::from)?;
-                let spec = proto::BakeSpec::decode(&spec[..]).map_err(|error| Fault::Internal(error.to_string()))?;
-                result_name(spec.format())
+        let summary = status.summary.unwrap_or_default();
+        let (name, sha256) = match artifact {
+            Artifact::Unspecified | Artifact::Result => {
+                let bakes = self.bakes.clone();
+                let spec = on_disk(move || bakes.store.spec(&status.bake_id)).await?.map_err(Fault::from)?;
+                (result_name(spec.format()), summary.result_sha256)
             }
-            Ok(Artifact::Report) => REPORT,
-            Err(_) => return Err(Fault::field("artifact", format!("there is no artifact {artifact}")).into()),
+            Artifact::Report => (REPORT, summary.report_sha256),
+            Artifact::Scene => (SCENE, String::new()),
         };
         self.bakes.store.touch(&bake_id);
-        Ok(Response::new(stream::download(&folder.join(name), permit).await?))
+        let path = self.bakes.store.folder(&bake_id).join(name);
+        Ok(Response::new(Download { path, sha256 }.start(&self.bakes, entry, permit).await?))
     }
 }

@@ -89,24 +89,42 @@ pub fn frames(given: i32) -> Result<FrameSelection, Fault> {
     FrameSelection::try_from(given).map_err(|_| Fault::field("frames", format!("there is no selection {given}")))
 }
 
-/// A page of the list. The token is the last id of the page before.
+/// A page of the list. The token is the place of the last one of the page before, whether that is still there or not.
 pub fn page(list: Vec<BakeStatus>, request: &ListBakesRequest) -> Result<ListBakesResponse, Fault> {
     let size = match request.page_size {
         0 => PAGE,
-        size @ 1..=MAX_PAGE => size as usize,
-        size => return Err(Fault::field("page_size", format!("{size} is out of range; give 0 to {MAX_PAGE}"))),
+        size @ 1.. => size.min(MAX_PAGE) as usize,
+        size => return Err(Fault::field("page_size", format!("{size} is negative; give 0 to {MAX_PAGE}"))),
     };
     let first = match &request.page_token[..] {
         "" => 0,
         token => {
-            let last = list.iter().position(|bake| bake.bake_id == token);
-            last.ok_or_else(|| Fault::field("page_token", "no such page; it may be gone: begin again"))? + 1
+            let last = place_of(token)
+                .ok_or_else(|| Fault::field("page_token", "not a token of this server; leave it empty to begin"))?;
+            list.partition_point(|bake| place(bake) >= last)
         }
     };
     let mut bakes: Vec<BakeStatus> = list.into_iter().skip(first).take(size + 1).collect();
     let more = bakes.len() > size;
     bakes.truncate(size);
     bakes.iter_mut().for_each(|bake| bake.summary = None);
-    let next_page_token = bakes.last().filter(|_| more).map(|last| last.bake_id.clone()).unwrap_or_default();
+    let next_page_token = bakes.last().filter(|_| more).map(token).unwrap_or_default();
     Ok(ListBakesResponse { bakes, next_page_token })
+}
+
+/// Where a bake is in the list, which descends.
+fn place(bake: &BakeStatus) -> (i64, i32, String) {
+    let time = bake.create_time.unwrap_or_default();
+    (time.seconds, time.nanos, bake.bake_id.clone())
+}
+
+fn token(bake: &BakeStatus) -> String {
+    let (seconds, nanos, id) = place(bake);
+    format!("{seconds}.{nanos}.{id}")
+}
+
+/// The inverse of [`token`].
+fn place_of(token: &str) -> Option<(i64, i32, String)> {
+    let mut parts = token.splitn(3, '.');
+    Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?, parts.next()?.to_owned()))
 }

@@ -3,12 +3,16 @@
 use crate::service::event_log::Reader;
 use crate::service::folder::EVENTS;
 use crate::service::jobs::{Bakes, Entry};
+use crate::service::shares::Held;
 use crate::service::status::Fault;
+use crate::wire::digest::hex;
 use crate::wire::proto::{BakeEvent, DownloadResultResponse, FrameSelection, Stage, bake_event::Kind};
-use std::path::Path;
+use crate::wire::to_proto;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
-use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio::sync::mpsc;
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
@@ -37,18 +41,21 @@ impl Follow {
         self,
         bakes: &Arc<Bakes>,
         entry: Arc<Entry>,
-        permit: OwnedSemaphorePermit,
+        permit: Held,
     ) -> ReceiverStream<Result<BakeEvent, Status>> {
         let (sender, receiver) = mpsc::channel(WAITING);
+        let bakes = bakes.clone();
         let log = bakes.store.folder(&entry.id()).join(EVENTS);
         tokio::spawn(async move {
             let _permit = permit;
             let ended = match self.deadline {
-                Some(deadline) => match tokio::time::timeout_at(deadline, self.run(&log, &entry, &sender)).await {
-                    Ok(ended) => ended,
-                    Err(_) => Err(Fault::Deadline.into()),
-                },
-                None => self.run(&log, &entry, &sender).await,
+                Some(deadline) => {
+                    match tokio::time::timeout_at(deadline, self.run(&bakes, &log, &entry, &sender)).await {
+                        Ok(ended) => ended,
+                        Err(_) => Err(Fault::Deadline.into()),
+                    }
+                }
+                None => self.run(&bakes, &log, &entry, &sender).await,
             };
             if let Err(status) = ended {
                 // A caller that is gone needs no reason.
@@ -60,13 +67,18 @@ impl Follow {
 
     async fn run(
         &self,
+        bakes: &Bakes,
         log: &Path,
         entry: &Entry,
         sender: &mpsc::Sender<Result<BakeEvent, Status>>,
     ) -> Result<(), Status> {
         // A bake may be deleted at any time.
-        let gone = |_| Fault::BakeNotFound(entry.id());
-        let mut reader = Reader::open(log).await.map_err(gone)?;
+        let gone = || Fault::BakeNotFound(entry.id());
+        let damaged = |error: std::io::Error| match bakes.find(&entry.id()) {
+            Ok(_) => bakes.damaged(entry, format!("its events cannot be read ({})", error.kind())),
+            Err(_) => gone(),
+        };
+        let mut reader = Reader::open(log).await.map_err(damaged)?;
         let mut watch = entry.watch();
         let mut told = None;
         loop {
@@ -75,7 +87,7 @@ impl Follow {
                 let failure = now.status.failure.clone();
                 (now.log_bytes, now.has_ended(), now.status.progress.filter(|_| !now.has_ended()), failure)
             };
-            while let Some(event) = reader.next(bytes).await.map_err(Fault::from)? {
+            while let Some(event) = reader.next(bytes).await.map_err(damaged)? {
                 if event.sequence_number >= self.from && self.wants(&event) && sender.send(Ok(event)).await.is_err() {
                     return Ok(());
                 }
@@ -111,15 +123,57 @@ impl Follow {
     }
 }
 
-/// A file in chunks.
-pub async fn download(path: &Path, permit: OwnedSemaphorePermit) -> Result<Events<DownloadResultResponse>, Fault> {
-    let file = tokio::fs::File::open(path).await?;
-    let size = file.metadata().await?.len();
-    let mut size_bytes = crate::wire::to_proto::signed(size);
-    let chunks = ReaderStream::with_capacity(file, CHUNK).map(move |chunk| {
-        let _held_to_the_end = &permit;
-        let chunk = chunk.map_err(Fault::from)?;
-        Ok(DownloadResultResponse { size_bytes: std::mem::take(&mut size_bytes), chunk })
-    });
-    Ok(Box::pin(chunks))
+/// A file in chunks. Its last chunk is sent once all of it was found to be what the bake has written.
+pub struct Download {
+    pub path: PathBuf,
+    /// SHA-256; empty if it is not known.
+    pub sha256: String,
+}
+
+impl Download {
+    pub async fn start(
+        self,
+        bakes: &Arc<Bakes>,
+        entry: Arc<Entry>,
+        permit: Held,
+    ) -> Result<Events<DownloadResultResponse>, Fault> {
+        let damaged =
+            |error: &std::io::Error| bakes.damaged(&entry, format!("a file cannot be read ({})", error.kind()));
+        let file = tokio::fs::File::open(&self.path).await.map_err(|error| damaged(&error))?;
+        let size = file.metadata().await.map_err(|error| damaged(&error))?.len();
+        let (sender, receiver) = mpsc::channel(WAITING);
+        let bakes = bakes.clone();
+        tokio::spawn(async move {
+            let _permit = permit;
+            if let Err(damage) = self.send(file, size, &sender).await {
+                let _ = sender.send(Err(bakes.damaged(&entry, damage).into())).await;
+            }
+        });
+        Ok(Box::pin(ReceiverStream::new(receiver)))
+    }
+
+    /// The error says what is wrong with the file.
+    async fn send(
+        &self,
+        file: tokio::fs::File,
+        size: u64,
+        sender: &mpsc::Sender<Result<DownloadResultResponse, Status>>,
+    ) -> Result<(), String> {
+        let mut chunks = ReaderStream::with_capacity(file, CHUNK);
+        let mut hasher = Sha256::new();
+        let mut held = DownloadResultResponse { size_bytes: to_proto::signed(size), ..Default::default() };
+        while let Some(chunk) = chunks.next().await {
+            let chunk = chunk.map_err(|error| format!("a file cannot be read ({})", error.kind()))?;
+            hasher.update(&chunk);
+            if !held.chunk.is_empty() && sender.send(Ok(std::mem::take(&mut held))).await.is_err() {
+                return Ok(());
+            }
+            held.chunk = chunk;
+        }
+        if !self.sha256.is_empty() && hex(&hasher.finalize()) != self.sha256 {
+            return Err("a file is not what was written".into());
+        }
+        let _ = sender.send(Ok(held)).await;
+        Ok(())
+    }
 }

@@ -5,11 +5,12 @@
 
 mod task;
 
+use crate::service::access::Caller;
 use crate::service::config::{Config, Unfinished};
 use crate::service::event_log;
-use crate::service::folder::EVENTS;
 use crate::service::news::News;
 use crate::service::process::{Task, Worker};
+use crate::service::shares::Shares;
 use crate::service::status::Fault;
 use crate::service::store::Store;
 use crate::wire::effective::effective;
@@ -21,6 +22,7 @@ use prost_types::Timestamp;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
+use task::New;
 use tokio::sync::{Notify, Semaphore, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -36,9 +38,10 @@ pub struct Bakes {
     places: Arc<Semaphore>,
     /// One permit per bake that runs.
     workers: Arc<Semaphore>,
-    /// One permit per plan that is made or waits.
-    plan_places: Semaphore,
-    planners: Semaphore,
+    /// Plans that are made or wait.
+    plan_places: Shares,
+    /// Plans that are made: twice as many as bakes run, so that no caller can hold them all.
+    planners: Shares,
     /// No more bakes are taken.
     draining: CancellationToken,
     /// Running bakes end, unfinished.
@@ -114,8 +117,8 @@ impl Bakes {
             entries: Mutex::default(),
             places: Arc::new(Semaphore::new(places)),
             workers: Arc::new(Semaphore::new(workers)),
-            plan_places: Semaphore::new(places),
-            planners: Semaphore::new(workers),
+            plan_places: Shares::new(places, places.div_ceil(2)),
+            planners: Shares::new(2 * workers, workers),
             draining: CancellationToken::new(),
             ending: CancellationToken::new(),
             tasks: TaskTracker::new(),
@@ -134,7 +137,11 @@ impl Bakes {
         found.sort_by_key(|status| status.create_time.map(|time| (time.seconds, time.nanos)));
         for mut status in found {
             let id = status.bake_id.clone();
-            let log_bytes = std::fs::metadata(self.store.folder(&id).join(EVENTS)).map_or(0, |log| log.len());
+            if let Some(damage) = self.store.damage(&status) {
+                warn!(bake_id = %id, damage, "a bake is damaged; it is made again when it is asked for");
+                status.end(BakeState::Failed, Some(&Fault::BakeDamaged(damage)));
+                self.store.write_status(&status)?;
+            }
             let was_unfinished = matches!(status.state(), BakeState::Queued | BakeState::Running);
             if was_unfinished && self.config.unfinished == Unfinished::Fail {
                 status.end(BakeState::Failed, Some(&Fault::ServerRestarted));
@@ -142,24 +149,35 @@ impl Bakes {
                 self.store.release_assets(&id);
             }
             let resume = was_unfinished && self.config.unfinished == Unfinished::Restart;
+            if resume {
+                // Its log is written anew: nothing of it may be read before.
+                (status.event_bytes, status.last_sequence_number) = (0, 0);
+            }
+            let log_bytes = u64::try_from(status.event_bytes).unwrap_or(0);
             let entry = Entry::new(Now { status, log_bytes, accepted: true }, None);
             self.entries().insert(id.clone(), entry.clone());
             if resume {
                 info!(bake_id = %id, "unfinished bake is taken up again");
-                self.spawn(entry, None, None);
+                self.spawn(entry, None);
             }
         }
         Ok(())
     }
 
     /// The bake of this request: the one that there is, or a new one, if there is a place for it.
-    pub fn submit(self: &Arc<Self>, spec: BakeSpec, deadline: Option<Instant>) -> Result<Arc<Entry>, Fault> {
-        if self.draining.is_cancelled() {
+    pub fn submit(
+        self: &Arc<Self>,
+        caller: &Caller,
+        spec: BakeSpec,
+        deadline: Option<Instant>,
+    ) -> Result<Arc<Entry>, Fault> {
+        if self.is_draining() {
             return Err(Fault::ShuttingDown);
         }
         let id = bake_id(&spec);
         let mut entries = self.entries();
         if let Some(entry) = entries.get(&id) {
+            self.look_at(entry);
             let state = entry.now.borrow().status.state();
             if !matches!(state, BakeState::Failed | BakeState::Cancelled) && !entry.cancelled.is_cancelled() {
                 let later = |own: &mut Option<Instant>| *own = own.zip(deadline).map(|(a, b)| a.max(b));
@@ -180,8 +198,32 @@ impl Bakes {
         status.set_state(BakeState::Queued);
         let entry = Entry::new(Now { status, log_bytes: 0, accepted: false }, deadline);
         entries.insert(id, entry.clone());
-        self.spawn(entry.clone(), Some(spec), Some(place));
+        self.spawn(entry.clone(), Some(New { spec, caller: caller.clone(), place }));
         Ok(entry)
+    }
+
+    /// A bake whose files are not as long as they were is damaged.
+    fn look_at(&self, entry: &Entry) {
+        let damage = self.store.damage(&entry.now.borrow().status);
+        if let Some(damage) = damage {
+            self.damaged(entry, damage);
+        }
+    }
+
+    /// What is kept of a bake was found to be damaged: who asks for it next has it made again.
+    pub fn damaged(&self, entry: &Entry, damage: String) -> Fault {
+        let fault = Fault::BakeDamaged(damage);
+        let mut status = entry.now.borrow().status.clone();
+        if status.state() == BakeState::Succeeded {
+            warn!(bake_id = %status.bake_id, %fault, "a bake is damaged");
+            status.end(BakeState::Failed, Some(&fault));
+            status.summary = None;
+            if let Err(error) = self.store.write_status(&status) {
+                warn!(%error, "the damage could not be written down");
+            }
+            entry.now.send_modify(|now| now.status = status);
+        }
+        fault
     }
 
     fn queue_full(&self) -> Fault {
@@ -190,9 +232,9 @@ impl Bakes {
     }
 
     /// What a bake would do.
-    pub async fn plan(&self, spec: BakeSpec) -> Result<proto::PlanBakeResponse, Fault> {
-        let _place = self.plan_places.try_acquire().map_err(|_| self.queue_full())?;
-        let _planner = self.planners.acquire().await;
+    pub async fn plan(&self, caller: &Caller, spec: BakeSpec) -> Result<proto::PlanBakeResponse, Fault> {
+        let _place = self.plan_places.try_hold(caller).ok_or_else(|| self.queue_full())?;
+        let _planner = self.planners.hold(caller).await;
         let folder = self.store.prepare_plan(&spec)?;
         let mut worker = None;
         let accepted = self.run_plan(Task::Plan, folder.path(), &mut worker).await?;
@@ -200,6 +242,7 @@ impl Bakes {
             bake_id: bake_id(&spec),
             plan: accepted.plan,
             effective_scene: accepted.effective_scene,
+            has_parameters_only: accepted.has_parameters_only,
         })
     }
 
@@ -286,6 +329,11 @@ impl Bakes {
             }
             let _ = tokio::time::timeout(PAUSE, self.trim.notified()).await;
         }
+    }
+
+    /// Whether the server is about to end.
+    pub fn is_draining(&self) -> bool {
+        self.draining.is_cancelled()
     }
 
     /// Takes no more bakes and lets those that run end, for so long; then ends them. What is unfinished stays so on the

@@ -1,6 +1,7 @@
 //! The life of one bake: planned, queued, run, ended.
 
-use super::{Bakes, Entry, Now, accepted_before, now};
+use super::{Bakes, Entry, Now, accepted_before, bake_id, now};
+use crate::service::access::Caller;
 use crate::service::event_log::{Extent, Writer};
 use crate::service::folder::EVENTS;
 use crate::service::news::News;
@@ -14,6 +15,14 @@ use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 use tokio::sync::OwnedSemaphorePermit;
 use tracing::{Instrument, info, info_span, warn};
+
+/// What a new bake begins with.
+pub(super) struct New {
+    pub spec: BakeSpec,
+    pub caller: Caller,
+    /// Its place among those that run or wait.
+    pub place: OwnedSemaphorePermit,
+}
 
 /// Why a bake ends without a result.
 enum End {
@@ -29,20 +38,15 @@ impl<E: Into<Fault>> From<E> for End {
 }
 
 impl Bakes {
-    /// Starts a bake's task. `spec`: of a new bake; one that is taken up again has its request on the disk.
-    pub(super) fn spawn(
-        self: &Arc<Self>,
-        entry: Arc<Entry>,
-        spec: Option<BakeSpec>,
-        place: Option<OwnedSemaphorePermit>,
-    ) {
+    /// Starts a bake's task. One that is not new has its request on the disk.
+    pub(super) fn spawn(self: &Arc<Self>, entry: Arc<Entry>, new: Option<New>) {
         let span = info_span!("bake", bake_id = %entry.id());
         let bakes = self.clone();
         let life = async move {
             metrics::gauge!("cairn_bakes_pending").increment(1);
             let mut worker = None;
             let result = tokio::select! {
-                result = bakes.run(&entry, spec, place, &mut worker) => result,
+                result = bakes.run(&entry, new, &mut worker) => result,
                 end = bakes.stopped(&entry) => Err(end),
             };
             if let Some(mut worker) = worker {
@@ -80,25 +84,25 @@ impl Bakes {
         }
     }
 
-    async fn run(
-        &self,
-        entry: &Entry,
-        spec: Option<BakeSpec>,
-        place: Option<OwnedSemaphorePermit>,
-        slot: &mut Option<Worker>,
-    ) -> Result<Summary, End> {
+    async fn run(&self, entry: &Entry, new: Option<New>, slot: &mut Option<Worker>) -> Result<Summary, End> {
         let id = entry.id();
         let folder = self.store.folder(&id);
-        // What an earlier server had accepted waits for its place; nobody is there to be refused.
-        let _place = match place {
-            Some(place) => Some(place),
-            None => self.places.clone().acquire_owned().await.ok(),
+        let (_place, accepted) = match new {
+            Some(New { spec, caller, place }) => {
+                let accepted = self.accept(&id, &folder, &caller, &spec, slot).await?;
+                (Some(place), accepted)
+            }
+            // What an earlier server had accepted waits for its place; nobody is there to be refused.
+            None => {
+                let place = self.places.clone().acquire_owned().await.ok();
+                let accepted = match accepted_before(&folder.join(EVENTS)).await {
+                    Some(accepted) => accepted,
+                    None => self.accept_again(&id, &folder, slot).await?,
+                };
+                (place, accepted)
+            }
         };
-        let accepted = match spec {
-            Some(spec) => self.accept(&id, &folder, &spec, slot).await?,
-            None => accepted_before(&folder.join(EVENTS)).await.ok_or(Fault::ServerRestarted)?,
-        };
-        let extent = Writer::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.flush()?;
+        let extent = Writer::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.sync()?;
         entry.now.send_modify(|now| {
             now.accepted = true;
             now.status.set_state(BakeState::Queued);
@@ -129,11 +133,28 @@ impl Bakes {
         &self,
         id: &str,
         folder: &Path,
+        caller: &Caller,
         spec: &BakeSpec,
         slot: &mut Option<Worker>,
     ) -> Result<Accepted, Fault> {
-        let _planner = self.planners.acquire().await;
+        let _planner = self.planners.hold(caller).await;
         self.store.prepare(id, spec)?;
+        self.plan_in(id, folder, slot).await
+    }
+
+    /// An earlier server had accepted this bake, and its events are gone or of another version. This version would bake
+    /// something else under another id.
+    async fn accept_again(&self, id: &str, folder: &Path, slot: &mut Option<Worker>) -> Result<Accepted, Fault> {
+        match self.store.spec(id) {
+            Ok(spec) if bake_id(&spec) == id => {
+                warn!("its events are damaged; it is planned again");
+                self.plan_in(id, folder, slot).await
+            }
+            _ => Err(Fault::ServerRestarted),
+        }
+    }
+
+    async fn plan_in(&self, id: &str, folder: &Path, slot: &mut Option<Worker>) -> Result<Accepted, Fault> {
         let mut accepted = self.run_plan(Task::Accept, folder, slot).await?;
         // It has said all.
         if let Some(mut planner) = slot.take() {
@@ -221,6 +242,7 @@ impl Bakes {
 impl Now {
     fn reached(&mut self, extent: Extent) {
         self.log_bytes = extent.bytes;
+        self.status.event_bytes = crate::wire::to_proto::signed(extent.bytes);
         self.status.last_sequence_number = extent.last;
     }
 }

@@ -1,0 +1,165 @@
+//! Encryption: certificates and keys, checked before anything listens, and read again when the operator asks for it.
+
+use crate::problem::Problem;
+use crate::service::config::Config;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use rustls::server::WebPkiClientVerifier;
+use rustls::{RootCertStore, ServerConfig};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{Semaphore, mpsc, watch};
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::server::TlsStream;
+use tokio_stream::wrappers::ReceiverStream;
+use tracing::{debug, warn};
+
+/// A certificate that ends sooner is warned of.
+const SOON: Duration = Duration::from_secs(30 * 86_400);
+/// Connections that may agree on their encryption at once, and how long one may take.
+const HANDSHAKES: usize = 1024;
+const HANDSHAKE: Duration = Duration::from_secs(10);
+
+/// What the settings name, ready to be used; `None` without a certificate.
+pub fn read(config: &Config) -> Result<Option<Arc<ServerConfig>>, Vec<Problem>> {
+    let mut problems = Vec::new();
+    let mut read = |setting: &str, path: &Option<PathBuf>| {
+        let read = path.as_ref().map(|path| crate::files::read(path)).transpose();
+        read.unwrap_or_else(|mut problem| {
+            problem.what += &format!(" ({setting})");
+            problems.push(problem);
+            None
+        })
+    };
+    let certificate = read("tls_certificate", &config.tls_certificate);
+    let key = read("tls_key", &config.tls_key);
+    let client_ca = read("tls_client_ca", &config.tls_client_ca);
+    let halves = [config.tls_certificate.is_some(), config.tls_key.is_some()];
+    if halves[0] != halves[1] {
+        let remedy = "Give tls_certificate and tls_key, or neither.";
+        problems.push(Problem::new("tls", "a certificate without its key, or a key alone", remedy));
+    }
+    if config.tls_client_ca.is_some() && halves == [false, false] {
+        let remedy = "Give tls_certificate and tls_key, too.";
+        problems.push(Problem::new("tls_client_ca", "callers' certificates need an encrypted connection", remedy));
+    }
+    if !problems.is_empty() {
+        return Err(problems);
+    }
+    let Some((certificate, key)) = certificate.zip(key) else { return Ok(None) };
+    let place = |path: &Option<PathBuf>| path.as_deref().unwrap_or(Path::new("")).display().to_string();
+    let (certificate_file, key_file) = (place(&config.tls_certificate), place(&config.tls_key));
+    let chain = certificates(&certificate_file, &certificate)?;
+    warn_of_age(&certificate_file, &chain);
+    let key = PrivateKeyDer::from_pem_slice(&key).map_err(|error| {
+        vec![Problem::new(&key_file, format!("not a private key: {error}"), "Give a key in PEM, without a password.")]
+    })?;
+    let authorities = match client_ca {
+        Some(ca) => Some((place(&config.tls_client_ca), certificates(&place(&config.tls_client_ca), &ca)?)),
+        None => None,
+    };
+    server(chain, key, authorities, &certificate_file, &key_file).map(Some)
+}
+
+type Authorities = Option<(String, Vec<CertificateDer<'static>>)>;
+
+fn server(
+    chain: Vec<CertificateDer<'static>>,
+    key: PrivateKeyDer<'static>,
+    authorities: Authorities,
+    certificate_file: &str,
+    key_file: &str,
+) -> Result<Arc<ServerConfig>, Vec<Problem>> {
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let builder = ServerConfig::builder_with_provider(provider.clone());
+    let builder = builder.with_safe_default_protocol_versions().expect("the provider knows TLS 1.2 and 1.3");
+    let builder = match authorities {
+        Some((file, authorities)) => {
+            let wrong = |what: String| vec![Problem::new(&file, what, "Give the certificates of who signs, in PEM.")];
+            let mut roots = RootCertStore::empty();
+            for authority in authorities {
+                roots.add(authority).map_err(|error| wrong(format!("not an authority: {error}")))?;
+            }
+            let verifier = WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider).build();
+            builder.with_client_cert_verifier(verifier.map_err(|error| wrong(error.to_string()))?)
+        }
+        None => builder.with_no_client_auth(),
+    };
+    let mut server = builder.with_single_cert(chain, key).map_err(|error| {
+        let (place, what) = match error {
+            rustls::Error::InconsistentKeys(_) => (key_file, format!("not the key of {certificate_file}")),
+            error => (certificate_file, error.to_string()),
+        };
+        vec![Problem::new(place, what, "Give a certificate and the key that it was made with.")]
+    })?;
+    server.alpn_protocols = vec![b"h2".to_vec()];
+    Ok(Arc::new(server))
+}
+
+fn certificates(file: &str, pem: &[u8]) -> Result<Vec<CertificateDer<'static>>, Vec<Problem>> {
+    let wrong = |what: String| vec![Problem::new(file, what, "Give a certificate in PEM.")];
+    let found: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(pem).collect();
+    match found {
+        Ok(found) if found.is_empty() => Err(wrong("there is no certificate in it".into())),
+        Ok(found) => Ok(found),
+        Err(error) => Err(wrong(format!("not a certificate: {error}"))),
+    }
+}
+
+/// Callers will refuse a certificate that has expired; their messages seldom say so.
+fn warn_of_age(file: &str, chain: &[CertificateDer]) {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_secs() as i64);
+    for certificate in chain {
+        let Ok((_, certificate)) = x509_parser::parse_x509_certificate(certificate) else { continue };
+        let (subject, end) = (certificate.subject(), certificate.validity().not_after);
+        match end.timestamp() - now {
+            left if left < 0 => warn!(file, %subject, %end, "the certificate has expired: callers will refuse it"),
+            left if left < SOON.as_secs() as i64 => {
+                warn!(file, %subject, %end, "the certificate expires within 30 days: renew it, then send SIGHUP");
+            }
+            _ => {}
+        }
+    }
+}
+
+/// The encrypted connections of a listener. Each new one has the latest settings.
+pub fn incoming(
+    listener: TcpListener,
+    settings: watch::Receiver<Arc<ServerConfig>>,
+) -> ReceiverStream<std::io::Result<TlsStream<TcpStream>>> {
+    /// Connections that wait to be served.
+    const WAITING: usize = 16;
+    let (sender, receiver) = mpsc::channel(WAITING);
+    let handshakes = Arc::new(Semaphore::new(HANDSHAKES));
+    tokio::spawn(async move {
+        loop {
+            let place = handshakes.clone().acquire_owned().await;
+            let accepted = tokio::select! {
+                accepted = listener.accept() => accepted,
+                () = sender.closed() => return,
+            };
+            let (stream, peer) = match accepted {
+                Ok(accepted) => accepted,
+                Err(error) => {
+                    // A connection that broke, or no more handles: the next one may do.
+                    warn!(%error, "a connection could not be accepted");
+                    tokio::time::sleep(Duration::from_millis(100)).await;
+                    continue;
+                }
+            };
+            let _ = stream.set_nodelay(true);
+            let (acceptor, sender) = (TlsAcceptor::from(settings.borrow().clone()), sender.clone());
+            tokio::spawn(async move {
+                let _place = place;
+                match tokio::time::timeout(HANDSHAKE, acceptor.accept(stream)).await {
+                    Ok(Ok(stream)) => drop(sender.send(Ok(stream)).await),
+                    Ok(Err(error)) => debug!(%peer, %error, "no agreement on the encryption"),
+                    Err(_) => debug!(%peer, "no agreement on the encryption in time"),
+                }
+            });
+        }
+    });
+    ReceiverStream::new(receiver)
+}

@@ -1,0 +1,154 @@
+//! What others do to a server's folder: files of theirs, and files that are cut off, emptied or changed.
+
+use crate::server::{Server, accepted_id, assert_fault, channel, events, numbered, request, short, status, watch};
+use cairn::client::Connection;
+use cairn::wire::proto::{Artifact, BakeState, DeleteBakeRequest, ListBakesRequest};
+use std::path::PathBuf;
+use tonic::Code;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_check_response::ServingStatus;
+use tonic_health::pb::health_client::HealthClient;
+
+/// A finished bake: its id and its folder.
+async fn baked(server: &Server, connection: &mut Connection) -> (String, PathBuf) {
+    let stream = connection.service.bake(request(short(1))).await.unwrap().into_inner();
+    let (events, end) = events(stream).await;
+    end.unwrap();
+    let id = accepted_id(&events);
+    let folder = server.path("data/bakes").join(&id);
+    (id, folder)
+}
+
+fn cut(path: &std::path::Path, bytes: u64) {
+    std::fs::File::options().write(true).open(path).unwrap().set_len(bytes).unwrap();
+}
+
+#[tokio::test]
+async fn files_of_others_are_left_alone() {
+    let mut server = Server::start(&[]);
+    let id = baked(&server, &mut server.ready().await).await.0;
+    server.signal("-KILL");
+    server.wait();
+    for stray in [".DS_Store", ".nfs000000000000001", "readme.txt", &"f".repeat(64)] {
+        std::fs::write(server.path("data/bakes").join(stray), "not ours").unwrap();
+    }
+    std::fs::create_dir(server.path("data/bakes/@eaDir")).unwrap();
+    let next = Server::start_in(server.folder(), &["--store-mib", "0"]);
+    let mut connection = next.connect().await;
+    // The limit of 0 bytes removes what is the server's own.
+    for _ in 0..500 {
+        if connection.watch(&id, |_| {}).await.is_err() {
+            break;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    assert!(!next.path("data/bakes").join(&id).exists());
+    for stray in [".DS_Store", ".nfs000000000000001", "readme.txt", "@eaDir"] {
+        assert!(next.path("data/bakes").join(stray).exists(), "{stray}");
+    }
+    assert!(next.log().contains(".DS_Store"), "{}", next.log());
+}
+
+#[tokio::test]
+async fn a_log_that_is_cut_off_is_found_out_and_the_bake_made_again() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let (id, folder) = baked(&server, &mut connection).await;
+    let log = folder.join("events.log");
+    for left in [|_| 0, |_| 1, |_| 100, |whole| whole - 1] {
+        let left: fn(u64) -> u64 = left;
+        cut(&log, left(std::fs::metadata(&log).unwrap().len()));
+        // Who only watches is told.
+        let (_, end) = events(watch(&mut connection, &id, 1).await).await;
+        assert_fault(&end.unwrap_err(), Code::DataLoss, "BAKE_DAMAGED");
+        assert_eq!(status(&mut connection, &id).await.failure.unwrap().reason, "BAKE_DAMAGED");
+        // Who asks for the bake has it made again.
+        assert_eq!(baked(&server, &mut connection).await.0, id);
+        assert_eq!(status(&mut connection, &id).await.state(), BakeState::Succeeded);
+    }
+    // Who asks before anybody has watched does not even notice.
+    cut(&log, 0);
+    assert_eq!(baked(&server, &mut connection).await.0, id);
+    assert!(server.log().contains("damaged"), "{}", server.log());
+}
+
+#[tokio::test]
+async fn a_log_that_was_cut_off_while_no_server_ran() {
+    let mut server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let (id, folder) = baked(&server, &mut connection).await;
+    server.signal("-KILL");
+    server.wait();
+    cut(&folder.join("events.log"), 10);
+    let next = Server::start_in(server.folder(), &[]);
+    let mut connection = next.connect().await;
+    assert_eq!(status(&mut connection, &id).await.failure.unwrap().reason, "BAKE_DAMAGED");
+    assert_eq!(baked(&next, &mut connection).await.0, id);
+}
+
+#[tokio::test]
+async fn an_unfinished_bake_without_its_events_is_planned_again() {
+    let mut server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let id = crate::server::begin(&mut connection, crate::server::long(1)).await;
+    server.signal("-KILL");
+    server.wait();
+    cut(&server.path("data/bakes").join(&id).join("events.log"), 0);
+    let next = Server::start_in(server.folder(), &[]);
+    let mut connection = next.connect().await;
+    let (told, end) = events(watch(&mut connection, &id, 1).await).await;
+    end.unwrap();
+    assert_eq!((accepted_id(&told), numbered(&told)[0].sequence_number), (id, 1));
+}
+
+/// A token of a page is a place in the list, which is there without the bake, too.
+#[tokio::test]
+async fn a_page_goes_on_where_a_bake_was_deleted() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let mut ids = Vec::new();
+    for seed in 1..=3 {
+        ids.push(crate::server::begin(&mut connection, crate::server::endless(seed)).await);
+    }
+    let mut page = ListBakesRequest { page_size: 1, ..Default::default() };
+    let first = connection.service.list_bakes(page.clone()).await.unwrap().into_inner();
+    assert_eq!(first.bakes[0].bake_id, ids[2]);
+    connection.service.delete_bake(DeleteBakeRequest { bake_id: ids[2].clone() }).await.unwrap();
+    page.page_token = first.next_page_token;
+    let second = connection.service.list_bakes(page).await.unwrap().into_inner();
+    assert_eq!(second.bakes[0].bake_id, ids[1]);
+}
+
+/// A data directory that is gone is told by the health, and one that is back, too.
+#[tokio::test]
+async fn health_knows_the_data_directory() {
+    let server = Server::start(&[]);
+    let mut health = HealthClient::new(channel(&format!("http://{}", server.addresses[0])).await);
+    for (from, to, status) in [("data", "gone", ServingStatus::NotServing), ("gone", "data", ServingStatus::Serving)] {
+        std::fs::rename(server.path(from), server.path(to)).unwrap();
+        for service in ["", "cairn.v1.PileService"] {
+            let request = HealthCheckRequest { service: service.into() };
+            while health.check(request.clone()).await.unwrap().into_inner().status() != status {
+                tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+            }
+        }
+    }
+    assert!(server.log().contains("the data directory cannot be used"), "{}", server.log());
+}
+
+#[tokio::test]
+async fn a_changed_result_is_not_handed_out() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    for (name, artifact) in [("result.glb", Artifact::Result), ("report.json", Artifact::Report)] {
+        let (id, folder) = baked(&server, &mut connection).await;
+        let mut bytes = std::fs::read(folder.join(name)).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        std::fs::write(folder.join(name), bytes).unwrap();
+        let refused = connection.download(&id, artifact).await.unwrap_err();
+        assert_fault(&refused, Code::DataLoss, "BAKE_DAMAGED");
+        assert_eq!(baked(&server, &mut connection).await.0, id);
+        connection.download(&id, artifact).await.unwrap();
+    }
+}
