@@ -4,7 +4,7 @@ mod common;
 
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::input::params::{Accuracy, Figures, Params, Switch};
 use cairn_core::prepare::effects::{Count, EffectName};
 use cairn_core::{bake, plan};
 use common::{cone, disc, scene, stick};
@@ -58,4 +58,46 @@ fn each_effect_is_told_once_in_the_order_of_the_list() {
             assert_eq!(serde_json::to_value(count).unwrap(), count.name());
         }
     }
+}
+
+#[test]
+fn figures_that_nobody_wants_are_not_measured() {
+    let scene = scene(cone(0.6, 0.8), stick());
+    let mut params = Params::new(Accuracy::Draft);
+    params.fill.count = Some(20);
+    params.hold.patience = 2.0;
+    let mut measured = |shape: Switch, pictures: Switch, support: Switch| {
+        params.report = Figures { shape, pictures, support };
+        let report = bake(&scene, &params, &mut Silent).unwrap().report;
+        let counts = [Count::ShapesMeasured, Count::PicturesMeasured, Count::SupportIterations];
+        let figures = ["shape_iou", "silhouette_iou", "unsupported_fraction"];
+        (counts.map(|count| report.counts[&count] > 0), figures.map(|name| report.measures[name].is_some()))
+    };
+    let (auto, on, off) = (Switch::Auto, Switch::On, Switch::Off);
+    for (switches, wanted) in [
+        ([auto, auto, auto], [true, false, false]),
+        ([off, auto, auto], [false; 3]),
+        // There are no pictures of what is not measured.
+        ([off, on, on], [false, false, true]),
+        ([on, on, on], [true; 3]),
+    ] {
+        let [shape, pictures, support] = switches;
+        assert_eq!(measured(shape, pictures, support), (wanted, wanted), "{switches:?}");
+    }
+}
+
+/// Steps, bodies that the engine moved and pairs that it kept: what a fill costs, without a clock.
+#[test]
+fn a_fill_does_no_more_work_than_it_did() {
+    let mut params = Params::new(Accuracy::Standard);
+    params.hold.patience = 1.0;
+    params.report.shape = Switch::Off;
+    let report = bake(&scene(cone(0.6, 1.0), stick()), &params, &mut Silent).unwrap().report;
+    let of = |count: Count| report.counts[&count] as f64;
+    let bodies = report.bodies as f64;
+    let steps = of(Count::FillSteps);
+    let (moved, pairs) = (of(Count::FillBodySteps) / bodies, of(Count::FillPairSteps) / of(Count::FillBodySteps));
+    println!("{bodies} bodies, {steps} steps, {moved:.0} steps a body, {pairs:.1} pairs a body");
+    assert!(bodies > 60.0, "{bodies} bodies");
+    assert!(steps < 270.0 && moved < 200.0 && pairs < 26.0, "{steps} steps, {moved} a body, {pairs} pairs");
 }

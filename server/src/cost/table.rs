@@ -170,6 +170,8 @@ mod tests {
         substeps: 8.0,
         coulomb: false,
         glued: false,
+        room: 0.0,
+        packing: [0.0; 5],
     };
 
     fn run(name: &str, cost: f64, error: f64, kept: f64) -> (Variant, Vec<Record>) {
