@@ -82,7 +82,7 @@ def _draw_bake(row, context, settings, may_bake):
         return "", ""
     place = result.replaced(context.scene, control, {"use_replace": settings.use_replace, "seed": settings.seed})
     if place is None:
-        return f"“{again.name}” stays,", "hidden: another seed"
+        return f"“{again.name}” stays,", "hidden"
     again, told = place, running.report_of(place)
     what = "the pile" if told.get("is_whole") else f"the {told.get('body_count', 0)} bodies that were kept"
     return f"Replaces {what} in", f"“{again.name}”"

@@ -77,6 +77,7 @@ class _Draft:
             self.slices = None
             taken, drawn = end.value
             taken.spec.scene.accuracy = v1.ACCURACY_DRAFT
+            request.leave_figures(v1, taken.spec.scene)
             self.metres, self.drawn, running.names = taken.recipe["metres"], drawn, taken.recipe["names"]
             self.job = job.Job(preferences.server(context), taken.spec, taken.contents, taken.problems)
             self.job.start()

@@ -90,6 +90,18 @@ class CAIRN_PT_effects(_Parameters, Panel):
         return knows("Effects")
 
 
+class CAIRN_PT_figures(_Parameters, Panel):
+    bl_label = "Measures"
+    messages = ("Figures",)
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Figures")
+
+    def draw_more(self, layout, settings):
+        layout.prop(settings, "use_report")
+
+
 class CAIRN_PT_keep(_Parameters, Panel):
     bl_label = "Keep"
 
@@ -157,5 +169,6 @@ CLASSES = [
     CAIRN_PT_keep,
     CAIRN_PT_physics,
     CAIRN_PT_effects,
+    CAIRN_PT_figures,
     CAIRN_PT_output,
 ]

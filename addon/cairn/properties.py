@@ -30,6 +30,7 @@ GROUPS = {
     "Hold": "hold",
     "Output": "output",
     "Effects": "effects",
+    "Figures": "report",
 }
 
 
@@ -346,6 +347,12 @@ class CairnSettings(PropertyGroup):
         "of the same seed, it is replaced",
     )
     output_mode: EnumProperty(name="Output", description="What the pile becomes in Blender", items=OUTPUTS)
+    use_report: BoolProperty(
+        name="Report",
+        description="Measure the pile once it is made: how far it keeps its shape, what friction carries. The "
+        "keyframes never wait for it. Off: the CPU time is saved",
+        default=True,
+    )
     start_frame: IntProperty(
         name="Start Frame",
         description="Frame at which the pile, just filled, begins to be let go. The scene is taken as it stands then",

@@ -227,6 +227,14 @@ def _set_parameters(v1, told, settings):
             setattr(getattr(told, name), field["name"], value)
     if knows("Glue"):
         _set_glue(v1, told.glue, settings)
+    if not settings.use_report:
+        leave_figures(v1, told)
+
+
+def leave_figures(v1, told):
+    """Nothing is measured of the finished pile."""
+    for field in fields_of("Figures"):
+        setattr(told.report, field["name"], v1.SWITCH_OFF)
 
 
 def _set_glue(v1, glue, settings):

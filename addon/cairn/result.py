@@ -48,7 +48,9 @@ def replaced(scene, control, settings):
     found = piles(scene, control)
     if settings.get("use_replace", True) and found:
         return found[0]
-    return next((pile for pile in found if seed_of(pile) == settings["seed"]), None)
+    # What was made by hand is not to be lost.
+    same = [pile for pile in found if seed_of(pile) == settings["seed"] and not pile.cairn.settled]
+    return next(iter(same), None)
 
 
 def seed_of(collection):

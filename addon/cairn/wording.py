@@ -15,6 +15,7 @@ PANELS = {
     "hold": "Release",
     "output": "Output",
     "effects": "Effects",
+    "report": "Measures",
 }
 MESSAGES = {name: message for message, name in GROUPS.items()}
 FIELD = re.compile(r"`?\b(" + "|".join(PANELS) + r")\.([a-z_0-9]+)\b`?( = (?:\"\w+\"|[\w.]+))?")

@@ -151,3 +151,9 @@ def test_bodies_carry_what_a_pipeline_goes_by(desk):
     assert {(body.pass_index, body["asset"], body["lod"]) for body in collection.objects} == {(7, "stick_a", 2)}
     collection.cairn.display = "BOUNDS"
     assert {body.display_type for body in collection.objects} == {"BOUNDS"} and stick.display_type == "TEXTURED"
+
+
+def test_a_bake_leaves_an_edited_pile_alone(edited, desk):
+    before = poses(edited)
+    again = desk.bake(kept_shape="NATURAL")
+    assert again != edited and not again.hide_viewport and edited.hide_viewport and poses(edited) == before

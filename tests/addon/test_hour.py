@@ -374,3 +374,13 @@ def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
     live.show(False)
     assert drawn[-1] is None and live._on_change not in bpy.app.handlers.depsgraph_update_post
     assert not bpy.app.timers.is_registered(live._look)
+
+
+def test_the_report_can_be_switched_off(desk, addon):
+    desk.add_stick()
+    desk.bake(seed=12)
+    with_report = addon("running").report_of(bpy.data.collections["Heap Pile"])
+    collection = desk.bake(use_report=False)
+    told = addon("running").report_of(collection)
+    assert told["is_whole"] and told["result_hash"] == with_report["result_hash"]
+    assert "shape_iou" in with_report["measures"] and "shape_iou" not in told["measures"]

@@ -8,12 +8,17 @@ $CAIRN_SCREENSHOTS a folder for pictures of the window.
 """
 
 import os
-import subprocess
 import sys
 import time
 import traceback
 
 import bpy
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+
+import hands
+import ui_hour
+from hands import click, picture, press, sidebar, view, wait, xdotool
 
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
 # there; the button; and Cancel, at the right end of the same row while a bake runs.
@@ -22,34 +27,7 @@ BAKE_BELOW_ACCURACIES = 1000, 468
 ACCURACY_HEIGHT = 21
 CANCEL_X = 1106
 VIEW = 600, 500
-PATIENCE = 60.0
-SCREENSHOTS = os.environ["CAIRN_SCREENSHOTS"]
 PROGRAM = os.environ["CAIRN_PROGRAM"]
-
-
-pressed_at = 0.0
-
-
-def xdotool(*words):
-    subprocess.run(["xdotool", *map(str, words)], check=True)
-
-
-def click(x, y, button=1):
-    """Moves and presses as a hand does: in steps, between which Blender looks."""
-    for step in (8, 4, 0):
-        xdotool("mousemove", x, y + step)
-        yield 0.1
-    xdotool("mousedown", button)
-    yield 0.1
-    press_done()
-    xdotool("mouseup", button)
-    yield 0.02
-
-
-def press(key):
-    press_done()
-    xdotool("key", key)
-    yield 0.02
 
 
 def answer_escape():
@@ -60,27 +38,6 @@ def answer_escape():
     yield 0.6
     picture("3-question.png")
     yield from click(VIEW[0], VIEW[1] + 2)
-
-
-def press_done():
-    """What is asked for is asked for now: a button acts when it is let go."""
-    global pressed_at
-    pressed_at = time.monotonic()
-
-
-def picture(name):
-    bpy.ops.screen.screenshot(filepath=os.path.join(SCREENSHOTS, name))
-
-
-def sidebar():
-    area = next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "VIEW_3D")
-    area.spaces[0].show_region_ui = True
-    return area
-
-
-def view(area):
-    region = next(region for region in area.regions if region.type == "WINDOW")
-    return bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=area, region=region)
 
 
 def scene(area):
@@ -99,13 +56,6 @@ def scene(area):
     with view(area):
         bpy.ops.view3d.view_all()
         bpy.ops.object.select_all(action="DESELECT")
-
-
-def wait(until, what):
-    end = time.monotonic() + PATIENCE
-    while not until():
-        assert time.monotonic() < end, f"waited in vain for {what}"
-        yield 0.02
 
 
 def walk():
@@ -130,6 +80,7 @@ def walk():
     assert {"DRAFT", "STANDARD", "FINE"} <= set(running.plan["estimates"])
     yield 0.5
     picture("2-expected.png")
+    yield from ui_hour.idle()
     with view(area):
         bpy.ops.ed.undo_push(message="scene")
 
@@ -150,7 +101,7 @@ def walk():
         assert not bake.end
         yield from stop()
         yield from wait(lambda: bake.end, f"the end by {name}")
-        print(f"stopped by {name}: at most {time.monotonic() - pressed_at:.2f} s later", flush=True)
+        print(f"stopped by {name}: at most {time.monotonic() - hands.pressed_at:.2f} s later", flush=True)
         assert bake.end == "stopped" and sorted(bpy.data.objects.keys()) == objects
         yield 0.5
         picture(f"4-stopped-by-{name}.png")
@@ -195,6 +146,7 @@ def walk():
         bpy.ops.cairn.bake("INVOKE_DEFAULT")
     yield from wait(lambda: running.bake is None, "the pile of points")
     yield from by_state(area, "points")
+    yield from ui_hour.work(area)
     print("1 passed, 0 failed", flush=True)
 
 
