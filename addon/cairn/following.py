@@ -64,7 +64,7 @@ class Follows:
     """From the button to the pile, in three parts: the request is taken, the bake is followed, the objects are made."""
 
     bl_options = {"UNDO"}
-    timer = preview = slices = writer = workspace = None
+    timer = preview = slices = writer = made = workspace = None
     shown, shown_at = "", 0.0
 
     @classmethod
@@ -106,7 +106,7 @@ class Follows:
                 return {"RUNNING_MODAL"}
             if event.type != "TIMER":
                 # While the scene is read or objects are made, what the artist did would end up between them.
-                is_free = self.slices is None and self.writer is None
+                is_free = self.slices is None and self.writer is None and self.made is None
                 return {"PASS_THROUGH"} if is_free or _is_in_sidebar(context, event) else {"RUNNING_MODAL"}
             try:
                 return self._tick(context, bake)
@@ -122,12 +122,14 @@ class Follows:
         return bool(region) and not context.screen.is_animation_playing
 
     def _tick(self, context, bake):
-        if bake.end == "stopped":
+        if bake.end == "stopped" and not self.made:
             return self._stopped(context, bake)
         if self.slices:
             return self._take(context, bake)
         if self.writer:
             return self._write(context, bake)
+        if self.made:
+            return self._end(context, bake)
         bake.poll()
         self._show(context, bake)
         if self.preview and self.preview.update(bake.job.latest):
@@ -174,16 +176,21 @@ class Follows:
                 share = next(self.writer)
                 bake.written = share if share is not None else bake.written
         except StopIteration as end:
-            running.bake = None
-            self._leave(context, None)
-            if not bake.end:
-                running.wait_for_report(bake)
-            if end.value.cairn.mode != "POSE":
-                # Where the preview was.
-                context.scene.frame_set(timing.end_of(end.value))
-            return finished(self, context, end.value)
+            # Blender takes the new objects in before the frame changes: each takes a moment.
+            self.writer, self.made = None, end.value
+            self._put_away()
         self._show(context, bake)
         return {"RUNNING_MODAL"}
+
+    def _end(self, context, bake):
+        running.bake = None
+        self._leave(context, None)
+        if not bake.end:
+            running.wait_for_report(bake)
+        if self.made.cairn.mode != "POSE":
+            # Where the preview was.
+            context.scene.frame_set(timing.end_of(self.made))
+        return finished(self, context, self.made)
 
     def _show(self, context, bake):
         """How it goes, in the status bar and in the panel."""
@@ -201,11 +208,14 @@ class Follows:
         if self.timer:
             context.window_manager.event_timer_remove(self.timer)
             self.timer = None
+        self._put_away()
+        preview.redraw(context)
+        return answer
+
+    def _put_away(self):
         if self.preview:
             self.preview.remove()
             self.preview = None
-        preview.redraw(context)
-        return answer
 
     def cancel(self, context):
         """Blender ends the operator: a file is opened, or the window closes. The bake itself goes on."""
