@@ -9,6 +9,7 @@ from mathutils import Matrix
 from . import edit, parts, pointers, preferences, preview, result, running
 from .client import Fault
 from .following import Follows, explain, explaining, is_running
+from .layouts import wrapped
 from .panels import Pile
 
 
@@ -168,7 +169,7 @@ class CAIRN_PT_edit(Pile, Panel):
         layout.operator("cairn.settle", icon="PHYSICS")
         told = running.report_of(collection).get("settled")
         if told:
-            layout.label(text=f"{told['moved']} let go, {told['kept']} untouched, {told['added']} new")
+            wrapped(layout, context, f"{told['moved']} let go, {told['kept']} untouched, {told['added']} new")
 
 
 CLASSES = [

@@ -119,6 +119,8 @@ def _read_on():
 def _receive(answer):
     try:
         take(answer.result().plan, bpy.context.scene.cairn.accuracy)
+        # What was wrong has been put right.
+        running.problems = []
     except Fault:
         running.plan = None
     preview.redraw(bpy.context, "UI")

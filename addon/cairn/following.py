@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import bpy
 
 from . import preview, request, result, running, timing, wording
-from .client import Fault, Problem
+from .client import Fault
 
 # How often news are looked at, and how long Blender may be kept from its user at a time, s.
 TICK = 0.05
@@ -25,7 +25,7 @@ def is_running():
 
 def explain(operator, fault):
     """A popup with what went wrong and what to do about it. The panel keeps it, with buttons."""
-    running.problems = fault.problems or [Problem(fault.message)]
+    running.problems = list(fault.problems)
     lines = ["This has to be put right first:", *(problem.text for problem in fault.problems)]
     operator.report({"ERROR"}, "\n".join(lines) if fault.problems else fault.message)
     return {"CANCELLED"}
