@@ -77,7 +77,8 @@ def _draw_bake(row, context, settings, may_bake):
     buttons.operator("cairn.check", text="", icon="VIEWZOOM")
     row.prop(context.window_manager, "cairn_live", text="", icon="HIDE_OFF" if live.is_on else "HIDE_ON")
     if live.is_on:
-        return live.told() or "Live", ""
+        first, _, second = live.told().partition("\n")
+        return first or "Live", second
     if again is None:
         return "", ""
     place = result.replaced(context.scene, control, {"use_replace": settings.use_replace, "seed": settings.seed})

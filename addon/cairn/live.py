@@ -110,7 +110,7 @@ class _Draft:
         self.preview.update(snapshot)
         here = snapshot.states[snapshot.present]
         glued = np.isin(here, (v1.BODY_STATE_GLUED, v1.BODY_STATE_ANCHORED)).mean() if len(here) else 0.0
-        self.tell(context, f"Draft of {len(here)} bodies" + (f", {glued:.0%} of them glued" if glued else ""))
+        self.tell(context, f"Draft of {len(here)} bodies" + (f"\n{glued:.0%} of them glued" if glued else ""))
         preview.redraw(context)
 
     def tell(self, context, text):
@@ -134,7 +134,7 @@ class _Draft:
 
 
 def told():
-    """How the draft goes, in one line; empty while there is nothing to tell."""
+    """How the draft goes, in two lines at most; empty while there is nothing to tell."""
     return _draft.told if _draft else ""
 
 
