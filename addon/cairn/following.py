@@ -26,7 +26,7 @@ def is_running():
 def explain(operator, fault):
     """A popup with what went wrong and what to do about it. The panel keeps it, with buttons."""
     running.problems = list(fault.problems)
-    lines = ["This has to be put right first:", *(problem.text for problem in fault.problems)]
+    lines = ["This has to be put right first:", *(wording.said(problem.text) for problem in fault.problems)]
     operator.report({"ERROR"}, "\n".join(lines) if fault.problems else fault.message)
     return {"CANCELLED"}
 

@@ -63,7 +63,7 @@ def test_a_scene_that_is_wrong_is_told_by_its_objects(desk):
     desk.settings.control_mesh = bpy.data.objects["Sheet"]
     desk.add_stick("Beam", (9, 9, 9))
     told = refusal()
-    assert "Sheet: the control mesh is open" in told and "\n" in told
+    assert "Sheet: the shape is open" in told and "\n" in told
     desk.settings.control_mesh = desk.control
     told = refusal(bpy.ops.cairn.check)
     assert "Beam" in told and "Traceback" not in told
