@@ -63,10 +63,10 @@ async fn rights_limits_and_labels() {
     // Found by owner, label and state.
     let list = |owner: &str| ListBakesRequest { owner: owner.into(), ..Default::default() };
     assert_eq!(ids(&mut ben, list("anna")).await, [second.clone(), first.clone()]);
-    assert_eq!(ids(&mut ben, list("ben")).await, [third.clone()]);
-    assert_eq!(ids(&mut ben, ListBakesRequest { labels: labels("a2"), ..Default::default() }).await, [second.clone()]);
+    assert_eq!(ids(&mut ben, list("ben")).await, [third.as_str()]);
+    assert_eq!(ids(&mut ben, ListBakesRequest { labels: labels("a2"), ..Default::default() }).await, [second.as_str()]);
     let states = vec![BakeState::Queued.into()];
-    assert_eq!(ids(&mut ben, ListBakesRequest { states, ..Default::default() }).await, [second.clone()]);
+    assert_eq!(ids(&mut ben, ListBakesRequest { states, ..Default::default() }).await, [second.as_str()]);
 
     // Ben may watch what is hers, and not end it; the farm may.
     let cancel = |id: &str| CancelBakeRequest { bake_id: id.into() };
