@@ -69,7 +69,7 @@ async fn upload(server: &mut PileServiceClient<Channel>, path: &str) -> Result<S
 
 /// Bakes, and tells what happens. A stream that breaks off could be taken up by `watch_bake`.
 async fn bake(server: &mut PileServiceClient<Channel>, spec: BakeSpec) -> Result<String> {
-    let request = BakeRequest { spec: Some(spec), frames: FrameSelection::Result.into() };
+    let request = BakeRequest { spec: Some(spec), frames: FrameSelection::Result.into(), ..Default::default() };
     let mut events = server.bake(request).await?.into_inner();
     let (mut bake_id, mut frames) = (String::new(), 0);
     while let Some(response) = events.message().await? {

@@ -57,6 +57,15 @@ pub fn below(folder: &Path, relative: &str) -> Option<PathBuf> {
     (!leads_away).then(|| folder.join(relative))
 }
 
+/// Whether a path below a folder is a link to somewhere else, or lies behind one.
+pub fn leads_out(folder: &Path, path: &Path) -> bool {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    match (folder.canonicalize(), path.canonicalize()) {
+        (Ok(folder), Ok(path)) => !path.starts_with(folder),
+        _ => false,
+    }
+}
+
 /// `kit.glb#Brick` -> file and node. A `#` elsewhere belongs to the file's name.
 pub fn split_node(path: &str) -> (&str, Option<&str>) {
     let lower = path.to_ascii_lowercase();

@@ -114,6 +114,7 @@ fn libraries_stay_in_their_place() {
         "client.rs",
         "cli",
         "service/access.rs",
+        "service/audit.rs",
         "service/calls",
         "service/deadline.rs",
         "service/jobs",

@@ -80,7 +80,12 @@ fn a_prop_larger_than_the_control_mesh() {
 fn open_and_flat_control_meshes() {
     let desk = Desk::new();
     let mut open = box_json();
+    // A box without its lid is filled; two walls of one enclose nothing.
     open["accessors"][1]["count"] = json!(30);
+    desk.write("open.glb", glb(&open, &box_data([4.0, 4.0, 4.0])));
+    let told = desk.line("check --control open.glb --prop brick.glb").ok();
+    assert!(told.contains("1 hole was closed"), "{told}");
+    open["accessors"][1]["count"] = json!(12);
     desk.write("open.glb", glb(&open, &box_data([4.0, 4.0, 4.0])));
     refused(&desk, "--control open.glb --prop brick.glb", &["open.glb", "open", "fill its holes"]);
     desk.write("flat.glb", glb(&box_json(), &box_data([4.0, 4.0, 0.0])));
@@ -132,4 +137,42 @@ fn check_tells_the_same_as_json() {
     assert_eq!(told["ok"], false);
     assert_eq!(told["problems"][0]["place"], "stik.glb");
     assert_eq!(told["problems"][0]["remedy"], "Did you mean stick.glb?");
+}
+
+/// A number is told as a number, and a long text is shortened.
+#[test]
+fn values_out_of_range_are_told_shortly() {
+    let desk = Desk::new();
+    desk.write("pile.toml", "control_mesh = 'cone.glb'\nprops = ['stick.glb']\nseed = 99999999999999999999\n");
+    desk.line("check pile.toml").fails(65, &["`seed` is 1", "a whole number up to 9223372036854775807"]);
+    desk.write(
+        "pile.toml",
+        format!("control_mesh = 'cone.glb'\nprops = ['stick.glb']\nseed = '{}'\n", "x".repeat(5000)),
+    );
+    let done = desk.line("check pile.toml");
+    done.fails(65, &["x...", "a whole number"]);
+    assert!(done.stderr.len() < 500, "{}", done.stderr);
+}
+
+/// Instances are counted before any is laid out.
+#[test]
+fn a_small_file_that_unfolds_to_millions() {
+    let desk = Desk::new();
+    let mut document = crate::desk::box_json();
+    let count = 350_000 / 2;
+    document["nodes"] = (0..count).map(|_| serde_json::json!({ "mesh": 0 })).collect();
+    document["scenes"][0]["nodes"] = (0..count).collect();
+    let primitive = document["meshes"][0]["primitives"][0].clone();
+    document["meshes"][0]["primitives"] = vec![primitive; 4].into();
+    desk.write("many.glb", crate::desk::glb(&document, &crate::desk::box_data([1.0; 3])));
+    desk.line("check --control many.glb --prop stick.glb")
+        .fails(65, &["triangles: ", "more than the limit of 4000000"]);
+}
+
+/// Names of settings are suggested as those of scene files are.
+#[test]
+fn a_mistyped_setting_of_the_server() {
+    let desk = Desk::new();
+    desk.write("server.toml", "worker = 2\n");
+    desk.line("serve --config server.toml").fails(2, &["server.toml", "Did you mean `workers`?"]);
 }

@@ -85,3 +85,38 @@ fn a_full_disk_leaves_nothing_and_says_try_again() {
     assert!(told.contains("pile.json: cannot be written") && told.contains("Make room"), "{told}");
     assert_eq!(desk.files(), before);
 }
+
+/// A link is followed, a FIFO is written into, the standard output takes a result, and a file that nobody may write stays.
+#[cfg(unix)]
+#[test]
+fn results_go_where_a_path_leads() {
+    use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
+    let desk = Desk::new();
+    desk.line(&format!("bake {SCENE} -o plain.json -q")).ok();
+    let plain = std::fs::read_to_string(desk.path("plain.json")).unwrap();
+
+    std::fs::create_dir(desk.path("results")).unwrap();
+    for (link, target) in [("there.json", "results/there.json"), ("dangling.json", "results/new.json")] {
+        if link == "there.json" {
+            desk.write(target, "of before");
+        }
+        symlink(target, desk.path(link)).unwrap();
+        desk.line(&format!("bake {SCENE} -o {link} -q")).ok();
+        assert!(desk.path(link).is_symlink());
+        assert_eq!(std::fs::read_to_string(desk.path(target)).unwrap(), plain);
+    }
+
+    assert!(std::process::Command::new("mkfifo").arg(desk.path("fifo.json")).status().unwrap().success());
+    let fifo = desk.path("fifo.json");
+    let reader = std::thread::spawn(move || std::fs::read_to_string(fifo).unwrap());
+    desk.line(&format!("bake {SCENE} -o fifo.json -q")).ok();
+    assert_eq!(reader.join().unwrap(), plain);
+    assert!(std::fs::metadata(desk.path("fifo.json")).unwrap().file_type().is_fifo());
+
+    assert_eq!(desk.line(&format!("bake {SCENE} -o - --format json -q")).ok(), plain);
+
+    desk.write("kept.json", "kept");
+    std::fs::set_permissions(desk.path("kept.json"), std::fs::Permissions::from_mode(0o444)).unwrap();
+    desk.line(&format!("bake {SCENE} -o kept.json")).fails(2, &["kept.json", "read-only"]);
+    assert_eq!(std::fs::read_to_string(desk.path("kept.json")).unwrap(), "kept");
+}

@@ -1,6 +1,6 @@
 //! The program as a client of the server.
 
-use crate::server::{PROGRAM, Server, asset, begin, endless, status, until};
+use crate::server::{PROGRAM, Server, asset, begin, content, endless, status, until};
 use cairn::wire::proto::BakeState;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -90,4 +90,25 @@ async fn ctrl_c_cancels_on_the_server() {
     assert_eq!(bake.wait().unwrap().code(), Some(130));
     assert_eq!(status(&mut connection, &id).await.state(), BakeState::Cancelled);
     assert!(!server.path("far.glb").exists());
+}
+
+/// What a link beside a model points to elsewhere is nothing that the model may send.
+#[cfg(unix)]
+#[test]
+fn nothing_outside_of_a_models_folder_is_sent() {
+    let server = Server::start(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("scene")).unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("secret", b"a private key");
+    write("scene/stick.glb", &content("stick.glb"));
+    let control = serde_json::json!({ "asset": { "version": "2.0" }, "images": [{ "uri": "texture.png" }] });
+    write("scene/control.gltf", control.to_string().as_bytes());
+    std::os::unix::fs::symlink("../secret", folder.path().join("scene/texture.png")).unwrap();
+    let mut command = std::process::Command::new(PROGRAM);
+    command.args(["bake", "--control", "control.gltf", "--prop", "stick.glb", "-o", "pile.glb", "--server"]);
+    let done = command.arg(&server.addresses[0]).current_dir(folder.path().join("scene")).output().unwrap();
+    let told = String::from_utf8(done.stderr).unwrap();
+    assert!(done.status.code() == Some(65) && told.contains("texture.png: a link that leads out"), "{told}");
+    assert_eq!(std::fs::read_dir(server.path("data/assets")).unwrap().count(), 0);
 }

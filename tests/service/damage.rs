@@ -123,6 +123,8 @@ async fn a_page_goes_on_where_a_bake_was_deleted() {
 #[tokio::test]
 async fn health_knows_the_data_directory() {
     let server = Server::start(&[]);
+    // It has read its data directory once it answers.
+    server.connect().await;
     let mut health = HealthClient::new(channel(&format!("http://{}", server.addresses[0])).await);
     for (from, to, status) in [("data", "gone", ServingStatus::NotServing), ("gone", "data", ServingStatus::Serving)] {
         std::fs::rename(server.path(from), server.path(to)).unwrap();

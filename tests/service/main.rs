@@ -3,6 +3,7 @@
 mod access;
 mod assets;
 mod bakes;
+mod callers;
 mod command_line;
 mod damage;
 mod ends;

@@ -4,7 +4,7 @@ mod common;
 
 use cairn_core::geometry::Closed;
 use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::topology::{inspect, weld};
+use cairn_core::geometry::topology::{close_holes, inspect, weld};
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::prepare::container::{Container, has_fine_walls};
@@ -130,4 +130,46 @@ fn coarse_walls_are_left_alone() {
     params.fill.count = Some(4);
     let counts = cairn_core::bake(&scene, &params, &mut Silent).unwrap().report.counts;
     assert_eq!(counts["wall_triangles_saved"], 0);
+}
+
+/// A mesh without the triangles of which this is said.
+fn without(mesh: &TriMesh, gone: impl Fn([DVec3; 3]) -> bool) -> TriMesh {
+    let kept = (0..mesh.triangles.len()).filter(|&i| !gone(mesh.corners(i))).map(|i| mesh.triangles[i]);
+    weld(&TriMesh { points: mesh.points.clone(), triangles: kept.collect() }, 0.0)
+}
+
+#[test]
+fn small_and_flat_holes_are_closed() {
+    let cube = block(DVec3::ZERO, DVec3::splat(2.0), 8);
+    let volume = cube.signed_volume();
+    // Without its lid; with two holes that share a corner; with a hole around a corner of the cube, whose rim is not flat.
+    let lid = without(&cube, |corners| corners.iter().all(|p| p.y == 2.0));
+    let two = without(&cube, |corners| {
+        let middle = corners.iter().sum::<DVec3>() / 3.0;
+        let (column, row) = ((4.0 * middle.x) as i32, (4.0 * middle.z) as i32);
+        corners.iter().all(|p| p.y == 0.0) && [(2, 2), (3, 3)].contains(&(column, row))
+    });
+    let corner = without(&cube, |corners| corners.contains(&DVec3::ZERO));
+    for (open, count, deviation) in [(&lid, 1, 0.0), (&two, 2, 0.0), (&corner, 1, 0.15)] {
+        assert!(!inspect(open).closed);
+        let (closed, holes) = close_holes(open).unwrap();
+        let found = inspect(&closed);
+        assert!(found.is_watertight(), "{found:?}");
+        assert_eq!(holes.count, count);
+        assert!(holes.deviation <= deviation && holes.area < 0.2, "{holes:?}");
+        assert!((closed.signed_volume() - volume).abs() < 0.01 * volume, "{holes:?}");
+    }
+    // Half of a ball's surface is missing, along a rim that is neither small nor flat.
+    let wavy = without(&cube, |corners| corners.iter().any(|p| p.y > 1.0 + 0.8 * (p.x - 1.0) * (p.z - 1.0)));
+    assert!(close_holes(&wavy).is_none());
+}
+
+#[test]
+fn an_open_control_mesh_that_has_an_inside_is_filled() {
+    let mut scene = common::scene(cone(0.8, 1.2), common::stick());
+    let control = &mut scene.control.as_mut().unwrap().mesh;
+    let low = control.bounds().0.y;
+    *control = without(&weld(control, 1e-9), |corners| corners.iter().all(|p| p.y == low));
+    let plan = cairn_core::plan(&scene, &Params::new(Accuracy::Draft)).unwrap();
+    assert!(plan.warnings.iter().any(|w| w.contains("1 hole was closed")), "{:?}", plan.warnings);
 }

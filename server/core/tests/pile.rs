@@ -238,7 +238,7 @@ fn a_cancel_ends_the_bake_at_the_next_step() {
 #[test]
 fn all_problems_of_a_scene_are_told_at_once() {
     let mut scene = scene(cone(0.8, 1.2), stick());
-    scene.control.as_mut().unwrap().mesh.triangles.pop();
+    scene.control.as_mut().unwrap().mesh.triangles.truncate(1);
     scene.props[0].weight = f64::NAN;
     scene.props[0].model.mesh = scene.props[0].model.mesh.scaled(10.0);
     let mut params = params();

@@ -6,7 +6,7 @@ use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
 use crate::job::reuse::Cache;
 use crate::job::{Job, Outcome};
-use crate::model::export;
+use crate::model::export::{self, Format};
 use crate::problem::Problem;
 use anstyle::AnsiColor;
 use clap::builder::{FalseyValueParser, OsStringValueParser};
@@ -28,9 +28,13 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
-    /// Result: .glb (animation), .json or .csv (tables of transforms)
+    /// Result: .glb (animation), .json or .csv (tables of transforms); - is the standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+
+    /// What the result is, where its name does not tell [default: the name's ending; glb for -]
+    #[arg(long, value_parser = ["glb", "json", "csv"])]
+    format: Option<String>,
 
     /// Also write how good the pile is and how it was made, as JSON
     #[arg(long, value_name = "FILE")]
@@ -67,7 +71,11 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
-    let format = export::check_destination(&args.output)?;
+    let format = match args.format.as_deref() {
+        Some(name) => Format::named(name).expect("one of those that the command line takes"),
+        None if output::is_stdout(&args.output) => Format::Glb,
+        None => export::check_destination(&args.output)?,
+    };
     let scene = args.scene.tree()?.to_message();
     if let Some(server) = &args.server {
         let files = remote::Files::read(&scene)?;

@@ -3,7 +3,43 @@
 use super::{Failure, interrupt};
 use crate::files;
 use crate::problem::Problem;
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+
+/// How what is written at a path gets there.
+enum Way {
+    /// The path is `-`.
+    Stdout,
+    /// A FIFO or a device: what is written goes through it.
+    Stream,
+    /// A file that is there, or will be; where links lead.
+    File(PathBuf),
+}
+
+/// The path that stands for the standard output.
+pub fn is_stdout(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+impl Way {
+    fn to(path: &Path) -> Way {
+        /// Links after links, as systems follow them.
+        const MOST_LINKS: usize = 40;
+        if is_stdout(path) {
+            return Way::Stdout;
+        }
+        if std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir()) {
+            return Way::Stream;
+        }
+        let mut path = path.to_owned();
+        for _ in 0..MOST_LINKS {
+            let Ok(target) = path.read_link() else { break };
+            path = files::folder_of(&path).join(target);
+        }
+        Way::File(path)
+    }
+}
 
 /// Whether a file can appear at this path, and would not replace one of the inputs.
 pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
@@ -12,26 +48,32 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     if path.is_dir() {
         return usage("a folder, not a file".into(), "Name a file in it.");
     }
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
+    let Way::File(target) = Way::to(path) else { return Ok(()) };
+    let folder = files::folder_of(&target);
     if !folder.is_dir() {
         return usage(format!("there is no folder {}", folder.display()), "Make it first.");
     }
     if let Err(error) = tempfile::tempfile_in(folder) {
         return usage(format!("nothing can be written in {}: {error}", folder.display()), "Choose another folder.");
     }
-    let own = path.canonicalize().ok();
+    if std::fs::metadata(&target).is_ok_and(|found| found.permissions().readonly()) {
+        return usage("the file is read-only".into(), "Make it writable, or choose another name.");
+    }
+    let own = target.canonicalize().ok();
     if own.is_some() && inputs.iter().any(|input| input.canonicalize().ok() == own) {
         return usage("the scene reads this file".into(), "Choose another name for the result.");
     }
     Ok(())
 }
 
-/// Writes a file, complete or not at all.
+/// Writes a file, complete or not at all; or into what the path leads to.
 pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
-    files::write_atomically(path, content).map_err(|error| Failure::write(path, error))
+    let written = match Way::to(path) {
+        Way::Stdout => std::io::stdout().write_all(content).and_then(|()| std::io::stdout().flush()),
+        Way::Stream => File::options().write(true).open(path).and_then(|mut stream| stream.write_all(content)),
+        Way::File(target) => files::write_atomically(&target, content),
+    };
+    written.map_err(|error| Failure::write(path, error))
 }
 
 /// Writes result and report: both or none.
@@ -46,7 +88,9 @@ pub fn write_result(output: &Path, result: &[u8], report: Option<(&Path, String)
     write(output, result).inspect_err(|_| {
         if let Some((path, _)) = &report {
             // A report of a result that is not there would mislead.
-            let _ = std::fs::remove_file(path);
+            if let Way::File(report) = Way::to(path) {
+                let _ = std::fs::remove_file(report);
+            }
         }
     })
 }

@@ -104,6 +104,12 @@ impl Files {
                     let folder = path.parent().unwrap_or(Path::new(""));
                     let beside = document::external_files(&bytes).unwrap_or_default();
                     for path in beside.iter().filter_map(|relative| files::below(folder, relative)) {
+                        if files::leads_out(folder, &path) {
+                            let what = "a link that leads out of the folder of its .gltf file, so that it is not sent";
+                            let place = path.display().to_string();
+                            problems.push(Problem::new(place, what, "Put the file itself there."));
+                            continue;
+                        }
                         // A texture that is not there matters only to who needs it.
                         if let Ok(bytes) = files::read(&path) {
                             found.insert(path, bytes);

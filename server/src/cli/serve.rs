@@ -47,6 +47,11 @@ pub struct Args {
     #[serde(skip_serializing_if = "Option::is_none")]
     token_file: Option<PathBuf>,
 
+    /// TOML file with several callers: names, tokens or certificates, roles, limits (see examples/guide/server.md)
+    #[arg(long, value_name = "FILE", env = "CAIRN_CALLERS_FILE")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    callers_file: Option<PathBuf>,
+
     /// The server's certificate, PEM
     #[arg(long, value_name = "FILE", env = "CAIRN_TLS_CERTIFICATE")]
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -15,6 +15,8 @@ pub struct Config {
     pub data: PathBuf,
     /// File with the token that callers must have. Required beyond loopback. Default: none.
     pub token_file: Option<PathBuf>,
+    /// TOML file with several callers: names, tokens or certificates, roles, limits. Default: none.
+    pub callers_file: Option<PathBuf>,
     /// The server's certificate and key, PEM. Default: none, no encryption.
     pub tls_certificate: Option<PathBuf>,
     pub tls_key: Option<PathBuf>,
@@ -75,6 +77,7 @@ impl Default for Config {
             listen: vec!["127.0.0.1:50151".into()],
             data: "cairn-data".into(),
             token_file: None,
+            callers_file: None,
             tls_certificate: None,
             tls_key: None,
             tls_client_ca: None,

@@ -2,6 +2,7 @@
 
 // The server's own process uses nothing of `worker`: it decodes no model and runs no physics.
 mod access;
+mod audit;
 mod calls;
 pub mod config;
 mod deadline;
@@ -18,6 +19,7 @@ mod shares;
 mod status;
 mod store;
 pub mod telemetry;
+mod turns;
 #[cfg(unix)]
 mod unix;
 pub mod worker;

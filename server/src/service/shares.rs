@@ -9,7 +9,7 @@ pub struct Shares {
     all: Arc<Semaphore>,
     /// Most that one caller may hold.
     each: usize,
-    callers: Mutex<BTreeMap<Caller, Weak<Semaphore>>>,
+    callers: Mutex<BTreeMap<Arc<str>, Weak<Semaphore>>>,
 }
 
 /// Held until it is dropped.
@@ -39,13 +39,13 @@ impl Shares {
 
     fn own(&self, caller: &Caller) -> Arc<Semaphore> {
         let mut callers = self.callers.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(own) = callers.get(caller).and_then(Weak::upgrade) {
+        if let Some(own) = callers.get(&caller.name).and_then(Weak::upgrade) {
             return own;
         }
         // Who holds nothing is forgotten.
         callers.retain(|_, own| own.strong_count() > 0);
         let own = Arc::new(Semaphore::new(self.each));
-        callers.insert(caller.clone(), Arc::downgrade(&own));
+        callers.insert(caller.name.clone(), Arc::downgrade(&own));
         own
     }
 }
@@ -54,14 +54,10 @@ impl Shares {
 mod tests {
     use super::*;
 
-    fn named(name: &str) -> Caller {
-        Caller { name: name.into() }
-    }
-
     #[test]
     fn one_caller_leaves_room_for_another() {
         let shares = Shares::new(4, 3);
-        let (greedy, other) = (named("greedy"), named("other"));
+        let (greedy, other) = (Caller::named("greedy"), Caller::named("other"));
         let mut held: Vec<Held> = std::iter::from_fn(|| shares.try_hold(&greedy)).collect();
         assert_eq!(held.len(), 3);
         let last = shares.try_hold(&other).unwrap();

@@ -50,6 +50,12 @@ pub enum Fault {
     TimeLimit(u64),
     #[error("the deadline of the call has passed")]
     Deadline,
+    #[error("the bake belongs to {0}; only its owner and operators may do this")]
+    NotYours(String),
+    #[error("{0}")]
+    NotAllowed(String),
+    #[error("{0}")]
+    CallerLimit(String),
     #[error("the bake was cancelled")]
     BakeCancelled,
     #[error("what the server kept of this bake is damaged: {0}. Ask for the bake again, and it is made again")]
@@ -85,10 +91,12 @@ impl Fault {
             | Fault::TooManyCalls
             | Fault::MemoryLimit(_)
             | Fault::BakeKilled
+            | Fault::CallerLimit(_)
             | Fault::StorageLimit(_) => Code::ResourceExhausted,
             Fault::UploadStalled | Fault::TimeLimit(_) | Fault::Deadline => Code::DeadlineExceeded,
             Fault::BakeNotFound(_) => Code::NotFound,
             Fault::BakeCancelled => Code::Cancelled,
+            Fault::NotYours(_) | Fault::NotAllowed(_) => Code::PermissionDenied,
             Fault::BakeDamaged(_) => Code::DataLoss,
             Fault::ServerRestarted => Code::Aborted,
             Fault::ShuttingDown => Code::Unavailable,
@@ -115,6 +123,9 @@ impl Fault {
             Fault::TimeLimit(_) => "TIME_LIMIT",
             Fault::Deadline => "DEADLINE",
             Fault::BakeCancelled => "BAKE_CANCELLED",
+            Fault::NotYours(_) => "NOT_YOURS",
+            Fault::NotAllowed(_) => "NOT_ALLOWED",
+            Fault::CallerLimit(_) => "CALLER_LIMIT",
             Fault::BakeDamaged(_) => "BAKE_DAMAGED",
             Fault::BakeCrashed(_) => "BAKE_CRASHED",
             Fault::ServerRestarted => "SERVER_RESTARTED",

@@ -5,6 +5,7 @@
 
 mod double;
 mod flat;
+mod holes;
 mod orient;
 mod repair;
 #[cfg(test)]
@@ -17,6 +18,7 @@ use glam::DVec3;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::weld::Welder;
 pub use flat::{Flat, drop_flat};
+pub use holes::{Holes, close_holes};
 pub use orient::oriented;
 pub use repair::Repair;
 

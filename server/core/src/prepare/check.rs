@@ -111,25 +111,42 @@ fn closed(
     let welded = topology::weld(&model.mesh, WELD_TOLERANCE);
     let (mesh, repair) = topology::oriented(&welded);
     let found = topology::inspect(&mesh);
+    warnings.extend(repair.told().into_iter().map(|t| format!("{name}: {t}")));
     if mesh.triangles.is_empty() {
         told(format!("{name}: the {what} has no triangles; model the pile's rough shape as a closed mesh"));
         return None;
     }
     if !found.closed {
-        told(format!(
-            "{name}: the {what} is open: {} edges belong to one face only; fill its holes (in Blender: Mesh, Clean Up, \
-             Fill Holes)",
-            found.boundary_edges
-        ));
-        return None;
+        let closed = without_holes(&mesh);
+        match &closed {
+            Some((_, holes)) => warnings.push(format!("{name}: {}", holes.told())),
+            None => told(format!(
+                "{name}: the {what} is open: {} edges belong to one face only; fill its holes (in Blender: Mesh, Clean \
+                 Up, Fill Holes)",
+                found.boundary_edges
+            )),
+        }
+        return closed.map(|(closed, _)| closed);
     }
-    let (lo, hi) = mesh.bounds();
-    let size = hi - lo;
-    if mesh.signed_volume().abs() < MIN_CONTROL_FILL * size.x * size.y * size.z || size.min_element() <= 0.0 {
+    if is_hollow(&mesh) {
         told(format!("{name}: the {what} encloses next to no volume; give it thickness"));
     }
-    warnings.extend(repair.told().into_iter().map(|t| format!("{name}: {t}")));
     Some(Closed { mesh, topology: found })
+}
+
+/// An open mesh with its holes closed, if they can be closed and it then has an inside.
+fn without_holes(mesh: &TriMesh) -> Option<(Closed, topology::Holes)> {
+    let (whole, holes) = topology::close_holes(mesh)?;
+    let (mesh, _) = topology::oriented(&whole);
+    let topology = topology::inspect(&mesh);
+    (topology.closed && !is_hollow(&mesh)).then_some((Closed { mesh, topology }, holes))
+}
+
+/// Whether a closed mesh has next to no inside.
+fn is_hollow(mesh: &TriMesh) -> bool {
+    let (low, high) = mesh.bounds();
+    let size = high - low;
+    mesh.signed_volume().abs() < MIN_CONTROL_FILL * size.x * size.y * size.z || size.min_element() <= 0.0
 }
 
 /// If less of the control mesh than this share is as thick as the thinnest prop, the scene is refused: the pile would have another

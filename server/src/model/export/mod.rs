@@ -47,6 +47,18 @@ pub enum Format {
     Csv,
 }
 
+impl Format {
+    /// The format of a file name's ending.
+    pub fn named(ending: &str) -> Option<Format> {
+        match ending.to_ascii_lowercase().as_str() {
+            "glb" => Some(Format::Glb),
+            "json" => Some(Format::Json),
+            "csv" => Some(Format::Csv),
+            _ => None,
+        }
+    }
+}
+
 /// Why a bake was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
@@ -78,13 +90,8 @@ impl ExportError {
 
 /// The format that a path asks for, and whether a file can appear there. To be asked before a long bake.
 pub fn check_destination(path: &Path) -> Result<Format, ExportError> {
-    let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-    let format = match extension.as_deref() {
-        Some("glb") => Format::Glb,
-        Some("json") => Format::Json,
-        Some("csv") => Format::Csv,
-        _ => return Err(ExportError::UnknownFormat(path.into())),
-    };
+    let format = path.extension().and_then(|ending| Format::named(ending.to_str()?));
+    let format = format.ok_or_else(|| ExportError::UnknownFormat(path.into()))?;
     if path.is_dir() {
         return Err(ExportError::IsDirectory(path.into()));
     }

@@ -163,9 +163,14 @@ impl PileService for Service {
     async fn bake(&self, request: Request<BakeRequest>) -> Result<Response<Self::BakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
         let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
-        let BakeRequest { spec, frames, deadline_ends_bake } = request.into_inner();
-        let (bakes, of_bake) = (self.bakes.clone(), deadline.filter(|_| deadline_ends_bake));
-        let entry = on_disk(move || bakes.submit(&caller, request::checked(spec)?, of_bake)).await??;
+        let request = request.into_inner();
+        let frames = request.frames;
+        let (bakes, of_bake) = (self.bakes.clone(), deadline.filter(|_| request.deadline_ends_bake));
+        let entry = on_disk(move || {
+            let order = request::order(&caller, request)?;
+            bakes.submit(&caller, order, of_bake)
+        });
+        let entry = entry.await??;
         entry.accepted().await?;
         self.bakes.store.touch(&entry.id());
         let follow = Follow { from: 1, frames: request::frames(frames)?, deadline };
@@ -200,12 +205,12 @@ impl PileService for Service {
     }
 
     async fn cancel_bake(&self, request: Request<CancelBakeRequest>) -> Result<Response<CancelBakeResponse>, Status> {
-        let bake = Some(self.bakes.cancel(&request.get_ref().bake_id).await?);
+        let bake = Some(self.bakes.cancel(&caller(&request), &request.get_ref().bake_id).await?);
         Ok(Response::new(CancelBakeResponse { bake }))
     }
 
     async fn delete_bake(&self, request: Request<DeleteBakeRequest>) -> Result<Response<DeleteBakeResponse>, Status> {
-        self.bakes.delete(&request.get_ref().bake_id).await?;
+        self.bakes.delete(&caller(&request), &request.get_ref().bake_id).await?;
         Ok(Response::new(DeleteBakeResponse {}))
     }
 

@@ -2,9 +2,11 @@
 
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
+use crate::service::access::{Caller, LAST_PRIORITY};
+use crate::service::jobs::Order;
 use crate::service::status::Fault;
 use crate::wire::proto::{
-    AssetHeader, AssetReference, BakeSpec, BakeStatus, FieldProblem, FrameSelection, ListBakesRequest,
+    AssetHeader, AssetReference, BakeRequest, BakeSpec, BakeStatus, FieldProblem, FrameSelection, ListBakesRequest,
     ListBakesResponse, OutputFormat,
 };
 use crate::wire::to_proto;
@@ -52,6 +54,36 @@ pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
     if problems.is_empty() { Ok(spec) } else { Err(Fault::RequestInvalid(problems)) }
 }
 
+/// Labels of one bake, and letters of a name or a value.
+const MAX_LABELS: usize = 64;
+const MAX_LABEL: usize = 63;
+
+/// The order of this caller, if its form is right.
+pub fn order(caller: &Caller, request: BakeRequest) -> Result<Order, Fault> {
+    let BakeRequest { spec, labels, priority, .. } = request;
+    let spec = checked(spec)?;
+    if labels.len() > MAX_LABELS {
+        return Err(Fault::field("labels", format!("more than {MAX_LABELS}")));
+    }
+    let is_name = |name: &str| name.starts_with(|letter: char| letter.is_ascii_lowercase());
+    let is_plain = |text: &str| {
+        let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || matches!(byte, b'-' | b'_');
+        text.len() <= MAX_LABEL && text.bytes().all(plain)
+    };
+    if let Some((name, _)) = labels.iter().find(|(name, value)| !(is_name(name) && is_plain(name) && is_plain(value))) {
+        let told = "names begin with a letter; names and values have a-z, 0-9, - and _, 63 at most";
+        return Err(Fault::field("labels", format!("{:?}: {told}", name.chars().take(MAX_LABEL).collect::<String>())));
+    }
+    if !(-LAST_PRIORITY..=LAST_PRIORITY).contains(&priority) {
+        let told = format!("{priority} is out of range; give -{LAST_PRIORITY} to {LAST_PRIORITY}");
+        return Err(Fault::field("priority", told));
+    }
+    if priority > caller.highest_priority() {
+        return Err(Fault::NotAllowed("only operators put a bake before others; give a priority of 0 or less".into()));
+    }
+    Ok(Order { spec, labels: labels.into_iter().collect(), priority })
+}
+
 const NO_DIGEST: &str = "not a SHA-256; give 64 lower-case hexadecimal digits";
 
 /// The only names that become part of a path.
@@ -90,7 +122,12 @@ pub fn frames(given: i32) -> Result<FrameSelection, Fault> {
 }
 
 /// A page of the list. The token is the place of the last one of the page before, whether that is still there or not.
-pub fn page(list: Vec<BakeStatus>, request: &ListBakesRequest) -> Result<ListBakesResponse, Fault> {
+pub fn page(mut list: Vec<BakeStatus>, request: &ListBakesRequest) -> Result<ListBakesResponse, Fault> {
+    list.retain(|bake| {
+        (request.owner.is_empty() || request.owner == bake.owner)
+            && (request.states.is_empty() || request.states.contains(&bake.state))
+            && request.labels.iter().all(|(name, value)| bake.labels.get(name) == Some(value))
+    });
     let size = match request.page_size {
         0 => PAGE,
         size @ 1.. => size.min(MAX_PAGE) as usize,

@@ -3,6 +3,7 @@
 //! One entry per bake, however many callers it has. An entry's task holds its place in the queue, and later its worker,
 //! until the process has ended.
 
+mod order;
 mod task;
 
 use crate::service::access::Caller;
@@ -13,11 +14,10 @@ use crate::service::process::{Task, Worker};
 use crate::service::shares::Shares;
 use crate::service::status::Fault;
 use crate::service::store::Store;
-use crate::wire::effective::effective;
-use crate::wire::from_proto;
+use crate::service::turns::Turns;
 use crate::wire::proto::{self, BakeSpec, BakeState, BakeStatus};
 use crate::wire::versions::versions;
-use prost::Message;
+pub use order::{Order, bake_id};
 use prost_types::Timestamp;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -36,8 +36,8 @@ pub struct Bakes {
     entries: Mutex<BTreeMap<String, Arc<Entry>>>,
     /// One permit per bake that runs or waits.
     places: Arc<Semaphore>,
-    /// One permit per bake that runs.
-    workers: Arc<Semaphore>,
+    /// Whose bakes run.
+    turns: Arc<Turns>,
     /// Plans that are made or wait.
     plan_places: Shares,
     /// Plans that are made: twice as many as bakes run, so that no caller can hold them all.
@@ -116,7 +116,7 @@ impl Bakes {
             store,
             entries: Mutex::default(),
             places: Arc::new(Semaphore::new(places)),
-            workers: Arc::new(Semaphore::new(workers)),
+            turns: Turns::new(workers),
             plan_places: Shares::new(places, places.div_ceil(2)),
             planners: Shares::new(2 * workers, workers),
             draining: CancellationToken::new(),
@@ -168,9 +168,10 @@ impl Bakes {
     pub fn submit(
         self: &Arc<Self>,
         caller: &Caller,
-        spec: BakeSpec,
+        order: Order,
         deadline: Option<Instant>,
     ) -> Result<Arc<Entry>, Fault> {
+        let Order { spec, labels, priority } = order;
         if self.is_draining() {
             return Err(Fault::ShuttingDown);
         }
@@ -190,11 +191,19 @@ impl Bakes {
                 return Err(Fault::QueueFull { retry: Duration::from_secs(1) });
             }
         }
+        order::within_limits(caller, entries.values())?;
         let Ok(place) = self.places.clone().try_acquire_owned() else {
             metrics::counter!("cairn_bakes_refused_total").increment(1);
             return Err(self.queue_full());
         };
-        let mut status = BakeStatus { bake_id: id.clone(), create_time: Some(now()), ..Default::default() };
+        let mut status = BakeStatus {
+            bake_id: id.clone(),
+            create_time: Some(now()),
+            owner: caller.name.to_string(),
+            labels,
+            priority,
+            ..Default::default()
+        };
         status.set_state(BakeState::Queued);
         let entry = Entry::new(Now { status, log_bytes: 0, accepted: false }, deadline);
         entries.insert(id, entry.clone());
@@ -284,8 +293,12 @@ impl Bakes {
     }
 
     /// Ends a bake, and waits for that.
-    pub async fn cancel(&self, id: &str) -> Result<BakeStatus, Fault> {
+    pub async fn cancel(&self, caller: &Caller, id: &str) -> Result<BakeStatus, Fault> {
         let entry = self.find(id)?;
+        let owner = entry.now.borrow().status.owner.clone();
+        if !caller.may_change(&owner) {
+            return Err(Fault::NotYours(owner));
+        }
         entry.cancelled.cancel();
         entry.ended().await;
         let status = entry.now.borrow().status.clone();
@@ -293,8 +306,8 @@ impl Bakes {
     }
 
     /// Ends a bake and removes all of it.
-    pub async fn delete(&self, id: &str) -> Result<(), Fault> {
-        self.cancel(id).await?;
+    pub async fn delete(&self, caller: &Caller, id: &str) -> Result<(), Fault> {
+        self.cancel(caller, id).await?;
         self.remove_ended(id)?;
         Ok(())
     }
@@ -347,25 +360,6 @@ impl Bakes {
         self.ending.cancel();
         self.tasks.wait().await;
     }
-}
-
-/// The id of a bake: a hash of all that its result depends on.
-pub fn bake_id(spec: &BakeSpec) -> String {
-    let mut spec = spec.clone();
-    spec.set_format(match spec.format() {
-        proto::OutputFormat::Unspecified => proto::OutputFormat::Glb,
-        format => format,
-    });
-    spec.assets.sort_by(|a, b| a.uri.cmp(&b.uri));
-    // A field that is not set and one that is set to its default are the same.
-    if let Some(scene) = &spec.scene
-        && let Ok(params) = from_proto::params(scene)
-    {
-        spec.scene = Some(effective(scene, &params));
-    }
-    let mut all = versions().encode_length_delimited_to_vec();
-    all.extend(spec.encode_to_vec());
-    blake3::hash(&all).to_hex().to_string()
 }
 
 fn now() -> Timestamp {

@@ -87,6 +87,13 @@ impl Bakes {
     async fn run(&self, entry: &Entry, new: Option<New>, slot: &mut Option<Worker>) -> Result<Summary, End> {
         let id = entry.id();
         let folder = self.store.folder(&id);
+        let (caller, priority) = match &new {
+            Some(new) => (new.caller.clone(), entry.now.borrow().status.priority),
+            None => {
+                let now = entry.now.borrow();
+                (Caller::named(&now.status.owner), now.status.priority)
+            }
+        };
         let (_place, accepted) = match new {
             Some(New { spec, caller, place }) => {
                 let accepted = self.accept(&id, &folder, &caller, &spec, slot).await?;
@@ -109,9 +116,9 @@ impl Bakes {
             now.reached(extent);
         });
         self.write_status(entry)?;
-        info!("accepted");
+        info!(owner = &*caller.name, "accepted");
 
-        let _worker = self.workers.clone().acquire_owned().await;
+        let _turn = self.turns.take(&caller, priority).await;
         entry.now.send_modify(|bake| {
             bake.status.set_state(BakeState::Running);
             bake.status.start_time = Some(now());

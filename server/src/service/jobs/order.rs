@@ -1,0 +1,63 @@
+//! What a caller asks for: which bake it is, and whether the caller may have one more.
+
+use super::Entry;
+use crate::service::access::Caller;
+use crate::service::status::Fault;
+use crate::wire::effective::effective;
+use crate::wire::from_proto;
+use crate::wire::proto::{self, BakeSpec};
+use crate::wire::versions::versions;
+use prost::Message;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// A request for a bake, as its caller put it.
+pub struct Order {
+    pub spec: BakeSpec,
+    pub labels: BTreeMap<String, String>,
+    pub priority: i32,
+}
+
+/// Whether a caller may have one more bake beside those that it has.
+pub(super) fn within_limits<'a>(caller: &Caller, entries: impl Iterator<Item = &'a Arc<Entry>>) -> Result<(), Fault> {
+    let limits = caller.limits;
+    let (mut unfinished, mut bytes) = (0, 0);
+    for entry in entries {
+        let now = entry.now.borrow();
+        if now.status.owner == *caller.name {
+            unfinished += usize::from(!now.has_ended());
+            let result = now.status.summary.as_ref().map_or(0, |summary| summary.result_bytes);
+            bytes += (now.status.event_bytes + result).unsigned_abs();
+        }
+    }
+    if let Some(most) = limits.bakes.zip(limits.queue).map(|(bakes, queue)| bakes.max(1).saturating_add(queue))
+        && unfinished >= most
+    {
+        let told = format!("{} has {unfinished} bakes that run or wait, of {most}: wait for one to end", caller.name);
+        return Err(Fault::CallerLimit(told));
+    }
+    if let Some(most) = limits.bytes.filter(|&most| bytes >= most) {
+        let told = format!("the bakes of {} take {bytes} bytes, of {most}: delete some of them", caller.name);
+        return Err(Fault::CallerLimit(told));
+    }
+    Ok(())
+}
+
+/// The id of a bake: a hash of all that its result depends on.
+pub fn bake_id(spec: &BakeSpec) -> String {
+    let mut spec = spec.clone();
+    spec.set_format(match spec.format() {
+        proto::OutputFormat::Unspecified => proto::OutputFormat::Glb,
+        format => format,
+    });
+    spec.assets.sort_by(|a, b| a.uri.cmp(&b.uri));
+    // A field that is not set and one that is set to its default are the same.
+    if let Some(scene) = &spec.scene
+        && let Ok(params) = from_proto::params(scene)
+    {
+        spec.scene = Some(effective(scene, &params));
+    }
+    let mut all = versions().encode_length_delimited_to_vec();
+    all.extend(spec.encode_to_vec());
+    blake3::hash(&all).to_hex().to_string()
+}

@@ -1,0 +1,103 @@
+//! Several callers, each with its own rights and limits.
+
+use crate::server::{Server, assert_fault, command, endless, request, short, take};
+use cairn::client::{Connection, Target};
+use cairn::wire::proto::{BakeRequest, BakeState, CancelBakeRequest, DeleteBakeRequest, ListBakesRequest};
+use tonic::Code;
+
+const CALLERS: &str = "
+[[caller]]
+name = 'anna'
+token = 'token of anna'
+bakes = 1
+queue = 1
+
+[[caller]]
+name = 'ben'
+token = 'token of ben'
+
+[[caller]]
+name = 'farm'
+token = 'token of the farm'
+role = 'operator'
+store_mib = 0
+";
+
+async fn known(server: &Server, name: &str) -> Connection {
+    let target = Target { token: Some(format!("token of {name}")), ..server.target() };
+    Connection::open(&target).await.unwrap()
+}
+
+async fn ids(connection: &mut Connection, list: ListBakesRequest) -> Vec<String> {
+    let list = connection.service.list_bakes(list).await.unwrap().into_inner();
+    list.bakes.into_iter().map(|bake| bake.bake_id).collect()
+}
+
+async fn begin(connection: &mut Connection, request: BakeRequest) -> String {
+    let stream = connection.service.bake(request).await.unwrap().into_inner();
+    crate::server::accepted_id(&take(stream, 1).await.0)
+}
+
+#[tokio::test]
+async fn rights_limits_and_labels() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("callers.toml"), CALLERS).unwrap();
+    let server = Server::start_in(folder.path(), &["--callers-file", "callers.toml", "--workers", "2"]);
+    assert!(Connection::open(&server.target()).await.is_err(), "nobody without a name");
+    let (mut anna, mut ben) = (known(&server, "anna").await, known(&server, "ben").await);
+    let mut farm = known(&server, "the farm").await;
+    let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
+    anna.upload(&files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect()).await.unwrap();
+
+    // One runs, one waits, and a third is refused, though there are places.
+    let labels = |shot: &str| [("shot".to_owned(), shot.to_owned())].into();
+    let first = begin(&mut anna, BakeRequest { labels: labels("a1"), ..request(endless(1)) }).await;
+    let second = begin(&mut anna, BakeRequest { labels: labels("a2"), ..request(endless(2)) }).await;
+    let refused = anna.service.bake(request(endless(3))).await.unwrap_err();
+    assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
+    crate::server::until(&mut anna, &first, BakeState::Running).await;
+    let third = begin(&mut ben, request(endless(4))).await;
+    crate::server::until(&mut ben, &third, BakeState::Running).await;
+    assert_eq!(crate::server::status(&mut anna, &second).await.state(), BakeState::Queued, "one of hers at once");
+
+    // Found by owner, label and state.
+    let list = |owner: &str| ListBakesRequest { owner: owner.into(), ..Default::default() };
+    assert_eq!(ids(&mut ben, list("anna")).await, [second.clone(), first.clone()]);
+    assert_eq!(ids(&mut ben, list("ben")).await, [third.as_str()]);
+    assert_eq!(ids(&mut ben, ListBakesRequest { labels: labels("a2"), ..Default::default() }).await, [second.as_str()]);
+    let states = vec![BakeState::Queued.into()];
+    assert_eq!(ids(&mut ben, ListBakesRequest { states, ..Default::default() }).await, [second.as_str()]);
+
+    // Ben may watch what is hers, and not end it; the farm may.
+    let cancel = |id: &str| CancelBakeRequest { bake_id: id.into() };
+    assert_fault(&ben.service.cancel_bake(cancel(&first)).await.unwrap_err(), Code::PermissionDenied, "NOT_YOURS");
+    let delete = DeleteBakeRequest { bake_id: first.clone() };
+    assert_fault(&ben.service.delete_bake(delete).await.unwrap_err(), Code::PermissionDenied, "NOT_YOURS");
+    let urgent = BakeRequest { priority: 1, ..request(endless(5)) };
+    assert_fault(&ben.service.bake(urgent).await.unwrap_err(), Code::PermissionDenied, "NOT_ALLOWED");
+    for id in [&first, &second, &third] {
+        farm.service.cancel_bake(cancel(id)).await.unwrap();
+    }
+    // No bytes are the farm's, not even those of its first bake.
+    let wrong = BakeRequest { labels: [("Shot 1".to_owned(), String::new())].into(), ..request(short(1)) };
+    assert_fault(&ben.service.bake(wrong).await.unwrap_err(), Code::InvalidArgument, "REQUEST_INVALID");
+    let refused = farm.service.bake(request(short(1))).await.unwrap_err();
+    assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
+    assert!(server.log().contains("caller=\"ben\" call=\"CancelBake\" status=\"7\""), "{}", server.log());
+}
+
+#[test]
+fn a_wrong_file_of_callers_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    for (text, told) in [
+        ("[[caller]]\nname = 'a'\n", "neither token nor certificate"),
+        ("[[caller]]\nname = 'a'\ntoken = 'x'\n[[caller]]\nname = 'a'\ntoken = 'x'\n", "the same token"),
+        ("[[caller]]\nname = 'a'\nrole = 'king'\n", "callers.toml:3"),
+        ("caller = []\n", "there is no caller"),
+    ] {
+        std::fs::write(folder.path().join("callers.toml"), text).unwrap();
+        let done = command(folder.path()).args(["--callers-file", "callers.toml"]).output().unwrap();
+        let said = String::from_utf8(done.stderr).unwrap();
+        assert!(done.status.code() == Some(2) && said.contains(told), "{said}");
+    }
+}
