@@ -186,7 +186,10 @@ fn request(control: &str, assignments: &[&str]) -> BakeRequest {
         sha256: sha256(&std::fs::read(asset(name)).expect("the example is there")),
     };
     let assets = [control, "stick.glb"].map(asset).into();
-    BakeRequest { spec: Some(BakeSpec { scene: Some(tree.to_message()), assets, ..Default::default() }), ..Default::default() }
+    BakeRequest {
+        spec: Some(BakeSpec { scene: Some(tree.to_message()), assets, ..Default::default() }),
+        ..Default::default()
+    }
 }
 
 fn asset(name: &str) -> PathBuf {

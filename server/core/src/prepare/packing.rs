@@ -5,12 +5,12 @@ use crate::input::params::Fill;
 use crate::input::scene::{Prop, Scene};
 
 /// What the packing is a product of powers of; `crowding` is an exponent of e.
-pub const FEATURES: [&str; 5] = ["1", "boxiness", "flatness", "width", "crowding"];
+pub const FEATURES: [&str; 4] = ["1", "boxiness", "flatness", "crowding"];
 /// An exponent for each of the features.
 pub type Weights = [f64; FEATURES.len()];
 
 /// The fitted exponents; the example `fit_estimate` prints them.
-const PACKING: Weights = [-0.916, 0.0, 0.0, 0.0, 0.0];
+const PACKING: Weights = [-0.395, 0.378, 0.166, 0.039];
 
 /// What is to be filled.
 #[derive(Clone, Copy, Debug)]
@@ -23,18 +23,12 @@ pub struct Room {
 
 impl Room {
     /// Logarithms of the numbers that decide how densely a prop packs, in the order of [`FEATURES`]: its volume over that of the box
-    /// around it; the least and the middle edge of that box over the longest; and how much of the room is near its walls.
+    /// around it; the least edge of that box over the longest; and how much of the room is near its walls.
     pub fn features(&self, prop: &Prop, size: &Size) -> Weights {
         let [least, middle, longest] = size.extents.to_array();
         let diameter = size.diameter * (prop.scale[0] + prop.scale[1]) / 2.0;
         let crowding = (diameter * self.area / self.volume).min(MOST_CROWDED);
-        [
-            1.0,
-            (size.volume / (least * middle * longest)).ln(),
-            (least / longest).ln(),
-            (middle / longest).ln(),
-            crowding,
-        ]
+        [1.0, (size.volume / (least * middle * longest)).ln(), (least / longest).ln(), crowding]
     }
 
     /// Volume of the room over the mean volume of a prop, and the mean features of the props, by their weight.
