@@ -6,20 +6,20 @@
 //!
 //! Times are this machine's at this moment: each comparison runs its two sides in turn.
 
-use anyhow::{Context, Result, ensure};
-use cairn::client::{Connection, Target};
-use cairn::scene_file::SceneTree;
+mod serving;
+
+use anyhow::{Result, ensure};
+use cairn::client::Connection;
 use cairn::wire::proto::bake_event::Kind;
 use cairn::wire::proto::pile_service_client::PileServiceClient;
-use cairn::wire::proto::{Artifact, AssetReference, BakeRequest, BakeResponse, BakeSpec, DeleteBakeRequest, Summary};
-use sha2::{Digest, Sha256};
+use cairn::wire::proto::{Artifact, DeleteBakeRequest, Summary};
+use serving::{Server, asset, program, read, request, sha256};
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::path::Path;
+use std::process::Command;
 use std::time::{Duration, Instant};
+use tonic::Code;
 use tonic::transport::Endpoint;
-use tonic::{Code, Streaming};
 
 /// Bakes of the comparison with the command line.
 const PAIRS: i64 = 7;
@@ -162,83 +162,8 @@ async fn stalled(server: &Server, connection: &mut Connection) -> Result<()> {
     Ok(())
 }
 
-/// Reads a bake's stream to its end: the id and the summary.
-async fn read(mut events: Streaming<BakeResponse>) -> Result<(String, Summary)> {
-    let (mut id, mut summary) = (String::new(), None);
-    while let Some(response) = events.message().await? {
-        match response.event.and_then(|event| event.kind) {
-            Some(Kind::Accepted(accepted)) => id = accepted.bake_id,
-            Some(Kind::Summary(told)) => summary = Some(told),
-            _ => {}
-        }
-    }
-    Ok((id, summary.context("no summary")?))
-}
-
-fn request(control: &str, assignments: &[&str]) -> BakeRequest {
-    let mut tree = SceneTree::default();
-    let models = [format!("control_mesh={control}"), "props.0=stick.glb".into()];
-    for assignment in models.iter().map(String::as_str).chain(assignments.iter().copied()) {
-        tree.set(assignment).expect("the assignment is right");
-    }
-    let asset = |name: &str| AssetReference {
-        uri: name.into(),
-        sha256: sha256(&std::fs::read(asset(name)).expect("the example is there")),
-    };
-    let assets = [control, "stick.glb"].map(asset).into();
-    BakeRequest {
-        spec: Some(BakeSpec { scene: Some(tree.to_message()), assets, ..Default::default() }),
-        ..Default::default()
-    }
-}
-
-fn asset(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(name)
-}
-
-fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-/// The program beside this example.
-fn program() -> Result<PathBuf> {
-    Ok(std::env::current_exe()?.parent().and_then(Path::parent).context("no folder")?.join("cairn"))
-}
-
 /// Lowest, middle and highest.
 fn spread(values: &mut [f64]) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
     [values[0], values[values.len() / 2], values[values.len() - 1]]
-}
-
-/// A server that ends with the value.
-struct Server {
-    process: Child,
-    target: Target,
-}
-
-impl Server {
-    fn start(folder: &Path, args: &[&str]) -> Result<Server> {
-        let mut command = Command::new(program()?);
-        command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(folder.join("data")).args(args);
-        let mut process = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
-        let mut address = String::new();
-        BufReader::new(process.stdout.take().context("no output")?).read_line(&mut address)?;
-        let target = Target { address: address.trim().into(), ..Default::default() };
-        Ok(Server { process, target })
-    }
-
-    /// Its largest memory so far. Linux tells.
-    fn peak_mib(&self) -> Result<f64> {
-        let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id()))?;
-        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).context("no VmHWM")?;
-        Ok(line.trim().trim_end_matches(" kB").parse::<f64>()? / 1024.0)
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
 }
