@@ -58,8 +58,8 @@ fn overlaps_settle() {
     assert_eq!(stack.get("hanging"), 0.0);
 }
 
-/// Fewer and larger books: so few keep 0.75 to 0.95 of their shape, by seed.
-const FEW_BOOKS: &str = "accuracy=draft props.0.scale_min=1.7 props.0.scale_max=1.7";
+/// Fewer and larger books, which keep 0.9 to 1 of their shape, by seed.
+const FEW_BOOKS: &str = "props.0.scale_min=1.4 props.0.scale_max=1.4";
 
 #[test]
 fn books_stand_until_the_ball_comes() {
@@ -76,11 +76,12 @@ fn books_stand_until_the_ball_comes() {
 
 #[test]
 fn a_column_of_sticks_keeps_its_shape() {
-    const FEW: &str = "props.0.scale_min=1 props.0.scale_max=1";
+    // Fewer and larger sticks, which keep 0.85 to 1 of their shape, by seed; free, about 0.6.
+    const FEW: &str = "props.0.scale_min=0.9 props.0.scale_max=0.9";
     let mut piles = [1, 2, 3].map(|seed| Figures::of("column.toml", &format!("{FEW} seed={seed}")));
     piles.sort_by(|a, b| a.get("kept_shape").total_cmp(&b.get("kept_shape")));
     let [_, held, _] = piles;
-    assert!(held.get("kept_shape") > 0.95, "{}", held.get("kept_shape"));
+    assert!(held.get("kept_shape") > 0.9, "{}", held.get("kept_shape"));
     assert!(held.get("height_p95_rel") > 0.95 * held.get("height_p95_rel_start"));
     assert_eq!(held.get("hanging"), 0.0);
     let free = Figures::of("column.toml", &format!("{FEW} control=off"));
@@ -89,8 +90,7 @@ fn a_column_of_sticks_keeps_its_shape() {
 
 #[test]
 fn bananas_are_heaped_above_the_rim() {
-    const FEW: &str =
-        "accuracy=draft props.0.scale_min=1.6 props.0.scale_max=1.6 emitters.0.count=250 emitters.0.rate=40";
+    const FEW: &str = "accuracy=draft report.pictures=on props.0.scale_min=1.6 props.0.scale_max=1.6 emitters.0.count=250 emitters.0.rate=40";
     let heap = Figures::of("bananas.toml", FEW);
     assert!(heap.get("silhouette_iou") > 0.8, "{}", heap.get("silhouette_iou"));
     assert!(heap.get("resting_speed_max_rel") < 0.01);

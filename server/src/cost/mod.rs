@@ -43,6 +43,9 @@ pub fn scene_of(tree: &SceneTree, variant: &Variant, seed: u64) -> Result<SceneT
     }
     tree.put("seed", seed.into());
     tree.put_in("output", "free_standing", true.into());
+    for figures in ["shape", "pictures", "support"] {
+        tree.put_in("report", figures, "SWITCH_ON".into());
+    }
     Ok(tree)
 }
 

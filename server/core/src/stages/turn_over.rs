@@ -80,17 +80,13 @@ fn set_down(pile: &mut Pile, filled: usize, inputs: &Inputs) {
 fn world(inputs: &Inputs) -> Result<World, Error> {
     let Inputs { scene, params, resolved, units, ground, .. } = inputs;
     let mut world = World::new(*units, &resolved.physics, resolved.thickness, resolved.compounds);
-    let room = inputs.bodies.len() + scene.bodies.len();
-    world
-        .add_behind(room, |world| {
-            if params.ground {
-                world.add_ground(ground / units.length, params.ground_friction);
-            }
-            let mut still = scene.statics.iter().filter(|model| model.keys.is_empty());
-            still.try_for_each(|model| world.add_scenery(&model.model.mesh, model.friction))
-        })
-        .map(|()| world)
-        .map_err(Error::Internal)
+    if params.ground {
+        world.add_ground(ground / units.length, params.ground_friction);
+    }
+    for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {
+        world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;
+    }
+    Ok(world)
 }
 
 fn control<'a>(inputs: &Inputs<'a, '_>, world: &World) -> Control<'a> {

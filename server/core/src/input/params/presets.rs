@@ -34,8 +34,8 @@ impl Params {
                 count: None,
                 max_bodies: 20_000,
                 step: 0.1,
-                round: 0.08,
-                full_below: 0.015,
+                round: 0.3,
+                full_below: 0.03,
                 settle: 2.2,
                 protrusion: 0.05,
                 overlap: 0.15,
@@ -87,8 +87,7 @@ impl Params {
                 params.physics.shape_tolerance = 0.1;
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
-                params.fill.round = 0.2;
-                params.fill.full_below = 0.12;
+                params.fill.full_below = 0.05;
                 params.fill.settle = 0.8;
                 // More glue takes the place of letting the pile go.
                 params.glue.friction_factor = 0.35;

@@ -32,6 +32,8 @@ const JAMMED: u32 = 3;
 /// many, but for no less than this share of a full round.
 const CROWDED: f64 = 0.5;
 const LEAST_ROUND: f64 = 0.25;
+/// Fewer seeds than this say nothing of whether the container is full: one may have been unlucky.
+const LEAST_SEEDS: usize = 20;
 
 /// Runs rounds until they add next to nothing. Returns whether the container is full.
 pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
@@ -69,7 +71,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         let asked = wanted + history.last().map_or(0, |&(asked, _)| asked);
         history.push((asked, after));
         // Jammed props trade places: a small round adds some and squeezes others out. So as many seeds count as a full round asks for.
-        let full_round = (fill.round * filling.expected as f64).ceil() as usize;
+        let full_round = ((fill.round * filling.expected as f64).ceil() as usize).max(LEAST_SEEDS);
         let least = (fill.full_below * after as f64).max(1.0);
         let then = history.iter().rev().find(|(earlier, _)| earlier + full_round <= asked);
         if then.is_some_and(|&(_, then)| (after as f64) < then as f64 + least) {
