@@ -105,7 +105,7 @@ pub fn run<'a>(
         let gaps = || placement.dots.iter().map(|dot| sites.gaps[dot.touch]).filter(|gap| *gap > 0.0);
         let mut glued = Glued {
             dots,
-            touches: sites.real(),
+            touches: sites.real_with(&placement),
             at_least: placement.at_least,
             bridges: gaps().count(),
             widest: gaps().fold(0.0, f64::max),

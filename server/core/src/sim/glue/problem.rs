@@ -1,7 +1,7 @@
 //! Where a pile could be glued: the problem of [`crate::equilibrium::glue`], from what its bodies touch.
 
 use crate::equilibrium::global::{GlobalBody, GlobalContact};
-use crate::equilibrium::glue::{GlueProblem, GlueTouch};
+use crate::equilibrium::glue::{GlueProblem, GlueTouch, Placement};
 use crate::geometry::region::DistanceGrid;
 use crate::sim::control;
 use crate::sim::whole::{self, REAL_CONTACT};
@@ -114,9 +114,11 @@ impl Sites {
         GlueProblem { bodies: &self.bodies, contacts: &self.contacts, touches: &self.touches, gravity }
     }
 
-    /// Touches that are no mere pegs.
-    pub fn real(&self) -> usize {
-        self.touches.iter().filter(|touch| !touch.contacts.is_empty()).count()
+    /// Touches, and those that glue makes where there are none: pegs and bridges.
+    pub fn real_with(&self, placement: &Placement) -> usize {
+        let is_real = |touch: &GlueTouch| !touch.contacts.is_empty();
+        let made = placement.dots.iter().filter(|dot| !is_real(&self.touches[dot.touch])).count();
+        self.touches.iter().filter(|touch| is_real(touch)).count() + made
     }
 
     fn add(&mut self, touch: &Touch, carries: bool, bridges: bool, anchors: bool) {
