@@ -133,7 +133,7 @@ pub fn shape(bytes: &[u8]) {
             assert!(shape.center.is_finite() && shape.radius > 0.0 && shape.radius.is_finite(), "{shape:?}");
             let (inertia, frame) = shape.inertia;
             assert!(inertia.is_finite() && inertia.min_element() > 0.0 && frame.is_finite(), "{shape:?}");
-            assert!(shape.parts() > 0 && shape.report.deviation_rel.is_finite(), "{shape:?}");
+            assert!(shape.solid.parts() > 0 && shape.report.deviation_rel.is_finite(), "{shape:?}");
         }
         Err(cairn_core::Error::Invalid(problems)) => assert!(!problems.is_empty()),
         Err(error) => panic!("{error}"),
