@@ -85,7 +85,7 @@ fn pictures_and_caches() {
         .env("FAILPOINTS", "cache-write=return(EIO)");
     Done::of(command.output().unwrap()).ok();
     let before = desk.files();
-    let render = "render pile.glb -o pile.png";
+    let render = "render pile.glb -o pile.png --size 64x48 --samples 1";
     for place in ["files-create", "files-write", "files-sync", "files-rename"] {
         with_faults(&desk, &format!("{place}=return(EIO)"), render).fails(75, &["pile.png: cannot be written"]);
         assert_eq!(desk.files(), before, "{place}");
@@ -97,7 +97,7 @@ fn pictures_and_caches() {
 #[test]
 fn a_ledger_that_is_cut_off() {
     let desk = Desk::new();
-    let line = "cost --control cone.glb --prop stick.glb -o study --bodies 5 --seeds 1";
+    let line = "cost --control cone.glb --prop stick.glb -o study --bodies 40 --seeds 1";
     let lines = || std::fs::read_to_string(desk.path("study/runs.jsonl")).unwrap();
     let is_record = |line: &&str| serde_json::from_str::<serde_json::Value>(line).is_ok();
     with_faults(&desk, "ledger-write=return(ENOSPC)", line).fails(75, &["runs.jsonl: cannot be written", "No space"]);
