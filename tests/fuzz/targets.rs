@@ -21,11 +21,11 @@ pub struct Target {
 }
 
 pub const TARGETS: [Target; 5] = [
-    Target { name: "reading", run: models::reading, seeds: models::seeds, short: 20_000 },
-    Target { name: "scene", run: scene, seeds: scenes, short: 2_000 },
-    Target { name: "uploads", run: uploads::run, seeds: uploads::seeds, short: 2_000 },
-    Target { name: "equilibrium", run: equilibrium::run, seeds: equilibrium::seeds, short: 5_000 },
-    Target { name: "shape", run: models::shape, seeds: models::shape_seeds, short: 300 },
+    Target { name: "reading", run: models::reading, seeds: models::seeds, short: 50_000 },
+    Target { name: "scene", run: scene, seeds: scenes, short: 20_000 },
+    Target { name: "uploads", run: uploads::run, seeds: uploads::seeds, short: 20_000 },
+    Target { name: "equilibrium", run: equilibrium::run, seeds: equilibrium::seeds, short: 100_000 },
+    Target { name: "shape", run: models::shape, seeds: models::shape_seeds, short: 60 },
 ];
 
 /// The repository.
