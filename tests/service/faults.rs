@@ -20,6 +20,9 @@ const NOT_STARTED: (Code, &str) = (Code::Unavailable, "BAKE_NOT_STARTED");
 const BUSY: (Code, &str) = (Code::ResourceExhausted, "TOO_MANY_CALLS");
 const DAMAGED: (Code, &str) = (Code::DataLoss, "BAKE_DAMAGED");
 
+/// Faults, and what their caller is told.
+type Case = (&'static str, (Code, &'static str));
+
 /// One place, and none to wait: what keeps it keeps out everybody.
 const ONE: [&str; 4] = ["--workers", "1", "--queue", "0"];
 
@@ -82,7 +85,7 @@ async fn faults_of_the_process() {
     let folder = tempfile::tempdir().unwrap();
     let server = server_with(folder.path(), "");
     let mut connection = server.ready().await;
-    let of_task: &[(&str, &[(&str, (Code, &str))])] = &[
+    let of_task: &[(&str, &[Case])] = &[
         (
             "accept",
             &[

@@ -16,7 +16,8 @@ const LIMITS: Limits = Limits { bytes: 16 << 20, triangles: 20_000, nodes: 2_000
 /// glTF -> mesh, and the other reader, which exports and renders.
 pub fn reading(bytes: &[u8]) {
     // A file beside it, for those that name one.
-    let beside = |path: &str| if path.len() % 2 == 0 { Ok(bytes.to_vec()) } else { Err("no such file".to_owned()) };
+    let beside =
+        |path: &str| if path.len().is_multiple_of(2) { Ok(bytes.to_vec()) } else { Err("no such file".to_owned()) };
     for node in [None, Some("Brick")] {
         let source = Source { name: "model.glb", bytes, node, resolve: &beside, limits: LIMITS };
         match asset::read(&source) {
