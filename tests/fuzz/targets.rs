@@ -17,6 +17,7 @@ pub struct Target {
     /// Inputs to begin with.
     pub seeds: fn() -> Vec<Vec<u8>>,
     /// Inputs that the tests make of them.
+    #[allow(dead_code, reason = "only the tests count")]
     pub short: usize,
 }
 

@@ -9,6 +9,8 @@ use glam::DVec3;
 /// Bytes of one touch: seven numbers of two bytes.
 const TOUCH: usize = 14;
 const MOST_TOUCHES: usize = 24;
+/// Of a touch, in bounding radii.
+const FARTHEST: f64 = 4.0;
 /// What this substitution may add of rounding, in units of what it sums.
 const ROUNDING: f64 = 1e-12;
 
@@ -30,10 +32,15 @@ pub fn run(bytes: &[u8]) {
         LocalContact {
             point: DVec3::new(at[0], at[1], at[2]),
             normal: DVec3::new(at[3], at[4], at[5]),
-            friction: at[6].abs(),
+            // What a scene may have.
+            friction: at[6].abs().min(2.0),
         }
     };
     let contacts: Vec<LocalContact> = rest.chunks_exact(TOUCH).take(MOST_TOUCHES).map(touch).collect();
+    // A body's touches lie about on its bounding sphere or within. A million radii away, rounding decides.
+    if contacts.iter().any(|contact| contact.point.length() > FARTHEST) {
+        return;
+    }
     let gravity = DVec3::NEG_Y;
     let problem = LocalProblem { contacts: &contacts, mass: 1.0, center_of_mass: DVec3::ZERO, radius: 1.0, gravity };
     let mut analyser = Analyser::new();
