@@ -1,8 +1,10 @@
 //! Files by name: read with a message for each way that this can fail, written complete or not at all.
 
 use crate::problem::{Problem, nearest};
-use std::io::{ErrorKind, Write};
+use crate::trouble;
+use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
+use tempfile::NamedTempFile;
 
 /// Bytes of one input file, 1 GiB: no file of this trade comes near, and a wrong path must not fill the memory.
 const LARGEST: u64 = 1 << 30;
@@ -78,25 +80,79 @@ pub fn split_node(path: &str) -> (&str, Option<&str>) {
 
 /// Puts a complete file at `path`, or leaves what was there.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    sync_folder(folder_of(&Staged::write(path, bytes)?.publish()?))
+}
+
+/// A complete file that is not yet under its name. Dropping it removes it.
+pub struct Staged {
+    file: NamedTempFile,
+    path: PathBuf,
+}
+
+impl Staged {
+    pub fn write(path: &Path, bytes: &[u8]) -> std::io::Result<Staged> {
+        trouble::at("files-create")?;
+        let mut file = new_file_in(folder_of(path))?;
+        trouble::write("files-write", &mut file, bytes)?;
+        trouble::at("files-sync")?;
+        file.as_file().sync_all()?;
+        Ok(Staged { file, path: path.to_owned() })
+    }
+
+    /// Gives the file its name, and returns that. Until its folder is synced, a power cut may take the name back.
+    pub fn publish(self) -> std::io::Result<PathBuf> {
+        trouble::at("files-rename")?;
+        self.file.persist(&self.path)?;
+        Ok(self.path)
+    }
+}
+
+/// How the names of files begin and end that are being written.
+const UNFINISHED: [&str; 2] = [".cairn-", ".part"];
+
+/// Removes what a process that was killed had begun to write in a folder.
+pub fn remove_unfinished(folder: &Path) {
+    let is_unfinished = |name: &str| name.starts_with(UNFINISHED[0]) && name.ends_with(UNFINISHED[1]);
+    for entry in folder.read_dir().into_iter().flatten().flatten() {
+        if is_unfinished(&entry.file_name().to_string_lossy()) {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+fn new_file_in(folder: &Path) -> std::io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".cairn-").suffix(".part");
+    builder.prefix(UNFINISHED[0]).suffix(UNFINISHED[1]);
     #[cfg(unix)]
     {
         // As any other new file: the default of a temporary file would hide the result from the user's group.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let mut file = builder.tempfile_in(folder_of(path))?;
-    file.write_all(bytes)?;
-    file.as_file().sync_all()?;
-    file.persist(path)?;
-    sync_folder(folder_of(path))
+    builder.tempfile_in(folder)
 }
 
 /// What was made or renamed in a folder outlives a power cut from now on.
 pub fn sync_folder(folder: &Path) -> std::io::Result<()> {
+    trouble::at("files-sync-folder")?;
     // Elsewhere, folders cannot be opened, and their changes are kept by the system.
-    if cfg!(unix) { std::fs::File::open(folder)?.sync_all() } else { Ok(()) }
+    if cfg!(not(unix)) {
+        return Ok(());
+    }
+    match std::fs::File::open(folder)?.sync_all() {
+        // Some network drives cannot do this to a folder, and need not.
+        Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
+        synced => synced,
+    }
+}
+
+/// What the system says of a fault, without the names of files.
+pub fn plain_reason(error: &std::io::Error) -> String {
+    let inner = error.get_ref().and_then(|inner| inner.source()?.downcast_ref::<std::io::Error>());
+    match inner.unwrap_or(error).raw_os_error() {
+        Some(code) => std::io::Error::from_raw_os_error(code).to_string(),
+        None => error.kind().to_string(),
+    }
 }
 
 /// The folder that a file is in.

@@ -1,7 +1,7 @@
 //! Cairn around its core: the wire, files and the command line.
 
 // The layers, lowest first. A module uses only those before it:
-// version, problem, files, wire, scene_file, model, job, cost, client, service, cli
+// version, trouble, problem, files, wire, scene_file, model, job, cost, client, service, cli
 pub mod cli;
 pub mod client;
 pub mod cost;
@@ -11,5 +11,8 @@ pub mod model;
 pub mod problem;
 pub mod scene_file;
 mod service;
+#[cfg(feature = "failpoints")]
+pub use service::in_process;
+mod trouble;
 pub mod version;
 pub mod wire;

@@ -22,6 +22,7 @@ const CORE: &[&[&str]] = &[
 /// The layers of `cairn`, lowest first.
 const SERVICE: &[&[&str]] = &[
     &["version"],
+    &["trouble"],
     &["problem"],
     &["files"],
     &["wire"],

@@ -117,6 +117,7 @@ fn libraries_stay_in_their_place() {
         "service/audit.rs",
         "service/calls",
         "service/deadline.rs",
+        "service/in_process.rs",
         "service/jobs",
         "service/serve.rs",
         "service/status.rs",

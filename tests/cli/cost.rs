@@ -55,6 +55,12 @@ fn a_study_of_a_small_pile() {
     // Called again, it has nothing to bake; without a budget for more, it says what is missing.
     assert_eq!(desk.line(line).ok(), table);
     assert_eq!(runs(), made);
+    // The plots, which come after two tables, appear complete or not at all.
+    let plot = std::fs::read(desk.path("study/cost.svg")).unwrap();
+    let mut command = desk.command(&line.split_whitespace().collect::<Vec<_>>());
+    let full = command.env("FAILPOINTS", "files-write=2*off->return(ENOSPC)").output().unwrap();
+    crate::desk::Done::of(full).fails(75, &["the plot cannot be written", "No space"]);
+    assert_eq!(std::fs::read(desk.path("study/cost.svg")).unwrap(), plot);
     let more = line.replace("--seeds 1", "--seeds 2 --budget 0s");
     assert!(desk.line(&more).ok().contains("Not baked within the budget: draft (seed 2)"));
     assert_eq!(runs(), made);

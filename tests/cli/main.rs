@@ -6,6 +6,7 @@ mod cost;
 mod desk;
 mod effects;
 mod examples;
+mod faults;
 mod measures;
 mod outputs;
 mod readme;

@@ -2,9 +2,14 @@
 
 use crate::server::{Server, accepted_id, assert_fault, channel, events, numbered, request, short, status, watch};
 use cairn::client::Connection;
-use cairn::wire::proto::{Artifact, BakeState, DeleteBakeRequest, ListBakesRequest};
+use cairn::wire::proto::pile_service_client::PileServiceClient;
+use cairn::wire::proto::{
+    Artifact, BakeState, CancelBakeRequest, DeleteBakeRequest, DownloadResultRequest, GetBakeRequest,
+    GetServerInfoRequest, HaveAssetsRequest, ListBakesRequest, PlanBakeRequest, WatchBakeRequest,
+};
 use std::path::PathBuf;
 use tonic::Code;
+use tonic::codec::CompressionEncoding;
 use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_check_response::ServingStatus;
 use tonic_health::pb::health_client::HealthClient;
@@ -136,6 +141,82 @@ async fn health_knows_the_data_directory() {
         }
     }
     assert!(server.log().contains("the data directory cannot be used"), "{}", server.log());
+}
+
+/// A server that is about to end says so to all who ask, and takes no calls.
+#[tokio::test]
+async fn health_of_a_server_that_ends() {
+    let server = Server::start(&["--drain-seconds", "20"]);
+    let mut connection = server.ready().await;
+    let mut health = HealthClient::new(channel(&format!("http://{}", server.addresses[0])).await);
+    let id = crate::server::begin(&mut connection, crate::server::endless(1)).await;
+    server.signal("-TERM");
+    for service in ["", "cairn.v1.PileService"] {
+        let request = HealthCheckRequest { service: service.into() };
+        while health.check(request.clone()).await.unwrap().into_inner().status() != ServingStatus::NotServing {
+            tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+        }
+    }
+    let service = &mut connection.service;
+    // The health is told a moment before the door closes.
+    while service.list_bakes(ListBakesRequest::default()).await.is_ok() {
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    let bake_id = id;
+    let refused = [
+        service.get_server_info(GetServerInfoRequest::default()).await.map(drop),
+        service.have_assets(HaveAssetsRequest::default()).await.map(drop),
+        service.upload_asset(tokio_stream::iter([])).await.map(drop),
+        service.plan_bake(PlanBakeRequest { spec: Some(short(1)) }).await.map(drop),
+        service.bake(request(short(1))).await.map(drop),
+        service.watch_bake(WatchBakeRequest { bake_id: bake_id.clone(), ..Default::default() }).await.map(drop),
+        service.get_bake(GetBakeRequest { bake_id: bake_id.clone() }).await.map(drop),
+        service.list_bakes(ListBakesRequest::default()).await.map(drop),
+        service.cancel_bake(CancelBakeRequest { bake_id: bake_id.clone() }).await.map(drop),
+        service.delete_bake(DeleteBakeRequest { bake_id: bake_id.clone() }).await.map(drop),
+        service.download_result(DownloadResultRequest { bake_id, artifact: 0 }).await.map(drop),
+    ];
+    for refused in refused {
+        assert_fault(&refused.unwrap_err(), Code::Unavailable, "SHUTTING_DOWN");
+    }
+}
+
+/// Some libraries compress what they send.
+#[tokio::test]
+async fn requests_compressed_by_gzip() {
+    let server = Server::start(&[]);
+    server.ready().await;
+    let channel = channel(&format!("http://{}", server.addresses[0])).await;
+    let mut client = PileServiceClient::new(channel).send_compressed(CompressionEncoding::Gzip);
+    let (told, end) = events(client.bake(request(short(1))).await.unwrap().into_inner()).await;
+    end.unwrap();
+    let bake = client.get_bake(GetBakeRequest { bake_id: accepted_id(&told) }).await.unwrap().into_inner().bake;
+    assert_eq!(bake.unwrap().state(), BakeState::Succeeded);
+}
+
+/// The cache of fills counts among what the store may take, and goes before any result.
+#[tokio::test]
+async fn the_cache_counts_and_goes_first() {
+    let server = Server::start(&["--store-mib", "2"]);
+    let mut connection = server.ready().await;
+    let (first, _) = baked(&server, &mut connection).await;
+    let cache = server.path("data/cache");
+    assert!(cache.read_dir().unwrap().next().is_some(), "a fill is kept");
+    // More than the limit leaves.
+    std::fs::write(cache.join("large"), vec![0; 3 << 20]).unwrap();
+    let stream = connection.service.bake(request(short(2))).await.unwrap().into_inner();
+    let (told, end) = events(stream).await;
+    end.unwrap();
+    for _ in 0..500 {
+        if !cache.join("large").exists() {
+            break;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    assert!(!cache.join("large").exists(), "the cache is gone");
+    for id in [first, accepted_id(&told)] {
+        assert_eq!(status(&mut connection, &id).await.state(), BakeState::Succeeded, "results stay");
+    }
 }
 
 #[tokio::test]

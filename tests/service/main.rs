@@ -7,6 +7,7 @@ mod callers;
 mod command_line;
 mod damage;
 mod ends;
+mod faults;
 mod large;
 mod load;
 mod page;

@@ -35,19 +35,24 @@ enum Folder {
 impl Server {
     /// `cairn serve` on a port of its own, with these arguments.
     pub fn start(args: &[&str]) -> Server {
-        Server::launch(Folder::Own(tempfile::tempdir().unwrap()), args)
+        Server::launch(Folder::Own(tempfile::tempdir().unwrap()), args, "")
     }
 
     /// Another server on the data of one that has ended.
     pub fn start_in(folder: &Path, args: &[&str]) -> Server {
-        Server::launch(Folder::Other(folder.to_owned()), args)
+        Server::launch(Folder::Other(folder.to_owned()), args, "")
     }
 
-    fn launch(folder: Folder, args: &[&str]) -> Server {
+    /// The same, with these faults: see `server/src/trouble.rs`.
+    pub fn start_with_faults(folder: &Path, args: &[&str], faults: &str) -> Server {
+        Server::launch(Folder::Other(folder.to_owned()), args, faults)
+    }
+
+    fn launch(folder: Folder, args: &[&str], faults: &str) -> Server {
         let mut server = Server { process: Command::new("true").spawn().unwrap(), addresses: Vec::new(), folder };
         server.process.wait().unwrap();
         let mut command = command(server.folder());
-        command.args(["--listen", "127.0.0.1:0"]).args(args).stdout(Stdio::piped());
+        command.env("FAILPOINTS", faults).args(["--listen", "127.0.0.1:0"]).args(args).stdout(Stdio::piped());
         command.stderr(std::fs::File::options().append(true).create(true).open(server.path("log")).unwrap());
         server.process = command.spawn().unwrap();
         let stdout = BufReader::new(server.process.stdout.take().unwrap());
@@ -86,6 +91,14 @@ impl Server {
         let files = ["cone-small.glb", "stick.glb", "cube.glb"].map(content);
         server.upload(&files.into_iter().map(|bytes| (sha256(&bytes), bytes.into())).collect()).await.unwrap();
         server
+    }
+
+    /// The same, past the server: no fault of its own happens on the way.
+    pub async fn ready_without_faults(&self) -> Connection {
+        for name in ["cone-small.glb", "stick.glb"] {
+            std::fs::copy(asset(name), self.path("data/assets").join(sha256(&content(name)))).unwrap();
+        }
+        self.connect().await
     }
 
     /// Asks the server to end.

@@ -23,6 +23,7 @@ mod summary;
 mod watch;
 mod worker;
 
+use crate::trouble;
 use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
 use clap::{Parser, Subcommand};
@@ -80,6 +81,7 @@ Colours: as the terminal allows; the environment variable NO_COLOR switches them
 
 /// Runs the command that the process was started with.
 pub fn main() -> ExitCode {
+    trouble::set_up();
     let cli = Cli::parse();
     let result = fault::contain(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
@@ -118,7 +120,7 @@ fn tell(kind: &str, color: AnsiColor, message: &str) {
 fn print(text: &str) -> Result<(), Failure> {
     use std::io::{ErrorKind, Write};
     let mut stdout = std::io::stdout().lock();
-    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+    match trouble::write("stdout-write", &mut stdout, text.as_bytes()).and_then(|()| stdout.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
             Err(Failure::write("the standard output".as_ref(), error))
         }

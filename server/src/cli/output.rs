@@ -1,8 +1,9 @@
 //! Files that a command writes: checked before any work, written complete or not at all.
 
 use super::{Failure, interrupt};
-use crate::files;
+use crate::files::{self, Staged};
 use crate::problem::Problem;
+use crate::trouble;
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -69,11 +70,20 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
 /// Writes a file, complete or not at all; or into what the path leads to.
 pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
     let written = match Way::to(path) {
-        Way::Stdout => std::io::stdout().write_all(content).and_then(|()| std::io::stdout().flush()),
-        Way::Stream => File::options().write(true).open(path).and_then(|mut stream| stream.write_all(content)),
         Way::File(target) => files::write_atomically(&target, content),
+        way => write_through(way, path, content),
     };
     written.map_err(|error| Failure::write(path, error))
+}
+
+/// Into what is no file.
+fn write_through(way: Way, path: &Path, content: &[u8]) -> std::io::Result<()> {
+    if let Way::Stdout = way {
+        let mut stdout = std::io::stdout().lock();
+        return trouble::write("stdout-write", &mut stdout, content).and_then(|()| stdout.flush());
+    }
+    let mut stream = File::options().write(true).open(path)?;
+    trouble::write("stream-write", &mut stream, content)
 }
 
 /// Writes result and report: both or none.
@@ -82,15 +92,30 @@ pub fn write_result(output: &Path, result: &[u8], report: Option<(&Path, String)
     if interrupt::asked() {
         return Err(Failure::Cancelled);
     }
-    if let Some((path, text)) = &report {
-        write(path, text.as_bytes())?;
-    }
-    write(output, result).inspect_err(|_| {
-        if let Some((path, _)) = &report {
-            // A report of a result that is not there would mislead.
-            if let Way::File(report) = Way::to(path) {
-                let _ = std::fs::remove_file(report);
+    // All that takes room is on the disk before anything has its name: where there is none, what was there stays.
+    let (mut files, mut streams) = (Vec::new(), Vec::new());
+    let parts = report.iter().map(|(path, text)| (*path, text.as_bytes())).chain([(output, result)]);
+    for (path, content) in parts {
+        match Way::to(path) {
+            Way::File(target) => {
+                files.push((path, Staged::write(&target, content).map_err(|error| Failure::write(path, error))?));
             }
+            way => streams.push((way, path, content)),
         }
-    })
+    }
+    for (way, path, content) in streams {
+        write_through(way, path, content).map_err(|error| Failure::write(path, error))?;
+    }
+    let mut named = Vec::new();
+    for (path, file) in files {
+        named.push(file.publish().map_err(|error| {
+            // A report of a result that is not there would mislead.
+            named.iter().for_each(|before: &PathBuf| drop(std::fs::remove_file(before)));
+            Failure::write(path, error)
+        })?);
+    }
+    for path in named {
+        files::sync_folder(files::folder_of(&path)).map_err(|error| Failure::write(&path, error))?;
+    }
+    Ok(())
 }

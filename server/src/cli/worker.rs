@@ -51,6 +51,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             worker::tell(News::NotWritten(why));
             Ok(())
         }
+        Err(worker::Error::Broken(why)) => {
+            worker::tell(News::Broken(why));
+            Ok(())
+        }
         Err(worker::Error::Internal(what)) => Err(Failure::Internal(what)),
     }
 }

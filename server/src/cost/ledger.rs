@@ -1,6 +1,7 @@
 //! The runs that were made, kept as lines of JSON: a study that is called again goes on where it ended.
 
 use crate::problem::Problem;
+use crate::trouble;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::estimate::Workload;
@@ -88,9 +89,15 @@ impl Ledger {
 
     pub fn add(&mut self, record: Record) -> Result<(), Problem> {
         let line = serde_json::to_string(&record).expect("a record has a JSON form") + "\n";
-        self.file.write_all(line.as_bytes()).and_then(|()| self.file.flush()).map_err(|e| {
-            Problem::new(self.path.display().to_string(), format!("cannot be written: {e}"), "Make room on the disk.")
-        })?;
+        trouble::write("ledger-write", &mut self.file, line.as_bytes()).and_then(|()| self.file.flush()).map_err(
+            |e| {
+                Problem::new(
+                    self.path.display().to_string(),
+                    format!("cannot be written: {e}"),
+                    "Make room on the disk.",
+                )
+            },
+        )?;
         self.records.push(record);
         Ok(())
     }

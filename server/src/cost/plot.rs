@@ -2,9 +2,12 @@
 
 use super::table::{self, Row, Spread, front};
 use super::{ACCURACY, Kind, SHAPE, Study};
+use crate::files::write_atomically;
+use image::{ImageFormat, RgbImage};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
+use std::io::Cursor;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Once;
@@ -24,9 +27,14 @@ pub fn draw(study: &Study, folder: &Path) -> Result<(), Fault> {
     FONTS.call_once(|| {
         let _ = register_font(FONT, FontStyle::Normal, notosans::REGULAR_TTF);
     });
-    let (svg, png) = (folder.join("cost.svg"), folder.join("cost.png"));
-    sheet(study, &SVGBackend::new(&svg, SIZE).into_drawing_area())?;
-    sheet(study, &BitMapBackend::new(&png, SIZE).into_drawing_area())
+    let mut svg = String::new();
+    sheet(study, &SVGBackend::with_string(&mut svg, SIZE).into_drawing_area())?;
+    let mut picture = RgbImage::new(SIZE.0, SIZE.1);
+    sheet(study, &BitMapBackend::with_buffer(&mut picture, SIZE).into_drawing_area())?;
+    let mut png = Cursor::new(Vec::new());
+    picture.write_to(&mut png, ImageFormat::Png)?;
+    write_atomically(&folder.join("cost.svg"), svg.as_bytes())?;
+    Ok(write_atomically(&folder.join("cost.png"), png.get_ref())?)
 }
 
 fn sheet<B: DrawingBackend>(study: &Study, area: &DrawingArea<B, Shift>) -> Result<(), Fault>

@@ -3,6 +3,7 @@
 //! A cache never decides what a result is, only how long it takes: what cannot be read is made anew, and what cannot be
 //! written is left out.
 
+use crate::trouble;
 use crate::wire::versions::versions;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
@@ -12,6 +13,7 @@ use etcetera::BaseStrategy;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// What all entries together may take, bytes: the oldest go first.
 const MOST: usize = 2 << 30;
@@ -69,8 +71,24 @@ impl Cache {
     fn write<T: Serialize>(&self, key: &str, value: &T) {
         let Some(folder) = &self.folder else { return };
         let Ok(bytes) = postcard::to_stdvec(value) else { return };
-        if bytes.len() <= LARGEST && cacache::write_sync(folder, key, &bytes).is_ok() {
+        if bytes.len() > LARGEST {
+            return;
+        }
+        let written = trouble::at("cache-write").is_ok() && cacache::write_sync(folder, key, &bytes).is_ok();
+        if written {
             trim(folder);
+        }
+    }
+}
+
+/// A process that was killed leaves a file in the cache's own folder for what is being written.
+fn remove_unfinished(folder: &Path) {
+    /// Writing takes seconds.
+    const LONGEST: Duration = Duration::from_secs(3600);
+    for entry in folder.read_dir().into_iter().flatten().flatten() {
+        let age = entry.metadata().and_then(|found| found.modified()).ok().and_then(|time| time.elapsed().ok());
+        if age.is_some_and(|age| age > LONGEST) {
+            let _ = std::fs::remove_file(entry.path());
         }
     }
 }
@@ -108,8 +126,9 @@ fn program() -> String {
     file.map_or(String::new(), |file| format!("{} {:?}", file.len(), file.modified().ok()))
 }
 
-/// Takes out the oldest entries until the rest is small enough.
+/// Takes out the oldest entries until the rest is small enough, and what killed processes had begun to write.
 fn trim(folder: &Path) {
+    remove_unfinished(&folder.join("tmp"));
     let mut entries: Vec<cacache::Metadata> = cacache::list_sync(folder).filter_map(Result::ok).collect();
     let mut total: usize = entries.iter().map(|entry| entry.size).sum();
     entries.sort_by_key(|entry| std::cmp::Reverse(entry.time));

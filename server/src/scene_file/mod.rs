@@ -35,16 +35,24 @@ impl SceneTree {
         let name = path.display().to_string();
         let one = |what: &str, remedy: &str| vec![Problem::new(&name, what, remedy)];
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-        let parse = match extension.as_deref() {
-            Some("toml") => text::parse_toml,
-            Some("json") => text::parse_json,
+        match extension.as_deref() {
+            Some("toml" | "json") => {}
             Some("glb" | "gltf") => {
                 return Err(one("a mesh, not a scene file", "Give it by --control, --prop or --static."));
             }
             _ => return Err(one("not a scene file", "A scene file's name ends in .toml or .json.")),
-        };
+        }
         let bytes = files::read(path).map_err(|problem| vec![problem])?;
-        let text = std::str::from_utf8(&bytes).map_err(|_| one("not a text", "Save it as UTF-8."))?;
+        SceneTree::read(path, &bytes)
+    }
+
+    /// The scene file of this name with this content.
+    pub fn read(path: &Path, bytes: &[u8]) -> Result<SceneTree, Vec<Problem>> {
+        let name = path.display().to_string();
+        let one = |what: &str, remedy: &str| vec![Problem::new(&name, what, remedy)];
+        let is_toml = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
+        let parse = if is_toml { text::parse_toml } else { text::parse_json };
+        let text = std::str::from_utf8(bytes).map_err(|_| one("not a text", "Save it as UTF-8."))?;
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let parsed = parse(text).map_err(|errors| {
             let place = |line: Option<usize>| line.map_or(name.clone(), |line| format!("{name}:{line}"));

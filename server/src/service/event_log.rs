@@ -2,6 +2,7 @@
 //!
 //! The physics never waits for a reader, and a reader that fell behind finds everything here.
 
+use crate::trouble;
 use crate::wire::proto::{BakeEvent, bake_event::Kind};
 use bytes::BytesMut;
 use prost::Message;
@@ -21,11 +22,11 @@ pub fn codec() -> LengthDelimitedCodec {
     LengthDelimitedCodec::builder().max_frame_length(MAX_EVENT).new_codec()
 }
 
-/// Writes one message, its length before it.
-pub fn write_message(to: &mut impl Write, message: &impl Message) -> Result<usize> {
+/// Writes one message, its length before it. `place`: where faults may happen, see [`trouble`].
+pub fn write_message(place: &str, to: &mut impl Write, message: &impl Message) -> Result<usize> {
     let mut framed = BytesMut::new();
     codec().encode(&message.encode_to_vec()[..], &mut framed)?;
-    to.write_all(&framed)?;
+    trouble::write(place, to, &framed)?;
     Ok(framed.len())
 }
 
@@ -48,6 +49,7 @@ pub struct Writer {
 impl Writer {
     /// A new log with its first event; what was there is gone.
     pub fn create(path: &Path, first: Kind) -> Result<Writer> {
+        trouble::at("log-create")?;
         let mut writer = Writer { file: BufWriter::new(File::create(path)?), extent: Extent::default() };
         writer.append(first)?;
         Ok(writer)
@@ -64,12 +66,13 @@ impl Writer {
     pub fn append(&mut self, kind: Kind) -> Result<()> {
         self.extent.last += 1;
         let event = BakeEvent { sequence_number: self.extent.last, kind: Some(kind) };
-        self.extent.bytes += write_message(&mut self.file, &event)? as u64;
+        self.extent.bytes += write_message("log-append", &mut self.file, &event)? as u64;
         Ok(())
     }
 
     /// From now on, readers may see everything appended.
     pub fn flush(&mut self) -> Result<Extent> {
+        trouble::at("log-flush")?;
         self.file.flush()?;
         Ok(self.extent)
     }
@@ -77,6 +80,7 @@ impl Writer {
     /// The same, and everything appended outlives a power cut.
     pub fn sync(&mut self) -> Result<Extent> {
         let extent = self.flush()?;
+        trouble::at("log-sync")?;
         self.file.get_ref().sync_all()?;
         Ok(extent)
     }
@@ -99,6 +103,7 @@ impl Reader {
 
     /// The next event among the first `bytes` of the log. An error if it has fewer.
     pub async fn next(&mut self, bytes: u64) -> Result<Option<BakeEvent>> {
+        trouble::at("log-read")?;
         let more = bytes.saturating_sub(self.granted);
         self.granted += more;
         let file = self.framed.get_mut();

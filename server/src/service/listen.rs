@@ -3,6 +3,7 @@
 use crate::problem::Problem;
 use crate::service::config::Config;
 use crate::service::secrets::Secrets;
+use crate::trouble;
 use std::net::SocketAddr;
 use std::path::Path;
 use tokio::net::TcpListener;
@@ -74,7 +75,11 @@ fn bind_unix(path: &Path) -> std::io::Result<Listener> {
         std::fs::remove_file(path)?;
     }
     let listener = UnixListener::bind(path)?;
-    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600))?;
+    let own = std::fs::Permissions::from_mode(0o600);
+    trouble::at("listen-mode").and_then(|()| std::fs::set_permissions(path, own)).inspect_err(|_| {
+        // Nobody is to find a socket that everybody may use.
+        let _ = std::fs::remove_file(path);
+    })?;
     Ok(Listener::Unix(listener, std::path::absolute(path)?))
 }
 

@@ -9,6 +9,8 @@ mod deadline;
 mod encryption;
 mod event_log;
 mod folder;
+#[cfg(feature = "failpoints")]
+pub mod in_process;
 mod jobs;
 pub mod listen;
 pub mod news;

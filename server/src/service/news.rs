@@ -6,7 +6,7 @@ use crate::wire::proto;
 /// One message.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Told {
-    #[prost(oneof = "News", tags = "1, 2, 3, 4, 5, 6")]
+    #[prost(oneof = "News", tags = "1, 2, 3, 4, 5, 6, 7")]
     pub news: Option<News>,
 }
 
@@ -24,9 +24,12 @@ pub enum News {
     /// The request is at fault.
     #[prost(message, tag = "5")]
     Invalid(Invalid),
-    /// The disk is at fault.
+    /// The disk is full.
     #[prost(string, tag = "6")]
     NotWritten(String),
+    /// The disk is at fault.
+    #[prost(string, tag = "7")]
+    Broken(String),
 }
 
 #[derive(Clone, PartialEq, prost::Message)]

@@ -1,11 +1,13 @@
 //! One bake in a process of its own: the server's side. A bake that hangs is killed, one that crashes takes nothing with
 //! it, and its memory is bounded.
 
+use crate::files::plain_reason;
 use crate::service::config::Config;
 use crate::service::event_log::codec;
 use crate::service::news::{News, Told};
 use crate::service::status::Fault;
 use crate::service::store::CACHE;
+use crate::trouble;
 use prost::Message;
 use std::io::Result;
 use std::path::Path;
@@ -38,7 +40,14 @@ pub struct Worker {
 }
 
 impl Worker {
-    pub fn start(config: &Config, task: Task, folder: &Path) -> Result<Worker> {
+    pub fn start(config: &Config, task: Task, folder: &Path) -> std::result::Result<Worker, Fault> {
+        Worker::spawn(config, task, folder).map_err(|error| {
+            tracing::error!(%error, "no process could be started");
+            Fault::BakeNotStarted(plain_reason(&error))
+        })
+    }
+
+    fn spawn(config: &Config, task: Task, folder: &Path) -> Result<Worker> {
         let program = match &config.worker_program {
             Some(program) => program.clone(),
             // Still this version after another one was installed in its place.
@@ -63,6 +72,7 @@ impl Worker {
         #[cfg(unix)]
         command.process_group(0);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+        trouble::at("worker-spawn")?;
         let mut child = command.spawn()?;
         let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
         let stdout = stdout.ok_or_else(|| std::io::Error::other("no pipe to the worker"))?;
@@ -83,7 +93,13 @@ impl Worker {
     }
 
     /// What the worker tells next; `None` once it has no more to say. May be dropped and called again.
-    pub async fn next(&mut self) -> Result<Option<News>> {
+    pub async fn next(&mut self) -> std::result::Result<Option<News>, Fault> {
+        let told = self.read().await;
+        told.map_err(|error| Fault::BakeCrashed(format!("what it tells cannot be read: {}", plain_reason(&error))))
+    }
+
+    async fn read(&mut self) -> Result<Option<News>> {
+        trouble::at("news-read")?;
         match self.news.next().await.transpose()? {
             Some(told) => Ok(Told::decode(told)?.news),
             None => Ok(None),

@@ -3,6 +3,7 @@
 //! Errors follow AIP-193: one `ErrorInfo` of the domain `cairn`, `BadRequest` with every problem of the input,
 //! `RetryInfo` where trying again helps.
 
+use crate::files::plain_reason;
 use crate::wire::proto::{Failure, FieldProblem};
 use std::time::Duration;
 use tonic::{Code, Status};
@@ -46,6 +47,8 @@ pub enum Fault {
          bodies, or tell the operator: fewer bakes at once need less"
     )]
     BakeKilled,
+    #[error("the bake's process could not be started: {0}; try again later, or tell the operator")]
+    BakeNotStarted(String),
     #[error("the bake took longer than the {0} s that this server gives to one")]
     TimeLimit(u64),
     #[error("the deadline of the call has passed")]
@@ -72,6 +75,8 @@ pub enum Fault {
     TokenInvalid,
     #[error("{0}")]
     ProtocolMismatch(String),
+    #[error("the server's data directory is at fault: {0}; tell the operator")]
+    DataDirectory(String),
     #[error("internal error: {0}")]
     Internal(String),
 }
@@ -99,9 +104,9 @@ impl Fault {
             Fault::NotYours(_) | Fault::NotAllowed(_) => Code::PermissionDenied,
             Fault::BakeDamaged(_) => Code::DataLoss,
             Fault::ServerRestarted => Code::Aborted,
-            Fault::ShuttingDown => Code::Unavailable,
+            Fault::BakeNotStarted(_) | Fault::ShuttingDown => Code::Unavailable,
             Fault::TokenInvalid => Code::Unauthenticated,
-            Fault::BakeCrashed(_) | Fault::Internal(_) => Code::Internal,
+            Fault::BakeCrashed(_) | Fault::DataDirectory(_) | Fault::Internal(_) => Code::Internal,
         }
     }
 
@@ -120,6 +125,7 @@ impl Fault {
             Fault::MemoryLimit(_) => "MEMORY_LIMIT",
             Fault::StorageLimit(_) => "STORAGE_LIMIT",
             Fault::BakeKilled => "BAKE_KILLED",
+            Fault::BakeNotStarted(_) => "BAKE_NOT_STARTED",
             Fault::TimeLimit(_) => "TIME_LIMIT",
             Fault::Deadline => "DEADLINE",
             Fault::BakeCancelled => "BAKE_CANCELLED",
@@ -132,6 +138,7 @@ impl Fault {
             Fault::ShuttingDown => "SHUTTING_DOWN",
             Fault::TokenInvalid => "TOKEN_INVALID",
             Fault::ProtocolMismatch(_) => "PROTOCOL_MISMATCH",
+            Fault::DataDirectory(_) => "DATA_DIRECTORY",
             Fault::Internal(_) => "INTERNAL",
         }
     }
@@ -148,7 +155,7 @@ impl Fault {
     fn retry(&self) -> Option<Duration> {
         match self {
             Fault::QueueFull { retry } => Some(*retry),
-            Fault::TooManyCalls | Fault::ShuttingDown => Some(Duration::from_secs(5)),
+            Fault::TooManyCalls | Fault::BakeNotStarted(_) | Fault::ShuttingDown => Some(Duration::from_secs(5)),
             _ => None,
         }
     }
@@ -159,16 +166,25 @@ impl Fault {
     }
 }
 
+/// Whether the server has as many files open as the system allows: that says nothing about the file that it asked for.
+pub fn no_more_files(error: &std::io::Error) -> bool {
+    const ENFILE: i32 = 23;
+    const EMFILE: i32 = 24;
+    cfg!(unix) && matches!(error.raw_os_error(), Some(ENFILE | EMFILE))
+}
+
 impl From<std::io::Error> for Fault {
     fn from(error: std::io::Error) -> Fault {
         use std::io::ErrorKind;
         tracing::error!(%error, "the data directory");
+        if no_more_files(&error) {
+            return Fault::TooManyCalls;
+        }
         match error.kind() {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
                 Fault::StorageLimit(DISK_FULL.into())
             }
-            // The kind alone: the words may name a place of the server.
-            kind => Fault::Internal(format!("the data directory: {kind}")),
+            _ => Fault::DataDirectory(plain_reason(&error)),
         }
     }
 }

@@ -10,15 +10,16 @@
 //!
 //! A bake has its assets as hard links, so that they may go from `assets/` at any time.
 
-use crate::files::{sync_folder, write_atomically};
+use crate::files::{remove_unfinished, sync_folder, write_atomically};
 use crate::service::config::Config;
-use crate::service::folder::{ASSETS, EVENTS, SPEC, result_name};
+use crate::service::folder::{ASSETS, EVENTS, REPORT, SPEC, result_name};
+use crate::trouble;
 use crate::wire::digest::hex;
 use crate::wire::proto::{BakeSpec, BakeState, BakeStatus, OutputFormat};
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File};
-use std::io::{ErrorKind, Result, Write};
+use std::io::{ErrorKind, Result};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use tempfile::{NamedTempFile, TempDir};
@@ -81,6 +82,7 @@ impl Store {
     }
 
     pub fn upload(&self) -> Result<Upload> {
+        trouble::at("upload-create")?;
         let file = NamedTempFile::new_in(self.root.join("partial"))?;
         Ok(Upload { file, hasher: Sha256::new(), bytes: 0 })
     }
@@ -90,7 +92,9 @@ impl Store {
         if hex(&upload.hasher.finalize()) != sha256 {
             return Ok(false);
         }
+        trouble::at("upload-sync")?;
         upload.file.as_file().sync_all()?;
+        trouble::at("upload-rename")?;
         upload.file.persist(self.asset(sha256))?;
         sync_folder(&self.root.join("assets"))?;
         Ok(true)
@@ -133,9 +137,11 @@ impl Store {
     }
 
     fn fill(&self, folder: &Path, spec: &BakeSpec) -> Result<()> {
+        trouble::at("store-folder")?;
         fs::create_dir_all(folder.join(ASSETS))?;
         for asset in &spec.assets {
             let from = self.asset(&asset.sha256);
+            trouble::at("store-link")?;
             match fs::hard_link(&from, folder.join(ASSETS).join(&asset.sha256)) {
                 Ok(()) => touch(&from)?,
                 // The worker tells what is missing; and one asset may have several names.
@@ -150,9 +156,17 @@ impl Store {
         write_atomically(&self.folder(&status.bake_id).join(STATUS), &status.encode_to_vec())
     }
 
-    /// A bake has ended: its assets are no longer needed.
-    pub fn release_assets(&self, id: &str) {
-        let _ = fs::remove_dir_all(self.folder(id).join(ASSETS));
+    /// A bake has ended: its assets are no longer needed, nor is what its process left half written, nor half a result.
+    pub fn tidy(&self, status: &BakeStatus) {
+        let folder = self.folder(&status.bake_id);
+        let _ = fs::remove_dir_all(folder.join(ASSETS));
+        remove_unfinished(&folder);
+        if status.state() != BakeState::Succeeded {
+            let results = [OutputFormat::Glb, OutputFormat::Json, OutputFormat::Csv].map(result_name);
+            for name in results.into_iter().chain([REPORT]) {
+                let _ = fs::remove_file(folder.join(name));
+            }
+        }
     }
 
     /// A bake's results were asked for.
@@ -183,6 +197,7 @@ impl Store {
     }
 
     pub fn remove(&self, id: &str) -> Result<()> {
+        trouble::at("store-remove")?;
         match fs::remove_dir_all(self.folder(id)) {
             Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
             _ => Ok(()),
@@ -213,7 +228,12 @@ impl Store {
                 break;
             }
             let name = kept.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let is_gone = if kept.is_bake { remove_bake(&name)? } else { fs::remove_file(&kept.path).is_ok() };
+            let removed = if kept.is_bake { remove_bake(&name) } else { fs::remove_file(&kept.path).map(|()| true) };
+            // What cannot be removed keeps nothing else.
+            let is_gone = removed.unwrap_or_else(|error| {
+                warn!(path = %kept.path.display(), %error, "it is over the limits and cannot be removed");
+                false
+            });
             total -= if is_gone { kept.bytes } else { 0 };
         }
         Ok(total)
@@ -224,7 +244,7 @@ impl Upload {
     pub fn write(&mut self, chunk: &[u8]) -> Result<()> {
         self.hasher.update(chunk);
         self.bytes += chunk.len() as u64;
-        self.file.write_all(chunk)
+        trouble::write("upload-write", &mut self.file, chunk)
     }
 }
 

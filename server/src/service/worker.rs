@@ -36,6 +36,8 @@ pub enum Error {
     Invalid(Invalid),
     #[error("{0}")]
     NotWritten(String),
+    #[error("the data directory: {0}")]
+    Broken(String),
     /// Our fault.
     #[error("{0}")]
     Internal(String),
@@ -47,8 +49,7 @@ impl From<std::io::Error> for Error {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
                 Error::NotWritten(DISK_FULL.into())
             }
-            // The kind alone: the words may name a place of the server.
-            kind => Error::Internal(format!("the data directory: {kind}")),
+            _ => Error::Broken(files::plain_reason(&error)),
         }
     }
 }
@@ -86,7 +87,8 @@ fn told(mut problems: Vec<proto::FieldProblem>, only_missing: bool) -> Error {
 /// Tells the server. One that is gone is no longer interested.
 pub fn tell(news: News) {
     let mut stdout = std::io::stdout().lock();
-    let told = event_log::write_message(&mut stdout, &Told { news: Some(news) }).and_then(|_| stdout.flush());
+    let told =
+        event_log::write_message("news-write", &mut stdout, &Told { news: Some(news) }).and_then(|_| stdout.flush());
     if told.is_err() {
         std::process::exit(1);
     }

@@ -1,10 +1,12 @@
 //! What streams to a caller: events from the log and progress, and files. A caller that is slow waits for itself alone.
 
+use crate::files::plain_reason;
 use crate::service::event_log::Reader;
 use crate::service::folder::EVENTS;
 use crate::service::jobs::{Bakes, Entry};
 use crate::service::shares::Held;
-use crate::service::status::Fault;
+use crate::service::status::{Fault, no_more_files};
+use crate::trouble;
 use crate::wire::digest::hex;
 use crate::wire::proto::{BakeEvent, DownloadResultResponse, FrameSelection, Stage, bake_event::Kind};
 use crate::wire::to_proto;
@@ -25,6 +27,11 @@ pub type Events<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 const WAITING: usize = 4;
 /// Bytes of a chunk of a download.
 const CHUNK: usize = 64 << 10;
+
+/// Whether the caller is still there.
+async fn send<T>(sender: &mpsc::Sender<Result<T, Status>>, message: T) -> bool {
+    trouble::at("stream-send").is_ok() && sender.send(Ok(message)).await.is_ok()
+}
 
 /// What a caller wants to see of a bake.
 pub struct Follow {
@@ -75,7 +82,8 @@ impl Follow {
         // A bake may be deleted at any time.
         let gone = || Fault::BakeNotFound(entry.id());
         let damaged = |error: std::io::Error| match bakes.find(&entry.id()) {
-            Ok(_) => bakes.damaged(entry, format!("its events cannot be read ({})", error.kind())),
+            Ok(_) if no_more_files(&error) => Fault::from(error),
+            Ok(_) => bakes.damaged(entry, format!("its events cannot be read ({})", plain_reason(&error))),
             Err(_) => gone(),
         };
         let mut reader = Reader::open(log).await.map_err(damaged)?;
@@ -88,7 +96,7 @@ impl Follow {
                 (now.log_bytes, now.has_ended(), now.status.progress.filter(|_| !now.has_ended()), failure)
             };
             while let Some(event) = reader.next(bytes).await.map_err(damaged)? {
-                if event.sequence_number >= self.from && self.wants(&event) && sender.send(Ok(event)).await.is_err() {
+                if event.sequence_number >= self.from && self.wants(&event) && !send(sender, event).await {
                     return Ok(());
                 }
             }
@@ -98,7 +106,7 @@ impl Follow {
             if progress.is_some() && progress != told {
                 told = progress;
                 let event = BakeEvent { sequence_number: 0, kind: progress.map(Kind::Progress) };
-                if sender.send(Ok(event)).await.is_err() {
+                if !send(sender, event).await {
                     return Ok(());
                 }
             }
@@ -137,10 +145,13 @@ impl Download {
         entry: Arc<Entry>,
         permit: Held,
     ) -> Result<Events<DownloadResultResponse>, Fault> {
-        let damaged =
-            |error: &std::io::Error| bakes.damaged(&entry, format!("a file cannot be read ({})", error.kind()));
-        let file = tokio::fs::File::open(&self.path).await.map_err(|error| damaged(&error))?;
-        let size = file.metadata().await.map_err(|error| damaged(&error))?.len();
+        let damaged = |error: std::io::Error| match no_more_files(&error) {
+            true => Fault::from(error),
+            false => bakes.damaged(&entry, format!("a file cannot be read ({})", plain_reason(&error))),
+        };
+        trouble::at("download-open").map_err(damaged)?;
+        let file = tokio::fs::File::open(&self.path).await.map_err(damaged)?;
+        let size = file.metadata().await.map_err(damaged)?.len();
         let (sender, receiver) = mpsc::channel(WAITING);
         let bakes = bakes.clone();
         tokio::spawn(async move {
@@ -163,9 +174,11 @@ impl Download {
         let mut hasher = Sha256::new();
         let mut held = DownloadResultResponse { size_bytes: to_proto::signed(size), ..Default::default() };
         while let Some(chunk) = chunks.next().await {
-            let chunk = chunk.map_err(|error| format!("a file cannot be read ({})", error.kind()))?;
+            let chunk = trouble::at("download-read")
+                .and(chunk)
+                .map_err(|error| format!("a file cannot be read ({})", plain_reason(&error)))?;
             hasher.update(&chunk);
-            if !held.chunk.is_empty() && sender.send(Ok(std::mem::take(&mut held))).await.is_err() {
+            if !held.chunk.is_empty() && !send(sender, std::mem::take(&mut held)).await {
                 return Ok(());
             }
             held.chunk = chunk;
@@ -173,7 +186,7 @@ impl Download {
         if !self.sha256.is_empty() && hex(&hasher.finalize()) != self.sha256 {
             return Err("a file is not what was written".into());
         }
-        let _ = sender.send(Ok(held)).await;
+        send(sender, held).await;
         Ok(())
     }
 }

@@ -140,18 +140,19 @@ impl Bakes {
             if let Some(damage) = self.store.damage(&status) {
                 warn!(bake_id = %id, damage, "a bake is damaged; it is made again when it is asked for");
                 status.end(BakeState::Failed, Some(&Fault::BakeDamaged(damage)));
-                self.store.write_status(&status)?;
+                self.write_down(&status);
             }
             let was_unfinished = matches!(status.state(), BakeState::Queued | BakeState::Running);
             if was_unfinished && self.config.unfinished == Unfinished::Fail {
                 status.end(BakeState::Failed, Some(&Fault::ServerRestarted));
-                self.store.write_status(&status)?;
-                self.store.release_assets(&id);
+                self.write_down(&status);
             }
             let resume = was_unfinished && self.config.unfinished == Unfinished::Restart;
             if resume {
                 // Its log is written anew: nothing of it may be read before.
                 (status.event_bytes, status.last_sequence_number) = (0, 0);
+            } else {
+                self.store.tidy(&status);
             }
             let log_bytes = u64::try_from(status.event_bytes).unwrap_or(0);
             let entry = Entry::new(Now { status, log_bytes, accepted: true }, None);
@@ -227,12 +228,17 @@ impl Bakes {
             warn!(bake_id = %status.bake_id, %fault, "a bake is damaged");
             status.end(BakeState::Failed, Some(&fault));
             status.summary = None;
-            if let Err(error) = self.store.write_status(&status) {
-                warn!(%error, "the damage could not be written down");
-            }
+            self.write_down(&status);
             entry.now.send_modify(|now| now.status = status);
         }
         fault
+    }
+
+    /// Where the disk does not take it, the next server finds it out as this one did.
+    fn write_down(&self, status: &BakeStatus) {
+        if let Err(error) = self.store.write_status(status) {
+            warn!(bake_id = %status.bake_id, %error, "how the bake stands could not be written down");
+        }
     }
 
     fn queue_full(&self) -> Fault {
@@ -271,6 +277,7 @@ impl Bakes {
             Some(News::Invalid(invalid)) if invalid.only_missing => Err(Fault::AssetsMissing(invalid.problems)),
             Some(News::Invalid(invalid)) => Err(Fault::SceneInvalid(invalid.problems)),
             Some(News::NotWritten(why)) => Err(Fault::StorageLimit(why)),
+            Some(News::Broken(why)) => Err(Fault::DataDirectory(why)),
             Some(_) => Err(Fault::Internal("the worker did not plan".into())),
             None => Err(slot.take().expect("it was started").fault().await),
         }
@@ -317,8 +324,9 @@ impl Bakes {
         let mut entries = self.entries();
         let is_at_work = entries.get(id).is_some_and(|entry| !entry.now.borrow().has_ended());
         if !is_at_work {
-            entries.remove(id);
+            // One that cannot be removed is still there, to be removed again.
             self.store.remove(id)?;
+            entries.remove(id);
         }
         Ok(!is_at_work)
     }

@@ -7,6 +7,7 @@ use crate::service::folder::EVENTS;
 use crate::service::news::News;
 use crate::service::process::{Task, Worker};
 use crate::service::status::Fault;
+use crate::trouble;
 use crate::wire::proto::bake_event::Kind;
 use crate::wire::proto::{Accepted, BakeSpec, BakeState, Summary};
 use crate::wire::versions::versions;
@@ -44,6 +45,7 @@ impl Bakes {
         let bakes = self.clone();
         let life = async move {
             metrics::gauge!("cairn_bakes_pending").increment(1);
+            let _certain = CertainEnd(&bakes, &entry);
             let mut worker = None;
             let result = tokio::select! {
                 result = bakes.run(&entry, new, &mut worker) => result,
@@ -53,7 +55,6 @@ impl Bakes {
                 worker.kill().await;
             }
             bakes.finish(&entry, result);
-            metrics::gauge!("cairn_bakes_pending").decrement(1);
             bakes.grown();
         };
         self.tasks.spawn(life.instrument(span));
@@ -126,6 +127,7 @@ impl Bakes {
         self.write_status(entry)?;
         info!("started");
         let _running = Running::new();
+        trouble::at("bake-task")?;
         match self.config.bake_time() {
             Some(longest) => match tokio::time::timeout(longest, self.follow_worker(entry, &folder, slot)).await {
                 Ok(result) => result,
@@ -185,6 +187,7 @@ impl Bakes {
                 Some(News::Done(summary)) => return Ok(summary),
                 Some(News::Invalid(invalid)) => return Err(Fault::SceneInvalid(invalid.problems).into()),
                 Some(News::NotWritten(why)) => return Err(Fault::StorageLimit(why).into()),
+                Some(News::Broken(why)) => return Err(Fault::DataDirectory(why).into()),
                 Some(News::Planned(_)) => {}
                 None => break,
             }
@@ -223,9 +226,10 @@ impl Bakes {
             *self.last_time.lock().unwrap_or_else(PoisonError::into_inner) = time;
         }
         if bake.accepted {
-            self.store.release_assets(&id);
-            if let Err(error) = self.store.write_status(&bake.status) {
-                warn!(%error, "the end of the bake could not be written down");
+            match self.store.write_status(&bake.status) {
+                Ok(()) => self.store.tidy(&bake.status),
+                // The next server takes the bake up again, and needs its assets for that.
+                Err(error) => warn!(%error, "the end of the bake could not be written down"),
             }
             entry.now.send_replace(bake);
         } else {
@@ -258,6 +262,20 @@ fn duration(bake: &Now) -> Option<Duration> {
     let seconds = |time: prost_types::Timestamp| time.seconds as f64 + f64::from(time.nanos) * 1e-9;
     let time = seconds(bake.status.end_time?) - seconds(bake.status.start_time?);
     Duration::try_from_secs_f64(time).ok()
+}
+
+/// A panic in a bake's task ends that bake: its callers do not wait for ever.
+struct CertainEnd<'a>(&'a Bakes, &'a Entry);
+
+impl Drop for CertainEnd<'_> {
+    fn drop(&mut self) {
+        let CertainEnd(bakes, entry) = self;
+        let has_ended = entry.now.borrow().has_ended();
+        if !has_ended && std::thread::panicking() {
+            bakes.finish(entry, Err(End::Fault(Fault::Internal("the bake's task ended before its time".into()))));
+        }
+        metrics::gauge!("cairn_bakes_pending").decrement(1);
+    }
 }
 
 /// Counts a running bake while it lives.

@@ -14,6 +14,21 @@ pub struct Moments {
     pub inertia: DMat3,
 }
 
+/// What rounding may add to a moment, as a share of their sum: a needle's smallest is nearly zero.
+const MOMENT_ROUNDING: f64 = 1e-9;
+
+impl Moments {
+    /// Whether a body within these bounds can have them. Of a closed mesh whose parts lie across each other, some inside out, the
+    /// volume may be positive and yet the centre lie outside, and moments be negative.
+    pub fn are_of_a_body(&self, bounds: (DVec3, DVec3)) -> bool {
+        let (moments, _) = principal(self.inertia);
+        let sum = moments.element_sum();
+        let is_inside = self.center.cmpge(bounds.0).all() && self.center.cmple(bounds.1).all();
+        // No moment exceeds the sum of the two others.
+        is_inside && sum > 0.0 && moments.max_element() <= sum * (0.5 + MOMENT_ROUNDING)
+    }
+}
+
 /// Integrates over the signed tetrahedra from one corner of the bounding box to each triangle (the divergence theorem;
 /// exact for a closed mesh, whatever its shape).
 pub fn moments(mesh: &TriMesh) -> Moments {

@@ -20,6 +20,7 @@ use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::input::params::{Params, Physics};
 use crate::input::scene::{Prop, Scene};
 use glam::{DMat3, DQuat, DVec3};
+use mass::Moments;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::{MassProperties, SharedShape};
 
@@ -107,7 +108,7 @@ impl Shape {
         let (solid, deviation) = choose::solid(mesh, &around, diameter, closed, physics);
         let own = mass::moments(mesh);
         let solid_moments = solid.moments();
-        let fallback = mass_fallback(closed, own.volume, solid_moments.volume);
+        let fallback = mass_fallback(closed, &own, mesh, solid_moments.volume);
         let moments = if fallback.is_some() { solid_moments } else { own };
         if !(moments.volume > 0.0 && moments.volume.is_finite() && moments.inertia.is_finite()) {
             return Err(format!(
@@ -266,12 +267,15 @@ impl Solid {
     }
 }
 
-fn mass_fallback(closed: bool, own: f64, solid: f64) -> Option<String> {
+fn mass_fallback(closed: bool, own: &Moments, mesh: &TriMesh, solid: f64) -> Option<String> {
     if !closed {
         return Some("the mesh is open: mass and inertia are those of its collision shape".into());
     }
-    if own < MIN_VOLUME_SHARE * solid {
+    if own.volume < MIN_VOLUME_SHARE * solid {
         return Some("the mesh encloses next to no volume: mass and inertia are those of its collision shape".into());
+    }
+    if !own.are_of_a_body(mesh.bounds()) {
+        return Some("the mesh crosses itself: mass and inertia are those of its collision shape".into());
     }
     None
 }

@@ -1,0 +1,46 @@
+//! The service without a socket and without a server around it, for tests that send it any bytes.
+
+use crate::service::calls::Service;
+use crate::service::config::Config;
+use crate::service::jobs::Bakes;
+use crate::service::store::Store;
+use crate::wire::proto::pile_service_server::PileServiceServer;
+use http_body_util::{BodyExt, Full};
+use std::path::Path;
+use tokio::runtime::Runtime;
+use tonic::body::Body;
+use tonic::codec::CompressionEncoding;
+use tonic::codegen::{Service as _, http};
+
+/// A service on a data directory.
+pub struct InProcess {
+    runtime: Runtime,
+    service: PileServiceServer<Service>,
+}
+
+impl InProcess {
+    pub fn new(data: &Path) -> std::io::Result<InProcess> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let config = Config { data: data.to_owned(), asset_mib: 1, ..Config::default() };
+        let store = Store::open(&config)?;
+        let service = PileServiceServer::new(Service::new(Bakes::new(config, store)));
+        Ok(InProcess { runtime, service: service.accept_compressed(CompressionEncoding::Gzip) })
+    }
+
+    /// The gRPC status with which a call of this method and these bytes ends; `None` if it has none.
+    pub fn call(&mut self, method: &str, encoding: &str, bytes: Vec<u8>) -> Option<i32> {
+        let request = http::Request::post(format!("/cairn.v1.PileService/{method}"))
+            .header("content-type", "application/grpc")
+            .header("grpc-encoding", encoding)
+            .body(Body::new(Full::new(bytes.into())))
+            .ok()?;
+        let InProcess { runtime, service } = self;
+        runtime.block_on(async {
+            let response = service.call(request).await.ok()?;
+            let status = |headers: &http::HeaderMap| headers.get("grpc-status")?.to_str().ok()?.parse().ok();
+            let (head, body) = response.into_parts();
+            let trailers = body.collect().await.ok()?.trailers().cloned();
+            status(&head.headers).or_else(|| status(&trailers?))
+        })
+    }
+}

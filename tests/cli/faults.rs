@@ -1,0 +1,107 @@
+//! A fault at each place where the command line writes: a message, an exit code that says try again, and nothing half written.
+
+use crate::desk::{Desk, Done};
+
+const SCENE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";
+
+fn with_faults(desk: &Desk, faults: &str, line: &str) -> Done {
+    let args: Vec<&str> = line.split_whitespace().collect();
+    Done::of(desk.command(&args).env("FAILPOINTS", faults).output().unwrap())
+}
+
+/// What was there stays until all that takes room is on the disk; result and report appear together or not at all.
+#[test]
+fn a_result_and_its_report() {
+    let desk = Desk::new();
+    let line = format!("bake {SCENE} -o pile.json --report report.json -q");
+    for is_there in [false, true] {
+        if is_there {
+            desk.write("pile.json", "of before");
+            desk.write("report.json", "of before");
+        }
+        let before = desk.files();
+        for (place, told) in [
+            ("files-create", "No space"),
+            ("files-write", "No space"),
+            ("files-sync", "No space"),
+            ("files-rename", "No space"),
+        ] {
+            for nth in [0, 1] {
+                let faults = format!("{place}={nth}*off->return(ENOSPC)");
+                let done = with_faults(&desk, &faults, &line);
+                done.fails(75, &["cannot be written", told, if nth == 0 { "report.json" } else { "pile.json" }]);
+                // The second of two renames is the one thing that cannot be taken back.
+                if is_there && place == "files-rename" && nth == 1 {
+                    assert_eq!(std::fs::read_to_string(desk.path("pile.json")).unwrap(), "of before");
+                    desk.write("report.json", "of before");
+                }
+                assert_eq!(desk.files(), before, "{faults}");
+                if is_there {
+                    for name in ["pile.json", "report.json"] {
+                        assert_eq!(std::fs::read_to_string(desk.path(name)).unwrap(), "of before", "{faults}");
+                    }
+                }
+            }
+        }
+        // They have their names, but a power cut might take them back.
+        with_faults(&desk, "files-sync-folder=return(EIO)", &line).fails(75, &["cannot be written"]);
+        assert!(desk.files().iter().all(|name| !name.ends_with(".part")));
+        desk.line(&line).ok();
+        for name in ["pile.json", "report.json"] {
+            serde_json::from_slice::<serde_json::Value>(&std::fs::read(desk.path(name)).unwrap()).unwrap();
+            std::fs::remove_file(desk.path(name)).unwrap();
+        }
+    }
+}
+
+/// What is written through cannot be taken back, but it is told; and the report does not appear.
+#[test]
+fn streams() {
+    let desk = Desk::new();
+    let before = desk.files();
+    let line = format!("bake {SCENE} -o - --format json --report report.json -q");
+    for what in ["ENOSPC", "EPIPE"] {
+        with_faults(&desk, &format!("stdout-write=return({what})"), &line).fails(75, &["-: cannot be written"]);
+        assert_eq!(desk.files(), before);
+    }
+    with_faults(&desk, "stream-write=return(EIO)", &format!("bake {SCENE} -o /dev/null --format json -q"))
+        .fails(75, &["/dev/null: cannot be written"]);
+    desk.line(&line).ok();
+    let scene = "scene --control cone.glb --prop stick.glb";
+    with_faults(&desk, "stdout-write=return(ENOSPC)", scene).fails(75, &["the standard output", "No space"]);
+    assert_eq!(with_faults(&desk, "stdout-write=return(EPIPE)", scene).code, 0, "a reader that goes away is no fault");
+}
+
+/// A picture appears complete or not at all, too; and what only makes a later bake quicker may fail.
+#[test]
+fn pictures_and_caches() {
+    let desk = Desk::new();
+    let bake = format!("bake {SCENE} -o pile.glb -q");
+    let args: Vec<&str> = bake.split_whitespace().collect();
+    let mut command = desk.command(&args);
+    command
+        .env_remove("CAIRN_NO_CACHE")
+        .env("CAIRN_CACHE", desk.path("cache"))
+        .env("FAILPOINTS", "cache-write=return(EIO)");
+    Done::of(command.output().unwrap()).ok();
+    let before = desk.files();
+    let render = "render pile.glb -o pile.png --size 64x48 --samples 1";
+    for place in ["files-create", "files-write", "files-sync", "files-rename"] {
+        with_faults(&desk, &format!("{place}=return(EIO)"), render).fails(75, &["pile.png: cannot be written"]);
+        assert_eq!(desk.files(), before, "{place}");
+    }
+    desk.line(render).ok();
+}
+
+/// A line of a study's ledger that was cut off is left out, and the study goes on after it.
+#[test]
+fn a_ledger_that_is_cut_off() {
+    let desk = Desk::new();
+    let line = "cost --control cone.glb --prop stick.glb -o study --bodies 40 --seeds 1";
+    let lines = || std::fs::read_to_string(desk.path("study/runs.jsonl")).unwrap();
+    let is_record = |line: &&str| serde_json::from_str::<serde_json::Value>(line).is_ok();
+    with_faults(&desk, "ledger-write=return(ENOSPC)", line).fails(75, &["runs.jsonl: cannot be written", "No space"]);
+    assert!(!lines().is_empty() && lines().lines().filter(is_record).count() == 0, "half a line is there");
+    with_faults(&desk, "ledger-write=1*off->return(ENOSPC)", line).fails(75, &["runs.jsonl: cannot be written"]);
+    assert_eq!(lines().lines().filter(is_record).count(), 1);
+}
