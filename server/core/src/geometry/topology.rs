@@ -174,15 +174,15 @@ impl Edges {
     }
 }
 
-/// Disjoint sets of triangles.
-struct Parts(Vec<u32>);
+/// Disjoint sets of triangles, or of whatever else is numbered.
+pub(crate) struct Parts(Vec<u32>);
 
 impl Parts {
-    fn new(count: usize) -> Parts {
+    pub(crate) fn new(count: usize) -> Parts {
         Parts((0..count as u32).collect())
     }
 
-    fn find(&mut self, mut i: usize) -> usize {
+    pub(crate) fn find(&mut self, mut i: usize) -> usize {
         while self.0[i] as usize != i {
             self.0[i] = self.0[self.0[i] as usize];
             i = self.0[i] as usize;
@@ -191,7 +191,7 @@ impl Parts {
     }
 
     /// The smallest member names the set, so that names do not depend on the order of joining.
-    fn join(&mut self, a: usize, b: usize) {
+    pub(crate) fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.find(a), self.find(b));
         self.0[a.max(b)] = a.min(b) as u32;
     }

@@ -4,6 +4,7 @@ use crate::equilibrium::glue::{self, GlueError, GlueOptions, Placement};
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::geometry::region::DistanceGrid;
+use crate::geometry::topology::Parts;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::input::params::{Params, Switch};
 use crate::prepare::effects::{EffectName, Resolved};
@@ -11,6 +12,7 @@ use crate::sim::glue::{Dot, Glue, Sites};
 use crate::sim::step::Simulation;
 use crate::world::{BodyId, Side, World};
 use glam::{DQuat, DVec3};
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
 /// For how long the glued pile is let go, natural times.
@@ -27,6 +29,8 @@ const IN_PLACES: f64 = 0.2;
 const COLLAPSED: f64 = 0.4;
 /// The friction factor of each attempt, against the one that is asked for.
 const ATTEMPTS: [f64; 5] = [1.0, 0.7, 0.5, 0.5, 0.5];
+/// What still moves then is fastened to all that it touches, so many times; what moves next, too.
+const FASTENINGS: usize = 3;
 /// The ground tilts by this much to four sides, degrees.
 const TILT: f64 = 5.0;
 /// Steps of the proof between two looks at what has moved.
@@ -84,6 +88,8 @@ pub fn run<'a>(
     let (mut iterations, mut proof_steps, mut proof_seconds) = (0, 0, 0.0);
     let mut attempts = ATTEMPTS.iter().enumerate().peekable();
     let (mut best, mut least_way): (Option<Glued>, f64) = (None, f64::INFINITY);
+    // What moved in the best attempt, and what was not there.
+    let (mut moving, mut absent) = (BTreeSet::new(), Vec::new());
     while let Some((number, share)) = attempts.next() {
         let bodies = sites.ids.len();
         let progress =
@@ -144,12 +150,35 @@ pub fn run<'a>(
         anchors_all |= leans;
         if freed.way < least_way {
             (least_way, best) = (freed.way, Some(glued));
+            (moving, absent) = (freed.who.iter().copied().collect(), loose);
         }
         if stands || !changes {
             break;
         }
     }
     let mut glued = best.ok_or_else(|| Error::Internal("no dots were placed".into()))?;
+    // Glue of bounded strength is not to make up for its bound.
+    let fastenings = if resolved.glue_bound.is_finite() { 0 } else { FASTENINGS };
+    let mut dots = glued.dots.clone();
+    for _ in 0..fastenings {
+        let more = fasten(&sites, &dots, &moving, least_limit);
+        if more.is_empty() || glued.moved.is_none_or(|moved| moved <= MOST_MOVED) {
+            break;
+        }
+        dots.extend(more);
+        let progress =
+            Progress { stage: Stage::Glue, fraction: 1.0, bodies: sites.ids.len(), released: 0, at_rest: 0, nails: 0 };
+        let clock = observer.cpu_seconds();
+        let mut tell = |_: f64| observe(observer, &progress);
+        let freed = let_go(turn_over()?, &dots, &absent, DVec3::NEG_Y, true, &mut tell)?;
+        proof_steps += freed.steps;
+        proof_seconds += observer.cpu_seconds() - clock;
+        moving.extend(freed.who);
+        if freed.way < least_way {
+            least_way = freed.way;
+            (glued.dots, glued.moved, glued.freed) = (dots.clone(), Some(freed.moved), freed.poses);
+        }
+    }
     if params.glue.proof == Switch::On && proves {
         let clock = observer.cpu_seconds();
         let loose: Vec<BodyId> = sites.apart.clone();
@@ -186,23 +215,7 @@ fn place(sites: &Sites, options: &GlueOptions, going: &mut dyn FnMut() -> Contro
 /// `least_limit`: what each dot carries at least before it breaks.
 pub fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit: f64, breaking: f64) -> Vec<Dot> {
     let pile = sites.problem(DVec3::NEG_Y);
-    let dot = |touch: usize, force: DVec3, moment: DVec3| {
-        let site = &pile.touches[touch];
-        let mut dot = Dot {
-            a: sites.ids[site.body],
-            b: site.other.map(|other| sites.ids[other]),
-            point: site.center,
-            normal: sites.normals[touch],
-            arm: site.arm,
-            contact: sites.patches[touch],
-            force,
-            moment,
-            limit: 0.0,
-            is_broken: false,
-        };
-        dot.limit = least_limit.max(breaking * dot.load());
-        dot
-    };
+    let dot = |touch: usize, force: DVec3, moment: DVec3| sites.dot(touch, force, moment, least_limit, breaking);
     let mut dots: Vec<Dot> = placement.dots.iter().map(|d| dot(d.touch, d.force, d.moment)).collect();
     if anchors_all {
         let chosen = |touch: usize| placement.dots.iter().any(|d| d.touch == touch);
@@ -215,6 +228,29 @@ pub fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit
         dots.extend(feet.map(|touch| dot(touch, DVec3::ZERO, DVec3::ZERO)));
     }
     dots
+}
+
+/// More dots, so that each of these bodies is one solid with all that it touches. They carry nothing in the certified equilibrium:
+/// they hold against what no statics knows, such as bodies that the fill left pressed into each other.
+fn fasten(sites: &Sites, dots: &[Dot], moving: &BTreeSet<BodyId>, limit: f64) -> Vec<Dot> {
+    let pile = sites.problem(DVec3::NEG_Y);
+    // All that stands still is one more set.
+    let still = sites.ids.len();
+    let index = |id: BodyId| sites.ids.binary_search(&id).unwrap_or(still);
+    let mut solids = Parts::new(still + 1);
+    for dot in dots {
+        solids.join(index(dot.a), dot.b.map_or(still, index));
+    }
+    let mut more = Vec::new();
+    for (touch, site) in pile.touches.iter().enumerate() {
+        let (a, b) = (site.body, site.other.unwrap_or(still));
+        let moves = |body: usize| sites.ids.get(body).is_some_and(|id| moving.contains(id));
+        if site.may && !site.contacts.is_empty() && (moves(a) || moves(b)) && solids.find(a) != solids.find(b) {
+            solids.join(a, b);
+            more.push(sites.dot(touch, DVec3::ZERO, DVec3::ZERO, limit, 1.0));
+        }
+    }
+    more
 }
 
 /// What a pile did, left to itself.

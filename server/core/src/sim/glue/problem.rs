@@ -1,5 +1,6 @@
 //! Where a pile could be glued: the problem of [`crate::equilibrium::glue`], from what its bodies touch.
 
+use super::Dot;
 use crate::equilibrium::global::{GlobalBody, GlobalContact};
 use crate::equilibrium::glue::{GlueProblem, GlueTouch, Placement};
 use crate::geometry::region::DistanceGrid;
@@ -119,6 +120,26 @@ impl Sites {
         let is_real = |touch: &GlueTouch| !touch.contacts.is_empty();
         let made = placement.dots.iter().filter(|dot| !is_real(&self.touches[dot.touch])).count();
         self.touches.iter().filter(|touch| is_real(touch)).count() + made
+    }
+
+    /// A dot at this touch that carries a force and a moment, engine units. It breaks beyond `breaking` times that, and at `least_limit`
+    /// at least.
+    pub fn dot(&self, touch: usize, force: DVec3, moment: DVec3, least_limit: f64, breaking: f64) -> Dot {
+        let site = &self.touches[touch];
+        let mut dot = Dot {
+            a: self.ids[site.body],
+            b: site.other.map(|other| self.ids[other]),
+            point: site.center,
+            normal: self.normals[touch],
+            arm: site.arm,
+            contact: self.patches[touch],
+            force,
+            moment,
+            limit: 0.0,
+            is_broken: false,
+        };
+        dot.limit = least_limit.max(breaking * dot.load());
+        dot
     }
 
     fn add(&mut self, touch: &Touch, carries: bool, bridges: bool, anchors: bool) {
