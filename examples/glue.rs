@@ -77,7 +77,7 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
         println!(
             "| {name} | {glue} | {} | {} | {} | {:.1} | {:.1e} | {} | {seconds:.2} | {:.3} | {:.3} |",
             sites.ids.len(),
-            sites.real(),
+            sites.real_with(placed),
             dots.len(),
             dots.iter().map(|dot| dot.force.length()).fold(0.0, f64::max),
             placed.imbalance,
