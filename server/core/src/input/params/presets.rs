@@ -87,7 +87,7 @@ impl Params {
                 params.physics.shape_tolerance = 0.1;
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
-                params.fill.full_below = 0.12;
+                params.fill.full_below = 0.05;
                 params.fill.settle = 0.8;
                 // More glue takes the place of letting the pile go.
                 params.glue.friction_factor = 0.35;
