@@ -156,6 +156,26 @@ fn what_touches_nothing_is_glued_across_a_narrow_gap() {
     assert!(warnings.iter().any(|text| text.contains("1 dot of glue bridges a gap of up to 0.150 m")), "{warnings:?}");
 }
 
+/// Statics knows nothing of overlaps: bodies that were left pressed into each other are balanced, and spring apart.
+#[test]
+fn what_is_pressed_into_its_neighbours_is_fastened_to_them() {
+    let row = || cubes((0..6).map(|k| cube(0.15 * f64::from(k), 0.1)).collect());
+    let slid = |bake: &Bake| {
+        let slid =
+            |body: usize| bake.frames[0][body].translation.distance(bake.frames.last().unwrap()[body].translation);
+        (0..6).map(slid).fold(0.0, f64::max)
+    };
+    let mut params = params();
+    let natural = slid(&baked(&row(), &params));
+    assert!(natural > 0.06, "{natural}");
+    (params.glue.mode, params.glue.proof) = (GlueMode::AsModelled, Switch::On);
+    let glued = baked(&row(), &params);
+    assert!(slid(&glued) < 0.01, "{}", slid(&glued));
+    assert_eq!(figure(&glued, "moved_freed"), 0.0);
+    // Six cubes and the ground are one solid by six dots.
+    assert!(glued.report.counts["glue_dots"] <= 6, "{}", glued.report.counts["glue_dots"]);
+}
+
 #[test]
 fn size_changes_nothing() {
     let normal = scene(top(0.6, 1.2), stick());
