@@ -27,7 +27,7 @@ pub struct Plan {
 }
 
 /// Steps that an `insert` fill usually takes.
-const USUAL_FILL_STEPS: usize = 500;
+const USUAL_FILL_STEPS: usize = 150;
 /// Natural times from the last release to rest, usually.
 const USUAL_HOLD: f64 = 8.0;
 

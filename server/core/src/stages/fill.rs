@@ -62,7 +62,7 @@ pub(crate) struct Filling<'a> {
 }
 
 /// Natural times for which the bodies of a fill are usually simulated, times the expected bodies.
-const USUAL_WORK: f64 = 40.0;
+const USUAL_WORK: f64 = 15.0;
 /// Progress when the usual work is done; the rest is for fills that take longer.
 const USUAL_END: f64 = 0.9;
 

@@ -1,5 +1,9 @@
 //! Glue: where friction cannot carry the pile, bodies are glued, and the glued pile is let go to see that it stands.
 
+mod proof;
+
+pub use proof::{LetGo, MOST_MOVED, let_go};
+
 use crate::equilibrium::glue::{self, GlueError, GlueOptions, Placement};
 use crate::error::Error;
 use crate::geometry::pose::Pose;
@@ -10,31 +14,18 @@ use crate::input::params::{Params, Switch};
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::sim::glue::{Dot, Glue, Sites};
 use crate::sim::step::Simulation;
-use crate::world::{BodyId, Side, World};
+use crate::world::{BodyId, Side};
 use glam::{DQuat, DVec3};
+use proof::{IN_PLACES, LEANS};
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// For how long the glued pile is let go, natural times.
-const PROOF_TIME: f64 = 20.0;
-/// A body has moved if it did by more than this, d.
-const MOVED: f64 = 0.25;
-/// The pile stands if no larger share of its bodies has moved.
-pub const MOST_MOVED: f64 = 0.01;
-/// It leans as a whole, on a foot that is too narrow, if its bodies have moved by more than this in the mean, d.
-const LEANS: f64 = 0.03;
-/// It fails in places if no larger share has moved.
-const IN_PLACES: f64 = 0.2;
-/// It plainly does not stand if a larger share of its bodies has moved.
-const COLLAPSED: f64 = 0.4;
 /// The friction factor of each attempt, against the one that is asked for.
 const ATTEMPTS: [f64; 5] = [1.0, 0.7, 0.5, 0.5, 0.5];
-/// What still moves then is fastened to all that it touches, so many times; what moves next, too.
+/// What moves in spite of an attempt is fastened, so many times; what moves next, too.
 const FASTENINGS: usize = 3;
 /// The ground tilts by this much to four sides, degrees.
 const TILT: f64 = 5.0;
-/// Steps of the proof between two looks at what has moved.
-const LOOK: u64 = 50;
 
 /// What was glued, and what that proved. Engine units.
 #[derive(Clone, Debug)]
@@ -84,32 +75,30 @@ pub fn run<'a>(
     let mut sites = Sites::new(&sim.pile.world, region, anchors);
     let proves = resolved.is_on(EffectName::GlueProof);
     let least_limit = params.control.break_limit(params.gravity);
+    // Glue of bounded strength is not to make up for its bound.
+    let fastens = !resolved.glue_bound.is_finite();
     let mut anchors_all = params.glue.anchor == Switch::On;
-    let (mut iterations, mut proof_steps, mut proof_seconds) = (0, 0, 0.0);
+    let mut proving = Proving { turn_over, bodies: sites.ids.len(), begin: 0.0, steps: 0, seconds: 0.0 };
+    let mut iterations = 0;
     let mut attempts = ATTEMPTS.iter().enumerate().peekable();
-    let (mut best, mut least_way): (Option<Glued>, f64) = (None, f64::INFINITY);
-    // What moved in the best attempt, and what was not there.
-    let (mut moving, mut absent) = (BTreeSet::new(), Vec::new());
+    let mut best: Option<Attempt> = None;
     while let Some((number, share)) = attempts.next() {
-        let bodies = sites.ids.len();
-        let progress =
-            |fraction: f64| Progress { stage: Stage::Glue, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
-        let begin = number as f64 / ATTEMPTS.len() as f64;
-        observe(observer, &progress(begin))?;
+        proving.begin = number as f64 / ATTEMPTS.len() as f64;
+        observe(observer, &proving.progress(0.0))?;
         let factor = params.glue.friction_factor * share;
         let options = GlueOptions {
             friction_factor: factor,
             normal_price: params.glue.normal_price,
             strength: Some(resolved.glue_bound).filter(|bound| bound.is_finite()),
         };
-        let mut going = || observer.progress(&progress(begin));
+        let mut going = || observer.progress(&proving.progress(0.0));
         let placement = place(&sites, &options, &mut going)?;
         iterations += placement.iterations;
         // Where nothing is to prove that the foot is wide enough, all of it is glued.
         anchors_all |= anchors && !proves && !placement.dots.is_empty();
         let dots = dots(&sites, &placement, anchors_all, least_limit, params.glue.breaking);
         let gaps = || placement.dots.iter().map(|dot| sites.gaps[dot.touch]).filter(|gap| *gap > 0.0);
-        let mut glued = Glued {
+        let glued = Glued {
             dots,
             touches: sites.real_with(&placement),
             at_least: placement.at_least,
@@ -124,84 +113,139 @@ pub fn run<'a>(
             moved_tilted: None,
             freed: None,
             natural: None,
-            iterations,
-            proof_steps,
+            iterations: 0,
+            proof_steps: 0,
             proof_seconds: 0.0,
         };
+        let absent: Vec<BodyId> =
+            placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
+        let mut attempt = Attempt { glued, absent, way: f64::INFINITY, moving: BTreeSet::new() };
         if !proves {
-            best = Some(glued);
+            best = Some(attempt);
             break;
         }
-        let loose: Vec<BodyId> =
-            placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
         let is_last = attempts.peek().is_none();
-        let clock = observer.cpu_seconds();
-        let mut tell = |part: f64| observe(observer, &progress(begin + part / ATTEMPTS.len() as f64));
-        let freed = let_go(turn_over()?, &glued.dots, &loose, DVec3::NEG_Y, is_last, &mut tell)?;
-        proof_steps += freed.steps;
-        proof_seconds += observer.cpu_seconds() - clock;
-        (glued.moved, glued.freed) = (Some(freed.moved), freed.poses);
+        let freed = proving.prove(&attempt.glued.dots, &attempt.absent, DVec3::NEG_Y, is_last, observer)?;
+        let fails_in_places = freed.moved <= IN_PLACES;
+        let leans = anchors && freed.way > LEANS;
+        attempt.stood(freed);
+        if fastens && fails_in_places {
+            proving.fasten(&mut attempt, &sites, least_limit, observer)?;
+        }
+        let stands = attempt.stands() && attempt.way <= LEANS;
         // Where it fails in places, friction there counts less; once less friction everywhere does not help, wherever it fails.
         let is_lowest = *share <= ATTEMPTS[ATTEMPTS.len() - 1];
-        let distrusts = (freed.moved <= IN_PLACES || is_lowest) && sites.distrust(&freed.who);
-        let leans = anchors && freed.way > LEANS;
+        let distrusts = (fails_in_places || is_lowest) && sites.distrust(&attempt.moving);
         let changes = distrusts || !is_lowest || leans && !anchors_all;
-        let stands = freed.moved <= MOST_MOVED && freed.way <= LEANS;
         anchors_all |= leans;
-        if freed.way < least_way {
-            (least_way, best) = (freed.way, Some(glued));
-            (moving, absent) = (freed.who.iter().copied().collect(), loose);
+        if best.as_ref().is_none_or(|best| attempt.way < best.way) {
+            best = Some(attempt);
         }
         if stands || !changes {
             break;
         }
     }
-    let mut glued = best.ok_or_else(|| Error::Internal("no dots were placed".into()))?;
-    // Glue of bounded strength is not to make up for its bound.
-    let fastenings = if resolved.glue_bound.is_finite() { 0 } else { FASTENINGS };
-    let mut dots = glued.dots.clone();
-    for _ in 0..fastenings {
-        let more = fasten(&sites, &dots, &moving, least_limit);
-        if more.is_empty() || glued.moved.is_none_or(|moved| moved <= MOST_MOVED) {
-            break;
-        }
-        dots.extend(more);
-        let progress =
-            Progress { stage: Stage::Glue, fraction: 1.0, bodies: sites.ids.len(), released: 0, at_rest: 0, nails: 0 };
-        let clock = observer.cpu_seconds();
-        let mut tell = |_: f64| observe(observer, &progress);
-        let freed = let_go(turn_over()?, &dots, &absent, DVec3::NEG_Y, true, &mut tell)?;
-        proof_steps += freed.steps;
-        proof_seconds += observer.cpu_seconds() - clock;
-        moving.extend(freed.who);
-        if freed.way < least_way {
-            least_way = freed.way;
-            (glued.dots, glued.moved, glued.freed) = (dots.clone(), Some(freed.moved), freed.poses);
-        }
+    let mut best = best.ok_or_else(|| Error::Internal("no dots were placed".into()))?;
+    if fastens && proves {
+        proving.begin = 1.0;
+        proving.fasten(&mut best, &sites, least_limit, observer)?;
     }
+    let mut glued = best.glued;
     if params.glue.proof == Switch::On && proves {
-        let clock = observer.cpu_seconds();
-        let loose: Vec<BodyId> = sites.apart.clone();
-        let bodies = sites.ids.len();
-        let progress = Progress { stage: Stage::Glue, fraction: 1.0, bodies, released: 0, at_rest: 0, nails: 0 };
-        let mut tell = |_: f64| observe(observer, &progress);
-        let natural = let_go(turn_over()?, &[], &loose, DVec3::NEG_Y, true, &mut tell)?;
-        proof_steps += natural.steps;
-        glued.natural = natural.poses;
+        glued.natural = proving.prove(&[], &sites.apart, DVec3::NEG_Y, true, observer)?.poses;
         let mut worst = 0.0f64;
         for side in [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z] {
             let down = DQuat::from_axis_angle(side, TILT.to_radians()) * DVec3::NEG_Y;
-            let freed = let_go(turn_over()?, &glued.dots, &loose, down, false, &mut tell)?;
-            proof_steps += freed.steps;
-            worst = worst.max(freed.moved);
+            worst = worst.max(proving.prove(&glued.dots, &sites.apart, down, false, observer)?.moved);
         }
         glued.moved_tilted = Some(worst);
-        proof_seconds += observer.cpu_seconds() - clock;
     }
-    (glued.iterations, glued.proof_steps, glued.proof_seconds) = (iterations, proof_steps, proof_seconds);
+    (glued.iterations, glued.proof_steps, glued.proof_seconds) = (iterations, proving.steps, proving.seconds);
     let breaks = resolved.is_on(EffectName::Breaking);
     sim.pile.glue = Glue::new(glued.dots.clone(), breaks, &mut sim.pile.world, &mut sim.pile.policy);
     Ok(glued)
+}
+
+/// A choice of dots, and how the pile stood with them.
+struct Attempt {
+    glued: Glued,
+    /// Bodies that are not there when the pile is let go.
+    absent: Vec<BodyId>,
+    /// How far the bodies have moved in the mean, d.
+    way: f64,
+    /// Bodies that have moved, with these dots or fewer.
+    moving: BTreeSet<BodyId>,
+}
+
+impl Attempt {
+    fn stands(&self) -> bool {
+        self.glued.moved.is_none_or(|moved| moved <= MOST_MOVED)
+    }
+
+    fn stood(&mut self, freed: LetGo) {
+        self.way = freed.way;
+        self.moving.extend(freed.who);
+        (self.glued.moved, self.glued.freed) = (Some(freed.moved), freed.poses);
+    }
+}
+
+/// Proves, and counts what that takes.
+struct Proving<'p, 'a> {
+    turn_over: &'p dyn Fn() -> Result<Simulation<'a>, Error>,
+    bodies: usize,
+    /// Progress at which the attempt began.
+    begin: f64,
+    steps: u64,
+    /// CPU seconds.
+    seconds: f64,
+}
+
+impl Proving<'_, '_> {
+    fn progress(&self, part: f64) -> Progress {
+        let fraction = (self.begin + part / ATTEMPTS.len() as f64).min(1.0);
+        Progress { stage: Stage::Glue, fraction, bodies: self.bodies, released: 0, at_rest: 0, nails: 0 }
+    }
+
+    fn prove(
+        &mut self,
+        dots: &[Dot],
+        absent: &[BodyId],
+        down: DVec3,
+        to_the_end: bool,
+        observer: &mut dyn Observer,
+    ) -> Result<LetGo, Error> {
+        let clock = observer.cpu_seconds();
+        let mut tell = |part: f64| observe(observer, &self.progress(part));
+        let freed = let_go((self.turn_over)()?, dots, absent, down, to_the_end, &mut tell)?;
+        self.steps += freed.steps;
+        self.seconds += observer.cpu_seconds() - clock;
+        Ok(freed)
+    }
+
+    /// Fastens what moves to all that it touches, and what moves next, too; as long as the pile does not stand.
+    fn fasten(
+        &mut self,
+        attempt: &mut Attempt,
+        sites: &Sites,
+        limit: f64,
+        observer: &mut dyn Observer,
+    ) -> Result<(), Error> {
+        let (mut dots, mut moving) = (attempt.glued.dots.clone(), attempt.moving.clone());
+        for _ in 0..FASTENINGS {
+            let more = fastening(sites, &dots, &moving, limit);
+            if attempt.stands() || more.is_empty() {
+                break;
+            }
+            dots.extend(more);
+            let freed = self.prove(&dots, &attempt.absent, DVec3::NEG_Y, true, observer)?;
+            moving.extend(&freed.who);
+            if freed.way < attempt.way {
+                attempt.glued.dots.clone_from(&dots);
+                attempt.stood(freed);
+            }
+        }
+        Ok(())
+    }
 }
 
 fn place(sites: &Sites, options: &GlueOptions, going: &mut dyn FnMut() -> ControlFlow<()>) -> Result<Placement, Error> {
@@ -232,9 +276,9 @@ pub fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit
 
 /// More dots, so that each of these bodies is one solid with all that it touches. They carry nothing in the certified equilibrium:
 /// they hold against what no statics knows, such as bodies that the fill left pressed into each other.
-fn fasten(sites: &Sites, dots: &[Dot], moving: &BTreeSet<BodyId>, limit: f64) -> Vec<Dot> {
+fn fastening(sites: &Sites, dots: &[Dot], moving: &BTreeSet<BodyId>, limit: f64) -> Vec<Dot> {
     let pile = sites.problem(DVec3::NEG_Y);
-    // All that stands still is one more set.
+    // All that stands still is one more solid.
     let still = sites.ids.len();
     let index = |id: BodyId| sites.ids.binary_search(&id).unwrap_or(still);
     let mut solids = Parts::new(still + 1);
@@ -251,65 +295,4 @@ fn fasten(sites: &Sites, dots: &[Dot], moving: &BTreeSet<BodyId>, limit: f64) ->
         }
     }
     more
-}
-
-/// What a pile did, left to itself.
-pub struct LetGo {
-    /// Share of the bodies that have moved by more than d/4.
-    pub moved: f64,
-    /// Those that have, rising.
-    pub who: Vec<BodyId>,
-    /// How far the bodies have moved in the mean, d.
-    pub way: f64,
-    /// Where the bodies are in the end, engine units; `None` where it was ended early. Shape `[body]`; `None`: not there.
-    pub poses: Option<Vec<Option<Pose>>>,
-    pub steps: u64,
-}
-
-/// Lets a pile with these dots go for 20 natural times, awake, without any control; `loose` bodies are not there. Unless it is to go
-/// `to_the_end`, it ends early where the pile plainly does not stand.
-pub fn let_go(
-    mut sim: Simulation,
-    dots: &[Dot],
-    loose: &[BodyId],
-    down: DVec3,
-    to_the_end: bool,
-    tell: &mut dyn FnMut(f64) -> Result<(), Error>,
-) -> Result<LetGo, Error> {
-    let pile = &mut sim.pile;
-    let _glue = Glue::new(dots.to_vec(), false, &mut pile.world, &mut pile.policy);
-    loose.iter().for_each(|&id| pile.world.remove(id));
-    pile.policy.leave_to_physics(&mut pile.world);
-    let world = &mut pile.world;
-    world.set_gravity(down);
-    let before = poses(world);
-    let steps = (PROOF_TIME / world.step_length()).ceil() as u64;
-    for step in 1..=steps {
-        world.step();
-        if step % LOOK == 0 || step == steps {
-            tell(step as f64 / steps as f64)?;
-            let (who, moved, way) = moved(world, &before);
-            if step == steps || moved > COLLAPSED && !to_the_end {
-                let poses = (step == steps).then(|| poses(world));
-                // What was not waited for counts as the most that it could be.
-                let way = if step == steps { way } else { 2.0 - step as f64 / steps as f64 };
-                return Ok(LetGo { moved, who, way, poses, steps: step });
-            }
-        }
-    }
-    Ok(LetGo { moved: 0.0, who: Vec::new(), way: 0.0, poses: Some(before), steps: 0 })
-}
-
-/// The bodies that have moved, their share, and how far all have in the mean, d. What flew away counts as 1 d.
-fn moved(world: &World, before: &[Option<Pose>]) -> (Vec<BodyId>, f64, f64) {
-    let way = |id: BodyId| before[id].map_or(0.0, |pose| world.pose(id).translation.distance(pose.translation));
-    let who: Vec<BodyId> = world.present().filter(|&id| way(id) > MOVED).collect();
-    let count = world.present().count().max(1) as f64;
-    let share = who.len() as f64 / count;
-    (who, share, world.present().map(|id| way(id).min(1.0)).sum::<f64>() / count)
-}
-
-fn poses(world: &World) -> Vec<Option<Pose>> {
-    let pose = |id: BodyId| world.is_present(id).then(|| world.pose(id));
-    (0..world.bodies().len()).map(pose).collect()
 }

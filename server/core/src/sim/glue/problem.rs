@@ -99,7 +99,7 @@ impl Sites {
     }
 
     /// Friction at these bodies counts less: they moved though it should have held them. Returns whether any of them is new.
-    pub fn distrust(&mut self, moved: &[BodyId]) -> bool {
+    pub fn distrust(&mut self, moved: &BTreeSet<BodyId>) -> bool {
         let before = self.distrusted.len();
         let new: Vec<BodyId> = moved.iter().copied().filter(|&id| self.distrusted.insert(id)).collect();
         let slips = |index: usize| new.binary_search(&self.ids[index]).is_ok();
