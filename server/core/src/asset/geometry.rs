@@ -9,7 +9,7 @@ use std::rc::Rc;
 use glam::{DAffine3, DVec3};
 use gltf::accessor::DataType;
 use gltf::json::mesh::Primitive as Described;
-use gltf::json::validation::Checked::{Invalid, Valid};
+use gltf::json::validation::Checked::Valid;
 use gltf::mesh::{Mode, Semantic};
 use serde_json::Value;
 
@@ -32,8 +32,6 @@ const MOST_BROKEN: u32 = 8;
 
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
-/// Read first: what draws no triangles is left out, whatever else it has.
-const MODE: &[Member] = &[("mode", NUMBER, MAY), ("attributes", Kind::Part(&[]), MAY)];
 const PRIMITIVE: &[Member] = &[("attributes", Kind::Part(&[("POSITION", NUMBER, MAY)]), MAY), ("indices", NUMBER, MAY)];
 
 const STREAM: &[Member] =
@@ -125,7 +123,8 @@ impl<'a, 'g> Builder<'a, 'g> {
             lay(&primitive, &maps, &mut welder, &mut built, log);
         }
         built.mesh.points = welder.into_points();
-        built.why_empty = why_empty(placed, &order, &left_out, self.gate.count(MESHES, log)?);
+        let meshes = self.gate.count(MESHES, &mut Log::new("")).unwrap_or(0);
+        built.why_empty = why_empty(placed, &order, &left_out, meshes);
         Ok(built)
     }
 
@@ -140,8 +139,8 @@ impl<'a, 'g> Builder<'a, 'g> {
         let mesh = self.gate.entry(MESHES, mesh, place, log)?;
         self.gate.meet(&mesh);
         let mut good = Vec::new();
-        for (k, item) in self.gate.items(&mesh, "primitives", log)?.iter().enumerate() {
-            if let Ok(Some(primitive)) = self.primitive(item, format!("{place}, primitive {k}"), left_out, log) {
+        for (k, item) in self.gate.items(&mesh, "primitives", log)?.enumerate() {
+            if let Ok(Some(primitive)) = self.primitive(&item, format!("{place}, primitive {k}"), left_out, log) {
                 good.push(primitive);
             }
         }
@@ -156,16 +155,17 @@ impl<'a, 'g> Builder<'a, 'g> {
         log: &mut Log,
     ) -> Checked<Option<Primitive<'a>>> {
         self.gate.meet(piece);
-        let mode = match self.gate.read::<Described>(piece, MODE, log)?.mode {
-            Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) => mode,
-            Valid(_) => {
+        let mode = match piece.member("mode").map_or(Ok(4), |mode| mode.whole(log))? {
+            4 => Mode::Triangles,
+            5 => Mode::TriangleStrip,
+            6 => Mode::TriangleFan,
+            0..=3 => {
                 left_out.insert("points and lines");
                 log.note("points and lines are left out", &place);
                 return Ok(None);
             }
-            Invalid => {
-                let found = piece.member("mode").map_or_else(String::new, |mode| mode.describe());
-                let what = ProblemKind::Type { expected: "a mode, 0 to 6", found };
+            other => {
+                let what = ProblemKind::Type { expected: "a mode, 0 to 6", found: other.to_string() };
                 return Err(log.refuse(format!("{}/mode", piece.path), what));
             }
         };

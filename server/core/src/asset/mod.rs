@@ -5,7 +5,7 @@
 //! takes more time and memory than the [`Limits`] say: every count is held against the bytes that are there before
 //! it is used.
 //!
-//! The `gltf` crate has the types of the document and reads the accessors' bytes. Before it stands [`gate`]: the crate
+//! The `gltf` crate has the types of the document and reads the accessors' bytes. Before it stands `gate`: the crate
 //! panics on hostile input, and refuses a whole file for a fault in a texture.
 
 mod accessor;
