@@ -89,7 +89,10 @@ impl<'a> Gate<'a> {
         let names: Vec<&'static str> = LISTS.iter().map(|list| list.0).chain(BESIDES).collect();
         let mut reader = serde_json::Deserializer::from_slice(bytes);
         let found = reader.deserialize_map(Picked { names: &names }).and_then(|found| reader.end().map(|()| found));
-        let broken = |error: serde_json::Error| ProblemKind::Json { message: clip(&error.to_string()) };
+        let broken = |error: serde_json::Error| match error.is_data() {
+            true => ProblemKind::NotGltf { seems: "some other JSON" }, // no object
+            false => ProblemKind::Json { message: clip(&error.to_string()) },
+        };
         let found = found.map_err(|error| log.refuse("", broken(error)))?;
         let piece = |(name, text): (&'static str, Option<&'a RawValue>)| {
             Some((name, Piece { text: text?.get(), path: format!("/{name}") }))

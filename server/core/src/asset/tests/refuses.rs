@@ -253,6 +253,7 @@ fn broken_glb() {
         (glb(&[(b"JSON", b"")]), "the JSON cannot be read"),
         (glb(&[(b"JSON", b"{\"asset\":")]), "the JSON cannot be read: EOF while parsing a value at line 1"),
         (glb(&[(b"JSON", b"\xff\xfe")]), "the JSON cannot be read"),
+        (glb(&[(b"JSON", b"[1, 2]")]), "this is not glTF; it looks like some other JSON"),
         (glb(&[(b"JSON", tetrahedron().json.to_string().as_bytes())]), "/buffers/0: the buffer has no data"),
     ] {
         let text = told(read(&bytes));
