@@ -192,7 +192,9 @@ pub fn external_files(bytes: &[u8]) -> Result<Vec<String>, DocumentError> {
 }
 
 /// The root object, and the binary chunk of a GLB.
-fn split(bytes: &[u8]) -> Result<(Map<String, Value>, Option<&[u8]>), DocumentError> {
+type Parts<'a> = (Map<String, Value>, Option<&'a [u8]>);
+
+fn split(bytes: &[u8]) -> Result<Parts<'_>, DocumentError> {
     let Container { json, bin } = container::open(bytes)?;
     Ok((serde_json::from_slice(json)?, bin))
 }
