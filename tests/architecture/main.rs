@@ -106,6 +106,7 @@ fn libraries_stay_in_their_place() {
     only_in("clarabel", "server", &["server/core/src/equilibrium"]);
     only_in("draco_core", "server", &["server/core/src/asset/compressed.rs"]);
     only_in("draco_gltf", "server", &["server/core/src/asset/compressed.rs"]);
+    only_in("gltf", "server", &["server/core/src/asset", "server/core/tests/asset_data.rs", "server/src/model"]);
     only_in("sysinfo", "server/src", &["server/src/job/machine.rs"]);
     only_in("prost_reflect", "server/src", &["server/src/scene_file"]);
     only_in("clap", "server/src", &["server/src/cli"]);

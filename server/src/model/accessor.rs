@@ -1,41 +1,25 @@
 //! Reads accessors of any component type, sparse ones included, into floats or indices. Checked throughout.
 
 use crate::model::document::{Document, DocumentError, reference};
-use serde_json::{Map, Value};
+use cairn_core::asset::number;
+use gltf::accessor::DataType;
+use gltf::json::accessor::sparse::Sparse;
+use gltf::json::buffer::View;
+use gltf::json::validation::{Checked::Valid, USize64};
+use gltf::json::{Accessor, Index};
 
 /// Elements that one accessor may have: beyond any picture's need, and a bound on what a few bytes of JSON can ask for.
 const MOST_ELEMENTS: usize = 1 << 26;
 
-/// How the components of an accessor are stored.
+/// The members of an accessor that are read.
+const READ: [&str; 7] = ["bufferView", "byteOffset", "componentType", "count", "normalized", "sparse", "type"];
+
+/// How the elements of an accessor are stored.
 #[derive(Clone, Copy)]
 struct Layout {
-    component: u64,
+    component: DataType,
     normalized: bool,
     components: usize,
-}
-
-impl Layout {
-    fn component_size(self) -> usize {
-        match self.component {
-            5120 | 5121 => 1,
-            5122 | 5123 => 2,
-            _ => 4,
-        }
-    }
-
-    fn read(self, bytes: &[u8]) -> f64 {
-        let scaled = |value: f64, most: f64| if self.normalized { (value / most).max(-1.0) } else { value };
-        let two = || [bytes[0], bytes[1]];
-        let four = || [bytes[0], bytes[1], bytes[2], bytes[3]];
-        match self.component {
-            5120 => scaled(f64::from(bytes[0] as i8), 127.0),
-            5121 => scaled(f64::from(bytes[0]), 255.0),
-            5122 => scaled(f64::from(i16::from_le_bytes(two())), 32767.0),
-            5123 => scaled(f64::from(u16::from_le_bytes(two())), 65535.0),
-            5125 => f64::from(u32::from_le_bytes(four())),
-            _ => f64::from(f32::from_le_bytes(four())),
-        }
-    }
 }
 
 /// Vectors of `N` components. The accessor may have more; what it has less is an error.
@@ -56,32 +40,35 @@ pub fn bounds<const N: usize>(document: &Document, index: usize) -> Result<Optio
 /// `scaled`: whether integers that the accessor calls normalised become fractions of one.
 fn read<const N: usize>(document: &Document, index: usize, scaled: bool) -> Result<Vec<[f64; N]>, DocumentError> {
     let malformed = |problem: &str| DocumentError::malformed("accessors", index, problem);
-    let accessor = document.get("accessors", index)?;
-    let components = match accessor.get("type").and_then(Value::as_str) {
-        Some("SCALAR") => 1,
-        Some("VEC2") => 2,
-        Some("VEC3") => 3,
-        Some("VEC4") => 4,
-        _ => return Err(malformed("is no list of vectors")),
+    let mut accessor = document.get("accessors", index)?.clone();
+    accessor.retain(|member, _| READ.contains(&member.as_str())); // a fault in any other does not matter
+    let accessor: Accessor = serde_json::from_value(accessor.into()).map_err(|error| malformed(&error.to_string()))?;
+    let (Valid(component), Valid(shape)) = (accessor.component_type, accessor.type_) else {
+        return Err(malformed("is of no known type"));
     };
-    if components < N {
+    let layout =
+        Layout { component: component.0, normalized: scaled && accessor.normalized, components: shape.multiplicity() };
+    if layout.components < N {
         return Err(malformed("has too few components"));
     }
-    let layout = Layout {
-        component: component_type(accessor).ok_or_else(|| malformed("has no known component type"))?,
-        normalized: scaled && accessor.get("normalized").and_then(Value::as_bool).unwrap_or(false),
-        components,
-    };
-    let count = reference(accessor, "count").ok_or_else(|| malformed("has no count"))?;
-    if count > MOST_ELEMENTS {
-        return Err(malformed("has too many elements"));
-    }
-    let mut values = match reference(accessor, "bufferView") {
-        Some(view) => elements(document, view, accessor, layout, count)?,
+    let count = usize::try_from(accessor.count.0).ok().filter(|&count| count <= MOST_ELEMENTS);
+    let count = count.ok_or_else(|| malformed("has too many elements"))?;
+    let mut values = match accessor.buffer_view {
+        Some(view) => elements(document, view, accessor.byte_offset.unwrap_or_default(), layout, count)?,
         None => vec![[0.0; N]; count],
     };
-    if let Some(sparse) = accessor.get("sparse").and_then(Value::as_object) {
-        overlay(document, index, sparse, layout, &mut values)?;
+    if let Some(Sparse { count: USize64(most), indices, values: others, .. }) = accessor.sparse {
+        let most = usize::try_from(most).ok().filter(|&most| most <= count);
+        let most = most.ok_or_else(|| malformed("has a broken sparse count"))?;
+        let Valid(component) = indices.component_type else {
+            return Err(malformed("has sparse indices of no known type"));
+        };
+        let places = Layout { component: component.0, normalized: false, components: 1 };
+        let places: Vec<[f64; 1]> = elements(document, indices.buffer_view, indices.byte_offset, places, most)?;
+        let others: Vec<[f64; N]> = elements(document, others.buffer_view, others.byte_offset, layout, most)?;
+        for ([place], other) in places.into_iter().zip(others) {
+            *values.get_mut(place as usize).ok_or_else(|| malformed("has a sparse index out of range"))? = other;
+        }
     }
     if values.iter().flatten().any(|v| !v.is_finite()) {
         return Err(malformed("holds a number that is not finite"));
@@ -94,57 +81,28 @@ pub fn indices(document: &Document, index: usize) -> Result<Vec<u32>, DocumentEr
     Ok(vectors::<1>(document, index)?.into_iter().map(|[i]| i as u32).collect())
 }
 
-fn component_type(object: &Map<String, Value>) -> Option<u64> {
-    object.get("componentType").and_then(Value::as_u64).filter(|c| [5120, 5121, 5122, 5123, 5125, 5126].contains(c))
-}
-
-/// `count` elements from `object`'s place in a view.
+/// `count` elements from `offset` on in a view.
 fn elements<const N: usize>(
     document: &Document,
-    view: usize,
-    object: &Map<String, Value>,
+    view: Index<View>,
+    offset: USize64,
     layout: Layout,
     count: usize,
 ) -> Result<Vec<[f64; N]>, DocumentError> {
-    let bytes = document.view(view)?;
-    let step = layout.component_size();
+    let bytes = document.view(view.value())?;
+    let step = layout.component.size();
     let size = step * layout.components;
-    let stride = reference(document.get("bufferViews", view)?, "byteStride").unwrap_or(size).max(size);
-    let start = reference(object, "byteOffset").unwrap_or(0);
-    let short = || DocumentError::malformed("bufferViews", view, "is shorter than its accessor");
+    let stride = reference(document.get("bufferViews", view.value())?, "byteStride").unwrap_or(size).max(size);
+    let short = || DocumentError::malformed("bufferViews", view.value(), "is shorter than its accessor");
     let length = count.saturating_sub(1).checked_mul(stride).and_then(|l| l.checked_add(size)).ok_or_else(short)?;
     if count == 0 {
         return Ok(Vec::new());
     }
+    let start = usize::try_from(offset.0).map_err(|_| short())?;
     let end = start.checked_add(length).ok_or_else(short)?;
     let bytes = bytes.get(start..end).ok_or_else(short)?;
-    let element = |i: usize| std::array::from_fn(|c| layout.read(&bytes[i * stride + c * step..]));
-    Ok((0..count).map(element).collect())
-}
-
-/// Replaces the elements that a sparse accessor lists.
-fn overlay<const N: usize>(
-    document: &Document,
-    index: usize,
-    sparse: &Map<String, Value>,
-    layout: Layout,
-    values: &mut [[f64; N]],
-) -> Result<(), DocumentError> {
-    let malformed = |problem: &str| DocumentError::malformed("accessors", index, problem);
-    let part = |name: &str| sparse.get(name).and_then(Value::as_object).ok_or_else(|| malformed("has a broken sparse"));
-    let count = reference(sparse, "count").filter(|&c| c <= values.len());
-    let count = count.ok_or_else(|| malformed("has a broken sparse count"))?;
-    let view = |object| reference(object, "bufferView").ok_or_else(|| malformed("has a sparse part without data"));
-    let (places, replacements) = (part("indices")?, part("values")?);
-    let component = component_type(places).ok_or_else(|| malformed("has sparse indices of no known type"))?;
-    let places_layout = Layout { component, normalized: false, components: 1 };
-    let places: Vec<[f64; 1]> = elements(document, view(places)?, places, places_layout, count)?;
-    let replacements: Vec<[f64; N]> = elements(document, view(replacements)?, replacements, layout, count)?;
-    for ([place], replacement) in places.into_iter().zip(replacements) {
-        let slot = values.get_mut(place as usize).ok_or_else(|| malformed("has a sparse index out of range"))?;
-        *slot = replacement;
-    }
-    Ok(())
+    let number = |at: usize| number(layout.component, layout.normalized, &bytes[at..]);
+    Ok((0..count).map(|i| std::array::from_fn(|c| number(i * stride + c * step))).collect())
 }
 
 #[cfg(test)]

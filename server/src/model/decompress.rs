@@ -5,6 +5,7 @@
 use crate::model::document::{Document, DocumentError, Resolver, reference};
 use cairn_core::asset::Limits;
 use cairn_core::asset::compressed::{Attribute, DRACO, DracoMesh, MESHOPT, Meshopt};
+use gltf::accessor::DataType;
 use serde_json::{Map, Value, json};
 
 /// Streams that may turn out to be broken before no more are tried: each may take long.
@@ -118,13 +119,9 @@ fn accessor(
     template: &Map<String, Value>,
 ) -> Option<usize> {
     let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"].get(attribute.components.checked_sub(1)?)?;
-    let size = match attribute.component_type {
-        5120 | 5121 => 1,
-        5122 | 5123 => 2,
-        _ => 4,
-    };
     // Vertices begin at multiples of four bytes.
-    let (width, padded) = (attribute.components * size, (attribute.components * size).next_multiple_of(4));
+    let width = attribute.components * attribute.component_type.size();
+    let padded = width.next_multiple_of(4);
     let mut bytes = Vec::with_capacity(count * padded);
     for value in attribute.bytes.chunks_exact(width) {
         bytes.extend_from_slice(value);
@@ -134,7 +131,7 @@ fn accessor(
     let mut accessor = json!({
         "bufferView": view, "componentType": attribute.component_type, "count": count, "type": kind,
     });
-    if let Some(normalized) = template.get("normalized").filter(|_| attribute.component_type != 5126) {
+    if let Some(normalized) = template.get("normalized").filter(|_| attribute.component_type != DataType::F32) {
         accessor["normalized"] = normalized.clone();
     }
     Some(document.push("accessors", accessor))

@@ -3,7 +3,8 @@
 //! The exporter copies from it and the renderer reads from it, both once its compressed geometry is plain. Every index,
 //! offset and length in the JSON is untrusted: the accessors here check them, and nothing panics on a hostile file.
 
-use cairn_core::asset::uri;
+use cairn_core::asset::container::{self, Container};
+use cairn_core::asset::{ProblemKind, uri};
 use serde_json::{Map, Value, json};
 
 /// Gives the bytes of an external file, or why not. The path is relative to the glTF's folder, `/` between its parts,
@@ -31,8 +32,8 @@ pub enum Part {
 pub enum DocumentError {
     #[error("not a glTF file: {0}")]
     Json(#[from] serde_json::Error),
-    #[error("damaged GLB: {0}")]
-    Glb(&'static str),
+    #[error(transparent)]
+    Container(#[from] ProblemKind),
     #[error("{kind}[{index}] does not exist")]
     Missing { kind: &'static str, index: usize },
     #[error("{kind}[{index}]: {problem}")]
@@ -194,36 +195,6 @@ pub fn external_files(bytes: &[u8]) -> Result<Vec<String>, DocumentError> {
 type Parts<'a> = (Map<String, Value>, Option<&'a [u8]>);
 
 fn split(bytes: &[u8]) -> Result<Parts<'_>, DocumentError> {
-    let (text, bin) = if bytes.starts_with(b"glTF") { split_glb(bytes)? } else { (bytes, None) };
-    Ok((serde_json::from_slice(text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text))?, bin))
-}
-
-/// The JSON and BIN chunks of a GLB.
-fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), DocumentError> {
-    let word = |at: usize| {
-        let word = bytes.get(at..at.checked_add(4)?)?;
-        Some(u32::from_le_bytes(word.try_into().ok()?))
-    };
-    if word(4) != Some(2) {
-        return Err(DocumentError::Glb("only version 2 can be read"));
-    }
-    let length = word(8).ok_or(DocumentError::Glb("cut off in its header"))? as usize;
-    let whole = bytes.get(..length).ok_or(DocumentError::Glb("cut off: shorter than its header says"))?;
-    let (mut json, mut bin) = (None, None);
-    let mut at = 12;
-    while at < length {
-        let size = word(at).ok_or(DocumentError::Glb("cut off in the header of a chunk"))? as usize;
-        let end = (at + 8).checked_add(size);
-        let chunk = end.and_then(|end| whole.get(at + 8..end)).ok_or(DocumentError::Glb("cut off in a chunk"))?;
-        match &whole[at + 4..at + 8] {
-            b"JSON" => json = json.or(Some(chunk)),
-            b"BIN\0" => bin = bin.or(Some(chunk)),
-            _ => {}
-        }
-        // Some writers do not pad their chunks: where the next one begins follows from the length alone.
-        at += 8 + size;
-    }
-    let json = json.ok_or(DocumentError::Glb("has no JSON"))?;
-    let padding = json.iter().rev().take_while(|byte| **byte == 0).count();
-    Ok((&json[..json.len() - padding], bin))
+    let Container { json, bin } = container::open(bytes)?;
+    Ok((serde_json::from_slice(json)?, bin))
 }

@@ -4,12 +4,34 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use glam::DVec3;
+use gltf::accessor::util::{Item, ItemIter};
+use gltf::accessor::{DataType, Dimensions};
+use gltf::json::accessor::sparse::Sparse;
+use gltf::json::validation::{Checked::Valid, USize64};
+use gltf::json::{self, Index};
 
 use super::buffer::{Buffers, View};
 use super::compressed::Attribute;
-use super::json::{Json, element};
+use super::gate::{ACCESSORS, Gate, Kind, MAY, MUST, Member, NATURAL, NUMBER, Piece};
 use super::log::{Checked, Log};
-use super::problem::ProblemKind;
+use super::problem::{ProblemKind, clip};
+
+const ACCESSOR: &[Member] = &[
+    ("componentType", NUMBER, MUST),
+    ("count", NATURAL, MUST),
+    ("bufferView", NUMBER, MAY),
+    ("byteOffset", NATURAL, MAY),
+    ("type", Kind::Word("(no type)"), MAY),
+];
+
+/// Read once the accessor itself is found good.
+const SPARSE: &[Member] =
+    &[("count", NATURAL, MUST), ("indices", Kind::Part(PLACES), MAY), ("values", Kind::Part(VALUES), MAY)];
+
+const PLACES: &[Member] =
+    &[("bufferView", NUMBER, MUST), ("byteOffset", NATURAL, MAY), ("componentType", NUMBER, MUST)];
+
+const VALUES: &[Member] = &[("bufferView", NUMBER, MUST), ("byteOffset", NATURAL, MAY)];
 
 /// What an accessor is read as; it decides which formats it may have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -35,11 +57,11 @@ impl Role {
         }
     }
 
-    fn shape(self) -> (&'static str, usize) {
+    fn shape(self) -> Dimensions {
         match self {
-            Role::Position { .. } | Role::Vector => ("VEC3", 3),
-            Role::Index => ("SCALAR", 1),
-            Role::Rotation => ("VEC4", 4),
+            Role::Position { .. } | Role::Vector => Dimensions::Vec3,
+            Role::Index => Dimensions::Scalar,
+            Role::Rotation => Dimensions::Vec4,
         }
     }
 
@@ -55,8 +77,8 @@ impl Role {
         }
     }
 
-    fn admits(self, component: Component) -> bool {
-        use Component::*;
+    fn admits(self, component: DataType) -> bool {
+        use DataType::*;
         match self {
             Role::Position { quantized: true } => component != U32,
             Role::Position { quantized: false } | Role::Vector => component == F32,
@@ -64,65 +86,42 @@ impl Role {
             Role::Rotation => matches!(component, F32 | I8 | I16),
         }
     }
+
+    fn misfit(self, found: String) -> ProblemKind {
+        ProblemKind::Format { what: self.name(), found, expected: self.expected() }
+    }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Component {
-    I8,
-    U8,
-    I16,
-    U16,
-    U32,
-    F32,
+/// The number at the front of `bytes`, an integer that is `normalized` as a fraction of one; zero if they do not reach.
+pub fn number(component: DataType, normalized: bool, bytes: &[u8]) -> f64 {
+    fn front<T: Item>(bytes: &[u8]) -> T {
+        ItemIter::new(bytes, size_of::<T>()).next().unwrap_or_else(T::zero)
+    }
+    let value = match component {
+        DataType::I8 => f64::from(front::<i8>(bytes)),
+        DataType::U8 => f64::from(front::<u8>(bytes)),
+        DataType::I16 => f64::from(front::<i16>(bytes)),
+        DataType::U16 => f64::from(front::<u16>(bytes)),
+        DataType::U32 => f64::from(front::<u32>(bytes)),
+        DataType::F32 => return f64::from(front::<f32>(bytes)),
+    };
+    if normalized { (value / f64::from(largest(component))).max(-1.0) } else { value }
 }
 
-impl Component {
-    fn from_code(code: u64) -> Option<Component> {
-        use Component::*;
-        Some(match code {
-            5120 => I8,
-            5121 => U8,
-            5122 => I16,
-            5123 => U16,
-            5125 => U32,
-            5126 => F32,
-            _ => return None,
-        })
+/// The largest value: what 1 is to a normalised integer, and what restarts a strip.
+pub(super) fn largest(component: DataType) -> u32 {
+    match component {
+        DataType::I8 => 127,
+        DataType::U8 => 255,
+        DataType::I16 => 32767,
+        DataType::U16 => 65535,
+        DataType::U32 | DataType::F32 => u32::MAX,
     }
+}
 
-    fn size(self) -> usize {
-        match self {
-            Component::I8 | Component::U8 => 1,
-            Component::I16 | Component::U16 => 2,
-            Component::U32 | Component::F32 => 4,
-        }
-    }
-
-    /// The largest value: what 1 is to a normalised integer, and what restarts a strip.
-    pub fn largest(self) -> u32 {
-        match self {
-            Component::I8 => 127,
-            Component::U8 => 255,
-            Component::I16 => 32767,
-            Component::U16 => 65535,
-            Component::U32 | Component::F32 => u32::MAX,
-        }
-    }
-
-    /// The value at the front of `bytes`; 0 if they do not reach, which the checks exclude.
-    fn read(self, bytes: &[u8]) -> f64 {
-        fn front<const N: usize>(bytes: &[u8]) -> [u8; N] {
-            bytes.first_chunk().copied().unwrap_or([0; N])
-        }
-        match self {
-            Component::I8 => f64::from(i8::from_le_bytes(front(bytes))),
-            Component::U8 => f64::from(u8::from_le_bytes(front(bytes))),
-            Component::I16 => f64::from(i16::from_le_bytes(front(bytes))),
-            Component::U16 => f64::from(u16::from_le_bytes(front(bytes))),
-            Component::U32 => f64::from(u32::from_le_bytes(front(bytes))),
-            Component::F32 => f64::from(f32::from_le_bytes(front(bytes))),
-        }
-    }
+/// The code of a component type that stands in an accessor, for a message.
+fn code(piece: &Piece<'_>) -> u64 {
+    piece.member("componentType").and_then(|code| code.natural()).unwrap_or_default()
 }
 
 /// Elements at a fixed stride within a view.
@@ -133,55 +132,47 @@ struct Block<'a> {
 }
 
 impl Block<'_> {
-    /// The bytes from component `lane` of element `i` on.
+    /// The bytes from `lane` bytes into element `i` on.
     fn at(&self, i: usize, lane: usize) -> &[u8] {
         self.view.bytes().get(self.offset + i * self.stride + lane..).unwrap_or(&[])
     }
 }
 
-/// Elements that replace others: `places` rises, `values` has as many.
-struct Sparse<'a> {
-    places: Vec<u64>,
-    values: Block<'a>,
-}
-
 /// A checked accessor.
 pub(super) struct Elements<'a> {
     pub count: u64,
-    pub component: Component,
+    pub component: DataType,
     normalized: bool,
     base: Option<Block<'a>>,
-    sparse: Option<Sparse<'a>>,
+    /// Elements that replace others: places that rise, and as many values.
+    sparse: Option<(Vec<u64>, Block<'a>)>,
 }
 
 impl Elements<'_> {
     /// Vertices of a compressed primitive, or why they cannot be `role`.
     pub fn decoded(attribute: Attribute, role: Role, normalized: bool) -> Result<Elements<'static>, ProblemKind> {
-        let (_, width) = role.shape();
-        let component = Component::from_code(attribute.component_type).filter(|&c| role.admits(c));
-        let Some(component) = component.filter(|_| attribute.components == width) else {
-            let found = format!("{} numbers of component type {}", attribute.components, attribute.component_type);
-            return Err(ProblemKind::Format { what: role.name(), found, expected: role.expected() });
-        };
+        let (component, width) = (attribute.component_type, role.shape().multiplicity());
+        if attribute.components != width || !role.admits(component) {
+            let code = component.as_gl_enum();
+            return Err(role.misfit(format!("{} numbers of component type {code}", attribute.components)));
+        }
         let stride = width * component.size();
         let count = (attribute.bytes.len() / stride) as u64;
         let view = View::fetched(attribute.bytes, None, String::new());
         let base = Some(Block { view, offset: 0, stride });
-        Ok(Elements { count, component, normalized: normalized && component != Component::F32, base, sparse: None })
+        Ok(Elements { count, component, normalized, base, sparse: None })
     }
 
     /// Component `lane` of element `i`, below `count`.
     fn component(&self, i: u64, lane: usize) -> f64 {
-        let size = self.component.size();
-        let replaced = self.sparse.as_ref().and_then(|s| Some((s, s.places.binary_search(&i).ok()?)));
+        let lane = lane * self.component.size();
+        let replaced = self.sparse.as_ref().and_then(|(places, values)| Some((values, places.binary_search(&i).ok()?)));
         let bytes = match (replaced, &self.base) {
-            (Some((sparse, k)), _) => sparse.values.at(k, lane * size),
-            (None, Some(base)) => base.at(i as usize, lane * size),
-            // Without a view, everything is zero.
-            (None, None) => return 0.0,
+            (Some((values, k)), _) => values.at(k, lane),
+            (None, Some(base)) => base.at(i as usize, lane),
+            (None, None) => return 0.0, // without a view, everything is zero
         };
-        let value = self.component.read(bytes);
-        if self.normalized { (value / f64::from(self.component.largest())).max(-1.0) } else { value }
+        number(self.component, self.normalized, bytes)
     }
 
     pub fn vector(&self, i: u64) -> DVec3 {
@@ -198,37 +189,20 @@ impl Elements<'_> {
 }
 
 /// All accessors asked for so far, each read and complained of once for each role.
-pub(super) struct Accessors<'a, 'j> {
-    root: &'j Json<'a>,
-    pub buffers: Buffers<'a, 'j>,
+pub(super) struct Accessors<'a, 'g> {
+    gate: &'g Gate<'a>,
+    pub buffers: Buffers<'a, 'g>,
     /// No accessor that is used has more elements.
     most: u64,
-    known: BTreeMap<(u64, Role), Checked<Rc<Elements<'a>>>>,
-    /// Extensions met on accessors.
-    pub extensions: Vec<String>,
+    known: BTreeMap<(usize, Role), Checked<Rc<Elements<'a>>>>,
 }
 
-impl<'a, 'j> Accessors<'a, 'j> {
-    pub fn new(root: &'j Json<'a>, buffers: Buffers<'a, 'j>, most: u64) -> Self {
-        Accessors { root, buffers, most, known: BTreeMap::new(), extensions: Vec::new() }
+impl<'a, 'g> Accessors<'a, 'g> {
+    pub fn new(gate: &'g Gate<'a>, buffers: Buffers<'a, 'g>, most: u64) -> Self {
+        Accessors { gate, buffers, most, known: BTreeMap::new() }
     }
 
-    /// Does accessor `index` have bytes of its own? Under a compression extension it may have none.
-    pub fn has_data(&self, index: u64) -> bool {
-        self.find(index).is_some_and(|a| a.get("bufferView").is_some())
-    }
-
-    /// Are the integers of accessor `index` fractions of one?
-    pub fn is_normalized(&self, index: u64) -> bool {
-        self.find(index).is_some_and(|a| matches!(a.get("normalized"), Some(Json::Bool(true))))
-    }
-
-    fn find(&self, index: u64) -> Option<&'j Json<'a>> {
-        let items = self.root.get("accessors").and_then(Json::items)?;
-        items.get(usize::try_from(index).ok()?)
-    }
-
-    pub fn get(&mut self, index: u64, role: Role, place: &str, log: &mut Log) -> Checked<Rc<Elements<'a>>> {
+    pub fn get(&mut self, index: usize, role: Role, place: &str, log: &mut Log) -> Checked<Rc<Elements<'a>>> {
         if let Some(known) = self.known.get(&(index, role)) {
             return known.clone();
         }
@@ -238,55 +212,45 @@ impl<'a, 'j> Accessors<'a, 'j> {
         elements
     }
 
-    fn open(&mut self, index: u64, role: Role, place: &str, log: &mut Log) -> Checked<Elements<'a>> {
-        let (_, accessor, path) = element(self.root, "accessors", "accessor", index, place, log)?;
-        self.extensions.extend(accessor.get("extensions").into_iter().flat_map(Json::keys).map(str::to_owned));
-
-        let (shape, width) = role.shape();
-        let code = accessor.required_at("componentType", &path, log);
-        let count = accessor.required_at("count", &path, log);
-        let view = accessor.natural_at("bufferView", &path, log);
-        let offset = accessor.natural_at("byteOffset", &path, log);
-        let (code, count, view, offset) = (code?, count?, view?, offset?.unwrap_or(0));
-        let kind = accessor.get("type").and_then(Json::text).unwrap_or("(no type)");
-        let component = Component::from_code(code).filter(|&c| role.admits(c) && kind == shape);
-        let Some(component) = component else {
-            let found = format!("{} of component type {code}", super::problem::clip(kind));
-            let what = ProblemKind::Format { what: role.name(), found, expected: role.expected() };
-            return Err(log.refuse(place, what));
+    fn open(&mut self, index: usize, role: Role, place: &str, log: &mut Log) -> Checked<Elements<'a>> {
+        let piece = self.gate.entry(ACCESSORS, index, place, log)?;
+        self.gate.meet(&piece);
+        let accessor: json::Accessor = self.gate.read(&piece, ACCESSOR, log)?;
+        let component = match (accessor.component_type, accessor.type_) {
+            (Valid(component), Valid(shape)) if shape == role.shape() && role.admits(component.0) => component.0,
+            _ => {
+                let kind = piece.member("type").and_then(|kind| kind.word()).unwrap_or_else(|| "(no type)".to_owned());
+                let found = format!("{} of component type {}", clip(&kind), code(&piece));
+                return Err(log.refuse(place, role.misfit(found)));
+            }
         };
+        let count = accessor.count.0;
         if count > self.most {
             let what = ProblemKind::Limit { what: "elements of an accessor", found: count, limit: self.most };
-            return Err(log.refuse(format!("{path}/count"), what));
+            return Err(log.refuse(format!("{}/count", piece.path), what));
         }
-
-        let size = width * component.size();
-        let base = match view {
-            None => None,
-            Some(view) => Some(self.block(view, offset, count, size, place, log)?),
-        };
-        let sparse = match accessor.get("sparse") {
-            None => None,
-            Some(sparse) => Some(self.sparse(sparse, count, size, place, &format!("{path}/sparse"), log)?),
-        };
-        let normalized = matches!(accessor.get("normalized"), Some(Json::Bool(true))) && component != Component::F32;
+        let size = role.shape().multiplicity() * component.size();
+        let offset = accessor.byte_offset.unwrap_or_default();
+        let base = accessor.buffer_view.map(|view| self.block(view, offset, count, size, place, log)).transpose()?;
+        let [sparse, normalized] = piece.members_of(["sparse", "normalized"]);
+        let sparse = sparse.map(|sparse| self.sparse(&sparse, count, size, place, log));
         // Rotations in integers are always fractions of one.
-        let normalized = normalized || (role == Role::Rotation && component != Component::F32);
-        Ok(Elements { count, component, normalized, base, sparse })
+        let normalized = role == Role::Rotation || normalized.is_some_and(|yes| yes.text == "true");
+        Ok(Elements { count, component, normalized, base, sparse: sparse.transpose()? })
     }
 
     /// `count` elements of `size` bytes from `offset` on in a view, if they lie within it.
     fn block(
         &mut self,
-        view: u64,
-        offset: u64,
+        view: Index<json::buffer::View>,
+        offset: USize64,
         count: u64,
         size: usize,
         place: &str,
         log: &mut Log,
     ) -> Checked<Block<'a>> {
-        let view = self.buffers.view(view, place, log)?;
-        let element = size as u64;
+        let view = self.buffers.view(view.value(), place, log)?;
+        let (element, offset) = (size as u64, offset.0);
         let stride = view.stride.filter(|&s| s > 0).unwrap_or(element);
         if stride < element {
             return Err(log.refuse(place, ProblemKind::Stride { stride, element }));
@@ -305,43 +269,32 @@ impl<'a, 'j> Accessors<'a, 'j> {
 
     fn sparse(
         &mut self,
-        sparse: &Json<'a>,
+        piece: &Piece<'a>,
         total: u64,
         size: usize,
         place: &str,
-        path: &str,
         log: &mut Log,
-    ) -> Checked<Sparse<'a>> {
-        let count = sparse.required_at("count", path, log)?;
+    ) -> Checked<(Vec<u64>, Block<'a>)> {
+        let Sparse { count: USize64(count), indices, values, .. } = self.gate.read(piece, SPARSE, log)?;
         if count > total {
             let fault = format!("{count} sparse elements replace {total}");
-            return Err(log.refuse(path, ProblemKind::Sparse { fault }));
+            return Err(log.refuse(piece.path.as_str(), ProblemKind::Sparse { fault }));
         }
-        let missing = Json::Null;
-        let (i_path, v_path) = (format!("{path}/indices"), format!("{path}/values"));
-        let indices = sparse.get("indices").unwrap_or(&missing);
-        let values = sparse.get("values").unwrap_or(&missing);
-        let i_view = indices.required_at("bufferView", &i_path, log);
-        let i_offset = indices.natural_at("byteOffset", &i_path, log);
-        let i_code = indices.required_at("componentType", &i_path, log);
-        let v_view = values.required_at("bufferView", &v_path, log);
-        let v_offset = values.natural_at("byteOffset", &v_path, log);
-        let (i_view, i_offset, i_code) = (i_view?, i_offset?.unwrap_or(0), i_code?);
-        let (v_view, v_offset) = (v_view?, v_offset?.unwrap_or(0));
-
-        let component = Component::from_code(i_code).filter(|&c| Role::Index.admits(c)).ok_or_else(|| {
-            let found = format!("component type {i_code}");
-            log.refuse(&i_path, ProblemKind::Format { what: "indices", found, expected: Role::Index.expected() })
-        })?;
-        let block = self.block(i_view, i_offset, count, component.size(), place, log);
-        let values = self.block(v_view, v_offset, count, size, place, log);
+        let path = format!("{}/indices", piece.path);
+        let Valid(component) = indices.component_type else {
+            let code = piece.member("indices").map_or(0, |indices| code(&indices));
+            return Err(log.refuse(path, Role::Index.misfit(format!("component type {code}"))));
+        };
+        let component = component.0;
+        let block = self.block(indices.buffer_view, indices.byte_offset, count, component.size(), place, log);
+        let values = self.block(values.buffer_view, values.byte_offset, count, size, place, log);
         let (block, values) = (block?, values?);
-        let places: Vec<u64> = (0..count as usize).map(|i| component.read(block.at(i, 0)) as u64).collect();
+        let places: Vec<u64> = (0..count as usize).map(|i| number(component, false, block.at(i, 0)) as u64).collect();
         let rising = places.windows(2).all(|w| w[0] < w[1]);
         if !rising || places.last().is_some_and(|&last| last >= total) {
             let fault = format!("the sparse indices do not rise strictly, or reach beyond {total} elements");
-            return Err(log.refuse(i_path, ProblemKind::Sparse { fault }));
+            return Err(log.refuse(path, ProblemKind::Sparse { fault }));
         }
-        Ok(Sparse { places, values })
+        Ok((places, values))
     }
 }

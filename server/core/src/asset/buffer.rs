@@ -6,11 +6,34 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::rc::Rc;
 
+use gltf::json;
+use serde_json::Value;
+
 use super::compressed::{MESHOPT, Meshopt};
-use super::json::{Json, element};
+use super::gate::{BUFFERS, Gate, Kind, MAY, MUST, Member, NATURAL, NUMBER, Piece, VIEWS};
 use super::log::{Checked, Log, Reported};
 use super::problem::{ProblemKind, clip};
 use super::uri;
+
+const VIEW: &[Member] = &[
+    ("buffer", NUMBER, MUST),
+    ("byteOffset", NATURAL, MAY),
+    ("byteLength", NATURAL, MUST),
+    ("byteStride", NATURAL, MAY),
+];
+
+/// A view's extension that says it is compressed.
+const STREAM: &[Member] = &[
+    ("buffer", NUMBER, MUST),
+    ("byteOffset", NATURAL, MAY),
+    ("byteLength", NATURAL, MUST),
+    ("byteStride", NATURAL, MUST),
+    ("count", NATURAL, MUST),
+    ("mode", Kind::Word("(no mode)"), MAY),
+    ("filter", Kind::Word("NONE"), MAY),
+];
+
+const BUFFER: &[Member] = &[("byteLength", NATURAL, MUST), ("uri", Kind::Uri, MAY)];
 
 /// Shared bytes: those of the GLB in place, others as they were fetched.
 #[derive(Clone)]
@@ -51,28 +74,25 @@ impl View<'_> {
 
 pub(super) type Resolve<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, String>;
 
-pub(super) struct Buffers<'a, 'j> {
-    root: &'j Json<'a>,
+pub(super) struct Buffers<'a, 'g> {
+    gate: &'g Gate<'a>,
     bin: Option<&'a [u8]>,
     resolve: Resolve<'a>,
     /// Bytes that may still be fetched, and the limit that they were taken from.
     left: u64,
     limit: u64,
-    views: BTreeMap<u64, Checked<View<'a>>>,
+    views: BTreeMap<usize, Checked<View<'a>>>,
     buffers: BTreeMap<usize, Checked<(Bytes<'a>, u64)>>,
-    /// Extensions met on views and buffers.
-    pub extensions: Vec<String>,
 }
 
-impl<'a, 'j> Buffers<'a, 'j> {
-    pub fn new(root: &'j Json<'a>, bin: Option<&'a [u8]>, resolve: Resolve<'a>, limit: u64, used: u64) -> Self {
+impl<'a, 'g> Buffers<'a, 'g> {
+    pub fn new(gate: &'g Gate<'a>, bin: Option<&'a [u8]>, resolve: Resolve<'a>, limit: u64, used: u64) -> Self {
         let left = limit.saturating_sub(used);
-        let (views, buffers) = (BTreeMap::new(), BTreeMap::new());
-        Buffers { root, bin, resolve, left, limit, views, buffers, extensions: Vec::new() }
+        Buffers { gate, bin, resolve, left, limit, views: BTreeMap::new(), buffers: BTreeMap::new() }
     }
 
     /// The view of number `index`; `place` is who asks.
-    pub fn view(&mut self, index: u64, place: &str, log: &mut Log) -> Checked<View<'a>> {
+    pub fn view(&mut self, index: usize, place: &str, log: &mut Log) -> Checked<View<'a>> {
         if let Some(known) = self.views.get(&index) {
             return known.clone();
         }
@@ -81,54 +101,47 @@ impl<'a, 'j> Buffers<'a, 'j> {
         view
     }
 
-    fn open_view(&mut self, index: u64, place: &str, log: &mut Log) -> Checked<View<'a>> {
-        let (_, view, path) = element(self.root, "bufferViews", "buffer view", index, place, log)?;
-        let number = view.required_at("buffer", &path, log);
-        let offset = view.natural_at("byteOffset", &path, log);
-        let length = view.required_at("byteLength", &path, log);
-        let stride = view.natural_at("byteStride", &path, log);
-        let (number, offset, length, stride) = (number?, offset?.unwrap_or(0), length?, stride?);
-        let (at, buffer, _) = element(self.root, "buffers", "buffer", number, &format!("{path}/buffer"), log)?;
-
-        let extensions = view.get("extensions");
-        self.extensions.extend(extensions.into_iter().flat_map(Json::keys).map(str::to_owned));
-        let compressed = MESHOPT.iter().find_map(|&name| Some((name, extensions?.get(name)?)));
-        if let Some((name, compressed)) = compressed {
+    fn open_view(&mut self, index: usize, place: &str, log: &mut Log) -> Checked<View<'a>> {
+        let piece = self.gate.entry(VIEWS, index, place, log)?;
+        self.gate.meet(&piece);
+        let view: json::buffer::View = self.gate.read(&piece, VIEW, log)?;
+        let (path, length, at) = (piece.path.clone(), view.byte_length.0, view.buffer.value());
+        let stride = view.byte_stride.map(|stride| stride.0 as u64);
+        let buffer = self.gate.entry(BUFFERS, at, &format!("{path}/buffer"), log)?;
+        let extensions = piece.member("extensions");
+        let stream = |name: &&'static str| Some((*name, extensions.as_ref()?.member(name)?));
+        if let Some((name, stream)) = MESHOPT.iter().find_map(stream) {
             // Plain bytes may stand beside the compressed ones, for readers that have no decoder.
-            let marked =
-                buffer.get("extensions").and_then(|e| e.get(name)).is_some_and(|e| e.get("fallback").is_some());
-            let empty = buffer.get("uri").is_none() && !(at == 0 && self.bin.is_some());
+            let marked = buffer.extension(name).is_some_and(|extension| extension.member("fallback").is_some());
+            let empty = buffer.member("uri").is_none() && !(at == 0 && self.bin.is_some());
             if marked || empty {
-                let path = format!("{path}/extensions/{name}");
-                let plain = self.decompress(compressed, name, &path, log)?;
+                let plain = self.decompress(&stream, name, log)?;
                 let available = plain.len() as u64;
                 if length > available {
                     let what = ProblemKind::OutOfBytes { what: "the decoded view", start: 0, end: length, available };
-                    return Err(log.refuse(path, what));
+                    return Err(log.refuse(stream.path, what));
                 }
-                return Ok(View::fetched(plain, stride, path));
+                return Ok(View::fetched(plain, stride, stream.path));
             }
         }
-
-        let (bytes, range) = self.slice(number, offset, length, &path, log)?;
+        let (bytes, range) = self.slice(at, view.byte_offset.map_or(0, |offset| offset.0), length, &path, log)?;
         Ok(View { bytes, range, stride, path })
     }
 
-    /// A range of buffer `number`, fetched if it is not yet. `path` is that of the view that asks.
+    /// A range of a buffer, fetched if it is not yet. `path` is that of the view that asks.
     fn slice(
         &mut self,
-        number: u64,
+        at: usize,
         offset: u64,
         length: u64,
         path: &str,
         log: &mut Log,
     ) -> Checked<(Bytes<'a>, Range<usize>)> {
-        let (at, buffer, buffer_path) =
-            element(self.root, "buffers", "buffer", number, &format!("{path}/buffer"), log)?;
+        let buffer = self.gate.entry(BUFFERS, at, &format!("{path}/buffer"), log)?;
         let (bytes, available) = match self.buffers.get(&at) {
             Some(known) => known.clone()?,
             None => {
-                let fetched = self.fetch(at, buffer, &buffer_path, log);
+                let fetched = self.fetch(at, &buffer, log);
                 self.buffers.insert(at, fetched.clone());
                 fetched?
             }
@@ -143,22 +156,25 @@ impl<'a, 'j> Buffers<'a, 'j> {
     }
 
     /// The plain bytes of a view that is a meshopt stream.
-    fn decompress(&mut self, view: &Json<'a>, name: &str, path: &str, log: &mut Log) -> Checked<Vec<u8>> {
-        let number = view.required_at("buffer", path, log);
-        let offset = view.natural_at("byteOffset", path, log);
-        let length = view.required_at("byteLength", path, log);
-        let stride = view.required_at("byteStride", path, log);
-        let count = view.required_at("count", path, log);
-        let (number, offset, length, stride, count) = (number?, offset?.unwrap_or(0), length?, stride?, count?);
-        let mode = view.get("mode").and_then(Json::text).unwrap_or("(no mode)");
-        let filter = view.get("filter").and_then(Json::text).unwrap_or("NONE");
-        let meshopt = Meshopt { count, stride, mode, filter };
-        let (bytes, range) = self.slice(number, offset, length, path, log)?;
-        self.take(meshopt.bytes(), path, log)?;
-        let stream = View { bytes, range, stride: None, path: String::new() };
-        let broken =
-            |why: String| log.refuse(path, ProblemKind::Compressed { extension: name.to_owned(), why: clip(&why) });
-        meshopt.decode(stream.bytes()).map_err(broken)
+    fn decompress(&mut self, stream: &Piece<'a>, name: &str, log: &mut Log) -> Checked<Vec<u8>> {
+        let view = self.gate.members(stream, STREAM, log)?;
+        let word = |key: &str| view.get(key).and_then(Value::as_str).unwrap_or_default();
+        let number = |key: &str| view.get(key).and_then(Value::as_u64).unwrap_or_default();
+        let meshopt = Meshopt {
+            count: number("count"),
+            stride: number("byteStride"),
+            mode: word("mode"),
+            filter: word("filter"),
+        };
+        let at = number("buffer") as usize;
+        let (bytes, range) = self.slice(at, number("byteOffset"), number("byteLength"), &stream.path, log)?;
+        self.take(meshopt.bytes(), &stream.path, log)?;
+        let bytes = View { bytes, range, stride: None, path: String::new() };
+        let broken = |why: String| {
+            let what = ProblemKind::Compressed { extension: name.to_owned(), why: clip(&why) };
+            log.refuse(stream.path.as_str(), what)
+        };
+        meshopt.decode(bytes.bytes()).map_err(broken)
     }
 
     /// Bytes that may still come into memory.
@@ -173,21 +189,18 @@ impl<'a, 'j> Buffers<'a, 'j> {
     }
 
     /// A buffer's bytes and how many of them count.
-    fn fetch(&mut self, at: usize, buffer: &Json<'a>, path: &str, log: &mut Log) -> Checked<(Bytes<'a>, u64)> {
-        let declared = buffer.required_at("byteLength", path, log)?;
+    fn fetch(&mut self, at: usize, piece: &Piece<'a>, log: &mut Log) -> Checked<(Bytes<'a>, u64)> {
+        let buffer: json::Buffer = self.gate.read(piece, BUFFER, log)?;
+        let (declared, path) = (buffer.byte_length.0, piece.path.as_str());
         let uri_path = format!("{path}/uri");
-        let (bytes, found) = match (buffer.get("uri"), self.bin) {
+        let (bytes, found) = match (buffer.uri, self.bin) {
             (None, Some(bin)) if at == 0 => (Bytes::InPlace(bin), bin.len()),
             (None, _) => return Err(log.refuse(path, ProblemKind::NoData)),
-            (Some(Json::Text(text)), _) => {
-                let fetched = self.fetch_uri(text, declared, &uri_path, log)?;
+            (Some(text), _) => {
+                let fetched = self.fetch_uri(&text, declared, &uri_path, log)?;
                 self.take(fetched.len() as u64, &uri_path, log)?;
                 let length = fetched.len();
                 (Bytes::Fetched(Rc::new(fetched)), length)
-            }
-            (Some(other), _) => {
-                let what = ProblemKind::Type { expected: "a URI", found: other.describe() };
-                return Err(log.refuse(uri_path, what));
             }
         };
         if (found as u64) < declared {

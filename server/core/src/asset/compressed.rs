@@ -11,6 +11,7 @@ use draco_core::geometry_indices::PointIndex;
 use draco_core::mesh::Mesh;
 use draco_core::mesh_decoder::MeshDecoder;
 use draco_gltf::meshopt::{MeshoptFilter, MeshoptMode, decode_buffer_view};
+use gltf::json::accessor::ComponentType;
 
 /// The extension of a primitive whose data is a Draco stream.
 pub const DRACO: &str = "KHR_draco_mesh_compression";
@@ -31,8 +32,7 @@ pub struct DracoMesh {
 pub struct Attribute {
     /// Numbers of a value: 3 for a `VEC3`.
     pub components: usize,
-    /// glTF's code of the numbers' type: 5120 to 5126.
-    pub component_type: u64,
+    pub component_type: ComponentType,
     /// Little-endian, without gaps: shape `[vertices][components]`.
     pub bytes: Vec<u8>,
 }
@@ -71,7 +71,7 @@ impl DracoMesh {
             None => {
                 let values = attribute.read_f32s(self.vertices(), components);
                 let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-                Some(Attribute { components, component_type: 5126, bytes })
+                Some(Attribute { components, component_type: ComponentType::F32, bytes })
             }
         }
     }
@@ -88,15 +88,15 @@ impl DracoMesh {
     }
 }
 
-/// glTF's code of a type that accessors can have.
-fn component_type(of: DataType) -> Option<u64> {
+/// A type that accessors can have.
+fn component_type(of: DataType) -> Option<ComponentType> {
     match of {
-        DataType::Int8 => Some(5120),
-        DataType::Uint8 => Some(5121),
-        DataType::Int16 => Some(5122),
-        DataType::Uint16 => Some(5123),
-        DataType::Uint32 => Some(5125),
-        DataType::Float32 => Some(5126),
+        DataType::Int8 => Some(ComponentType::I8),
+        DataType::Uint8 => Some(ComponentType::U8),
+        DataType::Int16 => Some(ComponentType::I16),
+        DataType::Uint16 => Some(ComponentType::U16),
+        DataType::Uint32 => Some(ComponentType::U32),
+        DataType::Float32 => Some(ComponentType::F32),
         _ => None,
     }
 }

@@ -1,6 +1,5 @@
 //! The outside of a file: is it glTF, and where are its JSON and its binary chunk?
 
-use super::log::{Checked, Log};
 use super::problem::ProblemKind;
 
 const MAGIC: &[u8] = b"glTF";
@@ -8,27 +7,27 @@ const CHUNK_JSON: &[u8] = b"JSON";
 const CHUNK_BIN: &[u8] = b"BIN\0";
 
 /// The JSON text and, in a GLB, the first binary chunk.
-pub(super) struct Container<'a> {
+pub struct Container<'a> {
     pub json: &'a [u8],
     pub bin: Option<&'a [u8]>,
 }
 
-pub(super) fn open<'a>(bytes: &'a [u8], log: &mut Log) -> Checked<Container<'a>> {
+pub fn open(bytes: &[u8]) -> Result<Container<'_>, ProblemKind> {
     if bytes.is_empty() {
-        return Err(log.refuse("", ProblemKind::EmptyFile));
+        return Err(ProblemKind::EmptyFile);
     }
     if bytes.starts_with(MAGIC) {
-        return open_glb(bytes, log);
+        return open_glb(bytes);
     }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     if text.trim_ascii_start().first() == Some(&b'{') {
         return Ok(Container { json: text, bin: None });
     }
-    Err(log.refuse("", ProblemKind::NotGltf { seems: guess(bytes) }))
+    Err(ProblemKind::NotGltf { seems: guess(bytes) })
 }
 
-fn open_glb<'a>(bytes: &'a [u8], log: &mut Log) -> Checked<Container<'a>> {
-    let mut broken = |fault: String| log.refuse("", ProblemKind::Glb { fault });
+fn open_glb(bytes: &[u8]) -> Result<Container<'_>, ProblemKind> {
+    let broken = |fault: String| ProblemKind::Glb { fault };
     let word = |at: usize| {
         let bytes = at.checked_add(4).and_then(|end| bytes.get(at..end))?;
         Some(u32::from_le_bytes(bytes.try_into().ok()?))
@@ -37,7 +36,7 @@ fn open_glb<'a>(bytes: &'a [u8], log: &mut Log) -> Checked<Container<'a>> {
         return Err(broken(format!("it ends after {} bytes, within the header", bytes.len())));
     };
     if version != 2 {
-        return Err(log.refuse("", ProblemKind::Version { version: version.to_string() }));
+        return Err(ProblemKind::Version { version: version.to_string() });
     }
     let length = length as usize;
     if length > bytes.len() {

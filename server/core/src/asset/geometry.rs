@@ -7,14 +7,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 use glam::{DAffine3, DVec3};
+use gltf::accessor::DataType;
+use gltf::json::mesh::Primitive as Described;
+use gltf::json::validation::Checked::Valid;
+use gltf::mesh::{Mode, Semantic};
+use serde_json::Value;
 
 use super::accessor::{Accessors, Elements, Role};
 use super::compressed::{Attribute, DRACO, DracoMesh};
-use super::json::{Json, element};
+use super::gate::{ACCESSORS, Gate, Kind, MAY, MESHES, MUST, Member, NODES, NUMBER, Piece};
 use super::log::{Checked, Log};
 use super::node::{Nodes, Placed, unit};
 use super::problem::{ProblemKind, clip};
-use super::strip::{self, Mode};
+use super::strip;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::weld::Welder;
 
@@ -26,6 +31,11 @@ const FARTHEST: f64 = 1e12;
 const MOST_BROKEN: u32 = 8;
 
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+
+const PRIMITIVE: &[Member] = &[("attributes", Kind::Part(&[("POSITION", NUMBER, MAY)]), MAY), ("indices", NUMBER, MAY)];
+
+const STREAM: &[Member] =
+    &[("bufferView", NUMBER, MUST), ("attributes", Kind::Part(&[("POSITION", NUMBER, MUST)]), MAY)];
 
 /// What came of the primitives.
 #[derive(Default)]
@@ -51,28 +61,27 @@ impl Primitive<'_> {
     }
 }
 
-pub(super) struct Builder<'a, 'j> {
-    pub root: &'j Json<'a>,
-    pub accessors: Accessors<'a, 'j>,
+pub(super) struct Builder<'a, 'g> {
+    pub gate: &'g Gate<'a>,
+    pub accessors: Accessors<'a, 'g>,
     pub quantized: bool,
     pub most_triangles: u64,
     pub most_instances: u64,
-    /// Extensions met on nodes, meshes and primitives.
-    pub extensions: BTreeSet<String>,
     /// Draco streams that could not be decoded.
     pub broken: u32,
 }
 
-impl<'a, 'j> Builder<'a, 'j> {
-    pub fn build(&mut self, nodes: &Nodes<'a, 'j>, placed: &[Placed], log: &mut Log) -> Checked<Built> {
+impl<'a, 'g> Builder<'a, 'g> {
+    pub fn build(&mut self, nodes: &Nodes<'a, 'g>, placed: &[Placed], log: &mut Log) -> Checked<Built> {
         // Nodes by mesh, in the order in which the meshes are met.
-        let mut order: Vec<(u64, Vec<&Placed>)> = Vec::new();
-        let mut known: BTreeMap<u64, usize> = BTreeMap::new();
+        let mut order: Vec<(usize, Vec<&Placed>)> = Vec::new();
+        let mut known: BTreeMap<usize, usize> = BTreeMap::new();
         for place in placed {
             let node = &nodes.items[place.index];
-            self.meet(node);
-            let Ok(Some(mesh)) = node.natural_at("mesh", &format!("/nodes/{}", place.index), log) else { continue };
-            if node.get("skin").is_some() {
+            let Some(piece) = self.gate.find(NODES, place.index) else { continue };
+            self.gate.meet(&piece);
+            let Some(mesh) = node.mesh.map(|mesh| mesh.value()) else { continue };
+            if piece.member("skin").is_some() {
                 log.note(
                     "its skin is not applied: the mesh stands as modelled, in the node's frame",
                     &nodes.place(place.index),
@@ -114,29 +123,24 @@ impl<'a, 'j> Builder<'a, 'j> {
             lay(&primitive, &maps, &mut welder, &mut built, log);
         }
         built.mesh.points = welder.into_points();
-        built.why_empty = why_empty(placed, &order, &left_out, self.root);
+        let meshes = self.gate.count(MESHES, &mut Log::new("")).unwrap_or(0);
+        built.why_empty = why_empty(placed, &order, &left_out, meshes);
         Ok(built)
-    }
-
-    fn meet(&mut self, object: &Json<'a>) {
-        self.extensions.extend(object.get("extensions").into_iter().flat_map(Json::keys).map(str::to_owned));
     }
 
     /// The primitives of a mesh that make triangles, with good accessors.
     fn primitives(
         &mut self,
-        mesh: u64,
+        mesh: usize,
         place: &str,
         left_out: &mut BTreeSet<&'static str>,
         log: &mut Log,
     ) -> Checked<Vec<Primitive<'a>>> {
-        let (_, mesh, path) = element(self.root, "meshes", "mesh", mesh, place, log)?;
-        self.meet(mesh);
-        let list = mesh.list_at("primitives", &path, log)?;
+        let mesh = self.gate.entry(MESHES, mesh, place, log)?;
+        self.gate.meet(&mesh);
         let mut good = Vec::new();
-        for (k, item) in list.iter().enumerate() {
-            let (place, path) = (format!("{place}, primitive {k}"), format!("{path}/primitives/{k}"));
-            if let Ok(Some(primitive)) = self.primitive(item, place, &path, left_out, log) {
+        for (k, item) in self.gate.items(&mesh, "primitives", log)?.enumerate() {
+            if let Ok(Some(primitive)) = self.primitive(&item, format!("{place}, primitive {k}"), left_out, log) {
                 good.push(primitive);
             }
         }
@@ -145,17 +149,16 @@ impl<'a, 'j> Builder<'a, 'j> {
 
     fn primitive(
         &mut self,
-        item: &Json<'a>,
+        piece: &Piece<'a>,
         place: String,
-        path: &str,
         left_out: &mut BTreeSet<&'static str>,
         log: &mut Log,
     ) -> Checked<Option<Primitive<'a>>> {
-        self.meet(item);
-        let mode = match item.natural_at("mode", path, log)?.unwrap_or(4) {
+        self.gate.meet(piece);
+        let mode = match piece.member("mode").map_or(Ok(4), |mode| mode.whole(log))? {
             4 => Mode::Triangles,
-            5 => Mode::Strip,
-            6 => Mode::Fan,
+            5 => Mode::TriangleStrip,
+            6 => Mode::TriangleFan,
             0..=3 => {
                 left_out.insert("points and lines");
                 log.note("points and lines are left out", &place);
@@ -163,30 +166,29 @@ impl<'a, 'j> Builder<'a, 'j> {
             }
             other => {
                 let what = ProblemKind::Type { expected: "a mode, 0 to 6", found: other.to_string() };
-                return Err(log.refuse(format!("{path}/mode"), what));
+                return Err(log.refuse(format!("{}/mode", piece.path), what));
             }
         };
-        let nothing = Json::Null;
-        let attributes = item.get("attributes").unwrap_or(&nothing);
-        let position = attributes.natural_at("POSITION", &format!("{path}/attributes"), log);
-        let indices = item.natural_at("indices", path, log);
-        let (position, indices) = (position?, indices?);
+        let primitive: Described = self.gate.read(piece, PRIMITIVE, log)?;
+        let position = primitive.attributes.get(&Valid(Semantic::Positions)).map(|position| position.value());
+        let indices = primitive.indices.map(|indices| indices.value());
 
-        // Compressed geometry may stand beside a plain copy: then the accessors have views.
-        let draco = item.get("extensions").and_then(|e| e.get(DRACO));
-        let plain =
-            position.is_some_and(|p| self.accessors.has_data(p)) && indices.is_none_or(|i| self.accessors.has_data(i));
         let Some(position) = position else {
             left_out.insert("primitives without positions");
             log.note("it has no POSITION and is left out", &place);
             return Ok(None);
         };
-        if item.get("targets").is_some() {
+        let [targets, extensions] = piece.members_of(["targets", "extensions"]);
+        if targets.is_some() {
             log.note("its morph targets are not applied: the base shape is read", &place);
         }
         let role = Role::Position { quantized: self.quantized };
-        if let Some(draco) = draco.filter(|_| !plain) {
-            let (positions, indices) = self.draco(draco, role, position, &place, path, log)?;
+        // Compressed geometry may stand beside a plain copy: then the accessors have views.
+        let has_data = |accessor| self.accessor(accessor, "bufferView").is_some();
+        if let Some(stream) = extensions.and_then(|extensions| extensions.member(DRACO))
+            && !(has_data(position) && indices.is_none_or(has_data))
+        {
+            let (positions, indices) = self.draco(&stream, role, position, &place, log)?;
             // The stream holds triangles, whatever they were made from.
             return Ok(Some(Primitive { positions, indices: Some(indices), mode: Mode::Triangles, place }));
         }
@@ -195,22 +197,24 @@ impl<'a, 'j> Builder<'a, 'j> {
         Ok(Some(Primitive { positions: positions?, indices: indices?, mode, place }))
     }
 
+    /// A member of an accessor, if both are there.
+    fn accessor(&self, index: usize, member: &str) -> Option<Piece<'a>> {
+        self.gate.find(ACCESSORS, index)?.member(member)
+    }
+
     /// Positions and indices of a primitive that is a Draco stream.
     fn draco(
         &mut self,
-        draco: &Json<'a>,
+        piece: &Piece<'a>,
         role: Role,
-        position: u64,
+        position: usize,
         place: &str,
-        path: &str,
         log: &mut Log,
     ) -> Checked<(Rc<Elements<'a>>, Rc<Elements<'a>>)> {
-        let path = format!("{path}/extensions/{DRACO}");
-        let nothing = Json::Null;
-        let attributes = draco.get("attributes").unwrap_or(&nothing);
-        let view = draco.required_at("bufferView", &path, log);
-        let id = attributes.required_at("POSITION", &format!("{path}/attributes"), log);
-        let (view, id) = (self.accessors.buffers.view(view?, &path, log)?, id?);
+        let stream = Value::Object(self.gate.members(piece, STREAM, log)?);
+        let number = |pointer: &str| stream.pointer(pointer).and_then(Value::as_u64).unwrap_or_default();
+        let (view, id) = (number("/bufferView") as usize, number("/attributes/POSITION"));
+        let view = self.accessors.buffers.view(view, &piece.path, log)?;
         if self.broken >= MOST_BROKEN {
             let why = format!("{MOST_BROKEN} before it are broken, so it is not tried");
             return Err(log.refuse(place, ProblemKind::Compressed { extension: DRACO.to_owned(), why }));
@@ -220,34 +224,36 @@ impl<'a, 'j> Builder<'a, 'j> {
             self.broken += 1;
             log.refuse(place, ProblemKind::Compressed { extension: DRACO.to_owned(), why: clip(&why) })
         })?;
-        self.accessors.buffers.take(mesh.bytes(), &path, log)?;
+        self.accessors.buffers.take(mesh.bytes(), &piece.path, log)?;
         let Some(attribute) = u32::try_from(id).ok().and_then(|id| mesh.attribute(id)) else {
             let why = format!("it has no attribute {id}, which should be the positions");
             return Err(log.refuse(place, ProblemKind::Compressed { extension: DRACO.to_owned(), why }));
         };
+        let normalized = self.accessor(position, "normalized").is_some_and(|normalized| normalized.text == "true");
         let corners = mesh.corners().flat_map(u32::to_le_bytes).collect();
-        let corners = Attribute { components: 1, component_type: 5125, bytes: corners };
-        let positions = Elements::decoded(attribute, role, self.accessors.is_normalized(position));
+        let corners = Attribute { components: 1, component_type: DataType::U32, bytes: corners };
+        let positions = Elements::decoded(attribute, role, normalized);
         let indices = Elements::decoded(corners, Role::Index, false);
         let mut good = |elements: Result<_, _>| elements.map(Rc::new).map_err(|what| log.refuse(place, what));
         Ok((good(positions)?, good(indices)?))
     }
 
     /// Where a mesh is shown: once for each node, or more often if the node is instanced.
-    fn instances(&mut self, nodes: &Nodes<'a, 'j>, places: &[&Placed], log: &mut Log) -> Checked<Rc<Vec<DAffine3>>> {
+    fn instances(&mut self, nodes: &Nodes<'a, 'g>, places: &[&Placed], log: &mut Log) -> Checked<Rc<Vec<DAffine3>>> {
         let mut maps = Vec::new();
         for place in places {
-            let node = &nodes.items[place.index];
-            let Some(extension) = node.get("extensions").and_then(|e| e.get(INSTANCING)) else {
+            let node = self.gate.find(NODES, place.index);
+            let Some(extension) = node.and_then(|node| node.extension(INSTANCING)) else {
                 maps.push(place.map);
                 continue;
             };
-            let (name, path) = (nodes.place(place.index), format!("/nodes/{}/extensions/{INSTANCING}", place.index));
-            let nothing = Json::Null;
-            let attributes = extension.get("attributes").unwrap_or(&nothing);
-            let mut read = |key: &str, role| -> Checked<Option<Rc<Elements<'a>>>> {
-                let index = attributes.natural_at(key, &format!("{path}/attributes"), log)?;
-                index.map(|index| self.accessors.get(index, role, &name, log)).transpose()
+            let name = nodes.place(place.index);
+            let attributes = extension.member("attributes");
+            let mut read = |key: &'static str, role| -> Checked<Option<Rc<Elements<'a>>>> {
+                let Some(attributes) = &attributes else { return Ok(None) };
+                let members = self.gate.members(attributes, &[(key, NUMBER, MAY)], log)?;
+                let index = members.get(key).and_then(Value::as_u64);
+                index.map(|index| self.accessors.get(index as usize, role, &name, log)).transpose()
             };
             let (translation, scale) = (read("TRANSLATION", Role::Vector)?, read("SCALE", Role::Vector)?);
             let rotation = read("ROTATION", Role::Rotation)?;
@@ -319,11 +325,10 @@ fn lay(primitive: &Primitive<'_>, maps: &[DAffine3], welder: &mut Welder, built:
 /// Why a file without triangles has none.
 fn why_empty(
     placed: &[Placed],
-    order: &[(u64, Vec<&Placed>)],
+    order: &[(usize, Vec<&Placed>)],
     left_out: &BTreeSet<&'static str>,
-    root: &Json<'_>,
+    meshes: usize,
 ) -> Option<String> {
-    let meshes = root.get("meshes").and_then(Json::items).map_or(0, <[_]>::len);
     if !left_out.is_empty() {
         let parts: Vec<&str> = left_out.iter().copied().collect();
         Some(format!("only {}", parts.join(" and ")))

@@ -59,6 +59,11 @@ impl Log {
         !self.problems.is_empty()
     }
 
+    /// Problems so far, those that are only counted as well.
+    pub fn count(&self) -> usize {
+        self.problems.len() + self.more
+    }
+
     /// Further problems are only counted.
     pub fn is_full(&self) -> bool {
         self.problems.len() >= MOST_PROBLEMS

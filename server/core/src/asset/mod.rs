@@ -5,15 +5,15 @@
 //! takes more time and memory than the [`Limits`] say: every count is held against the bytes that are there before
 //! it is used.
 //!
-//! The `gltf` crate is not used for this: it panics on hostile input, and its types refuse a whole file for a fault in
-//! a texture. It serves the tests as a second opinion.
+//! The `gltf` crate has the types of the document and reads the accessors' bytes. Before it stands `gate`: the crate
+//! panics on hostile input, and refuses a whole file for a fault in a texture.
 
 mod accessor;
 mod buffer;
 pub mod compressed;
-mod container;
+pub mod container;
+mod gate;
 mod geometry;
-mod json;
 mod log;
 mod node;
 mod problem;
@@ -30,9 +30,10 @@ use glam::DMat3;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::{drop_flat, weld};
 use accessor::Accessors;
+pub use accessor::number;
 use buffer::Buffers;
+use gate::{Gate, MESHES, NODES};
 use geometry::{Builder, Built};
-use json::Json;
 use log::{Checked, Log};
 use node::Nodes;
 pub use problem::{AssetProblem, ProblemKind};
@@ -117,27 +118,25 @@ fn read_with(source: &Source<'_>, log: &mut Log) -> Checked<Asset> {
     if size > limits.bytes {
         return Err(log.refuse("", ProblemKind::Limit { what: "bytes", found: size, limit: limits.bytes }));
     }
-    let container = container::open(source.bytes, log)?;
-    let root = json::parse(container.json).map_err(|message| log.refuse("", ProblemKind::Json { message }))?;
-    check_version(&root, log)?;
+    let container = container::open(source.bytes).map_err(|what| log.refuse("", what))?;
+    let gate = &Gate::open(container.json, is_harmless, log)?;
+    check_version(gate, log)?;
 
     let most_triangles = limits.triangles.min(MOST_TRIANGLES);
-    let buffers = Buffers::new(&root, container.bin, source.resolve, limits.bytes, size);
-    let accessors = Accessors::new(&root, buffers, 3 * most_triangles);
+    let buffers = Buffers::new(gate, container.bin, source.resolve, limits.bytes, size);
+    let accessors = Accessors::new(gate, buffers, 3 * most_triangles);
     let mut builder = Builder {
-        root: &root,
+        gate,
         accessors,
-        quantized: declares(&root, "extensionsUsed", "KHR_mesh_quantization")
-            || declares(&root, "extensionsRequired", "KHR_mesh_quantization"),
+        quantized: gate.declares("KHR_mesh_quantization"),
         most_triangles,
         most_instances: limits.nodes as u64,
-        extensions: Default::default(),
         broken: 0,
     };
-    let mut nodes = Nodes::new(&root, limits.nodes, log)?;
-    let placement = nodes.place_all(&root, source.node, log)?;
+    let mut nodes = Nodes::new(gate, limits.nodes, log)?;
+    let placement = nodes.place_all(source.node, log)?;
     let Built { mut mesh, mut degenerate, why_empty } = builder.build(&nodes, &placement.placed, log)?;
-    check_extensions(&root, &builder, log);
+    check_extensions(gate, log);
     let flat = drop_flat(&mut mesh);
     degenerate += flat.dropped;
     if degenerate > 0 {
@@ -160,34 +159,29 @@ fn read_with(source: &Source<'_>, log: &mut Log) -> Checked<Asset> {
 }
 
 /// glTF 2.x is read, unless the file says that it needs a later minor version.
-fn check_version(root: &Json<'_>, log: &mut Log) -> Checked<()> {
-    let asset = root.get("asset");
-    let Some(version) = asset.and_then(|a| a.get("version")) else {
+fn check_version(gate: &Gate<'_>, log: &mut Log) -> Checked<()> {
+    let asset = gate.root("asset");
+    let Some(version) = asset.and_then(|asset| asset.member("version")) else {
         // Every JSON file without this is something else, except for very old glTF.
-        let what = if asset.is_some() || root.get("nodes").is_some() || root.get("meshes").is_some() {
+        let what = if asset.is_some() || gate.has(NODES) || gate.has(MESHES) {
             return Err(log.refuse("/asset/version", ProblemKind::Missing));
         } else {
             ProblemKind::NotGltf { seems: "some other JSON" }
         };
         return Err(log.refuse("", what));
     };
-    let needed = asset.and_then(|a| a.get("minVersion"));
-    let major = |text: &str| text.split('.').next().and_then(|n| n.parse::<u32>().ok());
-    let found = version.text().unwrap_or_default();
-    if major(found) != Some(2) {
-        let version = version.text().map_or_else(|| version.describe(), problem::clip);
+    let needed = asset.and_then(|asset| asset.member("minVersion")?.word());
+    let major = |text: String| text.split('.').next().and_then(|n| n.parse::<u32>().ok());
+    if version.word().and_then(major) != Some(2) {
+        let version = version.word().map_or_else(|| version.describe(), |text| problem::clip(&text));
         return Err(log.refuse("/asset/version", ProblemKind::Version { version }));
     }
-    match needed.and_then(Json::text) {
+    match needed {
         Some(text) if text != "2.0" => {
-            Err(log.refuse("/asset/minVersion", ProblemKind::Version { version: problem::clip(text) }))
+            Err(log.refuse("/asset/minVersion", ProblemKind::Version { version: problem::clip(&text) }))
         }
         _ => Ok(()),
     }
-}
-
-fn declares(root: &Json<'_>, list: &str, name: &str) -> bool {
-    root.get(list).and_then(Json::items).is_some_and(|items| items.iter().any(|item| item.text() == Some(name)))
 }
 
 /// Extensions that are read, that leave geometry as it is, or that were judged where they stand.
@@ -205,12 +199,9 @@ fn is_harmless(name: &str) -> bool {
 }
 
 /// A required extension that is not read refuses the file only if something that carries geometry uses it.
-fn check_extensions(root: &Json<'_>, builder: &Builder<'_, '_>, log: &mut Log) {
-    let accessors = &builder.accessors;
-    let required = root.get("extensionsRequired").and_then(Json::items).unwrap_or(&[]);
-    for name in required.iter().filter_map(Json::text).filter(|name| !is_harmless(name)) {
-        let met = builder.extensions.iter().chain(&accessors.extensions).chain(&accessors.buffers.extensions);
-        if met.into_iter().any(|e| e == name) {
+fn check_extensions(gate: &Gate<'_>, log: &mut Log) {
+    for (name, met) in gate.unread() {
+        if met {
             log.refuse("/extensionsRequired", ProblemKind::Extension { name: problem::clip(name) });
         } else {
             log.note(

@@ -4,8 +4,10 @@
 //! parent. Walks keep their own stack: a chain of a hundred thousand nodes is a valid file.
 
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
+use gltf::json::Index;
+use gltf::json::scene::{Node, Scene};
 
-use super::json::Json;
+use super::gate::{Gate, Kind, MAY, Member, NODES, NUMBER, Piece, SCENES};
 use super::log::{Checked, Log};
 use super::problem::{ProblemKind, clip};
 
@@ -20,6 +22,10 @@ const MOST_COMPARED: usize = 20_000;
 
 /// Likeness (Jaro-Winkler, 1 is equal) from which a name is offered for a mistyped one.
 const NEAR: f64 = 0.8;
+
+const NODE: &[Member] = &[("children", Kind::Nodes, MAY), ("mesh", NUMBER, MAY), ("name", Kind::Name, MAY)];
+
+const SCENE: &[Member] = &[("nodes", Kind::Nodes, MAY)];
 
 /// A node that is read, and where it stands in the frame of the result.
 pub(super) struct Placed {
@@ -37,36 +43,41 @@ pub(super) struct Placement {
 }
 
 /// All nodes of a file, with the first parent of each.
-pub(super) struct Nodes<'a, 'j> {
-    pub items: &'j [Json<'a>],
+pub(super) struct Nodes<'a, 'g> {
+    gate: &'g Gate<'a>,
+    /// Without what is wrong in them, and whether anything is: that is told when the node is visited.
+    pub items: Vec<Node>,
+    faulty: Vec<bool>,
     parents: Vec<Option<usize>>,
     /// Transforms relative to the parent, once asked for.
     locals: Vec<Option<DAffine3>>,
 }
 
-impl<'a, 'j> Nodes<'a, 'j> {
-    pub fn new(root: &'j Json<'a>, limit: usize, log: &mut Log) -> Checked<Self> {
-        let items = root.list_at("nodes", "", log)?;
-        if items.len() > limit {
-            let what = ProblemKind::Limit { what: "nodes", found: items.len() as u64, limit: limit as u64 };
+impl<'a, 'g> Nodes<'a, 'g> {
+    pub fn new(gate: &'g Gate<'a>, limit: usize, log: &mut Log) -> Checked<Self> {
+        let count = gate.count(NODES, log)?;
+        if count > limit {
+            let what = ProblemKind::Limit { what: "nodes", found: count as u64, limit: limit as u64 };
             return Err(log.refuse("/nodes", what));
         }
-        let mut parents = vec![None; items.len()];
+        let (mut items, mut faulty) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        for node in (0..count).filter_map(|i| gate.find(NODES, i)) {
+            let mut faults = Log::new("");
+            items.push(gate.read_good::<Node>(&node, NODE, &mut faults).unwrap_or_default());
+            faulty.push(faults.any());
+        }
+        let mut parents = vec![None; count];
         for (parent, node) in items.iter().enumerate() {
-            // Faults in the list are told when the node is visited.
-            for child in node.get("children").and_then(Json::items).unwrap_or(&[]) {
-                let child = child.number().filter(|&x| x >= 0.0 && x < items.len() as f64).map(|x| x as usize);
-                if let Some(child) = child {
-                    parents[child].get_or_insert(parent);
-                }
+            for child in children(node) {
+                parents[child].get_or_insert(parent);
             }
         }
-        Ok(Nodes { items, parents, locals: vec![None; items.len()] })
+        Ok(Nodes { gate, items, faulty, parents, locals: vec![None; count] })
     }
 
     /// What messages call node `i`.
     pub fn place(&self, i: usize) -> String {
-        match self.items[i].get("name").and_then(Json::text) {
+        match self.items[i].name.as_deref() {
             Some(name) if !name.is_empty() => format!("node `{}`", clip(name)),
             _ => format!("node {i}"),
         }
@@ -75,14 +86,18 @@ impl<'a, 'j> Nodes<'a, 'j> {
     /// Everything below the node called `wanted`, or the scene of that name where no node has it; or the default scene.
     ///
     /// What is wrong is in the log and has a stand-in here, so that the meshes below are looked at all the same.
-    pub fn place_all(&mut self, root: &'j Json<'a>, wanted: Option<&str>, log: &mut Log) -> Checked<Placement> {
+    pub fn place_all(&mut self, wanted: Option<&str>, log: &mut Log) -> Checked<Placement> {
+        let has_name = |scene: &usize, name: &str| {
+            let word = self.gate.find(SCENES, *scene).and_then(|scene| scene.member("name")?.word());
+            word.as_deref() == Some(name)
+        };
         let scene = match wanted {
             None => Some(None),
-            Some(name) if self.items.iter().any(|node| has_name(node, name)) => None,
-            Some(name) => root.list_at("scenes", "", log)?.iter().position(|scene| has_name(scene, name)).map(Some),
+            Some(name) if self.items.iter().any(|node| node.name.as_deref() == Some(name)) => None,
+            Some(name) => (0..self.gate.count(SCENES, log)?).find(|scene| has_name(scene, name)).map(Some),
         };
         if let Some(scene) = scene {
-            let roots = self.scene_roots(root, scene.map(|index| index as u64), log)?;
+            let roots = self.scene_roots(scene, log)?;
             let worlds = self.worlds(&roots, log);
             let placed = self.descend(roots.into_iter().zip(worlds).collect(), log);
             return Ok(Placement { placed, root: None, linear: DMat3::IDENTITY });
@@ -94,7 +109,7 @@ impl<'a, 'j> Nodes<'a, 'j> {
     }
 
     fn find(&self, wanted: &str, log: &mut Log) -> Checked<usize> {
-        let names = || self.items.iter().map(|node| node.get("name").and_then(Json::text));
+        let names = || self.items.iter().map(|node| node.name.as_deref());
         let found: Vec<usize> = names().enumerate().filter(|(_, name)| *name == Some(wanted)).map(|(i, _)| i).collect();
         match found[..] {
             [only] => Ok(only),
@@ -126,11 +141,10 @@ impl<'a, 'j> Nodes<'a, 'j> {
 
     /// The roots of a scene, of the default one if none is `wanted`; of the first, if none is the default; or all roots,
     /// if there is no scene.
-    fn scene_roots(&self, root: &'j Json<'a>, wanted: Option<u64>, log: &mut Log) -> Checked<Vec<usize>> {
-        let scenes = root.list_at("scenes", "", log)?;
-        let chosen = root.natural_at("scene", "", log)?;
-        let index = wanted.or(chosen).unwrap_or(0);
-        if scenes.is_empty() && chosen.is_none() {
+    fn scene_roots(&self, wanted: Option<usize>, log: &mut Log) -> Checked<Vec<usize>> {
+        let count = self.gate.count(SCENES, log)?;
+        let chosen = self.gate.root("scene").map(|scene| scene.whole(log)).transpose()?.map(|scene| scene as usize);
+        if count == 0 && chosen.is_none() {
             log.note("the file has no scene: all its nodes are read", "");
             let mut roots: Vec<usize> = (0..self.items.len()).filter(|&i| self.parents[i].is_none()).collect();
             if roots.is_empty() && !self.items.is_empty() {
@@ -138,33 +152,12 @@ impl<'a, 'j> Nodes<'a, 'j> {
             }
             return Ok(roots);
         }
-        if scenes.len() > 1 && wanted.is_none() {
+        if count > 1 && wanted.is_none() {
             log.note("the file has several scenes: only the default one is read; #NAME reads another", "");
         }
-        let Some(scene) = usize::try_from(index).ok().and_then(|i| scenes.get(i)) else {
-            return Err(log.refuse("/scene", ProblemKind::Reference { what: "scene", index, count: scenes.len() }));
-        };
-        let path = format!("/scenes/{index}");
-        let list = scene.list_at("nodes", &path, log)?;
-        Ok(self.indices(list, &format!("{path}/nodes"), log))
-    }
-
-    /// The good ones of a list of node numbers.
-    fn indices(&self, list: &[Json<'a>], path: &str, log: &mut Log) -> Vec<usize> {
-        let count = self.items.len();
-        let mut good = Vec::with_capacity(list.len());
-        for (k, item) in list.iter().enumerate() {
-            let what = match item.natural() {
-                Some(index) if index < count as u64 => {
-                    good.push(index as usize);
-                    continue;
-                }
-                Some(index) => ProblemKind::Reference { what: "node", index, count },
-                None => ProblemKind::Type { expected: "the number of a node", found: item.describe() },
-            };
-            log.refuse(format!("{path}/{k}"), what);
-        }
-        good
+        let scene = self.gate.entry(SCENES, wanted.or(chosen).unwrap_or(0), "/scene", log)?;
+        let scene: Option<Scene> = self.gate.read_good(&scene, SCENE, log);
+        Ok(scene.iter().flat_map(|scene| &scene.nodes).map(Index::value).collect())
     }
 
     /// World transforms of `starts`, through all their parents. Each node is worked out once.
@@ -210,9 +203,10 @@ impl<'a, 'j> Nodes<'a, 'j> {
                     map = DAffine3::IDENTITY;
                 }
                 placed.push(Placed { index, map });
-                let path = format!("/nodes/{index}");
-                let list = self.items[index].list_at("children", &path, log).unwrap_or(&[]);
-                for child in self.indices(list, &format!("{path}/children"), log).into_iter().rev() {
+                if let Some(node) = self.gate.find(NODES, index).filter(|_| self.faulty[index]) {
+                    self.gate.read_good::<Node>(&node, NODE, log);
+                }
+                for child in children(&self.items[index]).rev().collect::<Vec<_>>() {
                     if self.parents[child] == Some(index) {
                         stack.push((child, map * self.local(child, log)));
                     } else if !log.is_full() {
@@ -273,33 +267,33 @@ impl<'a, 'j> Nodes<'a, 'j> {
         if let Some(known) = self.locals[i] {
             return known;
         }
-        let read = read_local(&self.items[i], &format!("/nodes/{i}"), &self.place(i), log);
+        let piece = self.gate.find(NODES, i);
+        let read = piece.map_or(Ok(DAffine3::IDENTITY), |piece| self.read_local(&piece, &self.place(i), log));
         *self.locals[i].insert(read.unwrap_or(DAffine3::IDENTITY))
     }
-}
 
-fn has_name(item: &Json<'_>, name: &str) -> bool {
-    item.get("name").and_then(Json::text) == Some(name)
-}
-
-fn read_local(node: &Json<'_>, path: &str, place: &str, log: &mut Log) -> Checked<DAffine3> {
-    if let Some(m) = node.numbers_at::<16>("matrix", path, log)? {
-        let matrix = DMat4::from_cols_array(&m);
-        if matrix.row(3) != glam::DVec4::W {
-            let fault = "its matrix is not affine: the last row must be 0 0 0 1".to_owned();
-            return Err(log.refuse(place, ProblemKind::Transform { fault }));
+    /// Read in double precision: the crate's types hold single, which far from the origin tears parts asunder.
+    fn read_local(&self, node: &Piece<'a>, place: &str, log: &mut Log) -> Checked<DAffine3> {
+        let [matrix, translation, rotation, scale] = node.members_of(["matrix", "translation", "rotation", "scale"]);
+        if let Some(matrix) = matrix {
+            let matrix = DMat4::from_cols_array(&matrix.numbers("sixteen numbers", log)?);
+            if matrix.row(3) != glam::DVec4::W {
+                let fault = "its matrix is not affine: the last row must be 0 0 0 1".to_owned();
+                return Err(log.refuse(place, ProblemKind::Transform { fault }));
+            }
+            return Ok(DAffine3::from_mat4(matrix));
         }
-        return Ok(DAffine3::from_mat4(matrix));
+        let translation = translation.map_or(Ok([0.0; 3]), |t| t.numbers("three numbers", log));
+        let rotation = rotation.map(|q| q.numbers("four numbers", log)).transpose();
+        let scale = scale.map_or(Ok([1.0; 3]), |s| s.numbers("three numbers", log));
+        let (translation, rotation, scale) = (DVec3::from(translation?), rotation?, DVec3::from(scale?));
+        let rotation = rotation.map_or(Ok(DQuat::IDENTITY), |q| unit(q, place, log))?;
+        Ok(DAffine3::from_scale_rotation_translation(scale, rotation, translation))
     }
-    let translation = node.numbers_at::<3>("translation", path, log);
-    let rotation = node.numbers_at::<4>("rotation", path, log);
-    let scale = node.numbers_at::<3>("scale", path, log);
-    let (translation, rotation, scale) = (translation?.unwrap_or([0.0; 3]), rotation?, scale?.unwrap_or([1.0; 3]));
-    let rotation = match rotation {
-        None => DQuat::IDENTITY,
-        Some(q) => unit(q, place, log)?,
-    };
-    Ok(DAffine3::from_scale_rotation_translation(DVec3::from(scale), rotation, DVec3::from(translation)))
+}
+
+fn children(node: &Node) -> impl DoubleEndedIterator<Item = usize> {
+    node.children.iter().flatten().map(Index::value)
 }
 
 /// A quaternion made exactly unit; one of length zero has no direction to keep.

@@ -1,22 +1,14 @@
 //! Lists, strips and fans of vertices, taken apart into triangles whose every index is in range.
 
-use super::accessor::Elements;
+use gltf::mesh::Mode;
+
+use super::accessor::{Elements, largest};
 use super::log::{Checked, Log};
 use super::problem::ProblemKind;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Mode {
-    Triangles,
-    Strip,
-    Fan,
-}
-
 /// The most triangles that so many corners make.
 pub(super) fn at_most(mode: Mode, corners: u64) -> u64 {
-    match mode {
-        Mode::Triangles => corners / 3,
-        Mode::Strip | Mode::Fan => corners.saturating_sub(2),
-    }
+    if mode == Mode::Triangles { corners / 3 } else { corners.saturating_sub(2) }
 }
 
 /// The triangles of a primitive. In a strip or fan the largest index that the format holds begins a new one, as
@@ -49,7 +41,7 @@ pub(super) fn triangles(
         }
         return Ok(out);
     }
-    let restart = indices.map(|i| i.component.largest());
+    let restart = indices.map(|i| largest(i.component));
     let (mut a, mut b, mut length) = (0, 0, 0u64);
     for position in 0..corners {
         if restart.is_some() && restart == indices.map(|i| i.index(position)) {
@@ -61,7 +53,7 @@ pub(super) fn triangles(
         match (mode, length) {
             (_, 0) => a = c,
             (_, 1) => b = c,
-            (Mode::Fan, _) => {
+            (Mode::TriangleFan, _) => {
                 out.push([b, c, a]);
                 b = c;
             }

@@ -2,28 +2,17 @@
 
 use super::local::{Local, unit};
 use crate::model::accessor;
-use crate::model::document::{Document, DocumentError, reference};
+use crate::model::document::{Document, DocumentError};
 use glam::{DQuat, DVec4};
-use serde_json::Value;
+use gltf::animation::{Interpolation, Property};
+use gltf::json::animation as json;
+use gltf::json::validation::Checked::{Invalid, Valid};
+use serde_json::{Value, from_value};
 use std::collections::BTreeMap;
-
-#[derive(Clone, Copy)]
-enum Path {
-    Translation,
-    Rotation,
-    Scale,
-}
-
-#[derive(Clone, Copy)]
-enum Interpolation {
-    Linear,
-    Step,
-    CubicSpline,
-}
 
 struct Channel {
     node: usize,
-    path: Path,
+    path: Property,
     interpolation: Interpolation,
     /// Accessors.
     input: usize,
@@ -55,12 +44,9 @@ pub fn apply(document: &Document, seconds: f64, locals: &mut [Local]) -> Result<
             continue;
         }
         match channel.path {
-            Path::Translation => local.translation = channel.value::<3>(document, times, seconds)?.truncate(),
-            Path::Scale => local.scale = channel.value::<3>(document, times, seconds)?.truncate(),
-            Path::Rotation => {
-                let value = channel.value::<4>(document, times, seconds)?;
-                local.rotation = unit(DQuat::from_vec4(value));
-            }
+            Property::Translation => local.translation = channel.value::<3>(document, times, seconds)?.truncate(),
+            Property::Scale => local.scale = channel.value::<3>(document, times, seconds)?.truncate(),
+            _ => local.rotation = unit(DQuat::from_vec4(channel.value::<4>(document, times, seconds)?)),
         }
     }
     Ok(())
@@ -106,24 +92,17 @@ fn channels(document: &Document) -> Vec<Channel> {
     let list = |key: &str| animation.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     let samplers = list("samplers");
     let read = |channel: &Value| -> Option<Channel> {
-        let target = channel.get("target")?.as_object()?;
-        let sampler = samplers.get(reference(channel.as_object()?, "sampler")?)?.as_object()?;
-        Some(Channel {
-            node: reference(target, "node")?,
-            path: match target.get("path")?.as_str()? {
-                "translation" => Path::Translation,
-                "rotation" => Path::Rotation,
-                "scale" => Path::Scale,
-                _ => return None,
-            },
-            interpolation: match sampler.get("interpolation").and_then(Value::as_str) {
-                Some("STEP") => Interpolation::Step,
-                Some("CUBICSPLINE") => Interpolation::CubicSpline,
-                _ => Interpolation::Linear,
-            },
-            input: reference(sampler, "input")?,
-            output: reference(sampler, "output")?,
-        })
+        let json::Channel { sampler, target, .. } = from_value(channel.clone()).ok()?;
+        let sampler: json::Sampler = from_value(samplers.get(sampler.value())?.clone()).ok()?;
+        let Valid(path @ (Property::Translation | Property::Rotation | Property::Scale)) = target.path else {
+            return None;
+        };
+        let interpolation = match sampler.interpolation {
+            Valid(interpolation) => interpolation,
+            Invalid => Interpolation::Linear,
+        };
+        let (input, output) = (sampler.input.value(), sampler.output.value());
+        Some(Channel { node: target.node.value(), path, interpolation, input, output })
     };
     list("channels").iter().filter_map(read).collect()
 }

@@ -307,6 +307,45 @@ fn faults_outside_of_geometry_do_not_matter() {
 }
 
 #[test]
+fn members_that_geometry_does_not_need_may_be_anything() {
+    let mut model = tetrahedron()
+        .set("/scenes/0/name", json!([]))
+        .set("/nodes/0/name", json!(5))
+        .set("/nodes/0/camera", json!("x"))
+        .set("/nodes/0/weights", json!("x"))
+        .set("/meshes/0/weights", json!({}))
+        .set("/meshes/0/name", json!(null))
+        .set("/meshes/0/primitives/0/material", json!(-1))
+        .set("/accessors/0/min", json!("low"))
+        .set("/accessors/0/name", json!(7))
+        .set("/accessors/0/normalized", json!("yes"))
+        .set("/bufferViews/0/target", json!("x"))
+        .set("/buffers/0/name", json!(7));
+    model.json["meshes"][0]["primitives"][0]["attributes"]["_OWN"] = json!("x");
+    assert_eq!(mesh_of(&model).mesh, mesh_of(&tetrahedron()).mesh);
+    // Numbers that JSON cannot hold, and any depth.
+    let extras = format!("{}1e999{}", "[".repeat(1000), "]".repeat(1000));
+    let model = model.set("/meshes/0/primitives/0/extras", json!("X")).set("/accessors/0/max", json!("X"));
+    let json = model.json.to_string().replace("\"X\"", &extras);
+    let asset = read(&glb(&[(b"JSON", json.as_bytes()), (b"BIN\0", &model.bin)])).expect("it is read");
+    assert_eq!(asset.mesh, mesh_of(&tetrahedron()).mesh);
+}
+
+#[test]
+fn whole_reals_are_integers() {
+    let model = tetrahedron()
+        .set("/scene", json!(0.0))
+        .set("/scenes/0/nodes/0", json!(0.0))
+        .set("/nodes/0/mesh", json!(0.0))
+        .set("/meshes/0/primitives/0/indices", json!(1.0))
+        .set("/meshes/0/primitives/0/mode", json!(4.0))
+        .set("/accessors/1/componentType", json!(5123.0))
+        .set("/accessors/1/count", json!(12.0))
+        .set("/bufferViews/1/byteOffset", json!(48.0));
+    assert_eq!(mesh_of(&model).mesh, mesh_of(&tetrahedron()).mesh);
+}
+
+#[test]
 fn skins_and_morph_targets_are_told() {
     let model = tetrahedron().set("/nodes/0/skin", json!(0)).set("/meshes/0/primitives/0/targets", json!([{}]));
     let notes = mesh_of(&model).notes.join("\n");
