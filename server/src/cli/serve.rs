@@ -8,8 +8,9 @@ use crate::service::secrets::Secrets;
 use crate::service::serve::{self, ServeError};
 use crate::service::telemetry;
 use figment::Figment;
-use figment::providers::{Format, Serialized, Toml};
+use figment::providers::{Format, Serialized};
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -136,6 +137,18 @@ pub struct Args {
     #[arg(long, hide = true)]
     #[serde(skip)]
     worker_program: Option<PathBuf>,
+}
+
+/// TOML, as scene files are read.
+struct Toml;
+
+impl Format for Toml {
+    type Error = toml::de::Error;
+    const NAME: &'static str = "TOML";
+
+    fn from_str<T: DeserializeOwned>(text: &str) -> Result<T, Self::Error> {
+        toml::from_str(text)
+    }
 }
 
 impl Args {
