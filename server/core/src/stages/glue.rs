@@ -119,7 +119,7 @@ pub fn run<'a>(
         };
         let absent: Vec<BodyId> =
             placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
-        let mut attempt = Attempt { glued, absent, way: f64::INFINITY, moving: BTreeSet::new() };
+        let mut attempt = Attempt { glued, absent, way: f64::INFINITY, moving: BTreeSet::new(), is_fastened: false };
         if !proves {
             best = Some(attempt);
             break;
@@ -146,7 +146,7 @@ pub fn run<'a>(
         }
     }
     let mut best = best.ok_or_else(|| Error::Internal("no dots were placed".into()))?;
-    if fastens && proves {
+    if fastens && proves && !best.is_fastened {
         proving.begin = 1.0;
         proving.fasten(&mut best, &sites, least_limit, observer)?;
     }
@@ -175,6 +175,7 @@ struct Attempt {
     way: f64,
     /// Bodies that have moved, with these dots or fewer.
     moving: BTreeSet<BodyId>,
+    is_fastened: bool,
 }
 
 impl Attempt {
@@ -222,7 +223,7 @@ impl Proving<'_, '_> {
         Ok(freed)
     }
 
-    /// Fastens what moves to all that it touches, and what moves next, too; as long as the pile does not stand.
+    /// Fastens what moves to all that it touches, and what moves next, too; as long as anything does.
     fn fasten(
         &mut self,
         attempt: &mut Attempt,
@@ -230,10 +231,11 @@ impl Proving<'_, '_> {
         limit: f64,
         observer: &mut dyn Observer,
     ) -> Result<(), Error> {
+        attempt.is_fastened = true;
         let (mut dots, mut moving) = (attempt.glued.dots.clone(), attempt.moving.clone());
         for _ in 0..FASTENINGS {
             let more = fastening(sites, &dots, &moving, limit);
-            if attempt.stands() || more.is_empty() {
+            if attempt.glued.moved == Some(0.0) || more.is_empty() {
                 break;
             }
             dots.extend(more);
