@@ -1,0 +1,84 @@
+//! The proof: a glued pile is let go, to see that it stands.
+
+use crate::error::Error;
+use crate::geometry::pose::Pose;
+use crate::sim::glue::{Dot, Glue};
+use crate::sim::step::Simulation;
+use crate::world::{BodyId, World};
+use glam::DVec3;
+
+/// For how long the glued pile is let go, natural times.
+const PROOF_TIME: f64 = 20.0;
+/// A body has moved if it did by more than this, d.
+const MOVED: f64 = 0.25;
+/// The pile stands if no larger share of its bodies has moved.
+pub const MOST_MOVED: f64 = 0.01;
+/// It leans as a whole, on a foot that is too narrow, if its bodies have moved by more than this in the mean, d.
+pub const LEANS: f64 = 0.03;
+/// It fails in places if no larger share has moved.
+pub const IN_PLACES: f64 = 0.2;
+/// It plainly does not stand if a larger share of its bodies has moved.
+const COLLAPSED: f64 = 0.4;
+/// Steps between two looks at what has moved.
+const LOOK: u64 = 50;
+
+/// What a pile did, left to itself.
+pub struct LetGo {
+    /// Share of the bodies that have moved by more than d/4.
+    pub moved: f64,
+    /// Those that have, rising.
+    pub who: Vec<BodyId>,
+    /// How far the bodies have moved in the mean, d.
+    pub way: f64,
+    /// Where the bodies are in the end, engine units; `None` where it was ended early. Shape `[body]`; `None`: not there.
+    pub poses: Option<Vec<Option<Pose>>>,
+    pub steps: u64,
+}
+
+/// Lets a pile with these dots go for 20 natural times, awake, without any control; `loose` bodies are not there. Unless it is to go
+/// `to_the_end`, it ends early where the pile plainly does not stand.
+pub fn let_go(
+    mut sim: Simulation,
+    dots: &[Dot],
+    loose: &[BodyId],
+    down: DVec3,
+    to_the_end: bool,
+    tell: &mut dyn FnMut(f64) -> Result<(), Error>,
+) -> Result<LetGo, Error> {
+    let pile = &mut sim.pile;
+    let _glue = Glue::new(dots.to_vec(), false, &mut pile.world, &mut pile.policy);
+    loose.iter().for_each(|&id| pile.world.remove(id));
+    pile.policy.leave_to_physics(&mut pile.world);
+    let world = &mut pile.world;
+    world.set_gravity(down);
+    let before = poses(world);
+    let steps = (PROOF_TIME / world.step_length()).ceil() as u64;
+    for step in 1..=steps {
+        world.step();
+        if step % LOOK == 0 || step == steps {
+            tell(step as f64 / steps as f64)?;
+            let (who, moved, way) = moved(world, &before);
+            if step == steps || moved > COLLAPSED && !to_the_end {
+                let poses = (step == steps).then(|| poses(world));
+                // What was not waited for counts as the most that it could be.
+                let way = if step == steps { way } else { 2.0 - step as f64 / steps as f64 };
+                return Ok(LetGo { moved, who, way, poses, steps: step });
+            }
+        }
+    }
+    Ok(LetGo { moved: 0.0, who: Vec::new(), way: 0.0, poses: Some(before), steps: 0 })
+}
+
+/// The bodies that have moved, their share, and how far all have in the mean, d. What flew away counts as 1 d.
+fn moved(world: &World, before: &[Option<Pose>]) -> (Vec<BodyId>, f64, f64) {
+    let way = |id: BodyId| before[id].map_or(0.0, |pose| world.pose(id).translation.distance(pose.translation));
+    let who: Vec<BodyId> = world.present().filter(|&id| way(id) > MOVED).collect();
+    let count = world.present().count().max(1) as f64;
+    let share = who.len() as f64 / count;
+    (who, share, world.present().map(|id| way(id).min(1.0)).sum::<f64>() / count)
+}
+
+fn poses(world: &World) -> Vec<Option<Pose>> {
+    let pose = |id: BodyId| world.is_present(id).then(|| world.pose(id));
+    (0..world.bodies().len()).map(pose).collect()
+}
