@@ -78,12 +78,13 @@ pub fn run<'a>(
     // Glue of bounded strength is not to make up for its bound.
     let fastens = !resolved.glue_bound.is_finite();
     let mut anchors_all = params.glue.anchor == Switch::On;
-    let mut proving = Proving { turn_over, bodies: sites.ids.len(), begin: 0.0, steps: 0, seconds: 0.0 };
+    let mut proving = Proving { turn_over, bodies: sites.ids.len(), begin: 0.0, end: 0.0, steps: 0, seconds: 0.0 };
+    let of = ATTEMPTS.len() as f64;
     let mut iterations = 0;
     let mut attempts = ATTEMPTS.iter().enumerate().peekable();
     let mut best: Option<Attempt> = None;
     while let Some((number, share)) = attempts.next() {
-        proving.begin = number as f64 / ATTEMPTS.len() as f64;
+        (proving.begin, proving.end) = (number as f64 / of, (number + 1) as f64 / of);
         observe(observer, &proving.progress(0.0))?;
         let factor = params.glue.friction_factor * share;
         let options = GlueOptions {
@@ -146,8 +147,8 @@ pub fn run<'a>(
         }
     }
     let mut best = best.ok_or_else(|| Error::Internal("no dots were placed".into()))?;
+    proving.end = 1.0;
     if fastens && proves && !best.is_fastened {
-        proving.begin = 1.0;
         proving.fasten(&mut best, &sites, least_limit, observer)?;
     }
     let mut glued = best.glued;
@@ -194,8 +195,9 @@ impl Attempt {
 struct Proving<'p, 'a> {
     turn_over: &'p dyn Fn() -> Result<Simulation<'a>, Error>,
     bodies: usize,
-    /// Progress at which the attempt began.
+    /// Progress when the proof begins, and at the end of the attempt: each proof takes half of what is left of it.
     begin: f64,
+    end: f64,
     steps: u64,
     /// CPU seconds.
     seconds: f64,
@@ -203,7 +205,7 @@ struct Proving<'p, 'a> {
 
 impl Proving<'_, '_> {
     fn progress(&self, part: f64) -> Progress {
-        let fraction = (self.begin + part / ATTEMPTS.len() as f64).min(1.0);
+        let fraction = self.begin + part * (self.end - self.begin) / 2.0;
         Progress { stage: Stage::Glue, fraction, bodies: self.bodies, released: 0, at_rest: 0, nails: 0 }
     }
 
@@ -218,6 +220,7 @@ impl Proving<'_, '_> {
         let clock = observer.cpu_seconds();
         let mut tell = |part: f64| observe(observer, &self.progress(part));
         let freed = let_go((self.turn_over)()?, dots, absent, down, to_the_end, &mut tell)?;
+        self.begin = self.progress(1.0).fraction;
         self.steps += freed.steps;
         self.seconds += observer.cpu_seconds() - clock;
         Ok(freed)
@@ -234,8 +237,11 @@ impl Proving<'_, '_> {
         attempt.is_fastened = true;
         let (mut dots, mut moving) = (attempt.glued.dots.clone(), attempt.moving.clone());
         for _ in 0..FASTENINGS {
+            if attempt.glued.moved == Some(0.0) {
+                break;
+            }
             let more = fastening(sites, &dots, &moving, limit);
-            if attempt.glued.moved == Some(0.0) || more.is_empty() {
+            if more.is_empty() {
                 break;
             }
             dots.extend(more);
