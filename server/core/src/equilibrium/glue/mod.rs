@@ -44,6 +44,8 @@ pub use loads::Loads;
 pub use missing::missing;
 use program::Program;
 use splitting::{Splitting, Weights};
+use std::collections::BTreeSet;
+use std::iter;
 use std::ops::{ControlFlow, Range};
 
 /// Two things that touch, and could be glued there.
@@ -134,41 +136,45 @@ pub enum GlueError {
 }
 
 /// A round of reweighting for each; forces, in weights of the lighter body.
-const ROUNDS: [f64; 5] = [0.3, 0.1, 0.05, 0.03, 0.02];
+const ROUNDS: [f64; 7] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
 /// The same for piles of more than so many bodies: fewer rounds find somewhat more dots, in half the time.
 const ROUNDS_LARGE: [f64; 2] = [0.1, 0.03];
 const LARGE: usize = 4000;
+/// So many rounds are left out where dots are known.
+const KNOWN: usize = 3;
 /// A dot that carries less than this, in weights of the lighter body, is none.
 const NOTHING: f64 = 1e-4;
 /// Dots are chosen for a friction that is smaller still, by this factor: that leaves the certificate the room which it needs.
 const TIGHT: f64 = 0.97;
+/// Where a choice does not balance, what it takes besides is sought at this share of the price of normal forces, and to this share of
+/// [`splitting::NEAR`].
+const MENDING: f64 = 0.25;
 /// Told between iterations; `Break` cancels.
 pub type Going<'a> = dyn FnMut() -> ControlFlow<()> + 'a;
 
 /// Chooses the dots.
 pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Result<Placement, GlueError> {
+    place_again(pile, options, &[], going)
+}
+
+/// Chooses again from dots of the same touches, after what carries has changed in places: sooner done, and most dots elsewhere stay.
+pub fn place_again(
+    pile: &GlueProblem,
+    options: &GlueOptions,
+    known: &[GlueDot],
+    going: &mut Going,
+) -> Result<Placement, GlueError> {
     let mut fallen = vec![false; pile.bodies.len()];
     let mut iterations = 0;
     let tight_options = GlueOptions { friction_factor: options.friction_factor * TIGHT, ..*options };
     loop {
         let program = Program::new(pile, options, &fallen)?;
         let tight = Program::new(pile, &tight_options, &fallen)?;
-        let (choices, splitting) = choose(&tight, options, going)?;
-        iterations += splitting.iterations;
-        let mut best: Option<(&Vec<usize>, Balanced)> = None;
-        for (k, choice) in choices.iter().enumerate() {
-            // The cone program has its say on the smallest choice, and on the largest.
-            let ends = k == 0 || k + 1 == choices.len();
-            let found = certificate::balance(&program, &tight, splitting.state.clone(), choice, ends, going)?;
-            iterations += found.iterations;
-            if best.as_ref().is_none_or(|(_, best)| found.imbalance < best.imbalance) {
-                best = Some((choice, found));
-            }
-            if best.as_ref().is_some_and(|(_, best)| best.imbalance <= BALANCED) {
-                break;
-            }
-        }
-        let Some((chosen, balanced)) = best else { return Err(GlueError::Options) };
+        let may: Vec<bool> = tight.touches.iter().map(|touch| touch.may).collect();
+        let mut splitting = Splitting::new(&tight, &may, false);
+        let rounds = choose(&mut splitting, known, options, going)?;
+        let balanced = balance(&program, &mut splitting, &rounds, options, going)?;
+        iterations += splitting.iterations + balanced.iterations;
         if options.strength.is_some() && balanced.imbalance > BALANCED {
             let worst = certificate::worst(&program, &balanced.state);
             let fall = falls::fall(pile, &tight_options, &mut fallen, worst, going)?;
@@ -178,7 +184,7 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
             }
         }
         return Ok(Placement {
-            dots: chosen.iter().map(|&touch| program.dot(touch, &balanced.state)).collect(),
+            dots: balanced.touches.iter().map(|&touch| program.dot(touch, &balanced.state)).collect(),
             at_least: bound::at_least(pile, options, &fallen),
             fallen: (0..fallen.len()).filter(|&body| fallen[body]).collect(),
             forces: program.forces(&balanced.state),
@@ -189,33 +195,71 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
     }
 }
 
-/// The touches to glue: those of the last round, then with those of each round before it, each rising; and the last of the solves.
-fn choose<'p>(
-    program: &'p Program,
+/// The touches that each round glues, rising; the last round first.
+fn choose(
+    splitting: &mut Splitting,
+    known: &[GlueDot],
     options: &GlueOptions,
     going: &mut Going,
-) -> Result<(Vec<Vec<usize>>, Splitting<'p>), GlueError> {
-    let mut weights = Weights::even(program, options.normal_price, false);
-    let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
-    let mut splitting = Splitting::new(program, &may, false);
-    splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
+) -> Result<Vec<Vec<usize>>, GlueError> {
+    let mut weights = Weights::even(splitting.program, options.normal_price, false);
+    if known.is_empty() {
+        splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
+    } else {
+        splitting.take(splitting.program.state(known));
+    }
+    let bodies = splitting.program.target.len();
     // In a small pile, balance says nothing of whether the choice is made.
-    let next = if program.target.len() <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
-    let mut rounds: Vec<Vec<bool>> = Vec::new();
-    for &e in if program.target.len() <= LARGE { &ROUNDS[..] } else { &ROUNDS_LARGE[..] } {
+    let next = if bodies <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
+    let rounds = if bodies <= LARGE { &ROUNDS[..] } else { &ROUNDS_LARGE[..] };
+    let mut chosen = Vec::new();
+    for &e in rounds.iter().skip(if known.is_empty() { 0 } else { KNOWN.min(rounds.len() - 1) }) {
         weights.reweight(&splitting.state.dots, e);
         weights.normal = options.normal_price * e;
         // Costs have fallen by e, and balance must not outweigh them.
         splitting.set_penalty(e);
         splitting.run(&weights, next, splitting::NEAR, going)?;
-        rounds.push(splitting.state.dots.iter().map(|dot| dot.norm() > NOTHING).collect());
+        chosen.push(splitting.dots(NOTHING));
     }
-    let mut so_far = vec![false; may.len()];
-    let mut choices: Vec<Vec<usize>> = Vec::new();
-    for round in rounds.iter().rev() {
-        so_far.iter_mut().zip(round).for_each(|(so_far, chosen)| *so_far |= chosen);
-        choices.push((0..may.len()).filter(|&touch| so_far[touch]).collect());
+    chosen.reverse();
+    Ok(chosen)
+}
+
+/// Balances the dots of the last round; where that fails, with what it takes besides; then with those of the rounds before, too.
+fn balance(
+    program: &Program,
+    splitting: &mut Splitting,
+    rounds: &[Vec<usize>],
+    options: &GlueOptions,
+    going: &mut Going,
+) -> Result<Balanced, GlueError> {
+    let tight = splitting.program;
+    let Some((last, earlier)) = rounds.split_first() else { return Err(GlueError::Options) };
+    let mut best = certificate::balance(program, tight, splitting.state.clone(), last, false, going)?;
+    if best.imbalance <= BALANCED {
+        return Ok(best);
     }
-    choices.dedup();
-    Ok((choices, splitting))
+    let mut iterations = best.iterations;
+    let mut touches: BTreeSet<usize> = last.iter().copied().collect();
+    // More dots at their full price, and those that were chosen for nothing.
+    let mut weights = Weights::even(tight, options.normal_price * MENDING, false);
+    last.iter().for_each(|&touch| weights.dots[touch] = 0.0);
+    splitting.set_penalty(1.0);
+    splitting.run(&weights, splitting::FIRST, splitting::NEAR * MENDING, going)?;
+    let mended = splitting.dots(NOTHING);
+    for (number, more) in iter::once(&mended).chain(earlier).enumerate() {
+        touches.extend(more);
+        let choice: Vec<usize> = touches.iter().copied().collect();
+        // The cone program has its say on the smallest choice, and on the largest.
+        let ends = number == 0 || number == earlier.len();
+        let found = certificate::balance(program, tight, splitting.state.clone(), &choice, ends, going)?;
+        iterations += found.iterations;
+        if found.imbalance < best.imbalance {
+            best = found;
+        }
+        if best.imbalance <= BALANCED {
+            break;
+        }
+    }
+    Ok(Balanced { iterations, ..best })
 }

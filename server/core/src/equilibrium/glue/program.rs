@@ -191,6 +191,17 @@ impl<'a> Program<'a> {
         GlueDot { touch: index, force: vector(0), moment: vector(3) * touch.arm }
     }
 
+    /// A state of these dots, and of no contact forces.
+    pub fn state(&self, dots: &[GlueDot]) -> State {
+        let mut state = self.empty_state();
+        for dot in dots {
+            let touch = &self.touches[dot.touch];
+            let (force, moment) = (dot.force / touch.unit, dot.moment / (touch.unit * touch.arm));
+            state.dots[dot.touch] = Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+        }
+        state
+    }
+
     /// The contact forces of a state, in the pile's units and axes.
     pub fn forces(&self, state: &State) -> Vec<DVec3> {
         let contacts = self.touches.iter().flat_map(|touch| touch.contacts.clone().map(|at| (at, touch.unit)));

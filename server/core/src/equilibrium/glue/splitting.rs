@@ -61,7 +61,7 @@ impl Weights {
 
 /// A solve under way.
 pub struct Splitting<'p> {
-    program: &'p Program<'p>,
+    pub program: &'p Program<'p>,
     may: Vec<bool>,
     factor: Factor,
     /// Obeys every law.
@@ -129,8 +129,14 @@ impl<'p> Splitting<'p> {
         Ok(())
     }
 
+    /// Touches whose dot carries more than this, rising.
+    pub fn dots(&self, least: f64) -> Vec<usize> {
+        let dots = &self.state.dots;
+        (0..dots.len()).filter(|&touch| dots[touch].norm() > least).collect()
+    }
+
     /// Mean over the bodies of what the state leaves unbalanced.
-    pub fn unbalanced(&mut self) -> f64 {
+    fn unbalanced(&mut self) -> f64 {
         self.program.imbalance(&self.state, &mut self.left);
         self.left.iter().map(|e| e.norm()).sum::<f64>() / self.left.len().max(1) as f64
     }

@@ -19,8 +19,6 @@ const PEG: f64 = 0.5;
 /// but not across gaps wider than this, d.
 const BRIDGES: [f64; 3] = [1.0, 2.0, 4.0];
 const WIDEST: f64 = 0.75;
-/// Friction counts by this factor at bodies that it did not hold.
-const DISTRUST: f64 = 0.2;
 
 /// The bodies of a pile and their touches. Engine units.
 pub struct Sites {
@@ -36,7 +34,8 @@ pub struct Sites {
     pub patches: Vec<Option<(f64, f64)>>,
     /// Gap of each touch that is a bridge; 0 of all others. Shape `[touch]`.
     pub gaps: Vec<f64>,
-    distrusted: BTreeSet<BodyId>,
+    /// By body, how often it moved though it should not have: once, twice or more.
+    distrust: Vec<u8>,
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
     touches: Vec<GlueTouch>,
@@ -78,7 +77,7 @@ impl Sites {
         let mut sites = Sites {
             apart: (0..inside.len()).filter(|&id| inside[id] && !joined[id]).collect(),
             bodies: ids.iter().map(body).collect(),
-            distrusted: BTreeSet::new(),
+            distrust: vec![0; ids.len()],
             between: Vec::new(),
             normals: Vec::new(),
             patches: Vec::new(),
@@ -98,17 +97,29 @@ impl Sites {
         sites
     }
 
-    /// Friction at these bodies counts less: they moved though it should have held them. Returns whether any of them is new.
+    /// These bodies moved though friction should have held them: theirs counts no more. What moved even so is held by glue alone: what
+    /// it touches carries it no more. Returns whether that changes anything.
     pub fn distrust(&mut self, moved: &BTreeSet<BodyId>) -> bool {
-        let before = self.distrusted.len();
-        let new: Vec<BodyId> = moved.iter().copied().filter(|&id| self.distrusted.insert(id)).collect();
-        let slips = |index: usize| new.binary_search(&self.ids[index]).is_ok();
-        for contact in &mut self.contacts {
-            if slips(contact.body) || contact.other.is_some_and(slips) {
-                contact.friction *= DISTRUST;
-            }
+        let index = |id: &BodyId| self.ids.binary_search(id).ok();
+        let before = self.distrust.clone();
+        for body in moved.iter().filter_map(index) {
+            self.distrust[body] = (self.distrust[body] + 1).min(2);
         }
-        self.distrusted.len() > before
+        let distrust = &self.distrust;
+        let of = |c: &GlobalContact| distrust[c.body].max(c.other.map_or(0, |other| distrust[other]));
+        let mut kept = Vec::with_capacity(self.contacts.len());
+        for touch in &mut self.touches {
+            let own = &self.contacts[touch.contacts.clone()];
+            let begin = kept.len();
+            kept.extend(
+                own.iter()
+                    .filter(|c| of(c) < 2)
+                    .map(|c| GlobalContact { friction: if of(c) > 0 { 0.0 } else { c.friction }, ..*c }),
+            );
+            touch.contacts = begin..kept.len();
+        }
+        self.contacts = kept;
+        self.distrust != before
     }
 
     pub fn problem(&self, gravity: DVec3) -> GlueProblem<'_> {
@@ -117,9 +128,13 @@ impl Sites {
 
     /// Touches, and those that glue makes where there are none: pegs and bridges.
     pub fn real_with(&self, placement: &Placement) -> usize {
-        let is_real = |touch: &GlueTouch| !touch.contacts.is_empty();
-        let made = placement.dots.iter().filter(|dot| !is_real(&self.touches[dot.touch])).count();
-        self.touches.iter().filter(|touch| is_real(touch)).count() + made
+        let made = placement.dots.iter().filter(|dot| !self.is_real(dot.touch)).count();
+        (0..self.touches.len()).filter(|&touch| self.is_real(touch)).count() + made
+    }
+
+    /// Whether the two touch; no peg and no bridge.
+    pub fn is_real(&self, touch: usize) -> bool {
+        self.patches[touch].is_some()
     }
 
     /// A dot at this touch that carries a force and a moment, engine units. It breaks beyond `breaking` times that, and at `least_limit`

@@ -29,7 +29,7 @@ fn about_as_few_dots_as_clarabel() {
 }
 
 /// Sum of the normal forces.
-fn pressure(pile: &Pile, placed: &Placement) -> f64 {
+pub fn pressure(pile: &Pile, placed: &Placement) -> f64 {
     pile.contacts.iter().zip(&placed.forces).map(|(c, f)| f.dot(c.normal)).sum()
 }
 

@@ -1,5 +1,6 @@
 //! The choice of glue dots: against known answers, Clarabel and substitution.
 
+mod again;
 mod bounded;
 mod clarabel;
 mod input;
