@@ -119,14 +119,15 @@ pub fn run<'a>(
         };
         let absent: Vec<BodyId> =
             placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
-        let mut attempt = Attempt { glued, absent, way: f64::INFINITY, moving: BTreeSet::new(), is_fastened: false };
+        let mut attempt =
+            Attempt { glued, absent, way: f64::INFINITY, drifts: false, moving: BTreeSet::new(), is_fastened: false };
         if !proves {
             best = Some(attempt);
             break;
         }
         is_last |= number + 1 == ATTEMPTS;
         let freed = proving.prove(&attempt.glued.dots, &attempt.absent, DVec3::NEG_Y, is_last, observer)?;
-        let fails_in_places = freed.moved <= IN_PLACES;
+        let fails_in_places = freed.moved <= IN_PLACES && !freed.drifts;
         let leans = anchors && freed.way > LEANS && !anchors_all;
         attempt.stood(freed);
         let is_dearest = level + 1 == PRICES.len();
@@ -136,7 +137,7 @@ pub fn run<'a>(
             proving.fasten(&mut attempt, &sites, least_limit, observer)?;
         }
         let stands = attempt.stands();
-        if best.as_ref().is_none_or(|best| attempt.way <= best.way) {
+        if best.as_ref().is_none_or(|best| attempt.is_as_good_as(best)) {
             best = Some(attempt);
         }
         if is_last || stands && !leans {
@@ -180,6 +181,8 @@ struct Attempt {
     absent: Vec<BodyId>,
     /// How far the bodies have moved in the mean, d.
     way: f64,
+    /// They went on moving.
+    drifts: bool,
     /// Bodies that have moved, with these dots or fewer.
     moving: BTreeSet<BodyId>,
     is_fastened: bool,
@@ -187,12 +190,17 @@ struct Attempt {
 
 impl Attempt {
     fn stands(&self) -> bool {
-        self.glued.moved.is_none_or(|moved| moved <= MOST_MOVED)
+        !self.drifts && self.glued.moved.is_none_or(|moved| moved <= MOST_MOVED)
+    }
+
+    fn is_as_good_as(&self, other: &Attempt) -> bool {
+        if self.stands() == other.stands() { self.way <= other.way } else { self.stands() }
     }
 
     fn stood(&mut self, freed: LetGo) {
         // What was not waited for is worse than all else.
         self.way = if freed.poses.is_some() { freed.way } else { f64::INFINITY };
+        self.drifts = freed.drifts;
         self.moving.extend(freed.who);
         (self.glued.moved, self.glued.freed) = (Some(freed.moved), freed.poses);
     }
@@ -244,7 +252,7 @@ impl Proving<'_, '_> {
         attempt.is_fastened = true;
         let (mut dots, mut moving) = (attempt.glued.dots.clone(), attempt.moving.clone());
         for _ in 0..FASTENINGS {
-            if attempt.glued.moved == Some(0.0) {
+            if attempt.glued.moved == Some(0.0) && !attempt.drifts {
                 break;
             }
             let more = fastening(sites, &dots, &moving, limit);
@@ -254,11 +262,12 @@ impl Proving<'_, '_> {
             dots.extend(more);
             let freed = self.prove(&dots, &attempt.absent, DVec3::NEG_Y, true, observer)?;
             moving.extend(&freed.who);
-            if freed.way >= attempt.way {
+            if freed.way < attempt.way || attempt.drifts && !freed.drifts {
+                attempt.glued.dots.clone_from(&dots);
+                attempt.stood(freed);
+            } else if attempt.stands() {
                 break;
             }
-            attempt.glued.dots.clone_from(&dots);
-            attempt.stood(freed);
         }
         Ok(())
     }
