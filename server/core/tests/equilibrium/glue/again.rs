@@ -1,6 +1,5 @@
 //! Choosing again: from known dots, and at another price.
 
-use super::clarabel::pressure;
 use super::piles::{KINDS, random};
 use super::{OPTIONS, dots};
 use cairn_core::equilibrium::glue::{self, GlueOptions};
@@ -39,7 +38,7 @@ fn dear_normal_forces_are_fewer_and_need_more_dots() {
             let placed = pile.place(&options);
             pile.certify(&placed, &options, &format!("pile {seed} at {normal_price}"));
             let weight: f64 = pile.bodies.iter().map(|b| b.mass * 9.81).sum();
-            press += pressure(&pile, &placed) / weight;
+            press += pile.pressure(&placed) / weight;
             count += placed.dots.len();
         }
         presses.push(press);

@@ -2,7 +2,7 @@
 
 use super::piles::{KINDS, random};
 use super::{OPTIONS, Pile, dots};
-use cairn_core::equilibrium::glue::{Placement, oracle};
+use cairn_core::equilibrium::glue::oracle;
 
 const PILES: u64 = KINDS * 6;
 
@@ -22,15 +22,10 @@ fn about_as_few_dots_as_clarabel() {
         }
         sums = [sums[0] + ours, sums[1] + theirs];
         let weight: f64 = pile.bodies.iter().map(|b| b.mass * 9.81).sum();
-        presses = [presses[0] + pressure(&pile, &placed) / weight, presses[1] + pressure(&pile, &judge) / weight];
+        presses = [presses[0] + pile.pressure(&placed) / weight, presses[1] + pile.pressure(&judge) / weight];
     }
     println!("in all {} dots, {} by Clarabel; pressure {presses:.1?} weights", sums[0], sums[1]);
     assert!(bad.is_empty(), "many more than by Clarabel: {bad:?}");
-}
-
-/// Sum of the normal forces.
-pub fn pressure(pile: &Pile, placed: &Placement) -> f64 {
-    pile.contacts.iter().zip(&placed.forces).map(|(c, f)| f.dot(c.normal)).sum()
 }
 
 /// The normal forces may rise by so much, in sum, where a dot goes: what would wedge instead keeps it.
@@ -40,7 +35,7 @@ const WEDGE: f64 = 1.2;
 fn removable(pile: &Pile, mut kept: Vec<usize>) -> usize {
     let at = |dots: &[usize]| {
         let placed = oracle::place_at(&pile.problem(), &OPTIONS, dots).expect("a valid pile");
-        (placed.stands(), pressure(pile, &placed))
+        (placed.stands(), pile.pressure(&placed))
     };
     let (all, most) = (kept.len(), at(&kept).1 * WEDGE);
     for touch in kept.clone() {

@@ -133,6 +133,11 @@ impl Pile {
         left.sum()
     }
 
+    /// Sum of the normal forces, in newtons.
+    pub fn pressure(&self, placed: &Placement) -> f64 {
+        self.contacts.iter().zip(&placed.forces).map(|(c, f)| f.dot(c.normal)).sum()
+    }
+
     /// Asserts all that a placement promises.
     pub fn certify(&self, placed: &Placement, options: &GlueOptions, what: &str) {
         self.check_forces(placed, options, what);
