@@ -8,7 +8,7 @@ use cairn_core::geometry::contact::{self, Bearing, CARRYING_GAP};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::input::params::{Accuracy, GlueMode, Params};
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::{check, shape};
 use cairn_core::world::{Insertion, Role, Units, World};
@@ -118,7 +118,8 @@ fn what_hangs_is_what_another_way_finds() {
     for seed in 1..=6 {
         let scene = scene(cone(0.6, 1.2), stick());
         let mesh = &scene.props[0].model.mesh;
-        let params = Params { seed, ..Params::new(Accuracy::Draft) };
+        let mut params = Params { seed, ..Params::new(Accuracy::Draft) };
+        params.glue.mode = GlueMode::Natural;
         let pile = bake(&scene, &params, &mut Silent).unwrap();
         let (poses, diameter) = (pile.frames.last().unwrap(), pile.report.plan.prop_diameter);
         assert_eq!(pile.report.measures["hanging"], Some(0.0), "a pile at rest, seed {seed}");

@@ -16,7 +16,7 @@ use crate::sim::glue::{Dot, Glue, Sites};
 use crate::sim::step::Simulation;
 use crate::world::{BodyId, Side};
 use glam::{DQuat, DVec3};
-use proof::{IN_PLACES, LEANS};
+use proof::{IN_PLACES, LEANS, SAGS};
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
@@ -119,16 +119,16 @@ pub fn run<'a>(
         };
         let absent: Vec<BodyId> =
             placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
-        let mut attempt =
-            Attempt { glued, absent, way: f64::INFINITY, drifts: false, moving: BTreeSet::new(), is_fastened: false };
+        let mut attempt = Attempt { glued, absent, way: f64::INFINITY, moving: BTreeSet::new(), is_fastened: false };
         if !proves {
             best = Some(attempt);
             break;
         }
         is_last |= number + 1 == ATTEMPTS;
         let freed = proving.prove(&attempt.glued.dots, &attempt.absent, DVec3::NEG_Y, is_last, observer)?;
-        let fails_in_places = freed.moved <= IN_PLACES && !freed.drifts;
         let leans = anchors && freed.way > LEANS && !anchors_all;
+        let sags = freed.way > SAGS && !leans;
+        let fails_in_places = freed.moved <= IN_PLACES && !sags;
         attempt.stood(freed);
         let is_dearest = level + 1 == PRICES.len();
         let distrusts = (fails_in_places || is_dearest) && sites.distrust(&attempt.moving);
@@ -181,8 +181,6 @@ struct Attempt {
     absent: Vec<BodyId>,
     /// How far the bodies have moved in the mean, d.
     way: f64,
-    /// They went on moving.
-    drifts: bool,
     /// Bodies that have moved, with these dots or fewer.
     moving: BTreeSet<BodyId>,
     is_fastened: bool,
@@ -190,7 +188,7 @@ struct Attempt {
 
 impl Attempt {
     fn stands(&self) -> bool {
-        !self.drifts && self.glued.moved.is_none_or(|moved| moved <= MOST_MOVED)
+        self.glued.moved.is_none_or(|moved| moved <= MOST_MOVED && self.way <= SAGS)
     }
 
     fn is_as_good_as(&self, other: &Attempt) -> bool {
@@ -200,7 +198,6 @@ impl Attempt {
     fn stood(&mut self, freed: LetGo) {
         // What was not waited for is worse than all else.
         self.way = if freed.poses.is_some() { freed.way } else { f64::INFINITY };
-        self.drifts = freed.drifts;
         self.moving.extend(freed.who);
         (self.glued.moved, self.glued.freed) = (Some(freed.moved), freed.poses);
     }
@@ -252,7 +249,7 @@ impl Proving<'_, '_> {
         attempt.is_fastened = true;
         let (mut dots, mut moving) = (attempt.glued.dots.clone(), attempt.moving.clone());
         for _ in 0..FASTENINGS {
-            if attempt.glued.moved == Some(0.0) && !attempt.drifts {
+            if attempt.glued.moved == Some(0.0) {
                 break;
             }
             let more = fastening(sites, &dots, &moving, limit);
@@ -262,11 +259,9 @@ impl Proving<'_, '_> {
             dots.extend(more);
             let freed = self.prove(&dots, &attempt.absent, DVec3::NEG_Y, true, observer)?;
             moving.extend(&freed.who);
-            if freed.way < attempt.way || attempt.drifts && !freed.drifts {
+            if freed.way < attempt.way {
                 attempt.glued.dots.clone_from(&dots);
                 attempt.stood(freed);
-            } else if attempt.stands() {
-                break;
             }
         }
         Ok(())
