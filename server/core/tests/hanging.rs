@@ -8,7 +8,7 @@ use cairn_core::geometry::contact::{self, Bearing, CARRYING_GAP};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, GlueMode, Params};
+use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::{check, shape};
 use cairn_core::world::{Insertion, Role, Units, World};
@@ -114,12 +114,11 @@ type Stays<'a> = &'a dyn Fn(usize, &Pose) -> bool;
 
 #[test]
 fn what_hangs_is_what_another_way_finds() {
-    let (mut exact, mut cases, mut found) = (0, 0, Vec::new());
+    let (mut doubt, mut bodies, mut found) = (0, 0, Vec::new());
     for seed in 1..=6 {
         let scene = scene(cone(0.6, 1.2), stick());
         let mesh = &scene.props[0].model.mesh;
-        let mut params = Params { seed, ..Params::new(Accuracy::Draft) };
-        params.glue.mode = GlueMode::Natural;
+        let params = Params { seed, ..Params::new(Accuracy::Draft) };
         let pile = bake(&scene, &params, &mut Silent).unwrap();
         let (poses, diameter) = (pile.frames.last().unwrap(), pile.report.plan.prop_diameter);
         assert_eq!(pile.report.measures["hanging"], Some(0.0), "a pile at rest, seed {seed}");
@@ -142,12 +141,12 @@ fn what_hangs_is_what_another_way_finds() {
             let told = told(&scene, &params, &left);
             println!("seed {seed}, part {part}: {told} of {} hang; {least} to {most}", left.len());
             assert!((least..=most).contains(&told), "seed {seed}, part {part}: {told} hang, and not {least} to {most}");
-            exact += usize::from(least == most);
-            cases += 1;
+            doubt += most - least;
+            bodies += left.len();
             found.push((told, left.len()));
         }
     }
-    // The check is worth something: most cases leave no doubt, and in many some bodies hang while others do not.
-    assert!(2 * exact >= cases, "{exact} of {cases} without doubt");
+    // The check is worth something: it doubts few bodies, and in many cases some bodies hang while others do not.
+    assert!(20 * doubt <= bodies, "{doubt} of {bodies} in doubt");
     assert!(found.iter().filter(|(told, all)| (1..*all).contains(told)).count() >= 6, "{found:?}");
 }
