@@ -85,6 +85,7 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
         ("glue_normal_price", Some(glued.normal_price)),
         ("glue_imbalance", Some(glued.imbalance)),
         ("moved_freed", glued.moved),
+        ("sag_freed", glued.moved.map(|_| glued.way)),
         ("moved_tilted", glued.moved_tilted),
     ])
 }
@@ -109,11 +110,14 @@ pub fn warnings(inputs: &Inputs, glued: &Glued) -> Vec<String> {
         let (who, bound) = (bodies(glued.fallen), inputs.resolved.glue_bound);
         warnings.push(format!("{who} would need stronger glue than {bound} weights per dot: they were left to fall"));
     }
-    if let Some(moved) = glued.moved.filter(|moved| *moved > MOST_MOVED) {
-        let share = 100.0 * moved;
+    if !glued.stands() {
+        let moved = glued.moved.unwrap_or(0.0);
+        let what = match moved > MOST_MOVED {
+            true => format!("{:.0} % of the bodies moved", 100.0 * moved),
+            false => format!("the bodies sank by {:.3} m in the mean", glued.way * inputs.plan.prop_diameter),
+        };
         warnings.push(format!(
-            "let go without any hold, {share:.0} % of the bodies moved though they were glued; smaller props, or a broader foot, \
-             stand better"
+            "let go without any hold, {what} though they were glued; smaller props, or a broader foot, stand better"
         ));
     }
     if glued.anchors_all {

@@ -34,6 +34,8 @@ pub struct Sites {
     pub patches: Vec<Option<(f64, f64)>>,
     /// Gap of each touch that is a bridge; 0 of all others. Shape `[touch]`.
     pub gaps: Vec<f64>,
+    /// How far the two are pressed into each other, in the thinner one's thickness. Shape `[touch]`.
+    pub depths: Vec<f64>,
     /// By body, how often it moved though it should not have: once, twice or more.
     distrust: Vec<u8>,
     bodies: Vec<GlobalBody>,
@@ -82,6 +84,7 @@ impl Sites {
             normals: Vec::new(),
             patches: Vec::new(),
             gaps: Vec::new(),
+            depths: Vec::new(),
             contacts: Vec::new(),
             touches: Vec::new(),
             ids,
@@ -91,7 +94,7 @@ impl Sites {
             // What is neither in the pile nor stands still carries nothing here.
             let stands = |id: BodyId| joined[id] || pinned(id);
             if stands(touch.a) && !matches!(touch.b, Side::Body(b) if !stands(b)) {
-                sites.add(touch, k < carrying, k >= pegs, anchors);
+                sites.add(touch, touch.depth() / world.pair_thickness(touch), k < carrying, k >= pegs, anchors);
             }
         }
         sites
@@ -157,7 +160,7 @@ impl Sites {
         dot
     }
 
-    fn add(&mut self, touch: &Touch, carries: bool, bridges: bool, anchors: bool) {
+    fn add(&mut self, touch: &Touch, depth: f64, carries: bool, bridges: bool, anchors: bool) {
         let index = |id: BodyId| self.ids.binary_search(&id).ok();
         let Some(mut contacts) = whole::contacts(touch, &index).map(|all| all.collect::<Vec<_>>()) else { return };
         let Some(&GlobalContact { body, other, .. }) = contacts.first() else { return };
@@ -168,6 +171,7 @@ impl Sites {
         let far = contacts.iter().map(|c| c.point.distance(center)).sum::<f64>() / count;
         self.patches.push(carries.then_some((touch.friction, far)));
         self.gaps.push(if bridges { narrowest(touch) } else { 0.0 });
+        self.depths.push(depth);
         contacts = few(contacts);
         if !carries {
             contacts.clear();

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::geometry::pose::Pose;
+use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::sim::glue::{Dot, Glue};
 use crate::sim::step::Simulation;
 use crate::world::{BodyId, World};
@@ -35,6 +36,46 @@ pub struct LetGo {
     /// Where the bodies are in the end, engine units; `None` where it was ended early. Shape `[body]`; `None`: not there.
     pub poses: Option<Vec<Option<Pose>>>,
     pub steps: u64,
+}
+
+/// Proves, and counts what that takes.
+pub struct Proving<'p, 'a> {
+    turn_over: &'p dyn Fn() -> Result<Simulation<'a>, Error>,
+    bodies: usize,
+    /// Progress when the proof begins, and at the end of the attempt: each proof takes half of what is left of it.
+    pub begin: f64,
+    pub end: f64,
+    pub steps: u64,
+    /// CPU seconds.
+    pub seconds: f64,
+}
+
+impl<'p, 'a> Proving<'p, 'a> {
+    pub fn new(turn_over: &'p dyn Fn() -> Result<Simulation<'a>, Error>, bodies: usize) -> Proving<'p, 'a> {
+        Proving { turn_over, bodies, begin: 0.0, end: 0.0, steps: 0, seconds: 0.0 }
+    }
+
+    pub fn progress(&self, part: f64) -> Progress {
+        let fraction = self.begin + part * (self.end - self.begin) / 2.0;
+        Progress { stage: Stage::Glue, fraction, bodies: self.bodies, released: 0, at_rest: 0, nails: 0 }
+    }
+
+    pub fn prove(
+        &mut self,
+        dots: &[Dot],
+        absent: &[BodyId],
+        down: DVec3,
+        to_the_end: bool,
+        observer: &mut dyn Observer,
+    ) -> Result<LetGo, Error> {
+        let clock = observer.cpu_seconds();
+        let mut tell = |part: f64| observe(observer, &self.progress(part));
+        let freed = let_go((self.turn_over)()?, dots, absent, down, to_the_end, &mut tell)?;
+        self.begin = self.progress(1.0).fraction;
+        self.steps += freed.steps;
+        self.seconds += observer.cpu_seconds() - clock;
+        Ok(freed)
+    }
 }
 
 /// Lets a pile with these dots go for 20 natural times, awake, without any control; `loose` bodies are not there. Unless it is to go
