@@ -145,7 +145,7 @@ const KNOWN: usize = 3;
 /// A dot that carries less than this, in weights of the lighter body, is none.
 const NOTHING: f64 = 1e-4;
 /// Dots are chosen for a friction that is smaller still, by this factor: that leaves the certificate the room which it needs.
-const TIGHT: f64 = 0.97;
+const TIGHT: f64 = 0.985;
 /// Where a choice does not balance, what it takes besides is sought at this share of the price of normal forces, and to this share of
 /// [`splitting::NEAR`].
 const MENDING: f64 = 0.25;
