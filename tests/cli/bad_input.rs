@@ -154,19 +154,38 @@ fn values_out_of_range_are_told_shortly() {
     assert!(done.stderr.len() < 500, "{}", done.stderr);
 }
 
+/// A file of so many instances of four boxes.
+fn instances(desk: &Desk, name: &str, count: usize) {
+    let mut document = box_json();
+    document["nodes"] = (0..count).map(|_| json!({ "mesh": 0 })).collect();
+    document["scenes"][0]["nodes"] = (0..count).collect();
+    let primitive = document["meshes"][0]["primitives"][0].clone();
+    document["meshes"][0]["primitives"] = vec![primitive; 4].into();
+    desk.write(name, glb(&document, &box_data([1.0; 3])));
+}
+
 /// Instances are counted before any is laid out.
 #[test]
 fn a_small_file_that_unfolds_to_millions() {
     let desk = Desk::new();
-    let mut document = crate::desk::box_json();
-    let count = 350_000 / 2;
-    document["nodes"] = (0..count).map(|_| serde_json::json!({ "mesh": 0 })).collect();
-    document["scenes"][0]["nodes"] = (0..count).collect();
-    let primitive = document["meshes"][0]["primitives"][0].clone();
-    document["meshes"][0]["primitives"] = vec![primitive; 4].into();
-    desk.write("many.glb", crate::desk::glb(&document, &crate::desk::box_data([1.0; 3])));
+    instances(&desk, "many.glb", 350_000 / 2);
     desk.line("check --control many.glb --prop stick.glb")
         .fails(65, &["triangles: ", "more than the limit of 4000000"]);
+}
+
+/// Memory is bounded where that is asked for: the scene is at fault, and nothing is left behind.
+#[test]
+#[cfg(target_os = "linux")]
+fn more_memory_than_allowed() {
+    let desk = Desk::new();
+    let scene = "--control cone.glb --prop stick.glb";
+    refused(&desk, &format!("{scene} --max-triangles 11"), &["stick.glb", "more than the limit of", "simpler file"]);
+    desk.line(&format!("check {scene} --max-memory-mib 511")).fails(2, &["--max-memory-mib", "511"]);
+    // Half a gigabyte is much for a small scene, and little for a million instances.
+    desk.line(&format!("check {scene} --max-memory-mib 512")).ok();
+    instances(&desk, "many.glb", 80_000);
+    let wanted = "--control cone.glb --prop many.glb --max-memory-mib 512";
+    refused(&desk, wanted, &["it takes more memory than the limit of 512 MiB", "simpler meshes", "--max-memory-mib"]);
 }
 
 /// Names of settings are suggested as those of scene files are.

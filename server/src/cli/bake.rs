@@ -1,6 +1,7 @@
 //! `cairn bake`: the main job.
 
-use super::progress::{Mode, Reporter};
+use super::bounds::Bounds;
+use super::progress::{self, Mode, Reporter};
 use super::remote::{self, Access, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
@@ -8,6 +9,7 @@ use crate::job::reuse::Cache;
 use crate::job::{Job, Outcome};
 use crate::model::export::{self, Format};
 use crate::problem::Problem;
+use crate::wire::proto;
 use anstyle::AnsiColor;
 use clap::builder::{FalseyValueParser, OsStringValueParser};
 use std::ffi::OsString;
@@ -59,6 +61,9 @@ pub struct Args {
     #[command(flatten)]
     access: Access,
 
+    #[command(flatten)]
+    bounds: Bounds,
+
     /// Where fills and bakes are kept, to be used again where nothing that they depend on has changed [default: the user's own
     /// cache folder]
     #[arg(long, value_name = "FOLDER", env = "CAIRN_CACHE", value_parser = OsStringValueParser::new(), help_heading = "Cache")]
@@ -84,14 +89,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
         return remote::bake(&args.access.at(server)?, scene, files, format, &wanted);
     }
+    args.bounds.hold(|| bake(args, &scene, format))
+}
+
+fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(args.threads)
         .build_global()
         .map_err(|error| Failure::Internal(error.to_string()))?;
-    let job = Job::read(&scene).map_err(Failure::Input)?;
+    let mode = if args.quiet { Mode::None } else { args.progress };
+    let job = progress::while_reading(mode, || Job::read(scene, args.bounds.limits())).map_err(Failure::Input)?;
     check_outputs(args, job.inputs())?;
 
-    let mut reporter = Reporter::new(if args.quiet { Mode::None } else { args.progress });
+    let mut reporter = Reporter::new(mode);
     let done = job.run(format, &args.output.display().to_string(), &mut cache(args), &mut reporter);
     reporter.finish(done.is_ok());
     let Outcome { bake, result, report, seconds, .. } = done?;

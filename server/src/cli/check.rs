@@ -1,5 +1,7 @@
 //! `cairn check`: everything that is wrong with a scene, and what a bake would do.
 
+use super::bounds::Bounds;
+use super::progress::{self, Mode};
 use super::scene_args::SceneArgs;
 use super::{Failure, print};
 use crate::job::Job;
@@ -21,13 +23,20 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
+    #[command(flatten)]
+    bounds: Bounds,
+
     /// JSON instead of text: an object of ok, problems, notes and plan
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let result = read(&args.scene).map(|(job, plan)| (plan, job.notes));
+    args.bounds.hold(|| check(args))
+}
+
+fn check(args: &Args) -> Result<(), Failure> {
+    let result = read(&args.scene, &args.bounds).map(|(job, plan)| (plan, job.notes));
     if args.json {
         let told = match &result {
             Ok((plan, notes)) => json!({ "ok": true, "problems": [], "notes": notes, "plan": plan }),
@@ -47,10 +56,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// A scene with all its files, and what a bake of it would do.
-pub fn read(scene: &SceneArgs) -> Result<(Job, Plan), Failure> {
-    let job = Job::read(&scene.tree()?.to_message()).map_err(Failure::Input)?;
-    let plan = cairn_core::plan(&job.scene, &job.params)?;
-    Ok((job, plan))
+pub fn read(scene: &SceneArgs, bounds: &Bounds) -> Result<(Job, Plan), Failure> {
+    let scene = scene.tree()?.to_message();
+    progress::while_reading(Mode::Auto, || {
+        let job = Job::read(&scene, bounds.limits()).map_err(Failure::Input)?;
+        let plan = cairn_core::plan(&job.scene, &job.params)?;
+        Ok((job, plan))
+    })
 }
 
 /// The plan for a person. `expected`: what the scene will cost as it is.

@@ -1,5 +1,6 @@
 //! `cairn cost`: what accuracy costs in time, for a scene.
 
+use super::bounds::Bounds;
 use super::progress::Tally;
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, print};
@@ -31,6 +32,9 @@ pub struct Args {
     /// Folder for the table, the plot and the runs so far
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
+
+    #[command(flatten)]
+    bounds: Bounds,
 
     /// Largest CPU time of this call; what does not fit is named in the table
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
@@ -68,8 +72,12 @@ struct Wanted {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
+    args.bounds.hold(|| study(args))
+}
+
+fn study(args: &Args) -> Result<(), Failure> {
     let tree = args.scene.tree()?;
-    let job = Job::read(&tree.to_message()).map_err(Failure::Input)?;
+    let job = Job::read(&tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
     let variants = match (&args.knobs[..], args.presets_only) {
         _ if args.effects => cost::effects::switched(&cairn_core::plan(&job.scene, &job.params)?),
         (_, true) => cost::variants(Some(&[])),
@@ -130,7 +138,7 @@ fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut L
                 left_out.push(name);
                 continue;
             }
-            let job = Job::read(&want.tree.to_message()).map_err(Failure::Input)?;
+            let job = Job::read(&want.tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
             let bodies = args.bodies.map(|n| n as usize);
             match cost::run(&job, &variants[want.variant], want.key.clone(), bodies, &mut watch) {
                 Ok(record) => ledger.add(record).map_err(Failure::TryAgain)?,

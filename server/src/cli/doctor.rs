@@ -158,7 +158,8 @@ fn self_test(progress: Mode) -> Result<Vec<Finding>, Failure> {
 }
 
 fn self_bake(progress: Mode) -> Result<Outcome, Failure> {
-    let job = Job::read_with(&scene()?, Arc::new(open)).map_err(Failure::Input)?;
+    let job =
+        Job::read_with(&scene()?, Arc::new(open), cairn_core::asset::Limits::default()).map_err(Failure::Input)?;
     let mut reporter = Reporter::new(progress);
     let done = job.run(Format::Csv, "self-test", &mut Cache::none(), &mut reporter);
     reporter.finish(done.is_ok());

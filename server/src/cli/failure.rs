@@ -21,6 +21,8 @@ pub enum Failure {
     TryAgain(Problem),
     /// The user pressed Ctrl-C.
     Cancelled,
+    /// Another process has told it, and ended with this code.
+    Told(u8),
 }
 
 impl Failure {
@@ -31,6 +33,7 @@ impl Failure {
             Failure::Internal(_) => 70,
             Failure::TryAgain(_) => 75,
             Failure::Cancelled => 130,
+            Failure::Told(code) => *code,
         })
     }
 
@@ -46,6 +49,7 @@ impl Failure {
                 crate::version::VERSION
             )],
             Failure::Cancelled => vec!["cancelled; nothing was written".into()],
+            Failure::Told(_) => Vec::new(),
         }
     }
 

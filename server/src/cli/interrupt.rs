@@ -13,18 +13,27 @@ const PATIENCE: Duration = Duration::from_millis(1500);
 
 /// From here on, Ctrl-C is ours.
 pub fn listen() {
-    let handler = || {
-        if !ASKED.swap(true, Ordering::SeqCst) {
-            std::thread::spawn(|| {
-                std::thread::sleep(PATIENCE);
-                end();
-            });
-        } else {
-            end();
-        }
-    };
     // Without a handler Ctrl-C still ends the process, if less politely.
-    let _ = ctrlc::set_handler(handler);
+    let _ = ctrlc::set_handler(ask);
+}
+
+/// From here on, the end of the standard input is as Ctrl-C: another process holds its other end, and writes nothing.
+pub fn when_input_ends() {
+    std::thread::spawn(|| {
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        ask();
+    });
+}
+
+fn ask() {
+    if !ASKED.swap(true, Ordering::SeqCst) {
+        std::thread::spawn(|| {
+            std::thread::sleep(PATIENCE);
+            end();
+        });
+    } else {
+        end();
+    }
 }
 
 /// Whether the user wants to end.

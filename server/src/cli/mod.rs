@@ -1,6 +1,7 @@
 //! The command line: one file per command, and what they share.
 
 mod bake;
+mod bounds;
 mod cancel;
 mod check;
 mod completions;

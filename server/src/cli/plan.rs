@@ -1,5 +1,6 @@
 //! `cairn plan`: what a bake would do, and what each accuracy would cost.
 
+use super::bounds::Bounds;
 use super::check::{describe, read};
 use super::scene_args::SceneArgs;
 use super::{Failure, print};
@@ -21,13 +22,20 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
+    #[command(flatten)]
+    bounds: Bounds,
+
     /// JSON instead of text: an object of notes, plan and estimates
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let (job, plan) = read(&args.scene)?;
+    args.bounds.hold(|| plan(args))
+}
+
+fn plan(args: &Args) -> Result<(), Failure> {
+    let (job, plan) = read(&args.scene, &args.bounds)?;
     let estimates = job.estimates()?;
     if args.json {
         return print(&format!("{:#}\n", json!({ "notes": job.notes, "plan": plan, "estimates": estimates })));

@@ -5,8 +5,11 @@ use crate::job::machine;
 use crate::job::pace::{Pace, name};
 use cairn_core::input::observer::{Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::json;
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
 use std::time::{Duration, Instant};
 
 /// How progress is told.
@@ -72,7 +75,7 @@ impl Reporter {
                 self.told = Some(Instant::now());
             }
             Show::Json if began || pause >= Duration::from_millis(100) => {
-                let line = serde_json::json!({
+                let line = json!({
                     "stage": progress.stage,
                     "fraction": progress.fraction,
                     "bodies": progress.bodies,
@@ -108,6 +111,32 @@ impl Observer for Reporter {
     fn cpu_seconds(&mut self) -> f64 {
         machine::cpu_seconds()
     }
+}
+
+/// Reads, and tells so where it takes long.
+pub fn while_reading<T>(mode: Mode, read: impl FnOnce() -> T) -> T {
+    /// Most scenes are read before anybody wonders.
+    const PAUSE: Duration = Duration::from_secs(1);
+    let show = Reporter::new(mode).show;
+    let (done, is_done) = mpsc::channel::<()>();
+    thread::scope(|scope| {
+        scope.spawn(move || {
+            let (began, bar) = (Instant::now(), ProgressBar::new_spinner().with_message("reading"));
+            while is_done.recv_timeout(PAUSE) == Err(RecvTimeoutError::Timeout) {
+                let seconds = began.elapsed().as_secs();
+                match &show {
+                    Show::Bar(_) => bar.set_message(format!("reading the scene and its files, {seconds} s")),
+                    Show::Plain => eprintln!("read: {seconds} s"),
+                    Show::Json => eprintln!("{}", json!({ "stage": "read", "seconds": seconds })),
+                    Show::Nothing => {}
+                }
+            }
+            bar.finish_and_clear();
+        });
+        let read = read();
+        drop(done);
+        read
+    })
 }
 
 const BAR_LENGTH: u64 = 1000;

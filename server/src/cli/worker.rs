@@ -1,6 +1,7 @@
 //! `cairn worker`: one bake for a server, which starts it. Not for the command line.
 
 use super::Failure;
+use crate::job::machine;
 use crate::job::reuse::Cache;
 use crate::service::news::News;
 use crate::service::worker;
@@ -31,7 +32,7 @@ enum Task {
 pub fn run(args: &Args) -> Result<(), Failure> {
     worker::end_with_server();
     if let Some(bytes) = args.memory {
-        worker::limit_memory(bytes).map_err(|error| Failure::Internal(error.to_string()))?;
+        machine::limit_memory(bytes).map_err(|error| Failure::Internal(error.to_string()))?;
     }
     let result = match args.task {
         Task::Plan => worker::plan(&args.folder),

@@ -33,6 +33,13 @@ pub fn peak_memory() -> Option<u64> {
     Some(kib * 1024)
 }
 
+/// Bounds the memory of this process, bytes, where the system can.
+pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
+    #[cfg(unix)]
+    rlimit::setrlimit(rlimit::Resource::AS, bytes, bytes)?;
+    Ok(())
+}
+
 /// Memory that could be had now, bytes.
 pub fn free_memory() -> u64 {
     let mut system = System::new();

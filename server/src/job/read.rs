@@ -19,14 +19,14 @@ use std::time::Instant;
 
 impl Job {
     /// Reads all that a scene names, or tells everything that is wrong with it.
-    pub fn read(scene: &proto::Scene) -> Result<Job, Vec<Problem>> {
-        Job::read_with(scene, Arc::new(files::read))
+    pub fn read(scene: &proto::Scene, limits: Limits) -> Result<Job, Vec<Problem>> {
+        Job::read_with(scene, Arc::new(files::read), limits)
     }
 
     /// The same, with files from elsewhere than the disk.
-    pub fn read_with(scene: &proto::Scene, open: Open) -> Result<Job, Vec<Problem>> {
+    pub fn read_with(scene: &proto::Scene, open: Open, limits: Limits) -> Result<Job, Vec<Problem>> {
         let (began, meter) = (Instant::now(), Meter::start());
-        let mut reader = Reader::new(open);
+        let mut reader = Reader::new(open, limits);
         let (params, problems) = from_proto::params_and_problems(scene);
         reader.problems.extend(problems);
         let control = scene.control_mesh.as_ref().map(|control| reader.model("control_mesh", &control.path).1);
@@ -74,6 +74,8 @@ impl Job {
 /// problem keeps the job from being made.
 struct Reader {
     open: Open,
+    /// Of each file.
+    limits: Limits,
     files: BTreeMap<PathBuf, InputFile>,
     /// Files that could not be read: told once, however many models lie in them.
     missing: BTreeSet<PathBuf>,
@@ -82,9 +84,9 @@ struct Reader {
 }
 
 impl Reader {
-    fn new(open: Open) -> Reader {
+    fn new(open: Open, limits: Limits) -> Reader {
         let (files, missing) = Default::default();
-        Reader { open, files, missing, notes: Vec::new(), problems: Vec::new() }
+        Reader { open, limits, files, missing, notes: Vec::new(), problems: Vec::new() }
     }
 
     /// Adds what the core finds wrong with values. What it says of models that could not be read would mislead.
@@ -135,7 +137,7 @@ impl Reader {
             bytes: &file.bytes,
             node: reference.node.as_deref(),
             resolve: &*file.resolve,
-            limits: Limits::default(),
+            limits: self.limits,
         };
         match asset::read(&source) {
             Ok(asset) => {

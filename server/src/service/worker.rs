@@ -102,13 +102,6 @@ pub fn end_with_server() {
     });
 }
 
-/// Bounds the memory of this process, bytes.
-pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
-    #[cfg(unix)]
-    rlimit::setrlimit(rlimit::Resource::AS, bytes, bytes)?;
-    Ok(())
-}
-
 /// Tells what a bake would do and cost, or all that is wrong with it.
 pub fn plan(folder: &Path) -> Result<(), Error> {
     let (_, job) = read(folder)?;
@@ -170,7 +163,7 @@ fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), Error> {
         .filter(|(_, asset)| !folder.join(ASSETS).join(&asset.sha256).is_file())
         .map(|(index, _)| index)
         .collect();
-    let problems = match Job::read_with(&scene, open(folder, &spec)) {
+    let problems = match Job::read_with(&scene, open(folder, &spec), cairn_core::asset::Limits::default()) {
         Ok(job) if missing.is_empty() => return Ok((spec, job)),
         Ok(_) => Vec::new(),
         Err(problems) => problems,
