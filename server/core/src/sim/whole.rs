@@ -42,6 +42,7 @@ impl Whole {
                 center: point,
                 arm: 1.0,
                 may: false,
+                normal_price: 0.0,
             }));
         }
         Whole { bodies: ids.iter().map(body).collect(), contacts: all, touches, ids }

@@ -10,7 +10,7 @@
 //! of the touch:
 //!
 //! ```text
-//! minimise    sum_t w_t |g_t|  +  price sum_c fn_c           (a group lasso over touches)
+//! minimise    sum_t w_t |g_t|  +  sum_c price_c fn_c         (a group lasso over touches)
 //! such that   every body is balanced, |ft_c| <= factor mu fn_c
 //! ```
 //!
@@ -63,6 +63,8 @@ pub struct GlueTouch {
     pub arm: f64,
     /// Whether it may be glued.
     pub may: bool,
+    /// Its normal forces cost at least so much, against a dot's force as 1; >= 0.
+    pub normal_price: f64,
 }
 
 /// The pile. Any consistent unit system.
@@ -80,7 +82,7 @@ pub struct GlueProblem<'a> {
 pub struct GlueOptions {
     /// Friction counts by this factor, 0 to 1.
     pub friction_factor: f64,
-    /// Price of a normal force, against that of a dot's force as 1.
+    /// Price of a normal force, against that of a dot's force as 1; a touch may have a higher one.
     pub normal_price: f64,
     /// The most that a dot may carry, as |(force, moment / arm)|; a force. `None`: no bound.
     pub strength: Option<f64>,
@@ -127,7 +129,7 @@ impl Placement {
 pub enum GlueError {
     #[error(transparent)]
     Problem(#[from] super::global::GlobalProblemError),
-    #[error("touch {0}: its bodies, its contacts or its arm mean nothing")]
+    #[error("touch {0}: its bodies, its contacts, its arm or its price mean nothing")]
     Touch(usize),
     #[error("friction factor, price or strength is negative or no number")]
     Options,
@@ -172,8 +174,8 @@ pub fn place_again(
         let tight = Program::new(pile, &tight_options, &fallen)?;
         let may: Vec<bool> = tight.touches.iter().map(|touch| touch.may).collect();
         let mut splitting = Splitting::new(&tight, &may, false);
-        let rounds = choose(&mut splitting, known, options, going)?;
-        let balanced = balance(&program, &mut splitting, &rounds, options, going)?;
+        let rounds = choose(&mut splitting, known, going)?;
+        let balanced = balance(&program, &mut splitting, &rounds, going)?;
         iterations += splitting.iterations + balanced.iterations;
         if options.strength.is_some() && balanced.imbalance > BALANCED {
             let worst = certificate::worst(&program, &balanced.state);
@@ -196,13 +198,8 @@ pub fn place_again(
 }
 
 /// The touches that each round glues, rising; the last round first.
-fn choose(
-    splitting: &mut Splitting,
-    known: &[GlueDot],
-    options: &GlueOptions,
-    going: &mut Going,
-) -> Result<Vec<Vec<usize>>, GlueError> {
-    let mut weights = Weights::even(splitting.program, options.normal_price, false);
+fn choose(splitting: &mut Splitting, known: &[GlueDot], going: &mut Going) -> Result<Vec<Vec<usize>>, GlueError> {
+    let mut weights = Weights::of(splitting.program, 1.0);
     if known.is_empty() {
         splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
     } else {
@@ -215,7 +212,7 @@ fn choose(
     let mut chosen = Vec::new();
     for &e in rounds.iter().skip(if known.is_empty() { 0 } else { KNOWN.min(rounds.len() - 1) }) {
         weights.reweight(&splitting.state.dots, e);
-        weights.normal = options.normal_price * e;
+        weights.price(splitting.program, e);
         // Costs have fallen by e, and balance must not outweigh them.
         splitting.set_penalty(e);
         splitting.run(&weights, next, splitting::NEAR, going)?;
@@ -230,7 +227,6 @@ fn balance(
     program: &Program,
     splitting: &mut Splitting,
     rounds: &[Vec<usize>],
-    options: &GlueOptions,
     going: &mut Going,
 ) -> Result<Balanced, GlueError> {
     let tight = splitting.program;
@@ -242,7 +238,7 @@ fn balance(
     let mut iterations = best.iterations;
     let mut touches: BTreeSet<usize> = last.iter().copied().collect();
     // More dots at their full price, and those that were chosen for nothing.
-    let mut weights = Weights::even(tight, options.normal_price * MENDING, false);
+    let mut weights = Weights::of(tight, MENDING);
     last.iter().for_each(|&touch| weights.dots[touch] = 0.0);
     splitting.set_penalty(1.0);
     splitting.run(&weights, splitting::FIRST, splitting::NEAR * MENDING, going)?;

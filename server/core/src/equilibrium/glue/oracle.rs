@@ -29,13 +29,13 @@ pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Re
     let program = Program::new(pile, &GlueOptions { strength: None, ..*options }, &vec![false; pile.bodies.len()])?;
     let may: Vec<bool> = program.touches.iter().map(|touch| touch.may).collect();
     let mut weights = vec![1.0; may.len()];
-    let mut state = solve(&program, &may, &weights, options.normal_price, CHOOSING)?;
+    let mut state = solve(&program, &may, &weights, &|at| program.contacts[at].price, CHOOSING)?;
     for e in ROUNDS {
         if going().is_break() {
             return Err(GlueError::Cancelled);
         }
         weights.iter_mut().zip(&state.dots).for_each(|(weight, dot)| *weight = e / (dot.norm() + e));
-        state = solve(&program, &may, &weights, options.normal_price * e, CHOOSING)?;
+        state = solve(&program, &may, &weights, &|at| program.contacts[at].price * e, CHOOSING)?;
     }
     balanced(&program, &state.dots.iter().map(|dot| dot.norm() > NOTHING).collect::<Vec<_>>())
 }
@@ -63,10 +63,16 @@ fn balanced(program: &Program, may: &[bool]) -> Result<Placement, GlueError> {
 
 /// Forces that balance, with dots only where they may be. Shape of `may`: `[touch]`.
 pub(super) fn balance(program: &Program, may: &[bool]) -> Result<State, GlueError> {
-    solve(program, may, &vec![PRICE; may.len()], PRICE, BALANCING)
+    solve(program, may, &vec![PRICE; may.len()], &|_| PRICE, BALANCING)
 }
 
-fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance: f64) -> Result<State, GlueError> {
+fn solve(
+    program: &Program,
+    may: &[bool],
+    weights: &[f64],
+    price: &dyn Fn(usize) -> f64,
+    tolerance: f64,
+) -> Result<State, GlueError> {
     let width = 6 * program.target.len();
     let is_dot = |t: usize| may[t] && program.touches[t].strength > 0.0;
     let mut bounded = Vec::new();
@@ -90,7 +96,7 @@ fn solve(program: &Program, may: &[bool], weights: &[f64], price: f64, tolerance
                 let sides = touch.sides().iter().enumerate();
                 let mut entries = sides
                     .map(|(number, side)| (side.body, program.lever(touch, number, at).column(k).into_owned() * scale));
-                row(&mut entries, if k == 0 { price } else { 0.0 }, &mut rhs);
+                row(&mut entries, if k == 0 { price(at) } else { 0.0 }, &mut rhs);
             }
             cones.push(if mu > 0.0 { SecondOrderConeT(3) } else { NonnegativeConeT(1) });
         }

@@ -32,6 +32,8 @@ pub struct Contact {
     arms: [Vector3<f64>; 2],
     /// Reduced friction.
     pub friction: f64,
+    /// Of its normal force.
+    pub price: f64,
 }
 
 /// A touch between two bodies, or a body and the ground.
@@ -88,10 +90,11 @@ impl<'a> Program<'a> {
             let bodies_exist = exists(touch.body) && touch.other.is_none_or(|o| exists(o) && o != touch.body);
             let follows = touch.contacts.start == contacts.len();
             let own = pile.contacts.get(touch.contacts.clone()).filter(|_| bodies_exist && follows);
-            let is_sane = touch.arm > 0.0 && touch.arm.is_finite() && touch.center.is_finite();
+            let is_sane =
+                touch.arm > 0.0 && touch.arm.is_finite() && touch.center.is_finite() && counts(touch.normal_price);
             let is_between = |c: &GlobalContact| (c.body, c.other) == (touch.body, touch.other);
             let own = own.filter(|all| is_sane && all.iter().all(is_between)).ok_or(GlueError::Touch(index))?;
-            contacts.extend(own.iter().map(|contact| Contact::new(pile, contact, options)));
+            contacts.extend(own.iter().map(|contact| Contact::new(pile, contact, options, touch.normal_price)));
             touches.push(Touch::new(pile, touch, options, fallen, g));
             let is_finite = |side: &Side| side.dot().iter().all(|x| x.is_finite());
             if !touches[index].sides().iter().all(is_finite) {
@@ -224,7 +227,7 @@ impl Side {
 }
 
 impl Contact {
-    fn new(pile: &GlueProblem, contact: &GlobalContact, options: &GlueOptions) -> Contact {
+    fn new(pile: &GlueProblem, contact: &GlobalContact, options: &GlueOptions, least_price: f64) -> Contact {
         let friction = contact.friction * options.friction_factor;
         let normal = contact.normal.normalize();
         let (t1, t2) = normal.any_orthonormal_pair();
@@ -234,6 +237,7 @@ impl Contact {
             arms: [Some(contact.body), contact.other]
                 .map(|body| body.map_or(Vector3::zeros(), |b| arm(pile, b, contact.point))),
             friction,
+            price: options.normal_price.max(least_price),
         }
     }
 }

@@ -36,8 +36,8 @@ const UNEVEN: f64 = 5.0;
 pub struct Weights {
     /// Of the norm of each dot. Shape `[touch]`.
     pub dots: Vec<f64>,
-    /// Of each normal force.
-    pub normal: f64,
+    /// Of each normal force. Shape `[contact]`.
+    pub normals: Vec<f64>,
     /// Of the norm of what each body misses, shape `[body]`; empty: nothing may be missing.
     pub missing: Vec<f64>,
 }
@@ -45,7 +45,20 @@ pub struct Weights {
 impl Weights {
     pub fn even(program: &Program, normal: f64, may_miss: bool) -> Weights {
         let missing = vec![1.0; if may_miss { program.target.len() } else { 0 }];
-        Weights { dots: vec![1.0; program.touches.len()], normal, missing }
+        let normals = vec![normal; program.contacts.len()];
+        Weights { dots: vec![1.0; program.touches.len()], normals, missing }
+    }
+
+    /// The problem's own prices, normal forces at a share of theirs.
+    pub fn of(program: &Program, share: f64) -> Weights {
+        let mut weights = Weights::even(program, 0.0, false);
+        weights.price(program, share);
+        weights
+    }
+
+    /// Normal forces cost a share of their price.
+    pub fn price(&mut self, program: &Program, share: f64) {
+        self.normals.iter_mut().zip(&program.contacts).for_each(|(weight, contact)| *weight = contact.price * share);
     }
 
     /// What carries little costs more.
@@ -169,7 +182,7 @@ impl<'p> Splitting<'p> {
         let contact = |at: usize, step: Vector3<f64>| {
             let (x, z, u) = (point.contacts[at] + step, &mut state.contacts[at], &mut dual.contacts[at]);
             let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + *u;
-            let next = onto_cone(relaxed, weights.normal / penalty, program.contacts[at].friction);
+            let next = onto_cone(relaxed, weights.normals[at] / penalty, program.contacts[at].friction);
             of_contacts.add((x - next).norm_squared(), (*z - next).norm_squared());
             (*u, *z) = (relaxed - next, next);
         };

@@ -160,7 +160,15 @@ impl Group {
         let index = |id: BodyId| self.members.binary_search(&id).ok();
         let touch = |&k: &usize| {
             let Dot { a, b, point, arm, .. } = dots[k];
-            Some(GlueTouch { body: index(a)?, other: b.and_then(index), contacts: 0..0, center: point, arm, may: true })
+            Some(GlueTouch {
+                body: index(a)?,
+                other: b.and_then(index),
+                contacts: 0..0,
+                center: point,
+                arm,
+                may: true,
+                normal_price: 0.0,
+            })
         };
         let touches = self.dots.iter().map(touch).collect::<Option<Vec<_>>>()?;
         Loads::new(self.members.iter().map(body).collect(), touches, DVec3::NEG_Y).ok()

@@ -38,6 +38,8 @@ pub struct Sites {
     pub depths: Vec<f64>,
     /// By body, how often it moved though it should not have: once, twice or more.
     distrust: Vec<u8>,
+    /// By body, which price its normal forces have.
+    levels: Vec<usize>,
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
     touches: Vec<GlueTouch>,
@@ -80,6 +82,7 @@ impl Sites {
             apart: (0..inside.len()).filter(|&id| inside[id] && !joined[id]).collect(),
             bodies: ids.iter().map(body).collect(),
             distrust: vec![0; ids.len()],
+            levels: vec![0; ids.len()],
             between: Vec::new(),
             normals: Vec::new(),
             patches: Vec::new(),
@@ -123,6 +126,30 @@ impl Sites {
         }
         self.contacts = kept;
         self.distrust != before
+    }
+
+    /// Normal forces of these bodies, or of all, take the next of these prices. Returns whether that changes anything.
+    pub fn make_dearer(&mut self, which: Option<&BTreeSet<BodyId>>, prices: &[f64]) -> bool {
+        let before = self.levels.clone();
+        for (body, level) in self.levels.iter_mut().enumerate() {
+            if which.is_none_or(|which| which.contains(&self.ids[body])) {
+                *level = (*level + 1).min(prices.len() - 1);
+            }
+        }
+        let level = |body: usize| self.levels[body];
+        for touch in &mut self.touches {
+            touch.normal_price = prices[level(touch.body).max(touch.other.map_or(0, level))];
+        }
+        self.levels != before
+    }
+
+    /// The highest of its normal prices.
+    pub fn dearest(&self) -> f64 {
+        self.touches.iter().map(|touch| touch.normal_price).fold(0.0, f64::max)
+    }
+
+    pub fn is_dearest(&self, prices: &[f64]) -> bool {
+        self.levels.iter().all(|level| level + 1 == prices.len())
     }
 
     pub fn problem(&self, gravity: DVec3) -> GlueProblem<'_> {
@@ -186,6 +213,7 @@ impl Sites {
             center,
             arm: ARM * other.map_or(f64::INFINITY, radius).min(radius(body)),
             may: other.is_some() || anchors,
+            normal_price: 0.0,
         });
         self.between.push(ends);
         self.normals.push(normal);

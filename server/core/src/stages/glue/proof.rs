@@ -12,6 +12,8 @@ use glam::DVec3;
 const PROOF_TIME: f64 = 20.0;
 /// A body has moved if it did by more than this, d.
 const MOVED: f64 = 0.25;
+/// It has stirred if it did by more than this, d.
+const STIRRED: f64 = 0.1;
 /// The pile stands if no larger share of its bodies has moved.
 pub const MOST_MOVED: f64 = 0.01;
 /// It leans as a whole, on a foot that is too narrow, if its bodies have moved by more than this in the mean, d.
@@ -26,11 +28,14 @@ pub const SAGS: f64 = 0.06;
 const LOOK: u64 = 25;
 
 /// What a pile did, left to itself.
+#[derive(Default)]
 pub struct LetGo {
     /// Share of the bodies that have moved by more than d/4.
     pub moved: f64,
     /// Those that have, rising.
     pub who: Vec<BodyId>,
+    /// Those that have moved by more than d/10, rising.
+    pub stirred: Vec<BodyId>,
     /// How far the bodies have moved in the mean, d.
     pub way: f64,
     /// Where the bodies are in the end, engine units; `None` where it was ended early. Shape `[body]`; `None`: not there.
@@ -101,24 +106,28 @@ pub fn let_go(
         world.step();
         if step % LOOK == 0 || step == steps {
             tell(step as f64 / steps as f64)?;
-            let (who, moved, way) = moved(world, &before);
-            failing += u64::from(moved > MOST_MOVED);
-            if step == steps || (moved > COLLAPSED || failing > 1) && !to_the_end {
-                let poses = (step == steps).then(|| poses(world));
-                return Ok(LetGo { moved, who, way, poses, steps: step });
+            let mut freed = look(world, &before, step);
+            failing += u64::from(freed.moved > MOST_MOVED);
+            if step == steps {
+                freed.poses = Some(poses(world));
+                return Ok(freed);
+            }
+            if (freed.moved > COLLAPSED || failing > 1) && !to_the_end {
+                return Ok(freed);
             }
         }
     }
-    Ok(LetGo { moved: 0.0, who: Vec::new(), way: 0.0, poses: Some(before), steps: 0 })
+    Ok(LetGo { poses: Some(before), ..LetGo::default() })
 }
 
-/// The bodies that have moved, their share, and how far all have in the mean, d. What flew away counts as 1 d.
-fn moved(world: &World, before: &[Option<Pose>]) -> (Vec<BodyId>, f64, f64) {
+/// What has moved so far. What flew away counts as 1 d.
+fn look(world: &World, before: &[Option<Pose>], steps: u64) -> LetGo {
     let way = |id: BodyId| before[id].map_or(0.0, |pose| world.pose(id).translation.distance(pose.translation));
-    let who: Vec<BodyId> = world.present().filter(|&id| way(id) > MOVED).collect();
+    let beyond = |least: f64| world.present().filter(move |&id| way(id) > least).collect::<Vec<BodyId>>();
     let count = world.present().count().max(1) as f64;
-    let share = who.len() as f64 / count;
-    (who, share, world.present().map(|id| way(id).min(1.0)).sum::<f64>() / count)
+    let (who, stirred) = (beyond(MOVED), beyond(STIRRED));
+    let mean = world.present().map(|id| way(id).min(1.0)).sum::<f64>() / count;
+    LetGo { moved: who.len() as f64 / count, who, stirred, way: mean, poses: None, steps }
 }
 
 fn poses(world: &World) -> Vec<Option<Pose>> {

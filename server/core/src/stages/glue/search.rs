@@ -12,14 +12,16 @@ use crate::sim::glue::{Dot, Sites};
 use crate::world::{BodyId, Side};
 use glam::DVec3;
 use std::collections::BTreeSet;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
 /// The price of normal forces is the one that is asked for, and at least the next of these where the pile fails in many places: dear
 /// normal forces let glue carry what stands on paper by wedging alone.
 const PRICES: [f64; 4] = [0.0, 0.3, 0.6, 1.0];
-const ATTEMPTS: usize = 7;
+/// After these attempts, only normal forces of bodies that have stirred grow dearer; after the others, all.
+const LOCAL: Range<usize> = 1..5;
+const ATTEMPTS: usize = 8;
 /// What moves in few places is held without its friction; from this attempt on it is fastened, so many times, and what moves next, too.
-const FASTENED_FROM: usize = 5;
+const FASTENED_FROM: usize = 6;
 const FASTENINGS: usize = 3;
 /// Statics knows nothing of overlaps: bodies that are pressed into each other by more than this are glued, in the thinner one's thickness.
 const PRESSED: f64 = 0.2;
@@ -36,8 +38,6 @@ pub struct Search<'p, 'a> {
     proves: bool,
     pub proving: Proving<'p, 'a>,
     pub sites: Sites,
-    /// Price of normal forces, among [`PRICES`].
-    level: usize,
     anchors_all: bool,
     /// Dots of the attempt before, if the next one goes on from them.
     known: Vec<GlueDot>,
@@ -54,7 +54,6 @@ impl<'p, 'a> Search<'p, 'a> {
             proves: resolved.is_on(EffectName::GlueProof),
             proving,
             sites,
-            level: 0,
             anchors_all: params.glue.anchor == Switch::On,
             known: Vec::new(),
             iterations: 0,
@@ -69,9 +68,7 @@ impl<'p, 'a> Search<'p, 'a> {
             let mut attempt = self.attempt(number, observer)?;
             is_last |= number + 1 == ATTEMPTS;
             let freed = self.proving.prove(&attempt.glued.dots, &attempt.absent, DVec3::NEG_Y, is_last, observer)?;
-            let way = freed.way;
-            attempt.stood(freed);
-            let next = self.next(number, &mut attempt, way, observer)?;
+            let next = self.next(number, &mut attempt, freed, observer)?;
             if best.as_ref().is_none_or(|best| attempt.is_as_good_as(best)) {
                 best = Some(attempt);
             }
@@ -97,8 +94,8 @@ impl<'p, 'a> Search<'p, 'a> {
         (self.proving.begin, self.proving.end) = (number as f64 / of, (number + 1) as f64 / of);
         observe(observer, &self.proving.progress(0.0))?;
         let glue = &self.params.glue;
-        let normal_price = glue.normal_price.max(PRICES[self.level]);
-        let options = GlueOptions { friction_factor: glue.friction_factor, normal_price, strength: self.bound };
+        let (friction_factor, normal_price) = (glue.friction_factor, glue.normal_price);
+        let options = GlueOptions { friction_factor, normal_price, strength: self.bound };
         let mut going = || observer.progress(&self.proving.progress(0.0));
         let sites = &self.sites;
         let placement = place(sites, &options, &self.known, &mut going)?;
@@ -120,7 +117,7 @@ impl<'p, 'a> Search<'p, 'a> {
             apart: sites.apart.len(),
             fallen: placement.fallen.len(),
             imbalance: placement.imbalance,
-            normal_price,
+            normal_price: normal_price.max(sites.dearest()),
             anchors_all: self.anchors_all,
             ..Glued::default()
         };
@@ -128,18 +125,20 @@ impl<'p, 'a> Search<'p, 'a> {
         Ok(Attempt { glued, absent, chosen: placement.dots, moving: BTreeSet::new(), is_fastened: false })
     }
 
-    /// What to try after an attempt whose bodies moved by `way` in the mean, d. What fails in few places only is fastened there: late, or
-    /// where nothing else is left to try.
+    /// What to try after an attempt, and after what the pile did when it was let go. What fails in few places only is fastened there:
+    /// late, or where nothing else is left to try.
     fn next(
         &mut self,
         number: usize,
         attempt: &mut Attempt,
-        way: f64,
+        freed: LetGo,
         observer: &mut dyn Observer,
     ) -> Result<Next, Error> {
+        let (way, stirred) = (freed.way, freed.stirred.iter().copied().collect());
+        attempt.stood(freed);
         let leans = self.anchors && way > LEANS && !self.anchors_all;
         let fails_in_places = attempt.glued.moved <= Some(IN_PLACES) && (leans || way <= SAGS);
-        let is_dearest = self.level + 1 == PRICES.len();
+        let is_dearest = self.sites.is_dearest(&PRICES);
         let distrusts = (fails_in_places || is_dearest) && self.sites.distrust(&attempt.moving);
         let is_to_be_fastened = !leans && (attempt.stands() || number >= FASTENED_FROM || !distrusts);
         if self.bound.is_none() && fails_in_places && is_to_be_fastened {
@@ -149,7 +148,10 @@ impl<'p, 'a> Search<'p, 'a> {
         if fails_in_places || is_dearest {
             self.known.clone_from(&attempt.chosen);
         } else {
-            self.level += 1;
+            let is_local = LOCAL.contains(&number) && self.sites.make_dearer(Some(&stirred), &PRICES);
+            if !is_local {
+                self.sites.make_dearer(None, &PRICES);
+            }
             self.known.clear();
         }
         Ok(match attempt.stands() && !leans {

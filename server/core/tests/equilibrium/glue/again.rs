@@ -47,3 +47,28 @@ fn dear_normal_forces_are_fewer_and_need_more_dots() {
     println!("pressure {presses:.1?} weights, dots {counts:?}");
     assert!(presses.is_sorted_by(|a, b| a > b) && counts.is_sorted(), "{presses:?} {counts:?}");
 }
+
+/// A price of all touches is the price that is asked for; one of a part of them acts there.
+#[test]
+fn touches_may_have_a_price_of_their_own() {
+    let dear = GlueOptions { normal_price: 1.0, ..OPTIONS };
+    let (mut press, mut everywhere) = ([0.0, 0.0], 0.0);
+    for seed in 0..KINDS * 2 {
+        let pile = random(seed);
+        let weight: f64 = pile.bodies.iter().map(|b| b.mass * 9.81).sum();
+        let priced = |which: &dyn Fn(usize) -> bool| {
+            let mut pile = random(seed);
+            pile.touches.iter_mut().filter(|t| which(t.body)).for_each(|t| t.normal_price = dear.normal_price);
+            let placed = pile.place(&OPTIONS);
+            pile.certify(&placed, &OPTIONS, &format!("pile {seed}"));
+            placed
+        };
+        assert_eq!(priced(&|_| true), pile.place(&dear), "pile {seed}");
+        let half = priced(&|body| 2 * body < pile.bodies.len());
+        press[0] += pile.pressure(&pile.place(&OPTIONS)) / weight;
+        press[1] += pile.pressure(&half) / weight;
+        everywhere += pile.pressure(&pile.place(&dear)) / weight;
+    }
+    println!("pressure {press:.1?} weights, {everywhere:.1} where all is dear");
+    assert!(press[1] < press[0] && press[1] > everywhere, "{press:?} {everywhere}");
+}

@@ -63,6 +63,9 @@ fn nonsense_is_refused() {
     for arm in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert_eq!(refused(&|pile| pile.touches[1].arm = arm), Err(GlueError::Touch(1)));
     }
+    for price in [-1.0, f64::NAN, f64::INFINITY] {
+        assert_eq!(refused(&|pile| pile.touches[1].normal_price = price), Err(GlueError::Touch(1)));
+    }
     assert_eq!(refused(&|pile| pile.touches[1].center.x = f64::NAN), Err(GlueError::Touch(1)));
     assert_eq!(refused(&|pile| pile.touches[1].other = Some(1)), Err(GlueError::Touch(1)));
     assert_eq!(refused(&|pile| pile.touches[1].other = Some(7)), Err(GlueError::Touch(1)));

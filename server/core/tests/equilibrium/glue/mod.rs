@@ -48,13 +48,13 @@ impl Pile {
         let center = points.iter().sum::<DVec3>() / points.len() as f64;
         let arm = self.arm(body, other);
         let contacts = begin..self.contacts.len();
-        self.touches.push(GlueTouch { body, other, contacts, center, arm, may: true });
+        self.touches.push(GlueTouch { body, other, contacts, center, arm, may: true, normal_price: 0.0 });
     }
 
     /// Adds a touch that carries nothing but may be glued.
     pub fn peg(&mut self, body: usize, other: Option<usize>, center: DVec3) {
         let (at, arm) = (self.contacts.len(), self.arm(body, other));
-        self.touches.push(GlueTouch { body, other, contacts: at..at, center, arm, may: true });
+        self.touches.push(GlueTouch { body, other, contacts: at..at, center, arm, may: true, normal_price: 0.0 });
     }
 
     fn arm(&self, body: usize, other: Option<usize>) -> f64 {
