@@ -17,8 +17,9 @@ use std::ops::{ControlFlow, Range};
 /// The price of normal forces is the one that is asked for, and at least the next of these where the pile fails in many places: dear
 /// normal forces let glue carry what stands on paper by wedging alone.
 const PRICES: [f64; 4] = [0.0, 0.3, 0.6, 1.0];
-/// After these attempts, only normal forces of bodies that have stirred grow dearer; after the others, all.
+/// After these attempts, only normal forces of bodies that have stirred grow dearer, where no larger share has moved; else all.
 const LOCAL: Range<usize> = 1..5;
+const LOCAL_MOVED: f64 = 0.3;
 const ATTEMPTS: usize = 8;
 /// What moves in few places is held without its friction; from this attempt on it is fastened, so many times, and what moves next, too.
 const FASTENED_FROM: usize = 6;
@@ -134,10 +135,10 @@ impl<'p, 'a> Search<'p, 'a> {
         freed: LetGo,
         observer: &mut dyn Observer,
     ) -> Result<Next, Error> {
-        let (way, stirred) = (freed.way, freed.stirred.iter().copied().collect());
+        let (way, moved, stirred) = (freed.way, freed.moved, freed.stirred.iter().copied().collect());
         attempt.stood(freed);
         let leans = self.anchors && way > LEANS && !self.anchors_all;
-        let fails_in_places = attempt.glued.moved <= Some(IN_PLACES) && (leans || way <= SAGS);
+        let fails_in_places = moved <= IN_PLACES && (leans || way <= SAGS);
         let is_dearest = self.sites.is_dearest(&PRICES);
         let distrusts = (fails_in_places || is_dearest) && self.sites.distrust(&attempt.moving);
         let is_to_be_fastened = !leans && (attempt.stands() || number >= FASTENED_FROM || !distrusts);
@@ -148,7 +149,8 @@ impl<'p, 'a> Search<'p, 'a> {
         if fails_in_places || is_dearest {
             self.known.clone_from(&attempt.chosen);
         } else {
-            let is_local = LOCAL.contains(&number) && self.sites.make_dearer(Some(&stirred), &PRICES);
+            let is_local =
+                LOCAL.contains(&number) && moved <= LOCAL_MOVED && self.sites.make_dearer(Some(&stirred), &PRICES);
             if !is_local {
                 self.sites.make_dearer(None, &PRICES);
             }
