@@ -12,7 +12,7 @@ pub fn contain(command: impl FnOnce() -> Result<(), Failure>) -> Result<(), Fail
     set_hook(Box::new(|info| {
         let payload = info.payload_as_str().unwrap_or("no message");
         let location =
-            info.location().map(|place| format!(" at {}:{}", place.file(), place.line())).unwrap_or_default();
+            info.location().map(|place| format!(" at {}:{}", within(place.file()), place.line())).unwrap_or_default();
         *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(format!("{payload}{location}"));
     }));
     catch_unwind(AssertUnwindSafe(command)).unwrap_or_else(|_| {
@@ -21,13 +21,31 @@ pub fn contain(command: impl FnOnce() -> Result<(), Failure>) -> Result<(), Fail
     })
 }
 
+/// A source file within its package; where that lay when this program was built is nobody's business.
+fn within(file: &str) -> &str {
+    let Some((before, _)) = file.rsplit_once("/src/").filter(|(before, _)| before.starts_with('/')) else {
+        return file;
+    };
+    let package = before.rfind('/').map_or(0, |slash| slash + 1);
+    &file[package..]
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{Failure, contain};
+    use super::{Failure, contain, within};
 
     #[test]
     fn a_panic_is_our_fault_and_says_where() {
         let Err(Failure::Internal(what)) = contain(|| panic!("no such {}", "thing")) else { panic!("it is our fault") };
         assert!(what.starts_with("no such thing at server/src/cli/fault.rs:"), "{what}");
+    }
+
+    #[test]
+    fn where_others_keep_their_sources_is_not_told() {
+        assert_eq!(
+            within("/home/ann/.cargo/registry/src/index-1/rapier3d-0.36.1/src/geometry/a.rs"),
+            "rapier3d-0.36.1/src/geometry/a.rs"
+        );
+        assert_eq!(within("server/core/src/lib.rs"), "server/core/src/lib.rs");
     }
 }
