@@ -79,11 +79,11 @@ impl Done {
         self.stdout
     }
 
-    /// Failed with this code and told all of these.
+    /// Failed with this code and told all of these; where it takes long, how long comes before.
     #[track_caller]
     pub fn fails(&self, code: i32, told: &[&str]) {
         assert_eq!(self.code, code, "{}", self.stderr);
-        assert!(self.stderr.starts_with("error: "), "{}", self.stderr);
+        assert!(self.stderr.lines().any(|line| line.starts_with("error: ")), "{}", self.stderr);
         for part in told {
             assert!(self.stderr.contains(part), "`{part}` is missing in:\n{}", self.stderr);
         }

@@ -115,14 +115,14 @@ impl Observer for Reporter {
 
 /// Reads, and tells so where it takes long.
 pub fn while_reading<T>(mode: Mode, read: impl FnOnce() -> T) -> T {
-    /// Most scenes are read before anybody wonders.
-    const PAUSE: Duration = Duration::from_secs(1);
     let show = Reporter::new(mode).show;
+    // Most scenes are read before anybody wonders; a log wonders later.
+    let pause = Duration::from_secs(if matches!(show, Show::Bar(_)) { 1 } else { 5 });
     let (done, is_done) = mpsc::channel::<()>();
     thread::scope(|scope| {
         scope.spawn(move || {
             let (began, bar) = (Instant::now(), ProgressBar::new_spinner().with_message("reading"));
-            while is_done.recv_timeout(PAUSE) == Err(RecvTimeoutError::Timeout) {
+            while is_done.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
                 let seconds = began.elapsed().as_secs();
                 match &show {
                     Show::Bar(_) => bar.set_message(format!("reading the scene and its files, {seconds} s")),
