@@ -151,6 +151,8 @@ const TIGHT: f64 = 0.985;
 /// Where a choice does not balance, what it takes besides is sought at this share of the price of normal forces, and to this share of
 /// [`splitting::NEAR`].
 const MENDING: f64 = 0.25;
+/// In a pile of more bodies, some more dots are tried before the cone program, which takes longer than all the rest.
+const CONE_PROGRAM_FIRST: usize = 400;
 /// Told between iterations; `Break` cancels.
 pub type Going<'a> = dyn FnMut() -> ControlFlow<()> + 'a;
 
@@ -246,9 +248,9 @@ fn balance(
     for (number, more) in iter::once(&mended).chain(earlier).enumerate() {
         touches.extend(more);
         let choice: Vec<usize> = touches.iter().copied().collect();
-        // The cone program has its say on the smallest choice, and on the largest.
-        let ends = number == 0 || number == earlier.len();
-        let found = certificate::balance(program, tight, splitting.state.clone(), &choice, ends, going)?;
+        // The cone program has its say on the largest choice, and in a small pile on the smallest.
+        let has_say = number == earlier.len() || number == 0 && program.target.len() <= CONE_PROGRAM_FIRST;
+        let found = certificate::balance(program, tight, splitting.state.clone(), &choice, has_say, going)?;
         iterations += found.iterations;
         if found.imbalance < best.imbalance {
             best = found;
