@@ -7,7 +7,6 @@ use cairn::scene_file::schema::{self, comment, told};
 use cairn::wire::effective::effective;
 use cairn::wire::from_proto;
 use cairn::wire::proto;
-use cairn_core::asset::Limits;
 use prost_reflect::{FieldDescriptor, Kind, MessageDescriptor};
 use serde_json::Value;
 use std::path::Path;
@@ -110,7 +109,7 @@ fn accepts(path: &str, comment: &str, value: f64) -> bool {
     if scene.set(&format!("{path}={values}")).is_err() {
         return false; // more than the wire holds
     }
-    match Job::read(&scene.to_message(), Limits::default()) {
+    match Job::read(&scene.to_message()) {
         // What is out of range, not what does not agree with the rest.
         Err(problems) => !problems.iter().any(|p| p.what.contains("out of range") || p.what.contains("negative")),
         Ok(job) => match cairn_core::plan(&job.scene, &job.params) {

@@ -4,7 +4,6 @@ use anyhow::{Context, anyhow};
 use cairn::job::Job;
 use cairn::scene_file::SceneTree;
 use cairn_core::FullContainer;
-use cairn_core::asset::Limits;
 use cairn_core::equilibrium::global::{self, Balance, Objective};
 use cairn_core::input::observer::Silent;
 use cairn_core::sim::step::Simulation;
@@ -29,7 +28,7 @@ impl Full {
         for assignment in set {
             tree.set(assignment).map_err(told)?;
         }
-        let job = Job::read(&tree.to_message(), Limits::default()).map_err(told)?;
+        let job = Job::read(&tree.to_message()).map_err(told)?;
         let container = cairn_core::fill_container(&job.scene, &job.params, &mut NoCache, &mut Silent)?;
         Ok(Full { job, container })
     }

@@ -83,7 +83,8 @@ impl Done {
     #[track_caller]
     pub fn fails(&self, code: i32, told: &[&str]) {
         assert_eq!(self.code, code, "{}", self.stderr);
-        assert!(self.stderr.lines().any(|line| line.starts_with("error: ")), "{}", self.stderr);
+        let first = self.stderr.lines().find(|line| !line.starts_with("read: "));
+        assert!(first.is_some_and(|line| line.starts_with("error: ")), "{}", self.stderr);
         for part in told {
             assert!(self.stderr.contains(part), "`{part}` is missing in:\n{}", self.stderr);
         }

@@ -124,8 +124,7 @@ fn a_random_scene_replays_from_its_file() {
         let Ok(Verdict::Sound(bake)) = sweep::run(&recipe) else { continue };
         let path = sweep::file::write(&recipe, &folder).expect("the folder can be written");
         let tree = cairn::scene_file::SceneTree::load(&path).expect("a sound scene file");
-        let job =
-            cairn::job::Job::read(&tree.to_message(), cairn_core::asset::Limits::default()).expect("sound models");
+        let job = cairn::job::Job::read(&tree.to_message()).expect("sound models");
         let again =
             cairn_core::bake(&job.scene, &job.params, &mut cairn_core::input::observer::Silent).expect("it bakes");
         assert!(recipe.control.is_some() || again.bodies.len() == bake.bodies.len());

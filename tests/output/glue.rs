@@ -6,7 +6,6 @@ use cairn::job::Job;
 use cairn::job::reuse::Cache;
 use cairn::model::export::{ExportScene, Format, SourceModel, encode};
 use cairn::scene_file::SceneTree;
-use cairn_core::asset::Limits;
 use cairn_core::input::observer::{Frame, Observer, Progress};
 use cairn_core::report::bake::Bake;
 use cairn_core::report::{Glue, GlueDot};
@@ -120,7 +119,7 @@ fn letter() -> (Bake, Vec<u8>) {
     tree.put("control_mesh", json!({ "path": format!("{assets}/letter-t.glb") }));
     tree.put("props", json!([{ "path": format!("{assets}/stick.glb"), "scale_min": 1.8, "scale_max": 1.8 }]));
     tree.put("accuracy", json!("ACCURACY_DRAFT"));
-    let job = Job::read(&tree.to_message(), Limits::default()).unwrap();
+    let job = Job::read(&tree.to_message()).unwrap();
     let done = job.run(Format::Glb, "pile.glb", &mut Cache::none(), &mut Patient).unwrap();
     (done.bake, done.result)
 }

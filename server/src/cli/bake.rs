@@ -98,7 +98,8 @@ fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure
         .build_global()
         .map_err(|error| Failure::Internal(error.to_string()))?;
     let mode = if args.quiet { Mode::None } else { args.progress };
-    let job = progress::while_reading(mode, || Job::read(scene, args.bounds.limits())).map_err(Failure::Input)?;
+    let job =
+        progress::while_reading(mode, || Job::read_within(scene, args.bounds.limits())).map_err(Failure::Input)?;
     check_outputs(args, job.inputs())?;
 
     let mut reporter = Reporter::new(mode);

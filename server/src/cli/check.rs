@@ -59,7 +59,7 @@ fn check(args: &Args) -> Result<(), Failure> {
 pub fn read(scene: &SceneArgs, bounds: &Bounds) -> Result<(Job, Plan), Failure> {
     let scene = scene.tree()?.to_message();
     progress::while_reading(Mode::Auto, || {
-        let job = Job::read(&scene, bounds.limits()).map_err(Failure::Input)?;
+        let job = Job::read_within(&scene, bounds.limits()).map_err(Failure::Input)?;
         let plan = cairn_core::plan(&job.scene, &job.params)?;
         Ok((job, plan))
     })

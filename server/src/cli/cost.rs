@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn study(args: &Args) -> Result<(), Failure> {
     let tree = args.scene.tree()?;
-    let job = Job::read(&tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
+    let job = Job::read_within(&tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
     let variants = match (&args.knobs[..], args.presets_only) {
         _ if args.effects => cost::effects::switched(&cairn_core::plan(&job.scene, &job.params)?),
         (_, true) => cost::variants(Some(&[])),
@@ -138,7 +138,7 @@ fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut L
                 left_out.push(name);
                 continue;
             }
-            let job = Job::read(&want.tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
+            let job = Job::read_within(&want.tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
             let bodies = args.bodies.map(|n| n as usize);
             match cost::run(&job, &variants[want.variant], want.key.clone(), bodies, &mut watch) {
                 Ok(record) => ledger.add(record).map_err(Failure::TryAgain)?,

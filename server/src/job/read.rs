@@ -19,7 +19,12 @@ use std::time::Instant;
 
 impl Job {
     /// Reads all that a scene names, or tells everything that is wrong with it.
-    pub fn read(scene: &proto::Scene, limits: Limits) -> Result<Job, Vec<Problem>> {
+    pub fn read(scene: &proto::Scene) -> Result<Job, Vec<Problem>> {
+        Job::read_within(scene, Limits::default())
+    }
+
+    /// The same, with bounds on each file.
+    pub fn read_within(scene: &proto::Scene, limits: Limits) -> Result<Job, Vec<Problem>> {
         Job::read_with(scene, Arc::new(files::read), limits)
     }
 

@@ -107,7 +107,7 @@ mod tests {
         for assignment in ["accuracy=draft", "fill.count=4"] {
             tree.set(assignment).unwrap();
         }
-        let job = Job::read(&tree.to_message(), cairn_core::asset::Limits::default()).unwrap();
+        let job = Job::read(&tree.to_message()).unwrap();
         let done = job.run(Format::Csv, "pile.csv", &mut Cache::none(), &mut Clock).unwrap();
         let all = machine::cpu_seconds() - before;
 

@@ -114,9 +114,7 @@ pub fn asset(name: &str) -> TriMesh {
 pub fn cards(factor: f64, friction: f64) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/cards.toml");
     let tree = cairn::scene_file::SceneTree::load(&path).expect("an example is sound");
-    let mut scene = cairn::job::Job::read(&tree.to_message(), cairn_core::asset::Limits::default())
-        .expect("an example's files are there")
-        .scene;
+    let mut scene = cairn::job::Job::read(&tree.to_message()).expect("an example's files are there").scene;
     scene.bodies.retain(PlacedBody::is_stacked);
     scene.props.truncate(1);
     scene.props[0].friction = friction;
