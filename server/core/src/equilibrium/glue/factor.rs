@@ -163,9 +163,9 @@ impl Factor {
         self.precondition(residual, z);
         direction.iter_mut().zip(&*z).for_each(|(d, z)| *d = z.cast());
         let mut along = dot(residual, direction);
-        for _ in 0..most {
-            let is_done = along <= 0.0 || dot(residual, residual) <= tolerance * tolerance * begin;
-            if is_done || !along.is_finite() {
+        let is_near = |residual: &[Vector6<f64>]| dot(residual, residual) <= tolerance * tolerance * begin;
+        for number in 1..=most {
+            if along <= 0.0 || !along.is_finite() {
                 break;
             }
             self.times(direction, image);
@@ -177,6 +177,9 @@ impl Factor {
             for ((x, rest), (d, y)) in x.iter_mut().zip(residual.iter_mut()).zip(direction.iter().zip(&*image)) {
                 *x += d * step;
                 *rest -= y * step;
+            }
+            if number == most || is_near(residual) {
+                break;
             }
             self.precondition(residual, z);
             let next = residual.iter().zip(&*z).map(|(r, z)| r.dot(&z.cast())).sum::<f64>();

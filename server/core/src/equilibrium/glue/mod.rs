@@ -142,6 +142,9 @@ const ROUNDS: [f64; 7] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
 /// The same for piles of more than so many bodies: fewer rounds find somewhat more dots, in half the time.
 const ROUNDS_LARGE: [f64; 2] = [0.1, 0.03];
 const LARGE: usize = 4000;
+/// The first solve, and all rounds but the last, only weigh the dots: they may end so many times as far from balance.
+const FIRST_NEAR: f64 = 4.0;
+const EARLY_NEAR: f64 = 2.0;
 /// So many rounds are left out where dots are known.
 const KNOWN: usize = 3;
 /// A dot that carries less than this, in weights of the lighter body, is none.
@@ -203,7 +206,7 @@ pub fn place_again(
 fn choose(splitting: &mut Splitting, known: &[GlueDot], going: &mut Going) -> Result<Vec<Vec<usize>>, GlueError> {
     let mut weights = Weights::of(splitting.program, 1.0);
     if known.is_empty() {
-        splitting.run(&weights, splitting::FIRST, splitting::NEAR, going)?;
+        splitting.run(&weights, splitting::FIRST, splitting::NEAR * FIRST_NEAR, going)?;
     } else {
         splitting.take(splitting.program.state(known));
     }
@@ -211,13 +214,15 @@ fn choose(splitting: &mut Splitting, known: &[GlueDot], going: &mut Going) -> Re
     // In a small pile, balance says nothing of whether the choice is made.
     let next = if bodies <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
     let rounds = if bodies <= LARGE { &ROUNDS[..] } else { &ROUNDS_LARGE[..] };
+    let left_out = if known.is_empty() { 0 } else { KNOWN.min(rounds.len() - 1) };
     let mut chosen = Vec::new();
-    for &e in rounds.iter().skip(if known.is_empty() { 0 } else { KNOWN.min(rounds.len() - 1) }) {
+    for (number, &e) in rounds.iter().enumerate().skip(left_out) {
+        let near = splitting::NEAR * if number + 1 < rounds.len() { EARLY_NEAR } else { 1.0 };
         weights.reweight(&splitting.state.dots, e);
         weights.price(splitting.program, e);
         // Costs have fallen by e, and balance must not outweigh them.
         splitting.set_penalty(e);
-        splitting.run(&weights, next, splitting::NEAR, going)?;
+        splitting.run(&weights, next, near, going)?;
         chosen.push(splitting.dots(NOTHING));
     }
     chosen.reverse();
