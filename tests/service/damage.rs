@@ -28,6 +28,22 @@ fn cut(path: &std::path::Path, bytes: u64) {
     std::fs::File::options().write(true).open(path).unwrap().set_len(bytes).unwrap();
 }
 
+/// A summary is not kept in memory: what is told of it comes from the disk.
+#[tokio::test]
+async fn a_summary_that_is_cut_off_is_found_out_and_the_bake_made_again() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let (id, folder) = baked(&server, &mut connection).await;
+    let told = status(&mut connection, &id).await.summary.unwrap();
+    assert!(told.body_count > 0 && told.result_bytes > 0);
+    cut(&folder.join("status.binpb"), 10);
+    let damaged = GetBakeRequest { bake_id: id.clone() };
+    assert_fault(&connection.service.get_bake(damaged).await.unwrap_err(), Code::DataLoss, "BAKE_DAMAGED");
+    assert_eq!(status(&mut connection, &id).await.failure.unwrap().reason, "BAKE_DAMAGED");
+    assert_eq!(baked(&server, &mut connection).await.0, id);
+    assert_eq!(status(&mut connection, &id).await.summary.unwrap().result_sha256, told.result_sha256);
+}
+
 #[tokio::test]
 async fn files_of_others_are_left_alone() {
     let mut server = Server::start(&[]);

@@ -177,11 +177,18 @@ impl Args {
     }
 }
 
+/// For what waits for the disk, beside what waits for the network: each costs memory, which it keeps.
+const BLOCKING_THREADS: usize = 16;
+
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = args.config()?;
     let token = std::env::var("CAIRN_TOKEN").ok();
     telemetry::log(config.log);
-    let runtime = tokio::runtime::Runtime::new().map_err(|error| Failure::Internal(error.to_string()))?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .max_blocking_threads(BLOCKING_THREADS)
+        .build()
+        .map_err(|error| Failure::Internal(error.to_string()))?;
     runtime.block_on(async {
         let secrets = Secrets::read(&config, token).map_err(Failure::Usage)?;
         let listeners = listen::bind(&config, &secrets).await.map_err(Failure::Usage)?;

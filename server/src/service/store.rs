@@ -114,15 +114,23 @@ impl Store {
         Ok(BakeSpec::decode(&fs::read(self.folder(id).join(SPEC))?[..])?)
     }
 
+    /// How a bake stood when that was written down.
+    pub fn status(&self, id: &str) -> Option<BakeStatus> {
+        let bytes = fs::read(self.folder(id).join(STATUS)).ok()?;
+        BakeStatus::decode(&bytes[..]).ok().filter(|status| status.bake_id == id)
+    }
+
     /// What is missing of a bake that has succeeded, by the sizes of its files.
-    pub fn damage(&self, status: &BakeStatus) -> Option<String> {
-        let summary = status.summary.as_ref().filter(|_| status.state() == BakeState::Succeeded)?;
+    pub fn damage(&self, status: &BakeStatus, result_bytes: i64) -> Option<String> {
+        if status.state() != BakeState::Succeeded {
+            return None;
+        }
         let folder = self.folder(&status.bake_id);
         let has = |name: &str, bytes: i64| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() as i64 == bytes);
         let formats = [OutputFormat::Glb, OutputFormat::Json, OutputFormat::Csv];
         if !has(EVENTS, status.event_bytes) {
             Some("its events are cut off or gone".into())
-        } else if !formats.iter().any(|format| has(result_name(*format), summary.result_bytes)) {
+        } else if !formats.iter().any(|format| has(result_name(*format), result_bytes)) {
             Some("its result is cut off or gone".into())
         } else {
             None
@@ -183,8 +191,7 @@ impl Store {
                 warn!(path = %folder.display(), "not a bake; it is left alone");
                 continue;
             }
-            let read = fs::read(folder.join(STATUS)).ok().and_then(|bytes| BakeStatus::decode(&bytes[..]).ok());
-            match read.filter(|status| self.folder(&status.bake_id) == folder) {
+            match folder.file_name().and_then(|id| self.status(&id.to_string_lossy())) {
                 Some(status) => found.push(status),
                 None => {
                     if let Err(error) = fs::remove_dir_all(&folder) {

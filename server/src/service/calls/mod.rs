@@ -196,7 +196,8 @@ impl PileService for Service {
 
     async fn get_bake(&self, request: Request<GetBakeRequest>) -> Result<Response<GetBakeResponse>, Status> {
         let entry = self.bakes.find(&request.get_ref().bake_id)?;
-        let bake = Some(entry.watch().borrow().status.clone());
+        let bakes = self.bakes.clone();
+        let bake = Some(on_disk(move || bakes.status(&entry)).await??);
         Ok(Response::new(GetBakeResponse { bake }))
     }
 
@@ -226,7 +227,8 @@ impl PileService for Service {
         let Ok(artifact) = Artifact::try_from(artifact) else {
             return Err(Fault::field("artifact", format!("there is no artifact {artifact}")).into());
         };
-        let status = entry.watch().borrow().status.clone();
+        let (bakes, of) = (self.bakes.clone(), entry.clone());
+        let status = on_disk(move || bakes.status(&of)).await??;
         if artifact != Artifact::Scene && status.state() != BakeState::Succeeded {
             return Err(Fault::BakeNotDone.into());
         }

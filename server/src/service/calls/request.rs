@@ -144,6 +144,7 @@ pub fn page(mut list: Vec<BakeStatus>, request: &ListBakesRequest) -> Result<Lis
     let mut bakes: Vec<BakeStatus> = list.into_iter().skip(first).take(size + 1).collect();
     let more = bakes.len() > size;
     bakes.truncate(size);
+    // One that the disk did not take is in memory still.
     bakes.iter_mut().for_each(|bake| bake.summary = None);
     let next_page_token = bakes.last().filter(|_| more).map(token).unwrap_or_default();
     Ok(ListBakesResponse { bakes, next_page_token })

@@ -63,7 +63,11 @@ pub struct Entry {
 /// How a bake stands.
 #[derive(Clone)]
 pub struct Now {
+    /// A server keeps thousands of bakes: the summary of one that has ended is on the disk, and here only where the disk did not take
+    /// it ([`Bakes::status`]).
     pub status: BakeStatus,
+    /// Of the result of a bake that has succeeded.
+    result_bytes: i64,
     /// Bytes of the event log that may be read.
     pub log_bytes: u64,
     /// Its request was found right: it has an id, a folder and a log.
@@ -71,6 +75,10 @@ pub struct Now {
 }
 
 impl Now {
+    fn of(status: BakeStatus) -> Now {
+        Now { status, result_bytes: 0, log_bytes: 0, accepted: false }
+    }
+
     pub fn has_ended(&self) -> bool {
         matches!(self.status.state(), BakeState::Succeeded | BakeState::Failed | BakeState::Cancelled)
     }
@@ -137,7 +145,8 @@ impl Bakes {
         found.sort_by_key(|status| status.create_time.map(|time| (time.seconds, time.nanos)));
         for mut status in found {
             let id = status.bake_id.clone();
-            if let Some(damage) = self.store.damage(&status) {
+            let result_bytes = status.summary.as_ref().map_or(0, |summary| summary.result_bytes);
+            if let Some(damage) = self.store.damage(&status, result_bytes) {
                 warn!(bake_id = %id, damage, "a bake is damaged; it is made again when it is asked for");
                 status.end(BakeState::Failed, Some(&Fault::BakeDamaged(damage)));
                 self.write_down(&status);
@@ -155,7 +164,8 @@ impl Bakes {
                 self.store.tidy(&status);
             }
             let log_bytes = u64::try_from(status.event_bytes).unwrap_or(0);
-            let entry = Entry::new(Now { status, log_bytes, accepted: true }, None);
+            status.summary = None;
+            let entry = Entry::new(Now { log_bytes, accepted: true, result_bytes, ..Now::of(status) }, None);
             self.entries().insert(id.clone(), entry.clone());
             if resume {
                 info!(bake_id = %id, "unfinished bake is taken up again");
@@ -206,7 +216,7 @@ impl Bakes {
             ..Default::default()
         };
         status.set_state(BakeState::Queued);
-        let entry = Entry::new(Now { status, log_bytes: 0, accepted: false }, deadline);
+        let entry = Entry::new(Now::of(status), deadline);
         entries.insert(id, entry.clone());
         self.spawn(entry.clone(), Some(New { spec, caller: caller.clone(), place }));
         Ok(entry)
@@ -214,7 +224,10 @@ impl Bakes {
 
     /// A bake whose files are not as long as they were is damaged.
     fn look_at(&self, entry: &Entry) {
-        let damage = self.store.damage(&entry.now.borrow().status);
+        let damage = {
+            let now = entry.now.borrow();
+            self.store.damage(&now.status, now.result_bytes)
+        };
         if let Some(damage) = damage {
             self.damaged(entry, damage);
         }
@@ -229,9 +242,19 @@ impl Bakes {
             status.end(BakeState::Failed, Some(&fault));
             status.summary = None;
             self.write_down(&status);
-            entry.now.send_modify(|now| now.status = status);
+            entry.now.send_modify(|now| (now.status, now.result_bytes) = (status, 0));
         }
         fault
+    }
+
+    /// How a bake stands, with the summary of one that has succeeded.
+    pub fn status(&self, entry: &Entry) -> Result<BakeStatus, Fault> {
+        let status = entry.now.borrow().status.clone();
+        if status.state() != BakeState::Succeeded || status.summary.is_some() {
+            return Ok(status);
+        }
+        let kept = self.store.status(&status.bake_id);
+        kept.ok_or_else(|| self.damaged(entry, "its summary is cut off or gone".into()))
     }
 
     /// Where the disk does not take it, the next server finds it out as this one did.
@@ -289,7 +312,7 @@ impl Bakes {
         found.ok_or_else(|| Fault::BakeNotFound(id.chars().take(64).collect()))
     }
 
-    /// All bakes that were accepted, the latest first.
+    /// All bakes that were accepted, the latest first, without their summaries.
     pub fn list(&self) -> Vec<BakeStatus> {
         let entries = self.entries();
         let now = entries.values().map(|entry| entry.now.borrow());
@@ -308,8 +331,7 @@ impl Bakes {
         }
         entry.cancelled.cancel();
         entry.ended().await;
-        let status = entry.now.borrow().status.clone();
-        Ok(status)
+        self.status(&entry)
     }
 
     /// Ends a bake and removes all of it.

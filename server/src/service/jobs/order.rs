@@ -26,8 +26,7 @@ pub(super) fn within_limits<'a>(caller: &Caller, entries: impl Iterator<Item = &
         let now = entry.now.borrow();
         if now.status.owner == *caller.name {
             unfinished += usize::from(!now.has_ended());
-            let result = now.status.summary.as_ref().map_or(0, |summary| summary.result_bytes);
-            bytes += (now.status.event_bytes + result).unsigned_abs();
+            bytes += (now.status.event_bytes + now.result_bytes).unsigned_abs();
         }
     }
     if let Some(most) = limits.bakes.zip(limits.queue).map(|(bakes, queue)| bakes.max(1).saturating_add(queue))

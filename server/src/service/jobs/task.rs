@@ -205,6 +205,7 @@ impl Bakes {
                 info!(bodies = summary.body_count, cpu_seconds = summary.cpu_seconds, "succeeded");
                 count(&summary);
                 bake.status.end(BakeState::Succeeded, None);
+                bake.result_bytes = summary.result_bytes;
                 bake.status.summary = Some(summary);
             }
             Err(End::Fault(fault)) => {
@@ -227,7 +228,10 @@ impl Bakes {
         }
         if bake.accepted {
             match self.store.write_status(&bake.status) {
-                Ok(()) => self.store.tidy(&bake.status),
+                Ok(()) => {
+                    self.store.tidy(&bake.status);
+                    bake.status.summary = None;
+                }
                 // The next server takes the bake up again, and needs its assets for that.
                 Err(error) => warn!(%error, "the end of the bake could not be written down"),
             }
