@@ -2,8 +2,10 @@
 
 use crate::problem::{Problem, nearest};
 use crate::trouble;
+use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
+use std::time::Duration;
 use tempfile::NamedTempFile;
 
 /// Bytes of one input file, 1 GiB: no file of this trade comes near, and a wrong path must not fill the memory.
@@ -109,13 +111,30 @@ impl Staged {
 
 /// How the names of files begin and end that are being written.
 const UNFINISHED: [&str; 2] = [".cairn-", ".part"];
+/// A file that was begun less than so long ago may not be locked yet.
+const NEW: Duration = Duration::from_secs(60);
 
-/// Removes what a process that was killed had begun to write in a folder.
-pub fn remove_unfinished(folder: &Path) {
+fn unfinished(folder: &Path) -> impl Iterator<Item = PathBuf> {
     let is_unfinished = |name: &str| name.starts_with(UNFINISHED[0]) && name.ends_with(UNFINISHED[1]);
-    for entry in folder.read_dir().into_iter().flatten().flatten() {
-        if is_unfinished(&entry.file_name().to_string_lossy()) {
-            let _ = std::fs::remove_file(entry.path());
+    let entries = folder.read_dir().into_iter().flatten().flatten();
+    entries.filter(move |entry| is_unfinished(&entry.file_name().to_string_lossy())).map(|entry| entry.path())
+}
+
+/// Removes what a process that was killed had begun to write in a folder that is nobody else's.
+pub fn remove_unfinished(folder: &Path) {
+    unfinished(folder).for_each(|path| drop(std::fs::remove_file(path)));
+}
+
+/// The same for a folder in which others may be writing: what they write is locked.
+pub fn remove_abandoned(folder: &Path) {
+    for path in unfinished(folder) {
+        let age = |file: &File| file.metadata().ok()?.modified().ok()?.elapsed().ok();
+        let is_abandoned = File::options()
+            .append(true)
+            .open(&path)
+            .is_ok_and(|file| age(&file).is_some_and(|age| age > NEW) && file.try_lock().is_ok());
+        if is_abandoned {
+            let _ = std::fs::remove_file(path);
         }
     }
 }
@@ -129,7 +148,10 @@ fn new_file_in(folder: &Path) -> std::io::Result<NamedTempFile> {
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    builder.tempfile_in(folder)
+    let file = builder.tempfile_in(folder)?;
+    // Where a drive knows no locks, nobody can tell whether a file is abandoned, and it stays.
+    let _ = file.as_file().try_lock();
+    Ok(file)
 }
 
 /// What was made or renamed in a folder outlives a power cut from now on.
@@ -139,7 +161,7 @@ pub fn sync_folder(folder: &Path) -> std::io::Result<()> {
     if cfg!(not(unix)) {
         return Ok(());
     }
-    match std::fs::File::open(folder)?.sync_all() {
+    match File::open(folder)?.sync_all() {
         // Some network drives cannot do this to a folder, and need not.
         Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
         synced => synced,
@@ -165,7 +187,43 @@ pub fn folder_of(path: &Path) -> &Path {
 
 #[cfg(test)]
 mod tests {
-    use super::split_node;
+    use super::*;
+    use std::time::SystemTime;
+
+    #[test]
+    fn what_nobody_writes_any_more_is_abandoned() {
+        let folder = tempfile::tempdir().unwrap();
+        let part = |name: &str, age: u64| {
+            let file = File::create(folder.path().join(name)).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(age)).unwrap();
+            file
+        };
+        drop(part(".cairn-old.part", 3600));
+        drop(part(".cairn-new.part", 1));
+        drop(part("other.part", 3600));
+        let held = part(".cairn-held.part", 3600);
+        held.lock().unwrap();
+        remove_abandoned(folder.path());
+        let mut left: Vec<String> = folder
+            .path()
+            .read_dir()
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+            .collect();
+        left.sort();
+        assert_eq!(left, [".cairn-held.part", ".cairn-new.part", "other.part"]);
+    }
+
+    #[test]
+    fn what_is_being_written_is_locked() {
+        let folder = tempfile::tempdir().unwrap();
+        let staged = Staged::write(&folder.path().join("pile.glb"), b"pile").unwrap();
+        let long_ago = SystemTime::now() - Duration::from_secs(3600);
+        staged.file.as_file().set_modified(long_ago).unwrap();
+        remove_abandoned(folder.path());
+        let path = staged.publish().unwrap();
+        assert_eq!(std::fs::read(path).unwrap(), b"pile");
+    }
 
     #[test]
     fn a_node_follows_the_extension() {

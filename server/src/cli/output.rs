@@ -42,7 +42,8 @@ impl Way {
     }
 }
 
-/// Whether a file can appear at this path, and would not replace one of the inputs.
+/// Whether a file can appear at this path, and would not replace one of the inputs. What commands that were killed have left half
+/// written beside it goes.
 pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     let usage =
         |what: String, remedy: &str| Err(Failure::Usage(vec![Problem::new(path.display().to_string(), what, remedy)]));
@@ -51,6 +52,7 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     }
     let Way::File(target) = Way::to(path) else { return Ok(()) };
     let folder = files::folder_of(&target);
+    files::remove_abandoned(folder);
     if !folder.is_dir() {
         return usage(format!("there is no folder {}", folder.display()), "Make it first.");
     }
