@@ -3,7 +3,7 @@
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::service::access::{Caller, LAST_PRIORITY};
-use crate::service::jobs::Order;
+use crate::service::jobs::{Entry, Order, Place};
 use crate::service::status::Fault;
 use crate::wire::proto::{
     AssetHeader, AssetReference, BakeRequest, BakeSpec, BakeStatus, FieldProblem, FrameSelection, ListBakesRequest,
@@ -12,6 +12,7 @@ use crate::wire::proto::{
 use crate::wire::to_proto;
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Names in one request: more than any scene has files.
 const MAX_ASSETS: usize = 10_000;
@@ -122,8 +123,9 @@ pub fn frames(given: i32) -> Result<FrameSelection, Fault> {
 }
 
 /// A page of the list. The token is the place of the last one of the page before, whether that is still there or not.
-pub fn page(mut list: Vec<BakeStatus>, request: &ListBakesRequest) -> Result<ListBakesResponse, Fault> {
-    list.retain(|bake| {
+pub fn page(mut list: Vec<Arc<Entry>>, request: &ListBakesRequest) -> Result<ListBakesResponse, Fault> {
+    list.retain(|entry| {
+        let bake = &entry.now().status;
         (request.owner.is_empty() || request.owner == bake.owner)
             && (request.states.is_empty() || request.states.contains(&bake.state))
             && request.labels.iter().all(|(name, value)| bake.labels.get(name) == Some(value))
@@ -138,31 +140,24 @@ pub fn page(mut list: Vec<BakeStatus>, request: &ListBakesRequest) -> Result<Lis
         token => {
             let last = place_of(token)
                 .ok_or_else(|| Fault::field("page_token", "not a token of this server; leave it empty to begin"))?;
-            list.partition_point(|bake| place(bake) >= last)
+            list.partition_point(|entry| entry.place >= last)
         }
     };
-    let mut bakes: Vec<BakeStatus> = list.into_iter().skip(first).take(size + 1).collect();
-    let more = bakes.len() > size;
-    bakes.truncate(size);
-    // One that the disk did not take is in memory still.
-    bakes.iter_mut().for_each(|bake| bake.summary = None);
-    let next_page_token = bakes.last().filter(|_| more).map(token).unwrap_or_default();
-    Ok(ListBakesResponse { bakes, next_page_token })
+    let rest = &list[first..];
+    let page = &rest[..size.min(rest.len())];
+    let next_page_token =
+        page.last().filter(|_| rest.len() > size).map(|entry| token(&entry.place)).unwrap_or_default();
+    // A summary that the disk did not take is in memory still.
+    let status = |entry: &Arc<Entry>| BakeStatus { summary: None, ..entry.now().status.clone() };
+    Ok(ListBakesResponse { bakes: page.iter().map(status).collect(), next_page_token })
 }
 
-/// Where a bake is in the list, which descends.
-fn place(bake: &BakeStatus) -> (i64, i32, String) {
-    let time = bake.create_time.unwrap_or_default();
-    (time.seconds, time.nanos, bake.bake_id.clone())
-}
-
-fn token(bake: &BakeStatus) -> String {
-    let (seconds, nanos, id) = place(bake);
+fn token((seconds, nanos, id): &Place) -> String {
     format!("{seconds}.{nanos}.{id}")
 }
 
 /// The inverse of [`token`].
-fn place_of(token: &str) -> Option<(i64, i32, String)> {
+fn place_of(token: &str) -> Option<Place> {
     let mut parts = token.splitn(3, '.');
     Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?, parts.next()?.to_owned()))
 }

@@ -52,8 +52,12 @@ pub struct Bakes {
     last_time: Mutex<Duration>,
 }
 
+/// When a bake was asked for, in seconds and nanoseconds, and its id: the order of lists, the latest first.
+pub type Place = (i64, i32, String);
+
 /// One bake.
 pub struct Entry {
+    pub place: Place,
     now: watch::Sender<Now>,
     cancelled: CancellationToken,
     /// The latest of its callers' deadlines; `None` if one of them has none.
@@ -86,9 +90,15 @@ impl Now {
 
 impl Entry {
     fn new(now: Now, deadline: Option<Instant>) -> Arc<Entry> {
+        let time = now.status.create_time.unwrap_or_default();
+        let place = (time.seconds, time.nanos, now.status.bake_id.clone());
         let (now, _) = watch::channel(now);
         let (deadline, _) = watch::channel(deadline);
-        Arc::new(Entry { now, cancelled: CancellationToken::new(), deadline })
+        Arc::new(Entry { place, now, cancelled: CancellationToken::new(), deadline })
+    }
+
+    pub fn now(&self) -> watch::Ref<'_, Now> {
+        self.now.borrow()
     }
 
     pub fn watch(&self) -> watch::Receiver<Now> {
@@ -96,7 +106,7 @@ impl Entry {
     }
 
     pub fn id(&self) -> String {
-        self.now.borrow().status.bake_id.clone()
+        self.place.2.clone()
     }
 
     /// Waits until the request was found right, or not.
@@ -312,13 +322,12 @@ impl Bakes {
         found.ok_or_else(|| Fault::BakeNotFound(id.chars().take(64).collect()))
     }
 
-    /// All bakes that were accepted, the latest first, without their summaries.
-    pub fn list(&self) -> Vec<BakeStatus> {
+    /// All bakes that were accepted, the latest first.
+    pub fn list(&self) -> Vec<Arc<Entry>> {
         let entries = self.entries();
-        let now = entries.values().map(|entry| entry.now.borrow());
-        let mut list: Vec<BakeStatus> = now.filter(|now| now.accepted).map(|now| now.status.clone()).collect();
-        let time = |status: &BakeStatus| status.create_time.map(|time| (time.seconds, time.nanos));
-        list.sort_by(|a, b| (time(b), &b.bake_id).cmp(&(time(a), &a.bake_id)));
+        let mut list: Vec<_> = entries.values().filter(|entry| entry.now.borrow().accepted).cloned().collect();
+        drop(entries);
+        list.sort_by(|a, b| b.place.cmp(&a.place));
         list
     }
 
@@ -362,14 +371,17 @@ impl Bakes {
     pub async fn keep_limits(self: Arc<Self>) {
         /// For what grows old without anything being added.
         const PAUSE: Duration = Duration::from_secs(600);
+        /// Looking through a large store takes long: so many times as long, it is left alone then.
+        const LEFT_ALONE: u32 = 20;
         loop {
-            let bakes = self.clone();
+            let (bakes, began) = (self.clone(), Instant::now());
             let trimmed = tokio::task::spawn_blocking(move || bakes.store.trim(|id| bakes.remove_ended(id))).await;
             match trimmed {
                 Ok(Ok(bytes)) => metrics::gauge!("cairn_store_bytes").set(bytes as f64),
                 Ok(Err(error)) => warn!(%error, "the store could not be trimmed"),
                 Err(error) => warn!(%error, "the store could not be trimmed"),
             }
+            tokio::time::sleep(began.elapsed() * LEFT_ALONE).await;
             let _ = tokio::time::timeout(PAUSE, self.trim.notified()).await;
         }
     }
