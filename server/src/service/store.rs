@@ -114,10 +114,13 @@ impl Store {
         Ok(BakeSpec::decode(&fs::read(self.folder(id).join(SPEC))?[..])?)
     }
 
-    /// How a bake stood when that was written down.
-    pub fn status(&self, id: &str) -> Option<BakeStatus> {
-        let bytes = fs::read(self.folder(id).join(STATUS)).ok()?;
-        BakeStatus::decode(&bytes[..]).ok().filter(|status| status.bake_id == id)
+    /// How a bake stood when that was written down; `None` where that is gone, or was changed.
+    pub fn status(&self, id: &str) -> Result<Option<BakeStatus>> {
+        match fs::read(self.folder(id).join(STATUS)) {
+            Ok(bytes) => Ok(BakeStatus::decode(&bytes[..]).ok().filter(|status| status.bake_id == id)),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error),
+        }
     }
 
     /// What is missing of a bake that has succeeded, by the sizes of its files.
@@ -191,13 +194,15 @@ impl Store {
                 warn!(path = %folder.display(), "not a bake; it is left alone");
                 continue;
             }
-            match folder.file_name().and_then(|id| self.status(&id.to_string_lossy())) {
-                Some(status) => found.push(status),
-                None => {
+            let id = folder.file_name().unwrap_or_default().to_string_lossy();
+            match self.status(&id) {
+                Ok(Some(status)) => found.push(status),
+                Ok(None) => {
                     if let Err(error) = fs::remove_dir_all(&folder) {
                         warn!(path = %folder.display(), %error, "the remains of a bake cannot be removed");
                     }
                 }
+                Err(error) => warn!(path = %folder.display(), %error, "a bake cannot be read; it is left alone"),
             }
         }
         Ok(found)

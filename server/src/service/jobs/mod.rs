@@ -263,7 +263,7 @@ impl Bakes {
         if status.state() != BakeState::Succeeded || status.summary.is_some() {
             return Ok(status);
         }
-        let kept = self.store.status(&status.bake_id);
+        let kept = self.store.status(&status.bake_id)?;
         kept.ok_or_else(|| self.damaged(entry, "its summary is cut off or gone".into()))
     }
 
