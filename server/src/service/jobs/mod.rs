@@ -3,6 +3,7 @@
 //! One entry per bake, however many callers it has. An entry's task holds its place in the queue, and later its worker,
 //! until the process has ended.
 
+mod entry;
 mod order;
 mod task;
 
@@ -17,13 +18,14 @@ use crate::service::store::Store;
 use crate::service::turns::Turns;
 use crate::wire::proto::{self, BakeSpec, BakeState, BakeStatus};
 use crate::wire::versions::versions;
+pub use entry::{Entry, Now, Place};
 pub use order::{Order, bake_id};
 use prost_types::Timestamp;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 use task::New;
-use tokio::sync::{Notify, Semaphore, watch};
+use tokio::sync::{Notify, Semaphore};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -50,79 +52,6 @@ pub struct Bakes {
     trim: Notify,
     /// How long the last bake ran: a guess at when a place will be free.
     last_time: Mutex<Duration>,
-}
-
-/// When a bake was asked for, in seconds and nanoseconds, and its id: the order of lists, the latest first.
-pub type Place = (i64, i32, String);
-
-/// One bake.
-pub struct Entry {
-    pub place: Place,
-    now: watch::Sender<Now>,
-    cancelled: CancellationToken,
-    /// The latest of its callers' deadlines; `None` if one of them has none.
-    deadline: watch::Sender<Option<Instant>>,
-}
-
-/// How a bake stands.
-#[derive(Clone)]
-pub struct Now {
-    /// A server keeps thousands of bakes: the summary of one that has ended is on the disk, and here only where the disk did not take
-    /// it ([`Bakes::status`]).
-    pub status: BakeStatus,
-    /// Of the result of a bake that has succeeded.
-    result_bytes: i64,
-    /// Bytes of the event log that may be read.
-    pub log_bytes: u64,
-    /// Its request was found right: it has an id, a folder and a log.
-    pub accepted: bool,
-}
-
-impl Now {
-    fn of(status: BakeStatus) -> Now {
-        Now { status, result_bytes: 0, log_bytes: 0, accepted: false }
-    }
-
-    pub fn has_ended(&self) -> bool {
-        matches!(self.status.state(), BakeState::Succeeded | BakeState::Failed | BakeState::Cancelled)
-    }
-}
-
-impl Entry {
-    fn new(now: Now, deadline: Option<Instant>) -> Arc<Entry> {
-        let time = now.status.create_time.unwrap_or_default();
-        let place = (time.seconds, time.nanos, now.status.bake_id.clone());
-        let (now, _) = watch::channel(now);
-        let (deadline, _) = watch::channel(deadline);
-        Arc::new(Entry { place, now, cancelled: CancellationToken::new(), deadline })
-    }
-
-    pub fn now(&self) -> watch::Ref<'_, Now> {
-        self.now.borrow()
-    }
-
-    pub fn watch(&self) -> watch::Receiver<Now> {
-        self.now.subscribe()
-    }
-
-    pub fn id(&self) -> String {
-        self.place.2.clone()
-    }
-
-    /// Waits until the request was found right, or not.
-    pub async fn accepted(&self) -> Result<(), tonic::Status> {
-        let mut now = self.watch();
-        // The sender is ours.
-        let Ok(now) = now.wait_for(|now| now.accepted || now.has_ended()).await else { return Ok(()) };
-        match &now.status.failure {
-            Some(failure) if !now.accepted => Err(failure.into()),
-            _ => Ok(()),
-        }
-    }
-
-    async fn ended(&self) {
-        let _ = self.watch().wait_for(Now::has_ended).await;
-    }
 }
 
 impl Bakes {
