@@ -11,6 +11,7 @@ use cairn::wire::proto::{
     BakeEvent, BakeRequest, BakeResponse, BakeSpec, BakeState, BakeStatus, CancelBakeRequest, WatchBakeRequest,
     WatchBakeResponse,
 };
+use prost::Message;
 use std::time::{Duration, Instant};
 use tonic::transport::Endpoint;
 use tonic::{Code, Status, Streaming};
@@ -50,6 +51,41 @@ async fn cancel_ends_the_physics() {
     let again = begin(&mut connection, endless(1)).await;
     assert_eq!(again, id);
     until(&mut connection, &again, BakeState::Running).await;
+}
+
+/// Callers may cancel bakes all day long: the latest thousand are kept to be told of, and what has a result stays.
+#[tokio::test]
+async fn bakes_without_a_result_are_forgotten_in_the_end() {
+    let mut server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let (told, _) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+    server.signal("-KILL");
+    server.wait();
+    let cancelled = |number: i64| {
+        let mut status = BakeStatus { bake_id: format!("{number:064x}"), ..Default::default() };
+        status.create_time = Some(prost_types::Timestamp { seconds: number, nanos: 0 });
+        status.set_state(BakeState::Cancelled);
+        status
+    };
+    for status in (1..=1010).map(cancelled) {
+        let folder = server.path("data/bakes").join(&status.bake_id);
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(folder.join("status.binpb"), status.encode_to_vec()).unwrap();
+    }
+    let next = Server::start_in(server.folder(), &[]);
+    let mut connection = next.connect().await;
+    let folders = || std::fs::read_dir(next.path("data/bakes")).unwrap().count();
+    for _ in 0..3000 {
+        if folders() <= 1001 {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(folders(), 1001);
+    assert_eq!(status(&mut connection, &accepted_id(&told)).await.state(), BakeState::Succeeded);
+    assert_eq!(status(&mut connection, &cancelled(11).bake_id).await.state(), BakeState::Cancelled);
+    let oldest = cairn::wire::proto::GetBakeRequest { bake_id: cancelled(10).bake_id };
+    assert_eq!(connection.service.get_bake(oldest).await.unwrap_err().code(), Code::NotFound);
 }
 
 /// Deadlines to try, the shortest first. tonic ends a call whose answer has not begun by its deadline, at both ends: on a busy

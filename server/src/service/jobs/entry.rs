@@ -1,7 +1,7 @@
 //! One bake among those of a server: how it stands, and who waits for that.
 
 use crate::wire::proto::{BakeState, BakeStatus};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -15,7 +15,7 @@ pub struct Entry {
     pub(super) now: watch::Sender<Now>,
     pub(super) cancelled: CancellationToken,
     /// The latest of its callers' deadlines; `None` if one of them has none.
-    pub(super) deadline: watch::Sender<Option<Instant>>,
+    deadline: Mutex<Option<Instant>>,
 }
 
 /// How a bake stands.
@@ -47,8 +47,17 @@ impl Entry {
         let time = now.status.create_time.unwrap_or_default();
         let place = (time.seconds, time.nanos, now.status.bake_id.clone());
         let (now, _) = watch::channel(now);
-        let (deadline, _) = watch::channel(deadline);
-        Arc::new(Entry { place, now, cancelled: CancellationToken::new(), deadline })
+        Arc::new(Entry { place, now, cancelled: CancellationToken::new(), deadline: Mutex::new(deadline) })
+    }
+
+    /// Another caller waits for it, with a deadline of its own.
+    pub(super) fn put_off(&self, deadline: Option<Instant>) {
+        let mut own = self.deadline.lock().unwrap_or_else(PoisonError::into_inner);
+        *own = own.zip(deadline).map(|(a, b)| a.max(b));
+    }
+
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        *self.deadline.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub fn now(&self) -> watch::Ref<'_, Now> {

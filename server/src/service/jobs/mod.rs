@@ -31,6 +31,9 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::{info, warn};
 
+/// Bakes that failed or were cancelled, and are kept to be told of.
+const MOST_WITHOUT_RESULT: usize = 1000;
+
 /// All bakes of a server.
 pub struct Bakes {
     pub config: Config,
@@ -131,8 +134,7 @@ impl Bakes {
             self.look_at(entry);
             let state = entry.now.borrow().status.state();
             if !matches!(state, BakeState::Failed | BakeState::Cancelled) && !entry.cancelled.is_cancelled() {
-                let later = |own: &mut Option<Instant>| *own = own.zip(deadline).map(|(a, b)| a.max(b));
-                entry.deadline.send_modify(later);
+                entry.put_off(deadline);
                 metrics::counter!("cairn_bakes_shared_total").increment(1);
                 return Ok(entry.clone());
             }
@@ -296,6 +298,18 @@ impl Bakes {
         self.trim.notify_one();
     }
 
+    /// Forgets those that ended without a result longest ago: callers that cancel all day leave no crowd of them.
+    fn forget(&self) {
+        let mut list = self.list();
+        list.retain(|entry| matches!(entry.now().status.state(), BakeState::Failed | BakeState::Cancelled));
+        list.drain(..list.len().min(MOST_WITHOUT_RESULT));
+        for entry in list {
+            if let Err(error) = self.remove_ended(&entry.id()) {
+                warn!(bake_id = %entry.id(), %error, "it is over the limits and cannot be removed");
+            }
+        }
+    }
+
     /// Keeps the store within its limits, for as long as the server lives.
     pub async fn keep_limits(self: Arc<Self>) {
         /// For what grows old without anything being added.
@@ -304,7 +318,11 @@ impl Bakes {
         const LEFT_ALONE: u32 = 20;
         loop {
             let (bakes, began) = (self.clone(), Instant::now());
-            let trimmed = tokio::task::spawn_blocking(move || bakes.store.trim(|id| bakes.remove_ended(id))).await;
+            let trim = move || {
+                bakes.forget();
+                bakes.store.trim(|id| bakes.remove_ended(id))
+            };
+            let trimmed = tokio::task::spawn_blocking(trim).await;
             match trimmed {
                 Ok(Ok(bytes)) => metrics::gauge!("cairn_store_bytes").set(bytes as f64),
                 Ok(Err(error)) => warn!(%error, "the store could not be trimmed"),

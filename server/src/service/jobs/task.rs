@@ -15,6 +15,7 @@ use std::path::Path;
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 use tokio::sync::OwnedSemaphorePermit;
+use tokio::time::Instant;
 use tracing::{Instrument, info, info_span, warn};
 
 /// What a new bake begins with.
@@ -62,21 +63,15 @@ impl Bakes {
 
     /// Resolves when the bake has to end before its time.
     async fn stopped(&self, entry: &Entry) -> End {
-        let mut deadline = entry.deadline.subscribe();
         let passed = async {
-            loop {
-                let at = *deadline.borrow_and_update();
-                let sleep = async {
-                    match at {
-                        Some(at) => tokio::time::sleep_until(at).await,
-                        None => std::future::pending().await,
-                    }
-                };
-                tokio::select! {
-                    () = sleep => return,
-                    _ = deadline.changed() => {}
+            // It may have been put off meanwhile, and never comes nearer.
+            while let Some(at) = entry.deadline() {
+                if at <= Instant::now() {
+                    return;
                 }
+                tokio::time::sleep_until(at).await;
             }
+            std::future::pending().await
         };
         tokio::select! {
             () = entry.cancelled.cancelled() => End::Fault(Fault::BakeCancelled),
