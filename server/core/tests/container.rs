@@ -43,7 +43,7 @@ fn joined(parts: &[TriMesh]) -> TriMesh {
 }
 
 fn container(mesh: &TriMesh, tolerance: f64) -> Container {
-    Container::new(&Closed { mesh: mesh.clone(), topology: inspect(mesh) }, 1.0, 0.0, tolerance)
+    Container::new(&Closed::new(inspect(mesh), mesh.clone()), 1.0, 0.0, tolerance)
 }
 
 fn unit(x: f64, edge: f64) -> TriMesh {
@@ -172,4 +172,40 @@ fn an_open_control_mesh_that_has_an_inside_is_filled() {
     *control = without(&weld(control, 1e-9), |corners| corners.iter().all(|p| p.y == low));
     let plan = cairn_core::plan(&scene, &Params::new(Accuracy::Draft)).unwrap();
     assert!(plan.warnings.iter().any(|w| w.contains("1 hole was closed")), "{:?}", plan.warnings);
+}
+
+#[test]
+fn overlapping_parts_are_filled_once() {
+    // Cubes of edge 2, and a bar of 1.4 x 1.4 whose half is in one of them.
+    let volume = |parts: &[TriMesh]| {
+        let mesh = joined(parts);
+        Closed::new(inspect(&mesh), mesh).volume
+    };
+    let beyond = block(DVec3::new(1.01, 0.3, 0.3), DVec3::new(3.01, 1.7, 1.7), 2);
+    let [one, apart, overlapping] =
+        [vec![unit(0.0, 2.0)], vec![unit(0.0, 2.0), unit(3.0, 2.0)], vec![unit(0.0, 2.0), beyond]]
+            .map(|parts| volume(&parts));
+    assert!((one - 8.0).abs() < 1e-9 && (apart - 16.0).abs() < 1e-9, "{one} {apart}");
+    assert!((overlapping - 8.0 - 1.01 * 1.96).abs() < 0.2, "{overlapping}");
+}
+
+/// A hollow prop takes the room of its hull; one that is merely long does not.
+#[test]
+fn hollow_props_take_the_room_of_their_hull() {
+    let cup = joined(&[
+        block(DVec3::new(-0.1, 0.0, -0.1), DVec3::new(0.1, 0.01, 0.1), 1),
+        block(DVec3::new(-0.1, 0.011, -0.1), DVec3::new(-0.09, 0.2, 0.1), 1),
+        block(DVec3::new(0.09, 0.011, -0.1), DVec3::new(0.1, 0.2, 0.1), 1),
+    ]);
+    let crate_ = block(DVec3::new(-0.1, 0.0, -0.1), DVec3::new(0.1, 0.2, 0.1), 1);
+    let size = |mesh: &TriMesh| cairn_core::prepare::shape::Size::of(mesh);
+    let hull = 0.2 * 0.2 * 0.2;
+    assert!((size(&cup).hull_volume - hull).abs() < 1e-3 * hull, "{}", size(&cup).hull_volume);
+    assert!(size(&cup).volume < 0.2 * hull);
+    let expected = |mesh: &TriMesh| {
+        let scene = common::scene(cone(1.0, 2.0), mesh.clone());
+        cairn_core::plan(&scene, &Params::new(Accuracy::Standard)).unwrap().expected_bodies as f64
+    };
+    let (cups, crates) = (expected(&cup), expected(&crate_));
+    assert!((cups / crates - 1.0).abs() < 0.1, "{cups} {crates}");
 }

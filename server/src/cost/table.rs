@@ -171,7 +171,7 @@ mod tests {
         coulomb: false,
         glued: false,
         room: 0.0,
-        packing: [0.0; 4],
+        packing: [0.0; 7],
     };
 
     fn run(name: &str, cost: f64, error: f64, kept: f64) -> (Variant, Vec<Record>) {

@@ -2,7 +2,7 @@
 
 use cairn_core::equilibrium::{
     Analyser, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, FrictionLaw, LocalContact, LocalProblem, Options,
-    STABLE_RESIDUAL, Verdict,
+    REFERENCE_EXCLUDED_FORCE, STABLE_RESIDUAL, Verdict,
 };
 use glam::DVec3;
 
@@ -115,7 +115,10 @@ fn excludes(contacts: &[LocalContact], z: DVec3, w: DVec3, residual: f64, law: F
         let _ = law;
         let work = along + contact.friction * across;
         let size = (1.0 + contact.point.length()) * (1.0 + contact.friction);
-        assert!(work <= 1e-8 * size || work * 1e3 <= residual, "{work} against {residual} at {contact:?}");
+        assert!(
+            work <= 1e-8 * size || work * REFERENCE_EXCLUDED_FORCE <= residual,
+            "{work} against {residual} at {contact:?}"
+        );
     }
 }
 

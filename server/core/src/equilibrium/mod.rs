@@ -213,6 +213,9 @@ impl Verdict<'_> {
 /// As [`STABLE_RESIDUAL`], for forces that Clarabel found: what an interior point reaches.
 pub const REFERENCE_RESIDUAL: f64 = 1e-7;
 
+/// As [`EXCLUDED_FORCE`], for certificates that Clarabel found: also where the fast solver left a body open.
+pub const REFERENCE_EXCLUDED_FORCE: f64 = 1e2;
+
 /// Input that has no physical meaning. Contacts are named by their index.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ProblemError {

@@ -4,7 +4,7 @@
 //! knows the friction laws and nothing of how the solvers work.
 
 use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, Fit, FrictionLaw};
-use super::{LocalProblem, ProblemError, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
+use super::{LocalProblem, ProblemError, REFERENCE_EXCLUDED_FORCE, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
 use glam::DVec3;
 
 /// Largest number of sides of a friction pyramid.
@@ -136,7 +136,7 @@ impl Tolerances {
         residual: REFERENCE_RESIDUAL,
         friction: REFERENCE_RESIDUAL,
         certificate: 1e-6,
-        excluded_force: 1e2,
+        excluded_force: REFERENCE_EXCLUDED_FORCE,
     };
     /// The reference called in where the fast solver is open: it may not say "stable" on weaker grounds than the fast
     /// solver, whose verdicts reach nearer to the boundary than an interior point's.

@@ -1,6 +1,7 @@
 //! A mesh that encloses a volume.
 
 use super::mesh::TriMesh;
+use super::region::Region;
 use super::topology::{self, Topology};
 
 /// A closed mesh, welded and facing outward.
@@ -8,16 +9,19 @@ use super::topology::{self, Topology};
 pub struct Closed {
     pub mesh: TriMesh,
     pub topology: Topology,
+    /// m^3; where parts of the mesh overlap, once.
+    pub volume: f64,
 }
 
 impl Closed {
     /// A mesh that is known to be closed and to face outward.
     pub fn of(mesh: TriMesh) -> Closed {
-        Closed { topology: topology::inspect(&mesh), mesh }
+        Closed::new(topology::inspect(&mesh), mesh)
     }
 
-    /// m^3.
-    pub fn volume(&self) -> f64 {
-        self.mesh.signed_volume().abs()
+    /// The same, looked at before.
+    pub fn new(topology: Topology, mesh: TriMesh) -> Closed {
+        let volume = if topology.components > 1 { Region::new(&mesh).volume() } else { mesh.signed_volume().abs() };
+        Closed { mesh, topology, volume }
     }
 }

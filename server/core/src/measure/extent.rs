@@ -11,6 +11,8 @@ const BALL_ROUNDS: usize = 200;
 const CLUSTER: usize = 64;
 /// Directions on the half sphere in which widths are looked at, before the best one is refined.
 const DIRECTIONS: usize = 512;
+/// Directions on the half sphere that the outermost points are looked for in.
+const OUTWARD: usize = 64;
 /// At most this many face normals join them.
 const NORMALS: usize = 1024;
 /// Each refinement halves the turn: the last is 0.1 rad / 2^12, where a width changes by less than 1e-9 of the size.
@@ -37,6 +39,12 @@ pub fn bounding_sphere(mesh: &TriMesh) -> (DVec3, f64) {
     (ball.0, radius)
 }
 
+/// Points whose hull is nearly that of the mesh: all that its triangles use, if they are few, else the outermost along a fixed set of
+/// directions.
+pub fn outermost_points(mesh: &TriMesh) -> Vec<DVec3> {
+    extreme_points(&used_points(mesh), &spread(OUTWARD))
+}
+
 /// Smallest width of the mesh over all directions, metres: of its thinnest oriented slab, so that a stick's is its
 /// thickness, however it lies in its frame. Looked for along face normals, the axes, and a fixed set of directions
 /// whose best is refined; on shapes whose true minimum lies between, it is within about 1 % above.
@@ -45,7 +53,7 @@ pub fn smallest_extent(mesh: &TriMesh) -> f64 {
     if points.is_empty() {
         return 0.0;
     }
-    let spread: Vec<DVec3> = (0..DIRECTIONS).map(half_sphere).chain(DVec3::AXES).collect();
+    let spread = spread(DIRECTIONS);
     let extremes = extreme_points(&points, &spread);
     let width = |d: DVec3| {
         let (lo, hi) = extremes
@@ -147,12 +155,15 @@ fn extreme_points(points: &[DVec3], directions: &[DVec3]) -> Vec<DVec3> {
     extremes.into_iter().map(|i| points[i]).collect()
 }
 
-/// Evenly spread directions on the upper half sphere (Fibonacci's spiral).
-fn half_sphere(i: usize) -> DVec3 {
-    let y = (i as f64 + 0.5) / DIRECTIONS as f64;
-    let turn = i as f64 * std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    let r = (1.0 - y * y).sqrt();
-    DVec3::new(r * turn.cos(), y, r * turn.sin())
+/// The axes and `n` evenly spread directions on the upper half sphere (Fibonacci's spiral).
+fn spread(n: usize) -> Vec<DVec3> {
+    let direction = |i: usize| {
+        let y = (i as f64 + 0.5) / n as f64;
+        let turn = i as f64 * std::f64::consts::PI * (3.0 - 5f64.sqrt());
+        let r = (1.0 - y * y).sqrt();
+        DVec3::new(r * turn.cos(), y, r * turn.sin())
+    };
+    (0..n).map(direction).chain(DVec3::AXES).collect()
 }
 
 /// Smallest ball of up to five points, and those (at most four) that define it.

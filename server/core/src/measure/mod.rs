@@ -15,7 +15,7 @@ mod stamp;
 mod tests;
 mod voxels;
 
-pub use extent::{bounding_sphere, percentile, smallest_extent};
+pub use extent::{bounding_sphere, outermost_points, percentile, smallest_extent};
 pub use gauge::Gauge;
 pub use overlap::{Overlap, Penetration, penetration};
 pub use solid::Source;

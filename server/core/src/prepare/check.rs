@@ -131,7 +131,7 @@ fn closed(
     if is_hollow(&mesh) {
         told(format!("{name}: the {what} encloses next to no volume; give it thickness"));
     }
-    Some(Closed { mesh, topology: found })
+    Some(Closed::new(found, mesh))
 }
 
 /// An open mesh with its holes closed, if they can be closed and it then has an inside.
@@ -139,7 +139,7 @@ fn without_holes(mesh: &TriMesh) -> Option<(Closed, topology::Holes)> {
     let (whole, holes) = topology::close_holes(mesh)?;
     let (mesh, _) = topology::oriented(&whole);
     let topology = topology::inspect(&mesh);
-    (topology.closed && !is_hollow(&mesh)).then_some((Closed { mesh, topology }, holes))
+    (topology.closed && !is_hollow(&mesh)).then(|| (Closed::new(topology, mesh), holes))
 }
 
 /// Whether a closed mesh has next to no inside.

@@ -63,7 +63,7 @@ pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
 impl Container {
     /// `control` in SI, `length` metres per engine unit. `tolerance`: how far simplified walls may be from the mesh, in d; 0: they stay as they are.
     pub fn new(control: &Closed, length: f64, ground: f64, tolerance: f64) -> Container {
-        let Closed { mesh, topology } = control;
+        let Closed { mesh, topology, .. } = control;
         let solid = mesh.scaled(1.0 / length);
         let (region, distance) = grid(mesh, length);
         let (low, high) = solid.bounds();

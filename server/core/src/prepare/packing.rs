@@ -5,12 +5,12 @@ use crate::input::params::Fill;
 use crate::input::scene::{Prop, Scene};
 
 /// What the packing is a product of powers of; `crowding` is an exponent of e.
-pub const FEATURES: [&str; 4] = ["1", "boxiness", "flatness", "crowding"];
+pub const FEATURES: [&str; 7] = ["1", "solidity", "boxiness", "flatness", "slenderness", "bend", "crowding"];
 /// An exponent for each of the features.
 pub type Weights = [f64; FEATURES.len()];
 
 /// The fitted exponents; the example `fit_estimate` prints them.
-const PACKING: Weights = [-0.395, 0.378, 0.166, 0.039];
+const PACKING: Weights = [-0.161, 1.052, 0.053, 0.167, -0.107, -0.729, -0.194];
 
 /// What is to be filled.
 #[derive(Clone, Copy, Debug)]
@@ -22,13 +22,19 @@ pub struct Room {
 }
 
 impl Room {
-    /// Logarithms of the numbers that decide how densely a prop packs, in the order of [`FEATURES`]: its volume over that of the box
-    /// around it; the least edge of that box over the longest; and how much of the room is near its walls.
+    /// Logarithms of the numbers that decide how densely a prop packs, in the order of [`FEATURES`]: its volume over that of its
+    /// convex hull, and the hull's over that of the box around it; the least edge of that box over the longest; how many times longer than
+    /// wide it is, beyond e; what of its hull a long prop leaves empty, so that others lie in its bend; and how much of the room is near
+    /// its walls.
     pub fn features(&self, prop: &Prop, size: &Size) -> Weights {
         let [least, middle, longest] = size.extents.to_array();
-        let diameter = size.diameter * (prop.scale[0] + prop.scale[1]) / 2.0;
-        let crowding = (diameter * self.area / self.volume).min(MOST_CROWDED);
-        [1.0, (size.volume / (least * middle * longest)).ln(), (least / longest).ln(), crowding]
+        let thickness = least * (prop.scale[0] + prop.scale[1]) / 2.0;
+        let crowding = (thickness * self.area / self.volume).min(MOST_CROWDED);
+        let solidity = size.volume / size.hull_volume;
+        let boxiness = size.hull_volume / (least * middle * longest);
+        let length = (longest / middle).ln();
+        let slenderness = (length - 1.0).max(0.0);
+        [1.0, solidity.ln(), boxiness.ln(), (least / longest).ln(), slenderness, solidity.ln() * length, crowding]
     }
 
     /// Volume of the room over the mean volume of a prop, and the mean features of the props, by their weight.
@@ -46,7 +52,7 @@ impl Room {
 }
 
 /// A room smaller than this, against its props, is beyond the model.
-const MOST_CROWDED: f64 = 12.0;
+const MOST_CROWDED: f64 = 3.0;
 /// The share of a volume that props fill is between these.
 const RANGE: (f64, f64) = (0.02, 0.9);
 

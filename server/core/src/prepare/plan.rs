@@ -71,7 +71,7 @@ pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &Checked) -
 
 /// What is to be filled.
 pub(crate) fn room(control: &Closed) -> Room {
-    Room { volume: control.volume(), area: control.topology.area }
+    Room { volume: control.volume, area: control.topology.area }
 }
 
 /// Steps of release and hold, as far as they can be foretold.

@@ -18,7 +18,7 @@ const ROUNDING: f64 = 0.9;
 pub fn thick_share(control: &Closed, thickness: f64) -> f64 {
     let radius = ROUNDING * thickness / 2.0;
     // Of a slab, its thickness; of a ball, a third of its diameter.
-    let mean = 2.0 * control.volume() / control.topology.area;
+    let mean = 2.0 * control.volume / control.topology.area;
     if mean > 2.0 * radius {
         return 1.0;
     }

@@ -1,8 +1,9 @@
 //! How large a prop is: what is known without building its collision shape.
 
-use super::{FLAT_THICKNESS, MIN_VOLUME_SHARE, fit, round};
+use super::{FLAT_THICKNESS, MIN_VOLUME_SHARE, fit, hull_mesh, round};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology;
+use crate::measure::outermost_points;
 use glam::DVec3;
 
 /// What is known of a prop without building its collision shape; at scale 1.
@@ -14,6 +15,8 @@ pub struct Size {
     pub extents: DVec3,
     /// m^3; of an open mesh, half its box: an estimate.
     pub volume: f64,
+    /// Of its convex hull, m^3.
+    pub hull_volume: f64,
     /// The mesh encloses a volume.
     pub closed: bool,
     /// The radius on which it rolls, m; `None` where it is not round.
@@ -23,9 +26,17 @@ pub struct Size {
 impl Size {
     pub fn of(mesh: &TriMesh) -> Size {
         if mesh.triangles.is_empty() {
-            return Size { diameter: 0.0, extents: DVec3::ZERO, volume: 0.0, closed: false, round: None };
+            return Size {
+                diameter: 0.0,
+                extents: DVec3::ZERO,
+                volume: 0.0,
+                hull_volume: 0.0,
+                closed: false,
+                round: None,
+            };
         }
-        let diameter = 2.0 * fit::bounding_sphere(mesh).1;
+        let (center, radius) = fit::bounding_sphere(mesh);
+        let diameter = 2.0 * radius;
         let around = fit::oriented_box(mesh);
         let mut extents = (2.0 * around.half).max(DVec3::splat(FLAT_THICKNESS * diameter)).to_array();
         extents.sort_by(f64::total_cmp);
@@ -33,7 +44,14 @@ impl Size {
         let bulk = extents.iter().product::<f64>();
         let closed = topology::inspect(mesh).is_watertight() && own.abs() > MIN_VOLUME_SHARE * bulk;
         let volume = if closed { own.abs() } else { bulk / 2.0 };
+        let hull_volume = hull_volume(mesh, center, radius).clamp(volume.min(bulk), bulk);
         let round = round::rolling_radius(mesh, &around);
-        Size { diameter, extents: DVec3::from_array(extents), volume, closed, round }
+        Size { diameter, extents: DVec3::from_array(extents), volume, hull_volume, closed, round }
     }
+}
+
+/// The geometry library works in single precision: it sees the unit ball.
+fn hull_volume(mesh: &TriMesh, center: DVec3, radius: f64) -> f64 {
+    let unit: Vec<DVec3> = outermost_points(mesh).into_iter().map(|p| (p - center) / radius).collect();
+    hull_mesh(&unit).signed_volume().abs() * radius.powi(3)
 }

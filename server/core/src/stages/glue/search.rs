@@ -91,8 +91,9 @@ impl<'p, 'a> Search<'p, 'a> {
 
     /// Chooses dots for what is known of the pile so far.
     pub fn attempt(&mut self, number: usize, observer: &mut dyn Observer) -> Result<Attempt, Error> {
-        let of = ATTEMPTS as f64;
-        (self.proving.begin, self.proving.end) = (number as f64 / of, (number + 1) as f64 / of);
+        // Most piles need one or two: each attempt is half of what is left.
+        let left = 0.5f64.powi(number as i32);
+        (self.proving.begin, self.proving.end) = (1.0 - left, 1.0 - left / 2.0);
         observe(observer, &self.proving.progress(0.0))?;
         let glue = &self.params.glue;
         let (friction_factor, normal_price) = (glue.friction_factor, glue.normal_price);
