@@ -76,16 +76,17 @@ fn books_stand_until_the_ball_comes() {
 
 #[test]
 fn a_column_of_sticks_keeps_its_shape() {
-    // Fewer and larger sticks, which keep 0.85 to 1 of their shape, by seed; free, about 0.6.
+    // Fewer and larger sticks: ten seeds kept 0.81 to 1 of their shape, 0.89 in the mean; free, about 0.6.
     const FEW: &str = "props.0.scale_min=0.9 props.0.scale_max=0.9";
-    let mut piles = [1, 2, 3].map(|seed| Figures::of("column.toml", &format!("{FEW} seed={seed}")));
-    piles.sort_by(|a, b| a.get("kept_shape").total_cmp(&b.get("kept_shape")));
-    let [_, held, _] = piles;
-    assert!(held.get("kept_shape") > 0.9, "{}", held.get("kept_shape"));
-    assert!(held.get("height_p95_rel") > 0.95 * held.get("height_p95_rel_start"));
-    assert_eq!(held.get("hanging"), 0.0);
+    const SEEDS: usize = 5;
+    let piles: Vec<Figures> =
+        (1..=SEEDS).map(|seed| Figures::of("column.toml", &format!("{FEW} seed={seed}"))).collect();
+    let mean = |name: &str| piles.iter().map(|pile| pile.get(name)).sum::<f64>() / SEEDS as f64;
+    assert!(mean("kept_shape") > 0.85, "{}", mean("kept_shape"));
+    assert!(mean("height_p95_rel") > 0.95 * mean("height_p95_rel_start"));
+    assert!(piles.iter().all(|pile| pile.get("hanging") == 0.0));
     let free = Figures::of("column.toml", &format!("{FEW} control=off"));
-    assert!(free.get("kept_shape") < 0.85, "{}", free.get("kept_shape"));
+    assert!(free.get("kept_shape") < mean("kept_shape") - 0.15, "{}", free.get("kept_shape"));
 }
 
 #[test]
