@@ -6,7 +6,7 @@
 //! `server/core/src/prepare/estimate/model.rs`. The cost is taken to grow as the number of bodies: a file has about one number, so
 //! that an exponent could not be told from what else distinguishes the files.
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use cairn::cost::Record;
 use cairn_core::prepare::estimate::{FEATURES, Weights};
 use cairn_core::prepare::packing;
@@ -14,6 +14,13 @@ use cairn_core::stages::calibrate::calibrate;
 use clap::Parser;
 use nalgebra::{DMatrix, DVector};
 use std::path::PathBuf;
+
+/// A bake, of the file with this number.
+struct Run {
+    of: usize,
+    weight: f64,
+    record: Record,
+}
 
 /// Fits the model of a bake's CPU time to measured bakes.
 #[derive(Parser)]
@@ -34,33 +41,28 @@ const LAWS: [(&str, &[&str]); 4] = [
 ];
 
 fn main() -> anyhow::Result<()> {
-    let mut runs: Vec<(f64, Record)> = Vec::new();
+    let mut runs: Vec<Run> = Vec::new();
     let paths = Arguments::parse().runs;
-    for path in &paths {
+    for (of, path) in paths.iter().enumerate() {
         let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
         let records: Vec<Record> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
-        // Never the same for two files.
-        let weight = 1.0 / (records.len() as f64 + 1e-6 * runs.len() as f64);
-        runs.extend(records.into_iter().map(|record| (weight, record)));
+        ensure!(!records.is_empty(), "{}: no run of this version is in it", path.display());
+        let weight = 1.0 / records.len() as f64;
+        runs.extend(records.into_iter().map(|record| Run { of, weight, record }));
     }
     println!(
         "pub const CALIBRATION_SECONDS: f64 = {:.4};",
         calibrate(cairn::job::machine::cpu_seconds)? * cairn_core::prepare::estimate::CALIBRATION_SECONDS
     );
-    let mut expected = vec![0.0; runs.len()];
-    for (name, stages) in LAWS {
-        let seconds = |r: &Record| stages.iter().filter_map(|s| r.seconds.get(*s)).sum::<f64>();
-        let law = fit(&runs, &seconds);
-        for (sum, (_, r)) in expected.iter_mut().zip(&runs).filter(|(_, (_, r))| seconds(r) > 0.0) {
-            *sum += predict(&law, r);
-        }
+    let laws = fit_all(&runs.iter().collect::<Vec<_>>());
+    for ((name, _), law) in LAWS.iter().zip(&laws) {
         let numbers: Vec<String> = law.iter().map(|w| format!("{w:.3}")).collect();
         println!("/// Of {}.\npub const {name}: Weights = [{}];", FEATURES.join(", "), numbers.join(", "));
     }
-    let filled: Vec<&(f64, Record)> = runs.iter().filter(|(_, r)| r.workload.room > 0.0).collect();
+    let filled: Vec<&Record> = runs.iter().map(|run| &run.record).filter(|r| r.workload.room > 0.0).collect();
     let reached = |r: &Record| (r.bodies as f64 / r.workload.room).ln();
-    let a = DMatrix::from_fn(filled.len(), packing::FEATURES.len(), |i, j| filled[i].1.workload.packing[j]);
-    let b = DVector::from_fn(filled.len(), |i, _| reached(&filled[i].1));
+    let a = DMatrix::from_fn(filled.len(), packing::FEATURES.len(), |i, j| filled[i].workload.packing[j]);
+    let b = DVector::from_fn(filled.len(), |i, _| reached(filled[i]));
     let law = least_deviations(&a, &b);
     // Each fill by the law of all others.
     let alone = |i: usize| {
@@ -79,21 +81,16 @@ fn main() -> anyhow::Result<()> {
     );
     let dots =
         |r: &Record| Some(r.measures.get("touches")? * r.measures.get("glued_touch_fraction")? / r.bodies as f64);
-    let mut dots: Vec<f64> = runs.iter().filter_map(|(_, r)| dots(r)).collect();
+    let mut dots: Vec<f64> = runs.iter().filter_map(|run| dots(&run.record)).collect();
     dots.sort_by(f64::total_cmp);
     println!("/// Median over the bakes.\npub const DOTS_PER_BODY: f64 = {:.2};", dots[dots.len() / 2]);
-    let total = |r: &Record| r.seconds.values().sum::<f64>();
-    let mut factors: Vec<(f64, f64)> =
-        expected.iter().zip(&runs).map(|(e, (w, r))| ((e / total(r)).ln().abs().exp(), *w)).collect();
-    for (path, part) in paths.iter().zip(factors.chunk_by_mut(|a, b| a.1 == b.1)) {
-        part.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let at = |share: f64| part[((part.len() - 1) as f64 * share) as usize].0;
-        let (half, most, all) = (at(0.5), at(0.9), at(1.0));
-        println!(
-            "// {}: {} runs within a factor of {half:.2} (half), {most:.2} (90 %), {all:.2} (all)",
-            path.display(),
-            part.len()
-        );
+    for (number, path) in paths.iter().enumerate() {
+        let of = |own: bool| runs.iter().filter(move |run| (run.of == number) == own);
+        let others: Vec<&Run> = of(false).collect();
+        tell_far(&format!("{}, by its own law", path.display()), &laws, of(true));
+        if !others.is_empty() {
+            tell_far(&format!("{}, by the law of the other files", path.display()), &fit_all(&others), of(true));
+        }
     }
     Ok(())
 }
@@ -122,15 +119,39 @@ fn predict(law: &Weights, run: &Record) -> f64 {
 /// them.
 const DEARER: [&str; 7] = ["corners", "parts", "walls", "times", "step_rate", "substeps", "coulomb"];
 
+/// What a stage of the law took.
+fn seconds(record: &Record, stages: &[&str]) -> f64 {
+    stages.iter().filter_map(|stage| record.seconds.get(*stage)).sum()
+}
+
+fn fit_all(runs: &[&Run]) -> Vec<Weights> {
+    LAWS.iter().map(|(_, stages)| fit(runs, stages)).collect()
+}
+
+/// Tells how far laws are from these runs.
+fn tell_far<'r>(of: &str, laws: &[Weights], runs: impl Iterator<Item = &'r Run>) {
+    let far = |Run { record, .. }: &Run| {
+        let stages = LAWS.iter().zip(laws).filter(|((_, stages), _)| seconds(record, stages) > 0.0);
+        let expected: f64 = stages.map(|(_, law)| predict(law, record)).sum();
+        (expected / record.seconds.values().sum::<f64>()).ln().abs().exp()
+    };
+    let mut far: Vec<f64> = runs.map(far).collect();
+    far.sort_by(f64::total_cmp);
+    let at = |share: f64| far[((far.len() - 1) as f64 * share) as usize];
+    let (half, most, all) = (at(0.5), at(0.9), at(1.0));
+    println!("// {of}: {} runs within a factor of {half:.2} (half), {most:.2} (90 %), {all:.2} (all)", far.len());
+}
+
 /// Weighted least squares of the logarithm of the seconds, where there are any.
-fn fit(runs: &[(f64, Record)], seconds: &dyn Fn(&Record) -> f64) -> Weights {
-    let used: Vec<&(f64, Record)> = runs.iter().filter(|(_, r)| seconds(r) > 0.0).collect();
+fn fit(runs: &[&Run], stages: &[&str]) -> Weights {
+    let used: Vec<&&Run> = runs.iter().filter(|run| seconds(&run.record, stages) > 0.0).collect();
     let mut columns: Vec<usize> = (0..FEATURES.len()).filter(|&i| FEATURES[i] != "bodies").collect();
     loop {
-        let row = |i: usize, j: usize| used[i].0.sqrt() * used[i].1.workload.features()[columns[j]];
+        let row = |i: usize, j: usize| used[i].weight.sqrt() * used[i].record.workload.features()[columns[j]];
         let a = DMatrix::from_fn(used.len(), columns.len(), row);
         let b = DVector::from_fn(used.len(), |i, _| {
-            used[i].0.sqrt() * (seconds(&used[i].1) / used[i].1.workload.bodies).ln()
+            let record = &used[i].record;
+            used[i].weight.sqrt() * (seconds(record, stages) / record.workload.bodies).ln()
         });
         let normal = a.transpose() * &a + DMatrix::identity(columns.len(), columns.len()) * RIDGE;
         let found = normal.cholesky().expect("a ridge makes it positive definite").solve(&(a.transpose() * b));
