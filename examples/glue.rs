@@ -6,7 +6,7 @@
 mod piles;
 
 use anyhow::{Context, anyhow};
-use cairn_core::equilibrium::glue::{self, GlueDot, GlueOptions, Placement, oracle};
+use cairn_core::equilibrium::glue::{self, GlueDot, GlueOptions, MOST_ROUNDS, Placement, oracle};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::geometry::region::Region;
@@ -64,7 +64,8 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     let sim = full.turn_over()?;
     let sites = Sites::new(&sim.pile.world, None, true);
     let problem = sites.problem(DVec3::NEG_Y);
-    let options = |strength| GlueOptions { friction_factor: args.factor, normal_price: NORMAL_PRICE, strength };
+    let rounds = MOST_ROUNDS;
+    let options = |strength| GlueOptions { friction_factor: args.factor, normal_price: NORMAL_PRICE, strength, rounds };
     let control = &full.job.scene.control.as_ref().context("the scene fills no control mesh")?.mesh;
     let ruler = Ruler::new(control, full.job.scene.props.iter().map(|prop| prop.model.mesh.clone()).collect());
     let name = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();

@@ -45,21 +45,35 @@ fn a_cone_of_sticks_keeps_its_shape_and_comes_to_rest() {
 
 #[test]
 fn the_same_request_gives_the_same_bits_for_any_number_of_threads() {
-    let scene = scene(cone(0.6, 0.9), stick());
+    // Large enough that the engine shares its work.
+    let scene = scene(cone(1.3, 1.6), stick());
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| bake(&scene, &params(), &mut Silent).unwrap())
     };
-    let (one, three) = (run(1), run(3));
-    assert_eq!(one.frames, three.frames);
-    assert_eq!(one.bodies, three.bodies);
     // Times differ; figures made of them are left out.
     let timeless = |b: &cairn_core::report::bake::Bake| {
         let mut m = b.report.measures.clone();
         m.retain(|name, _| !["control_overhead", "analysis_us_per_body"].contains(&&**name));
         m
     };
-    assert_eq!(timeless(&one), timeless(&three));
+    let one = run(1);
+    assert!(one.bodies.len() > 80, "{} bodies", one.bodies.len());
+    for threads in [2, 4] {
+        let other = run(threads);
+        assert_eq!(one.frames, other.frames);
+        assert_eq!(one.bodies, other.bodies);
+        assert_eq!(timeless(&one), timeless(&other));
+    }
+}
+
+#[test]
+fn bakes_that_share_their_threads_do_not_wait_for_each_other() {
+    let scene = scene(cone(1.3, 1.6), stick());
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let bodies = || bake(&scene, &params(), &mut Silent).unwrap().bodies;
+    let (one, other) = pool.install(|| rayon::join(bodies, bodies));
+    assert_eq!(one, other);
 }
 
 #[test]

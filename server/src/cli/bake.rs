@@ -6,7 +6,7 @@ use super::remote::{self, Access, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
 use crate::job::reuse::Cache;
-use crate::job::{Job, Outcome};
+use crate::job::{Job, Outcome, machine};
 use crate::model::export::{self, Format};
 use crate::problem::Problem;
 use crate::wire::proto;
@@ -93,10 +93,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure> {
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(args.threads)
-        .build_global()
-        .map_err(|error| Failure::Internal(error.to_string()))?;
+    machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
     let mode = if args.quiet { Mode::None } else { args.progress };
     let job =
         progress::while_reading(mode, || Job::read_within(scene, args.bounds.limits())).map_err(Failure::Input)?;

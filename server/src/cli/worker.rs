@@ -34,6 +34,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(bytes) = args.memory {
         machine::limit_memory(bytes).map_err(|error| Failure::Internal(error.to_string()))?;
     }
+    machine::use_threads(0).map_err(|error| Failure::Internal(error.to_string()))?;
     let result = match args.task {
         Task::Plan => worker::plan(&args.folder),
         Task::Accept => worker::accept(&args.folder),

@@ -33,6 +33,12 @@ pub fn peak_memory() -> Option<u64> {
     Some(kib * 1024)
 }
 
+/// Work is shared among so many threads from now on, this one included; 0: as many as there are processors, or as
+/// `RAYON_NUM_THREADS` says. Once, before any of it.
+pub fn use_threads(count: usize) -> Result<(), rayon::ThreadPoolBuildError> {
+    rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().build_global()
+}
+
 /// Bounds the memory of this process, bytes, where the system can.
 pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
     #[cfg(unix)]

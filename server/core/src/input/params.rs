@@ -152,6 +152,9 @@ pub struct Fill {
     pub round: f64,
     /// A round (`insert`) or a batch (`pour`) that adds less than this share of the bodies means full.
     pub full_below: f64,
+    /// A prop of an `insert` fill grows to its full size in this time, natural times, 0.05 to 10. In less of it, props make less room
+    /// for each other: more overlap, or are taken out again.
+    pub growth: f64,
     /// Settling in the closed container after the last prop, natural times.
     pub settle: f64,
     /// A body may stick out of the control mesh by this much, relative to d; beyond it is removed.
@@ -202,6 +205,8 @@ pub struct Glue {
     pub friction_factor: f64,
     /// What a normal force costs there, against a dot's force as 1, 0 to 1. Default 0.02: at 0, bodies wedge each other.
     pub normal_price: f64,
+    /// Rounds in which dots that carry little are made dearer, 1 to 7: fewer are sooner done, and leave more dots. Default 7.
+    pub rounds: u32,
     /// Whether bodies may be glued to the ground and to scenery. On: all that touch it are.
     pub anchor: Switch,
     /// A dot breaks beyond this many times its load of the beginning, 1 to 1e6. Default 4.

@@ -6,6 +6,7 @@
 
 mod faces;
 mod plane;
+mod sides;
 
 use crate::prepare::shape::Hull;
 use rapier3d::parry::query::details::{
@@ -19,6 +20,7 @@ use rapier3d::parry::query::{
 };
 use rapier3d::parry::shape::{PackedFeatureId, Shape};
 use rapier3d::prelude::*;
+use smallvec::SmallVec;
 
 /// A point that is still apart, by more than the nearest one and by this much of its distance from that, is no better than
 /// it: the bodies meet there only after one has turned by as much.
@@ -30,6 +32,9 @@ const APART: f32 = 1e-5;
 pub const SOLVED: usize = 4;
 /// Points that tell what a body stands on: more add next to nothing to the polygon that they span.
 pub const TOLD: usize = 8;
+
+/// What a manifold has as many of as points, without a place on the heap.
+type Few<T> = SmallVec<[T; TOLD]>;
 
 /// The engine's queries, with its own manifolds replaced where a convex polyhedron takes part.
 pub struct Manifolds {
@@ -119,11 +124,11 @@ impl View {
     }
 
     /// Points of a shape at `pose`.
-    fn of(&self, points: &[Vector], pose: &Pose) -> Vec<Vector> {
+    fn of<'a>(&self, points: &'a [Vector], pose: &Pose) -> impl Iterator<Item = Vector> + use<'a> {
         let to_view = self.axes.transpose();
         let turned = to_view * Mat3::from_quat(pose.rotation);
         let origin = to_view * pose.translation;
-        points.iter().map(|&p| turned * p + origin).collect()
+        points.iter().map(move |&p| turned * p + origin)
     }
 
     fn tracked<C: Default + Copy>(&self, meeting: &Meeting, pos12: &Pose, flipped: bool) -> TrackedContact<C> {
@@ -156,11 +161,11 @@ const KEPT: f32 = 1e-3;
 
 /// At most so many of the points: the nearest one, the one farthest from it, those farthest to both sides of the line
 /// through the two, each held against its gap; then what is farthest from all of these.
-fn widest<C>(all: &[Meeting], most: usize, before: &[TrackedContact<C>]) -> Vec<Meeting> {
+fn widest<C>(all: &[Meeting], most: usize, before: &[TrackedContact<C>]) -> Few<Meeting> {
     let is_kept = |m: &Meeting| before.iter().any(|c| m.features == [c.fid1, c.fid2] || m.features == [c.fid2, c.fid1]);
     let bonus = |m: &Meeting| if is_kept(m) { KEPT } else { 0.0 };
     let nearness = |m: &Meeting| bonus(m) - m.gap();
-    let Some(first) = all.iter().copied().max_by(|a, b| nearness(a).total_cmp(&nearness(b))) else { return Vec::new() };
+    let Some(first) = all.iter().copied().max_by(|a, b| nearness(a).total_cmp(&nearness(b))) else { return Few::new() };
     let (origin, least) = (first.across(), first.gap().max(0.0));
     let farthest = |way: &dyn Fn(Vec2) -> f32| {
         let rate = |m: &Meeting| {
@@ -172,7 +177,7 @@ fn widest<C>(all: &[Meeting], most: usize, before: &[TrackedContact<C>]) -> Vec<
     let second = farthest(&|way| way.length());
     let along = second.map_or(Vec2::ZERO, |m| (m.across() - origin).normalize_or_zero());
     let sides = [farthest(&|way| along.perp_dot(way)), farthest(&|way| way.perp_dot(along))];
-    let mut chosen: Vec<Meeting> = [Some(first), second].into_iter().chain(sides).flatten().collect();
+    let mut chosen: Few<Meeting> = [Some(first), second].into_iter().chain(sides).flatten().collect();
     while chosen.len() < most {
         let apart = |m: &Meeting| {
             let distances = chosen.iter().map(|c| c.across().distance_squared(m.across()));

@@ -23,6 +23,7 @@ use crate::input::params::{FrictionModel, Physics, Switch};
 use glam::{DQuat, DVec3};
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::*;
+use std::sync::Arc;
 
 pub use clusters::ClusterId;
 pub use contacts::{Side, Touch, TouchPoint};
@@ -165,11 +166,20 @@ fn prediction(thickness: f64) -> f64 {
     PREDICTION * (USUAL_THICKNESS / thickness).clamp(1.0, FARTHER)
 }
 
+/// As many threads as the caller has, for one world alone: within a step the engine's threads wait for each other, so that two
+/// worlds that share them may wait for ever. `None`: the caller's thread does it all.
+fn threads() -> Option<Arc<rayon::ThreadPool>> {
+    let count = rayon::current_num_threads();
+    let several = (count > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(count));
+    several.and_then(|pool| pool.build().ok()).map(Arc::new)
+}
+
 impl World {
     /// An empty world. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
     pub fn new(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> World {
         let narrow_phase = NarrowPhase::with_query_dispatcher(Manifolds { most: SOLVED });
         let mut engine = PhysicsWorld { gravity: Vector::NEG_Y, narrow_phase, ..PhysicsWorld::new() };
+        engine.set_thread_pool(threads());
         let frequency = physics.stiffness(thickness);
         let softness = SpringCoefficients {
             natural_frequency: frequency as f32,

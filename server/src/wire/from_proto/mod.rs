@@ -43,7 +43,7 @@ pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     set(&mut params.base.height, scene.base.unwrap_or_default().height);
     fill(&mut params.fill, &scene.fill.unwrap_or_default(), &mut counts);
     release(&mut params.release, &scene.release.unwrap_or_default());
-    glue(&mut params.glue, &scene.glue.unwrap_or_default());
+    glue(&mut params.glue, &scene.glue.unwrap_or_default(), &mut counts);
     control(&mut params.control, &scene.control.unwrap_or_default(), &mut counts);
     hold(&mut params.hold, &scene.hold.unwrap_or_default());
     output(&mut params.output, &scene.output.unwrap_or_default(), &mut counts);
@@ -142,6 +142,7 @@ fn fill(fill: &mut Fill, given: &proto::Fill, counts: &mut Counts) {
     set(&mut fill.step, given.step);
     set(&mut fill.round, given.round);
     set(&mut fill.full_below, given.full_below);
+    set(&mut fill.growth, given.growth);
     set(&mut fill.settle, given.settle);
     set(&mut fill.protrusion, given.protrusion);
     set(&mut fill.overlap, given.overlap);
@@ -167,7 +168,7 @@ fn release(release: &mut Release, given: &proto::Release) {
     }
 }
 
-fn glue(glue: &mut Glue, given: &proto::Glue) {
+fn glue(glue: &mut Glue, given: &proto::Glue, counts: &mut Counts) {
     match given.mode() {
         proto::GlueMode::Unspecified => {}
         proto::GlueMode::Auto => glue.mode = GlueMode::Auto,
@@ -178,6 +179,7 @@ fn glue(glue: &mut Glue, given: &proto::Glue) {
     glue.strength = given.strength.or(glue.strength);
     set(&mut glue.friction_factor, given.friction_factor);
     set(&mut glue.normal_price, given.normal_price);
+    set(&mut glue.rounds, given.rounds.map(|n| counts.natural("glue.rounds", n)));
     glue.anchor = switch(given.anchor());
     set(&mut glue.breaking, given.breaking);
     glue.proof = switch(given.proof());

@@ -238,7 +238,7 @@ mod tests {
             touches: &touches,
             gravity: DVec3::new(0.0, -9.81, 0.0),
         };
-        let options = GlueOptions { friction_factor: 0.5, normal_price: 0.02, strength: None };
+        let options = GlueOptions { friction_factor: 0.5, normal_price: 0.02, strength: None, rounds: 7 };
         let program = Program::new(&problem, &options, &vec![false; count]).expect("a valid pile");
         let mut going = || ControlFlow::Continue(());
         let from = program.empty_state();

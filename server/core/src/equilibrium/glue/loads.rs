@@ -5,7 +5,7 @@
 
 use super::factor::{Factor, Mobility, Work};
 use super::program::{Program, State};
-use super::{GlueDot, GlueError, GlueOptions, GlueProblem, GlueTouch};
+use super::{GlueDot, GlueError, GlueOptions, GlueProblem, GlueTouch, MOST_ROUNDS};
 use crate::equilibrium::global::GlobalBody;
 use glam::DVec3;
 use nalgebra::Vector6;
@@ -53,4 +53,4 @@ impl Loads {
 }
 
 /// Nothing but the dots counts.
-const FREE: GlueOptions = GlueOptions { friction_factor: 1.0, normal_price: 0.0, strength: None };
+const FREE: GlueOptions = GlueOptions { friction_factor: 1.0, normal_price: 0.0, strength: None, rounds: MOST_ROUNDS };

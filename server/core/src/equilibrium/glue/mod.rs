@@ -86,6 +86,8 @@ pub struct GlueOptions {
     pub normal_price: f64,
     /// The most that a dot may carry, as |(force, moment / arm)|; a force. `None`: no bound.
     pub strength: Option<f64>,
+    /// Rounds of reweighting, 1 to [`MOST_ROUNDS`]: fewer find somewhat more dots, and are sooner done.
+    pub rounds: usize,
 }
 
 /// A glued touch.
@@ -138,9 +140,10 @@ pub enum GlueError {
 }
 
 /// A round of reweighting for each; forces, in weights of the lighter body.
-const ROUNDS: [f64; 7] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
-/// The same for piles of more than so many bodies: fewer rounds find somewhat more dots, in half the time.
-const ROUNDS_LARGE: [f64; 2] = [0.1, 0.03];
+const ROUNDS: [f64; MOST_ROUNDS] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
+pub const MOST_ROUNDS: usize = 7;
+/// Rounds at most for piles of more than so many bodies.
+const ROUNDS_LARGE: usize = 2;
 const LARGE: usize = 4000;
 /// The first solve, and all rounds but the last, only weigh the dots: they may end so many times as far from balance.
 const FIRST_NEAR: f64 = 4.0;
@@ -179,7 +182,7 @@ pub fn place_again(
         let tight = Program::new(pile, &tight_options, &fallen)?;
         let may: Vec<bool> = tight.touches.iter().map(|touch| touch.may).collect();
         let mut splitting = Splitting::new(&tight, &may, false);
-        let rounds = choose(&mut splitting, known, going)?;
+        let rounds = choose(&mut splitting, known, options.rounds, going)?;
         let balanced = balance(&program, &mut splitting, &rounds, going)?;
         iterations += splitting.iterations + balanced.iterations;
         if options.strength.is_some() && balanced.imbalance > BALANCED {
@@ -203,7 +206,12 @@ pub fn place_again(
 }
 
 /// The touches that each round glues, rising; the last round first.
-fn choose(splitting: &mut Splitting, known: &[GlueDot], going: &mut Going) -> Result<Vec<Vec<usize>>, GlueError> {
+fn choose(
+    splitting: &mut Splitting,
+    known: &[GlueDot],
+    rounds: usize,
+    going: &mut Going,
+) -> Result<Vec<Vec<usize>>, GlueError> {
     let mut weights = Weights::of(splitting.program, 1.0);
     if known.is_empty() {
         splitting.run(&weights, splitting::FIRST, splitting::NEAR * FIRST_NEAR, going)?;
@@ -213,11 +221,13 @@ fn choose(splitting: &mut Splitting, known: &[GlueDot], going: &mut Going) -> Re
     let bodies = splitting.program.target.len();
     // In a small pile, balance says nothing of whether the choice is made.
     let next = if bodies <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
-    let rounds = if bodies <= LARGE { &ROUNDS[..] } else { &ROUNDS_LARGE[..] };
-    let left_out = if known.is_empty() { 0 } else { KNOWN.min(rounds.len() - 1) };
+    let count = rounds.clamp(1, if bodies <= LARGE { MOST_ROUNDS } else { ROUNDS_LARGE });
+    let left_out = if known.is_empty() { 0 } else { KNOWN.min(count - 1) };
     let mut chosen = Vec::new();
-    for (number, &e) in rounds.iter().enumerate().skip(left_out) {
-        let near = splitting::NEAR * if number + 1 < rounds.len() { EARLY_NEAR } else { 1.0 };
+    for number in left_out..count {
+        // Spread evenly over all of them.
+        let e = ROUNDS[(number + 1) * (MOST_ROUNDS + 1) / (count + 1) - 1];
+        let near = splitting::NEAR * if number + 1 < count { EARLY_NEAR } else { 1.0 };
         weights.reweight(&splitting.state.dots, e);
         weights.price(splitting.program, e);
         // Costs have fallen by e, and balance must not outweigh them.

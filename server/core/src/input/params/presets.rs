@@ -35,7 +35,8 @@ impl Params {
                 max_bodies: 20_000,
                 step: 0.1,
                 round: 0.3,
-                full_below: 0.03,
+                full_below: 0.06,
+                growth: 0.8,
                 settle: 2.2,
                 protrusion: 0.05,
                 overlap: 0.15,
@@ -47,6 +48,7 @@ impl Params {
                 strength: None,
                 friction_factor: 0.5,
                 normal_price: 0.02,
+                rounds: 7,
                 anchor: Switch::Auto,
                 breaking: 4.0,
                 proof: Switch::Auto,
@@ -87,10 +89,12 @@ impl Params {
                 params.physics.shape_tolerance = 0.1;
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
-                params.fill.full_below = 0.05;
-                params.fill.settle = 0.8;
+                params.fill.full_below = 0.1;
+                params.fill.growth = 0.6;
+                params.fill.settle = 1.5;
                 // More glue takes the place of letting the pile go.
                 params.glue.friction_factor = 0.35;
+                params.glue.rounds = 2;
             }
             Accuracy::Preview => {
                 params.physics.substeps = 6;

@@ -17,14 +17,20 @@ const MAX_HULL_POINTS: usize = 48;
 /// A hull leaves out corners that stand out by less than this, in prop diameters: the thickness of a sheet of paper on
 /// a book.
 const HULL_TOLERANCE: f32 = 1.0 / 500.0;
+/// The same for the hulls of a coarser shape, coarsest first: the first is taken that is no farther from the mesh than may be.
+const COARSER: [f32; 3] = [1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0];
+/// A coarser shape may be farther from the mesh than the finest by this factor, or by this share of [`Physics::shape_tolerance`],
+/// in thicknesses.
+const FARTHER: f64 = 1.1;
+const FARTHER_SHARE: f64 = 0.5;
 /// Points sampled on each surface to measure the deviation.
 const DEVIATION_SAMPLES: usize = 600;
 /// Voxels along the longest side for the decomposition: fine enough for parts of a fiftieth of the prop.
 const DECOMPOSITION_RESOLUTION: u32 = 64;
 
-/// One hull where that is close enough to the mesh, else up to `max_parts` convex parts. The second value is the
-/// deviation, m: the largest distance, both ways, between sampled points of mesh and shape.
-pub fn decompose(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
+/// One hull where that is close enough to the mesh, else up to `max_parts` convex parts, with few corners. `thickness`: of the prop,
+/// m. The second value is the deviation, m: the largest distance, both ways, between sampled points of mesh and shape.
+pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
     let unit = Unit::new(mesh, diameter, closed);
     let mut best = vec![unit.hull()];
     let mut best_deviation = unit.deviation(&best);
@@ -39,6 +45,16 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics)
             if best_deviation <= tolerance {
                 break;
             }
+        }
+    }
+    let near = FARTHER_SHARE * physics.shape_tolerance * thickness / diameter;
+    let farthest = (FARTHER * best_deviation).max(near);
+    for tolerance in COARSER {
+        let coarse: Vec<Vec<Vector>> = best.iter().map(|part| reduced(part.clone(), tolerance)).collect();
+        let found = unit.deviation(&coarse);
+        if found <= farthest && coarse.iter().all(|part| part.len() >= 4) {
+            (best, best_deviation) = (coarse, found);
+            break;
         }
     }
     (Solid::Convex(best.into_iter().map(|part| unit.back(part)).collect()), best_deviation * diameter)
@@ -91,7 +107,7 @@ impl<'a> Unit<'a> {
     }
 
     fn hull(&self) -> Vec<Vector> {
-        reduced(hull_points(&self.points))
+        reduced(hull_points(&self.points), HULL_TOLERANCE)
     }
 
     fn vhacd(&self, concavity: f32, max_parts: u32) -> Option<Vec<Vec<Vector>>> {
@@ -107,7 +123,8 @@ impl<'a> Unit<'a> {
         .ok()?;
         // A part of an open mesh may have no corner at all.
         let solid = parts.into_iter().map(|(points, _)| points).filter(|points| points.len() >= 4);
-        let parts: Vec<_> = solid.map(|points| reduced(hull_points(&points))).filter(|p| p.len() >= 4).collect();
+        let parts: Vec<_> =
+            solid.map(|points| reduced(hull_points(&points), HULL_TOLERANCE)).filter(|p| p.len() >= 4).collect();
         (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
     }
 }
@@ -121,8 +138,8 @@ fn hull_points(points: &[Vector]) -> Vec<Vector> {
 }
 
 /// At most [`MAX_HULL_POINTS`] of a hull's corners: from the extreme ones along the axes on, always the one farthest
-/// from the hull of those before it.
-fn reduced(points: Vec<Vector>) -> Vec<Vector> {
+/// from the hull of those before it, as far as that is more than `tolerance`.
+fn reduced(points: Vec<Vector>, tolerance: f32) -> Vec<Vector> {
     let extreme = |direction: Vector| {
         let key = |&i: &usize| points[i].dot(direction);
         (0..points.len()).max_by(|a, b| key(a).total_cmp(&key(b))).unwrap_or(0)
@@ -141,7 +158,7 @@ fn reduced(points: Vec<Vector>) -> Vec<Vector> {
         };
         let far = (0..points.len()).map(|i| (i, outside(points[i]))).max_by(|a, b| a.1.total_cmp(&b.1));
         match far {
-            Some((i, distance)) if distance > HULL_TOLERANCE => kept.push(i),
+            Some((i, distance)) if distance > tolerance => kept.push(i),
             _ => break,
         }
     }

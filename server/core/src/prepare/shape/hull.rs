@@ -8,21 +8,22 @@ use rapier3d::parry::bounding_volume::{Aabb, BoundingSphere};
 use rapier3d::parry::mass_properties::MassProperties;
 use rapier3d::parry::query::{PointProjection, PointQuery, Ray, RayCast, RayIntersection};
 use rapier3d::parry::shape::{
-    ConvexPolyhedron, FeatureId, PolygonalFeatureMap, Shape, ShapeType, SupportMap, TypedShape,
+    ConvexPolyhedron, FeatureId, PackedFeatureId, PolygonalFeatureMap, Shape, ShapeType, SupportMap, TypedShape,
 };
 use rapier3d::parry::transformation::try_convex_hull;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 
 /// Triangles are of one facet if their corners are this near to its plane, in sizes of the hull.
 const FLATNESS: f32 = 1e-4;
 
 /// The convex hull of some points.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Hull {
     solid: ConvexPolyhedron,
-    facets: Vec<Facet>,
-    edges: Vec<Edge>,
+    facets: Arc<[Facet]>,
+    edges: Arc<[Edge]>,
 }
 
 /// A convex polygon of the surface.
@@ -34,12 +35,14 @@ pub struct Facet {
     pub normal: Vector,
     /// A bit for each corner.
     pub mask: u64,
+    /// For the engine, by its number.
+    pub name: PackedFeatureId,
 }
 
 impl Facet {
-    fn new(corners: Vec<u32>, normal: Vector) -> Facet {
+    fn new(number: usize, corners: Vec<u32>, normal: Vector) -> Facet {
         let mask = corner_mask(&corners);
-        Facet { corners, normal, mask }
+        Facet { corners, normal, mask, name: PackedFeatureId::face(number as u32) }
     }
 }
 
@@ -55,6 +58,8 @@ pub struct Edge {
     pub facets: [u32; 2],
     /// A bit for each corner.
     pub mask: u64,
+    /// For the engine, by its number.
+    pub name: PackedFeatureId,
 }
 
 impl Hull {
@@ -67,7 +72,13 @@ impl Hull {
         };
         let (facets, solid) = catch_unwind(AssertUnwindSafe(hull)).ok()??;
         let edges = edges(&facets);
-        Some(Hull { solid, facets, edges })
+        Some(Hull { solid, facets: facets.into(), edges: edges.into() })
+    }
+
+    /// The same hull, `factor` times as large: nothing is sought anew.
+    pub fn scaled(&self, factor: f32) -> Hull {
+        let solid = self.solid.clone().scaled(Vector::splat(factor));
+        Hull { solid: solid.unwrap_or_else(|| self.solid.clone()), ..self.clone() }
     }
 
     pub fn points(&self) -> &[Vector] {
@@ -114,14 +125,15 @@ fn facets(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Facet> {
                 }
             }
         }
-        let outline = outline(group.iter().map(|&i| triangles[i]));
-        match outline {
-            Some(corners) => facets.push(Facet::new(corners, normal)),
-            None => facets.extend(
-                group
-                    .iter()
-                    .filter_map(|&i| Some(Facet::new(triangles[i].to_vec(), area(&triangles[i]).try_normalize()?))),
-            ),
+        let polygons = match outline(group.iter().map(|&i| triangles[i])) {
+            Some(corners) => vec![(corners, normal)],
+            None => {
+                let single = |&i: &usize| Some((triangles[i].to_vec(), area(&triangles[i]).try_normalize()?));
+                group.iter().filter_map(single).collect()
+            }
+        };
+        for (corners, normal) in polygons {
+            facets.push(Facet::new(facets.len(), corners, normal));
         }
     }
     facets
@@ -133,12 +145,16 @@ fn edges(facets: &[Facet]) -> Vec<Edge> {
         let around = facet.corners.iter().zip(facet.corners.iter().cycle().skip(1));
         facet_of.extend(around.map(|(&i, &j)| ([i, j], k as u32)));
     }
-    let edge = |(&[i, j], &facet): (&[u32; 2], &u32)| {
+    let mut edges = Vec::new();
+    for (&[i, j], &facet) in &facet_of {
         let twin = facet_of.get(&[j, i]).copied();
-        let facets = [facet, twin.unwrap_or(facet)];
-        (i < j || twin.is_none()).then(|| Edge { corners: [i, j], facets, mask: corner_mask(&[i, j]) })
-    };
-    facet_of.iter().filter_map(edge).collect()
+        if i < j || twin.is_none() {
+            let name = PackedFeatureId::edge(edges.len() as u32);
+            let facets = [facet, twin.unwrap_or(facet)];
+            edges.push(Edge { corners: [i, j], facets, mask: corner_mask(&[i, j]), name });
+        }
+    }
+    edges
 }
 
 /// The corners around a group of triangles; `None` where they are not one loop.

@@ -23,6 +23,7 @@ use glam::{DMat3, DQuat, DVec3};
 use mass::Moments;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::{MassProperties, SharedShape};
+use std::sync::OnceLock;
 
 pub use convex::hull_mesh;
 pub use fit::OrientedBox;
@@ -79,6 +80,9 @@ pub struct Shape {
     pub thin_axis: DVec3,
     pub solid: Solid,
     pub report: ShapeFit,
+    /// The hulls of a convex solid's parts, at a size of about 1: each scale's are made of these.
+    #[serde(skip)]
+    hulls: OnceLock<Option<Vec<Hull>>>,
 }
 
 /// The collision shape, about the centre of mass, m.
@@ -140,6 +144,7 @@ impl Shape {
             thin_axis: around.thin_axis(),
             solid,
             report,
+            hulls: OnceLock::new(),
         })
     }
 
@@ -180,15 +185,14 @@ impl Shape {
             }
             Solid::Convex(parts) => {
                 let hull = |points: &Vec<DVec3>| {
-                    let scaled: Vec<Vector> = points.iter().map(|&p| (p * scale).as_vec3()).collect();
-                    Hull::new(&scaled).map(SharedShape::new)
+                    let points: Vec<Vector> = points.iter().map(|&p| (p / self.size.diameter).as_vec3()).collect();
+                    Hull::new(&points)
                 };
-                let hulls: Option<Vec<_>> = parts.iter().map(hull).collect();
-                let mut hulls = hulls?;
-                let whole = if hulls.len() == 1 {
-                    hulls.pop()?
-                } else {
-                    SharedShape::compound(hulls.into_iter().map(|h| (EnginePose::IDENTITY, h)).collect())
+                let hulls = self.hulls.get_or_init(|| parts.iter().map(hull).collect()).as_ref()?;
+                let scaled = |hull: &Hull| SharedShape::new(hull.scaled((scale * self.size.diameter) as f32));
+                let whole = match &hulls[..] {
+                    [hull] => scaled(hull),
+                    hulls => SharedShape::compound(hulls.iter().map(|h| (EnginePose::IDENTITY, scaled(h))).collect()),
                 };
                 Some((EnginePose::IDENTITY, whole))
             }

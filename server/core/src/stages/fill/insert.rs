@@ -12,10 +12,8 @@ use std::collections::BTreeMap;
 
 /// Size at insertion, as a share of the full size.
 const SEED_SCALE: f64 = 0.4;
-/// A seed grows to its full size in this many equal stages.
-const GROWTH_STAGES: usize = 4;
-/// A seed grows to its full size in this time, natural times.
-const GROWTH_TIME: f64 = 0.8;
+/// A seed grows to its full size in equal stages of about this length, natural times.
+const GROWTH_STAGE: f64 = 0.2;
 /// Places tried for each prop wanted in a round. A place costs a thousandth of what a prop that grows there does.
 const TRIES_PER_PROP: usize = 60;
 /// Places tried at least in a round.
@@ -154,15 +152,17 @@ const WALL_SHARE: f64 = 0.5;
 
 /// Lets the seeds grow to their full scale while everything moves.
 fn grow(filling: &mut Filling, seeds: &[(BodyId, f64)], observer: &mut dyn Observer) -> Result<(), Error> {
-    for stage in 1..=GROWTH_STAGES {
-        let share = SEED_SCALE + (1.0 - SEED_SCALE) * stage as f64 / GROWTH_STAGES as f64;
+    let time = filling.params.fill.growth;
+    let stages = (time / GROWTH_STAGE).round().max(1.0);
+    for stage in 1..=stages as usize {
+        let share = SEED_SCALE + (1.0 - SEED_SCALE) * stage as f64 / stages;
         for &(id, scale) in seeds {
             let prop = filling.world.bodies()[id].prop;
             if filling.world.bodies()[id].role != crate::world::Role::Gone {
                 filling.world.rescale(id, &filling.shapes[prop], share * scale);
             }
         }
-        filling.settle(GROWTH_TIME / GROWTH_STAGES as f64, observer)?;
+        filling.settle(time / stages, observer)?;
     }
     Ok(())
 }

@@ -97,7 +97,8 @@ impl<'p, 'a> Search<'p, 'a> {
         observe(observer, &self.proving.progress(0.0))?;
         let glue = &self.params.glue;
         let (friction_factor, normal_price) = (glue.friction_factor, glue.normal_price);
-        let options = GlueOptions { friction_factor, normal_price, strength: self.bound };
+        let rounds = glue.rounds as usize;
+        let options = GlueOptions { friction_factor, normal_price, strength: self.bound, rounds };
         let mut going = || observer.progress(&self.proving.progress(0.0));
         let sites = &self.sites;
         let placement = place(sites, &options, &self.known, &mut going)?;

@@ -21,7 +21,7 @@ pub(super) fn stand<M, C: Default + Copy>(
         at: [place.with_z(0.0), place],
         features: [PackedFeatureId::face(0), PackedFeatureId::vertex(index as u32)],
     };
-    let places = view.of(body.points(), pose).into_iter().enumerate();
+    let places = view.of(body.points(), pose).enumerate();
     let near: Vec<Meeting> = places.filter(|(_, place)| place.z <= prediction).map(corner).collect();
     let before = std::mem::take(&mut manifold.points);
     manifold.points.extend(widest(&near, most, &before).iter().map(|m| view.tracked(m, pose, flipped)));

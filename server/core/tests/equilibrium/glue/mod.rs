@@ -15,7 +15,8 @@ use glam::{DQuat, DVec3};
 use std::ops::ControlFlow;
 
 pub const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
-pub const OPTIONS: GlueOptions = GlueOptions { friction_factor: 0.5, normal_price: 0.02, strength: None };
+pub const OPTIONS: GlueOptions =
+    GlueOptions { friction_factor: 0.5, normal_price: 0.02, strength: None, rounds: glue::MOST_ROUNDS };
 
 /// A pile that owns its parts, in SI units.
 #[derive(Clone, Debug)]

@@ -1,0 +1,288 @@
+//! The sides that two convex shapes turn to each other, seen along the normal of the contact.
+//!
+//! The gap between two such sides is a convex function over the plane across the normal, linear between its corners: those of
+//! either side above a facet of the other, and the crossings of their edges. All of these that are near enough are points of
+//! the contact.
+
+use super::{Meeting, View};
+use crate::prepare::shape::Hull;
+use rapier3d::parry::shape::{PackedFeatureId, PolygonalFeature, Shape};
+use rapier3d::prelude::*;
+
+/// Facets steeper than this, cosine, take no part: what touches them touches their edges as well.
+const STEEP: f32 = 0.1;
+/// How far outside a triangle a point may be, as a share of it: rounding.
+const RIM: f32 = 1e-4;
+
+/// The face of one of the engine's own shapes that looks most along `direction`.
+pub(super) fn engine_face(shape: &dyn Shape, direction: Vector) -> PolygonalFeature {
+    let mut face = PolygonalFeature::default();
+    if let Some((map, _)) = shape.as_polygonal_feature_map() {
+        map.local_support_feature(direction, &mut face);
+    }
+    face
+}
+
+/// What a shape turns to the other one.
+struct Side<'a> {
+    face: Face<'a>,
+    parts: Parts,
+}
+
+/// What a side is made of.
+#[derive(Default)]
+struct Parts {
+    /// All corners of the shape, in the view.
+    seen: Vec<Vector>,
+    /// How far each is below the topmost one.
+    drops: Vec<f32>,
+    edges: Vec<Edge>,
+    /// Their numbers.
+    facets: Vec<u32>,
+}
+
+/// What [`corners`] works with, kept from pair to pair.
+#[derive(Default)]
+pub(super) struct Scratch {
+    sides: [Parts; 2],
+    lanes: Lanes,
+    meetings: Vec<Meeting>,
+}
+
+enum Face<'a> {
+    Hull(&'a Hull),
+    /// Of the engine's own shapes: the face that looks most towards the other shape.
+    Engine(PolygonalFeature),
+}
+
+/// The corners of a face of the engine's own shapes.
+const FACE_CORNERS: [u32; 4] = [0, 1, 2, 3];
+
+impl<'a> Side<'a> {
+    /// `sign`: of the normal, in the direction of the other shape. `parts`: where there is room for what it is made of.
+    fn new(view: &View, shape: &'a dyn Shape, pose: &Pose, sign: f32, mut parts: Parts) -> Side<'a> {
+        let face = match shape.as_shape::<Hull>() {
+            Some(hull) => Face::Hull(hull),
+            None => Face::Engine(engine_face(shape, pose.rotation.inverse() * (view.normal() * sign))),
+        };
+        parts.clear();
+        match &face {
+            Face::Hull(hull) => parts.seen.extend(view.of(hull.points(), pose)),
+            Face::Engine(face) => parts.seen.extend(view.of(&face.vertices[..face.num_vertices], pose)),
+        }
+        let top = parts.seen.iter().map(|p| sign * p.z).fold(f32::NEG_INFINITY, f32::max);
+        parts.drops.extend(parts.seen.iter().map(|p| top - sign * p.z));
+        Side { face, parts }
+    }
+
+    /// The height of its topmost corner, along the normal.
+    fn top(&self) -> f32 {
+        let top = self.parts.drops.iter().position(|&drop| drop <= 0.0);
+        top.map_or(0.0, |i| self.parts.seen[i].z)
+    }
+
+    /// Finds facets and edges that drop no more than `reach`. `direction`: to the other shape, in the frame of this one.
+    fn find_parts(&mut self, direction: Vector, reach: f32) {
+        let Parts { seen, drops, edges, facets } = &mut self.parts;
+        let edge = |ends: [u32; 2], name| {
+            let [i, j] = ends.map(|i| i as usize);
+            Edge { from: seen[i], along: seen[j] - seen[i], drop: drops[i].min(drops[j]), name }
+        };
+        match &self.face {
+            Face::Hull(hull) => {
+                let near = near(drops, reach);
+                let faces_it = |k: u32| hull.facets()[k as usize].normal.dot(direction) >= STEEP;
+                let all = 0..hull.facets().len() as u32;
+                facets.extend(all.filter(|&k| hull.facets()[k as usize].mask & near != 0 && faces_it(k)));
+                let all = hull.edges().iter();
+                let facing = all.filter(|e| e.mask & near != 0 && e.facets.iter().any(|&k| faces_it(k)));
+                edges.extend(facing.map(|e| edge(e.corners, e.name)));
+            }
+            Face::Engine(face) => {
+                let n = face.num_vertices;
+                facets.push(0);
+                edges.extend((0..n).map(|i| edge([i as u32, ((i + 1) % n) as u32], face.eids[i])));
+            }
+        }
+    }
+
+    /// The corners of a facet, and its name.
+    fn facet(&self, number: u32) -> (&[u32], PackedFeatureId) {
+        match &self.face {
+            Face::Hull(hull) => (&hull.facets()[number as usize].corners, hull.facets()[number as usize].name),
+            Face::Engine(face) => (&FACE_CORNERS[..face.num_vertices], face.fid),
+        }
+    }
+
+    /// Corners that drop no more than `reach`, with their names.
+    fn corners(&self, reach: f32) -> impl Iterator<Item = (Vector, PackedFeatureId)> {
+        let Parts { seen, drops, .. } = &self.parts;
+        let name = |i: usize| match &self.face {
+            Face::Hull(_) => PackedFeatureId::vertex(i as u32),
+            Face::Engine(face) => face.vids[i],
+        };
+        let near = (0..seen.len()).filter(move |&i| drops[i] <= reach);
+        near.map(move |i| (seen[i], name(i)))
+    }
+
+    /// The box around its edges, across the normal.
+    fn bounds(&self) -> (Vec2, Vec2) {
+        let ends = self.parts.edges.iter().flat_map(|e| [e.from.truncate(), (e.from + e.along).truncate()]);
+        ends.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+    }
+
+    /// The point of the side over or under `p`, if there is one, and its facet.
+    fn opposite(&self, p: Vector) -> Option<(Vector, PackedFeatureId)> {
+        self.parts.facets.iter().find_map(|&number| {
+            let (corners, name) = self.facet(number);
+            Some((self.on_facet(corners, p)?, name))
+        })
+    }
+
+    /// By the triangles that fan out from the facet's first corner.
+    fn on_facet(&self, corners: &[u32], p: Vector) -> Option<Vector> {
+        let seen = &self.parts.seen;
+        let (&first, others) = corners.split_first()?;
+        let origin = seen[first as usize];
+        let w = (p - origin).truncate();
+        others.windows(2).find_map(|pair| {
+            let (u, v) = (seen[pair[0] as usize] - origin, seen[pair[1] as usize] - origin);
+            let area = u.truncate().perp_dot(v.truncate());
+            // Times the square of the area: most are outside, and need no division.
+            let whole = area * area;
+            let (s, t) = (w.perp_dot(v.truncate()) * area, u.truncate().perp_dot(w) * area);
+            let least = -RIM * whole;
+            let inside = s >= least && t >= least && s + t <= whole - least && whole > 0.0;
+            inside.then(|| Vector::new(p.x, p.y, origin.z + (u.z * s + v.z * t) / whole))
+        })
+    }
+}
+
+impl Parts {
+    fn clear(&mut self) {
+        self.seen.clear();
+        self.drops.clear();
+        self.edges.clear();
+        self.facets.clear();
+    }
+}
+
+/// A bit for each corner that drops no more than `reach`.
+fn near(drops: &[f32], reach: f32) -> u64 {
+    match drops.len() {
+        0..=64 => drops.iter().rev().fold(0, |mask, &drop| mask << 1 | u64::from(drop <= reach)),
+        _ => u64::MAX,
+    }
+}
+
+/// In the view.
+struct Edge {
+    from: Vector,
+    along: Vector,
+    /// Of its upper end.
+    drop: f32,
+    name: PackedFeatureId,
+}
+
+impl Edge {
+    fn overlaps(&self, (low, high): (Vec2, Vec2)) -> bool {
+        let (a, b) = (self.from.truncate(), (self.from + self.along).truncate());
+        a.min(b).cmple(high).all() && a.max(b).cmpge(low).all()
+    }
+
+    /// Where this edge crosses one that it crosses, on both.
+    fn crossing(&self, other: &Edge) -> [Vector; 2] {
+        let (u, v, w) = (self.along.truncate(), other.along.truncate(), (self.from - other.from).truncate());
+        let area = u.perp_dot(v);
+        [self.from + self.along * (v.perp_dot(w) / area), other.from + other.along * (u.perp_dot(w) / area)]
+    }
+}
+
+/// Edges number by number across the normal, so that the processor asks several of them at once.
+#[derive(Default)]
+struct Lanes {
+    from: [Vec<f32>; 2],
+    along: [Vec<f32>; 2],
+    drop: Vec<f32>,
+    crossed: Vec<bool>,
+}
+
+impl Lanes {
+    fn fill(&mut self, edges: &[Edge]) {
+        let Lanes { from: [x, y], along: [u, v], drop, crossed } = self;
+        let of = |lane: &mut Vec<f32>, number: &dyn Fn(&Edge) -> f32| {
+            lane.clear();
+            lane.extend(edges.iter().map(number));
+        };
+        of(x, &|e| e.from.x);
+        of(y, &|e| e.from.y);
+        of(u, &|e| e.along.x);
+        of(v, &|e| e.along.y);
+        of(drop, &|e| e.drop);
+        crossed.clear();
+        crossed.resize(edges.len(), false);
+    }
+
+    /// Which of them an edge crosses that lies within `reach` of it.
+    fn crossed_by(&mut self, edge: &Edge, reach: f32) -> &[bool] {
+        let Lanes { from: [x, y], along: [u, v], drop, crossed } = self;
+        let n = crossed.len();
+        let (x, y, u, v, drop) = (&x[..n], &y[..n], &u[..n], &v[..n], &drop[..n]);
+        let (from, along) = (edge.from, edge.along);
+        for k in 0..n {
+            let (wx, wy) = (from.x - x[k], from.y - y[k]);
+            let area = along.x * v[k] - along.y * u[k];
+            // Times the square of the area: most do not cross, and need no division.
+            let whole = area * area;
+            let s = (u[k] * wy - v[k] * wx) * area;
+            let t = (along.x * wy - along.y * wx) * area;
+            let within = (s >= 0.0) & (t >= 0.0) & (s <= whole) & (t <= whole) & (whole > 0.0);
+            crossed[k] = within & (edge.drop + drop[k] <= reach);
+        }
+        crossed
+    }
+}
+
+/// The corners of the gap between two shapes, as far as it is no wider than `prediction`.
+pub(super) fn corners<'a>(
+    view: &View,
+    [(a, pose_a), (b, pose_b)]: [(&dyn Shape, &Pose); 2],
+    prediction: f32,
+    scratch: &'a mut Scratch,
+) -> &'a mut Vec<Meeting> {
+    let [parts_a, parts_b] = std::mem::take(&mut scratch.sides);
+    let mut first = Side::new(view, a, pose_a, 1.0, parts_a);
+    let mut second = Side::new(view, b, pose_b, -1.0, parts_b);
+    let reach = prediction - (second.top() - first.top());
+    first.find_parts(pose_a.rotation.inverse() * view.normal(), reach);
+    second.find_parts(pose_b.rotation.inverse() * -view.normal(), reach);
+    let all = &mut scratch.meetings;
+    all.clear();
+    let mut add = |at: [Vector; 2], features| {
+        let meeting = Meeting { at, features };
+        if meeting.gap() <= prediction {
+            all.push(meeting);
+        }
+    };
+    for (p, name) in first.corners(reach) {
+        if let Some((q, facet)) = second.opposite(p) {
+            add([p, q], [name, facet]);
+        }
+    }
+    for (q, name) in second.corners(reach) {
+        if let Some((p, facet)) = first.opposite(q) {
+            add([p, q], [facet, name]);
+        }
+    }
+    let (of_first, of_second) = (second.bounds(), first.bounds());
+    second.parts.edges.retain(|e| e.overlaps(of_second));
+    scratch.lanes.fill(&second.parts.edges);
+    for e in first.parts.edges.iter().filter(|e| e.overlaps(of_first)) {
+        let crossed = scratch.lanes.crossed_by(e, reach);
+        for (other, _) in second.parts.edges.iter().zip(crossed).filter(|(_, crossed)| **crossed) {
+            add(e.crossing(other), [e.name, other.name]);
+        }
+    }
+    scratch.sides = [first.parts, second.parts];
+    all
+}
