@@ -105,7 +105,7 @@ async fn faults_of_the_process() {
                 ("log-append=9*off->return(KILL)", KILLED),
                 ("log-append=9*off->panic", CRASHED),
                 ("log-flush=return(ENOSPC)", FULL),
-                ("log-flush=5*off->return(EIO)", BROKEN),
+                ("log-flush=1*off->return(EIO)", BROKEN),
                 ("log-sync=return(EIO)", BROKEN),
                 ("files-create=return(ENOSPC)", FULL),
                 ("files-write=return(ENOSPC)", FULL),

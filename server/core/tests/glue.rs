@@ -74,6 +74,10 @@ fn a_pile_on_its_tip_stands_as_it_was_modelled() {
     assert_eq!(told.dots.len() as u64, glued.report.counts["glue_dots"]);
     assert!(told.dots.iter().all(|dot| !dot.is_broken));
     assert_eq!(glued.report.counts["control_cycles"], 0, "what is glued is not held");
+    // 20 natural times in steps of 0.05 would be 400 for each trial, and four of five trials are of a tilted pile.
+    let whole = 5 * 400;
+    let steps = glued.report.counts["glue_proof_steps"];
+    assert!(steps > 0 && steps < whole * 2 / 3, "a trial ends once nothing moves: {steps} steps");
 
     assert_eq!(baked(&scene, &params).frames, glued.frames, "the same bytes");
 

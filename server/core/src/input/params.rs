@@ -74,7 +74,8 @@ pub struct Physics {
     /// 0.02: wood on wood. Props that are not round have none, and cost nothing.
     pub rolling_resistance: f64,
     /// Deviation allowed between a prop's mesh and its collision shape, relative to the prop's
-    /// bounding diameter, 0.001 to 0.5.
+    /// bounding diameter, 0.001 to 0.5. The shape also leaves out corners that add at most a tenth to its deviation, or half of
+    /// this share of the prop's thickness.
     pub shape_tolerance: f64,
     /// Convex parts that a nonconvex prop may be split into, 1 to 64.
     pub max_parts: u32,
@@ -205,7 +206,7 @@ pub struct Glue {
     pub friction_factor: f64,
     /// What a normal force costs there, against a dot's force as 1, 0 to 1. Default 0.02: at 0, bodies wedge each other.
     pub normal_price: f64,
-    /// Rounds in which dots that carry little are made dearer, 1 to 7: fewer are sooner done, and leave more dots. Default 7.
+    /// Rounds in which dots that carry little are made dearer, 2 to 7: fewer are sooner done, and leave more dots. Default 7.
     pub rounds: u32,
     /// Whether bodies may be glued to the ground and to scenery. On: all that touch it are.
     pub anchor: Switch,

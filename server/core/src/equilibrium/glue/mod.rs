@@ -86,7 +86,7 @@ pub struct GlueOptions {
     pub normal_price: f64,
     /// The most that a dot may carry, as |(force, moment / arm)|; a force. `None`: no bound.
     pub strength: Option<f64>,
-    /// Rounds of reweighting, 1 to [`MOST_ROUNDS`]: fewer find somewhat more dots, and are sooner done.
+    /// Rounds of reweighting, [`LEAST_ROUNDS`] to [`MOST_ROUNDS`]: fewer find somewhat more dots, and are sooner done.
     pub rounds: usize,
 }
 
@@ -142,8 +142,10 @@ pub enum GlueError {
 /// A round of reweighting for each; forces, in weights of the lighter body.
 const ROUNDS: [f64; MOST_ROUNDS] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
 pub const MOST_ROUNDS: usize = 7;
+/// Where so few find no balance, all are made.
+pub const LEAST_ROUNDS: usize = 2;
 /// Rounds at most for piles of more than so many bodies.
-const ROUNDS_LARGE: usize = 2;
+const ROUNDS_LARGE: usize = LEAST_ROUNDS;
 const LARGE: usize = 4000;
 /// The first solve, and all rounds but the last, only weigh the dots: they may end so many times as far from balance.
 const FIRST_NEAR: f64 = 4.0;
@@ -175,16 +177,20 @@ pub fn place_again(
     going: &mut Going,
 ) -> Result<Placement, GlueError> {
     let mut fallen = vec![false; pile.bodies.len()];
-    let mut iterations = 0;
+    let (mut iterations, mut rounds) = (0, options.rounds);
     let tight_options = GlueOptions { friction_factor: options.friction_factor * TIGHT, ..*options };
     loop {
         let program = Program::new(pile, options, &fallen)?;
         let tight = Program::new(pile, &tight_options, &fallen)?;
         let may: Vec<bool> = tight.touches.iter().map(|touch| touch.may).collect();
         let mut splitting = Splitting::new(&tight, &may, false);
-        let rounds = choose(&mut splitting, known, options.rounds, going)?;
-        let balanced = balance(&program, &mut splitting, &rounds, going)?;
+        let chosen = choose(&mut splitting, known, rounds, going)?;
+        let balanced = balance(&program, &mut splitting, &chosen, going)?;
         iterations += splitting.iterations + balanced.iterations;
+        if balanced.imbalance > BALANCED && rounds < MOST_ROUNDS {
+            rounds = MOST_ROUNDS;
+            continue;
+        }
         if options.strength.is_some() && balanced.imbalance > BALANCED {
             let worst = certificate::worst(&program, &balanced.state);
             let fall = falls::fall(pile, &tight_options, &mut fallen, worst, going)?;
@@ -221,7 +227,7 @@ fn choose(
     let bodies = splitting.program.target.len();
     // In a small pile, balance says nothing of whether the choice is made.
     let next = if bodies <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
-    let count = rounds.clamp(1, if bodies <= LARGE { MOST_ROUNDS } else { ROUNDS_LARGE });
+    let count = rounds.clamp(LEAST_ROUNDS, if bodies <= LARGE { MOST_ROUNDS } else { ROUNDS_LARGE });
     let left_out = if known.is_empty() { 0 } else { KNOWN.min(count - 1) };
     let mut chosen = Vec::new();
     for number in left_out..count {

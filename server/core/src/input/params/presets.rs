@@ -35,7 +35,7 @@ impl Params {
                 max_bodies: 20_000,
                 step: 0.1,
                 round: 0.3,
-                full_below: 0.06,
+                full_below: 0.04,
                 growth: 0.8,
                 settle: 2.2,
                 protrusion: 0.05,
@@ -89,7 +89,7 @@ impl Params {
                 params.physics.shape_tolerance = 0.1;
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
-                params.fill.full_below = 0.1;
+                params.fill.full_below = 0.15;
                 params.fill.growth = 0.6;
                 params.fill.settle = 1.5;
                 // More glue takes the place of letting the pile go.

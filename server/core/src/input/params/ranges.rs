@@ -42,7 +42,7 @@ impl Params {
             ("glue.strength", self.glue.strength.unwrap_or(0.0), 0.0, 1e9),
             ("glue.friction_factor", self.glue.friction_factor, 0.05, 1.0),
             ("glue.normal_price", self.glue.normal_price, 0.0, 1.0),
-            ("glue.rounds", f64::from(self.glue.rounds), 1.0, 7.0),
+            ("glue.rounds", f64::from(self.glue.rounds), 2.0, 7.0),
             ("glue.breaking", self.glue.breaking, 1.0, 1e6),
             ("control.period", f64::from(self.control.period), 1.0, 1000.0),
             ("control.kinetic_ratio", self.control.kinetic_ratio, 0.0, 1.0),

@@ -304,6 +304,19 @@ mod tests {
     }
 
     #[test]
+    fn a_scaled_hull_is_the_hull_of_scaled_points() {
+        let points = [[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [0.2, 0.9, 0.0], [0.1, 0.2, 0.7], [0.8, 0.7, 0.6]];
+        let at = |factor: f32| points.map(|p| Vector::from(p) * factor);
+        let (scaled, anew) = (Hull::new(&at(1.0)).unwrap().scaled(0.25), Hull::new(&at(0.25)).unwrap());
+        assert_eq!(scaled.points(), anew.points());
+        let facets = |hull: &Hull| hull.facets().iter().map(|f| (f.corners.clone(), f.mask)).collect::<Vec<_>>();
+        assert_eq!(facets(&scaled), facets(&anew));
+        let direction = Vector::new(0.3, -0.5, 0.8);
+        assert_eq!(scaled.local_support_point(direction), anew.local_support_point(direction));
+        assert!((scaled.mass_properties(1.0).mass() - anew.mass_properties(1.0).mass()).abs() < 1e-6);
+    }
+
+    #[test]
     fn what_is_no_body_has_no_hull() {
         assert!(Hull::new(&[]).is_none());
         assert!(Hull::new(&[Vector::NAN; 5]).is_none());

@@ -8,7 +8,7 @@ use crate::sim::step::Simulation;
 use crate::world::{BodyId, World};
 use glam::DVec3;
 
-/// For how long the glued pile is let go, natural times.
+/// For how long the glued pile is let go at most, natural times.
 const PROOF_TIME: f64 = 20.0;
 /// A body has moved if it did by more than this, d.
 const MOVED: f64 = 0.25;
@@ -26,6 +26,10 @@ const COLLAPSED: f64 = 0.4;
 pub const SAGS: f64 = 0.06;
 /// Steps between two looks at what has moved.
 const LOOK: u64 = 25;
+/// Once so many looks in a row find that nobody would get farther than this in what is left of the time, d, nothing more is to be
+/// learnt.
+const STILL_LOOKS: u32 = 3;
+const STILL: f64 = 0.02;
 
 /// What a pile did, left to itself.
 #[derive(Default)]
@@ -83,8 +87,9 @@ impl<'p, 'a> Proving<'p, 'a> {
     }
 }
 
-/// Lets a pile with these dots go for 20 natural times, awake, without any control; `loose` bodies are not there. Unless it is to go
-/// `to_the_end`, it ends early where the pile plainly does not stand: soon after the first bodies have moved.
+/// Lets a pile with these dots go for 20 natural times, awake, without any control; `loose` bodies are not there. It ends early
+/// once nothing moves any more; and, unless it is to go `to_the_end`, where the pile plainly does not stand: soon after the first bodies
+/// have moved.
 pub fn let_go(
     mut sim: Simulation,
     dots: &[Dot],
@@ -101,7 +106,7 @@ pub fn let_go(
     world.set_gravity(down);
     let before = poses(world);
     let steps = (PROOF_TIME / world.step_length()).ceil() as u64;
-    let mut failing = 0;
+    let (mut failing, mut still, mut latest) = (0, 0, before.clone());
     for step in 1..=steps {
         world.step();
         if step % LOOK == 0 || step == steps {
@@ -115,9 +120,23 @@ pub fn let_go(
             if (freed.moved > COLLAPSED || failing > 1) && !to_the_end {
                 return Ok(freed);
             }
+            let now = poses(world);
+            let looks_left = (steps - step) as f64 / LOOK as f64;
+            still = if to_come(&latest, &now, looks_left) < STILL { still + 1 } else { 0 };
+            latest = now;
+            if still == STILL_LOOKS {
+                freed.poses = Some(latest);
+                return Ok(freed);
+            }
         }
     }
     Ok(LetGo { poses: Some(before), ..LetGo::default() })
+}
+
+/// How far anyone would still get, at the pace of the latest look, d.
+fn to_come(latest: &[Option<Pose>], now: &[Option<Pose>], looks_left: f64) -> f64 {
+    let ways = latest.iter().zip(now).filter_map(|(&latest, &now)| latest.zip(now));
+    looks_left * ways.map(|(latest, now)| latest.translation.distance(now.translation)).fold(0.0, f64::max)
 }
 
 /// What has moved so far. What flew away counts as 1 d.

@@ -28,6 +28,25 @@ fn known_dots_save_work_and_mostly_stay() {
 }
 
 #[test]
+fn fewer_rounds_are_sooner_done_and_leave_more_dots() {
+    let (mut iterations, mut counts) = (Vec::new(), Vec::new());
+    for rounds in [glue::LEAST_ROUNDS, 4, glue::MOST_ROUNDS] {
+        let options = GlueOptions { rounds, ..OPTIONS };
+        let (mut sum, mut count) = (0, 0);
+        for seed in 0..KINDS * 4 {
+            let pile = random(seed);
+            let placed = pile.place(&options);
+            pile.certify(&placed, &options, &format!("pile {seed}, {rounds} rounds"));
+            (sum, count) = (sum + placed.iterations, count + placed.dots.len());
+        }
+        iterations.push(sum);
+        counts.push(count);
+    }
+    println!("iterations {iterations:?}, dots {counts:?}");
+    assert!(iterations.is_sorted_by(|a, b| a < b) && counts[2] < counts[0], "{iterations:?} {counts:?}");
+}
+
+#[test]
 fn dear_normal_forces_are_fewer_and_need_more_dots() {
     let (mut presses, mut counts) = (Vec::new(), Vec::new());
     for normal_price in [0.02, 0.3, 1.0] {
