@@ -144,7 +144,8 @@ impl Workload {
         let law = |weights: &Weights| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
         let fill = if self.filled > 0.0 { law(&model::FILL) } else { 0.0 };
         let glue = if self.glued { law(&model::GLUE) } else { 0.0 };
-        [fill, glue, law(&model::RELEASE_AND_HOLD), law(&model::MEASURE)]
+        let release = law(&model::RELEASE_AND_HOLD) * if self.glued { model::GLUED_RELEASE } else { 1.0 };
+        [fill, glue, release, law(&model::MEASURE)]
     }
 
     /// The sum of [`Workload::stage_seconds`].
