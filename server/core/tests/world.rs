@@ -49,41 +49,6 @@ fn nail_all(world: &mut World) -> usize {
     touches.len()
 }
 
-/// A stone of hundreds of corners.
-fn rubble() -> TriMesh {
-    let turn = |k: u32| f64::sin_cos(f64::from(k) * 2.399_963);
-    let point = |k: u32| {
-        let height = f64::from(2 * k + 1) / 400.0 - 1.0;
-        let (x, z) = turn(k);
-        let bump = 1.0 + 0.1 * turn(7 * k).0;
-        DVec3::new(x, 0.8 * height, z)
-            * DVec3::new(1.0 - height * height, 1.0, 1.0 - height * height).map(f64::sqrt)
-            * bump
-    };
-    hull_mesh(&(0..400).map(point).collect::<Vec<_>>())
-}
-
-#[test]
-fn a_coarser_shape_has_fewer_corners_and_is_as_near_as_it_may_be() {
-    let scene = scene(cone(1.0, 1.0), rubble());
-    let size = Size::of(&scene.props[0].model.mesh);
-    let mut latest = usize::MAX;
-    for tolerance in [0.01, 0.04, 0.2] {
-        let mut physics = Params::new(Accuracy::Standard).physics;
-        physics.shape_tolerance = tolerance;
-        let shape = Shape::new(&scene.props[0], size, &physics).unwrap();
-        let (corners, deviation) = (shape.solid.corners(), shape.report.deviation_rel);
-        println!("{tolerance}: {corners} corners, {deviation}");
-        assert!(corners < latest, "{tolerance}: {corners} corners, {latest} before");
-        // The finest hull of 48 corners is this far from a stone of 400.
-        assert!(
-            deviation <= f64::max(0.03, 0.5 * tolerance * size.extents.x / size.diameter),
-            "{tolerance}: {deviation}"
-        );
-        latest = corners;
-    }
-}
-
 /// The engine by itself lets a face touch by its first four corners only.
 #[test]
 fn a_disc_of_many_corners_lies_flat() {
