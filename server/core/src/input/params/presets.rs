@@ -90,7 +90,6 @@ impl Params {
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
                 params.fill.full_below = 0.15;
-                params.fill.growth = 0.6;
                 params.fill.settle = 1.5;
                 // More glue takes the place of letting the pile go.
                 params.glue.friction_factor = 0.35;
