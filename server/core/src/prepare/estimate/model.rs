@@ -20,10 +20,10 @@ pub const GLUE: Weights = [-6.317, 1.000, 0.497, 0.143, -0.152, 0.022, 0.204, 0.
 pub const DOTS_PER_BODY: f64 = 0.55;
 /// The same for release and hold.
 pub const RELEASE_AND_HOLD: Weights = [-11.217, 1.000, 0.592, 0.193, -0.173, 0.068, 0.784, 0.519, 0.221, 0.080];
-/// What release and hold of a glued pile take, against those of one that is held: median over the bakes.
-pub const GLUED_RELEASE: f64 = 0.055;
 /// The same for shapes and measures.
 pub const MEASURE: Weights = [-11.317, 1.000, 0.000, 0.916, 0.137, 0.038, 0.261, 0.539, 0.184, 0.531];
+/// What release and hold of a glued pile take, against those of one that is held: median over the bakes.
+pub const GLUED_RELEASE: f64 = 0.055;
 
 /// Medians over the study's scenes: `penetration_mean_rel`, `friction_violation_mean`. The three presets with one friction force per patch
 /// differ by less than their seeds in the latter, and share its median.
