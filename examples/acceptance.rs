@@ -67,8 +67,9 @@ fn main() -> Result<(), String> {
                 let mut params = params(seed);
                 params.output.free_standing = true;
                 change(&mut params);
-                let bake = cairn_core::release_pile(&scene, &params, full, &mut Cpu).map_err(|e| e.to_string())?;
-                reports.push(bake.report);
+                let bake = cairn_core::release_pile(&scene, &params, full, &mut Cpu)
+                    .and_then(|released| released.measured(&mut Cpu));
+                reports.push(bake.map_err(|e| e.to_string())?.report);
             }
             let figure = |&(_, key, digits): &(&str, &str, usize)| {
                 let value = |r: &Report| r.measures.get(key).copied().flatten().unwrap_or(f64::NAN);

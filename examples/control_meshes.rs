@@ -93,7 +93,7 @@ fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
             };
             let lost = report.counts["bodies_lost"] + report.counts["removed_escaped"];
             let (fill, pockets) = (measure("fill_fraction"), measure("pocket_fraction"));
-            let figures = format!("{} | {fill:.2} | {pockets:.2} | {lost}", bake.bodies.len());
+            let figures = format!("{} | {fill:.2} | {pockets:.2} | {lost}", bake.pile.bodies.len());
             Fate { kind, told: told.join("; "), figures }
         }
         Err(Error::Invalid(problems)) => {

@@ -250,9 +250,9 @@ fn pair<'a>(
         );
         watch.begin(true);
         let baked = cairn_core::fill_container(&scene, &params, &mut NoCache, &mut watch).and_then(|full| {
-            let bake = cairn_core::release_pile(&scene, &natural, &full, &mut watch)?;
+            let bake = cairn_core::release_pile(&scene, &natural, &full, &mut watch)?.measured(&mut watch)?;
             watch.begin(false);
-            Ok((bake, cairn_core::release_pile(&scene, &params, &full, &mut watch)?))
+            Ok((bake, cairn_core::release_pile(&scene, &params, &full, &mut watch)?.measured(&mut watch)?))
         });
         match baked {
             Ok(both) => {
@@ -332,7 +332,7 @@ fn judge(bake: &Bake, glued: &Bake, reference: Option<f64>, expected: f64) -> Ro
     let cells = format!(
         "| {} | {} {} | {:.3} | {fill:.3} | {free:.3} | {:.2} | {:.3} | {} | {:.3} | {:.2} | {:.4} | {speed:.4} | {} | {:.3} \
          | {}/{}/{} | {:.1}/{:.1}/{:.1}/{:.1} | {expected:.0} ",
-        bake.bodies.len(),
+        bake.pile.bodies.len(),
         shape.kind,
         shape.parts,
         shape.deviation_rel,
@@ -352,9 +352,9 @@ fn judge(bake: &Bake, glued: &Bake, reference: Option<f64>, expected: f64) -> Ro
         stage("Release") + stage("Hold"),
         stage("Measure"),
     );
-    let finite = bake.frames.iter().flatten().all(|p| p.translation.is_finite() && p.rotation.is_finite());
+    let finite = bake.pile.frames.iter().flatten().all(|p| p.translation.is_finite() && p.rotation.is_finite());
     let faults: Vec<&str> = [
-        ("bodies", (FEWEST..=MOST).contains(&bake.bodies.len())),
+        ("bodies", (FEWEST..=MOST).contains(&bake.pile.bodies.len())),
         ("moving", speed < REST_SPEED),
         ("fill", fill >= LEAST_RATIO * free),
         ("hanging", measure("hanging") == 0.0),

@@ -52,7 +52,7 @@ fn main() -> std::io::Result<()> {
                 if number.is_multiple_of(args.twice) {
                     repeated += 1;
                     let again = sweep::run(&recipe);
-                    if !matches!(again, Ok(Verdict::Sound(again)) if again.frames == bake.frames) {
+                    if !matches!(again, Ok(Verdict::Sound(again)) if again.pile.frames == bake.pile.frames) {
                         violated += 1;
                         println!("scene {number}: a second run differs");
                     }

@@ -151,7 +151,7 @@ fn long_steps(guard: Switch, contact_frequency: f64) -> Params {
 #[test]
 fn a_bad_setting_is_held_together() {
     let scene = stacks();
-    let frames = bake(&scene, &long_steps(Switch::Auto, 400.0), &mut Silent).unwrap().frames;
+    let frames = bake(&scene, &long_steps(Switch::Auto, 400.0), &mut Silent).unwrap().pile.frames;
     assert_eq!(frames.len(), 61);
     for (number, frame) in frames.iter().enumerate() {
         for (body, (pose, given)) in frame.iter().zip(&scene.bodies).enumerate() {

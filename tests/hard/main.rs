@@ -100,7 +100,7 @@ fn thirty_random_scenes_are_sound() {
         // A sample of them must come out the same again.
         if let (Verdict::Sound(bake), 0) = (verdict, recipe.seed % 8) {
             let again = sweep::run(&recipe).map_err(TestCaseError::fail)?;
-            let same = matches!(again, Verdict::Sound(again) if again.frames == bake.frames);
+            let same = matches!(again, Verdict::Sound(again) if again.pile.frames == bake.pile.frames);
             return if same { Ok(()) } else { Err(TestCaseError::fail("a second run differs")) };
         }
         Ok(())
@@ -127,12 +127,12 @@ fn a_random_scene_replays_from_its_file() {
         let job = cairn::job::Job::read(&tree.to_message()).expect("sound models");
         let again =
             cairn_core::bake(&job.scene, &job.params, &mut cairn_core::input::observer::Silent).expect("it bakes");
-        assert!(recipe.control.is_some() || again.bodies.len() == bake.bodies.len());
+        assert!(recipe.control.is_some() || again.pile.bodies.len() == bake.pile.bodies.len());
         let apart = |(a, b): (&cairn_core::geometry::pose::Pose, &cairn_core::geometry::pose::Pose)| {
             a.translation.distance(b.translation)
         };
         // Files have single precision: the beginning is the same, as far as that goes.
-        let largest = bake.frames[0].iter().zip(&again.frames[0]).map(apart).fold(0.0, f64::max);
+        let largest = bake.pile.frames[0].iter().zip(&again.pile.frames[0]).map(apart).fold(0.0, f64::max);
         assert!(recipe.control.is_some() || largest < 1e-5 * recipe.size, "{largest} m apart in the beginning");
         replayed += 1;
     }

@@ -3,7 +3,7 @@
 //! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_DATA`, or `../shared/data` beside the workspace; without one,
 //! the example assets.
 
-use crate::files::bake_of;
+use crate::files::pile_of;
 use cairn::files;
 use cairn::model::export::{ExportScene, Format, SourceModel, encode};
 use cairn_core::asset::{self, Limits, Source};
@@ -34,7 +34,7 @@ fn what_can_be_read_can_be_written() {
     std::fs::create_dir_all(&results).unwrap();
     let (folder, names) = collection();
     let pose = Pose { translation: DVec3::Y, rotation: DQuat::from_rotation_x(1.0) };
-    let bake = bake_of(&[(0, 1.0), (0, 2.0)], vec![vec![pose; 2]]);
+    let pile = pile_of(&[(0, 1.0), (0, 2.0)], vec![vec![pose; 2]]);
     let mut written = 0;
     for name in names {
         let path = folder.join(&name);
@@ -50,7 +50,7 @@ fn what_can_be_read_can_be_written() {
         }
         let model = SourceModel { name: "prop", file: &name, bytes: &bytes, node: None, resolve: &resolve };
         let scene = ExportScene { props: vec![model], scenery: vec![model] };
-        let result = encode(Format::Glb, &bake, &scene).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let result = encode(Format::Glb, &pile, &scene).unwrap_or_else(|error| panic!("{name}: {error}"));
         std::fs::write(results.join(format!("{}.glb", name.replace(['/', '\\'], "_"))), result).unwrap();
         written += 1;
     }

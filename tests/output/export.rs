@@ -1,6 +1,6 @@
 //! Bakes written as `.glb` and read back by an independent, validating reader.
 
-use crate::files::{self, bake_of, no_files, textured_cube, tumbling};
+use crate::files::{self, no_files, pile_of, textured_cube, tumbling};
 use crate::reader::{drawn_matrix, json_of, pose_error, read_valid, world_matrix, world_matrix_of_path};
 use cairn::model::export::Format::{Csv, Glb, Json};
 use cairn::model::export::{ExportError, ExportScene, SourceModel, encode, write};
@@ -16,12 +16,12 @@ fn prop<'a>(name: &'a str, bytes: &'a [u8], node: Option<&'a str>) -> SourceMode
 fn world_matrices_follow_the_poses() {
     let cube = textured_cube();
     let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
-    let bake = bake_of(&[(0, 1.0), (0, 0.5), (0, 2.0)], tumbling(3, 50));
-    let file = read_valid(&encode(Glb, &bake, &scene).unwrap());
+    let pile = pile_of(&[(0, 1.0), (0, 0.5), (0, 2.0)], tumbling(3, 50));
+    let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     for frame in [0, 1, 17, 48, 49] {
         for body in 0..3 {
-            let found = world_matrix(&file, &format!("cube.{body:04}"), frame as f64 / bake.fps);
-            assert!(pose_error(&found, &bake, frame, body) < 1e-6, "frame {frame}, body {body}");
+            let found = world_matrix(&file, &format!("cube.{body:04}"), frame as f64 / pile.fps);
+            assert!(pose_error(&found, &pile, frame, body) < 1e-6, "frame {frame}, body {body}");
         }
     }
     let pile = file.document.nodes().find(|n| n.name() == Some("pile")).unwrap();
@@ -42,8 +42,8 @@ fn constant_tracks_are_absent_and_waiting_is_cheap() {
             frames[frame][2] = frames[0][2]; // waits, then falls
         }
     }
-    let bake = bake_of(&[(0, 1.0); 3], frames);
-    let file = read_valid(&encode(Glb, &bake, &scene).unwrap());
+    let pile = pile_of(&[(0, 1.0); 3], frames);
+    let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     let animation = file.document.animations().next().unwrap();
     let counts: Vec<(String, usize)> = animation
         .channels()
@@ -53,8 +53,8 @@ fn constant_tracks_are_absent_and_waiting_is_cheap() {
     assert_eq!(counts, expected.map(|(name, count)| (name.to_string(), count)));
     for frame in [0, 5, 28, 29, 30, 39] {
         for body in 0..3 {
-            let found = world_matrix(&file, &format!("cube.{body:04}"), frame as f64 / bake.fps);
-            assert!(pose_error(&found, &bake, frame, body) < 1e-6, "frame {frame}, body {body}");
+            let found = world_matrix(&file, &format!("cube.{body:04}"), frame as f64 / pile.fps);
+            assert!(pose_error(&found, &pile, frame, body) < 1e-6, "frame {frame}, body {body}");
         }
     }
 }
@@ -64,15 +64,15 @@ fn no_frame_and_one_frame_make_a_still() {
     let cube = textured_cube();
     let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
     for frames in [0, 1] {
-        let bake = bake_of(&[(0, 1.0), (0, 3.0)], tumbling(2, frames));
-        let file = read_valid(&encode(Glb, &bake, &scene).unwrap());
+        let pile = pile_of(&[(0, 1.0), (0, 3.0)], tumbling(2, frames));
+        let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
         assert_eq!(file.document.animations().count(), 0);
         assert!(file.document.nodes().any(|n| n.name() == Some("cube.0001")));
         for format in [Json, Csv] {
-            encode(format, &bake, &scene).unwrap();
+            encode(format, &pile, &scene).unwrap();
         }
     }
-    let empty = bake_of(&[], vec![vec![]; 3]);
+    let empty = pile_of(&[], vec![vec![]; 3]);
     assert_eq!(read_valid(&encode(Glb, &empty, &scene).unwrap()).document.nodes().count(), 1);
 }
 
@@ -80,7 +80,7 @@ fn no_frame_and_one_frame_make_a_still() {
 fn embedded_textures_and_material_extensions_survive() {
     let cube = textured_cube();
     let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
-    let bytes = encode(Glb, &bake_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
+    let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     let file = read_valid(&bytes);
     let image = file.document.images().next().unwrap();
     let gltf::image::Source::View { view, mime_type } = image.source() else { panic!("not embedded") };
@@ -101,8 +101,8 @@ fn embedded_textures_and_material_extensions_survive() {
 fn hierarchies_are_rebuilt_below_each_body() {
     let kit = files::kit();
     let scene = ExportScene { props: vec![prop("kit", &kit, None)], scenery: vec![] };
-    let bake = bake_of(&[(0, 1.5), (0, 1.0)], tumbling(2, 3));
-    let file = read_valid(&encode(Glb, &bake, &scene).unwrap());
+    let pile = pile_of(&[(0, 1.5), (0, 1.0)], tumbling(2, 3));
+    let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     assert_eq!(file.document.meshes().count(), 1);
     for body in 0..2 {
         let name = format!("kit.{body:04}");
@@ -120,15 +120,15 @@ fn a_chosen_node_keeps_its_rotation_and_scale_and_loses_its_place() {
     let kit = files::kit();
     let props = vec![prop("mirrored", &kit, Some("Mirrored")), prop("wheel", &kit, Some("Wheel"))];
     let scene = ExportScene { props, scenery: vec![] };
-    let bake = bake_of(&[(0, 1.0), (1, 2.0)], tumbling(2, 3));
-    let file = read_valid(&encode(Glb, &bake, &scene).unwrap());
+    let pile = pile_of(&[(0, 1.0), (1, 2.0)], tumbling(2, 3));
+    let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     assert_eq!(file.document.meshes().count(), 1, "two props of one file share what they share");
     for (body, (name, node)) in [("mirrored.0000", "Mirrored"), ("wheel.0001", "Wheel")].iter().enumerate() {
         let mut expected = files::kit_nodes().into_iter().find(|(p, _)| p.last() == Some(node)).unwrap().1;
         expected.w_axis = DVec3::ZERO.extend(1.0);
         let found = drawn_matrix(&file, name, node, 0.0);
         let place = world_matrix(&file, name, 0.0);
-        assert!(pose_error(&place, &bake, 0, body) < 1e-6);
+        assert!(pose_error(&place, &pile, 0, body) < 1e-6);
         assert!((found - place * expected).abs_diff_eq(DMat4::ZERO, 2e-6), "{node}");
     }
 }
@@ -138,7 +138,7 @@ fn scenery_keeps_its_hierarchy_and_place() {
     let (cube, kit) = (textured_cube(), files::kit());
     let scenery = vec![prop("yard", &kit, None), prop("wheel", &kit, Some("Wheel"))];
     let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery };
-    let file = read_valid(&encode(Glb, &bake_of(&[(0, 1.0)], tumbling(1, 3)), &scene).unwrap());
+    let file = read_valid(&encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 3)), &scene).unwrap());
     let tops: Vec<_> = file.document.default_scene().unwrap().nodes().map(|n| n.name().unwrap().to_string()).collect();
     assert_eq!(tops, ["pile", "scenery"]);
     for (path, expected) in files::kit_nodes() {
@@ -157,8 +157,8 @@ fn the_same_file_twice_is_stored_once() {
     let single = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
     let double = ExportScene { props: vec![prop("cube", &cube, None), prop("copy", &copy, None)], scenery: vec![] };
     let frames = tumbling(2, 2);
-    let one = read_valid(&encode(Glb, &bake_of(&[(0, 1.0), (0, 1.0)], frames.clone()), &single).unwrap());
-    let two = read_valid(&encode(Glb, &bake_of(&[(0, 1.0), (1, 1.0)], frames), &double).unwrap());
+    let one = read_valid(&encode(Glb, &pile_of(&[(0, 1.0), (0, 1.0)], frames.clone()), &single).unwrap());
+    let two = read_valid(&encode(Glb, &pile_of(&[(0, 1.0), (1, 1.0)], frames), &double).unwrap());
     assert_eq!(one.blob, two.blob);
     assert!(two.document.nodes().any(|n| n.name() == Some("copy.0001")));
 }
@@ -169,7 +169,7 @@ fn external_buffers_are_embedded_and_missing_images_stay() {
     let resolve = |uri: &str| if uri == "cube.bin" { Ok(bin.clone()) } else { Err(format!("{uri} is missing")) };
     let model = SourceModel { name: "cube", file: "cube.gltf", bytes: &gltf, node: None, resolve: &resolve };
     let scene = ExportScene { props: vec![model], scenery: vec![] };
-    let bytes = encode(Glb, &bake_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
+    let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     let json = json_of(&bytes);
     assert_eq!(json["buffers"].as_array().unwrap().len(), 1);
     assert_eq!(json["buffers"][0].get("uri"), None);
@@ -179,7 +179,7 @@ fn external_buffers_are_embedded_and_missing_images_stay() {
     let reachable = |uri: &str| Ok(if uri == "cube.bin" { bin.clone() } else { files::PNG.to_vec() });
     let model = SourceModel { resolve: &reachable, ..model };
     let scene = ExportScene { props: vec![model], scenery: vec![] };
-    let bytes = encode(Glb, &bake_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
+    let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     assert_eq!(json_of(&bytes)["images"][0]["mimeType"], "image/png");
     read_valid(&bytes);
 }
@@ -191,9 +191,9 @@ fn viewed(name: &str) -> Vec<u8> {
 
 #[test]
 fn compressed_sources_become_plain() {
-    let bake = bake_of(&[(0, 1.0)], tumbling(1, 2));
+    let pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
     let written =
-        |bytes: &[u8]| encode(Glb, &bake, &ExportScene { props: vec![prop("it", bytes, None)], scenery: vec![] });
+        |bytes: &[u8]| encode(Glb, &pile, &ExportScene { props: vec![prop("it", bytes, None)], scenery: vec![] });
     for name in ["draco.gltf", "meshopt.gltf"] {
         let source = viewed(name);
         let result = written(&source).unwrap();
@@ -217,24 +217,24 @@ fn a_scene_can_be_chosen_by_name() {
     let mut source: Value = serde_json::from_slice(&viewed("barrow.gltf")).unwrap();
     let nodes = source["scenes"][0]["nodes"].clone();
     source["scenes"] = json!([{ "nodes": [] }, { "name": "Shelf", "nodes": nodes }]);
-    let (source, bake) = (source.to_string(), bake_of(&[(0, 1.0)], tumbling(1, 2)));
+    let (source, pile) = (source.to_string(), pile_of(&[(0, 1.0)], tumbling(1, 2)));
     let scene = |name| ExportScene { props: vec![prop("it", source.as_bytes(), name)], scenery: vec![] };
-    assert!(encode(Glb, &bake, &scene(Some("Shelf"))).is_ok());
-    assert!(encode(Glb, &bake, &scene(Some("Shelves"))).is_err());
-    assert!(encode(Glb, &bake, &scene(None)).is_err(), "the default scene is empty");
+    assert!(encode(Glb, &pile, &scene(Some("Shelf"))).is_ok());
+    assert!(encode(Glb, &pile, &scene(Some("Shelves"))).is_err());
+    assert!(encode(Glb, &pile, &scene(None)).is_err(), "the default scene is empty");
 }
 
 #[test]
 fn tables_hold_every_pose() {
     let cube = textured_cube();
     let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
-    let bake = bake_of(&[(0, 1.0), (0, 0.5)], tumbling(2, 4));
-    let table: Value = serde_json::from_slice(&encode(Json, &bake, &scene).unwrap()).unwrap();
+    let pile = pile_of(&[(0, 1.0), (0, 0.5)], tumbling(2, 4));
+    let table: Value = serde_json::from_slice(&encode(Json, &pile, &scene).unwrap()).unwrap();
     assert_eq!(table["fps"], 24.0);
     assert_eq!(table["bodies"][1], json!({ "name": "cube.0001", "prop": 0, "scale": 0.5 }));
-    assert_eq!(table["frames"][3][1][0].as_f64().unwrap(), bake.frames[3][1].translation.x);
+    assert_eq!(table["frames"][3][1][0].as_f64().unwrap(), pile.frames[3][1].translation.x);
 
-    let bytes = encode(Csv, &bake, &scene).unwrap();
+    let bytes = encode(Csv, &pile, &scene).unwrap();
     let mut csv = csv::Reader::from_reader(&bytes[..]);
     let head = "frame,time_s,body,prop,scale,x_m,y_m,z_m,qx,qy,qz,qw";
     assert_eq!(csv.headers().unwrap().iter().collect::<Vec<_>>().join(","), head);
@@ -242,44 +242,44 @@ fn tables_hold_every_pose() {
     assert_eq!(rows.len(), 8);
     let last = &rows[7];
     assert_eq!((&last[0], &last[1], &last[2], &last[3], &last[4]), ("3", "0.125", "1", "cube", "0.5"));
-    assert_eq!(last[6].parse::<f64>().unwrap(), bake.frames[3][1].translation.y);
+    assert_eq!(last[6].parse::<f64>().unwrap(), pile.frames[3][1].translation.y);
 }
 
 #[test]
 fn writing_is_all_or_nothing() {
     let cube = textured_cube();
     let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
-    let bake = bake_of(&[(0, 1.0)], tumbling(1, 2));
+    let pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
     let folder = tempfile::tempdir().unwrap();
     let entries = || std::fs::read_dir(folder.path()).unwrap().count();
 
     let path = folder.path().join("pile.GLB");
     std::fs::write(&path, "old").unwrap();
-    write(&path, &bake, &scene).unwrap();
-    assert_eq!(std::fs::read(&path).unwrap(), encode(Glb, &bake, &scene).unwrap());
+    write(&path, &pile, &scene).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), encode(Glb, &pile, &scene).unwrap());
     assert_eq!(entries(), 1);
 
     let broken = ExportScene { props: vec![prop("cube", &cube[..cube.len() - 1], None)], scenery: vec![] };
-    assert!(matches!(write(&path, &bake, &broken), Err(ExportError::Source { .. })));
-    assert_eq!(std::fs::read(&path).unwrap(), encode(Glb, &bake, &scene).unwrap(), "the old result stays");
+    assert!(matches!(write(&path, &pile, &broken), Err(ExportError::Source { .. })));
+    assert_eq!(std::fs::read(&path).unwrap(), encode(Glb, &pile, &scene).unwrap(), "the old result stays");
     assert_eq!(entries(), 1);
 
-    assert!(matches!(write(folder.path(), &bake, &scene), Err(ExportError::UnknownFormat(_))));
+    assert!(matches!(write(folder.path(), &pile, &scene), Err(ExportError::UnknownFormat(_))));
     std::fs::create_dir(folder.path().join("d.glb")).unwrap();
-    assert!(matches!(write(&folder.path().join("d.glb"), &bake, &scene), Err(ExportError::IsDirectory(_))));
-    assert!(matches!(write(&folder.path().join("no/pile.glb"), &bake, &scene), Err(ExportError::NoFolder(_))));
-    assert!(matches!(write(&folder.path().join("pile"), &bake, &scene), Err(ExportError::UnknownFormat(_))));
+    assert!(matches!(write(&folder.path().join("d.glb"), &pile, &scene), Err(ExportError::IsDirectory(_))));
+    assert!(matches!(write(&folder.path().join("no/pile.glb"), &pile, &scene), Err(ExportError::NoFolder(_))));
+    assert!(matches!(write(&folder.path().join("pile"), &pile, &scene), Err(ExportError::UnknownFormat(_))));
     assert_eq!(entries(), 2);
 }
 
 #[test]
 fn hostile_sources_are_errors() {
-    let bake = bake_of(&[(0, 1.0)], tumbling(1, 2));
+    let pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
     let good = files::kit_json();
     let refuse = |json: Value| {
         let bytes = json.to_string().into_bytes();
         let scene = ExportScene { props: vec![prop("bad", &bytes, None)], scenery: vec![] };
-        assert!(matches!(encode(Glb, &bake, &scene), Err(ExportError::Source { .. })), "{json}");
+        assert!(matches!(encode(Glb, &pile, &scene), Err(ExportError::Source { .. })), "{json}");
     };
     for (pointer, value) in [
         ("/nodes/0/children", json!([0])),
@@ -302,6 +302,6 @@ fn hostile_sources_are_errors() {
     }
     for bytes in [&b""[..], b"glTF", b"glTF\x02\0\0\0\xff\xff\xff\xff", b"[]", b"{\"nodes\": 3"] {
         let scene = ExportScene { props: vec![prop("bad", bytes, None)], scenery: vec![] };
-        assert!(matches!(encode(Glb, &bake, &scene), Err(ExportError::Source { .. })), "{bytes:?}");
+        assert!(matches!(encode(Glb, &pile, &scene), Err(ExportError::Source { .. })), "{bytes:?}");
     }
 }

@@ -3,10 +3,7 @@
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::prepare::plan::Plan;
-use cairn_core::report::Report;
-use cairn_core::report::bake::{Bake, BakedBody};
+use cairn_core::report::bake::{BakedBody, BakedPile};
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
 
@@ -15,34 +12,10 @@ pub fn no_files(uri: &str) -> Result<Vec<u8>, String> {
     Err(format!("{uri}: there are no other files"))
 }
 
-/// A bake of bodies (prop, scale) with the given poses.
-pub fn bake_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> Bake {
-    let plan = Plan {
-        expected_bodies: bodies.len(),
-        expected_steps: 0,
-        prop_diameter: 1.0,
-        natural_time: 1.0,
-        stages: vec![],
-        effects: vec![],
-        warnings: vec![],
-    };
-    let report = Report {
-        seed: 1,
-        bodies: bodies.len(),
-        plan,
-        params: Params::new(Accuracy::Standard),
-        measures: Default::default(),
-        error_sources: Default::default(),
-        limited_by: None,
-        counts: Default::default(),
-        shapes: vec![],
-        seconds: Default::default(),
-        bill: Vec::new(),
-        glue: None,
-        warnings: vec![],
-    };
+/// A pile of bodies (prop, scale) with the given poses.
+pub fn pile_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> BakedPile {
     let bodies = bodies.iter().map(|&(prop, scale)| BakedBody { prop, scale, first_frame: 0 }).collect();
-    Bake { fps: 24.0, bodies, frames, scenery: Vec::new(), report }
+    BakedPile { fps: 24.0, bodies, frames, scenery: Vec::new(), glue: None }
 }
 
 /// Bodies that fall and spin, each its own way; every second quaternion has the other sign.

@@ -1,13 +1,13 @@
 //! What results tell of the glue.
 
-use crate::files::{bake_of, kit, kit_json, no_files, textured_cube, tumbling};
+use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
 use crate::reader::{json_of, read_valid, world_matrix};
 use cairn::job::Job;
 use cairn::job::reuse::Cache;
 use cairn::model::export::{ExportScene, Format, SourceModel, encode};
 use cairn::scene_file::SceneTree;
 use cairn_core::input::observer::{Frame, Observer, Progress};
-use cairn_core::report::bake::Bake;
+use cairn_core::report::bake::{Bake, BakedPile};
 use cairn_core::report::{Glue, GlueDot};
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -33,13 +33,13 @@ fn told(glue: &Glue) -> Value {
 }
 
 /// Nodes and tables tell what the report does.
-fn tells_its_glue(bake: &Bake, bytes: &[u8]) {
-    let glue = bake.report.glue.as_ref().unwrap();
+fn tells_its_glue(pile: &BakedPile, bytes: &[u8]) {
+    let glue = pile.glue.as_ref().unwrap();
     let file = read_valid(bytes);
-    let pile = file.document.nodes().find(|node| node.name() == Some("pile")).unwrap();
-    let all = extras(&pile).unwrap();
-    assert_eq!(all, json!({ "fps": bake.fps, "frames": bake.frames.len(), "cairn": { "glue": told(glue) } }));
-    for (body, node) in pile.children().enumerate() {
+    let node = file.document.nodes().find(|node| node.name() == Some("pile")).unwrap();
+    let all = extras(&node).unwrap();
+    assert_eq!(all, json!({ "fps": pile.fps, "frames": pile.frames.len(), "cairn": { "glue": told(glue) } }));
+    for (body, node) in node.children().enumerate() {
         let cluster = glue.clusters.iter().position(|members| members.contains(&body));
         let anchored = glue.anchored.contains(&body);
         let expected = json!({ "cluster": cluster, "anchored": anchored });
@@ -64,18 +64,18 @@ fn extras_are_merged() {
     let props = [&cube, &kit, &with_extras, &with_text].map(|bytes| prop(bytes)).to_vec();
     let scene = ExportScene { props, scenery: vec![] };
     let bodies = [0, 1, 2, 2, 3, 3, 0].map(|prop| (prop, 1.0));
-    let mut bake = bake_of(&bodies, tumbling(bodies.len(), 3));
-    let plain = json_of(&encode(Format::Glb, &bake, &scene).unwrap());
+    let mut pile = pile_of(&bodies, tumbling(bodies.len(), 3));
+    let plain = json_of(&encode(Format::Glb, &pile, &scene).unwrap());
     assert_eq!(plain["nodes"][0]["extras"], json!({ "fps": 24.0, "frames": 3 }));
     assert_eq!(
         plain["nodes"][3]["extras"],
         json!({ "mine": 7 }),
         "an earlier bake's word on its own bodies is left out"
     );
-    let table = encode(Format::Json, &bake, &scene).unwrap();
+    let table = encode(Format::Json, &pile, &scene).unwrap();
     assert_eq!(serde_json::from_slice::<Value>(&table).unwrap().get("glue"), None);
 
-    bake.report.glue = Some(Glue {
+    pile.glue = Some(Glue {
         dots: vec![
             dot(0, Some(1), [1.0, 2.0, 3.0], 2.5, false),
             dot(2, Some(1), [0.5; 3], 1.0, false),
@@ -85,16 +85,16 @@ fn extras_are_merged() {
         clusters: vec![vec![0, 1, 2]],
         anchored: vec![4],
     });
-    let bytes = encode(Format::Glb, &bake, &scene).unwrap();
-    tells_its_glue(&bake, &bytes);
+    let bytes = encode(Format::Glb, &pile, &scene).unwrap();
+    tells_its_glue(&pile, &bytes);
     let nodes = &json_of(&bytes)["nodes"];
     assert_eq!(nodes[3]["extras"], json!({ "mine": 7, "cairn": { "cluster": 0, "anchored": false } }));
     assert_eq!(nodes[4]["extras"], json!({ "mine": 7 }));
     assert_eq!(nodes[5]["extras"], json!({ "value": "mine", "cairn": { "cluster": null, "anchored": true } }));
     assert_eq!(nodes[6]["extras"], json!("mine"));
     assert_eq!(nodes[7].get("extras"), None, "its only dot broke");
-    let table: Value = serde_json::from_slice(&encode(Format::Json, &bake, &scene).unwrap()).unwrap();
-    assert_eq!(table["glue"], told(bake.report.glue.as_ref().unwrap()));
+    let table: Value = serde_json::from_slice(&encode(Format::Json, &pile, &scene).unwrap()).unwrap();
+    assert_eq!(table["glue"], told(pile.glue.as_ref().unwrap()));
 }
 
 /// Wants nothing but the result.
@@ -127,8 +127,8 @@ fn letter() -> (Bake, Vec<u8>) {
 #[test]
 fn a_baked_letter_tells_its_glue() {
     let (bake, bytes) = letter();
-    tells_its_glue(&bake, &bytes);
-    let glue = bake.report.glue.as_ref().unwrap();
+    tells_its_glue(&bake.pile, &bytes);
+    let glue = bake.pile.glue.as_ref().unwrap();
     assert!(glue.dots.len() > 10 && !glue.clusters.is_empty(), "{glue:?}");
     assert_eq!(glue.dots.len() as u64, bake.report.counts["glue_dots"]);
     assert_eq!(glue.clusters.len() as u64, bake.report.counts["glue_clusters"]);
@@ -137,15 +137,15 @@ fn a_baked_letter_tells_its_glue() {
     let file = read_valid(&bytes);
     let bounds = file.document.meshes().next().unwrap().primitives().next().unwrap().bounding_box();
     let [low, high] = [bounds.min, bounds.max].map(|corner| DVec3::from(corner.map(f64::from)));
-    let thickness = (high - low).min_element() * bake.bodies[0].scale;
+    let thickness = (high - low).min_element() * bake.pile.bodies[0].scale;
     let pile = file.document.nodes().find(|node| node.name() == Some("pile")).unwrap();
     let names: Vec<String> = pile.children().map(|node| node.name().unwrap().to_owned()).collect();
-    let end = (bake.frames.len() - 1) as f64 / bake.fps;
+    let end = (bake.pile.frames.len() - 1) as f64 / bake.pile.fps;
     let from_surface = |body: usize, point: DVec3| {
         let world = world_matrix(&file, &names[body], end);
         let inside = world.inverse().transform_point3(point);
         let out = (inside - (low + high) / 2.0).abs() - (high - low) / 2.0;
-        (out.max(DVec3::ZERO).length() + out.max_element().min(0.0)) * bake.bodies[body].scale
+        (out.max(DVec3::ZERO).length() + out.max_element().min(0.0)) * bake.pile.bodies[body].scale
     };
     // A peg joins what is up to half a thickness from the ground: its dot lies in the middle of the gap.
     const REACH: f64 = 0.26;

@@ -1,6 +1,6 @@
 //! Reads a result back with the `gltf` crate, which validates it, and evaluates its animation.
 
-use cairn_core::report::bake::Bake;
+use cairn_core::report::bake::BakedPile;
 use glam::{DMat4, DQuat, DVec3};
 use gltf::animation::util::ReadOutputs;
 use serde_json::Value;
@@ -84,9 +84,9 @@ fn local(file: &gltf::Gltf, node: &gltf::Node, seconds: f64) -> DMat4 {
 }
 
 /// Largest difference between the matrix of a body's node and its pose.
-pub fn pose_error(found: &DMat4, bake: &Bake, frame: usize, body: usize) -> f64 {
-    let pose = bake.frames[frame][body];
-    let scale = DVec3::splat(bake.bodies[body].scale);
+pub fn pose_error(found: &DMat4, pile: &BakedPile, frame: usize, body: usize) -> f64 {
+    let pose = pile.frames[frame][body];
+    let scale = DVec3::splat(pile.bodies[body].scale);
     let expected = DMat4::from_scale_rotation_translation(scale, pose.rotation.normalize(), pose.translation);
     let difference = (*found - expected).to_cols_array();
     difference.iter().fold(0.0, |worst, d| d.abs().max(worst))

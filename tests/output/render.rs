@@ -1,6 +1,6 @@
 //! Pictures of results.
 
-use crate::files::{bake_of, kit, kit_json, no_files, textured_cube, tumbling};
+use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
 use crate::glue::dot;
 use cairn::model::export::{ExportScene, Format, SourceModel, encode};
 use cairn::model::render::{Model, Moment, RenderError, Settings, render};
@@ -21,7 +21,7 @@ fn baked(frames: Vec<Vec<Pose>>) -> Vec<u8> {
     let (cube, kit) = (textured_cube(), kit());
     let model = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files };
     let scene = ExportScene { props: vec![model(&cube), model(&kit)], scenery: vec![] };
-    encode(Format::Glb, &bake_of(&[(0, 1.0), (1, 0.2), (0, 2.0)], frames), &scene).unwrap()
+    encode(Format::Glb, &pile_of(&[(0, 1.0), (1, 0.2), (0, 2.0)], frames), &scene).unwrap()
 }
 
 #[test]
@@ -154,13 +154,13 @@ fn glued(moves: f64) -> Vec<u8> {
     let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files };
     let at = |x: f64| Pose { translation: DVec3::X * x, rotation: DQuat::IDENTITY };
     let frames = [moves, 0.0].map(|by| [-4.0, 0.0, 4.0].map(|x| at(x + by)).to_vec()).to_vec();
-    let mut bake = bake_of(&[(0, 1.0); 3], frames);
-    bake.report.glue = Some(Glue {
+    let mut pile = pile_of(&[(0, 1.0); 3], frames);
+    pile.glue = Some(Glue {
         dots: vec![dot(0, Some(1), [-2.0, 0.0, 0.0], 1.0, false)],
         clusters: vec![vec![0, 1]],
         anchored: vec![],
     });
-    encode(Format::Glb, &bake, &ExportScene { props: vec![prop], scenery: vec![] }).unwrap()
+    encode(Format::Glb, &pile, &ExportScene { props: vec![prop], scenery: vec![] }).unwrap()
 }
 
 const SHOWN: Settings = Settings { glue: true, size: [480, 180], azimuth: 0.0, elevation: 5.0, ..SMALL };
@@ -191,7 +191,7 @@ fn a_pile_without_glue_is_refused() {
     let cube = textured_cube();
     let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files };
     let scene = ExportScene { props: vec![prop], scenery: vec![] };
-    let plain = encode(Format::Glb, &bake_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
+    let plain = encode(Format::Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     for bytes in [&plain, &kit()] {
         let refused = picture(bytes, SHOWN).unwrap_err().to_string();
         assert!(refused.contains("tells of no glue") && refused.contains("--set glue=as_modelled"), "{refused}");

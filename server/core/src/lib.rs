@@ -28,12 +28,15 @@ use prepare::effects::{EffectName, Resolved};
 use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
 use prepare::shape::{self, Nature, Shape};
-use report::bake::{Bake, prop_frames};
+use report::bake::{Bake, BakedPile, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
 use stages::cache::{Cache, CachedFill, FillInputs, FrameKeeper, NoCache};
 use stages::fill::Filled;
+use stages::glue::Glued;
+use stages::hold::HoldOutcome;
 use stages::{fill, glue, hold, release, turn_over};
+use std::borrow::Cow;
 use world::Units;
 
 /// Checks the scene and tells what would be simulated; simulates nothing.
@@ -73,7 +76,7 @@ pub fn bake_with(
     observer: &mut dyn Observer,
 ) -> Result<Bake, Error> {
     let full = fill_container(scene, params, cache, observer)?;
-    release_pile(scene, params, &full, observer)
+    release_pile(scene, params, &full, observer)?.measured(observer)
 }
 
 /// A full container, ready to be turned over; any number of releases may start from it.
@@ -175,18 +178,32 @@ pub fn fill_container(
     Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached: false, clock })
 }
 
+/// A pile that has come to rest, or to its last frame: all of a bake but its figures.
+pub struct Released<'a> {
+    scene: &'a Scene,
+    params: &'a Params,
+    full: &'a FullContainer,
+    resolved: Resolved,
+    plan: Plan,
+    sim: Simulation<'a>,
+    glued: Option<Glued>,
+    held: HoldOutcome,
+    /// With every frame that was kept.
+    pile: BakedPile,
+    clock: Clock,
+}
+
 /// The second half of [`bake`]: turn over, glue, release, hold. `params` may differ from the fill's in what comes after it.
-pub fn release_pile(
-    scene: &Scene,
-    params: &Params,
-    full: &FullContainer,
+pub fn release_pile<'a>(
+    scene: &'a Scene,
+    params: &'a Params,
+    full: &'a FullContainer,
     observer: &mut dyn Observer,
-) -> Result<Bake, Error> {
-    let FullContainer { checked, shapes, filled, is_cached, clock, .. } = full;
-    let natures = natures(shapes);
-    let resolved = Resolved::new(scene, params, checked, &natures);
-    let plan = plan::of(scene, params, checked, &natures, &resolved);
-    let mut clock = clock.clone();
+) -> Result<Released<'a>, Error> {
+    let natures = natures(&full.shapes);
+    let resolved = Resolved::new(scene, params, &full.checked, &natures);
+    let plan = plan::of(scene, params, &full.checked, &natures, &resolved);
+    let mut clock = full.clock.clone();
     clock.skip(observer);
 
     let mut sim = full.turn_over_as(scene, params, &resolved)?;
@@ -214,29 +231,50 @@ pub fn release_pile(
         let text = "bodies, emitters: not one body appears before the last frame; bake more frames";
         return Err(Error::Invalid(vec![Problem::new("output.frames", text)]));
     }
-    let inputs = report::inputs::Inputs {
-        scene,
-        params,
-        plan: &plan,
-        resolved: &resolved,
-        shapes,
-        target: checked.target().map(|target| &target.mesh),
-        filled: filled.as_ref(),
-        held,
-        glued: glued.as_ref(),
-        bodies: &bodies,
-        frames: &frames,
-        ground: checked.ground,
-    };
-    let mut report = report::make::report(&inputs, &mut sim, clock, observer)?;
-    if *is_cached {
-        report.recall_fill();
-    }
+    let fps = params.output.fps;
     let keeps = sim.pile.recorder.keeps();
     let count = if keeps { frames.len() } else { sim.pile.recorder.count() + 1 };
-    let scenery = scenery_frames(scene, params.output.fps, count);
-    let bake = Bake { fps: params.output.fps, bodies, frames, scenery, report };
-    Ok(if keeps { bake } else { bake.last_frame() })
+    let scenery = scenery_frames(scene, fps, count);
+    let glue = glued.as_ref().map(|_| report::glue_of(&sim));
+    let pile = BakedPile { fps, bodies, frames, scenery, glue };
+    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, pile, clock })
+}
+
+impl Released<'_> {
+    /// What the bake was asked for: every frame, or the last.
+    pub fn pile(&self) -> Cow<'_, BakedPile> {
+        match self.sim.pile.recorder.keeps() {
+            true => Cow::Borrowed(&self.pile),
+            false => Cow::Owned(self.pile.last_frame()),
+        }
+    }
+
+    /// The bake, with its figures.
+    pub fn measured(mut self, observer: &mut dyn Observer) -> Result<Bake, Error> {
+        let full = self.full;
+        let mut clock = self.clock;
+        clock.skip(observer);
+        let inputs = report::inputs::Inputs {
+            scene: self.scene,
+            params: self.params,
+            plan: &self.plan,
+            resolved: &self.resolved,
+            shapes: &full.shapes,
+            target: full.checked.target().map(|target| &target.mesh),
+            filled: full.filled.as_ref(),
+            held: self.held,
+            glued: self.glued.as_ref(),
+            pile: &self.pile,
+            ground: full.checked.ground,
+        };
+        let mut report = report::make::report(&inputs, &mut self.sim, clock, observer)?;
+        if full.is_cached {
+            report.recall_fill();
+        }
+        let keeps = self.sim.pile.recorder.keeps();
+        let pile = if keeps { self.pile } else { self.pile.last_frame() };
+        Ok(Bake { pile, report })
+    }
 }
 
 fn natures(shapes: &[Shape]) -> Vec<Nature> {

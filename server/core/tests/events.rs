@@ -55,7 +55,7 @@ fn figure(bake: &Bake, name: &str) -> f64 {
 #[test]
 fn a_given_stack_needs_no_control_mesh() {
     let bake = baked(&bricks(tower(6)), &params());
-    assert_eq!(bake.bodies.len(), 6);
+    assert_eq!(bake.pile.bodies.len(), 6);
     assert!(figure(&bake, "stack_drift_rel") < 0.02);
     assert_eq!(figure(&bake, "fallen_fraction"), 0.0);
     assert_eq!(figure(&bake, "hanging"), 0.0);
@@ -95,10 +95,10 @@ fn a_late_body_is_not_there_before_its_frame() {
     )
     .unwrap();
     // Those of the beginning come first.
-    assert_eq!(bake.bodies.iter().map(|b| b.first_frame).collect::<Vec<_>>(), [0, 0, 12]);
+    assert_eq!(bake.pile.bodies.iter().map(|b| b.first_frame).collect::<Vec<_>>(), [0, 0, 12]);
     assert_eq!(watcher.0[..12], [2; 12]);
     assert_eq!(watcher.0[12..], [3; 9]);
-    let place = |frame: usize| bake.frames[frame][2].translation;
+    let place = |frame: usize| bake.pile.frames[frame][2].translation;
     assert!(place(12).distance(DVec3::new(-3.0, 1.0, 5.0)) < 0.01, "{}", place(12));
     assert!((place(14).x - place(12).x - 2.0 * 2.0 / 24.0).abs() < 1e-3, "it flies freely");
     assert_eq!(place(3), place(12), "before, it has the pose in which it appears");
@@ -113,9 +113,9 @@ fn what_is_kept_stays_while_the_rest_is_filled_around_it() {
     let mut params = params();
     params.release.order = ReleaseOrder::BottomUp;
     let bake = baked(&scene, &params);
-    let kept = bake.bodies.iter().position(|b| b.prop == 1).unwrap();
-    assert!(bake.bodies.len() > 20, "{} bodies", bake.bodies.len());
-    assert!(bake.frames.iter().all(|f| f[kept].translation.distance(pose.translation) < 1e-6));
+    let kept = bake.pile.bodies.iter().position(|b| b.prop == 1).unwrap();
+    assert!(bake.pile.bodies.len() > 20, "{} bodies", bake.pile.bodies.len());
+    assert!(bake.pile.frames.iter().all(|f| f[kept].translation.distance(pose.translation) < 1e-6));
     assert!(figure(&bake, "penetration_max_rel") < 0.25);
     assert_eq!(figure(&bake, "hanging"), 0.0, "others may rest on it");
 }
@@ -127,10 +127,10 @@ fn a_kept_body_is_let_go_at_its_time() {
         &bricks(vec![PlacedBody { pinned: true, pinned_until: Some(until), ..PlacedBody::new(0, at(0.0, 1.0, 0.0)) }]),
         &params(),
     );
-    let height = |frame: usize| bake.frames[frame][0].translation.y;
+    let height = |frame: usize| bake.pile.frames[frame][0].translation.y;
     // It is let go with the step that its time falls into.
     assert!((height(11) - 1.0).abs() < 1e-6 && (height(12) - 1.0).abs() < 0.01);
-    assert!((bake.frames.last().unwrap()[0].translation.y - 0.1).abs() < 0.02);
+    assert!((bake.pile.frames.last().unwrap()[0].translation.y - 0.1).abs() < 0.02);
 }
 
 #[test]
@@ -139,15 +139,15 @@ fn an_emitter_lets_bodies_appear_at_its_rate() {
     let place = Place::Box { center: DVec3::Y * 1.5, size: DVec3::new(2.0, 1.0, 2.0) };
     scene.emitters = vec![Emitter { place, props: vec![], rate: 24.0, count: 30, velocity: DVec3::ZERO, start: 0.25 }];
     let one = baked(&scene, &params());
-    assert_eq!(one.bodies.len(), 30);
-    let there = |frame: usize| one.bodies.iter().filter(|b| b.first_frame <= frame).count();
+    assert_eq!(one.pile.bodies.len(), 30);
+    let there = |frame: usize| one.pile.bodies.iter().filter(|b| b.first_frame <= frame).count();
     assert_eq!(there(5), 0);
     for (frame, least) in [(6, 1), (16, 11), (35, 30)] {
         assert!((least..=least + 1).contains(&there(frame)), "{} bodies at frame {frame}", there(frame));
     }
     assert!(figure(&one, "resting_speed_max_rel") < 0.01);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    assert_eq!(pool.install(|| baked(&scene, &params())).frames, one.frames);
+    assert_eq!(pool.install(|| baked(&scene, &params())).frames, one.pile.frames);
 
     // A place that is full at once: what could not appear is told.
     scene.emitters[0].place = Place::Box { center: DVec3::Y * 0.2, size: DVec3::splat(0.1) };
@@ -170,7 +170,7 @@ fn tilted_draws_stay_within_their_angle() {
     params.output.frames = Some(1);
     let bake = baked(&scene, &params);
     let tilts: Vec<f64> =
-        bake.frames[1].iter().map(|p| (p.rotation * DVec3::Y).angle_between(DVec3::Y).to_degrees()).collect();
+        bake.pile.frames[1].iter().map(|p| (p.rotation * DVec3::Y).angle_between(DVec3::Y).to_degrees()).collect();
     assert!(tilts.len() > 30 && tilts.iter().all(|&t| t < 21.0));
     assert!(tilts.iter().any(|&t| t > 12.0));
 }
@@ -182,8 +182,8 @@ fn moving_scenery_takes_along_what_it_carries() {
     let key = |time: f64, x: f64| Key { time, pose: at(x, 0.1, 0.0) };
     scene.statics = vec![StaticModel { model: board, friction: 0.7, keys: vec![key(0.5, 0.0), key(2.5, 1.0)] }];
     let bake = baked(&scene, &params());
-    let end = bake.frames.last().unwrap();
-    assert_eq!(bake.scenery[0].last().unwrap().translation.x, 1.0);
+    let end = bake.pile.frames.last().unwrap();
+    assert_eq!(bake.pile.scenery[0].last().unwrap().translation.x, 1.0);
     for body in end {
         assert!((body.translation.x - 1.0).abs() < 0.15, "{}", body.translation);
     }
@@ -206,7 +206,7 @@ fn a_blow_breaks_what_is_held() {
     // As far as without control, or nearly.
     params.control.mode = ControlMode::Off;
     let off = baked(&scene, &params);
-    let reached = |bake: &Bake| bake.frames.last().unwrap()[6].translation.x;
+    let reached = |bake: &Bake| bake.pile.frames.last().unwrap()[6].translation.x;
     assert!((reached(&bake) - reached(&off)).abs() < 0.5, "{} and {}", reached(&bake), reached(&off));
 }
 
@@ -228,7 +228,7 @@ fn the_control_ends_when_told() {
     params.control.until = Some(1.0);
     params.output.frames = Some(60);
     let bake = baked(&plank(), &params);
-    let height = |frame: usize| bake.frames[frame][2].translation.y;
+    let height = |frame: usize| bake.pile.frames[frame][2].translation.y;
     assert!((height(0) - height(22)).abs() < 0.01, "all contacts freeze it");
     assert!(height(60) < height(0) - 0.1, "then it falls");
 }
@@ -259,8 +259,8 @@ fn a_stack_with_overlaps_settles_without_a_jump() {
     let mut params = params();
     params.hold.least = 2.0;
     let bake = baked(&bricks(bodies), &params);
-    let end = bake.frames.last().unwrap();
-    for frame in &bake.frames {
+    let end = bake.pile.frames.last().unwrap();
+    for frame in &bake.pile.frames {
         let above = |(a, b): (&Pose, &Pose)| a.translation.y - b.translation.y;
         assert!(
             frame.iter().zip(end).map(above).fold(0.0, f64::max) < 0.02,
@@ -268,7 +268,7 @@ fn a_stack_with_overlaps_settles_without_a_jump() {
         );
     }
     assert!(figure(&bake, "penetration_max_rel") < 0.1, "{}", figure(&bake, "penetration_max_rel"));
-    assert!((bake.frames.last().unwrap()[4].translation.y - 0.9).abs() < 0.05);
+    assert!((bake.pile.frames.last().unwrap()[4].translation.y - 0.9).abs() < 0.05);
 }
 
 #[test]
@@ -380,7 +380,7 @@ fn without_a_ground_what_misses_the_scenery_is_set_aside() {
     mesh.points.iter_mut().for_each(|p| p.y -= 0.5);
     scene.statics = vec![StaticModel { model: Model { name: "table".into(), mesh }, friction: 0.7, keys: Vec::new() }];
     let bake = baked(&scene, &params);
-    let last = bake.frames.last().unwrap();
+    let last = bake.pile.frames.last().unwrap();
     assert!(last[0].translation.distance(DVec3::new(0.0, 0.1, 0.0)) < 0.02, "the table carries it");
     // From 50 diameters below the table's underside on.
     assert!((-40.0..-24.0).contains(&last[1].translation.y), "{}", last[1].translation);

@@ -55,7 +55,7 @@ fn figure(bake: &Bake, name: &str) -> f64 {
 
 /// How far a body has come down, m.
 fn fell(bake: &Bake, body: usize) -> f64 {
-    bake.frames[0][body].translation.y - bake.frames.last().unwrap()[body].translation.y
+    bake.pile.frames[0][body].translation.y - bake.pile.frames.last().unwrap()[body].translation.y
 }
 
 #[test]
@@ -70,7 +70,7 @@ fn a_pile_on_its_tip_stands_as_it_was_modelled() {
     assert!(figure(&glued, "kept_shape_natural") < 0.5, "natural {}", figure(&glued, "kept_shape_natural"));
     assert!(figure(&glued, "glue_imbalance") <= 1e-5, "{}", figure(&glued, "glue_imbalance"));
     assert!(figure(&glued, "anchored") >= 1.0);
-    let told = glued.report.glue.as_ref().unwrap();
+    let told = glued.pile.glue.as_ref().unwrap();
     assert_eq!(told.dots.len() as u64, glued.report.counts["glue_dots"]);
     assert!(told.dots.iter().all(|dot| !dot.is_broken));
     assert_eq!(glued.report.counts["control_cycles"], 0, "what is glued is not held");
@@ -130,7 +130,7 @@ fn a_hit_breaks_what_a_touch_does_not() {
     assert!(fell(&light, 5) < 0.05, "the arm stands: {}", fell(&light, 5));
     assert!(heavy.report.counts["glue_dots_broken"] > 0);
     assert!(fell(&heavy, 5) > 0.3, "the arm comes down: {}", fell(&heavy, 5));
-    assert!(heavy.report.glue.as_ref().unwrap().dots.iter().any(|dot| dot.is_broken));
+    assert!(heavy.pile.glue.as_ref().unwrap().dots.iter().any(|dot| dot.is_broken));
     params.control.until = Some(1.0);
     assert!(fell(&baked(&cubes(gallows()), &params), 5) > 0.3, "the glue ends with the control");
 }
@@ -165,7 +165,7 @@ fn what_touches_nothing_is_glued_across_a_narrow_gap() {
 fn what_is_pressed_into_its_neighbours_is_held_by_glue_alone() {
     let wall = || cubes((0..15).map(|k| cube(0.12 * f64::from(k % 5), 0.1 + 0.2 * f64::from(k / 5))).collect());
     let way = |bake: &Bake, body: usize| {
-        bake.frames[0][body].translation.distance(bake.frames.last().unwrap()[body].translation)
+        bake.pile.frames[0][body].translation.distance(bake.pile.frames.last().unwrap()[body].translation)
     };
     let farthest = |bake: &Bake| (0..15).map(|body| way(bake, body)).fold(0.0, f64::max);
     let mut params = params();

@@ -31,7 +31,7 @@ fn a_cone_of_sticks_keeps_its_shape_and_comes_to_rest() {
     let scene = scene(cone(0.9, 2.0), stick());
     let bake = bake(&scene, &natural(Params::new(Accuracy::Standard)), &mut Silent).unwrap();
     let figure = |name: &str| bake.report.measures[name].unwrap();
-    assert!(bake.bodies.len() > 25, "{} bodies", bake.bodies.len());
+    assert!(bake.pile.bodies.len() > 25, "{} bodies", bake.pile.bodies.len());
     assert!(figure("fill_fraction") > 0.3, "fill {}", figure("fill_fraction"));
     assert!(figure("kept_shape") > 0.95, "kept {}", figure("kept_shape"));
     assert!(figure("protrusion_rel") <= 0.05);
@@ -58,11 +58,11 @@ fn the_same_request_gives_the_same_bits_for_any_number_of_threads() {
         m
     };
     let one = run(1);
-    assert!(one.bodies.len() > 80, "{} bodies", one.bodies.len());
+    assert!(one.pile.bodies.len() > 80, "{} bodies", one.pile.bodies.len());
     for threads in [2, 4] {
         let other = run(threads);
-        assert_eq!(one.frames, other.frames);
-        assert_eq!(one.bodies, other.bodies);
+        assert_eq!(one.pile.frames, other.pile.frames);
+        assert_eq!(one.pile.bodies, other.pile.bodies);
         assert_eq!(timeless(&one), timeless(&other));
     }
 }
@@ -99,10 +99,10 @@ fn a_scene_a_thousand_times_smaller_or_larger_gives_the_same_pile() {
         control.mesh = control.mesh.scaled(factor);
         scaled.props[0].model.mesh = scaled.props[0].model.mesh.scaled(factor);
         let b = bake(&scaled, fps / f64::sqrt(factor));
-        assert_eq!(a.bodies.len(), b.bodies.len());
+        assert_eq!(a.pile.bodies.len(), b.pile.bodies.len());
         assert_eq!(a.report.counts["steps"], b.report.counts["steps"]);
         let apart = |(p, q): (&Pose, &Pose)| p.translation.distance(q.translation / factor);
-        let largest = a.frames[0].iter().zip(&b.frames[0]).map(apart).fold(0.0, f64::max);
+        let largest = a.pile.frames[0].iter().zip(&b.pile.frames[0]).map(apart).fold(0.0, f64::max);
         assert!(largest < 1e-5, "the piles differ by {largest} m");
         for name in
             ["penetration_mean_rel", "penetration_max_rel", "kept_shape", "fill_fraction", "unsupported_fraction"]

@@ -6,13 +6,14 @@ use super::remote::{self, Access, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
 use crate::job::reuse::Cache;
-use crate::job::{Job, Outcome, machine};
+use crate::job::{self, Job, Outcome, machine};
 use crate::model::export::{self, Format};
 use crate::problem::Problem;
 use crate::wire::proto;
 use anstyle::AnsiColor;
 use clap::builder::{FalseyValueParser, OsStringValueParser};
 use std::ffi::OsString;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 /// Fill a shape with props and write their motion
@@ -24,8 +25,8 @@ Examples:
   cairn bake pile.toml -o fallen.glb --set control=off
   cairn bake pile.toml -o pile.glb --server farm:50151 --token-file token
 
-The first frame is the pile right after turning over. A result appears complete or not at all; Ctrl-C leaves nothing
-behind.")]
+The first frame is the pile right after turning over. A result appears complete or not at all, as soon as the pile is
+done; then its figures are found, and the report is written. Ctrl-C before that leaves nothing behind.")]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
@@ -100,10 +101,27 @@ fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure
     check_outputs(args, job.inputs())?;
 
     let mut reporter = Reporter::new(mode);
-    let done = job.run(format, &args.output.display().to_string(), &mut cache(args), &mut reporter);
+    // The result does not wait for its figures.
+    let mut written = None;
+    let mut write = |result: &[u8]| {
+        let outcome = output::write_before_report(&args.output, result, args.report.as_deref());
+        let next = if outcome.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        written = Some(outcome);
+        next
+    };
+    let name = args.output.display().to_string();
+    let done = job.run_and_deliver(format, &name, &mut cache(args), &mut reporter, &mut write);
     reporter.finish(done.is_ok());
-    let Outcome { bake, result, report, seconds, .. } = done?;
-    output::write_result(&args.output, &result, args.report.as_deref().map(|path| (path, report)))?;
+    let is_written = written.transpose()?.is_some();
+    if is_written && matches!(done, Err(job::Error::Bake(cairn_core::Error::Cancelled))) {
+        tell("error", AnsiColor::Red, &format!("cancelled; {name} is complete, but its figures were not found"));
+        return Err(Failure::Told(Failure::CANCELLED));
+    }
+    let Outcome { bake, report, seconds, .. } = done?;
+    if let Some(path) = &args.report {
+        let _complete = interrupt::shield();
+        output::write(path, report.as_bytes())?;
+    }
 
     if !args.quiet {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
@@ -121,7 +139,7 @@ fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure
             tell("note", AnsiColor::Cyan, "the fill is that of an earlier bake (--no-cache fills anew)");
         }
         let measure = |name: &str| bake.report.measures.get(name).copied().flatten();
-        let (bodies, frames) = (bake.report.bodies, bake.frames.len());
+        let (bodies, frames) = (bake.report.bodies, bake.pile.frames.len());
         for line in summary::lines(bodies, frames, measure, counted, seconds, &args.output) {
             anstream::eprintln!("{line}");
         }

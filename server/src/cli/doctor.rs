@@ -138,10 +138,10 @@ fn features() -> String {
 /// A bake with many threads and with one: figures as expected, and the same result.
 fn self_test(progress: Mode) -> Result<Vec<Finding>, Failure> {
     let Outcome { bake, hash, seconds, .. } = self_bake(progress)?;
-    let mut findings = vec![Finding::new("bake", format!("{} bodies in {seconds:.1} s", bake.bodies.len()))];
+    let mut findings = vec![Finding::new("bake", format!("{} bodies in {seconds:.1} s", bake.pile.bodies.len()))];
     for (name, expected) in EXPECTED {
         let found = match name {
-            "bodies" => Some(bake.bodies.len() as f64),
+            "bodies" => Some(bake.pile.bodies.len() as f64),
             name => bake.report.measures.get(name).copied().flatten(),
         };
         let good = found.is_some_and(|found| expected.contains(&found));

@@ -21,18 +21,20 @@ pub enum Failure {
     TryAgain(Problem),
     /// The user pressed Ctrl-C.
     Cancelled,
-    /// Another process has told it, and ended with this code.
+    /// It has been told, and this is its exit code.
     Told(u8),
 }
 
 impl Failure {
+    pub const CANCELLED: u8 = 130;
+
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self {
             Failure::Usage(_) => 2,
             Failure::Input(_) => 65,
             Failure::Internal(_) => 70,
             Failure::TryAgain(_) => 75,
-            Failure::Cancelled => 130,
+            Failure::Cancelled => Failure::CANCELLED,
             Failure::Told(code) => *code,
         })
     }

@@ -5,7 +5,7 @@ use crate::files::{self, Staged};
 use crate::problem::Problem;
 use crate::trouble;
 use std::fs::File;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// How what is written at a path gets there.
@@ -86,6 +86,20 @@ fn write_through(way: Way, path: &Path, content: &[u8]) -> std::io::Result<()> {
     }
     let mut stream = File::options().write(true).open(path)?;
     trouble::write("stream-write", &mut stream, content)
+}
+
+/// Writes a result whose report is still to come. One that is there tells of another result, and goes.
+pub fn write_before_report(output: &Path, result: &[u8], report: Option<&Path>) -> Result<(), Failure> {
+    let _complete = interrupt::shield();
+    if interrupt::asked() {
+        return Err(Failure::Cancelled);
+    }
+    write(output, result)?;
+    let Some((path, Way::File(old))) = report.map(|path| (path, Way::to(path))) else { return Ok(()) };
+    match std::fs::remove_file(old) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::write(path, error)),
+        _ => Ok(()),
+    }
 }
 
 /// Writes result and report: both or none.

@@ -4,7 +4,7 @@ use crate::job::machine;
 use crate::scene_file::SceneTree;
 use crate::wire::proto;
 use crate::wire::versions::versions;
-use cairn_core::report::bake::Bake;
+use cairn_core::report::bake::{Bake, BakedPile};
 use serde_json::{Map, Value, json};
 
 /// What a bake took beside the core's stages, seconds, from the moment that its files began to be read.
@@ -38,6 +38,7 @@ pub fn json(
             report.insert(name.clone(), value.clone());
         }
     }
+    report.insert("glue".into(), json!(bake.pile.glue));
     for (stage, seconds) in [("read", spent.read), ("encode", spent.encode)] {
         report["seconds"][stage] = json!(seconds);
     }
@@ -54,18 +55,18 @@ pub fn json(
 /// BLAKE3 over little-endian bytes: fps; number of bodies; each body's prop and scale; number of frames; each frame's
 /// poses as translation x, y, z and rotation x, y, z, w; of each body that appears later, its index and first frame; the
 /// poses of moving scenery likewise. Counts and indices are 64 bit, the rest doubles.
-pub fn result_hash(bake: &Bake) -> blake3::Hash {
+pub fn result_hash(pile: &BakedPile) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&bake.fps.to_le_bytes());
-    hasher.update(&(bake.bodies.len() as u64).to_le_bytes());
-    for body in &bake.bodies {
+    hasher.update(&pile.fps.to_le_bytes());
+    hasher.update(&(pile.bodies.len() as u64).to_le_bytes());
+    for body in &pile.bodies {
         hasher.update(&(body.prop as u64).to_le_bytes());
         hasher.update(&body.scale.to_le_bytes());
     }
-    hasher.update(&(bake.frames.len() as u64).to_le_bytes());
-    let late = bake.bodies.iter().enumerate().filter(|(_, body)| body.first_frame > 0);
+    hasher.update(&(pile.frames.len() as u64).to_le_bytes());
+    let late = pile.bodies.iter().enumerate().filter(|(_, body)| body.first_frame > 0);
     let late: Vec<u64> = late.flat_map(|(i, body)| [i as u64, body.first_frame as u64]).collect();
-    for pose in bake.frames.iter().flatten().chain(bake.scenery.iter().flatten()) {
+    for pose in pile.frames.iter().flatten().chain(pile.scenery.iter().flatten()) {
         for number in pose.translation.to_array().into_iter().chain(pose.rotation.to_array()) {
             hasher.update(&number.to_le_bytes());
         }

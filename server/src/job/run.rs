@@ -5,8 +5,10 @@ use super::report::{self, Spent};
 use super::reuse::Cache;
 use crate::model::export::{self, ExportError, Format};
 use crate::scene_file::SceneTree;
+use crate::trouble;
 use cairn_core::input::observer::Observer;
-use cairn_core::report::bake::Bake;
+use cairn_core::report::bake::{Bake, BakedPile};
+use std::ops::ControlFlow;
 
 /// A finished bake and its files.
 pub struct Outcome {
@@ -41,29 +43,58 @@ impl Job {
         cache: &mut Cache,
         observer: &mut dyn Observer,
     ) -> Result<Outcome, Error> {
-        let bake = self.bake(cache, observer)?;
-        let baked = self.meter.seconds();
-        let result = export::encode(format, &bake, &self.export_scene())?;
-        let encode = self.meter.seconds() - baked;
-        let (hash, seconds) = (report::result_hash(&bake), self.began.elapsed().as_secs_f64());
-        let spent = Spent { read: self.read_seconds, encode, cpu: self.meter.seconds(), wall: seconds };
+        self.run_and_deliver(format, output, cache, observer, &mut |_| ControlFlow::Continue(()))
+    }
+
+    /// The same. `deliver` gets the result's file as soon as there is one: figures take their time, and do not change it. Its
+    /// `Break` cancels the bake.
+    pub fn run_and_deliver(
+        &self,
+        format: Format,
+        output: &str,
+        cache: &mut Cache,
+        observer: &mut dyn Observer,
+        deliver: &mut dyn FnMut(&[u8]) -> ControlFlow<()>,
+    ) -> Result<Outcome, Error> {
+        let mut encode_seconds = 0.0;
+        let mut delivered = |pile: &BakedPile| {
+            let begin = self.meter.seconds();
+            let result = export::encode(format, pile, &self.export_scene())?;
+            let hash = report::result_hash(pile);
+            encode_seconds = self.meter.seconds() - begin;
+            match deliver(&result) {
+                ControlFlow::Continue(()) => Ok((result, hash)),
+                ControlFlow::Break(()) => Err(Error::Bake(cairn_core::Error::Cancelled)),
+            }
+        };
+        let (scene, params) = (&self.scene, &self.params);
+        // The frames of a bake under way tell more than its result.
+        let may_recall = !observer.wants_frames();
+        let known = if may_recall { cache.bake(scene, params) } else { None };
+        let (bake, (result, hash)) = match known {
+            Some(mut bake) => {
+                bake.report.recall();
+                let files = delivered(&bake.pile)?;
+                (bake, files)
+            }
+            None => {
+                let full = cairn_core::fill_container(scene, params, cache, observer)?;
+                let released = cairn_core::release_pile(scene, params, &full, observer)?;
+                let files = delivered(&released.pile())?;
+                // Figures never cost a result that is there.
+                trouble::at("measure").ok();
+                let bake = released.measured(observer)?;
+                if may_recall {
+                    cache.keep_bake(scene, params, &bake);
+                }
+                (bake, files)
+            }
+        };
+        let seconds = self.began.elapsed().as_secs_f64();
+        let spent = Spent { read: self.read_seconds, encode: encode_seconds, cpu: self.meter.seconds(), wall: seconds };
         let scene = SceneTree::from_message(&self.effective);
         let report = format!("{:#}\n", report::json(&bake, hash, &scene, &self.notes, output, &spent));
         Ok(Outcome { bake, result, report, hash, seconds })
-    }
-
-    fn bake(&self, cache: &mut Cache, observer: &mut dyn Observer) -> Result<Bake, cairn_core::Error> {
-        // The frames of a bake under way tell more than its result.
-        let may_recall = !observer.wants_frames();
-        if may_recall && let Some(mut bake) = cache.bake(&self.scene, &self.params) {
-            bake.report.recall();
-            return Ok(bake);
-        }
-        let bake = cairn_core::bake_with(&self.scene, &self.params, cache, observer)?;
-        if may_recall {
-            cache.keep_bake(&self.scene, &self.params, &bake);
-        }
-        Ok(bake)
     }
 }
 
@@ -74,7 +105,6 @@ mod tests {
     use crate::wire::proto;
     use cairn_core::input::observer::{Frame, Progress};
     use serde_json::Value;
-    use std::ops::ControlFlow;
 
     /// A clock, and nothing else.
     struct Clock;

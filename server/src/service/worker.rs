@@ -210,8 +210,8 @@ fn summary(done: &Outcome, notes: &[String]) -> proto::Summary {
     let report = &done.bake.report;
     proto::Summary {
         body_count: to_proto::signed(report.bodies),
-        frame_count: to_proto::signed(done.bake.frames.len()),
-        frame_rate: done.bake.fps,
+        frame_count: to_proto::signed(done.bake.pile.frames.len()),
+        frame_rate: done.bake.pile.fps,
         measures: report.measures.iter().filter_map(|(name, value)| Some((name.to_string(), (*value)?))).collect(),
         counts: report.counts.iter().map(|(name, count)| (name.to_string(), to_proto::signed(*count))).collect(),
         stage_seconds: (report.seconds.iter())

@@ -60,7 +60,7 @@ pub fn run(engine: Engine, scene: &Scene, seconds: f64) -> Motion {
 /// Bakes a scene.
 pub fn baked(scene: &Scene, params: &Params) -> Motion {
     let bake = bake(scene, params, &mut Silent).unwrap_or_else(|e| panic!("a case must bake: {e}"));
-    Motion { frames: bake.frames, report: Some(bake.report) }
+    Motion { frames: bake.pile.frames, report: Some(bake.report) }
 }
 
 fn shapes(scene: &Scene, params: &Params) -> Vec<Shape> {

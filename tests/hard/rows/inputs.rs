@@ -86,7 +86,10 @@ pub fn bad_container(engine: Engine, _: Extent) -> Outcome {
                 // What grows in a crowd may be squeezed through a wall. The fill takes it out, as what overlaps, and plants another.
                 let lost = count("bodies_lost");
                 let fill = bake.report.measures["fill_fraction"].unwrap_or(0.0);
-                (format!("{name}: {} bodies fill {fill:.2}, {lost} lost", bake.bodies.len()), lost == 0 && fill > 0.25)
+                (
+                    format!("{name}: {} bodies fill {fill:.2}, {lost} lost", bake.pile.bodies.len()),
+                    lost == 0 && fill > 0.25,
+                )
             }
         }
     };

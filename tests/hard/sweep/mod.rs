@@ -65,7 +65,7 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     let (d, g) = (checked.diameter, params.gravity);
     let must = |holds: bool, told: String| if holds { Ok(()) } else { Err(told) };
     let finite = |p: &cairn_core::geometry::pose::Pose| p.translation.is_finite() && p.rotation.is_finite();
-    must(bake.frames.iter().flatten().all(finite), "a pose is not finite".into())?;
+    must(bake.pile.frames.iter().flatten().all(finite), "a pose is not finite".into())?;
 
     let count = |name: &str| bake.report.counts[name];
     must(count("bodies_lost") == 0, format!("{} bodies set aside: {:?}", count("bodies_lost"), bake.report.warnings))?;
@@ -74,19 +74,19 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
 
     // From here on by centres of mass.
     let center = |frame: &[cairn_core::geometry::pose::Pose], k: usize| -> DVec3 {
-        let body = bake.bodies[k];
+        let body = bake.pile.bodies[k];
         shapes[body.prop].body_pose(&frame[k], body.scale).translation
     };
-    let bodies = bake.bodies.len();
+    let bodies = bake.pile.bodies.len();
     let mass = |k: usize| {
         scene
             .bodies
             .get(k)
             .and_then(|body| body.mass)
-            .unwrap_or_else(|| shapes[bake.bodies[k].prop].mass * bake.bodies[k].scale.powi(3))
+            .unwrap_or_else(|| shapes[bake.pile.bodies[k].prop].mass * bake.pile.bodies[k].scale.powi(3))
     };
-    let first = &bake.frames[0];
-    let last = &bake.frames[bake.frames.len() - 1];
+    let first = &bake.pile.frames[0];
+    let last = &bake.pile.frames[bake.pile.frames.len() - 1];
     let highest = (0..bodies).map(|k| center(first, k).y - checked.ground).fold(0.0, f64::max) + d;
     let masses: Vec<f64> = (0..bodies).map(mass).collect();
     let (light, heavy) = masses.iter().fold((f64::INFINITY, 0.0f64), |(lo, hi), &m| (lo.min(m), hi.max(m)));
@@ -100,21 +100,22 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     };
     let start = energy(first);
     let pushed = match scene.control {
-        Some(_) => (0..bodies).map(|k| FILL_OVERLAP * mass(k) * shapes[bake.bodies[k].prop].thickness()).sum(),
+        Some(_) => (0..bodies).map(|k| FILL_OVERLAP * mass(k) * shapes[bake.pile.bodies[k].prop].thickness()).sum(),
         None => recipe::overlap_moment(&scene, &params),
     };
     let allowed = g * (MOST_GAIN * all * d + pushed);
-    for pair in bake.frames.windows(2) {
+    for pair in bake.pile.frames.windows(2) {
         let speed =
-            (0..bodies).map(|k| center(&pair[0], k).distance(center(&pair[1], k)) * bake.fps).fold(0.0, f64::max);
+            (0..bodies).map(|k| center(&pair[0], k).distance(center(&pair[1], k)) * bake.pile.fps).fold(0.0, f64::max);
         must(speed <= limit, format!("a body moves at {speed:.3} m/s, more than {limit:.3}"))?;
         let gained = energy(&pair[1]) - start;
         must(gained <= allowed, format!("energy grew by {gained:.3e} J of {allowed:.3e} allowed"))?;
     }
     for k in 0..bodies {
-        let (at, thickness) = (center(last, k), shapes[bake.bodies[k].prop].thickness() * bake.bodies[k].scale);
+        let (at, thickness) =
+            (center(last, k), shapes[bake.pile.bodies[k].prop].thickness() * bake.pile.bodies[k].scale);
         must(at.y > checked.ground - thickness.max(0.02 * d), format!("body {k} is at {at}, below the ground"))?;
-        let seconds = bake.frames.len() as f64 / bake.fps;
+        let seconds = bake.pile.frames.len() as f64 / bake.pile.fps;
         must((at - center(first, k)).length() < limit * seconds, format!("body {k} escaped to {at}"))?;
     }
     let deepest = bake.report.measures["penetration_max_rel"].unwrap_or(0.0);

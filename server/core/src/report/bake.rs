@@ -1,12 +1,19 @@
 //! A finished bake: what the stages leave behind.
 
 use crate::geometry::pose::Pose;
-use crate::report::Report;
+use crate::report::{Glue, Report};
 use crate::sim::pile::Pile;
+
+/// A finished bake: the pile, and what is told of it.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Bake {
+    pub pile: BakedPile,
+    pub report: Report,
+}
 
 /// The result of a bake. Frame 0 is the pile right after turning over.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
-pub struct Bake {
+pub struct BakedPile {
     /// Frames per second.
     pub fps: f64,
     /// In the order of insertion.
@@ -16,16 +23,21 @@ pub struct Bake {
     pub frames: Vec<Vec<Pose>>,
     /// Shape `[static][frame]`: from where the file places it to the world; empty for one that stands still.
     pub scenery: Vec<Vec<Pose>>,
-    pub report: Report,
+    /// What is glued; `None` where nothing may be.
+    pub glue: Option<Glue>,
 }
 
-impl Bake {
+impl BakedPile {
     /// Only the last frame, as the only one.
-    pub fn last_frame(mut self) -> Bake {
-        self.frames.drain(..self.frames.len() - 1);
-        self.bodies.iter_mut().for_each(|body| body.first_frame = 0);
-        self.scenery.iter_mut().for_each(|poses| drop(poses.drain(..poses.len().saturating_sub(1))));
-        self
+    pub fn last_frame(&self) -> BakedPile {
+        let last = |poses: &Vec<Pose>| poses.last().copied().into_iter().collect();
+        BakedPile {
+            fps: self.fps,
+            bodies: self.bodies.iter().map(|body| BakedBody { first_frame: 0, ..*body }).collect(),
+            frames: self.frames.last().cloned().into_iter().collect(),
+            scenery: self.scenery.iter().map(last).collect(),
+            glue: self.glue.clone(),
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! What a report is made of.
 
-use super::bake::BakedBody;
+use super::bake::BakedPile;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::input::params::Params;
@@ -30,9 +30,8 @@ pub struct Inputs<'a> {
     pub held: HoldOutcome,
     /// `None`: nothing is glued.
     pub glued: Option<&'a Glued>,
-    pub bodies: &'a [BakedBody],
-    /// Shape `[frame][body]`, SI, from the props' own frames.
-    pub frames: &'a [Vec<Pose>],
+    /// With every frame that was kept.
+    pub pile: &'a BakedPile,
     /// Height, m.
     pub ground: f64,
 }
@@ -40,7 +39,7 @@ pub struct Inputs<'a> {
 impl Inputs<'_> {
     /// The bodies that a frame has, as the measures take them: prop, scale and pose.
     pub fn placed(&self, number: usize) -> Vec<(usize, f64, Pose)> {
-        let there = self.bodies.iter().zip(&self.frames[number]).filter(|(b, _)| b.first_frame <= number);
+        let there = self.pile.bodies.iter().zip(&self.pile.frames[number]).filter(|(b, _)| b.first_frame <= number);
         there.map(|(b, &pose)| (b.prop, b.scale, pose)).collect()
     }
 }

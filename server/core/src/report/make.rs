@@ -17,7 +17,7 @@ pub fn report(
     observer: &mut dyn Observer,
 ) -> Result<Report, Error> {
     let Inputs { scene, params, shapes, filled, resolved, .. } = *inputs;
-    let bodies = inputs.bodies.len();
+    let bodies = inputs.pile.bodies.len();
     let progress =
         |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
     observe(observer, &progress(0.0))?;
@@ -59,7 +59,6 @@ pub fn report(
     let support_seconds = observer.cpu_seconds() - begin;
     measures.extend(motion::figures(inputs, &sim.pile));
     measures.extend(motion::control(sim));
-    let glue = inputs.glued.map(|_| glue::told(sim));
     let begin = observer.cpu_seconds();
     let freed = match resolved.is_on(EffectName::FreeStanding) {
         true => Some(free_standing::run(&mut sim.pile, observer)?),
@@ -110,7 +109,6 @@ pub fn report(
         counts,
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds,
-        glue,
         warnings: told,
     })
 }

@@ -12,7 +12,7 @@ mod motion;
 mod shape;
 mod warnings;
 
-pub use glue::{Glue, GlueDot};
+pub use glue::{Glue, GlueDot, told as glue_of};
 
 use crate::input::observer::Stage;
 use crate::input::params::Params;
@@ -47,8 +47,6 @@ pub struct Report {
     pub seconds: BTreeMap<Stage, f64>,
     /// What each effect did and cost.
     pub bill: Vec<Charge>,
-    /// What is glued; `None` where nothing may be.
-    pub glue: Option<Glue>,
     /// Sentences for a person: what was repaired, removed, left empty, not at rest.
     pub warnings: Vec<String>,
 }

@@ -78,7 +78,7 @@ pub fn error_sources(inputs: &Inputs, world: &World, measures: &Figures) -> BTre
     let mut thickness: Vec<f64> = world.present().map(|id| world.bodies()[id].thickness).collect();
     thickness.sort_by(f64::total_cmp);
     let thickness = thickness.get(thickness.len() / 2).copied().unwrap_or(0.0);
-    let used = inputs.shapes.iter().enumerate().filter(|(i, _)| inputs.bodies.iter().any(|b| b.prop == *i));
+    let used = inputs.shapes.iter().enumerate().filter(|(i, _)| inputs.pile.bodies.iter().any(|b| b.prop == *i));
     let deviation = used.map(|(_, shape)| shape.report.deviation_rel).fold(0.0, f64::max);
     let sunk = measures.get("penetration_mean_rel").copied().flatten().unwrap_or(0.0);
     let control = &inputs.params.control;

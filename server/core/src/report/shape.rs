@@ -52,12 +52,12 @@ impl Measured {
 /// Figures of the end of the hold under their names; those right after turning over with `_start` behind; where
 /// something disturbed the hold, those of the last frame with `_after` behind.
 pub fn figures(inputs: &Inputs, target: &TriMesh, pile: &Pile, observer: &mut dyn Observer) -> Result<Measured, Error> {
-    let bodies = inputs.bodies.len();
+    let bodies = inputs.pile.bodies.len();
     let progress =
         |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
     let region = Region::new(target);
     let props: Vec<TriMesh> = inputs.scene.props.iter().map(|p| p.model.mesh.clone()).collect();
-    let last = inputs.frames.len() - 1;
+    let last = inputs.pile.frames.len() - 1;
     let hold_end = pile.recorder.disturbed_frame.unwrap_or(last).min(last);
     let [start, held, after] = [0, hold_end, last].map(|number| inputs.placed(number));
     // The pile is what it is made of at the beginning: a ball thrown into it has no part in its shape.

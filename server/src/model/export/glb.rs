@@ -23,12 +23,12 @@ use super::{ExportError, ExportScene, SourceModel, glue};
 use crate::model::decompress;
 use crate::model::document::DocumentError;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::report::bake::Bake;
+use cairn_core::report::bake::BakedPile;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
 /// The bytes of the file.
-pub fn encode(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
     let mut file = File::default();
     let pile = file.out.push("nodes", Value::Null);
     // Bodies come first, so that body `i` is node `i + 1`.
@@ -42,7 +42,7 @@ pub fn encode(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportError> 
         tops.push(scenery);
     }
     let mut node = json!({ "name": "pile", "extras": { "fps": bake.fps, "frames": bake.frames.len() } });
-    if let Some(glue) = &bake.report.glue {
+    if let Some(glue) = &bake.glue {
         node["extras"][glue::KEY] = json!({ "glue": glue::whole(glue) });
     }
     if !bodies.is_empty() {
@@ -65,9 +65,9 @@ struct File<'a> {
 
 impl<'a> File<'a> {
     /// Fills the bodies' nodes and gives their indices.
-    fn bodies(&mut self, bake: &Bake, scene: &'a ExportScene, pile: usize) -> Result<Vec<usize>, ExportError> {
+    fn bodies(&mut self, bake: &BakedPile, scene: &'a ExportScene, pile: usize) -> Result<Vec<usize>, ExportError> {
         let names = super::body_names(bake, scene);
-        let mut glued = glue::of_bodies(bake.report.glue.as_ref(), bake.bodies.len());
+        let mut glued = glue::of_bodies(bake.glue.as_ref(), bake.bodies.len());
         let mut props: BTreeMap<usize, (usize, Branch)> = BTreeMap::new();
         for (i, body) in bake.bodies.iter().enumerate() {
             let model = &scene.props[body.prop];
@@ -108,7 +108,7 @@ impl<'a> File<'a> {
     /// What moves is told by its number in the bake's scenery and its node.
     fn scenery(
         &mut self,
-        bake: &Bake,
+        bake: &BakedPile,
         scene: &'a ExportScene,
         moving: &mut Vec<(usize, usize)>,
     ) -> Result<Option<usize>, ExportError> {
@@ -214,7 +214,7 @@ impl<'a> File<'a> {
 
 /// The animation `pile`: per body and piece of moving scenery a translation and a rotation channel, without those that
 /// never change; per body that appears later a scale channel.
-fn animate(bake: &Bake, pile: usize, moving: &[(usize, usize)], out: &mut Output) {
+fn animate(bake: &BakedPile, pile: usize, moving: &[(usize, usize)], out: &mut Output) {
     let mut keys = Keys::default();
     for body in 0..bake.bodies.len() {
         let node = pile + 1 + body;

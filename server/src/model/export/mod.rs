@@ -12,7 +12,7 @@ mod tracks;
 
 use crate::files::{folder_of, write_atomically};
 use crate::model::document::{DocumentError, Resolver};
-use cairn_core::report::bake::Bake;
+use cairn_core::report::bake::BakedPile;
 use std::path::{Path, PathBuf};
 
 /// What a bake's bodies look like.
@@ -103,14 +103,14 @@ pub fn check_destination(path: &Path) -> Result<Format, ExportError> {
 
 /// Writes a bake in the format that the path's extension names. The file is written aside, synced and then moved to
 /// its place, so that an error or a crash leaves nothing half-written.
-pub fn write(path: &Path, bake: &Bake, scene: &ExportScene) -> Result<(), ExportError> {
+pub fn write(path: &Path, bake: &BakedPile, scene: &ExportScene) -> Result<(), ExportError> {
     let format = check_destination(path)?;
     let bytes = encode(format, bake, scene)?;
     write_atomically(path, &bytes).map_err(|error| ExportError::Write { path: path.into(), error })
 }
 
 /// The bytes that [`write`] writes.
-pub fn encode(format: Format, bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+pub fn encode(format: Format, bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
     for (frame, poses) in bake.frames.iter().enumerate() {
         assert_eq!(poses.len(), bake.bodies.len(), "every frame has a pose per body");
         if let Some(body) = poses.iter().position(|p| !(p.translation.is_finite() && p.rotation.is_normalized())) {
@@ -125,7 +125,7 @@ pub fn encode(format: Format, bake: &Bake, scene: &ExportScene) -> Result<Vec<u8
 }
 
 /// What the result calls each body.
-fn body_names(bake: &Bake, scene: &ExportScene) -> Vec<String> {
+fn body_names(bake: &BakedPile, scene: &ExportScene) -> Vec<String> {
     let named =
         |(i, body): (usize, &cairn_core::report::bake::BakedBody)| format!("{}.{i:04}", scene.props[body.prop].name);
     bake.bodies.iter().enumerate().map(named).collect()

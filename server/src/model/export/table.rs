@@ -14,7 +14,7 @@
 
 use super::{ExportError, ExportScene, body_names, glue};
 use cairn_core::geometry::pose::Pose;
-use cairn_core::report::bake::Bake;
+use cairn_core::report::bake::BakedPile;
 use serde::Serialize;
 
 const POSE_COLUMNS: [&str; 7] = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"];
@@ -39,7 +39,7 @@ struct BodyEntry {
 }
 
 /// The bytes of the `.json`.
-pub fn encode_json(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+pub fn encode_json(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
     let names = body_names(bake, scene);
     let table = Table {
         generator: concat!("cairn ", env!("CARGO_PKG_VERSION")),
@@ -50,13 +50,13 @@ pub fn encode_json(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportEr
             .collect(),
         pose: POSE_COLUMNS,
         frames: bake.frames.iter().enumerate().map(|(frame, poses)| row(bake, frame, poses)).collect(),
-        glue: bake.report.glue.as_ref().map(glue::whole),
+        glue: bake.glue.as_ref().map(glue::whole),
     };
     Ok(serde_json::to_vec(&table).map_err(std::io::Error::from)?)
 }
 
 /// The bytes of the `.csv`.
-pub fn encode_csv(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+pub fn encode_csv(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
     let mut csv = csv::Writer::from_writer(Vec::new());
     let head = ["frame", "time_s", "body", "prop", "scale"];
     csv.write_record(head.iter().chain(&POSE_COLUMNS)).map_err(std::io::Error::from)?;
@@ -73,7 +73,7 @@ pub fn encode_csv(bake: &Bake, scene: &ExportScene) -> Result<Vec<u8>, ExportErr
     csv.into_inner().map_err(|error| ExportError::Io(error.into_error()))
 }
 
-fn row(bake: &Bake, frame: usize, poses: &[Pose]) -> Vec<Option<[f64; 7]>> {
+fn row(bake: &BakedPile, frame: usize, poses: &[Pose]) -> Vec<Option<[f64; 7]>> {
     bake.bodies.iter().zip(poses).map(|(body, pose)| (body.first_frame <= frame).then(|| columns(pose))).collect()
 }
 
