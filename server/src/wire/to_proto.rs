@@ -220,6 +220,7 @@ fn fill(params: &Params) -> proto::Fill {
         settle: Some(fill.settle),
         protrusion: Some(fill.protrusion),
         overlap: Some(fill.overlap),
+        residual_overlap: Some(fill.residual_overlap),
         wall_tolerance: Some(fill.wall_tolerance),
     }
 }

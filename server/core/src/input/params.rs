@@ -162,6 +162,9 @@ pub struct Fill {
     pub protrusion: f64,
     /// A body may overlap another by this share of the thinner one's thickness; beyond it is removed.
     pub overlap: f64,
+    /// After the fill, bodies that overlap are parted until 95 of 100 touching pairs overlap by at most this share of the thinner
+    /// one's thickness, 0.0005 to 1; 1: they stay as they are.
+    pub residual_overlap: f64,
     /// The walls of a control mesh that is finer than the props need may be this far from it, relative to d, 0 to 0.5;
     /// 0: they are as they were modelled. Default 0.02.
     pub wall_tolerance: f64,

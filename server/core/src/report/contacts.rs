@@ -32,6 +32,7 @@ pub fn figures(world: &World) -> Figures {
         ("hanging", Some(hanging as f64)),
         ("penetration_max_rel", Some(penetration.max_rel)),
         ("penetration_mean_rel", Some(penetration.mean_rel)),
+        ("penetration_p95_rel", Some(penetration.p95_rel)),
     ])
 }
 

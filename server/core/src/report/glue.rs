@@ -1,5 +1,6 @@
 //! Figures of the glue, and what a person should know of it.
 
+use super::bake::{Glue, GlueDot};
 use super::inputs::{Figures, Inputs};
 use crate::measure;
 use crate::sim::glue::Dot;
@@ -7,34 +8,6 @@ use crate::sim::step::Simulation;
 use crate::stages::glue::{Glued, MOST_MOVED};
 use crate::world::{BodyId, Role};
 use std::collections::{BTreeMap, BTreeSet};
-
-/// The glue of a finished pile, SI, where its bodies are at the last frame: so that others can simulate it further.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Glue {
-    pub dots: Vec<GlueDot>,
-    /// Bodies that move as one, by their indices, rising: joined by dots that hold.
-    pub clusters: Vec<Vec<usize>>,
-    /// Bodies that dots join to the ground or to scenery, directly or through others, rising.
-    pub anchored: Vec<usize>,
-}
-
-/// A glued touch.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct GlueDot {
-    pub body: usize,
-    /// The other body; `None`: the ground or scenery.
-    pub other: Option<usize>,
-    /// m.
-    pub point: [f64; 3],
-    /// Of the touch, unit, into `body`.
-    pub normal: [f64; 3],
-    /// What it carries in the equilibrium for which it was placed, beside the contacts: on `body`, N.
-    pub force: [f64; 3],
-    /// About `point`, N m.
-    pub moment: [f64; 3],
-    /// It broke while the bake ran.
-    pub is_broken: bool,
-}
 
 /// The glue as it is at the end.
 pub fn told(sim: &Simulation) -> Glue {

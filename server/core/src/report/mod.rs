@@ -12,7 +12,8 @@ mod motion;
 mod shape;
 mod warnings;
 
-pub use glue::{Glue, GlueDot, told as glue_of};
+pub use bake::{Glue, GlueDot};
+pub use glue::told as glue_of;
 
 use crate::input::observer::Stage;
 use crate::input::params::Params;

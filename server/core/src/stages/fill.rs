@@ -25,7 +25,9 @@ use std::collections::BTreeMap;
 pub struct Filled {
     pub bodies: Vec<Instance>,
     pub removed: Removed,
+    /// Without those of the depenetration.
     pub steps: u64,
+    pub depenetration_steps: u64,
     /// Whether the container was full, rather than a limit reached.
     pub full: bool,
     /// Share of the container's volume that no body is near.
@@ -74,6 +76,9 @@ const CLEANUP_SETTLE: f64 = 0.5;
 /// Places for so many times the expected bodies are before the walls.
 const ROOM: usize = 2;
 
+/// Steps of depenetration at most: what has not come apart by then is locked in.
+const MOST_DEPENETRATION: u64 = 60;
+
 /// What the clean-up takes from a wanted number of bodies is replaced so many times.
 const REPLACEMENTS: usize = 3;
 
@@ -118,15 +123,18 @@ pub fn run(
         filling.settle(params.fill.settle, observer)?;
         filling.clean_up(observer)?;
     }
+    // Parted bodies need the room that the walls do not leave them.
     filling.world.remove_wall(walls);
+    let depenetration_steps = filling.depenetrate(observer)?;
     filling.world.remove_wall(floor);
     let bodies = filling.loose().map(|id| filling.placed(id)).collect();
     let pockets = pockets::fraction(&filling);
-    let (steps, counters) = (filling.world.steps, filling.world.counters);
+    let (steps, counters) = (filling.world.steps - depenetration_steps, filling.world.counters);
     Ok(Filled {
         bodies,
         removed: filling.removed,
         steps,
+        depenetration_steps,
         full,
         pockets,
         wall_triangles_saved: closed.saved,
@@ -299,6 +307,17 @@ impl<'a> Filling<'a> {
             self.settle(CLEANUP_SETTLE, observer)?;
         }
         Ok(())
+    }
+
+    /// Parts what still overlaps. Returns the steps that this took.
+    fn depenetrate(&mut self, observer: &mut dyn Observer) -> Result<u64, Error> {
+        let residual = self.params.fill.residual_overlap;
+        if residual >= 1.0 {
+            return Ok(0);
+        }
+        let (bodies, fraction) = (self.loose().count(), 0.99);
+        let progress = Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
+        self.world.depenetrate(residual, |step| observe(observer, &progress).map(|()| step < MOST_DEPENETRATION))
     }
 
     /// Pairs that overlap by more than `limit` of the thinner one's thickness, rising; the lower number first.

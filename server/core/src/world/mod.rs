@@ -8,6 +8,7 @@ mod bodies;
 mod clusters;
 mod contacts;
 mod creep;
+mod depenetration;
 mod guarded;
 mod hits;
 mod loads;

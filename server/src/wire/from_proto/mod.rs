@@ -146,6 +146,7 @@ fn fill(fill: &mut Fill, given: &proto::Fill, counts: &mut Counts) {
     set(&mut fill.settle, given.settle);
     set(&mut fill.protrusion, given.protrusion);
     set(&mut fill.overlap, given.overlap);
+    set(&mut fill.residual_overlap, given.residual_overlap);
     set(&mut fill.wall_tolerance, given.wall_tolerance);
 }
 

@@ -40,6 +40,7 @@ impl Params {
                 settle: 2.2,
                 protrusion: 0.05,
                 overlap: 0.15,
+                residual_overlap: 0.012,
                 wall_tolerance: 0.02,
             },
             release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0, order: ReleaseOrder::BottomUp },
@@ -84,36 +85,57 @@ impl Params {
         match accuracy {
             Accuracy::Standard => {}
             Accuracy::Draft => {
-                params.physics.substeps = 4;
+                params.physics.step = Time::Natural(0.1);
                 params.physics.contact_frequency = 10.0;
                 params.physics.shape_tolerance = 0.1;
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
-                params.fill.full_below = 0.15;
-                params.fill.settle = 1.5;
+                params.fill.round = 1.0;
+                params.fill.growth = 0.4;
+                params.fill.full_below = 0.3;
+                params.fill.settle = 0.5;
+                params.fill.residual_overlap = 0.06;
+                params.release.layer = 1.0;
                 // More glue takes the place of letting the pile go.
                 params.glue.friction_factor = 0.35;
                 params.glue.rounds = 2;
             }
             Accuracy::Preview => {
-                params.physics.substeps = 6;
+                params.physics.step = Time::Natural(0.1);
+                params.physics.substeps = 12;
                 params.physics.contact_frequency = 15.0;
+                params.fill.round = 0.6;
+                params.fill.full_below = 0.2;
+                params.fill.settle = 1.0;
+                params.fill.residual_overlap = 0.025;
             }
             Accuracy::Fine => {
                 params.physics.substeps = 16;
-                params.physics.contact_frequency = 30.0;
+                params.physics.contact_frequency = 60.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.02;
-                params.fill.wall_tolerance = 0.006;
                 params.physics.max_parts = 24;
+                params.fill.wall_tolerance = 0.006;
+                params.fill.growth = 1.2;
+                params.fill.round = 0.2;
+                params.fill.full_below = 0.03;
+                params.fill.settle = 3.0;
+                params.fill.residual_overlap = 0.004;
             }
             Accuracy::Reference => {
+                params.physics.step = Time::Natural(0.02);
                 params.physics.substeps = 32;
-                params.physics.contact_frequency = 30.0;
+                params.physics.contact_frequency = 120.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
-                params.fill.wall_tolerance = 0.002;
                 params.physics.max_parts = 48;
+                params.fill.wall_tolerance = 0.002;
+                params.fill.step = 0.05;
+                params.fill.growth = 1.6;
+                params.fill.round = 0.15;
+                params.fill.full_below = 0.02;
+                params.fill.settle = 4.0;
+                params.fill.residual_overlap = 0.001;
             }
             Accuracy::Paper => {
                 params.physics.step = Time::Seconds(1.0 / 240.0);
@@ -122,6 +144,7 @@ impl Params {
                 params.fill.friction = 0.7;
                 params.fill.full_below = 0.004;
                 params.fill.overlap = 0.25;
+                params.fill.residual_overlap = 1.0;
                 params.glue.mode = GlueMode::Natural;
                 params.control = Control {
                     mode: ControlMode::Nails,

@@ -35,6 +35,7 @@ impl Params {
             ("fill.settle", self.fill.settle, 0.0, 1000.0),
             ("fill.protrusion", self.fill.protrusion, 0.0, 1.0),
             ("fill.overlap", self.fill.overlap, 0.01, 1.0),
+            ("fill.residual_overlap", self.fill.residual_overlap, 0.0005, 1.0),
             ("fill.wall_tolerance", self.fill.wall_tolerance, 0.0, 0.5),
             ("release.layer", self.release.layer, 0.01, 1000.0),
             ("release.interval", time(self.release.interval), 0.0, 1000.0),

@@ -27,6 +27,7 @@ impl Reasons<'_> {
             EffectName::Decomposition => self.decomposition(),
             EffectName::Fill => self.fill().into(),
             EffectName::WallSimplification => self.walls(),
+            EffectName::Depenetration => self.depenetration(),
             EffectName::TurnOver if self.resolved.is_on(name) => "the container is filled upside down".into(),
             EffectName::TurnOver => "there is no fill".into(),
             EffectName::Glue => self.glue(),
@@ -129,6 +130,14 @@ impl Reasons<'_> {
             Some(true) => {
                 format!("the container's walls may be finer than the props need: within {tolerance} d of it")
             }
+        }
+    }
+
+    fn depenetration(&self) -> String {
+        match self.params.fill.residual_overlap {
+            _ if !self.resolved.is_on(EffectName::Fill) => "there is no fill".into(),
+            1.0 => "what the fill leaves overlapping stays so".into(),
+            share => format!("what the fill leaves overlapping by more than {}% is parted", share * 100.0),
         }
     }
 
