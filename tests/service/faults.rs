@@ -26,8 +26,12 @@ type Case = (&'static str, (Code, &'static str));
 /// One place, and none to wait: what keeps it keeps out everybody.
 const ONE: [&str; 4] = ["--workers", "1", "--queue", "0"];
 
-/// A server with one place whose processes have the faults that the file `TASK.faults` names, if it is there.
-fn server_with(folder: &Path, faults: &str) -> Server {
+fn server_of_one(folder: &Path, faults: &str) -> Server {
+    server_with(folder, faults, &ONE[2..])
+}
+
+/// A server with one worker whose processes have the faults that the file `TASK.faults` names, if it is there. `args`: besides.
+pub fn server_with(folder: &Path, faults: &str, args: &[&str]) -> Server {
     let program = folder.join("worker.sh");
     let faults_of_task = folder.join("$2.faults");
     let script = format!(
@@ -36,7 +40,7 @@ fn server_with(folder: &Path, faults: &str) -> Server {
     );
     std::fs::write(&program, script).unwrap();
     std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
-    let args = [&ONE[..], &["--worker-program", program.to_str().unwrap()]].concat();
+    let args = [&["--workers", "1", "--worker-program", program.to_str().unwrap()], args].concat();
     Server::start_with_faults(folder, &args, faults)
 }
 
@@ -83,7 +87,7 @@ fn assert_told(server: &Server, faults: &str, told: &Status, expected: (Code, &s
 #[tokio::test]
 async fn faults_of_the_process() {
     let folder = tempfile::tempdir().unwrap();
-    let server = server_with(folder.path(), "");
+    let server = server_of_one(folder.path(), "");
     let mut connection = server.ready().await;
     let of_task: &[(&str, &[Case])] = &[
         (
@@ -173,7 +177,7 @@ async fn faults_of_the_server_end_one_bake() {
         ("bake-task=1*panic", (Code::Internal, "INTERNAL")),
     ] {
         let folder = tempfile::tempdir().unwrap();
-        let server = server_with(folder.path(), faults);
+        let server = server_of_one(folder.path(), faults);
         let mut connection = server.ready_without_faults().await;
         let told = bake(&mut connection, request(short(1))).await.expect_err(faults);
         assert_told(&server, faults, &told, expected);
@@ -186,13 +190,13 @@ async fn faults_of_the_server_end_one_bake() {
 #[tokio::test]
 async fn an_end_that_cannot_be_written_down() {
     let folder = tempfile::tempdir().unwrap();
-    let mut server = server_with(folder.path(), "files-write=3*off->1*return(ENOSPC)");
+    let mut server = server_of_one(folder.path(), "files-write=3*off->1*return(ENOSPC)");
     let mut connection = server.ready_without_faults().await;
     let id = accepted_id(&bake(&mut connection, request(short(1))).await.unwrap());
     connection.download(&id, Artifact::Result).await.unwrap();
     server.signal("-KILL");
     server.wait();
-    let next = server_with(folder.path(), "");
+    let next = server_of_one(folder.path(), "");
     let mut connection = next.connect().await;
     events(watch(&mut connection, &id, 1).await).await.1.unwrap();
     connection.download(&id, Artifact::Result).await.unwrap();
@@ -208,7 +212,7 @@ async fn faults_of_a_plan() {
         ("news-read=2*return(EIO)", CRASHED),
     ] {
         let folder = tempfile::tempdir().unwrap();
-        let server = server_with(folder.path(), faults);
+        let server = server_of_one(folder.path(), faults);
         let mut connection = server.ready_without_faults().await;
         for _ in 0..2 {
             let told = connection.service.plan_bake(plan()).await.expect_err(faults);
@@ -267,12 +271,12 @@ async fn faults_of_those_who_read() {
         ("download-read=1*return(EIO)", DAMAGED),
     ] {
         let folder = tempfile::tempdir().unwrap();
-        let mut server = server_with(folder.path(), "");
+        let mut server = server_of_one(folder.path(), "");
         let mut connection = server.ready().await;
         let id = accepted_id(&bake(&mut connection, request(short(1))).await.unwrap());
         server.signal("-KILL");
         server.wait();
-        let server = server_with(folder.path(), faults);
+        let server = server_of_one(folder.path(), faults);
         let mut connection = server.connect().await;
         let told = match faults.starts_with("log") {
             true => events(watch(&mut connection, &id, 1).await).await.1.expect_err(faults),
@@ -291,7 +295,7 @@ async fn faults_of_those_who_read() {
 async fn streams_that_break_off() {
     const BROKEN_OFF: usize = 3200;
     let folder = tempfile::tempdir().unwrap();
-    let server = server_with(folder.path(), &format!("stream-send={BROKEN_OFF}*return(EPIPE)"));
+    let server = server_of_one(folder.path(), &format!("stream-send={BROKEN_OFF}*return(EPIPE)"));
     let mut connection = server.ready().await;
     // It goes on without its caller.
     bake(&mut connection, request(short(1))).await.unwrap();
@@ -313,7 +317,7 @@ async fn streams_that_break_off() {
 #[tokio::test]
 async fn a_bake_that_cannot_be_removed_stays() {
     let folder = tempfile::tempdir().unwrap();
-    let server = server_with(folder.path(), "store-remove=1*off->1*return(EIO)");
+    let server = server_of_one(folder.path(), "store-remove=1*off->1*return(EIO)");
     let mut connection = server.ready().await;
     let bake_id = accepted_id(&bake(&mut connection, request(short(1))).await.unwrap());
     let told = connection.service.delete_bake(DeleteBakeRequest { bake_id: bake_id.clone() }).await.unwrap_err();
@@ -327,13 +331,13 @@ async fn a_bake_that_cannot_be_removed_stays() {
 #[tokio::test]
 async fn a_server_starts_on_a_full_disk() {
     let folder = tempfile::tempdir().unwrap();
-    let mut server = server_with(folder.path(), "");
+    let mut server = server_of_one(folder.path(), "");
     let mut connection = server.ready().await;
     let id = accepted_id(&bake(&mut connection, request(short(1))).await.unwrap());
     server.signal("-KILL");
     server.wait();
     std::fs::remove_file(folder.path().join("data/bakes").join(&id).join("result.glb")).unwrap();
-    let server = server_with(folder.path(), "files-create=1*return(ENOSPC)");
+    let server = server_of_one(folder.path(), "files-create=1*return(ENOSPC)");
     let mut connection = server.connect().await;
     assert_eq!(status(&mut connection, &id).await.failure.unwrap().reason, DAMAGED.1);
     bake(&mut connection, request(short(1))).await.unwrap();

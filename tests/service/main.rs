@@ -4,6 +4,7 @@ mod access;
 mod assets;
 mod bakes;
 mod callers;
+mod certificates;
 mod command_line;
 mod damage;
 mod ends;

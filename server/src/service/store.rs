@@ -221,9 +221,12 @@ impl Store {
     pub fn trim(&self, remove_bake: impl Fn(&str) -> Result<bool>) -> Result<u64> {
         let mut cached = bytes_below(&self.root.join(CACHE));
         let mut entries = Vec::new();
-        for entry in fs::read_dir(self.root.join("assets"))?.chain(fs::read_dir(self.root.join("bakes"))?) {
-            // It may have gone meanwhile.
-            entries.extend(entry.and_then(|entry| Kept::of(entry.path())).ok().filter(|kept| is_digest(&kept.path)));
+        for (folder, is_ours) in [("assets", is_asset as fn(&Path) -> bool), ("bakes", is_bake)] {
+            for entry in fs::read_dir(self.root.join(folder))? {
+                // It may have gone meanwhile.
+                let path = entry.ok().map(|entry| entry.path()).filter(|path| is_ours(path));
+                entries.extend(path.and_then(|path| Kept::of(path).ok()));
+            }
         }
         entries.sort_by_key(|kept| kept.used);
         let mut total: u64 = entries.iter().map(|kept| kept.bytes).sum();
@@ -275,6 +278,10 @@ fn bytes_below(folder: &Path) -> u64 {
 fn is_digest(path: &Path) -> bool {
     let is_hex = |name: &str| name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
     path.file_name().and_then(|name| name.to_str()).is_some_and(is_hex)
+}
+
+fn is_asset(path: &Path) -> bool {
+    is_digest(path) && path.is_file()
 }
 
 fn is_bake(path: &Path) -> bool {

@@ -4,6 +4,7 @@ mod request;
 mod stream;
 
 use crate::service::access::caller;
+use crate::service::audit;
 use crate::service::config::MAX_CHUNK;
 use crate::service::deadline;
 use crate::service::folder::{REPORT, SCENE, result_name};
@@ -163,7 +164,7 @@ impl PileService for Service {
     async fn bake(&self, request: Request<BakeRequest>) -> Result<Response<Self::BakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
         let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
-        let request = request.into_inner();
+        let (_, call, request) = request.into_parts();
         let frames = request.frames;
         let (bakes, of_bake) = (self.bakes.clone(), deadline.filter(|_| request.deadline_ends_bake));
         let entry = on_disk(move || {
@@ -171,6 +172,7 @@ impl PileService for Service {
             bakes.submit(&caller, order, of_bake)
         });
         let entry = entry.await??;
+        audit::bake(&call, &entry.id());
         entry.accepted().await?;
         self.bakes.store.touch(&entry.id());
         let follow = Follow { from: 1, frames: request::frames(frames)?, deadline };
@@ -182,6 +184,7 @@ impl PileService for Service {
 
     async fn watch_bake(&self, request: Request<WatchBakeRequest>) -> Result<Response<Self::WatchBakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         let permit = self.stream_permit(&request)?;
         let WatchBakeRequest { bake_id, from_sequence_number: from, frames } = request.into_inner();
         if from < 0 {
@@ -195,6 +198,7 @@ impl PileService for Service {
     }
 
     async fn get_bake(&self, request: Request<GetBakeRequest>) -> Result<Response<GetBakeResponse>, Status> {
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         let entry = self.bakes.find(&request.get_ref().bake_id)?;
         let bakes = self.bakes.clone();
         let bake = Some(on_disk(move || bakes.status(&entry)).await??);
@@ -206,11 +210,13 @@ impl PileService for Service {
     }
 
     async fn cancel_bake(&self, request: Request<CancelBakeRequest>) -> Result<Response<CancelBakeResponse>, Status> {
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         let bake = Some(self.bakes.cancel(&caller(&request), &request.get_ref().bake_id).await?);
         Ok(Response::new(CancelBakeResponse { bake }))
     }
 
     async fn delete_bake(&self, request: Request<DeleteBakeRequest>) -> Result<Response<DeleteBakeResponse>, Status> {
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         self.bakes.delete(&caller(&request), &request.get_ref().bake_id).await?;
         Ok(Response::new(DeleteBakeResponse {}))
     }
@@ -221,6 +227,7 @@ impl PileService for Service {
         &self,
         request: Request<DownloadResultRequest>,
     ) -> Result<Response<Self::DownloadResultStream>, Status> {
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         let permit = self.stream_permit(&request)?;
         let DownloadResultRequest { bake_id, artifact } = request.into_inner();
         let entry = self.bakes.find(&bake_id)?;
