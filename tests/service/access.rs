@@ -166,6 +166,19 @@ async fn metrics_tell_of_bakes() {
     assert!(of_bake >= 3, "{log}");
 }
 
+#[tokio::test]
+async fn refused_calls_are_counted() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("token"), "open sesame").unwrap();
+    let server = Server::start_in(folder.path(), &["--token-file", "token", "--metrics", &port]);
+    for _ in 0..3 {
+        Connection::open(&server.target()).await.err().expect("without a token");
+    }
+    let metrics = get(&port);
+    assert!(metrics.contains("cairn_calls_refused_total{reason=\"token\"} 3"), "{metrics}");
+}
+
 /// The body that a page of HTTP has.
 fn get(address: &str) -> String {
     let mut stream = std::net::TcpStream::connect(address).unwrap();

@@ -6,7 +6,7 @@ use crate::server::{
 };
 use cairn::client::Connection;
 use cairn::wire::proto::{
-    Artifact, BakeEvent, BakeRequest, BakeResponse, BakeState, DeleteBakeRequest, PlanBakeRequest,
+    Artifact, BakeEvent, BakeRequest, BakeResponse, BakeState, DeleteBakeRequest, ListBakesRequest, PlanBakeRequest,
 };
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -147,6 +147,7 @@ async fn faults_of_the_process() {
 async fn bake_again(connection: &mut Connection) {
     let events = bake(connection, request(short(1))).await.unwrap();
     let bake_id = accepted_id(&events);
+    assert_eq!(listed(connection).await, [bake_id.as_str()], "lost or doubled");
     connection.service.delete_bake(DeleteBakeRequest { bake_id }).await.unwrap();
 }
 
@@ -182,8 +183,15 @@ async fn faults_of_the_server_end_one_bake() {
         let told = bake(&mut connection, request(short(1))).await.expect_err(faults);
         assert_told(&server, faults, &told, expected);
         assert_clean(&server, faults);
-        bake(&mut connection, request(short(1))).await.expect(faults);
+        let id = accepted_id(&bake(&mut connection, request(short(1))).await.expect(faults));
+        assert_eq!(listed(&mut connection).await, [id], "{faults}: lost or doubled");
     }
+}
+
+/// Ids of all bakes that the server knows.
+async fn listed(connection: &mut Connection) -> Vec<String> {
+    let list = connection.service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner();
+    list.bakes.into_iter().map(|bake| bake.bake_id).collect()
 }
 
 /// The last thing that is written of a bake is that it has succeeded. Whoever asks the next server has it made again.
@@ -299,8 +307,7 @@ async fn streams_that_break_off() {
     let mut connection = server.ready().await;
     // It goes on without its caller.
     bake(&mut connection, request(short(1))).await.unwrap();
-    let list = connection.service.list_bakes(cairn::wire::proto::ListBakesRequest::default()).await.unwrap();
-    let id = list.into_inner().bakes[0].bake_id.clone();
+    let id = listed(&mut connection).await.remove(0);
     crate::server::until(&mut connection, &id, BakeState::Succeeded).await;
     for _ in 0..BROKEN_OFF {
         let (told, end) = events(watch(&mut connection, &id, 1).await).await;
@@ -311,6 +318,25 @@ async fn streams_that_break_off() {
     }
     let told = events(watch(&mut connection, &id, 1).await).await.0;
     assert!(told.len() > 3);
+}
+
+/// So do downloads; and what is cut off is told, not taken for the whole file.
+#[tokio::test]
+async fn downloads_that_break_off() {
+    const BROKEN_OFF: usize = 3200;
+    let folder = tempfile::tempdir().unwrap();
+    let mut server = server_of_one(folder.path(), "");
+    let id = accepted_id(&bake(&mut server.ready().await, request(short(1))).await.unwrap());
+    server.signal("-KILL");
+    server.wait();
+    let server = server_of_one(folder.path(), &format!("stream-send={BROKEN_OFF}*return(EPIPE)"));
+    let mut connection = server.connect().await;
+    for _ in 0..BROKEN_OFF {
+        let cut_off = connection.download(&id, Artifact::Result).await.unwrap_err();
+        assert!(cut_off.message().contains("cut off"), "{cut_off:?}");
+    }
+    connection.download(&id, Artifact::Result).await.unwrap();
+    assert_eq!(listed(&mut connection).await, [id]);
 }
 
 /// A bake that cannot be removed is still there, and can be removed once the disk allows it.
@@ -352,4 +378,17 @@ fn a_socket_whose_mode_cannot_be_set() {
     let done = command.args(["--listen", &listen]).env("FAILPOINTS", "listen-mode=return(EIO)").output().unwrap();
     assert_eq!(done.status.code(), Some(2), "{done:?}");
     assert!(!folder.path().join("socket").exists());
+}
+
+/// A data directory that cannot be made or locked is told before anything listens; the next server starts.
+#[test]
+fn a_data_directory_that_cannot_be_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    for (faults, reason) in [("store-open=return(ENOSPC)", "No space"), ("store-lock=return(EIO)", "nput/output")] {
+        let done = command(folder.path()).args(["--listen", "127.0.0.1:0"]).env("FAILPOINTS", faults).output().unwrap();
+        let told = String::from_utf8(done.stderr).unwrap();
+        assert!(done.status.code() == Some(2) && done.stdout.is_empty(), "{faults}: {told}");
+        assert!(told.contains("data: ") && told.contains(reason) && told.contains("--data"), "{faults}: {told}");
+    }
+    Server::start_in(folder.path(), &[]);
 }

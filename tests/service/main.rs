@@ -2,6 +2,7 @@
 
 mod access;
 mod assets;
+mod audit;
 mod bakes;
 mod callers;
 mod certificates;
@@ -10,6 +11,7 @@ mod damage;
 mod ends;
 mod faults;
 mod large;
+mod lists;
 mod load;
 mod page;
 mod server;

@@ -18,7 +18,7 @@ use crate::wire::digest::hex;
 use crate::wire::proto::{BakeSpec, BakeState, BakeStatus, OutputFormat};
 use prost::Message;
 use sha2::{Digest, Sha256};
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{ErrorKind, Result};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -48,12 +48,17 @@ impl Store {
     /// Opens or makes a data directory, for this server alone.
     pub fn open(config: &Config) -> Result<Store> {
         let root = std::path::absolute(&config.data)?;
+        trouble::at("store-open")?;
         for folder in ["assets", "bakes"] {
             fs::create_dir_all(root.join(folder))?;
         }
+        trouble::at("store-lock")?;
         let lock = File::create(root.join("lock"))?;
-        lock.try_lock().map_err(|_| {
-            std::io::Error::new(ErrorKind::ResourceBusy, format!("{} is in use by another server", root.display()))
+        lock.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => {
+                std::io::Error::new(ErrorKind::ResourceBusy, format!("{} is in use by another server", root.display()))
+            }
+            TryLockError::Error(error) => error,
         })?;
         let _ = fs::remove_dir_all(root.join("partial"));
         fs::create_dir_all(root.join("partial"))?;

@@ -1,5 +1,6 @@
 //! The calls of `cairn.v1.PileService`: messages in, messages out. No physics here, and nothing that takes long.
 
+mod pace;
 mod request;
 mod stream;
 
@@ -21,8 +22,8 @@ use crate::wire::proto::{
 };
 use crate::wire::to_proto;
 use crate::wire::versions::{PROTOCOL, versions};
+use pace::Pace;
 use std::sync::Arc;
-use std::time::Duration;
 use stream::{Download, Events, Follow};
 use tokio::time::Instant;
 use tokio_stream::StreamExt;
@@ -32,22 +33,20 @@ use tonic::{Request, Response, Status, Streaming};
 const MAX_STREAMS: usize = 4096;
 /// Uploads that may be open at once: each takes as much disk as an asset may.
 const MAX_UPLOADS: usize = 16;
-/// Longest wait for the next chunk of an upload.
-const UPLOAD_PAUSE: Duration = Duration::from_secs(60);
-/// Bytes per second that an upload must reach from its first minute on: slower than any line that is in use.
-const UPLOAD_RATE: u64 = 16 << 10;
 
 /// The service.
 pub struct Service {
     bakes: Arc<Bakes>,
     streams: Shares,
     uploads: Shares,
+    /// The slowest that an upload may be.
+    pace: Pace,
 }
 
 impl Service {
     pub fn new(bakes: Arc<Bakes>) -> Service {
         let streams = Shares::new(MAX_STREAMS, MAX_STREAMS / 4 * 3);
-        Service { bakes, streams, uploads: Shares::new(MAX_UPLOADS, MAX_UPLOADS / 2) }
+        Service { bakes, streams, uploads: Shares::new(MAX_UPLOADS, MAX_UPLOADS / 2), pace: pace::LEAST }
     }
 
     /// Held by a stream until it ends.
@@ -120,8 +119,7 @@ impl PileService for Service {
         let mut upload = self.bakes.store.upload().map_err(Fault::from)?;
         let mut header = None;
         loop {
-            let slowest = began + UPLOAD_PAUSE + Duration::from_secs(upload.bytes / UPLOAD_RATE);
-            let until = slowest.min(Instant::now() + UPLOAD_PAUSE);
+            let until = self.pace.until(began, Instant::now(), upload.bytes);
             let next = tokio::time::timeout_at(until, chunks.message()).await;
             let Some(message) = next.map_err(|_| Fault::UploadStalled)?? else { break };
             if let Some(first) = message.header {
