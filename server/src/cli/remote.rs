@@ -17,6 +17,7 @@ use anstyle::AnsiColor;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
 use sha2::{Digest, Sha256};
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::path::{Path, PathBuf};
@@ -191,10 +192,15 @@ pub fn bake(
         let mut told = Told::new(wanted);
         let baked = {
             let mut connection = server.clone();
-            let bake = connection.bake(request, |event| told.event(event.kind));
+            // What has no name yet cannot be cancelled by it.
+            let is_accepted = Cell::new(false);
+            let bake = connection.bake(request, |event| {
+                told.event(event.kind);
+                is_accepted.set(!told.id.is_empty());
+            });
             tokio::select! {
                 baked = bake => Some(baked),
-                () = interrupted() => None,
+                () = interrupted(|| is_accepted.get()) => None,
             }
         };
         match baked {
@@ -215,7 +221,7 @@ pub fn watch(bake: &RemoteBake, wanted: &Wanted) -> Result<(), Failure> {
         let mut told = Told::new(wanted);
         let watched = tokio::select! {
             watched = server.watch(&bake.id, |event| told.event(event.kind)) => watched,
-            () = interrupted() => return Err(Failure::Cancelled),
+            () = interrupted(|| true) => return Err(Failure::Cancelled),
         };
         told.end(watched, &mut server).await
     })
@@ -232,8 +238,9 @@ fn talk<T>(talk: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure>
     runtime.map_err(|error| Failure::Internal(error.to_string()))?.block_on(talk)
 }
 
-async fn interrupted() {
-    while !interrupt::asked() {
+/// Waits for Ctrl-C, and until it may count.
+async fn interrupted(may_count: impl Fn() -> bool) {
+    while !(interrupt::asked() && may_count()) {
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
 }
