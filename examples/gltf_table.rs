@@ -3,8 +3,10 @@
 //!     cargo run --release --example gltf_table [-- FOLDER]
 //!
 //! The collection is FOLDER, or `CAIRN_DATA`, or `../shared/data` beside the workspace; without one, the example assets.
-//! Columns: file, `read` or `refused`, triangles, what was told. Then a file of 100 MB, made here, is read in a process of
-//! its own. Ends with 1 if that takes more than 300 MB of memory. Its time is told, not judged.
+//! Columns: file, `read`, `refused`, `panicked` or `hung`, triangles, what was told. Each file is read in a process of its own,
+//! and the greatest memory of all is told. Then a file of 100 MB, made here, is read in the same way. Ends with 1 if a file panicked,
+//! hung for a minute, or took more than 100 MB of memory beyond its own size, or if the large file took more than 300 MB. Its time is
+//! told, not judged.
 
 use anyhow::{Context, ensure};
 use cairn::files;
@@ -13,16 +15,26 @@ use cairn_core::asset::{self, Limits, Source};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 /// Bytes of the large file, and of memory that reading it may take.
 const LARGE: usize = 100_000_000;
 const MOST_MEMORY: u64 = 300_000_000;
+/// Bytes of memory that any other file may take beyond its own size.
+const MOST_BEYOND: u64 = 100_000_000;
+/// Who has not ended by then hangs.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 fn main() -> anyhow::Result<()> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     match args.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["--read", file] => read_alone(Path::new(file)),
+        ["--row", file, name] => {
+            let row = Row::read(Path::new(file), name)?;
+            println!("{}", serde_json::to_string(&row)?);
+            Ok(())
+        }
         _ => {
             table(&folder(args.first()))?;
             large()
@@ -63,13 +75,19 @@ fn read(path: &Path, name: &str) -> anyhow::Result<Result<asset::Asset, Vec<asse
     Ok(asset::read(&Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() }))
 }
 
-fn table(folder: &Path) -> anyhow::Result<()> {
-    let mut paths = Vec::new();
-    models(folder, &mut paths)?;
-    let mut totals: BTreeMap<(String, &str), usize> = BTreeMap::new();
-    for path in &paths {
-        let name = path.strip_prefix(folder)?.display().to_string();
-        let (outcome, triangles, told) = match read(path, &name)? {
+/// What became of a file.
+#[derive(serde::Serialize, serde::Deserialize)]
+struct Row {
+    outcome: String,
+    triangles: String,
+    told: String,
+    /// Of the process that read it, at most, bytes; `None` where the system does not tell.
+    memory: Option<u64>,
+}
+
+impl Row {
+    fn read(path: &Path, name: &str) -> anyhow::Result<Row> {
+        let (outcome, triangles, told) = match read(path, name)? {
             Ok(asset) => ("read", asset.mesh.triangles.len().to_string(), asset.notes.join("; ")),
             Err(problems) => {
                 let more =
@@ -78,13 +96,66 @@ fn table(folder: &Path) -> anyhow::Result<()> {
                 ("refused", String::new(), told.trim_start_matches(&format!("{name}: ")).to_owned() + &more)
             }
         };
+        Ok(Row { outcome: outcome.into(), triangles, told, memory: machine::peak_memory() })
+    }
+
+    /// The same, by a process of its own: whatever becomes of it.
+    fn read_apart(path: &Path, name: &str) -> anyhow::Result<Row> {
+        let ended = |outcome: &str, told: String| {
+            Ok(Row { outcome: outcome.into(), triangles: String::new(), told, memory: None })
+        };
+        let mut command = Command::new(std::env::current_exe()?);
+        command.arg("--row").arg(path).arg(name).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let (mut child, began) = (command.spawn()?, Instant::now());
+        // What it tells fits into its pipes.
+        while child.try_wait()?.is_none() {
+            if began.elapsed() > PATIENCE {
+                child.kill()?;
+                child.wait()?;
+                return ended("hung", format!("it had not ended after {PATIENCE:?}"));
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let output = child.wait_with_output()?;
+        if !output.status.success() {
+            let said = String::from_utf8_lossy(&output.stderr);
+            return ended(
+                "panicked",
+                format!("{}: {}", output.status, said.split_whitespace().collect::<Vec<_>>().join(" ")),
+            );
+        }
+        Ok(serde_json::from_slice(&output.stdout)?)
+    }
+}
+
+fn table(folder: &Path) -> anyhow::Result<()> {
+    let mut paths = Vec::new();
+    models(folder, &mut paths)?;
+    let mut totals: BTreeMap<(String, String), usize> = BTreeMap::new();
+    let (mut panicked, mut hung, mut greedy) = (0, 0, 0);
+    let mut greatest = (0, String::new());
+    for path in &paths {
+        let name = path.strip_prefix(folder)?.display().to_string();
+        let Row { outcome, triangles, told, memory } = Row::read_apart(path, &name)?;
         println!("{name}\t{outcome}\t{triangles}\t{told}");
+        panicked += usize::from(outcome == "panicked");
+        hung += usize::from(outcome == "hung");
+        greedy +=
+            usize::from(memory.is_some_and(|bytes| bytes > MOST_BEYOND + path.metadata().map_or(0, |file| file.len())));
+        greatest = greatest.max((memory.unwrap_or(0), name.clone()));
         let kind = name.split(['/', '\\']).next().filter(|_| name.contains(['/', '\\'])).unwrap_or("files");
         *totals.entry((kind.to_owned(), outcome)).or_default() += 1;
     }
     for ((kind, outcome), count) in totals {
         println!("{kind}: {count} {outcome}");
     }
+    println!(
+        "{} files: {panicked} panicked, {hung} hung, {greedy} took too much memory; {:.0} MB at most ({})",
+        paths.len(),
+        greatest.0 as f64 / 1e6,
+        greatest.1
+    );
+    ensure!(panicked + hung + greedy == 0, "a file panicked, hung or took too much memory");
     Ok(())
 }
 
@@ -93,7 +164,7 @@ fn large() -> anyhow::Result<()> {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("large.glb");
     std::fs::write(&path, hills())?;
-    let output = std::process::Command::new(std::env::current_exe()?).arg("--read").arg(&path).output()?;
+    let output = Command::new(std::env::current_exe()?).arg("--read").arg(&path).output()?;
     let told = String::from_utf8_lossy(&output.stdout);
     print!("{told}");
     ensure!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

@@ -31,7 +31,7 @@ const STALL: Duration = Duration::from_secs(60);
 #[tokio::main]
 async fn main() -> Result<()> {
     let folder = tempfile::tempdir()?;
-    let server = Server::start(folder.path(), &["--workers", "2", "--queue", "8"])?;
+    let server = Server::start(folder.path(), &["--workers", "2", "--queue", "11"])?;
     let mut connection = Connection::open(&server.target).await?;
     let contents = ["cone-small.glb", "cone.glb", "stick.glb"].map(|name| std::fs::read(asset(name)));
     let mut files = BTreeMap::new();

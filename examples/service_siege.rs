@@ -5,8 +5,9 @@
 //! ```
 //!
 //! Prints one Markdown row per habit, then health, memory and handles before and after. Where `h2load` is installed (Debian:
-//! nghttp2-client), its requests are a row of their own. It fails if a bake is lost or doubled, or if anything was answered by
-//! another error than a refusal.
+//! nghttp2-client), its requests come beside all that for as long, and are a row of their own. Then come storms of cancelled bakes: 200 ms
+//! after each, no process may be left, and the server may take no more CPU time than one at rest. It fails if that does not hold, if
+//! a bake is lost or doubled, or if anything was answered by another error than a refusal.
 
 mod serving;
 
@@ -69,7 +70,7 @@ type Shared = Arc<Mutex<Tally>>;
 async fn main() -> Result<()> {
     let args = Args::parse();
     let folder = tempfile::tempdir()?;
-    let server = Server::start(folder.path(), &["--workers", "2", "--queue", "16"])?;
+    let server = Server::start(folder.path(), &["--workers", "2", "--queue", "24"])?;
     let mut connection = Connection::open(&server.target).await?;
     let files: std::io::Result<Vec<_>> =
         ["cone-small.glb", "stick.glb"].iter().map(|name| std::fs::read(asset(name))).collect();
@@ -102,6 +103,7 @@ async fn main() -> Result<()> {
         println!("{row}");
     }
     aftermath(&server, before).await?;
+    storms(&args, &connection, &server).await?;
     let done = done(&mut connection).await? - done_before;
     println!("bakes asked for to the end: {baked}; done: {done}");
     ensure!(done == baked as usize, "a bake was lost or doubled");
@@ -175,6 +177,48 @@ async fn aftermath(server: &Server, before: (f64, usize)) -> Result<()> {
     let after = size(server)?;
     println!("\nmemory: {:.0} MiB before, {:.0} MiB after; {:.0} MiB at most", before.0, after.0, server.peak_mib()?);
     println!("handles: {} before, {} after; no process left; CPU time of 5 s at rest: {idle:.2} s", before.1, after.1);
+    Ok(())
+}
+
+/// Bakes that are cancelled all at once, several times. Soon after, the server is as idle as if there had been none.
+async fn storms(args: &Args, connection: &Connection, server: &Server) -> Result<()> {
+    const STORMS: i64 = 5;
+    const SOON: Duration = Duration::from_millis(200);
+    const WHILE: Duration = Duration::from_secs(2);
+    /// CPU time that an idle server may take in that while, s: a tenth of a core. It looks through its store, which is large by now;
+    /// one process that was left would take all of the while.
+    const IDLE: f64 = 0.2;
+    let mut most: f64 = 0.0;
+    for storm in 0..STORMS {
+        let mut ids = Vec::new();
+        for bake in 0..2 * args.callers as i64 {
+            let mut service = connection.service.clone();
+            let mut stream = service.bake(endless(3_000_000_000 + storm * 1_000_000 + bake)).await?.into_inner();
+            let first = stream.message().await?.and_then(|first| first.event).context("no event")?;
+            ids.push(id_of(&first));
+        }
+        while children(server) < 2 {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        let mut cancels = tokio::task::JoinSet::new();
+        for bake_id in ids {
+            let mut service = connection.service.clone();
+            cancels.spawn(async move { service.cancel_bake(CancelBakeRequest { bake_id }).await });
+        }
+        while let Some(cancelled) = cancels.join_next().await {
+            cancelled??;
+        }
+        tokio::time::sleep(SOON).await;
+        ensure!(children(server) == 0, "processes are left {SOON:?} after a storm of cancelled bakes");
+        let before = cpu_seconds(server)?;
+        tokio::time::sleep(WHILE).await;
+        most = most.max(cpu_seconds(server)? - before);
+    }
+    println!(
+        "storms of {} cancelled bakes: {SOON:?} after each no process left; CPU time of the next {WHILE:?}: {most:.2} s at most",
+        2 * args.callers
+    );
+    ensure!(most <= IDLE, "the server is not idle after a storm of cancelled bakes");
     Ok(())
 }
 
@@ -269,19 +313,21 @@ fn id_of(event: &cairn::wire::proto::BakeEvent) -> String {
     }
 }
 
-/// The row of h2load, if it is installed: `GetServerInfo` over 32 connections.
+/// What h2load tells, if it is installed: `GetServerInfo` over 32 connections, for as long as all the others call.
 async fn h2load(server: &Server, seconds: u64) -> Result<Option<String>> {
     let body = tempfile::NamedTempFile::new()?;
     // An empty message, as gRPC frames it.
     std::fs::write(body.path(), [0; 5])?;
     let mut command = Command::new("h2load");
-    command.args(["-D", &seconds.min(10).to_string(), "-c", "32", "-m", "16", "-H", "te: trailers"]);
+    command.args(["-D", &seconds.to_string(), "-c", "32", "-m", "16", "-H", "te: trailers"]);
     command.args(["-H", "content-type: application/grpc", "-d"]).arg(body.path());
     command.arg(format!("http://{}/cairn.v1.PileService/GetServerInfo", server.target.address));
     let Ok(done) = tokio::task::spawn_blocking(move || command.output()).await? else { return Ok(None) };
     let told = String::from_utf8_lossy(&done.stdout).into_owned();
     let line = |start: &str| told.lines().find(|line| line.starts_with(start)).unwrap_or_default().to_owned();
-    Ok(Some(format!("\nh2load: {}; {}", line("finished in"), line("requests:"))))
+    let requests = line("requests:");
+    ensure!(requests.contains(" 0 failed, 0 errored"), "h2load: {told}");
+    Ok(Some(format!("\nh2load: {}; {requests}", line("finished in"))))
 }
 
 /// Memory that it has now, MiB, and its open handles. Linux tells.

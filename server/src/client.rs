@@ -2,7 +2,7 @@
 
 use crate::wire::proto::pile_service_client::PileServiceClient;
 use crate::wire::proto::{
-    Artifact, AssetHeader, BakeEvent, BakeRequest, BakeSpec, CancelBakeRequest, DownloadResultRequest, FrameSelection,
+    Artifact, AssetHeader, BakeEvent, BakeRequest, CancelBakeRequest, DownloadResultRequest, FrameSelection,
     GetServerInfoRequest, HaveAssetsRequest, UploadAssetRequest, WatchBakeRequest, bake_event::Kind,
 };
 use crate::wire::versions::PROTOCOL;
@@ -104,8 +104,8 @@ impl Connection {
     }
 
     /// Bakes, and hands out the events without frames, to the end. Returns the bake's id.
-    pub async fn bake(&mut self, spec: BakeSpec, on_event: impl FnMut(BakeEvent)) -> Result<String, Status> {
-        let request = BakeRequest { spec: Some(spec), frames: FrameSelection::None.into(), ..Default::default() };
+    pub async fn bake(&mut self, request: BakeRequest, on_event: impl FnMut(BakeEvent)) -> Result<String, Status> {
+        let request = BakeRequest { frames: FrameSelection::None.into(), ..request };
         let events = self.service.bake(request).await?.into_inner();
         let events = events.map(|response| response.map(|response| response.event));
         self.follow(Box::pin(events), String::new(), on_event).await
@@ -175,9 +175,13 @@ impl Connection {
     pub async fn download(&mut self, id: &str, artifact: Artifact) -> Result<Vec<u8>, Status> {
         let request = DownloadResultRequest { bake_id: id.to_owned(), artifact: artifact.into() };
         let mut parts = self.service.download_result(request).await?.into_inner();
-        let mut file = Vec::new();
+        let (mut file, mut announced) = (Vec::new(), None);
         while let Some(part) = parts.message().await? {
+            announced.get_or_insert(part.size_bytes);
             file.extend_from_slice(&part.chunk);
+        }
+        if announced != Some(crate::wire::to_proto::signed(file.len())) {
+            return Err(Status::unavailable("a file was cut off on its way"));
         }
         Ok(file)
     }

@@ -54,11 +54,21 @@ fn missing(path: &Path) -> String {
     }
 }
 
+/// Whether a path leads neither up nor to the root.
+fn is_plain(path: &Path) -> bool {
+    path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
+}
+
 /// A file that a glTF file names, as a path below the glTF file's own folder; `None` if it leads elsewhere.
 pub fn below(folder: &Path, relative: &str) -> Option<PathBuf> {
-    let is_plain = |path: &Path| path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     let leads_away = relative.is_empty() || relative.contains(['\\', ':', '\0']) || !is_plain(Path::new(relative));
     (!leads_away).then(|| folder.join(relative))
+}
+
+/// Whether a path, by its words, lies below a folder.
+pub fn is_below(folder: &Path, path: &Path) -> bool {
+    let relative = if folder == Path::new(".") { Some(path) } else { path.strip_prefix(folder).ok() };
+    relative.is_some_and(is_plain)
 }
 
 /// Whether a path below a folder is a link to somewhere else, or lies behind one.

@@ -116,3 +116,60 @@ fn a_ledger_that_is_cut_off() {
     with_faults(&desk, "ledger-write=1*off->return(ENOSPC)", line).fails(75, &["runs.jsonl: cannot be written"]);
     assert_eq!(lines().lines().filter(is_record).count(), 1);
 }
+
+/// Whether the ledger can be opened is found out before anything is baked.
+#[test]
+fn a_ledger_that_cannot_be_opened() {
+    let desk = Desk::new();
+    let before = desk.files();
+    let line = "cost --control cone.glb --prop stick.glb -o study --bodies 40 --seeds 1";
+    with_faults(&desk, "ledger-open=return(ENOSPC)", line).fails(75, &["runs.jsonl: cannot be written", "No space"]);
+    assert_eq!(desk.files(), before);
+}
+
+/// With a bound of memory, a process of its own does the work; where there is none to be had, nothing is wrong with the scene.
+#[test]
+fn a_process_that_cannot_be_started() {
+    let desk = Desk::new();
+    let before = desk.files();
+    let line = format!("bake {SCENE} -o pile.json -q --max-memory-mib 8192");
+    with_faults(&desk, "bounded-spawn=return(ENOMEM)", &line).fails(75, &["no process could be started"]);
+    assert_eq!(desk.files(), before);
+    desk.line(&line).ok();
+}
+
+/// A command that is killed leaves no half result under its name, and the next one clears away what it had begun.
+#[cfg(unix)]
+#[test]
+fn a_command_that_is_killed() {
+    use std::os::unix::process::ExitStatusExt;
+    let line = format!("bake {SCENE} -o pile.json --report report.json -q");
+    let args: Vec<&str> = line.split_whitespace().collect();
+    // At the first file that is written, and at the second: the result is complete then.
+    for (before, has_result) in [("", false), ("1*off->", true)] {
+        for place in ["files-create", "files-write", "files-sync", "files-rename"] {
+            let desk = Desk::new();
+            let clean = desk.files();
+            let faults = format!("{place}={before}return(KILL)");
+            let done = desk.command(&args).env("FAILPOINTS", &faults).output().unwrap();
+            assert_eq!(done.status.signal(), Some(9), "{faults}");
+            let left = desk.files();
+            assert_eq!(left.contains(&"pile.json".to_owned()), has_result, "{faults}: {left:?}");
+            assert!(!left.contains(&"report.json".to_owned()), "{faults}: {left:?}");
+            let parts: Vec<_> = left.iter().filter(|name| name.ends_with(".part")).collect();
+            assert_eq!(parts.len(), usize::from(place != "files-create"), "{faults}: {left:?}");
+            // What has just been begun may be another command's.
+            let hour_ago = std::time::SystemTime::now() - std::time::Duration::from_secs(3600);
+            for part in parts {
+                std::fs::File::options().append(true).open(desk.path(part)).unwrap().set_modified(hour_ago).unwrap();
+            }
+            desk.line(&line).ok();
+            let mut expected = [clean, vec!["pile.json".into(), "report.json".into()]].concat();
+            expected.sort();
+            assert_eq!(desk.files(), expected, "{faults}");
+            for name in ["pile.json", "report.json"] {
+                serde_json::from_slice::<serde_json::Value>(&std::fs::read(desk.path(name)).unwrap()).unwrap();
+            }
+        }
+    }
+}

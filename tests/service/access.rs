@@ -4,7 +4,6 @@ use crate::server::{Server, assert_fault, begin, channel, command, events, reque
 use cairn::client::{Connection, Target};
 use cairn::wire::proto::pile_service_client::PileServiceClient;
 use cairn::wire::proto::{BakeState, ListBakesRequest};
-use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::io::{Read, Write};
 use tokio_stream::StreamExt;
 use tonic::Code;
@@ -83,83 +82,6 @@ async fn a_unix_socket() {
     server.signal("-TERM");
     assert_eq!(server.wait(), Some(0));
     assert!(!folder.path().join("socket").exists());
-}
-
-/// An authority, and what it signed for a name: certificate and key, PEM.
-fn signed(name: &str) -> (String, String, String) {
-    let mut authority = CertificateParams::new(Vec::new()).unwrap();
-    authority.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
-    let key = KeyPair::generate().unwrap();
-    let ca = authority.self_signed(&key).unwrap().pem();
-    let issuer = Issuer::new(authority, key);
-    let key = KeyPair::generate().unwrap();
-    let certificate = CertificateParams::new(vec![name.into()]).unwrap().signed_by(&key, &issuer).unwrap().pem();
-    (ca, certificate, key.serialize_pem())
-}
-
-#[tokio::test]
-async fn encrypted_and_with_certificates_on_both_sides() {
-    let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    let (ca, certificate, key) = signed("localhost");
-    let (client_ca, client_certificate, client_key) = signed("artist");
-    let (other_ca, other_certificate, other_key) = signed("localhost");
-    for (name, text) in [("cert.pem", &certificate), ("key.pem", &key), ("clients.pem", &client_ca)] {
-        write(name, text);
-    }
-    let tls = ["--tls-certificate", "cert.pem", "--tls-key", "key.pem"];
-    let server = Server::start_in(folder.path(), &tls);
-    let address = |server: &Server| server.addresses[0].replace("127.0.0.1", "localhost");
-    let target = Target { address: address(&server), ca: Some(ca.into_bytes()), ..Default::default() };
-    let mut connection = Connection::open(&target).await.unwrap();
-    connection.service.list_bakes(cairn::wire::proto::ListBakesRequest::default()).await.unwrap();
-    assert!(Connection::open(&Target { ca: Some(other_ca.into_bytes()), ..target.clone() }).await.is_err());
-    assert!(Connection::open(&server.target()).await.is_err(), "not without encryption");
-    drop(server);
-
-    let server = Server::start_in(folder.path(), &[&tls[..], &["--tls-client-ca", "clients.pem"]].concat());
-    let target = Target { address: address(&server), ..target };
-    let identity = |certificate: &str, key: &str| Some((certificate.as_bytes().to_vec(), key.as_bytes().to_vec()));
-    let known = Target { identity: identity(&client_certificate, &client_key), ..target.clone() };
-    Connection::open(&known).await.unwrap();
-    assert!(Connection::open(&target).await.is_err());
-    let unknown = Target { identity: identity(&other_certificate, &other_key), ..target };
-    assert!(Connection::open(&unknown).await.is_err());
-}
-
-/// A pair that does not fit is told before anything listens; one that expires soon is warned of; a new one is taken up.
-#[tokio::test]
-async fn certificates_are_checked_and_read_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    let (first, second) = (signed("localhost"), signed("localhost"));
-    write("cert.pem", &first.1);
-    write("key.pem", &second.2);
-    let tls = ["--tls-certificate", "cert.pem", "--tls-key", "key.pem"];
-    let done = command(folder.path()).args(["--listen", "127.0.0.1:0"]).args(tls).output().unwrap();
-    let told = String::from_utf8(done.stderr).unwrap();
-    assert!(done.status.code() == Some(2) && told.contains("key.pem: not the key of cert.pem"), "{told}");
-    assert!(done.stdout.is_empty() && !told.contains("listening"), "{told}");
-    write("cert.pem", "no certificate");
-    let done = command(folder.path()).args(["--listen", "127.0.0.1:0"]).args(tls).output().unwrap();
-    assert_eq!(done.status.code(), Some(2));
-
-    let key = KeyPair::generate().unwrap();
-    let mut old = CertificateParams::new(vec!["localhost".into()]).unwrap();
-    old.not_after = rcgen::date_time_ymd(2001, 1, 1);
-    write("cert.pem", &old.self_signed(&key).unwrap().pem());
-    write("key.pem", &key.serialize_pem());
-    let server = Server::start_in(folder.path(), &tls);
-    assert!(server.log().contains("has expired"), "{}", server.log());
-    let address = server.addresses[0].replace("127.0.0.1", "localhost");
-    let target = Target { address, ca: Some(second.0.into_bytes()), ..Default::default() };
-    assert!(Connection::open(&target).await.is_err());
-    write("cert.pem", &second.1);
-    write("key.pem", &second.2);
-    server.signal("-HUP");
-    while Connection::open(&target).await.is_err() {
-        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
-    }
 }
 
 async fn services_v1(address: String) -> Result<Vec<String>, tonic::Status> {
@@ -242,6 +164,19 @@ async fn metrics_tell_of_bakes() {
     let lines: Vec<serde_json::Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let of_bake = lines.iter().filter(|line| line["span"]["bake_id"] == id.as_str()).count();
     assert!(of_bake >= 3, "{log}");
+}
+
+#[tokio::test]
+async fn refused_calls_are_counted() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("token"), "open sesame").unwrap();
+    let server = Server::start_in(folder.path(), &["--token-file", "token", "--metrics", &port]);
+    for _ in 0..3 {
+        Connection::open(&server.target()).await.err().expect("without a token");
+    }
+    let metrics = get(&port);
+    assert!(metrics.contains("cairn_calls_refused_total{reason=\"token\"} 3"), "{metrics}");
 }
 
 /// The body that a page of HTTP has.

@@ -3,6 +3,7 @@
 use crate::server::{Server, assert_fault, command, endless, request, short, take};
 use cairn::client::{Connection, Target};
 use cairn::wire::proto::{BakeRequest, BakeState, CancelBakeRequest, DeleteBakeRequest, ListBakesRequest};
+use std::time::Duration;
 use tonic::Code;
 
 const CALLERS: &str = "
@@ -83,7 +84,57 @@ async fn rights_limits_and_labels() {
     assert_fault(&ben.service.bake(wrong).await.unwrap_err(), Code::InvalidArgument, "REQUEST_INVALID");
     let refused = farm.service.bake(request(short(1))).await.unwrap_err();
     assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
-    assert!(server.log().contains("caller=\"ben\" call=\"CancelBake\" status=\"7\""), "{}", server.log());
+    until_logged(&server, "caller=\"ben\" call=\"CancelBake\" status=\"7\"").await;
+}
+
+/// A call's line is there a moment after its answer.
+pub async fn until_logged(server: &Server, told: &str) {
+    for _ in 0..1000 {
+        if server.log().contains(told) {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    panic!("{told} is missing in:\n{}", server.log());
+}
+
+/// A limit of those that wait holds without one of those that run, too: those are as many as the server has workers.
+#[tokio::test]
+async fn a_limit_of_the_queue_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let callers = "[[caller]]\nname = 'anna'\ntoken = 'token of anna'\nqueue = 1\n";
+    std::fs::write(folder.path().join("callers.toml"), callers).unwrap();
+    let server = Server::start_in(folder.path(), &["--callers-file", "callers.toml", "--workers", "2"]);
+    let mut anna = known(&server, "anna").await;
+    let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
+    anna.upload(&files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect()).await.unwrap();
+    for seed in 1..=3 {
+        begin(&mut anna, request(endless(seed))).await;
+    }
+    let refused = anna.service.bake(request(endless(4))).await.unwrap_err();
+    assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
+}
+
+/// SIGHUP takes up the file as it is now, and keeps what was where the file is wrong.
+#[tokio::test]
+async fn callers_are_read_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |text: &str| std::fs::write(folder.path().join("callers.toml"), text).unwrap();
+    write(CALLERS);
+    let server = Server::start_in(folder.path(), &["--callers-file", "callers.toml"]);
+    let is_known = async |name: &str| {
+        let target = Target { token: Some(format!("token of {name}")), ..server.target() };
+        Connection::open(&target).await.is_ok()
+    };
+    assert!(is_known("anna").await && !is_known("zoe").await);
+    write("[[caller]]\nname = 'zoe'\n");
+    server.signal("-HUP");
+    until_logged(&server, "neither token nor certificate").await;
+    assert!(is_known("anna").await, "what is wrong changes nothing");
+    write("[[caller]]\nname = 'zoe'\ntoken = 'token of zoe'\n");
+    server.signal("-HUP");
+    until_logged(&server, "were read again").await;
+    assert!(is_known("zoe").await && !is_known("anna").await);
 }
 
 #[test]

@@ -1,7 +1,10 @@
 //! The program as a client of the server.
 
-use crate::server::{PROGRAM, Server, asset, begin, content, endless, status, until};
-use cairn::wire::proto::BakeState;
+use crate::server::{
+    PROGRAM, Server, accepted_id, asset, begin, content, endless, events, request, sha256, short, status, until,
+};
+use cairn::wire::proto::{BakeState, BakeStatus, DeleteBakeRequest, ListBakesRequest};
+use prost::Message;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -79,7 +82,7 @@ async fn ctrl_c_cancels_on_the_server() {
     let line = format!("bake {SCENE} --set physics.step_natural=0.000001 -o far.glb --server {}", server.addresses[0]);
     let mut bake = Command::new(PROGRAM);
     let mut bake = bake.args(line.split_whitespace()).current_dir(server.folder()).spawn().unwrap();
-    let list = || cairn::wire::proto::ListBakesRequest::default();
+    let list = || ListBakesRequest::default();
     let id = loop {
         let bakes = connection.service.list_bakes(list()).await.unwrap().into_inner().bakes;
         if let Some(bake) = bakes.first().filter(|bake| bake.progress.is_some()) {
@@ -111,4 +114,105 @@ fn nothing_outside_of_a_models_folder_is_sent() {
     let told = String::from_utf8(done.stderr).unwrap();
     assert!(done.status.code() == Some(65) && told.contains("texture.png: a link that leads out"), "{told}");
     assert_eq!(std::fs::read_dir(server.path("data/assets")).unwrap().count(), 0);
+}
+
+/// A path that leads out of the scene's folder says so in the scene: by `../`. A link says nothing.
+#[cfg(unix)]
+#[test]
+fn a_model_behind_a_link_is_not_sent() {
+    let server = Server::start(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["scene", "library"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("library/stick.glb", &content("stick.glb"));
+    write("scene/cone.glb", &content("cone-small.glb"));
+    let link = |to: &str, name: &str| std::os::unix::fs::symlink(to, folder.path().join("scene").join(name)).unwrap();
+    link("../library/stick.glb", "stick.glb");
+    link("../library", "props");
+    link("cone.glb", "control.glb");
+    let scene = |prop: &str| {
+        let text = "accuracy = 'draft'\ncontrol_mesh.path = 'control.glb'\nfill.count = 12\n";
+        write("scene/pile.toml", format!("{text}[[props]]\npath = '{prop}'\n").as_bytes());
+    };
+    let run = |line: &str, within: &str| {
+        let mut command = Command::new(PROGRAM);
+        command.arg("bake").args(line.split_whitespace()).args(["-o", "pile.glb", "--server", &server.addresses[0]]);
+        let done = command.current_dir(folder.path().join(within)).output().unwrap();
+        (done.status.code().unwrap(), String::from_utf8(done.stderr).unwrap())
+    };
+    for prop in ["stick.glb", "props/stick.glb"] {
+        scene(prop);
+        for (line, within) in [("pile.toml", "scene"), ("scene/pile.toml", "")] {
+            let (code, told) = run(line, within);
+            assert!(code == 65 && told.contains(&format!("{prop}: a link that leads out of the scene")), "{told}");
+        }
+        let (code, told) = run(&format!("--control control.glb --prop {prop}"), "scene");
+        assert!(code == 65 && told.contains("a link that leads out of the scene"), "{told}");
+    }
+    assert_eq!(std::fs::read_dir(server.path("data/assets")).unwrap().count(), 0, "nothing was sent");
+    // A link that stays in the folder is as good as the file.
+    scene("../library/stick.glb");
+    let (code, told) = run("pile.toml", "scene");
+    assert_eq!(code, 0, "{told}");
+}
+
+/// A result that the disk has changed is written by nobody: neither where the server finds it out nor where only its caller can.
+#[tokio::test]
+async fn a_changed_result_is_not_written() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    for (name, is_status_changed) in
+        [("result.glb", false), ("result.glb", true), ("report.json", false), ("report.json", true)]
+    {
+        let (told, _) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+        let id = accepted_id(&told);
+        let folder = server.path("data/bakes").join(&id);
+        let mut bytes = std::fs::read(folder.join(name)).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        std::fs::write(folder.join(name), &bytes).unwrap();
+        if is_status_changed {
+            let path = folder.join("status.binpb");
+            let mut status = BakeStatus::decode(&std::fs::read(&path).unwrap()[..]).unwrap();
+            let summary = status.summary.as_mut().unwrap();
+            let hash = if name == "result.glb" { &mut summary.result_sha256 } else { &mut summary.report_sha256 };
+            *hash = sha256(&bytes);
+            std::fs::write(path, status.encode_to_vec()).unwrap();
+        }
+        let line = format!("watch {id} -o again.glb --report again.json --server {}", server.addresses[0]);
+        let done = cairn(server.folder(), &line);
+        let told = String::from_utf8(done.stderr).unwrap();
+        let expected = if is_status_changed { "changed on its way" } else { "not what was written" };
+        assert!(done.status.code() == Some(75) && told.contains(expected), "{name}: {told}");
+        assert!(!server.path("again.glb").exists() && !server.path("again.json").exists(), "{name}");
+        connection.service.delete_bake(DeleteBakeRequest { bake_id: id }).await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn labels_and_priority() {
+    let server = Server::start(&[]);
+    let run = |rest: &str| {
+        let done = cairn(server.folder(), &format!("bake {SCENE} -o far.glb {rest}"));
+        (done.status.code().unwrap(), String::from_utf8(done.stderr).unwrap())
+    };
+    let far = format!("--server {}", server.addresses[0]);
+    let (code, told) = run(&format!("{far} --label shot=a010 --label show=kites --priority -5"));
+    assert_eq!(code, 0, "{told}");
+    let mut connection = server.connect().await;
+    let labels = [("shot".to_owned(), "a010".to_owned()), ("show".to_owned(), "kites".to_owned())];
+    let list = ListBakesRequest { labels: labels.into_iter().collect(), ..Default::default() };
+    let bakes = connection.service.list_bakes(list).await.unwrap().into_inner().bakes;
+    assert_eq!(bakes.iter().map(|bake| bake.priority).collect::<Vec<_>>(), [-5]);
+    for (rest, expected, words) in [
+        (format!("{far} --label Shot=1"), 65, "names begin with a letter"),
+        (format!("{far} --label shot"), 2, "KEY=VALUE"),
+        (format!("{far} --priority 101"), 2, "101"),
+        ("--label shot=a010".to_owned(), 2, "--server"),
+    ] {
+        let (code, told) = run(&rest);
+        assert!(code == expected && told.contains(words), "{rest}: {told}");
+    }
 }

@@ -64,7 +64,7 @@ async fn files_of_others_are_left_alone() {
         tokio::time::sleep(std::time::Duration::from_millis(10)).await;
     }
     assert!(!next.path("data/bakes").join(&id).exists());
-    for stray in [".DS_Store", ".nfs000000000000001", "readme.txt", "@eaDir"] {
+    for stray in [".DS_Store", ".nfs000000000000001", "readme.txt", &"f".repeat(64), "@eaDir"] {
         assert!(next.path("data/bakes").join(stray).exists(), "{stray}");
     }
     assert!(next.log().contains(".DS_Store"), "{}", next.log());

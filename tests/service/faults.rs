@@ -6,7 +6,7 @@ use crate::server::{
 };
 use cairn::client::Connection;
 use cairn::wire::proto::{
-    Artifact, BakeEvent, BakeRequest, BakeResponse, BakeState, DeleteBakeRequest, PlanBakeRequest,
+    Artifact, BakeEvent, BakeRequest, BakeResponse, BakeState, DeleteBakeRequest, ListBakesRequest, PlanBakeRequest,
 };
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -26,8 +26,12 @@ type Case = (&'static str, (Code, &'static str));
 /// One place, and none to wait: what keeps it keeps out everybody.
 const ONE: [&str; 4] = ["--workers", "1", "--queue", "0"];
 
-/// A server with one place whose processes have the faults that the file `TASK.faults` names, if it is there.
-fn server_with(folder: &Path, faults: &str) -> Server {
+fn server_of_one(folder: &Path, faults: &str) -> Server {
+    server_with(folder, faults, &ONE[2..])
+}
+
+/// A server with one worker whose processes have the faults that the file `TASK.faults` names, if it is there. `args`: besides.
+pub fn server_with(folder: &Path, faults: &str, args: &[&str]) -> Server {
     let program = folder.join("worker.sh");
     let faults_of_task = folder.join("$2.faults");
     let script = format!(
@@ -36,7 +40,7 @@ fn server_with(folder: &Path, faults: &str) -> Server {
     );
     std::fs::write(&program, script).unwrap();
     std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
-    let args = [&ONE[..], &["--worker-program", program.to_str().unwrap()]].concat();
+    let args = [&["--workers", "1", "--worker-program", program.to_str().unwrap()], args].concat();
     Server::start_with_faults(folder, &args, faults)
 }
 
@@ -83,7 +87,7 @@ fn assert_told(server: &Server, faults: &str, told: &Status, expected: (Code, &s
 #[tokio::test]
 async fn faults_of_the_process() {
     let folder = tempfile::tempdir().unwrap();
-    let server = server_with(folder.path(), "");
+    let server = server_of_one(folder.path(), "");
     let mut connection = server.ready().await;
     let of_task: &[(&str, &[Case])] = &[
         (
@@ -143,6 +147,7 @@ async fn faults_of_the_process() {
 async fn bake_again(connection: &mut Connection) {
     let events = bake(connection, request(short(1))).await.unwrap();
     let bake_id = accepted_id(&events);
+    assert_eq!(listed(connection).await, [bake_id.as_str()], "lost or doubled");
     connection.service.delete_bake(DeleteBakeRequest { bake_id }).await.unwrap();
 }
 
@@ -173,26 +178,33 @@ async fn faults_of_the_server_end_one_bake() {
         ("bake-task=1*panic", (Code::Internal, "INTERNAL")),
     ] {
         let folder = tempfile::tempdir().unwrap();
-        let server = server_with(folder.path(), faults);
+        let server = server_of_one(folder.path(), faults);
         let mut connection = server.ready_without_faults().await;
         let told = bake(&mut connection, request(short(1))).await.expect_err(faults);
         assert_told(&server, faults, &told, expected);
         assert_clean(&server, faults);
-        bake(&mut connection, request(short(1))).await.expect(faults);
+        let id = accepted_id(&bake(&mut connection, request(short(1))).await.expect(faults));
+        assert_eq!(listed(&mut connection).await, [id], "{faults}: lost or doubled");
     }
+}
+
+/// Ids of all bakes that the server knows.
+async fn listed(connection: &mut Connection) -> Vec<String> {
+    let list = connection.service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner();
+    list.bakes.into_iter().map(|bake| bake.bake_id).collect()
 }
 
 /// The last thing that is written of a bake is that it has succeeded. Whoever asks the next server has it made again.
 #[tokio::test]
 async fn an_end_that_cannot_be_written_down() {
     let folder = tempfile::tempdir().unwrap();
-    let mut server = server_with(folder.path(), "files-write=3*off->1*return(ENOSPC)");
+    let mut server = server_of_one(folder.path(), "files-write=3*off->1*return(ENOSPC)");
     let mut connection = server.ready_without_faults().await;
     let id = accepted_id(&bake(&mut connection, request(short(1))).await.unwrap());
     connection.download(&id, Artifact::Result).await.unwrap();
     server.signal("-KILL");
     server.wait();
-    let next = server_with(folder.path(), "");
+    let next = server_of_one(folder.path(), "");
     let mut connection = next.connect().await;
     events(watch(&mut connection, &id, 1).await).await.1.unwrap();
     connection.download(&id, Artifact::Result).await.unwrap();
@@ -208,7 +220,7 @@ async fn faults_of_a_plan() {
         ("news-read=2*return(EIO)", CRASHED),
     ] {
         let folder = tempfile::tempdir().unwrap();
-        let server = server_with(folder.path(), faults);
+        let server = server_of_one(folder.path(), faults);
         let mut connection = server.ready_without_faults().await;
         for _ in 0..2 {
             let told = connection.service.plan_bake(plan()).await.expect_err(faults);
@@ -267,12 +279,12 @@ async fn faults_of_those_who_read() {
         ("download-read=1*return(EIO)", DAMAGED),
     ] {
         let folder = tempfile::tempdir().unwrap();
-        let mut server = server_with(folder.path(), "");
+        let mut server = server_of_one(folder.path(), "");
         let mut connection = server.ready().await;
         let id = accepted_id(&bake(&mut connection, request(short(1))).await.unwrap());
         server.signal("-KILL");
         server.wait();
-        let server = server_with(folder.path(), faults);
+        let server = server_of_one(folder.path(), faults);
         let mut connection = server.connect().await;
         let told = match faults.starts_with("log") {
             true => events(watch(&mut connection, &id, 1).await).await.1.expect_err(faults),
@@ -291,12 +303,11 @@ async fn faults_of_those_who_read() {
 async fn streams_that_break_off() {
     const BROKEN_OFF: usize = 3200;
     let folder = tempfile::tempdir().unwrap();
-    let server = server_with(folder.path(), &format!("stream-send={BROKEN_OFF}*return(EPIPE)"));
+    let server = server_of_one(folder.path(), &format!("stream-send={BROKEN_OFF}*return(EPIPE)"));
     let mut connection = server.ready().await;
     // It goes on without its caller.
     bake(&mut connection, request(short(1))).await.unwrap();
-    let list = connection.service.list_bakes(cairn::wire::proto::ListBakesRequest::default()).await.unwrap();
-    let id = list.into_inner().bakes[0].bake_id.clone();
+    let id = listed(&mut connection).await.remove(0);
     crate::server::until(&mut connection, &id, BakeState::Succeeded).await;
     for _ in 0..BROKEN_OFF {
         let (told, end) = events(watch(&mut connection, &id, 1).await).await;
@@ -309,11 +320,30 @@ async fn streams_that_break_off() {
     assert!(told.len() > 3);
 }
 
+/// So do downloads; and what is cut off is told, not taken for the whole file.
+#[tokio::test]
+async fn downloads_that_break_off() {
+    const BROKEN_OFF: usize = 3200;
+    let folder = tempfile::tempdir().unwrap();
+    let mut server = server_of_one(folder.path(), "");
+    let id = accepted_id(&bake(&mut server.ready().await, request(short(1))).await.unwrap());
+    server.signal("-KILL");
+    server.wait();
+    let server = server_of_one(folder.path(), &format!("stream-send={BROKEN_OFF}*return(EPIPE)"));
+    let mut connection = server.connect().await;
+    for _ in 0..BROKEN_OFF {
+        let cut_off = connection.download(&id, Artifact::Result).await.unwrap_err();
+        assert!(cut_off.message().contains("cut off"), "{cut_off:?}");
+    }
+    connection.download(&id, Artifact::Result).await.unwrap();
+    assert_eq!(listed(&mut connection).await, [id]);
+}
+
 /// A bake that cannot be removed is still there, and can be removed once the disk allows it.
 #[tokio::test]
 async fn a_bake_that_cannot_be_removed_stays() {
     let folder = tempfile::tempdir().unwrap();
-    let server = server_with(folder.path(), "store-remove=1*off->1*return(EIO)");
+    let server = server_of_one(folder.path(), "store-remove=1*off->1*return(EIO)");
     let mut connection = server.ready().await;
     let bake_id = accepted_id(&bake(&mut connection, request(short(1))).await.unwrap());
     let told = connection.service.delete_bake(DeleteBakeRequest { bake_id: bake_id.clone() }).await.unwrap_err();
@@ -327,13 +357,13 @@ async fn a_bake_that_cannot_be_removed_stays() {
 #[tokio::test]
 async fn a_server_starts_on_a_full_disk() {
     let folder = tempfile::tempdir().unwrap();
-    let mut server = server_with(folder.path(), "");
+    let mut server = server_of_one(folder.path(), "");
     let mut connection = server.ready().await;
     let id = accepted_id(&bake(&mut connection, request(short(1))).await.unwrap());
     server.signal("-KILL");
     server.wait();
     std::fs::remove_file(folder.path().join("data/bakes").join(&id).join("result.glb")).unwrap();
-    let server = server_with(folder.path(), "files-create=1*return(ENOSPC)");
+    let server = server_of_one(folder.path(), "files-create=1*return(ENOSPC)");
     let mut connection = server.connect().await;
     assert_eq!(status(&mut connection, &id).await.failure.unwrap().reason, DAMAGED.1);
     bake(&mut connection, request(short(1))).await.unwrap();
@@ -348,4 +378,17 @@ fn a_socket_whose_mode_cannot_be_set() {
     let done = command.args(["--listen", &listen]).env("FAILPOINTS", "listen-mode=return(EIO)").output().unwrap();
     assert_eq!(done.status.code(), Some(2), "{done:?}");
     assert!(!folder.path().join("socket").exists());
+}
+
+/// A data directory that cannot be made or locked is told before anything listens; the next server starts.
+#[test]
+fn a_data_directory_that_cannot_be_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    for (faults, reason) in [("store-open=return(ENOSPC)", "No space"), ("store-lock=return(EIO)", "nput/output")] {
+        let done = command(folder.path()).args(["--listen", "127.0.0.1:0"]).env("FAILPOINTS", faults).output().unwrap();
+        let told = String::from_utf8(done.stderr).unwrap();
+        assert!(done.status.code() == Some(2) && done.stdout.is_empty(), "{faults}: {told}");
+        assert!(told.contains("data: ") && told.contains(reason) && told.contains("--data"), "{faults}: {told}");
+    }
+    Server::start_in(folder.path(), &[]);
 }

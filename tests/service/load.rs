@@ -3,8 +3,10 @@
 use crate::server::{
     Server, accepted_id, assert_fault, begin, channel, endless, events, fields, request, short, until,
 };
-use cairn::wire::proto::{BakeState, ListBakesRequest};
+use cairn::client::{Connection, Target};
+use cairn::wire::proto::{BakeState, ListBakesRequest, PlanBakeRequest};
 use std::collections::BTreeSet;
+use std::time::Duration;
 use tonic::Code;
 use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_check_response::ServingStatus;
@@ -26,12 +28,67 @@ async fn a_full_queue_refuses_and_says_when_to_come_back() {
     connection.service.plan_bake(plan).await.unwrap();
 }
 
+/// Who has taken its share of the places, as many as it could, leaves room for others. Without names, those who call from elsewhere
+/// are others.
+#[tokio::test]
+async fn one_caller_leaves_places_to_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = format!("unix:{}", folder.path().join("socket").display());
+    let server = Server::start_in(folder.path(), &["--workers", "1", "--queue", "7", "--listen", &socket]);
+    let mut greedy = server.ready().await;
+    let mut other = Connection::open(&Target { address: socket, ..Default::default() }).await.unwrap();
+    let mut held = Vec::new();
+    let refused = loop {
+        match greedy.service.bake(request(endless(held.len() as i64))).await {
+            Ok(stream) => held.push(accepted_id(&crate::server::take(stream.into_inner(), 1).await.0)),
+            Err(refused) => break refused,
+        }
+    };
+    assert_fault(&refused, Code::ResourceExhausted, "QUEUE_FULL");
+    assert_eq!(held.len(), 6, "three quarters of eight places");
+    for seed in 100..102 {
+        begin(&mut other, endless(seed)).await;
+    }
+    let refused = other.service.bake(request(endless(102))).await.unwrap_err();
+    assert_fault(&refused, Code::ResourceExhausted, "QUEUE_FULL");
+    // A place that is given back is taken again.
+    greedy.cancel(&held[0]).await.unwrap();
+    begin(&mut other, endless(102)).await;
+}
+
+/// Two plans of one caller that do not end leave planning to another.
+#[tokio::test]
+async fn heavy_plans_leave_planning_to_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = format!("unix:{}", folder.path().join("socket").display());
+    let server = crate::faults::server_with(folder.path(), "", &["--queue", "8", "--listen", &socket]);
+    let greedy = server.ready().await;
+    let mut other = Connection::open(&Target { address: socket, ..Default::default() }).await.unwrap();
+    std::fs::write(folder.path().join("plan.faults"), "news-write=sleep(100000)").unwrap();
+    let plan = |seed: i64| PlanBakeRequest { spec: Some(short(seed)) };
+    let heavy: Vec<_> = (0..2)
+        .map(|seed| {
+            let mut service = greedy.service.clone();
+            tokio::spawn(async move { service.plan_bake(plan(seed)).await })
+        })
+        .collect();
+    // It has read its faults once it is no shell any more.
+    let command = |process: u32| std::fs::read_to_string(format!("/proc/{process}/cmdline")).unwrap_or_default();
+    while !server.children().into_iter().any(|process| command(process).contains("cairn\0worker\0plan")) {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    std::fs::remove_file(folder.path().join("plan.faults")).unwrap();
+    other.service.plan_bake(plan(2)).await.unwrap();
+    assert!(heavy.iter().all(|plan| !plan.is_finished()), "they are planned still, or wait for that");
+}
+
 /// A thousand callers at once: as many as there are places are served, each once; the others are refused.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_thousand_callers() {
     const CALLERS: usize = 1000;
-    const PLACES: usize = 2 + 6;
-    let server = Server::start(&["--workers", "2", "--queue", "6"]);
+    /// Of two workers and a queue of eight: the share of one caller, which they all are.
+    const PLACES: usize = 8;
+    let server = Server::start(&["--workers", "2", "--queue", "8"]);
     let mut connection = server.ready().await;
     // The places are taken, so that none is free again before all have asked.
     let mut ids = BTreeSet::new();

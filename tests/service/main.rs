@@ -2,13 +2,16 @@
 
 mod access;
 mod assets;
+mod audit;
 mod bakes;
 mod callers;
+mod certificates;
 mod command_line;
 mod damage;
 mod ends;
 mod faults;
 mod large;
+mod lists;
 mod load;
 mod page;
 mod server;

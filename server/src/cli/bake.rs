@@ -2,9 +2,10 @@
 
 use super::bounds::Bounds;
 use super::progress::{self, Mode, Reporter};
-use super::remote::{self, Access, Wanted};
+use super::remote::{self, Access, Asked, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
+use crate::files;
 use crate::job::reuse::Cache;
 use crate::job::{self, Job, Outcome, machine};
 use crate::model::export::{self, Format};
@@ -23,7 +24,7 @@ Examples:
   cairn bake --control dome.glb --prop stick.glb -o pile.glb
   cairn bake pile.toml -o pile.glb --seed 7 --report report.json
   cairn bake pile.toml -o fallen.glb --set control=off
-  cairn bake pile.toml -o pile.glb --server farm:50151 --token-file token
+  cairn bake pile.toml -o pile.glb --server farm:50151 --token-file token --label shot=a010
 
 The first frame is the pile right after turning over. A result appears complete or not at all, as soon as the pile is
 done; then its figures are found, and the report is written. Ctrl-C before that leaves nothing behind.")]
@@ -63,6 +64,9 @@ pub struct Args {
     access: Access,
 
     #[command(flatten)]
+    asked: Asked,
+
+    #[command(flatten)]
     bounds: Bounds,
 
     /// Where fills and bakes are kept, to be used again where nothing that they depend on has changed [default: the user's own
@@ -84,11 +88,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let scene = args.scene.tree()?.to_message();
     if let Some(server) = &args.server {
-        let files = remote::Files::read(&scene)?;
+        let folder = args.scene.scene.as_deref().map_or(Path::new("."), files::folder_of);
+        let files = remote::Files::read(&scene, folder)?;
         check_outputs(args, files.paths())?;
         let (output, report) = (Some(&*args.output), args.report.as_deref());
         let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
-        return remote::bake(&args.access.at(server)?, scene, files, format, &wanted);
+        return remote::bake(&args.access.at(server)?, scene, files, format, &args.asked, &wanted);
     }
     args.bounds.hold(|| bake(args, &scene, format))
 }

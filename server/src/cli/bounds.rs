@@ -4,6 +4,7 @@ use super::Failure;
 use super::interrupt;
 use crate::job::machine;
 use crate::problem::Problem;
+use crate::trouble;
 use cairn_core::asset::Limits;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
@@ -46,7 +47,10 @@ impl Bounds {
             return work();
         }
         interrupt::listen();
-        let status = again().map_err(unbounded)?;
+        let status = again().map_err(|error| {
+            let remedy = "See that this machine has memory and processes left, and run the command again.";
+            Failure::TryAgain(Problem::new("--max-memory-mib", format!("no process could be started: {error}"), remedy))
+        })?;
         match status.code() {
             Some(0) => Ok(()),
             Some(code) => Err(Failure::Told(u8::try_from(code).unwrap_or(1))),
@@ -66,6 +70,7 @@ impl Bounds {
 
 /// Runs this very command again, within the bound. It ends when this process does, or asks it to by closing its standard input.
 fn again() -> std::io::Result<ExitStatus> {
+    trouble::at("bounded-spawn")?;
     let mut command = Command::new(std::env::current_exe()?);
     let mut child = command
         .args(std::env::args_os().skip(1))

@@ -10,11 +10,14 @@ use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::digest::hex;
 use crate::wire::from_proto;
-use crate::wire::proto::{Artifact, AssetReference, BakeSpec, OutputFormat, Scene, Summary, bake_event::Kind};
+use crate::wire::proto::{
+    Artifact, AssetReference, BakeRequest, BakeSpec, OutputFormat, Scene, Summary, bake_event::Kind,
+};
 use anstyle::AnsiColor;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
 use sha2::{Digest, Sha256};
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::path::{Path, PathBuf};
@@ -87,6 +90,24 @@ pub struct Wanted<'a> {
     pub quiet: bool,
 }
 
+/// How a server is to list and order a bake.
+#[derive(clap::Args)]
+pub struct Asked {
+    /// A label of the bake on the server, such as shot=a010; repeat it for several
+    #[arg(long = "label", value_name = "KEY=VALUE", value_parser = label, requires = "server", help_heading = "Server")]
+    labels: Vec<(String, String)>,
+
+    /// Bakes of a higher priority run first: -100 to 100, above 0 for operators only [default: 0]
+    #[arg(long, requires = "server", allow_negative_numbers = true, help_heading = "Server")]
+    #[arg(value_parser = clap::value_parser!(i32).range(-100..=100))]
+    priority: Option<i32>,
+}
+
+fn label(text: &str) -> Result<(String, String), String> {
+    let (key, value) = text.split_once('=').ok_or("there is no `=` in it; write KEY=VALUE")?;
+    Ok((key.to_owned(), value.to_owned()))
+}
+
 /// The files of a scene, as a server needs them.
 pub struct Files {
     references: Vec<AssetReference>,
@@ -94,11 +115,18 @@ pub struct Files {
 }
 
 impl Files {
-    /// Reads all that the scene names, and what these files name. What is in them is the server's to judge.
-    pub fn read(scene: &Scene) -> Result<Files, Failure> {
+    /// Reads all that the scene names, and what these files name. What is in them is the server's to judge. `folder`: the
+    /// scene's own. A path may lead out of it where all can read that: by `../`, or from the root; not by a link.
+    pub fn read(scene: &Scene, folder: &Path) -> Result<Files, Failure> {
         let mut found = BTreeMap::new();
         let mut problems = Vec::new();
         for path in job::model_files(scene) {
+            if files::is_below(folder, &path) && files::leads_out(folder, &path) {
+                let what = "a link that leads out of the scene's folder, so that it is not sent";
+                let remedy = "Name the file that it leads to, or put the file itself there.";
+                problems.push(Problem::new(path.display().to_string(), what, remedy));
+                continue;
+            }
             match files::read(&path) {
                 Ok(bytes) => {
                     let folder = path.parent().unwrap_or(Path::new(""));
@@ -138,23 +166,41 @@ impl Files {
 }
 
 /// `cairn bake` on a server. Ctrl-C cancels it there.
-pub fn bake(target: &Target, scene: Scene, files: Files, format: Format, wanted: &Wanted) -> Result<(), Failure> {
+pub fn bake(
+    target: &Target,
+    scene: Scene,
+    files: Files,
+    format: Format,
+    asked: &Asked,
+    wanted: &Wanted,
+) -> Result<(), Failure> {
     let mut spec = BakeSpec { scene: Some(scene), assets: files.references, ..Default::default() };
     spec.set_format(match format {
         Format::Glb => OutputFormat::Glb,
         Format::Json => OutputFormat::Json,
         Format::Csv => OutputFormat::Csv,
     });
+    let request = BakeRequest {
+        spec: Some(spec),
+        labels: asked.labels.iter().cloned().collect(),
+        priority: asked.priority.unwrap_or(0),
+        ..Default::default()
+    };
     talk(async {
         let mut server = Connection::open(target).await?;
         server.upload(&files.contents).await?;
         let mut told = Told::new(wanted);
         let baked = {
             let mut connection = server.clone();
-            let bake = connection.bake(spec, |event| told.event(event.kind));
+            // What has no name yet cannot be cancelled by it.
+            let is_accepted = Cell::new(false);
+            let bake = connection.bake(request, |event| {
+                told.event(event.kind);
+                is_accepted.set(!told.id.is_empty());
+            });
             tokio::select! {
                 baked = bake => Some(baked),
-                () = interrupted() => None,
+                () = interrupted(|| is_accepted.get()) => None,
             }
         };
         match baked {
@@ -175,7 +221,7 @@ pub fn watch(bake: &RemoteBake, wanted: &Wanted) -> Result<(), Failure> {
         let mut told = Told::new(wanted);
         let watched = tokio::select! {
             watched = server.watch(&bake.id, |event| told.event(event.kind)) => watched,
-            () = interrupted() => return Err(Failure::Cancelled),
+            () = interrupted(|| true) => return Err(Failure::Cancelled),
         };
         told.end(watched, &mut server).await
     })
@@ -192,8 +238,9 @@ fn talk<T>(talk: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure>
     runtime.map_err(|error| Failure::Internal(error.to_string()))?.block_on(talk)
 }
 
-async fn interrupted() {
-    while !interrupt::asked() {
+/// Waits for Ctrl-C, and until it may count.
+async fn interrupted(may_count: impl Fn() -> bool) {
+    while !(interrupt::asked() && may_count()) {
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
 }
@@ -230,6 +277,17 @@ impl<'a> Told<'a> {
         }
     }
 
+    /// A file that was fetched is what the bake has written.
+    fn hold_against(&self, file: &[u8], sha256: impl Fn(&Summary) -> &String) -> Result<(), Failure> {
+        match &self.summary {
+            Some(summary) if hex(&Sha256::digest(file)) != *sha256(summary) => {
+                let remedy = "Run the command again; if it happens again, look at the server's disk and network.";
+                Err(Failure::TryAgain(Problem::new("the server", "the result was changed on its way", remedy)))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Fetches the files and says how it went.
     async fn end(mut self, ended: Result<String, Status>, server: &mut Connection) -> Result<(), Failure> {
         self.reporter.finish(ended.is_ok());
@@ -238,6 +296,7 @@ impl<'a> Told<'a> {
         let report = match report {
             Some(path) => {
                 let text = server.download(&id, Artifact::Report).await?;
+                self.hold_against(&text, |summary| &summary.report_sha256)?;
                 Some((path, String::from_utf8_lossy(&text).into_owned()))
             }
             None => None,
@@ -245,13 +304,7 @@ impl<'a> Told<'a> {
         match (output, report) {
             (Some(output), report) => {
                 let result = server.download(&id, Artifact::Result).await?;
-                if let Some(summary) = &self.summary
-                    && hex(&Sha256::digest(&result)) != summary.result_sha256
-                {
-                    let remedy = "Run the command again; if it happens again, look at the server's disk and network.";
-                    let what = "the result was changed on its way";
-                    return Err(Failure::TryAgain(Problem::new("the server", what, remedy)));
-                }
+                self.hold_against(&result, |summary| &summary.result_sha256)?;
                 output::write_result(output, &result, report)?;
             }
             (None, Some((path, text))) => output::write(path, text.as_bytes())?,

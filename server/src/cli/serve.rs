@@ -98,7 +98,7 @@ pub struct Args {
     #[serde(skip_serializing_if = "Option::is_none")]
     asset_mib: Option<u64>,
 
-    /// What assets and bakes may take together, MiB [default: 20480]
+    /// What assets, bakes and the cache of fills may take together, MiB [default: 20480]
     #[arg(long, value_name = "MIB", env = "CAIRN_STORE_MIB")]
     #[serde(skip_serializing_if = "Option::is_none")]
     store_mib: Option<u64>,
@@ -108,7 +108,7 @@ pub struct Args {
     #[serde(skip_serializing_if = "Option::is_none")]
     store_days: Option<u64>,
 
-    /// Whether the fill of an earlier bake is used again where it is the same [default: true]
+    /// Whether the fill of an earlier bake is used again where it is the same; kept fills count among the store [default: true]
     #[arg(long, value_name = "BOOL", env = "CAIRN_REUSE")]
     #[serde(skip_serializing_if = "Option::is_none")]
     reuse: Option<bool>,

@@ -70,7 +70,7 @@ impl Ledger {
         let failed = |e: std::io::Error| {
             Problem::new(path.display().to_string(), format!("cannot be written: {e}"), "Name another folder by -o.")
         };
-        std::fs::create_dir_all(folder).map_err(failed)?;
+        trouble::at("ledger-open").and_then(|()| std::fs::create_dir_all(folder)).map_err(failed)?;
         let text = match std::fs::read_to_string(&path) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(failed(e)),
             read => read.unwrap_or_default(),

@@ -1,6 +1,7 @@
 //! Who calls: the token or the certificate that a call shows. Nothing is done for a call before it was let in here.
 
 use crate::problem::Problem;
+use crate::service::audit;
 use crate::service::config::Config;
 use crate::service::status::Fault;
 use serde::Deserialize;
@@ -91,7 +92,8 @@ struct Entry {
 #[derive(Clone)]
 struct Known {
     token: Option<blake3::Hash>,
-    certificate: String,
+    /// A common name, not empty.
+    certificate: Option<String>,
     caller: Caller,
 }
 
@@ -147,7 +149,7 @@ impl Access {
         let given = given.map(|(_, token)| blake3::hash(token.as_bytes()));
         let subject = subject(request);
         let is_shown = |known: &&Known| {
-            known.token.is_some() && known.token == given || subject.as_ref().is_some_and(|s| *s == known.certificate)
+            known.token.is_some() && known.token == given || known.certificate.is_some() && known.certificate == subject
         };
         let known = self.known.iter().find(is_shown).map(|known| known.caller.clone());
         let is_anybody = self.is_open() || self.token.is_some() && self.token == given;
@@ -183,7 +185,7 @@ fn known(file: &str, text: &str) -> Result<Vec<Known>, Vec<Problem>> {
     }
     let known = |entry: Entry| Known {
         token: Some(&entry.token).filter(|token| !token.is_empty()).map(|token| blake3::hash(token.as_bytes())),
-        certificate: entry.certificate,
+        certificate: Some(entry.certificate).filter(|name| !name.is_empty()),
         caller: Caller {
             name: entry.name.into(),
             role: entry.role,
@@ -202,11 +204,14 @@ fn known(file: &str, text: &str) -> Result<Vec<Known>, Vec<Problem>> {
 pub fn check(mut request: Request<()>, access: &watch::Receiver<Access>) -> Result<Request<()>, Status> {
     match access.borrow().admit(&request) {
         Some(caller) => {
+            audit::caller(request.extensions(), &caller.name);
             request.extensions_mut().insert(caller);
         }
         None => {
             metrics::counter!("cairn_calls_refused_total", "reason" => "token").increment(1);
-            warn!(caller = origin(&request), "a call without the right token is refused");
+            let origin = origin(&request);
+            audit::caller(request.extensions(), &origin);
+            warn!(caller = origin, "a call without the right token is refused");
             return Err(Fault::TokenInvalid.into());
         }
     }

@@ -34,11 +34,12 @@ pub struct Config {
     pub bake_seconds: u64,
     /// Bytes of one asset, MiB. Default: 256.
     pub asset_mib: u64,
-    /// What assets and bakes may take together, MiB. Default: 20480.
+    /// What assets, bakes and the fills that are kept to be used again may take together, MiB. Default: 20480.
     pub store_mib: u64,
     /// Assets and bakes that nobody used for so long go, days; 0: never. Default: 30.
     pub store_days: u64,
-    /// Whether the fill of an earlier bake is used again where it is the same; kept in the data directory, up to 2 GiB.
+    /// Whether the fill of an earlier bake is used again where it is the same; kept in the data directory, up to
+    /// 2 GiB, which count among `store_mib`.
     /// Default: true.
     pub reuse: bool,
     /// What becomes of the bakes that ran when the server ended. Default: restart.

@@ -115,3 +115,36 @@ impl Reader {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::frame_delta::FrameDelta;
+    use cairn_core::geometry::pose::Pose;
+    use cairn_core::input::observer::{Frame, Shown, Stage, State};
+    use glam::{DQuat, DVec3};
+
+    /// The largest frame that there may be: all bodies are new, have moved and changed their size, and say how they are held.
+    #[test]
+    fn a_frame_of_the_most_bodies_is_one_event() {
+        const MOST_BODIES: usize = 100_000;
+        let body = |number: usize| {
+            let turn = DQuat::from_rotation_y(number as f64);
+            let pose = Pose { translation: DVec3::splat(-0.1 * number as f64 - 1.0), rotation: turn };
+            Some(Shown { prop: 1000, scale: 0.7 + 1e-6 * number as f64, pose, state: State::Held })
+        };
+        let bodies: Vec<_> = (0..MOST_BODIES).map(body).collect();
+        for stage in [Stage::Fill, Stage::Release] {
+            let frame = Frame { stage, number: 10_000, time: 1000.0, bodies: &bodies };
+            let mut told = 0;
+            for kind in FrameDelta::default().next(&frame) {
+                if let Kind::Frame(frame) = &kind {
+                    told = frame.states.len().min(frame.body_indices.len());
+                }
+                let event = BakeEvent { sequence_number: 10_000, kind: Some(kind) };
+                assert!(event.encoded_len() <= MAX_EVENT, "{stage:?}: {} bytes", event.encoded_len());
+            }
+            assert_eq!(told, MOST_BODIES);
+        }
+    }
+}

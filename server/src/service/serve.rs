@@ -194,7 +194,7 @@ fn routes(bakes: &Arc<Bakes>, access: &watch::Receiver<Access>) -> Result<Routes
     let broken = |error: tonic_reflection::server::Error| ServeError::Failed(error.to_string());
     let pile = PileServiceServer::new(Service::new(bakes.clone()));
     let pile = pile.max_decoding_message_size(MAX_REQUEST).accept_compressed(CompressionEncoding::Gzip);
-    Ok(Routes::new(InterceptedService::new(Audit(pile), guard.clone()))
+    Ok(Routes::new(Audit(InterceptedService::new(pile, guard.clone())))
         .add_service(InterceptedService::new(reflection().build_v1().map_err(broken)?, guard.clone()))
         .add_service(InterceptedService::new(reflection().build_v1alpha().map_err(broken)?, guard)))
 }

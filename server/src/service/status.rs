@@ -34,7 +34,7 @@ pub enum Fault {
     BakeNotFound(String),
     #[error("the bake has no result: it is not done, or has failed; see GetBake")]
     BakeNotDone,
-    #[error("all workers are busy and the queue is full; try again later")]
+    #[error("all workers are busy, and the queue or your share of it is full; try again later")]
     QueueFull { retry: Duration },
     #[error("too many calls are open; try again later")]
     TooManyCalls,

@@ -18,7 +18,7 @@ use crate::wire::digest::hex;
 use crate::wire::proto::{BakeSpec, BakeState, BakeStatus, OutputFormat};
 use prost::Message;
 use sha2::{Digest, Sha256};
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{ErrorKind, Result};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -48,12 +48,17 @@ impl Store {
     /// Opens or makes a data directory, for this server alone.
     pub fn open(config: &Config) -> Result<Store> {
         let root = std::path::absolute(&config.data)?;
+        trouble::at("store-open")?;
         for folder in ["assets", "bakes"] {
             fs::create_dir_all(root.join(folder))?;
         }
+        trouble::at("store-lock")?;
         let lock = File::create(root.join("lock"))?;
-        lock.try_lock().map_err(|_| {
-            std::io::Error::new(ErrorKind::ResourceBusy, format!("{} is in use by another server", root.display()))
+        lock.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => {
+                std::io::Error::new(ErrorKind::ResourceBusy, format!("{} is in use by another server", root.display()))
+            }
+            TryLockError::Error(error) => error,
         })?;
         let _ = fs::remove_dir_all(root.join("partial"));
         fs::create_dir_all(root.join("partial"))?;
@@ -221,9 +226,12 @@ impl Store {
     pub fn trim(&self, remove_bake: impl Fn(&str) -> Result<bool>) -> Result<u64> {
         let mut cached = bytes_below(&self.root.join(CACHE));
         let mut entries = Vec::new();
-        for entry in fs::read_dir(self.root.join("assets"))?.chain(fs::read_dir(self.root.join("bakes"))?) {
-            // It may have gone meanwhile.
-            entries.extend(entry.and_then(|entry| Kept::of(entry.path())).ok().filter(|kept| is_digest(&kept.path)));
+        for (folder, is_ours) in [("assets", is_asset as fn(&Path) -> bool), ("bakes", is_bake)] {
+            for entry in fs::read_dir(self.root.join(folder))? {
+                // It may have gone meanwhile.
+                let path = entry.ok().map(|entry| entry.path()).filter(|path| is_ours(path));
+                entries.extend(path.and_then(|path| Kept::of(path).ok()));
+            }
         }
         entries.sort_by_key(|kept| kept.used);
         let mut total: u64 = entries.iter().map(|kept| kept.bytes).sum();
@@ -275,6 +283,10 @@ fn bytes_below(folder: &Path) -> u64 {
 fn is_digest(path: &Path) -> bool {
     let is_hex = |name: &str| name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
     path.file_name().and_then(|name| name.to_str()).is_some_and(is_hex)
+}
+
+fn is_asset(path: &Path) -> bool {
+    is_digest(path) && path.is_file()
 }
 
 fn is_bake(path: &Path) -> bool {

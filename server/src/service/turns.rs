@@ -1,4 +1,5 @@
-//! Whose turn it is to run: bakes wait by priority, then by age, and of one caller only so many run at once.
+//! Whose turn it is to run: bakes wait by priority; then the caller of whom the fewest run is first, so that nobody holds all workers
+//! while others wait; then by age. Of one caller only so many run at once.
 
 use crate::service::access::Caller;
 use std::cmp::Reverse;
@@ -73,8 +74,9 @@ impl State {
     fn begin(&mut self, place: Place) -> bool {
         let running = |caller: &Caller| self.running.get(&caller.name).copied().unwrap_or(0);
         let may_run = |caller: &Caller| caller.limits.bakes.is_none_or(|most| running(caller) < most.max(1));
-        let first = self.waiting.iter().find(|(_, caller)| may_run(caller)).map(|(place, _)| *place);
-        if self.free == 0 || first != Some(place) {
+        let waiting = self.waiting.iter().filter(|(_, caller)| may_run(caller));
+        let first = waiting.min_by_key(|((priority, age), caller)| (*priority, running(caller), *age));
+        if self.free == 0 || first.map(|(place, _)| *place) != Some(place) {
             return false;
         }
         self.free -= 1;
@@ -136,6 +138,28 @@ mod tests {
         let turns = Turns::new(1);
         let told = order(&turns, &[("a", 0), ("b", -5), ("c", 7), ("d", 0)]).await;
         assert_eq!(told, ["c", "a", "d", "b"]);
+    }
+
+    #[tokio::test]
+    async fn who_has_fewer_running_is_first() {
+        let turns = Turns::new(2);
+        let (greedy, other) = (Caller::named("greedy"), Caller::named("other"));
+        let (first, second) = (turns.take(&greedy, 0).await, turns.take(&greedy, 0).await);
+        let third = tokio::spawn({
+            let (turns, greedy) = (turns.clone(), greedy.clone());
+            async move { turns.take(&greedy, 0).await }
+        });
+        tokio::task::yield_now().await;
+        let theirs = tokio::spawn({
+            let turns = turns.clone();
+            async move { turns.take(&other, 0).await }
+        });
+        tokio::task::yield_now().await;
+        drop(first);
+        let theirs = theirs.await.unwrap();
+        assert!(!third.is_finished(), "it is older, but one of its caller runs already");
+        drop(second);
+        drop((theirs, third.await.unwrap()));
     }
 
     #[tokio::test]

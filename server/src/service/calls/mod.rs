@@ -1,9 +1,11 @@
 //! The calls of `cairn.v1.PileService`: messages in, messages out. No physics here, and nothing that takes long.
 
+mod pace;
 mod request;
 mod stream;
 
 use crate::service::access::caller;
+use crate::service::audit;
 use crate::service::config::MAX_CHUNK;
 use crate::service::deadline;
 use crate::service::folder::{REPORT, SCENE, result_name};
@@ -20,8 +22,8 @@ use crate::wire::proto::{
 };
 use crate::wire::to_proto;
 use crate::wire::versions::{PROTOCOL, versions};
+use pace::Pace;
 use std::sync::Arc;
-use std::time::Duration;
 use stream::{Download, Events, Follow};
 use tokio::time::Instant;
 use tokio_stream::StreamExt;
@@ -31,22 +33,20 @@ use tonic::{Request, Response, Status, Streaming};
 const MAX_STREAMS: usize = 4096;
 /// Uploads that may be open at once: each takes as much disk as an asset may.
 const MAX_UPLOADS: usize = 16;
-/// Longest wait for the next chunk of an upload.
-const UPLOAD_PAUSE: Duration = Duration::from_secs(60);
-/// Bytes per second that an upload must reach from its first minute on: slower than any line that is in use.
-const UPLOAD_RATE: u64 = 16 << 10;
 
 /// The service.
 pub struct Service {
     bakes: Arc<Bakes>,
     streams: Shares,
     uploads: Shares,
+    /// The slowest that an upload may be.
+    pace: Pace,
 }
 
 impl Service {
     pub fn new(bakes: Arc<Bakes>) -> Service {
         let streams = Shares::new(MAX_STREAMS, MAX_STREAMS / 4 * 3);
-        Service { bakes, streams, uploads: Shares::new(MAX_UPLOADS, MAX_UPLOADS / 2) }
+        Service { bakes, streams, uploads: Shares::new(MAX_UPLOADS, MAX_UPLOADS / 2), pace: pace::LEAST }
     }
 
     /// Held by a stream until it ends.
@@ -119,8 +119,7 @@ impl PileService for Service {
         let mut upload = self.bakes.store.upload().map_err(Fault::from)?;
         let mut header = None;
         loop {
-            let slowest = began + UPLOAD_PAUSE + Duration::from_secs(upload.bytes / UPLOAD_RATE);
-            let until = slowest.min(Instant::now() + UPLOAD_PAUSE);
+            let until = self.pace.until(began, Instant::now(), upload.bytes);
             let next = tokio::time::timeout_at(until, chunks.message()).await;
             let Some(message) = next.map_err(|_| Fault::UploadStalled)?? else { break };
             if let Some(first) = message.header {
@@ -163,7 +162,7 @@ impl PileService for Service {
     async fn bake(&self, request: Request<BakeRequest>) -> Result<Response<Self::BakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
         let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
-        let request = request.into_inner();
+        let (_, call, request) = request.into_parts();
         let frames = request.frames;
         let (bakes, of_bake) = (self.bakes.clone(), deadline.filter(|_| request.deadline_ends_bake));
         let entry = on_disk(move || {
@@ -171,6 +170,7 @@ impl PileService for Service {
             bakes.submit(&caller, order, of_bake)
         });
         let entry = entry.await??;
+        audit::bake(&call, &entry.id());
         entry.accepted().await?;
         self.bakes.store.touch(&entry.id());
         let follow = Follow { from: 1, frames: request::frames(frames)?, deadline };
@@ -182,6 +182,7 @@ impl PileService for Service {
 
     async fn watch_bake(&self, request: Request<WatchBakeRequest>) -> Result<Response<Self::WatchBakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         let permit = self.stream_permit(&request)?;
         let WatchBakeRequest { bake_id, from_sequence_number: from, frames } = request.into_inner();
         if from < 0 {
@@ -195,6 +196,7 @@ impl PileService for Service {
     }
 
     async fn get_bake(&self, request: Request<GetBakeRequest>) -> Result<Response<GetBakeResponse>, Status> {
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         let entry = self.bakes.find(&request.get_ref().bake_id)?;
         let bakes = self.bakes.clone();
         let bake = Some(on_disk(move || bakes.status(&entry)).await??);
@@ -206,11 +208,13 @@ impl PileService for Service {
     }
 
     async fn cancel_bake(&self, request: Request<CancelBakeRequest>) -> Result<Response<CancelBakeResponse>, Status> {
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         let bake = Some(self.bakes.cancel(&caller(&request), &request.get_ref().bake_id).await?);
         Ok(Response::new(CancelBakeResponse { bake }))
     }
 
     async fn delete_bake(&self, request: Request<DeleteBakeRequest>) -> Result<Response<DeleteBakeResponse>, Status> {
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         self.bakes.delete(&caller(&request), &request.get_ref().bake_id).await?;
         Ok(Response::new(DeleteBakeResponse {}))
     }
@@ -221,6 +225,7 @@ impl PileService for Service {
         &self,
         request: Request<DownloadResultRequest>,
     ) -> Result<Response<Self::DownloadResultStream>, Status> {
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
         let permit = self.stream_permit(&request)?;
         let DownloadResultRequest { bake_id, artifact } = request.into_inner();
         let entry = self.bakes.find(&bake_id)?;

@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 use task::New;
-use tokio::sync::{Notify, Semaphore};
+use tokio::sync::Notify;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -39,8 +39,8 @@ pub struct Bakes {
     pub config: Config,
     pub store: Store,
     entries: Mutex<BTreeMap<String, Arc<Entry>>>,
-    /// One permit per bake that runs or waits.
-    places: Arc<Semaphore>,
+    /// Bakes that run or wait.
+    places: Shares,
     /// Whose bakes run.
     turns: Arc<Turns>,
     /// Plans that are made or wait.
@@ -60,12 +60,12 @@ pub struct Bakes {
 impl Bakes {
     pub fn new(config: Config, store: Store) -> Arc<Bakes> {
         let workers = config.workers();
-        let places = workers.saturating_add(config.queue).min(Semaphore::MAX_PERMITS);
+        let places = workers.saturating_add(config.queue);
         Arc::new(Bakes {
             config,
             store,
             entries: Mutex::default(),
-            places: Arc::new(Semaphore::new(places)),
+            places: Shares::new(places, places - places / 4),
             turns: Turns::new(workers),
             plan_places: Shares::new(places, places.div_ceil(2)),
             planners: Shares::new(2 * workers, workers),
@@ -143,8 +143,8 @@ impl Bakes {
                 return Err(Fault::QueueFull { retry: Duration::from_secs(1) });
             }
         }
-        order::within_limits(caller, entries.values())?;
-        let Ok(place) = self.places.clone().try_acquire_owned() else {
+        order::within_limits(caller, self.config.workers(), entries.values())?;
+        let Some(place) = self.places.try_hold(caller) else {
             metrics::counter!("cairn_bakes_refused_total").increment(1);
             return Err(self.queue_full());
         };

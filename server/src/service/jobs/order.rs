@@ -18,8 +18,12 @@ pub struct Order {
     pub priority: i32,
 }
 
-/// Whether a caller may have one more bake beside those that it has.
-pub(super) fn within_limits<'a>(caller: &Caller, entries: impl Iterator<Item = &'a Arc<Entry>>) -> Result<(), Fault> {
+/// Whether a caller may have one more bake beside those that it has. `workers`: bakes that the server runs at once.
+pub(super) fn within_limits<'a>(
+    caller: &Caller,
+    workers: usize,
+    entries: impl Iterator<Item = &'a Arc<Entry>>,
+) -> Result<(), Fault> {
     let limits = caller.limits;
     let (mut unfinished, mut bytes) = (0, 0);
     for entry in entries {
@@ -29,9 +33,9 @@ pub(super) fn within_limits<'a>(caller: &Caller, entries: impl Iterator<Item = &
             bytes += (now.status.event_bytes + now.result_bytes).unsigned_abs();
         }
     }
-    if let Some(most) = limits.bakes.zip(limits.queue).map(|(bakes, queue)| bakes.max(1).saturating_add(queue))
-        && unfinished >= most
-    {
+    // Where its entry does not say, as many of its bakes run as the server has workers.
+    let most = limits.queue.map(|queue| limits.bakes.unwrap_or(workers).max(1).saturating_add(queue));
+    if let Some(most) = most.filter(|&most| unfinished >= most) {
         let told = format!("{} has {unfinished} bakes that run or wait, of {most}: wait for one to end", caller.name);
         return Err(Fault::CallerLimit(told));
     }

@@ -6,6 +6,7 @@ use crate::service::event_log::{Extent, Writer};
 use crate::service::folder::EVENTS;
 use crate::service::news::News;
 use crate::service::process::{Task, Worker};
+use crate::service::shares::Held;
 use crate::service::status::Fault;
 use crate::trouble;
 use crate::wire::proto::bake_event::Kind;
@@ -14,7 +15,6 @@ use crate::wire::versions::versions;
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
-use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::Instant;
 use tracing::{Instrument, info, info_span, warn};
 
@@ -23,7 +23,7 @@ pub(super) struct New {
     pub spec: BakeSpec,
     pub caller: Caller,
     /// Its place among those that run or wait.
-    pub place: OwnedSemaphorePermit,
+    pub place: Held,
 }
 
 /// Why a bake ends without a result.
@@ -93,11 +93,11 @@ impl Bakes {
         let (_place, accepted) = match new {
             Some(New { spec, caller, place }) => {
                 let accepted = self.accept(&id, &folder, &caller, &spec, slot).await?;
-                (Some(place), accepted)
+                (place, accepted)
             }
             // What an earlier server had accepted waits for its place; nobody is there to be refused.
             None => {
-                let place = self.places.clone().acquire_owned().await.ok();
+                let place = self.places.hold(&caller).await;
                 let accepted = match accepted_before(&folder.join(EVENTS)).await {
                     Some(accepted) => accepted,
                     None => self.accept_again(&id, &folder, slot).await?,

@@ -1,0 +1,71 @@
+//! How slow an upload may be: it holds one of few places.
+
+use std::time::Duration;
+use tokio::time::Instant;
+
+#[derive(Clone, Copy)]
+pub struct Pace {
+    /// Longest wait for the next chunk.
+    pub pause: Duration,
+    /// Bytes that there must be for each second after the first pause.
+    pub bytes_per_second: u64,
+}
+
+/// Slower than any line that is in use.
+pub const LEAST: Pace = Pace { pause: Duration::from_secs(60), bytes_per_second: 16 << 10 };
+
+impl Pace {
+    /// When the next chunk has to be there. `began`: when the upload did, of which there are so many bytes `now`.
+    pub fn until(&self, began: Instant, now: Instant, bytes: u64) -> Instant {
+        let slowest = began + self.pause + Duration::from_secs(bytes / self.bytes_per_second);
+        slowest.min(now + self.pause)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::calls::Service;
+    use crate::service::config::Config;
+    use crate::service::jobs::Bakes;
+    use crate::service::store::Store;
+    use crate::wire::digest::hex;
+    use crate::wire::proto::pile_service_client::PileServiceClient;
+    use crate::wire::proto::pile_service_server::PileServiceServer;
+    use crate::wire::proto::{AssetHeader, UploadAssetRequest};
+    use sha2::{Digest, Sha256};
+    use tokio_stream::StreamExt;
+    use tonic_types::StatusExt;
+
+    #[test]
+    fn what_comes_fast_enough_may_go_on() {
+        let began = Instant::now();
+        let after = |seconds: u64| began + Duration::from_secs(seconds);
+        assert_eq!(LEAST.until(began, after(0), 0), after(60));
+        assert_eq!(LEAST.until(began, after(50), 0), after(60), "a byte now and then does not put it off");
+        assert_eq!(LEAST.until(began, after(50), 100 * (16 << 10)), after(110), "no pause is longer");
+        assert_eq!(LEAST.until(began, after(150), 100 * (16 << 10)), after(160));
+    }
+
+    /// A byte each hundredth of a second, without a pause between them.
+    #[tokio::test]
+    async fn an_upload_that_drips_is_ended() {
+        const BYTES: usize = 1000;
+        let folder = tempfile::tempdir().unwrap();
+        let config = Config { data: folder.path().join("data"), ..Config::default() };
+        let store = Store::open(&config).unwrap();
+        let pace = Pace { pause: Duration::from_millis(300), ..LEAST };
+        let service = Service { pace, ..Service::new(Bakes::new(config, store)) };
+        let sha256 = hex(&Sha256::digest([7; BYTES]));
+        let header = Some(AssetHeader { sha256, size_bytes: BYTES as i64 });
+        let first = UploadAssetRequest { header, ..Default::default() };
+        let drops = tokio_stream::iter(0..BYTES).then(|_| async {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+            UploadAssetRequest { chunk: vec![7].into(), ..Default::default() }
+        });
+        let upload = tokio_stream::once(first).chain(drops);
+        let refused = PileServiceClient::new(PileServiceServer::new(service)).upload_asset(upload).await.unwrap_err();
+        assert_eq!(refused.get_error_details().error_info().unwrap().reason, "UPLOAD_STALLED", "{refused:?}");
+        assert_eq!(folder.path().join("data/partial").read_dir().unwrap().count(), 0, "nothing of it is left");
+    }
+}
