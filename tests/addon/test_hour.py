@@ -163,6 +163,72 @@ def test_fetching_draws_the_props(desk, addon, tmp_path):
     assert [len(prop.outlines[0].triangles) for prop in props] == [12]
 
 
+def test_a_file_that_gets_its_name_while_connecting_is_fetched(desk, addon, tmp_path, monkeypatch):
+    desk.add_stick()
+    assert not bpy.data.filepath
+    path, pending, job = str(tmp_path / "late.blend"), addon("pending"), addon("job")
+
+    async def never(*_):
+        await job.asyncio.sleep(PATIENCE)
+        yield
+
+    monkeypatch.setattr(job.client, "bake", never)
+    bake = start(desk, addon, accuracy="DRAFT", seed=79)
+    folder, end = pending.request_folder(bake.recipe), time.monotonic() + PATIENCE
+    while not folder.exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    monkeypatch.undo()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert addon("running").left["bake_id"] == "" and bpy.ops.cairn.fetch() == {"FINISHED"}
+    assert len(bpy.data.collections["Heap Pile"].objects) > 20
+    assert pending.of_this_file() is None and not folder.exists()
+
+
+def test_two_blenders_with_one_file_keep_their_notes(desk, addon, tmp_path):
+    desk.add_stick()
+    pending, request, running = addon("pending"), addon("request"), addon("running")
+    first, second = (request.take(bpy.context).recipe for _ in range(2))
+    path = str(tmp_path / "shared.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    pending.note(first, "1")
+    pending.note(second, "2")
+    # The server has taken the first one's, later.
+    pending.note(first, "one")
+    assert pending.of_this_file()["bake_id"] == "one"
+    assert pending.of_this_file(besides=first["token"])["bake_id"] == "2"
+    pending.forget(first)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert running.left["bake_id"] == "2"
+    pending.note(first, "one")
+    assert bpy.ops.cairn.forget() == {"FINISHED"} and running.left["bake_id"] == "2"
+    # Whatever the file is called when its bake ends.
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
+    assert pending.of_this_file() is None
+    pending.forget(second)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert running.left is None
+
+
+def test_no_more_is_kept_than_somebody_may_come_back_to(desk, addon, tmp_path, monkeypatch):
+    desk.add_stick()
+    pending, request = addon("pending"), addon("request")
+    monkeypatch.setattr(pending, "MOST", 2)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "many.blend"))
+    recipes = [request.take(bpy.context).recipe for _ in range(5)]
+    for recipe in recipes:
+        pending.request_folder(recipe).mkdir(parents=True)
+        pending.note(recipe, "")
+    pending.note(recipes[-1], "last")
+    there = [pending.request_folder(recipe).exists() for recipe in recipes]
+    assert not any(there[:3]) and all(there[3:])
+    for recipe in recipes[3:]:
+        pending.give_up()
+    assert pending.of_this_file() is None and not any(pending.request_folder(recipe).exists() for recipe in recipes)
+
+
 def test_two_blenders_keep_their_notes(desk, addon, tmp_path):
     """Each writes a file of its own, and removes none but its own."""
     desk.add_stick()
@@ -173,9 +239,9 @@ def test_two_blenders_keep_their_notes(desk, addon, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "two.blend"))
     assert pending.of_this_file() is None
     pending.note(second, "2")
-    pending.forget(first)
     assert pending.of_this_file()["bake_id"] == "2"
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "one.blend"))
+    pending.forget(second)
     assert pending.of_this_file()["bake_id"] == "1"
     pending.give_up()
     assert pending.of_this_file() is None
@@ -354,22 +420,37 @@ def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
     asked = []
     start = addon("job").Job.start
     monkeypatch.setattr(addon("job").Job, "start", lambda job: asked.append(job) or start(job))
+    stages, add_frame = set(), addon("recording").Recording.add_frame
+
+    def adding(recording, frame):
+        stages.add(frame.stage)
+        return add_frame(recording, frame)
+
+    monkeypatch.setattr(addon("recording").Recording, "add_frame", adding)
     assert turn(lambda: "made of" in live.told())
     desk.add_stick()
     before = all_blocks(), bpy.context.scene.frame_current
     desk.settings.accuracy = "REFERENCE"
     assert turn(lambda: drawn)
     v1 = addon("messages").v1
-    assert asked[0].spec.scene.accuracy == v1.ACCURACY_DRAFT
+    assert asked[-1].spec.scene.accuracy == v1.ACCURACY_DRAFT
     assert drawn[-1].stage != v1.STAGE_FILL and drawn[-1].present.sum() > 10 and "Draft of" in live.told()
+    # The fill is not sent, and what is drawn is the pose that the whole bake ends with.
+    assert asked[-1].recording.frames and not stages & {v1.STAGE_FILL}
+    whole = addon("job").Job(asked[-1].server, asked[-1].spec, asked[-1].contents)
+    whole.start()
+    while whole.news.get(timeout=PATIENCE)[0] != "done":
+        pass
+    assert np.array_equal(drawn[-1].positions, whole.recording.frames[-1].positions)
+    asked.clear(), drawn.clear()
     # A change drops what is under way; the old picture stays until the new one is there.
     desk.control.scale.z = 0.5
     bpy.context.view_layer.update()
-    assert turn(lambda: len(asked) == 2)
+    assert turn(lambda: len(asked) == 1)
     desk.settings.seed = 5
-    assert turn(lambda: len(drawn) == 3)
-    assert len(asked) == 3 and drawn[1] is None and asked[2].spec.scene.seed == 5
-    assert turn(lambda: False, 1.0) is False and len(asked) == 3
+    assert turn(lambda: len(drawn) == 2)
+    assert len(asked) == 2 and drawn[0] is None and asked[1].spec.scene.seed == 5
+    assert turn(lambda: False, 1.0) is False and len(asked) == 2
     assert (all_blocks(), bpy.context.scene.frame_current) == before
     live.show(False)
     assert drawn[-1] is None and live._on_change not in bpy.app.handlers.depsgraph_update_post
@@ -384,3 +465,4 @@ def test_the_report_can_be_switched_off(desk, addon):
     told = addon("running").report_of(collection)
     assert told["is_whole"] and told["result_hash"] == with_report["result_hash"]
     assert "shape_iou" in with_report["measures"] and "shape_iou" not in told["measures"]
+
