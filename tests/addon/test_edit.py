@@ -157,3 +157,36 @@ def test_a_bake_leaves_an_edited_pile_alone(edited, desk):
     before = poses(edited)
     again = desk.bake(kept_shape="NATURAL")
     assert again != edited and not again.hide_viewport and edited.hide_viewport and poses(edited) == before
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_what_is_gone_had_its_size(desk, size):
+    """What lay on a removed body is found where the body's surface was, not where the prop's would be."""
+    desk.add_stick("Block", (0.2, 0.2, 0.2))
+    common = desk.settings.prop_common
+    common.scale_min = common.scale_max = size
+    desk.settings.fill.use_count, desk.settings.fill.count = True, 4
+    desk.bake(kept_shape="NATURAL", output_mode="POSE")
+    bpy.ops.cairn.edit_pile()
+    collection = desk.addon("result").chosen(bpy.context)
+    edge = 0.2 * size
+    bodies = sorted(collection.objects, key=lambda body: body.name)[:3]
+    for body in set(collection.objects) - set(bodies):
+        bpy.data.objects.remove(body)
+    # One on the other, and one beside it, where a block of the prop's own size would be.
+    for body, place in zip(bodies, ((0, 0, 0), (0, 0, edge), (1.1 * edge, 0, 0.1 * edge))):
+        body.location, body.rotation_quaternion = place, (1, 0, 0, 0)
+    bpy.context.view_layer.update()
+    edit, request = desk.addon("edit"), desk.addon("request")
+    edit.remember(collection)
+    assert all(abs(body.cairn.size - size) < 1e-6 for body in collection.objects)
+    gone, on_it, far = bodies
+    select(gone)
+    bpy.ops.cairn.remove_bodies()
+    props = request.finish(desk.addon("export").Exporter(bpy.context).props(list(desk.props.objects)))
+    placed = edit.Placed(collection, props)
+    ((_, low, high),) = placed.gone
+    # And a little more, for what only touches it.
+    assert np.all(high - low > edge) and np.all(high - low < 1.1 * edge)
+    free = request.finish(placed.disturbed())
+    assert dict(zip(placed.objects, free)) == {on_it: True, far: False}
