@@ -224,7 +224,7 @@ def test_no_more_is_kept_than_somebody_may_come_back_to(desk, addon, tmp_path, m
     pending.note(recipes[-1], "last")
     there = [pending.request_folder(recipe).exists() for recipe in recipes]
     assert not any(there[:3]) and all(there[3:])
-    for recipe in recipes[3:]:
+    for _ in recipes[3:]:
         pending.give_up()
     assert pending.of_this_file() is None and not any(pending.request_folder(recipe).exists() for recipe in recipes)
 
@@ -465,4 +465,3 @@ def test_the_report_can_be_switched_off(desk, addon):
     told = addon("running").report_of(collection)
     assert told["is_whole"] and told["result_hash"] == with_report["result_hash"]
     assert "shape_iou" in with_report["measures"] and "shape_iou" not in told["measures"]
-
