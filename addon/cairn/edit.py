@@ -10,7 +10,7 @@ import numpy as np
 from mathutils import Matrix, Quaternion, Vector
 from mathutils.bvhtree import BVHTree
 
-from . import axes, outline, parts, pointers, request, result, running, timing
+from . import axes, outline, parts, pointers, prop_collections, request, result, running, timing
 from .client import Fault
 from .dots import number_of
 from .export import Exporter
@@ -43,6 +43,7 @@ def still_copy(scene, collection):
     pointers.write(made.cairn.pointers, pointers.read(collection.cairn.pointers))
     made.cairn.mode, made.cairn.frame_count = "POSE", 0
     remember(made)
+    carry(made)
     result.show_only(scene, made)
     return made
 
@@ -50,6 +51,13 @@ def still_copy(scene, collection):
 def remember(collection):
     """The pile has settled as it is now."""
     collection.cairn.settled = json.dumps({str(body.cairn.number): _state(body) for body in collection.objects})
+
+
+def carry(collection):
+    """The bodies are in their props' collections, where that was wanted, whatever was done to them."""
+    sources = result.sources_of(running.recipe_of(collection), pointers.read(collection.cairn.pointers))
+    if None not in sources:
+        prop_collections.refresh(collection, sources)
 
 
 def _state(body):
@@ -279,6 +287,7 @@ def applied(context, collection, objects, free, motion, recipe, told):
     collection.cairn.bake_id = told.get("bake_id", "")
     collection.cairn.states = ""
     remember(collection)
+    carry(collection)
     pointers.forget(recipe)
     return collection
 

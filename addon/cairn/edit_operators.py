@@ -99,6 +99,7 @@ class CAIRN_OT_replace_bodies(_Edits, Operator):
                 made.cairn.number, made.cairn.prop, made.cairn.size = body.cairn.number, number, body.cairn.size
                 collection.objects.link(made)
             bpy.data.batch_remove(chosen)
+            edit.carry(collection)
             return {"FINISHED"}
         return {"CANCELLED"}
 

@@ -9,6 +9,7 @@ import bpy
 from . import placed, pointers
 from .client import Fault
 from .export import Exporter
+from .prop_collections import members
 from .properties import GROUPS, fields_of, knows
 
 # Objects that are props or scenery; others in the same collections are left alone.
@@ -47,12 +48,8 @@ def props_of(settings):
 
 def objects_of(collection):
     """Those at the top of a collection: what is below them belongs to them."""
-    inside = set(collection.all_objects) if collection else set()
-    return [
-        source
-        for source in (collection.all_objects if collection else ())
-        if source.parent not in inside and source.type in PLACED
-    ]
+    inside = dict.fromkeys(members(collection) if collection else ())
+    return [source for source in inside if source.parent not in inside and source.type in PLACED]
 
 
 def is_bare(source):
@@ -68,8 +65,8 @@ def colliders_of(settings):
     taken = {settings.control_mesh, settings.drop_mesh, settings.region}
     taken.update(source for source, _ in props_of(settings))
     for other in (settings.keep, settings.impact):
-        taken.update(other.all_objects if other else ())
-    return [source for source in settings.colliders.all_objects if source.type in PLACED and source not in taken]
+        taken.update(members(other) if other else ())
+    return [source for source in members(settings.colliders) if source.type in PLACED and source not in taken]
 
 
 def missing(settings):
