@@ -12,6 +12,9 @@ from .export import Exporter
 from .prop_collections import members
 from .properties import GROUPS, fields_of, knows
 
+# What a generator yields while it can only wait; and for how long those wait that have nothing else to do, s.
+WAITING = "waiting"
+PAUSE = 0.02
 # Objects that are props or scenery; others in the same collections are left alone.
 PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
 
@@ -91,18 +94,18 @@ def finish(generator):
     """Runs a generator to its end. Returns what it returns."""
     while True:
         try:
-            next(generator)
+            if next(generator) is WAITING:
+                time.sleep(PAUSE)
         except StopIteration as end:
             return end.value
 
 
 def advance(generator, seconds, take):
-    """Runs a generator for so long. Whether there is more to do; `take` gets what it returns."""
+    """Runs a generator for so long, or until it waits. Whether there is more to do; `take` gets what it returns."""
     until = time.monotonic() + seconds
     try:
-        next(generator)
-        while time.monotonic() < until:
-            next(generator)
+        while next(generator) is not WAITING and time.monotonic() < until:
+            pass
     except StopIteration as end:
         take(end.value)
         return False

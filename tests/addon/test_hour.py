@@ -1,18 +1,14 @@
 """What an artist meets in an hour of work: nothing moves by itself, nothing is lost, everything is told in words."""
 
+import concurrent.futures
 import time
 
 import bpy
 import numpy as np
 import pytest
+from blocks import all_blocks
 from conftest import count_blocks, cuboid, mesh_object
 from test_faults import LONG, PATIENCE, names, refusal, start, wait
-
-
-def all_blocks():
-    """Everything in the file, by kind."""
-    kinds = (name for name in dir(bpy.data) if isinstance(getattr(bpy.data, name), bpy.types.bpy_prop_collection))
-    return {name: sorted(block.name for block in getattr(bpy.data, name)) for name in kinds}
 
 
 @pytest.fixture
@@ -272,6 +268,57 @@ def test_all_that_is_wrong_is_told_at_once(desk, addon):
         assert not any("control mesh" in text for text in pairs)
 
 
+def test_a_check_does_not_wait(desk, addon, monkeypatch):
+    """With a window, it reads the scene in slices, and then looks for the answer now and then."""
+    for number in range(4):
+        desk.add_stick(f"Stick {number}", (0.3 + 0.02 * number, 0.1, 0.1))
+    setup, answer, told = addon("setup_operators"), concurrent.futures.Future(), []
+    monkeypatch.setattr(setup, "SLICE", 0.0)
+    monkeypatch.setattr(setup.job, "plan", lambda *_: answer)
+    check = setup.CAIRN_OT_check
+
+    class Check(setup._Waits):
+        slices = None
+        _ask, _read, _take, modal, cancel = check._ask, check._read, check._take, check.modal, check.cancel
+
+        def report(self, _, text):
+            told.append(text)
+
+    class Event:
+        type, value = "TIMER", "NOTHING"
+
+    bpy.context.scene.frame_set(9)
+    made, before = Check(), all_blocks()
+    made.slices = made._ask(bpy.context)
+    turns = 0
+    while made.slices:
+        assert made.modal(bpy.context, Event()) == {"PASS_THROUGH"}
+        turns += 1
+    assert turns > 4 and made.answer is answer
+    for _ in range(3):
+        assert made.modal(bpy.context, Event()) == {"PASS_THROUGH"}
+    answer.set_exception(addon("client").Fault("It was told."))
+    assert made.modal(bpy.context, Event()) == {"CANCELLED"} and told == ["It was told."]
+    # Stopped while it reads, it leaves everything as it was.
+    made.slices, answer = made._ask(bpy.context), concurrent.futures.Future()
+    made.modal(bpy.context, Event())
+    Event.type, Event.value = "ESC", "PRESS"
+    assert made.modal(bpy.context, Event()) == {"CANCELLED"} and not made.slices
+    assert bpy.context.scene.frame_current == 9 and all_blocks() == before
+
+
+def test_an_object_that_is_meant_is_selected(desk):
+    stick, other = desk.add_stick(), desk.add_stick("Other")
+    layer = bpy.context.view_layer
+    layer.update()
+    other.select_set(True)
+    assert bpy.ops.cairn.select(object="Stick") == {"FINISHED"}
+    assert bpy.context.selected_objects == [stick] and layer.objects.active == stick
+    stick.hide_set(True)
+    assert "hidden" in refusal(lambda: bpy.ops.cairn.select(object="Stick"))
+    assert "not in this view layer" in refusal(lambda: bpy.ops.cairn.select(object="Nobody"))
+
+
 def test_warnings_are_told_once_and_in_words(addon):
     gathered = addon("wording").gathered
     tail = ": the mesh is open, so that its mass is taken from its collision shape"
@@ -429,8 +476,8 @@ def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
     monkeypatch.setattr(addon("recording").Recording, "add_frame", adding)
     assert turn(lambda: "made of" in live.told())
     desk.add_stick()
-    before = all_blocks(), bpy.context.scene.frame_current
     desk.settings.accuracy = "REFERENCE"
+    before = all_blocks(), bpy.context.scene.frame_current
     assert turn(lambda: drawn)
     v1 = addon("messages").v1
     assert asked[-1].spec.scene.accuracy == v1.ACCURACY_DRAFT
@@ -451,6 +498,7 @@ def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
     assert turn(lambda: len(drawn) == 2)
     assert len(asked) == 2 and drawn[0] is None and asked[1].spec.scene.seed == 5
     assert turn(lambda: False, 1.0) is False and len(asked) == 2
+    desk.control.scale.z, desk.settings.seed = 1.0, 1
     assert (all_blocks(), bpy.context.scene.frame_current) == before
     live.show(False)
     assert drawn[-1] is None and live._on_change not in bpy.app.handlers.depsgraph_update_post

@@ -3,17 +3,11 @@
 import time
 
 import bpy
+from blocks import all_blocks
 from hands import picture, view, wait
 
 # How long nobody does anything, s.
 IDLE = 8.0
-
-
-def all_blocks():
-    """Everything in the file, and where it is in time."""
-    kinds = (name for name in dir(bpy.data) if isinstance(getattr(bpy.data, name), bpy.types.bpy_prop_collection))
-    blocks = {name: sorted(block.name for block in getattr(bpy.data, name)) for name in kinds}
-    return blocks, bpy.context.scene.frame_current, bpy.context.scene.frame_subframe
 
 
 def idle():
