@@ -114,6 +114,7 @@ OPTIONS = (
     "cairn_seed_shapes",
     "cairn_seed_strengths",
     "cairn_add_count",
+    "cairn_add_region",
 )
 
 
@@ -127,6 +128,11 @@ def register():
     )
     bpy.types.WindowManager.cairn_add_count = IntProperty(
         name="Count", description="How many props are dropped on top", default=10, min=1, max=10000
+    )
+    bpy.types.WindowManager.cairn_add_region = StringProperty(
+        name="Region",
+        description="A vertex group of the shape: props fall where its weights are 0.5 or more. Empty: over the "
+        "selected bodies, or the whole pile",
     )
     bpy.types.WindowManager.cairn_seed_glue = BoolProperty(
         name="And Glue",

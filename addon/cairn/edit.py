@@ -10,7 +10,7 @@ import numpy as np
 from mathutils import Matrix, Quaternion, Vector
 from mathutils.bvhtree import BVHTree
 
-from . import axes, outline, parts, pointers, prop_collections, request, result, running, timing
+from . import axes, outline, painted, parts, pointers, prop_collections, request, result, running, timing
 from .client import Fault
 from .dots import number_of
 from .export import Exporter
@@ -21,6 +21,8 @@ MOVED, TOUCH = 1e-4, 0.03
 TRIANGLES = 80
 # New bodies appear so high above the pile and over so much of its width, in sizes of the largest prop.
 ABOVE, MARGIN = 1.5, 0.25
+# Of what is painted, squares of so many to a side of the largest prop are told apart.
+CELLS = 4
 # How fast they come, bodies per second.
 RATE = 12.0
 
@@ -171,9 +173,10 @@ def _pose(state):
     return int(prop), Matrix.Translation(numbers[:3]) @ Quaternion(numbers[3:7]).to_matrix().to_4x4(), size
 
 
-def settling(context, collection, added=0, over=()):
+def settling(context, collection, added=0, over=(), region=""):
     """A generator: the request to let what was disturbed settle, and objects and whether they may move. `added`: so
-    many props are dropped from above, over those objects, or over the whole pile."""
+    many props are dropped from above, over those objects, or over the whole pile; or over what is painted on the shape,
+    as the weights of the vertex group `region`."""
     from .messages import v1
 
     settings = context.scene.cairn
@@ -210,10 +213,15 @@ def settling(context, collection, added=0, over=()):
         made = told.bodies.add(prop=str(body.cairn.prop), scale=round(body.cairn.size, 6), kept=not is_free)
         made.position.extend(axes.points_to_server(np.array(body.location), exporter.metres).tolist())
         made.rotation.extend(axes.rotations_to_server(np.array(body.rotation_quaternion)).tolist())
+    places = None
     if added:
         largest = max(size * prop.scale_max for size, prop in zip(placed.sizes, told.props))
-        _add_above(told, placed, added, over, largest, exporter.metres)
-    models = [*(prop.model for prop in props), *(model for _, model in statics)]
+        if region:
+            places = _painted(context, exporter, collection, placed, region, largest)
+            told.emitters.add(rate=RATE, count=added, mesh=places.uri)
+        else:
+            _add_above(told, placed, added, over, largest, exporter.metres)
+    models = [*(prop.model for prop in props), *(model for _, model in statics), *filter(None, [places])]
     assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
     names = {prop.model.uri: prop.source.name for prop in props}
     names.update((model.uri, source.name) for source, model in statics)
@@ -252,6 +260,19 @@ def _add_above(told, placed, count, over, largest, metres):
     drops = told.emitters.add(rate=RATE, count=count)
     drops.center.extend(axes.points_to_server(middle, metres).tolist())
     drops.size.extend(np.abs(axes.points_to_server(size, metres)).tolist())
+
+
+def _painted(context, exporter, collection, placed, region, largest):
+    """Where props appear: a block above what is painted, and above the bodies there."""
+    control = collection.cairn.control
+    if control is None:
+        raise Fault("The shape is not in the file any more, and what was painted on it is not, either.")
+    edge, corner, found = painted.cells(context, control, region, largest / CELLS)
+    low, high = corner - largest, corner + edge * np.array(found.shape) + largest
+    bodies = [body.location for body in placed.objects]
+    near = [place.z for place in bodies if np.all(low < place[:2]) and np.all(place[:2] < high)]
+    bottom = max(near, default=_ground(collection, context.scene.cairn)) + ABOVE * largest
+    return exporter.mesh("region", *painted.block(edge, corner, found, bottom, bottom + largest))
 
 
 def applied(context, collection, objects, free, motion, recipe, told):

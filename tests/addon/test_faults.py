@@ -211,9 +211,10 @@ def test_every_button_and_setting_says_what_it_does(addon):
     for prop in addon("preferences").CairnPreferences.bl_rna.properties:
         if prop.identifier not in ("rna_type", "bl_idname"):
             assert len(prop.description) > 10, prop.identifier
-    for modules in ("operators", "pile_operators", "setup_operators", "variant_operators", "glue"):
-        for operator in importlib.import_module(addon(modules).__name__).CLASSES:
-            assert len(operator.__doc__) > 20, operator
+    modules = ("operators", "pile_operators", "setup_operators", "variant_operators", "glue")
+    for name in (*modules, "edit_operators", "timing_panel"):
+        for operator in importlib.import_module(addon(name).__name__).CLASSES:
+            assert issubclass(operator, bpy.types.Panel) or len(operator.__doc__) > 20, operator
 
 
 def test_the_pile_is_there_before_its_figures(desk, addon):
