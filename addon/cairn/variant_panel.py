@@ -53,8 +53,8 @@ class CAIRN_PT_variants(Pile, Panel):
         if number:
             box.template_icon(icon_value=number, scale=SCALE)
         column = box.column(align=True)
-        column.label(text=entry.name)
-        for line in entry.told.split(", "):
+        # Line by line: two of them stand side by side.
+        for line in (*entry.name.split(", "), *entry.told.split(", ")):
             column.label(text=line)
         row = column.row(align=True)
         icon = "TIME" if variants.is_fetched(entry) else "HIDE_OFF"

@@ -111,8 +111,16 @@ def editing(area):
         bpy.ops.cairn.remove_bodies()
         bpy.ops.cairn.settle("INVOKE_DEFAULT")
     yield from wait(lambda: running.bake is None, "the pile to settle")
+    cone = bpy.data.objects["Cone"]
     with view(area):
-        bpy.ops.cairn.add_on_top("INVOKE_DEFAULT", count=20)
+        bpy.ops.cairn.paint_region()
+    group = cone.vertex_groups.active
+    group.add([vertex.index for vertex in cone.data.vertices if vertex.co.x > 0], 1.0, "REPLACE")
+    yield 0.7
+    picture("8-painting.png")
+    with view(area):
+        bpy.ops.cairn.add_on_top("INVOKE_DEFAULT", count=20, region=group.name)
+    assert bpy.context.mode == "OBJECT"
     yield from wait(lambda: running.bake is None, "more props")
     yield from wait(lambda: not running.measuring, "the report")
     # Undo may have put others in their places since.
