@@ -64,8 +64,10 @@ def _age(path):
 
 def forget(recipe):
     """A bake has ended, whatever its file is called now. Others, perhaps another Blender's, are still told of."""
-    for path in _folder().glob(f"*-{recipe['token']}.json") if recipe.get("token") else ():
-        path.unlink(missing_ok=True)
+    if recipe.get("token"):
+        shutil.rmtree(request_folder(recipe), ignore_errors=True)
+        for path in _folder().glob(f"*-{recipe['token']}.json"):
+            path.unlink(missing_ok=True)
 
 
 def of_this_file(besides=""):
@@ -82,7 +84,6 @@ def give_up():
     """The latest bake of this file is not wanted any more."""
     told = of_this_file()
     if told:
-        shutil.rmtree(request_folder(told["recipe"]), ignore_errors=True)
         forget(told["recipe"])
 
 

@@ -68,7 +68,7 @@ class _Trials:
         recipe = json.loads(json.dumps(self.taken.recipe))
         change(spec.scene, recipe["settings"])
         self.name, self.recipe, self.progress = name, recipe, 0.0
-        self.job = job.Job(preferences.server(bpy.context), spec, self.taken.contents)
+        self.job = job.Job(preferences.server(bpy.context), spec, self.taken.contents, has_fill=False)
         self.job.start()
 
     def _follow(self):
@@ -188,7 +188,7 @@ def load(context, entry):
     exporter = export.Exporter(context)
     props = yield from exporter.props(sources)
     drawn = yield from preview.drawn(props)
-    fetched = job.Job(preferences.server(context), bake_id=entry.bake_id)
+    fetched = job.Job(preferences.server(context), bake_id=entry.bake_id, has_fill=False)
     fetched.start()
     kind = ""
     try:

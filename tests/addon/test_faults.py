@@ -98,9 +98,11 @@ def test_a_program_that_is_another(desk, module, addon, tmp_path, monkeypatch):
         preferences(module).program = str(PROGRAM)
 
 
-def test_a_server_out_of_reach(desk, module):
+def test_a_server_out_of_reach(desk, module, addon):
     desk.add_stick()
     chosen = preferences(module)
+    kept = addon("preferences").folder() / "asked"
+    before = set(kept.glob("*"))
     chosen.server = "REMOTE"
     try:
         assert "no server's address" in refusal()
@@ -108,6 +110,8 @@ def test_a_server_out_of_reach(desk, module):
         assert "HOST:PORT" in refusal()
         chosen.address = "127.0.0.1:1"
         assert "cannot be reached" in refusal()
+        # What was to be sent is not kept.
+        assert set(kept.glob("*")) == before
     finally:
         chosen.server, chosen.address = "LOCAL", ""
 
