@@ -4,7 +4,7 @@ import atexit
 
 import bpy
 from bpy.app.handlers import persistent
-from bpy.props import BoolProperty, IntProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 
 from . import (
     edit_operators,
@@ -106,9 +106,20 @@ HANDLERS = {
 }
 
 
+# Of this session, not of the file.
+OPTIONS = (
+    "cairn_warnings",
+    "cairn_seed_count",
+    "cairn_seed_glue",
+    "cairn_seed_shapes",
+    "cairn_seed_strengths",
+    "cairn_add_count",
+    "cairn_add_region",
+)
+
+
 def register():
     properties.register()
-    # Of this session, not of the file.
     bpy.types.WindowManager.cairn_warnings = BoolProperty(
         name="Warnings", description="Show what the server says of the scene or of the pile"
     )
@@ -118,8 +129,25 @@ def register():
     bpy.types.WindowManager.cairn_add_count = IntProperty(
         name="Count", description="How many props are dropped on top", default=10, min=1, max=10000
     )
+    bpy.types.WindowManager.cairn_add_region = StringProperty(
+        name="Region",
+        description="A vertex group of the shape: props fall where its weights are 0.5 or more. Empty: over the "
+        "selected bodies, or the whole pile",
+    )
     bpy.types.WindowManager.cairn_seed_glue = BoolProperty(
-        name="And Glue", description="Try each seed as modelled and with no glue, as well as with the glue set above"
+        name="And Glue",
+        description="Try each seed with several amounts of glue: as chosen below, and with the glue set above",
+    )
+    bpy.types.WindowManager.cairn_seed_shapes = EnumProperty(
+        name="Kept Shapes",
+        description="Which of these are tried with each seed",
+        items=variant_operators.BUDGETS,
+        options={"ENUM_FLAG"},
+        default={"AS_MODELLED", "NATURAL"},
+    )
+    bpy.types.WindowManager.cairn_seed_strengths = StringProperty(
+        name="Tacky",
+        description="Which strengths of Tacky are tried with each seed, in weights of a typical prop: as in 1, 5, 20",
     )
     for cls in CLASSES:
         bpy.utils.register_class(cls)
@@ -143,6 +171,6 @@ def unregister():
         getattr(bpy.app.handlers, name).remove(handler)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
-    for name in ("cairn_warnings", "cairn_seed_count", "cairn_add_count", "cairn_seed_glue"):
+    for name in OPTIONS:
         delattr(bpy.types.WindowManager, name)
     properties.unregister()

@@ -129,10 +129,15 @@ class Client:
         return await self.call("PlanBake", timeout=600.0, spec=spec)
 
 
-async def bake(reach, spec, contents, told=lambda state: None):
+def _selection(has_fill):
+    return v1.FRAME_SELECTION_ALL if has_fill else v1.FRAME_SELECTION_RESULT
+
+
+async def bake(reach, spec, contents, told=lambda state: None, has_fill=True):
     """Uploads, bakes, and yields the events to the end, over as many connections as it takes.
 
     `reach`: gives the target, awaited before each connection. `told`: hears what is done before the first event.
+    `has_fill`: whether the fill's frames are sent, too.
     """
     async with Client(await reach()) as client:
         await client.handshake()
@@ -141,7 +146,7 @@ async def bake(reach, spec, contents, told=lambda state: None):
         told("Reading props")
         bake_id, last = "", 0
         try:
-            async for reply in client.stream("Bake", spec=spec, frames=v1.FRAME_SELECTION_ALL):
+            async for reply in client.stream("Bake", spec=spec, frames=_selection(has_fill)):
                 bake_id = reply.event.accepted.bake_id or bake_id
                 last = max(last, reply.event.sequence_number)
                 yield reply.event
@@ -149,18 +154,18 @@ async def bake(reach, spec, contents, told=lambda state: None):
         except Fault as fault:
             if not fault.is_broken or not bake_id:
                 raise
-    async for event in watch(reach, bake_id, last + 1):
+    async for event in watch(reach, bake_id, last + 1, has_fill):
         yield event
 
 
-async def watch(reach, bake_id, first=1):
+async def watch(reach, bake_id, first=1, has_fill=True):
     """Yields the events of a bake from number `first` on."""
     attempt = 0
     while True:
         try:
             async with Client(await reach()) as client:
                 await client.handshake()
-                wanted = {"bake_id": bake_id, "from_sequence_number": first, "frames": v1.FRAME_SELECTION_ALL}
+                wanted = {"bake_id": bake_id, "from_sequence_number": first, "frames": _selection(has_fill)}
                 async for reply in client.stream("WatchBake", **wanted):
                     first = max(first, reply.event.sequence_number + 1)
                     attempt = 0

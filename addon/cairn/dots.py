@@ -1,5 +1,6 @@
 """The dots of glue of a pile, as its collection remembers them."""
 
+import functools
 import json
 
 import numpy as np
@@ -69,9 +70,14 @@ def loads(collection, dots, count):
     return levels
 
 
+@functools.lru_cache(maxsize=4)
+def _left_out(text):
+    return json.loads(text or "[]")
+
+
 def number_of(collection, body):
     """By which number the pile's objects know a body of the server; None for the ground, and for what is not shown."""
-    left_out = json.loads(collection.cairn.left_out or "[]")
+    left_out = _left_out(collection.cairn.left_out)
     if body is None or body in left_out:
         return None
     return 1 + body - sum(other < body for other in left_out)

@@ -10,7 +10,7 @@ import numpy as np
 from mathutils import Matrix, Quaternion, Vector
 from mathutils.bvhtree import BVHTree
 
-from . import axes, outline, parts, pointers, request, result, running, timing
+from . import axes, outline, painted, parts, pointers, prop_collections, request, result, running, timing
 from .client import Fault
 from .dots import number_of
 from .export import Exporter
@@ -21,6 +21,8 @@ MOVED, TOUCH = 1e-4, 0.03
 TRIANGLES = 80
 # New bodies appear so high above the pile and over so much of its width, in sizes of the largest prop.
 ABOVE, MARGIN = 1.5, 0.25
+# Of what is painted, squares of so many to a side of the largest prop are told apart.
+CELLS = 4
 # How fast they come, bodies per second.
 RATE = 12.0
 
@@ -43,6 +45,7 @@ def still_copy(scene, collection):
     pointers.write(made.cairn.pointers, pointers.read(collection.cairn.pointers))
     made.cairn.mode, made.cairn.frame_count = "POSE", 0
     remember(made)
+    carry(made)
     result.show_only(scene, made)
     return made
 
@@ -52,8 +55,15 @@ def remember(collection):
     collection.cairn.settled = json.dumps({str(body.cairn.number): _state(body) for body in collection.objects})
 
 
+def carry(collection):
+    """The bodies are in their props' collections, where that was wanted, whatever was done to them."""
+    sources = result.sources_of(running.recipe_of(collection), pointers.read(collection.cairn.pointers))
+    if None not in sources:
+        prop_collections.refresh(collection, sources)
+
+
 def _state(body):
-    return [body.cairn.prop, *body.location, *body.rotation_quaternion]
+    return [body.cairn.prop, *body.location, *body.rotation_quaternion, body.cairn.size]
 
 
 def is_edited(collection):
@@ -67,7 +77,7 @@ class Placed:
     def __init__(self, collection, props):
         self.objects = [body for body in collection.objects if body.cairn.number]
         self.props = props
-        # Of what the pile was when it settled last: by number, prop and pose.
+        # Of what the pile was when it settled last: by number, prop, pose and size.
         before = {int(number): state for number, state in json.loads(collection.cairn.settled).items()}
         here = {body.cairn.number for body in self.objects}
         shapes = [outline.fewer(prop.vertices, prop.triangles, TRIANGLES) for prop in props]
@@ -79,7 +89,7 @@ class Placed:
         self.partners = _partners(collection)
         self.lost = moved | (set(before) - here)
         self.gone = [
-            self._tree(*_pose(state)) for number, state in before.items() if number in moved or number not in here
+            self._reaching(*_pose(state)) for number, state in before.items() if number in moved or number not in here
         ]
 
     def _is_changed(self, body, state):
@@ -87,33 +97,37 @@ class Placed:
             return True
         now = _state(body)
         limit = MOVED * self.sizes[body.cairn.prop]
-        turn = max(abs(a - b) for a, b in zip(now[4:], state[4:]))
+        turn = max(abs(a - b) for a, b in zip(now[4:8], state[4:8]))
         return max(abs(a - b) for a, b in zip(now[1:4], state[1:4])) > limit or turn > MOVED
 
-    def _tree(self, prop, matrix, size=1.0):
+    def _tree(self, prop, matrix, size, reach=0.0):
+        """For finding out whether two overlap, with the lowest and the highest corner. `reach`: it is so much larger on
+        all sides: scaled, and each face moved outwards."""
         points, triangles = self.shapes[prop]
+        if reach:
+            points, triangles = _grown(points, triangles, reach / size)
         world = points * size @ np.array(matrix)[:3, :3].T + np.array(matrix)[:3, 3]
-        tree = BVHTree.FromPolygons(world.tolist(), triangles.tolist(), epsilon=TOUCH * self.sizes[prop] * size)
-        return tree, world.min(axis=0), world.max(axis=0)
+        return BVHTree.FromPolygons(world.tolist(), triangles.tolist()), world.min(axis=0), world.max(axis=0)
+
+    def _reaching(self, prop, matrix, size):
+        return self._tree(prop, matrix, size, TOUCH * self.sizes[prop] * size)
 
     def disturbed(self):
         """A generator: which objects may move, [n]: those that were changed, those that stood on what is gone, and all
         that stands on them."""
-        trees = []
-        for body in self.objects:
-            location, rotation = body.location, body.rotation_quaternion
-            matrix = Matrix.Translation(location) @ rotation.to_matrix().to_4x4()
-            trees.append(self._tree(body.cairn.prop, matrix, body.cairn.size))
+        trees, poses = [], [_pose(_state(body)) for body in self.objects]
+        for pose in poses:
+            trees.append(self._tree(*pose))
             yield
         low, high = (np.array([tree[side] for tree in trees]) for side in (1, 2))
         index = {body.cairn.number: n for n, body in enumerate(self.objects)}
         glued = {index[other] for number in self.lost for other in self.partners.get(number, ()) if other in index}
         free = [is_changed or n in glued for n, is_changed in enumerate(self.changed)]
-        waiting = [(tree, None) for tree in self.gone] + [(trees[n], n) for n in range(len(trees)) if free[n]]
+        waiting = [(tree, None) for tree in self.gone] + [(None, n) for n in range(len(trees)) if free[n]]
         while waiting:
-            (tree, bottom, top), own = waiting.pop()
-            reach = TOUCH * max(self.sizes)
-            near = ((low <= top + reach) & (high >= bottom - reach)).all(axis=1)
+            found, own = waiting.pop()
+            tree, bottom, top = found or self._reaching(*poses[own])
+            near = ((low <= top) & (high >= bottom)).all(axis=1)
             # What lies below does not need it.
             above = (low + high)[:, 2] > (bottom + (top if own is not None else bottom))[2]
             known = self.partners.get(self.objects[own].cairn.number, ()) if own is not None else ()
@@ -123,9 +137,22 @@ class Placed:
                 touches = number in partners or tree.overlap(trees[number][0])
                 if not free[number] and number != own and touches:
                     free[number] = True
-                    waiting.append((trees[number], number))
+                    waiting.append((None, number))
             yield
         return free
+
+
+def _grown(points, triangles, reach):
+    """Triangles that are farther out than those given, by `reach`."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = np.maximum(high - low, 1e-12)
+    scaled = (points - (low + high) / 2) * (1 + 2 * reach / extent) + (low + high) / 2
+    corners = points[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-20)
+    moved = (corners + reach * normals[:, None]).reshape(-1, 3)
+    soup = len(points) + np.arange(len(moved)).reshape(-1, 3)
+    return np.concatenate([scaled, moved]), np.concatenate([triangles, soup])
 
 
 def _partners(collection):
@@ -141,12 +168,15 @@ def _partners(collection):
 
 def _pose(state):
     prop, *numbers = state
-    return int(prop), Matrix.Translation(numbers[:3]) @ Quaternion(numbers[3:]).to_matrix().to_4x4()
+    # Older files have no sizes.
+    size = numbers[7] if len(numbers) > 7 else 1.0
+    return int(prop), Matrix.Translation(numbers[:3]) @ Quaternion(numbers[3:7]).to_matrix().to_4x4(), size
 
 
-def settling(context, collection, added=0, over=()):
+def settling(context, collection, added=0, over=(), region=""):
     """A generator: the request to let what was disturbed settle, and objects and whether they may move. `added`: so
-    many props are dropped from above, over those objects, or over the whole pile."""
+    many props are dropped from above, over those objects, or over the whole pile; or over what is painted on the shape,
+    as the weights of the vertex group `region`."""
     from .messages import v1
 
     settings = context.scene.cairn
@@ -183,9 +213,15 @@ def settling(context, collection, added=0, over=()):
         made = told.bodies.add(prop=str(body.cairn.prop), scale=round(body.cairn.size, 6), kept=not is_free)
         made.position.extend(axes.points_to_server(np.array(body.location), exporter.metres).tolist())
         made.rotation.extend(axes.rotations_to_server(np.array(body.rotation_quaternion)).tolist())
+    places = None
     if added:
-        _add_above(told, placed, added, over, exporter.metres)
-    models = [*(prop.model for prop in props), *(model for _, model in statics)]
+        largest = max(size * prop.scale_max for size, prop in zip(placed.sizes, told.props))
+        if region:
+            places = _painted(context, exporter, collection, placed, region, largest)
+            told.emitters.add(rate=RATE, count=added, mesh=places.uri)
+        else:
+            _add_above(told, placed, added, over, largest, exporter.metres)
+    models = [*(prop.model for prop in props), *(model for _, model in statics), *filter(None, [places])]
     assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
     names = {prop.model.uri: prop.source.name for prop in props}
     names.update((model.uri, source.name) for source, model in statics)
@@ -210,10 +246,9 @@ def _ground(collection, settings):
     return min((control.matrix_world @ Vector(corner)).z for corner in control.bound_box)
 
 
-def _add_above(told, placed, count, over, metres):
-    """Props that fall, from a box above the pile."""
+def _add_above(told, placed, count, over, largest, metres):
+    """Props that fall, from a box above the pile. `largest`: the size of the largest of them."""
     below = [body for body in over if body in placed.objects] or placed.objects
-    largest = max(placed.sizes)
     if below:
         places = np.array([body.location for body in below])
         low, high = places.min(axis=0), places.max(axis=0)
@@ -225,6 +260,19 @@ def _add_above(told, placed, count, over, metres):
     drops = told.emitters.add(rate=RATE, count=count)
     drops.center.extend(axes.points_to_server(middle, metres).tolist())
     drops.size.extend(np.abs(axes.points_to_server(size, metres)).tolist())
+
+
+def _painted(context, exporter, collection, placed, region, largest):
+    """Where props appear: a block above what is painted, and above the bodies there."""
+    control = collection.cairn.control
+    if control is None:
+        raise Fault("The shape is not in the file any more, and what was painted on it is not, either.")
+    edge, corner, found = painted.cells(context, control, region, largest / CELLS)
+    low, high = corner - largest, corner + edge * np.array(found.shape) + largest
+    bodies = [body.location for body in placed.objects]
+    near = [place.z for place in bodies if np.all(low < place[:2]) and np.all(place[:2] < high)]
+    bottom = max(near, default=_ground(collection, context.scene.cairn)) + ABOVE * largest
+    return exporter.mesh("region", *painted.block(edge, corner, found, bottom, bottom + largest))
 
 
 def applied(context, collection, objects, free, motion, recipe, told):
@@ -260,6 +308,7 @@ def applied(context, collection, objects, free, motion, recipe, told):
     collection.cairn.bake_id = told.get("bake_id", "")
     collection.cairn.states = ""
     remember(collection)
+    carry(collection)
     pointers.forget(recipe)
     return collection
 

@@ -1,7 +1,7 @@
 """What the buttons do to a pile that is worked on by hand."""
 
 import bpy
-from bpy.props import EnumProperty, IntProperty
+from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy.types import Operator, Panel
 
 from mathutils import Matrix
@@ -11,6 +11,10 @@ from .client import Fault
 from .following import Follows, explain, explaining, is_running
 from .layouts import wrapped
 from .panels import Pile
+
+
+# How a vertex group is called that is painted for this.
+REGION = "Drop Here"
 
 
 def _pile(context):
@@ -99,12 +103,13 @@ class CAIRN_OT_replace_bodies(_Edits, Operator):
                 made.cairn.number, made.cairn.prop, made.cairn.size = body.cairn.number, number, body.cairn.size
                 collection.objects.link(made)
             bpy.data.batch_remove(chosen)
+            edit.carry(collection)
             return {"FINISHED"}
         return {"CANCELLED"}
 
 
 class _Settles(Follows):
-    added = 0
+    added, over_painted = 0, ""
 
     @classmethod
     def poll(cls, context):
@@ -112,11 +117,13 @@ class _Settles(Follows):
 
     def begin(self, context):
         server = preferences.server(context)
+        end_painting(context)
         self.pile = _pile(context)
         bake = running.bake = running.Bake(server)
         yield
         over = _selected(context, self.pile)
-        taken, self.objects, self.free = yield from edit.settling(context, self.pile, self.added, over)
+        settling = edit.settling(context, self.pile, self.added, over, self.over_painted)
+        taken, self.objects, self.free = yield from settling
         pointers.ask(context.scene, taken.recipe["token"], taken.pointers)
         bake.ask(taken)
         return (yield from preview.drawn(taken.props))
@@ -133,16 +140,71 @@ class CAIRN_OT_settle(_Settles, Operator):
 
 
 class CAIRN_OT_add_on_top(_Settles, Operator):
-    """Drop more props from above, over the selected bodies or, with none, over the whole pile"""
+    """Drop more props from above: over what is painted, if a region is chosen; over the selected bodies; or, with
+    neither, over the whole pile"""
 
     bl_idname = "cairn.add_on_top"
     bl_label = "Add on Top"
 
     count: IntProperty(name="Count", description="How many props are dropped", default=10, min=1, max=10000)
 
+    region: StringProperty(
+        name="Region",
+        description="A vertex group of the shape: props fall where its weights are 0.5 or more. Empty: over the "
+        "selected bodies, or the whole pile",
+    )
+
     @property
     def added(self):
         return self.count
+
+    @property
+    def over_painted(self):
+        return self.region
+
+
+class CAIRN_OT_paint_region(Operator):
+    """Paint on the shape where more props shall fall: red is where they do. Pressed again, the painting ends"""
+
+    bl_idname = "cairn.paint_region"
+    bl_label = "Paint Region"
+    bl_options = {"UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return not is_running() and _pile(context) is not None
+
+    def execute(self, context):
+        if end_painting(context):
+            return {"FINISHED"}
+        control, manager = _pile(context).cairn.control, context.window_manager
+        if control is None or context.view_layer.objects.get(control.name) != control:
+            return explain(self, Fault("The shape is not in this view layer. Bring it back to paint on it."))
+        groups = control.vertex_groups
+        group = groups.get(manager.cairn_add_region) or groups.get(REGION) or groups.new(name=REGION)
+        groups.active_index, manager.cairn_add_region = group.index, group.name
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        for other in context.selected_objects:
+            other.select_set(False)
+        control.hide_viewport = False
+        control.hide_set(False)
+        control.select_set(True)
+        context.view_layer.objects.active = control
+        # The colours are on its faces.
+        control.display_type = "TEXTURED"
+        bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+        return {"FINISHED"}
+
+
+def end_painting(context):
+    """Whether somebody was painting a region: the shape is wire again."""
+    pile = _pile(context)
+    if context.mode != "PAINT_WEIGHT" or pile is None or context.object != pile.cairn.control:
+        return False
+    bpy.ops.object.mode_set(mode="OBJECT")
+    pile.cairn.control.display_type = "WIRE"
+    return True
 
 
 class CAIRN_PT_edit(Pile, Panel):
@@ -165,7 +227,13 @@ class CAIRN_PT_edit(Pile, Panel):
         row.operator_menu_enum("cairn.replace_bodies", "prop", text="Replace By", icon="FILE_REFRESH")
         row = column.row(align=True)
         row.prop(context.window_manager, "cairn_add_count", text="")
-        row.operator("cairn.add_on_top", icon="ADD").count = context.window_manager.cairn_add_count
+        button = row.operator("cairn.add_on_top", icon="ADD")
+        button.count, button.region = context.window_manager.cairn_add_count, context.window_manager.cairn_add_region
+        if collection.cairn.control:
+            row = column.row(align=True)
+            row.prop_search(context.window_manager, "cairn_add_region", collection.cairn.control, "vertex_groups")
+            is_painting = context.mode == "PAINT_WEIGHT"
+            row.operator("cairn.paint_region", text="", icon="BRUSH_DATA", depress=is_painting)
         layout.operator("cairn.settle", icon="PHYSICS")
         told = running.report_of(collection).get("settled")
         if told:
@@ -178,5 +246,6 @@ CLASSES = [
     CAIRN_OT_replace_bodies,
     CAIRN_OT_settle,
     CAIRN_OT_add_on_top,
+    CAIRN_OT_paint_region,
     CAIRN_PT_edit,
 ]

@@ -75,6 +75,10 @@ class Exporter:
         self.problems.append(Problem(f"“{source.name}” has no faces. Choose a closed mesh.", source.name))
         return None
 
+    def mesh(self, name, vertices, triangles):
+        """One that is no object's: in the world, as arrays."""
+        return self._model(name, [Mesh(vertices, triangles, Matrix())], Matrix())
+
     def scenery(self, sources):
         """Meshes in the world, one of each object that has faces, with the object."""
         models = []
@@ -240,16 +244,17 @@ class Geometry:
                         found.append((self._read(instance.object), instance.matrix_world.copy()))
 
     def matrix(self, source):
-        return self._evaluated(source).matrix_world.copy()
+        return self.shown(source).matrix_world.copy()
 
     def new_mesh(self, source):
         """A mesh data block as evaluated, with materials and all layers."""
         graph = self.graphs[-1] if source in self.copies else self.graphs[0]
-        mesh = bpy.data.meshes.new_from_object(self._evaluated(source), preserve_all_data_layers=True, depsgraph=graph)
+        mesh = bpy.data.meshes.new_from_object(self.shown(source), preserve_all_data_layers=True, depsgraph=graph)
         mesh.name = source.name
         return mesh
 
-    def _evaluated(self, source):
+    def shown(self, source):
+        """An object as it is evaluated."""
         if source in self.unseen:
             return source
         stand_in = self.copies.get(source)
@@ -257,7 +262,7 @@ class Geometry:
 
     def __call__(self, source):
         """All meshes of an object, its instances' included."""
-        shown = self._evaluated(source)
+        shown = self.shown(source)
         pairs = [(self._read(shown), shown.matrix_world.copy())] if shown.type in SOLID else []
         pairs += self.instances[self.copies.get(source, source)]
         if source in self.unseen and source.instance_collection:

@@ -28,6 +28,6 @@ def of(scene):
         return None
     values = request.to_dict(settings)
     # All of them are told at once, and how it is written costs nothing.
-    for name in ("accuracy", "output_mode", "active_prop", "use_replace"):
+    for name in ("accuracy", "output_mode", "active_prop", "use_replace", "use_prop_collections"):
         values.pop(name)
     return json.dumps([values, parts, scene.unit_settings.scale_length, scene.render.fps])

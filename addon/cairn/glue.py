@@ -4,10 +4,10 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, IntProperty, StringProperty
 from bpy.types import Operator
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 from . import dots as glued
-from . import outline, preview, result, running
+from . import outline, points, preview, result, running, timing
 
 BROKEN = np.array([0.05, 0.05, 0.05])
 # Radius of a dot, relative to a typical prop's diameter.
@@ -28,16 +28,44 @@ def objects_of(collection):
 
 
 def places(collection):
-    """Where the dots are now: shape [n, 3]. They go along with their bodies, also where those were moved by hand."""
-    objects, found = objects_of(collection), []
+    """Where the dots are now: shape [n, 3]; what is not there has none. They go along with their bodies, also where
+    those were moved by hand."""
+    where = _of_points(collection) if collection.cairn.mode == "POINTS" else _of_objects(collection)
+    found = []
     for dot in dots_of(collection):
-        shown = objects.get(glued.number_of(collection, dot["body"]))
-        if shown is None or collection.cairn.mode == "POINTS":
-            found.append((np.nan, np.nan, np.nan))
-            continue
-        location, rotation, _ = shown.matrix_world.decompose()
-        found.append(tuple(location + rotation @ Vector(dot["at"])))
+        matrix = where(glued.number_of(collection, dot["body"]))
+        found.append((np.nan,) * 3 if matrix is None else tuple(matrix @ Vector(dot["at"])))
     return np.array(found).reshape(-1, 3)
+
+
+def _of_objects(collection):
+    """A function from a body's number to where it is: a matrix without scale, or None."""
+    objects = objects_of(collection)
+
+    def where(number):
+        shown = objects.get(number)
+        if shown is None:
+            return None
+        location, rotation, _ = shown.matrix_world.decompose()
+        return Matrix.Translation(location) @ rotation.to_matrix().to_4x4()
+
+    return where
+
+
+def _of_points(collection):
+    """The same of instanced points."""
+    scene = bpy.context.scene
+    frame = timing.number_at(collection, scene.frame_current + scene.frame_subframe)
+    parts = [(first, shown, points.places(shown, frame)) for first, shown in objects_of(collection).items()]
+
+    def where(number):
+        for first, shown, inside in parts:
+            if number is not None and first <= number < first + len(shown.data.vertices):
+                matrix = inside(number - first)
+                return None if matrix is None else shown.matrix_world @ matrix
+        return None
+
+    return where
 
 
 class _Drawn:

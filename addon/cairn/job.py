@@ -43,6 +43,8 @@ class Job:
     # What is wrong with it already. The server is asked for the rest, and nothing is baked.
     problems: list = field(default_factory=list)
     bake_id: str = ""
+    # Whether the frames of the fill are sent, for who shows the pile as it forms.
+    has_fill: bool = True
     # A folder where the request waits until the server has taken it; None: nowhere.
     kept: object = None
     news: queue.SimpleQueue = field(default_factory=queue.SimpleQueue)
@@ -105,10 +107,10 @@ class Job:
     async def _follow_once(self):
         self.news.put(("state", "Connecting"))
         if self.spec is None:
-            events = client.watch(self.server.reach, self.bake_id)
+            events = client.watch(self.server.reach, self.bake_id, has_fill=self.has_fill)
         else:
             told = lambda state: self.news.put(("state", state))  # noqa: E731
-            events = client.bake(self.server.reach, self.spec, self.contents, told)
+            events = client.bake(self.server.reach, self.spec, self.contents, told, self.has_fill)
         summary = None
         async for event in events:
             kind = event.WhichOneof("kind")

@@ -58,6 +58,19 @@ def retime(action, before, after):
         curve.update()
 
 
+def freeze(body, frame):
+    """An object stays as its action has it at a frame, and has no action any more."""
+    for curve in _all_curves(body.animation_data.action):
+        name, value = curve.data_path, curve.evaluate(frame)
+        if name in body.bl_rna.properties:
+            prop = body.bl_rna.properties[name]
+            if getattr(prop, "is_array", False):
+                getattr(body, name)[curve.array_index] = value
+            else:
+                setattr(body, name, bool(round(value)) if prop.type == "BOOLEAN" else value)
+    body.animation_data_clear()
+
+
 def _all_curves(action):
     if not HAS_SLOTS:
         return list(action.fcurves)

@@ -79,7 +79,9 @@ class _Draft:
             taken.spec.scene.accuracy = v1.ACCURACY_DRAFT
             request.leave_figures(v1, taken.spec.scene)
             self.metres, self.drawn, running.names = taken.recipe["metres"], drawn, taken.recipe["names"]
-            self.job = job.Job(preferences.server(context), taken.spec, taken.contents, taken.problems)
+            # Only the final pose is drawn. With the effect `frames` off, the stream would not tell it, either.
+            server = preferences.server(context)
+            self.job = job.Job(server, taken.spec, taken.contents, taken.problems, has_fill=False)
             self.job.start()
             self.tell(context, "Drafting…")
         except (Fault, ReferenceError):

@@ -40,7 +40,8 @@ class CAIRN_OT_fetch(Follows, Operator):
             raise Fault("No bake of this file was under way. Press Bake Pile.")
         bake = running.Bake(preferences.server(context))
         bake.resume(note["recipe"], note["bake_id"])
-        running.bake, running.left = bake, None
+        # Another Blender may have had one of the same file: that is offered next.
+        running.bake, running.left = bake, pending.of_this_file(besides=note["recipe"]["token"])
         yield
         return (yield from seen_props(context, note["recipe"]))
 

@@ -154,6 +154,9 @@ class CAIRN_PT_output(_Parameters, Panel):
 
     def draw_more(self, layout, settings):
         layout.prop(settings, "output_mode")
+        besides = layout.row()
+        besides.active = settings.output_mode != "POINTS"
+        besides.prop(settings, "use_prop_collections")
         layout.prop(settings, "start_frame")
         draw_optional(layout, settings, "frame_count", "Frames")
 

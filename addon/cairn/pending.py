@@ -1,4 +1,4 @@
-"""Bakes that were under way when Blender closed: told of in files of the add-on's, one for each .blend, never in the
+"""Bakes that were under way when Blender closed: told of in files of the add-on's, one for each bake, never in the
 .blend itself."""
 
 import hashlib
@@ -9,7 +9,7 @@ import bpy
 
 from . import preferences
 
-# Notes that are kept: the latest, since those are what somebody will come back to.
+# Notes and requests that are kept: the latest, since those are what somebody will come back to.
 MOST = 50
 
 
@@ -17,8 +17,9 @@ def _folder():
     return preferences.folder() / "pending"
 
 
-def _path():
-    return _folder() / f"{hashlib.sha256(bpy.data.filepath.encode()).hexdigest()[:32]}.json"
+def _key():
+    """What the notes of this file begin with: a file has several when several Blenders have it open."""
+    return hashlib.sha256(bpy.data.filepath.encode()).hexdigest()[:32]
 
 
 def request_folder(recipe):
@@ -29,47 +30,61 @@ def request_folder(recipe):
 def note(recipe, bake_id):
     """A bake of this file was asked for. Its id is empty before the server has taken it. A file without a name cannot
     be opened again."""
+    _forget_oldest()
     if not bpy.data.filepath:
         return
     _folder().mkdir(parents=True, exist_ok=True)
-    path = _path()
-    # Another Blender may write one, too.
-    part = path.with_suffix(f".{recipe['token']}")
+    path = _folder() / f"{_key()}-{recipe['token']}.json"
+    part = path.with_suffix(".part")
     part.write_text(json.dumps({"file": bpy.data.filepath, "bake_id": bake_id, "recipe": recipe}))
     part.replace(path)
-    notes = sorted(_folder().glob("*.json"), key=_age, reverse=True)
-    for old in notes[MOST:]:
-        told = _read(old)
+
+
+def _forget_oldest():
+    for path in _latest_first(_folder().glob("*.json"))[MOST:]:
+        told = _read(path)
         if told:
             shutil.rmtree(request_folder(told["recipe"]), ignore_errors=True)
-        old.unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
+    # Of files that never got a name.
+    for folder in _latest_first((preferences.folder() / "asked").glob("*"))[MOST:]:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _latest_first(paths):
+    return sorted(paths, key=_age, reverse=True)
 
 
 def _age(path):
     try:
-        return path.stat().st_mtime
+        return path.stat().st_mtime_ns
     except OSError:
-        return 0.0
+        return 0
 
 
 def forget(recipe):
-    """A bake of this file has ended. A later one, perhaps another Blender's, is still told of."""
-    told = of_this_file()
-    if told and told["recipe"]["token"] == recipe.get("token"):
-        _path().unlink(missing_ok=True)
+    """A bake has ended, whatever its file is called now. Others, perhaps another Blender's, are still told of."""
+    if recipe.get("token"):
+        shutil.rmtree(request_folder(recipe), ignore_errors=True)
+        for path in _folder().glob(f"*-{recipe['token']}.json"):
+            path.unlink(missing_ok=True)
 
 
-def of_this_file():
-    """Id and recipe of a bake of this file that was under way; None if there is none."""
-    return _read(_path()) if bpy.data.filepath else None
+def of_this_file(besides=""):
+    """Id and recipe of the latest bake of this file that was under way; None if there is none. `besides`: the token of
+    one that does not count."""
+    for path in _latest_first(_folder().glob(f"{_key()}*.json")) if bpy.data.filepath else ():
+        told = _read(path)
+        if told and told["recipe"]["token"] != besides:
+            return told
+    return None
 
 
 def give_up():
-    """The bake of this file is not wanted any more."""
+    """The latest bake of this file is not wanted any more."""
     told = of_this_file()
     if told:
-        shutil.rmtree(request_folder(told["recipe"]), ignore_errors=True)
-        _path().unlink(missing_ok=True)
+        forget(told["recipe"])
 
 
 def _read(path):

@@ -67,7 +67,7 @@ class CAIRN_OT_forget(Operator):
 
     def execute(self, _):
         pending.give_up()
-        running.left = None
+        running.left = pending.of_this_file()
         return {"FINISHED"}
 
 

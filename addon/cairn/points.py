@@ -6,6 +6,7 @@ axes as attributes. Blender alone plays it: no handler, no add-on; subframes and
 
 import bpy
 import numpy as np
+from mathutils import Matrix, Vector
 
 # Whole numbers up to here are exact in the nodes' single precision: rows of one table.
 MAX_ROWS = 1 << 24
@@ -83,6 +84,64 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
     modifier = shown.modifiers.new("Pile", "NODES")
     modifier.node_group = _nodes(name, table_object, parts_collection, start_frame)
     return shown
+
+
+def keep_end(shown):
+    """Of the table, the last row of each body stays."""
+    table = _table(shown)
+    if table is None:
+        return
+    last = _values(shown.data, "offset", np.intc) + _values(shown.data, "count", np.intc) - 1
+    positions = np.empty((len(table.vertices), 3), np.float32)
+    table.vertices.foreach_get("co", positions.ravel())
+    axes = {}
+    for key in AXES:
+        axes[key] = np.empty_like(positions)
+        table.attributes[key].data.foreach_get("vector", axes[key].ravel())
+    table.clear_geometry()
+    _fill(table, positions[last])
+    for key, axis in axes.items():
+        _attribute(table, key, "FLOAT_VECTOR", "vector", axis[last])
+    count = len(last)
+    for name, values in (("first", np.zeros(count)), ("count", np.ones(count)), ("offset", np.arange(count))):
+        _set(shown.data, name, values)
+    table.update()
+
+
+def places(shown, number):
+    """A function from one of an object's bodies, counted from 0, to where it is in the object's own space: a matrix
+    without scale; None if it is not there. `number`: the frame of the result, which may lie between two."""
+    table = _table(shown)
+    if table is None:
+        return lambda _: None
+    spans = [shown.data.attributes[name].data for name in ("first", "count", "offset")]
+    axis_x, axis_z = (table.attributes[key].data for key in AXES)
+
+    def where(index):
+        first, count, offset = (data[index].value for data in spans)
+        row = min(max(number - first, 0.0), count - 1.0)
+        low, high, share = offset + int(row), offset + min(int(row) + 1, count - 1), row - int(row)
+        place = table.vertices[low].co.lerp(table.vertices[high].co, share)
+        x, z = (Vector(axis[low].vector).lerp(Vector(axis[high].vector), share) for axis in (axis_x, axis_z))
+        if x.length < THERE:
+            return None
+        # As the nodes do: Z first.
+        z.normalize()
+        y = z.cross(x).normalized()
+        return Matrix.Translation(place) @ Matrix((y.cross(z), y, z)).transposed().to_4x4()
+
+    return where
+
+
+def _table(shown):
+    """The mesh with an object's motion; None if it was changed by hand."""
+    modifier = shown.modifiers.get("Pile")
+    group = modifier and modifier.node_group
+    for node in group.nodes if group else ():
+        if node.bl_idname == "GeometryNodeObjectInfo" and node.inputs["Object"].default_value:
+            is_whole = {*READ} <= {*shown.data.attributes.keys()}
+            return node.inputs["Object"].default_value.data if is_whole else None
+    return None
 
 
 def retime(shown, last, start, hold, speed, ease):

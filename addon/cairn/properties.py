@@ -347,6 +347,12 @@ class CairnSettings(PropertyGroup):
         "of the same seed, it is replaced",
     )
     output_mode: EnumProperty(name="Output", description="What the pile becomes in Blender", items=OUTPUTS)
+    use_prop_collections: BoolProperty(
+        name="Props' Collections",
+        description="Put each body also into the collections that its prop is in, for light linking, overrides and "
+        "export by collection. Each of them gets a collection of its own for that. Not into the one that the props "
+        "are chosen by, and not for instanced points",
+    )
     use_report: BoolProperty(
         name="Report",
         description="Measure the pile once it is made: how far it keeps its shape, what friction carries. The "
@@ -477,6 +483,9 @@ class CairnResult(PropertyGroup):
     settled: StringProperty()
     # Not a result, but in one, with what shows points by state.
     is_of_state: BoolProperty()
+    # Whether the bodies are in their props' collections, too; and not a result, but there: whose bodies it has.
+    use_prop_collections: BoolProperty()
+    of_pile: PointerProperty(type=bpy.types.Collection)
     control: PointerProperty(type=bpy.types.Object)
     # What the settings and the bodies came from, by the recipe's keys.
     pointers: CollectionProperty(type=CairnPointer)

@@ -126,9 +126,13 @@ class CAIRN_PT_holds(Pile, Panel):
             row = column.split(factor=0.78, align=True)
             button = row.operator("cairn.select_dot", text=" – ".join(names), icon="RESTRICT_SELECT_OFF")
             button.collection, button.dot = collection.name, number
-            row.label(text="broke" if dot["broken"] else f"{dot['load']:.2g}")
+            row.label(text="broke" if dot["broken"] else _said(dot["load"]))
         if len(listed) > LISTED:
             layout.label(text=f"and {len(listed) - LISTED} that carry less")
+
+
+def _said(load):
+    return f"{load:.0f}" if load >= 10 else f"{load:.2g}"
 
 
 def _called(collection, objects, body):

@@ -9,8 +9,12 @@ import bpy
 from . import placed, pointers
 from .client import Fault
 from .export import Exporter
+from .prop_collections import members
 from .properties import GROUPS, fields_of, knows
 
+# What a generator yields while it can only wait; and for how long those wait that have nothing else to do, s.
+WAITING = "waiting"
+PAUSE = 0.02
 # Objects that are props or scenery; others in the same collections are left alone.
 PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
 
@@ -47,12 +51,8 @@ def props_of(settings):
 
 def objects_of(collection):
     """Those at the top of a collection: what is below them belongs to them."""
-    inside = set(collection.all_objects) if collection else set()
-    return [
-        source
-        for source in (collection.all_objects if collection else ())
-        if source.parent not in inside and source.type in PLACED
-    ]
+    inside = dict.fromkeys(members(collection) if collection else ())
+    return [source for source in inside if source.parent not in inside and source.type in PLACED]
 
 
 def is_bare(source):
@@ -68,8 +68,8 @@ def colliders_of(settings):
     taken = {settings.control_mesh, settings.drop_mesh, settings.region}
     taken.update(source for source, _ in props_of(settings))
     for other in (settings.keep, settings.impact):
-        taken.update(other.all_objects if other else ())
-    return [source for source in settings.colliders.all_objects if source.type in PLACED and source not in taken]
+        taken.update(members(other) if other else ())
+    return [source for source in members(settings.colliders) if source.type in PLACED and source not in taken]
 
 
 def missing(settings):
@@ -94,18 +94,18 @@ def finish(generator):
     """Runs a generator to its end. Returns what it returns."""
     while True:
         try:
-            next(generator)
+            if next(generator) is WAITING:
+                time.sleep(PAUSE)
         except StopIteration as end:
             return end.value
 
 
 def advance(generator, seconds, take):
-    """Runs a generator for so long. Whether there is more to do; `take` gets what it returns."""
+    """Runs a generator for so long, or until it waits. Whether there is more to do; `take` gets what it returns."""
     until = time.monotonic() + seconds
     try:
-        next(generator)
-        while time.monotonic() < until:
-            next(generator)
+        while next(generator) is not WAITING and time.monotonic() < until:
+            pass
     except StopIteration as end:
         take(end.value)
         return False

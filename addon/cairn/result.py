@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import axes, keyframes, parts, pointers, points, states, timing
+from . import axes, keyframes, parts, pointers, points, prop_collections, states, timing
 from .client import Fault
 
 # Bodies up to which `AUTO` animates objects. More of them make Blender slow.
@@ -64,7 +64,7 @@ def seed_of(collection):
 def show_only(scene, collection):
     """Of the piles of a control mesh, one is shown."""
     for other in piles(scene, collection.cairn.control):
-        other.hide_viewport = other.hide_render = other != collection
+        prop_collections.show(other, other == collection)
 
 
 def chosen(context):
@@ -125,6 +125,7 @@ def build(context, motion, recipe, told):
     _link(objects, collection)
     _remember(scene, collection, recipe, told, mode, control)
     pointers.write(collection.cairn.pointers, found)
+    prop_collections.refresh(collection, sources)
     pointers.forget(recipe)
     timing.set_by_bake(collection, recipe["start_frame"], len(moved.positions))
     collection.cairn.left_out = json.dumps(moved.left_out)
@@ -209,6 +210,7 @@ def _remember(scene, collection, recipe, told, mode, control):
     note.is_result = True
     note.control = control
     note.mode = mode
+    note.use_prop_collections = recipe.get("settings", {}).get("use_prop_collections", False)
     note.bake_id = told.get("bake_id", "")
     note.result_hash = told.get("result_hash", "")
     note.settings = json.dumps(recipe)
@@ -223,6 +225,7 @@ def _remember(scene, collection, recipe, told, mode, control):
 def clear(collection):
     """Takes the bodies away, and what was made for them alone."""
     states.restore()
+    prop_collections.remove(collection)
     before = _made_by(collection)
     bpy.data.batch_remove(list(collection.objects))
     # What only they used: first those that hold others.

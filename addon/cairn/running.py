@@ -65,7 +65,8 @@ class Bake:
         self.recipe = request.recipe
         names = request.recipe["names"]
         self.job.spec, self.job.contents, self.job.problems = request.spec, request.contents, request.problems
-        if bpy.data.filepath and not request.problems:
+        if not request.problems:
+            # Also of a file without a name: it may get one before the server has the request.
             self.job.kept = pending.request_folder(self.recipe)
             pending.note(self.recipe, "")
 

@@ -1,6 +1,7 @@
 """What the buttons do to the settings: choosing props, checking the scene, finding objects, trying the server."""
 
 import concurrent.futures
+import time
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
@@ -11,8 +12,10 @@ from .client import Fault
 from .following import explain, explaining, is_running, start_frame
 from .properties import GROUPS
 
-# How often an answer of the server is looked for, s, and how long the preferences wait for one.
-TICK = 0.1
+# How often an answer of the server is looked for, how long the scene is read at a time, and how long the preferences
+# wait for an answer, s.
+TICK = 0.05
+SLICE = 0.025
 PATIENCE = 20.0
 
 
@@ -75,21 +78,44 @@ class CAIRN_OT_remove_prop(Operator):
         return {"FINISHED"}
 
 
-class CAIRN_OT_check(Operator):
+class _Waits:
+    """What an operator needs that looks for an answer now and then, while Blender goes on."""
+
+    timer = answer = None
+
+    def _wait(self, context):
+        self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def _leave(self, context):
+        if self.timer:
+            context.window_manager.event_timer_remove(self.timer)
+            self.timer = None
+        preview.redraw(context)
+
+    def cancel(self, context):
+        if self.answer:
+            self.answer.cancel()
+        self._leave(context)
+
+
+class CAIRN_OT_check(_Waits, Operator):
     """Ask the server what a bake would do, and what is wrong with the scene. Nothing is simulated"""
 
     bl_idname = "cairn.check"
     bl_label = "Check"
 
-    timer = None
+    slices = None
 
     @classmethod
     def poll(cls, _):
         return not is_running()
 
     def _ask(self, context):
+        """A generator: reads the scene, and asks."""
         with start_frame(context):
-            taken = request.take(context)
+            taken = yield from request.taking(context)
         running.problems, running.names = [], taken.recipe["names"]
         self.accuracy = context.scene.cairn.accuracy
         estimates.asked(context)
@@ -99,31 +125,42 @@ class CAIRN_OT_check(Operator):
         with explaining(self):
             if bpy.app.background:
                 return self.execute(context)
-            self._ask(context)
-            self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
-            context.window_manager.modal_handler_add(self)
-            return {"RUNNING_MODAL"}
+            self.slices = self._ask(context)
+            # What is lacking is told at once.
+            self._read()
+            return self._wait(context)
         return {"CANCELLED"}
+
+    def _read(self):
+        if not request.advance(self.slices, SLICE, lambda _: None):
+            self.slices = None
 
     def modal(self, context, event):
         if event.type == "ESC" and event.value == "PRESS":
-            self.answer.cancel()
             self.cancel(context)
             return {"CANCELLED"}
-        if event.type != "TIMER" or not self.answer.done():
+        if event.type != "TIMER":
+            # While the scene is read, what the artist did would end up between.
+            return {"RUNNING_MODAL"} if self.slices else {"PASS_THROUGH"}
+        with explaining(self):
+            if self.slices:
+                self._read()
+            elif self.answer.done():
+                self._leave(context)
+                return self._take()
             return {"PASS_THROUGH"}
         self.cancel(context)
-        return self._take()
+        return {"CANCELLED"}
 
     def cancel(self, context):
-        if self.timer:
-            context.window_manager.event_timer_remove(self.timer)
-            self.timer = None
-        preview.redraw(context)
+        if self.slices:
+            self.slices.close()
+            self.slices = None
+        _Waits.cancel(self, context)
 
     def execute(self, context):
         with explaining(self):
-            self._ask(context)
+            request.finish(self._ask(context))
             return self._take()
         return {"CANCELLED"}
 
@@ -161,18 +198,43 @@ class CAIRN_OT_select(Operator):
         return {"FINISHED"}
 
 
-class CAIRN_OT_test_server(Operator):
+class CAIRN_OT_test_server(_Waits, Operator):
     """Connect to the server, starting it if it is on this computer, and tell its version"""
 
     bl_idname = "cairn.test_server"
     bl_label = "Test Server"
 
+    def _ask(self, context):
+        self.answer = job.ask(preferences.server(context), "GetServerInfo")
+        self.end = time.monotonic() + PATIENCE
+
+    def invoke(self, context, _):
+        with explaining(self):
+            if bpy.app.background:
+                return self.execute(context)
+            self._ask(context)
+            return self._wait(context)
+        return {"CANCELLED"}
+
+    def modal(self, context, event):
+        if event.type != "TIMER" or not (self.answer.done() or time.monotonic() > self.end):
+            return {"PASS_THROUGH"}
+        self._leave(context)
+        return self._tell(0.0)
+
     def execute(self, context):
+        with explaining(self):
+            self._ask(context)
+            return self._tell(PATIENCE)
+        return {"CANCELLED"}
+
+    def _tell(self, patience):
         try:
-            told = job.ask(preferences.server(context), "GetServerInfo").result(PATIENCE)
+            told = self.answer.result(patience)
         except Fault as fault:
             return explain(self, fault)
         except concurrent.futures.TimeoutError:
+            self.answer.cancel()
             return explain(self, Fault("The server does not answer. Check its address."))
         self.report({"INFO"}, f"Cairn {told.versions.cairn} answers, with {told.limits.worker_count} bakes at once")
         return {"FINISHED"}

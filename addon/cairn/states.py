@@ -69,16 +69,27 @@ def known(states):
 
 def at(collection, frame):
     """What a pile's bodies have the colours of, at a frame of the scene, shape [n]; None if there is nothing."""
-    if not collection.cairn.states:
-        return None
     if is_by_load:
-        count = len(_unpacked(collection.cairn.states)[1])
+        count = count_of(collection)
         levels = dots.loads(collection, running.report_of(collection).get("dots", ()), count)
         return np.where(levels > 0, len(STATES) - 1 + levels, 0) if levels.any() else None
+    if not collection.cairn.states:
+        return None
     _, states = _unpacked(collection.cairn.states)
     last = states.shape[1] - 1
     number = last if collection.cairn.mode == "POSE" else _frame_of(collection, frame, last)
     return states[:, number]
+
+
+def count_of(collection):
+    """The largest number that a pile's bodies have: where some were taken out by hand, there are fewer."""
+    is_points = collection.cairn.mode == "POINTS"
+    ends = [
+        shown.cairn.number + (len(shown.data.vertices) - 1 if is_points else 0)
+        for shown in collection.objects
+        if shown.cairn.number
+    ]
+    return max(ends, default=0)
 
 
 def _frame_of(collection, frame, last):
@@ -141,16 +152,23 @@ def restore():
         if body.cairn.is_coloured:
             body.color, body.cairn.is_coloured = body.cairn.color, False
     for collection in bpy.data.collections:
-        if collection.cairn.is_result and collection.cairn.mode == "POINTS" and collection.cairn.states:
-            _, states = _unpacked(collection.cairn.states)
+        if collection.cairn.is_result and collection.cairn.mode == "POINTS":
+            last = _last(collection)
             for shown in collection.objects:
-                points.hide_states(shown, states[:, -1])
+                points.hide_states(shown, last)
     made = [collection for collection in bpy.data.collections if collection.cairn.is_of_state]
     parts = [part for collection in made for part in collection.objects]
     meshes = [part.data for part in parts]
     for unwanted in (parts, made, meshes):
         bpy.data.batch_remove(unwanted)
     _shade(False)
+
+
+def _last(collection):
+    """The states in the last frame; all free where the pile tells of none."""
+    if collection.cairn.states:
+        return _unpacked(collection.cairn.states)[1][:, -1]
+    return np.zeros(count_of(collection), np.uint8)
 
 
 def _shade(by_object):

@@ -2,6 +2,7 @@
 
 import json
 
+import bpy
 import numpy as np
 
 from . import keyframes, points
@@ -13,11 +14,21 @@ def times(count, start, hold, speed, ease):
     return start + hold + (np.arange(count) / last) ** (0.5**ease) * last / speed
 
 
+def _told(note):
+    return json.loads(note.timed) if note.timed else [note.timing_start, 0, 1.0, 0.0]
+
+
 def shown(collection):
     """The times as the pile has them now."""
-    note = collection.cairn
-    told = json.loads(note.timed) if note.timed else [note.timing_start, 0, 1.0, 0.0]
-    return times(note.frame_count, *told)
+    return times(collection.cairn.frame_count, *_told(collection.cairn))
+
+
+def number_at(collection, frame):
+    """Which frame of the result is shown at one of the scene; it may lie between two."""
+    start, hold, speed, ease = _told(collection.cairn)
+    last = max(collection.cairn.frame_count - 1, 0)
+    share = max(frame - start - hold, 0.0) * speed / max(last, 1)
+    return min(share ** (2.0**ease) * last, last)
 
 
 def set_by_bake(collection, start_frame, frame_count):
@@ -42,6 +53,21 @@ def apply(collection):
             points.retime(body, note.frame_count - 1, *told)
         elif body.animation_data and body.animation_data.action:
             keyframes.retime(body.animation_data.action, before, after)
+
+
+def keep_end(collection):
+    """Of a pile that plays, the final pose stays alone."""
+    end, used = end_of(collection), set()
+    for body in collection.objects:
+        if collection.cairn.mode == "POINTS":
+            points.keep_end(body)
+        elif body.animation_data and body.animation_data.action:
+            used.add(body.animation_data.action)
+            keyframes.freeze(body, end)
+    bpy.data.batch_remove([action for action in used if action.users == 0])
+    note = collection.cairn
+    note.mode = note.mode if note.mode == "POINTS" else "POSE"
+    note.frame_count = 0
 
 
 def end_of(collection):

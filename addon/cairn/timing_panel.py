@@ -4,7 +4,7 @@ import bpy
 from bpy.props import StringProperty
 from bpy.types import Operator, Panel
 
-from . import result, timing
+from . import result, states, timing
 from .client import Fault
 from .following import explain
 from .panels import Pile
@@ -32,6 +32,25 @@ class CAIRN_OT_fit_timing(Operator):
         return {"FINISHED"}
 
 
+class CAIRN_OT_keep_pose(Operator):
+    """Keep only the pose that the pile ends with: its animation is removed, and it is at rest at every frame"""
+
+    bl_idname = "cairn.keep_pose"
+    bl_label = "Final Pose Only"
+    bl_options = {"UNDO"}
+
+    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
+
+    def execute(self, context):
+        collection = bpy.data.collections.get(self.collection) or result.chosen(context)
+        if collection is None or not collection.cairn.frame_count or collection.cairn.mode == "POSE":
+            return explain(self, Fault("There is no pile of this shape that moves."))
+        states.restore()
+        timing.keep_end(collection)
+        states.refresh(context.scene)
+        return {"FINISHED"}
+
+
 class CAIRN_PT_timing(Pile, Panel):
     bl_label = "Timing"
     bl_parent_id = "CAIRN_PT_pile"
@@ -50,6 +69,7 @@ class CAIRN_PT_timing(Pile, Panel):
             layout.prop(collection.cairn, name)
         layout.label(text=f"At rest from frame {timing.end_of(collection)} on")
         layout.operator("cairn.fit_timing").collection = collection.name
+        layout.operator("cairn.keep_pose").collection = collection.name
 
 
-CLASSES = [CAIRN_OT_fit_timing, CAIRN_PT_timing]
+CLASSES = [CAIRN_OT_fit_timing, CAIRN_OT_keep_pose, CAIRN_PT_timing]

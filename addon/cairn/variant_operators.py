@@ -3,13 +3,18 @@
 import json
 
 import bpy
-from bpy.props import BoolProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from bpy.types import Operator
 
 from . import job, pointers, preferences, preview, request, running, variants
 from .client import Fault
 from .following import Follows, explain, explaining, is_running
 from .messages import v1
+from .properties import KEPT_SHAPES
+
+
+# How much may be glued, besides what is set in the scene: by the names of the choices there.
+BUDGETS = [(name, title, about) for name, title, about, *_ in KEPT_SHAPES if name != "TACKY"]
 
 
 class CAIRN_OT_try_seeds(Operator):
@@ -23,7 +28,18 @@ class CAIRN_OT_try_seeds(Operator):
     )
     is_with_glue: BoolProperty(
         name="And Glue",
-        description="Try each seed as modelled, and with no glue at all, as well as with the glue set here",
+        description="Try each seed with several amounts of glue: as chosen here, and with the glue set in the scene",
+    )
+    kept_shapes: EnumProperty(
+        name="Kept Shapes",
+        description="Which of these are tried with each seed",
+        items=BUDGETS,
+        options={"ENUM_FLAG"},
+        default={"AS_MODELLED", "NATURAL"},
+    )
+    strengths: StringProperty(
+        name="Glue Strengths",
+        description="Which strengths of Tacky are tried with each seed, in weights of a typical prop: as in 1, 5, 20",
     )
 
     @classmethod
@@ -35,9 +51,10 @@ class CAIRN_OT_try_seeds(Operator):
             lacking = request.missing(context.scene.cairn)
             if lacking:
                 raise Fault(lacking)
+            wanted = list(self._wanted(context.scene.cairn))
             preferences.server(context)
             running.problems = []
-            variants.begin(context.scene, list(self._wanted(context.scene.cairn)))
+            variants.begin(context.scene, wanted)
             if bpy.app.background:
                 variants.finish()
             return {"FINISHED"}
@@ -45,17 +62,41 @@ class CAIRN_OT_try_seeds(Operator):
         return {"CANCELLED"}
 
     def _wanted(self, settings):
-        kept = {"AS_MODELLED", "NATURAL", settings.kept_shape} if self.is_with_glue else {settings.kept_shape}
+        own = settings.kept_shape, settings.glue_strength
         for seed in range(settings.seed, settings.seed + self.count):
-            for choice in sorted(kept):
-                name = f"Seed {seed}" + (f", {choice.replace('_', ' ').title()}" if self.is_with_glue else "")
-                yield name, _changes(seed, choice, settings.glue_strength)
+            for choice, strength in self._budgets(own) if self.is_with_glue else [own]:
+                name = f"Seed {seed}"
+                if self.is_with_glue:
+                    name += f", {choice.replace('_', ' ').title()}" + (f" {strength:.4g}" if choice == "TACKY" else "")
+                yield name, _changes(seed, choice, strength)
+
+    def _budgets(self, own):
+        """Pairs of a choice and a strength, each once: from the most glue to none."""
+        found = {(choice, 0.0) for choice in self.kept_shapes}
+        found |= {("TACKY", strength) for strength in strengths_of(self.strengths)}
+        found.add(own if own[0] == "TACKY" else (own[0], 0.0))
+        order = [name for name, *_ in KEPT_SHAPES]
+        return sorted(found, key=lambda pair: (order.index(pair[0]), -pair[1]))
+
+
+def strengths_of(text):
+    """Glue strengths as an artist writes them, one after the other."""
+    try:
+        found = [float(word) for word in text.replace(";", " ").replace(", ", " ").replace(",", " ").split()]
+    except ValueError:
+        found = [-1.0]
+    # Not a number is not above 0, either.
+    if not all(0.0 <= strength <= 1e9 for strength in found):
+        raise Fault("Write the glue strengths as numbers with commas between them: 1, 5, 20.")
+    return found
 
 
 def _changes(seed, choice, strength):
     def change(scene, settings):
         scene.seed = settings["seed"] = seed
         settings["kept_shape"] = choice
+        if choice == "TACKY":
+            settings["glue_strength"] = strength
         if choice == "NATURAL":
             scene.glue.mode = v1.GLUE_MODE_NATURAL
         elif choice == "TACKY":
@@ -86,6 +127,12 @@ class CAIRN_OT_show_variant(_OfVariant, Operator):
     def execute(self, context):
         with explaining(self):
             entry = self.entry(context)
+            if variants.is_fetched(entry):
+                variants.forget_fetched()
+                return {"FINISHED"}
+            if not variants.is_here(entry) and not bpy.app.background:
+                variants.fetch(context, entry)
+                return {"FINISHED"}
             if not variants.is_here(entry):
                 request.finish(variants.load(context, entry))
             variants.show("" if variants.shown == entry.bake_id else entry.bake_id)
@@ -107,9 +154,8 @@ class CAIRN_OT_next_variant(Operator):
 
     def execute(self, context):
         entries = context.scene.cairn_variants
-        known = [entry.bake_id for entry in entries]
-        at = known.index(variants.shown) + self.step if variants.shown in known else 0
-        name = entries[at % len(entries)].name
+        at = next((n for n, entry in enumerate(entries) if variants.is_at(entry)), None)
+        name = entries[0 if at is None else (at + self.step) % len(entries)].name
         variants.show("")
         return bpy.ops.cairn.show_variant(variant=name)
 

@@ -28,7 +28,8 @@ class CAIRN_PT_variants(Pile, Panel):
             row.prop(manager, "cairn_seed_count", text="")
             button = row.operator("cairn.try_seeds")
             button.count, button.is_with_glue = manager.cairn_seed_count, manager.cairn_seed_glue
-            layout.prop(manager, "cairn_seed_glue")
+            button.kept_shapes, button.strengths = manager.cairn_seed_shapes, manager.cairn_seed_strengths
+            self.draw_glue(layout, manager)
         if len(entries) > 1:
             row = layout.row(align=True)
             row.operator("cairn.next_variant", text="Previous", icon="TRIA_LEFT").step = -1
@@ -38,17 +39,26 @@ class CAIRN_PT_variants(Pile, Panel):
             self.draw_variant(grid.column(align=True).box(), entry)
         self.draw_piles(layout, result.piles(context.scene, settings.control_mesh))
 
+    def draw_glue(self, layout, manager):
+        column = layout.column(align=True)
+        column.prop(manager, "cairn_seed_glue")
+        if manager.cairn_seed_glue:
+            column.row(align=True).prop(manager, "cairn_seed_shapes")
+            row = column.split(factor=0.3, align=True)
+            row.label(text="Tacky")
+            row.prop(manager, "cairn_seed_strengths", text="")
+
     def draw_variant(self, box, entry):
         number = variants.icon(entry.bake_id)
         if number:
             box.template_icon(icon_value=number, scale=SCALE)
         column = box.column(align=True)
-        column.label(text=entry.name)
-        for line in entry.told.split(", "):
+        # Line by line: two of them stand side by side.
+        for line in (*entry.name.split(", "), *entry.told.split(", ")):
             column.label(text=line)
         row = column.row(align=True)
-        is_shown = variants.shown == entry.bake_id
-        row.operator("cairn.show_variant", text="", icon="HIDE_OFF", depress=is_shown).variant = entry.name
+        icon = "TIME" if variants.is_fetched(entry) else "HIDE_OFF"
+        row.operator("cairn.show_variant", text="", icon=icon, depress=variants.is_at(entry)).variant = entry.name
         row.operator("cairn.keep_variant", text="Keep").variant = entry.name
         row.operator("cairn.delete_variant", text="", icon="X").variant = entry.name
 

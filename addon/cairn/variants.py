@@ -2,6 +2,7 @@
 remembers which they are."""
 
 import json
+import time
 
 import bpy
 
@@ -20,6 +21,8 @@ THUMBNAIL = 128
 shown = ""
 _icons = None
 _trials = None
+# A bake that is fetched to be drawn: its id, and what does it, step by step.
+_fetched, _steps = "", None
 # Last poses, and the props as they are drawn, of this session: by bake.
 _poses, _drawn = {}, {}
 _preview = None
@@ -65,7 +68,7 @@ class _Trials:
         recipe = json.loads(json.dumps(self.taken.recipe))
         change(spec.scene, recipe["settings"])
         self.name, self.recipe, self.progress = name, recipe, 0.0
-        self.job = job.Job(preferences.server(bpy.context), spec, self.taken.contents)
+        self.job = job.Job(preferences.server(bpy.context), spec, self.taken.contents, has_fill=False)
         self.job.start()
 
     def _follow(self):
@@ -147,7 +150,8 @@ def begin(scene, wanted):
 def finish():
     """Without a window: to the end, with its faults."""
     while _trials and _trials.step():
-        pass
+        if _trials.job:
+            time.sleep(request.PAUSE)
     stop()
 
 
@@ -176,7 +180,7 @@ def is_here(entry):
 
 
 def load(context, entry):
-    """A generator: gets a bake of before from the server."""
+    """A generator: gets a bake of before from the server. It yields `request.WAITING` where there is nothing to do."""
     recipe = json.loads(entry.recipe)
     sources = result.sources_of(recipe, pointers.read(entry.pointers))
     if None in sources:
@@ -184,21 +188,72 @@ def load(context, entry):
     exporter = export.Exporter(context)
     props = yield from exporter.props(sources)
     drawn = yield from preview.drawn(props)
-    fetched = job.Job(preferences.server(context), bake_id=entry.bake_id)
+    fetched = job.Job(preferences.server(context), bake_id=entry.bake_id, has_fill=False)
     fetched.start()
-    while True:
-        kind, what = (None, None) if fetched.news.empty() else fetched.news.get()
-        if kind == "failed":
-            raise what
-        if kind == "done":
-            break
-        yield
+    kind = ""
+    try:
+        while kind != "done":
+            # Nothing to do before there are news.
+            yield request.WAITING
+            kind, what = ("", None) if fetched.news.empty() else fetched.news.get()
+            if kind == "failed":
+                raise what
+    finally:
+        if kind != "done":
+            fetched.detach()
     remember(entry.bake_id, fetched.recording.frames[-1], drawn, recipe["metres"])
+
+
+def fetch(context, entry):
+    """Gets a bake of before in the background, and then draws it: instead of that which is fetched already."""
+    global _fetched, _steps
+    forget_fetched()
+    _fetched, _steps = entry.bake_id, load(context, entry)
+    if not bpy.app.timers.is_registered(fetch_on):
+        bpy.app.timers.register(fetch_on, first_interval=0.0)
+
+
+def is_fetched(entry):
+    """Whether it is under way."""
+    return _steps is not None and entry.bake_id == _fetched
+
+
+def is_at(entry):
+    """Whether it is drawn, or will be."""
+    return is_fetched(entry) or (bool(shown) and entry.bake_id == shown)
+
+
+def fetch_on():
+    """One turn of the timer."""
+    global _steps
+    if _steps is None:
+        return None
+    is_more = False
+    try:
+        is_more = request.advance(_steps, SLICE, lambda _: None)
+        if not is_more:
+            _steps = None
+            show(_fetched)
+    except (Fault, ReferenceError) as fault:
+        # The entry's file or props may have gone meanwhile.
+        _steps = None
+        if isinstance(fault, Fault):
+            running.problems = fault.problems or [client.Problem(fault.message)]
+    preview.redraw(bpy.context)
+    return TICK if is_more else None
+
+
+def forget_fetched():
+    global _steps
+    if _steps is not None:
+        _steps.close()
+        _steps = None
 
 
 def show(bake_id):
     """Draws one over the view; none, with an empty id."""
     global shown, _preview
+    forget_fetched()
     if _preview:
         _preview.remove()
         _preview = None

@@ -117,12 +117,15 @@ class Desk:
         """What the server got of a prop, in Blender's space and units."""
         uri = self.request.spec.scene.props[prop].path
         (sha256,) = [asset.sha256 for asset in self.request.spec.assets if asset.uri == uri]
-        content = self.request.contents[sha256]
-        (length,) = struct.unpack_from("<I", content, 12)
-        document = json.loads(content[20 : 20 + length])
-        count = document["accessors"][0]["count"]
-        points = np.frombuffer(content, "<f4", count * 3, 20 + length + 8).reshape(-1, 3)
-        return points.astype(float) @ TURN.T / self.recipe["metres"]
+        return points_of(self.request.contents[sha256]) / self.recipe["metres"]
+
+
+def points_of(content):
+    """The vertices of a model as it is sent, in Blender's axes, m."""
+    (length,) = struct.unpack_from("<I", content, 12)
+    document = json.loads(content[20 : 20 + length])
+    count = document["accessors"][0]["count"]
+    return np.frombuffer(content, "<f4", count * 3, 20 + length + 8).reshape(-1, 3).astype(float) @ TURN.T
 
 
 @pytest.fixture

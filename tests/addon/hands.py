@@ -29,6 +29,19 @@ def click(x, y, button=1):
     yield 0.02
 
 
+def drag(start, end):
+    for step in (8, 4, 0):
+        xdotool("mousemove", start[0] - step, start[1])
+        yield 0.15
+    xdotool("mousedown", 1)
+    yield 0.2
+    for share in (0.05, 0.1, 0.3, 0.6, 1.0):
+        xdotool("mousemove", *(round(a + share * (b - a)) for a, b in zip(start, end)))
+        yield 0.2
+    xdotool("mouseup", 1)
+    yield 0.3
+
+
 def press(key):
     press_done()
     xdotool("key", key)

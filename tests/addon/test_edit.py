@@ -2,9 +2,11 @@
 
 import json
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
+from conftest import points_of
 
 
 def poses(collection):
@@ -157,3 +159,117 @@ def test_a_bake_leaves_an_edited_pile_alone(edited, desk):
     before = poses(edited)
     again = desk.bake(kept_shape="NATURAL")
     assert again != edited and not again.hide_viewport and edited.hide_viewport and poses(edited) == before
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_what_is_gone_had_its_size(desk, size):
+    """What lay on a removed body is found where the body's surface was, not where the prop's would be."""
+    desk.add_stick("Block", (0.2, 0.2, 0.2))
+    common = desk.settings.prop_common
+    common.scale_min = common.scale_max = size
+    desk.settings.fill.use_count, desk.settings.fill.count = True, 4
+    desk.bake(kept_shape="NATURAL", output_mode="POSE")
+    bpy.ops.cairn.edit_pile()
+    collection = desk.addon("result").chosen(bpy.context)
+    edge = 0.2 * size
+    bodies = sorted(collection.objects, key=lambda body: body.name)[:3]
+    for body in set(collection.objects) - set(bodies):
+        bpy.data.objects.remove(body)
+    # One on the other, and one beside it, where a block of the prop's own size would be.
+    for body, place in zip(bodies, ((0, 0, 0), (0, 0, edge), (1.1 * edge, 0, 0.1 * edge))):
+        body.location, body.rotation_quaternion = place, (1, 0, 0, 0)
+    bpy.context.view_layer.update()
+    edit, request = desk.addon("edit"), desk.addon("request")
+    edit.remember(collection)
+    assert all(abs(body.cairn.size - size) < 1e-6 for body in collection.objects)
+    gone, on_it, far = bodies
+    select(gone)
+    bpy.ops.cairn.remove_bodies()
+    props = request.finish(desk.addon("export").Exporter(bpy.context).props(list(desk.props.objects)))
+    placed = edit.Placed(collection, props)
+    ((_, low, high),) = placed.gone
+    # And a little more, for what only touches it.
+    assert np.all(high - low > edge) and np.all(high - low < 1.1 * edge)
+    free = request.finish(placed.disturbed())
+    assert dict(zip(placed.objects, free)) == {on_it: True, far: False}
+
+
+def paint(control, name, weight_of):
+    """Weights by place, on a mesh that is finely divided."""
+    with_edges = bmesh.new()
+    with_edges.from_mesh(control.data)
+    bmesh.ops.subdivide_edges(with_edges, edges=with_edges.edges[:], cuts=15, use_grid_fill=True)
+    with_edges.to_mesh(control.data)
+    with_edges.free()
+    group = control.vertex_groups.new(name=name)
+    for vertex in control.data.vertices:
+        group.add([vertex.index], weight_of(vertex.co), "REPLACE")
+    bpy.context.view_layer.update()
+
+
+def test_more_is_dropped_over_what_is_painted(edited, desk, monkeypatch):
+    paint(desk.control, "Half", lambda place: float(place.x > 0.1 and place.z > 0.4))
+    before, count = poses(edited), len(edited.objects)
+    edit, asked, settling = desk.addon("edit"), [], desk.addon("edit").settling
+
+    def spying(*words):
+        taken = yield from settling(*words)
+        asked.append(taken[0])
+        return taken
+
+    monkeypatch.setattr(edit, "settling", spying)
+    assert bpy.ops.cairn.add_on_top(count=8, region="Half") == {"FINISHED"}
+    after = poses(edited)
+    assert len(edited.objects) == count + 8 and all(after[name] == before[name] for name in before)
+    (request,) = asked
+    (emitter,) = request.spec.scene.emitters
+    (sha256,) = [asset.sha256 for asset in request.spec.assets if asset.uri == emitter.mesh]
+    points = points_of(request.contents[sha256])
+    low, high = points.min(axis=0), points.max(axis=0)
+    # The half of the shape's top, from above the bodies on; a cell more or less.
+    assert np.abs(low[:2] - (0.1, -0.4)).max() < 0.1 and np.abs(high[:2] - (0.4, 0.4)).max() < 0.1
+    top = max(body.location.z for body in edited.objects if body.name in before)
+    assert top < low[2] < top + 1.0 and high[2] - low[2] == pytest.approx(0.36, abs=0.01)
+    new = [body.location.x for body in edited.objects if body.name not in before]
+    assert np.mean(new) > 0.1
+
+
+def test_a_region_that_is_none_is_told(edited, desk):
+    with pytest.raises(RuntimeError, match="no vertex group"):
+        bpy.ops.cairn.add_on_top(count=1, region="Nowhere")
+    desk.control.vertex_groups.new(name="Bare")
+    with pytest.raises(RuntimeError, match="Nothing is painted"):
+        bpy.ops.cairn.add_on_top(count=1, region="Bare")
+    assert desk.addon("running").bake is None
+
+
+def test_a_region_is_painted(edited, desk):
+    manager, control = bpy.context.window_manager, desk.control
+    assert bpy.ops.cairn.paint_region() == {"FINISHED"}
+    assert bpy.context.mode == "PAINT_WEIGHT" and bpy.context.object == control
+    name = manager.cairn_add_region
+    assert control.vertex_groups.active.name == name and control.display_type == "TEXTURED"
+    assert bpy.ops.cairn.paint_region() == {"FINISHED"}
+    assert bpy.context.mode == "OBJECT" and control.display_type == "WIRE"
+    assert bpy.ops.cairn.paint_region() == {"FINISHED"} and len(control.vertex_groups) == 1
+    control.vertex_groups[name].add(range(8), 1.0, "REPLACE")
+    count = len(edited.objects)
+    # From the painting on.
+    assert bpy.ops.cairn.add_on_top(count=2, region=name) == {"FINISHED"}
+    assert bpy.context.mode == "OBJECT" and control.display_type == "WIRE" and len(edited.objects) == count + 2
+    manager.cairn_add_region = ""
+
+
+@pytest.mark.parametrize("rows", [["##", "##"], ["#.", ".#"], ["###", "#.#", "###"], ["#"]])
+def test_a_block_over_cells_is_closed(addon, rows):
+    found = np.array([[sign == "#" for sign in row] for row in rows])
+    points, triangles = addon("painted").block(0.5, np.array([1.0, 2.0]), found, 3.0, 4.0)
+    edges = np.concatenate([triangles[:, (0, 1)], triangles[:, (1, 2)], triangles[:, (2, 0)]])
+    forward = {}
+    for one, other in edges.tolist():
+        forward[one, other] = forward.get((one, other), 0) + 1
+    assert all(forward.get((other, one)) == count for (one, other), count in forward.items())
+    corners = points[triangles]
+    volume = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+    assert volume == pytest.approx(0.25 * found.sum())
+    assert points.min(axis=0).tolist() == [1.0, 2.0, 3.0]

@@ -98,9 +98,11 @@ def test_a_program_that_is_another(desk, module, addon, tmp_path, monkeypatch):
         preferences(module).program = str(PROGRAM)
 
 
-def test_a_server_out_of_reach(desk, module):
+def test_a_server_out_of_reach(desk, module, addon):
     desk.add_stick()
     chosen = preferences(module)
+    kept = addon("preferences").folder() / "asked"
+    before = set(kept.glob("*"))
     chosen.server = "REMOTE"
     try:
         assert "no server's address" in refusal()
@@ -108,6 +110,8 @@ def test_a_server_out_of_reach(desk, module):
         assert "HOST:PORT" in refusal()
         chosen.address = "127.0.0.1:1"
         assert "cannot be reached" in refusal()
+        # What was to be sent is not kept.
+        assert set(kept.glob("*")) == before
     finally:
         chosen.server, chosen.address = "LOCAL", ""
 
@@ -211,9 +215,10 @@ def test_every_button_and_setting_says_what_it_does(addon):
     for prop in addon("preferences").CairnPreferences.bl_rna.properties:
         if prop.identifier not in ("rna_type", "bl_idname"):
             assert len(prop.description) > 10, prop.identifier
-    for modules in ("operators", "pile_operators", "setup_operators", "variant_operators", "glue"):
-        for operator in importlib.import_module(addon(modules).__name__).CLASSES:
-            assert len(operator.__doc__) > 20, operator
+    modules = ("operators", "pile_operators", "setup_operators", "variant_operators", "glue")
+    for name in (*modules, "edit_operators", "timing_panel"):
+        for operator in importlib.import_module(addon(name).__name__).CLASSES:
+            assert issubclass(operator, bpy.types.Panel) or len(operator.__doc__) > 20, operator
 
 
 def test_the_pile_is_there_before_its_figures(desk, addon):

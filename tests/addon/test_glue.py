@@ -1,9 +1,12 @@
 """How far a pile keeps its shape: what is asked of the server, what the file keeps, and what is told of the glue."""
 
+import json
+
 import bpy
 import numpy as np
 import pytest
-from conftest import TURN
+from conftest import TURN, count_blocks
+from test_motion import made_up, write
 
 
 @pytest.fixture
@@ -143,3 +146,99 @@ def test_bodies_that_are_not_shown_are_left_out_of_the_count(addon):
     assert [dots.number_of(made, body) for body in (0, 1, 2, 3, 4, 5, None)] == [1, None, 2, 3, None, 4, None]
     told = [{"body": 0, "other": 2, "load": 3.0}, {"body": 2, "other": None, "load": 0.1}]
     assert dots.loads(made, told, 4).tolist() == [4, 4, 0, 0]
+
+
+def made_up_glue(desk, addon, mode):
+    """A pile that moves, with dots on bodies that do, and on the ground."""
+    motion = made_up(addon)
+    collection = write(desk, motion, mode)
+    told = [
+        {"body": body, "other": other, "at": [0.1, -0.2, 0.3], "load": load, "broken": False}
+        for body, other, load in ((3, 4, 7.0), (7, None, 1.5), (19, 0, 0.2))
+    ]
+    collection.cairn.report = json.dumps({"dots": told, "measures": {"prop_diameter": 0.3}})
+    return collection, motion, told
+
+
+@pytest.mark.parametrize("mode", ["ANIMATION", "POINTS"])
+def test_dots_go_along_with_bodies_of_both_kinds(desk, addon, mode):
+    collection, motion, told = made_up_glue(desk, addon, mode)
+    view, scene = addon("glue"), bpy.context.scene
+
+    def holds(frame, number):
+        scene.frame_set(int(frame), subframe=frame % 1)
+        matrices = desk.expected(number)
+        # The bodies' sizes do not matter.
+        turns = matrices[:, :3, :3] / motion.scales[:, None, None]
+        wanted = [turns[dot["body"]] @ dot["at"] + matrices[dot["body"], :3, 3] for dot in told]
+        return np.abs(view.places(collection) - wanted).max() < 1e-4
+
+    assert all(holds(1 + number, number) for number in range(len(motion.positions)))
+    assert holds(-5, 0) and holds(500, len(motion.positions) - 1)
+    note = collection.cairn
+    note.timing_start, note.timing_hold, note.timing_speed, note.timing_ease = 10, 5, 0.5, 1.0
+    times = addon("timing").shown(collection)
+    assert all(holds(float(times[number]), number) for number in (0, 4, 11))
+    for shown in collection.objects:
+        shown.location.x += 2.0 if mode == "POINTS" else 0.0
+    bpy.context.view_layer.update()
+    before = view.places(collection)
+    assert mode == "ANIMATION" or not holds(float(times[4]), 4)
+    assert bpy.ops.cairn.keep_pose() == {"FINISHED"}
+    scene.frame_set(1)
+    assert np.isfinite(before).all() and np.isfinite(view.places(collection)).all()
+    # What somebody has changed has no places, and is no fault.
+    collection.objects[0].modifiers.clear()
+    if mode == "POINTS":
+        assert np.isnan(view.places(collection)).all()
+
+
+@pytest.mark.parametrize("mode", ["ANIMATION", "POINTS"])
+def test_loads_are_shown_where_no_states_are_told(desk, addon, mode):
+    """As of a pile that was worked on by hand, or baked without the control."""
+    collection, _, told = made_up_glue(desk, addon, mode)
+    states, dots, manager = addon("states"), addon("dots"), bpy.context.window_manager
+    collection.cairn.states = ""
+    blocks = count_blocks()
+    manager.cairn_loads = True
+    try:
+        now = states.at(collection, 1)
+        wanted = {3: 7.0, 4: 7.0, 7: 1.5, 19: 0.2, 0: 0.2}
+        for body in range(20):
+            level = len(states.STATES) + dots.level(wanted[body]) if body in wanted else 0
+            assert now[body] == level, body
+        if mode == "ANIMATION":
+            shown = {body.cairn.number: tuple(body.color) for body in collection.objects}
+            assert np.allclose(shown[4], states.LINEAR[now[3]], atol=1e-6)
+        else:
+            assert len({part.cairn.number for part in bpy.data.objects if part.parent}) == 4
+        manager.cairn_states = True
+        assert states.at(collection, 1) is None
+    finally:
+        manager.cairn_loads = manager.cairn_states = False
+    assert count_blocks() == blocks
+    if mode == "POINTS":
+        assert not any(item.value for item in collection.objects[0].data.attributes["state"].data)
+
+
+def test_a_settled_pile_has_its_loads(desk, glue, addon):
+    desk.control.scale = (1.0, 0.35, 1.6)
+    desk.bake()
+    bpy.ops.cairn.edit_pile()
+    collection = addon("result").chosen(bpy.context)
+    view, states, dots = addon("glue"), addon("states"), addon("dots")
+    first = max(collection.objects, key=lambda body: body.location.z)
+    number = first.cairn.number
+    bpy.data.objects.remove(first)
+    bpy.ops.cairn.add_on_top(count=2)
+    assert not collection.cairn.states and len(view.dots_of(collection)) > 0
+    manager = bpy.context.window_manager
+    manager.cairn_loads = True
+    try:
+        now = states.at(collection, 1)
+    finally:
+        manager.cairn_loads = False
+    load = view.dots_of(collection)[0]
+    joined = dots.number_of(collection, load["body"])
+    assert now[joined - 1] == len(states.STATES) + dots.level(load["load"]) and now[number - 1] == 0
+    assert np.isfinite(view.places(collection)).all()

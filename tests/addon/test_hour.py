@@ -1,18 +1,14 @@
 """What an artist meets in an hour of work: nothing moves by itself, nothing is lost, everything is told in words."""
 
+import concurrent.futures
 import time
 
 import bpy
 import numpy as np
 import pytest
+from blocks import all_blocks
 from conftest import count_blocks, cuboid, mesh_object
 from test_faults import LONG, PATIENCE, names, refusal, start, wait
-
-
-def all_blocks():
-    """Everything in the file, by kind."""
-    kinds = (name for name in dir(bpy.data) if isinstance(getattr(bpy.data, name), bpy.types.bpy_prop_collection))
-    return {name: sorted(block.name for block in getattr(bpy.data, name)) for name in kinds}
 
 
 @pytest.fixture
@@ -163,6 +159,72 @@ def test_fetching_draws_the_props(desk, addon, tmp_path):
     assert [len(prop.outlines[0].triangles) for prop in props] == [12]
 
 
+def test_a_file_that_gets_its_name_while_connecting_is_fetched(desk, addon, tmp_path, monkeypatch):
+    desk.add_stick()
+    assert not bpy.data.filepath
+    path, pending, job = str(tmp_path / "late.blend"), addon("pending"), addon("job")
+
+    async def never(*_):
+        await job.asyncio.sleep(PATIENCE)
+        yield
+
+    monkeypatch.setattr(job.client, "bake", never)
+    bake = start(desk, addon, accuracy="DRAFT", seed=79)
+    folder, end = pending.request_folder(bake.recipe), time.monotonic() + PATIENCE
+    while not folder.exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    monkeypatch.undo()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert addon("running").left["bake_id"] == "" and bpy.ops.cairn.fetch() == {"FINISHED"}
+    assert len(bpy.data.collections["Heap Pile"].objects) > 20
+    assert pending.of_this_file() is None and not folder.exists()
+
+
+def test_two_blenders_with_one_file_keep_their_notes(desk, addon, tmp_path):
+    desk.add_stick()
+    pending, request, running = addon("pending"), addon("request"), addon("running")
+    first, second = (request.take(bpy.context).recipe for _ in range(2))
+    path = str(tmp_path / "shared.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    pending.note(first, "1")
+    pending.note(second, "2")
+    # The server has taken the first one's, later.
+    pending.note(first, "one")
+    assert pending.of_this_file()["bake_id"] == "one"
+    assert pending.of_this_file(besides=first["token"])["bake_id"] == "2"
+    pending.forget(first)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert running.left["bake_id"] == "2"
+    pending.note(first, "one")
+    assert bpy.ops.cairn.forget() == {"FINISHED"} and running.left["bake_id"] == "2"
+    # Whatever the file is called when its bake ends.
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
+    assert pending.of_this_file() is None
+    pending.forget(second)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert running.left is None
+
+
+def test_no_more_is_kept_than_somebody_may_come_back_to(desk, addon, tmp_path, monkeypatch):
+    desk.add_stick()
+    pending, request = addon("pending"), addon("request")
+    monkeypatch.setattr(pending, "MOST", 2)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "many.blend"))
+    recipes = [request.take(bpy.context).recipe for _ in range(5)]
+    for recipe in recipes:
+        pending.request_folder(recipe).mkdir(parents=True)
+        pending.note(recipe, "")
+    pending.note(recipes[-1], "last")
+    there = [pending.request_folder(recipe).exists() for recipe in recipes]
+    assert not any(there[:3]) and all(there[3:])
+    for _ in recipes[3:]:
+        pending.give_up()
+    assert pending.of_this_file() is None and not any(pending.request_folder(recipe).exists() for recipe in recipes)
+
+
 def test_two_blenders_keep_their_notes(desk, addon, tmp_path):
     """Each writes a file of its own, and removes none but its own."""
     desk.add_stick()
@@ -173,9 +235,9 @@ def test_two_blenders_keep_their_notes(desk, addon, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "two.blend"))
     assert pending.of_this_file() is None
     pending.note(second, "2")
-    pending.forget(first)
     assert pending.of_this_file()["bake_id"] == "2"
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "one.blend"))
+    pending.forget(second)
     assert pending.of_this_file()["bake_id"] == "1"
     pending.give_up()
     assert pending.of_this_file() is None
@@ -204,6 +266,57 @@ def test_all_that_is_wrong_is_told_at_once(desk, addon):
         about = [things for things in pairs.values() if things]
         assert ["Ghost"] in about and ["Shade"] in about and ["Sheet"] in about, pairs
         assert not any("control mesh" in text for text in pairs)
+
+
+def test_a_check_does_not_wait(desk, addon, monkeypatch):
+    """With a window, it reads the scene in slices, and then looks for the answer now and then."""
+    for number in range(4):
+        desk.add_stick(f"Stick {number}", (0.3 + 0.02 * number, 0.1, 0.1))
+    setup, answer, told = addon("setup_operators"), concurrent.futures.Future(), []
+    monkeypatch.setattr(setup, "SLICE", 0.0)
+    monkeypatch.setattr(setup.job, "plan", lambda *_: answer)
+    check = setup.CAIRN_OT_check
+
+    class Check(setup._Waits):
+        slices = None
+        _ask, _read, _take, modal, cancel = check._ask, check._read, check._take, check.modal, check.cancel
+
+        def report(self, _, text):
+            told.append(text)
+
+    class Event:
+        type, value = "TIMER", "NOTHING"
+
+    bpy.context.scene.frame_set(9)
+    made, before = Check(), all_blocks()
+    made.slices = made._ask(bpy.context)
+    turns = 0
+    while made.slices:
+        assert made.modal(bpy.context, Event()) == {"PASS_THROUGH"}
+        turns += 1
+    assert turns > 4 and made.answer is answer
+    for _ in range(3):
+        assert made.modal(bpy.context, Event()) == {"PASS_THROUGH"}
+    answer.set_exception(addon("client").Fault("It was told."))
+    assert made.modal(bpy.context, Event()) == {"CANCELLED"} and told == ["It was told."]
+    # Stopped while it reads, it leaves everything as it was.
+    made.slices, answer = made._ask(bpy.context), concurrent.futures.Future()
+    made.modal(bpy.context, Event())
+    Event.type, Event.value = "ESC", "PRESS"
+    assert made.modal(bpy.context, Event()) == {"CANCELLED"} and not made.slices
+    assert bpy.context.scene.frame_current == 9 and all_blocks() == before
+
+
+def test_an_object_that_is_meant_is_selected(desk):
+    stick, other = desk.add_stick(), desk.add_stick("Other")
+    layer = bpy.context.view_layer
+    layer.update()
+    other.select_set(True)
+    assert bpy.ops.cairn.select(object="Stick") == {"FINISHED"}
+    assert bpy.context.selected_objects == [stick] and layer.objects.active == stick
+    stick.hide_set(True)
+    assert "hidden" in refusal(lambda: bpy.ops.cairn.select(object="Stick"))
+    assert "not in this view layer" in refusal(lambda: bpy.ops.cairn.select(object="Nobody"))
 
 
 def test_warnings_are_told_once_and_in_words(addon):
@@ -354,22 +467,38 @@ def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
     asked = []
     start = addon("job").Job.start
     monkeypatch.setattr(addon("job").Job, "start", lambda job: asked.append(job) or start(job))
+    stages, add_frame = set(), addon("recording").Recording.add_frame
+
+    def adding(recording, frame):
+        stages.add(frame.stage)
+        return add_frame(recording, frame)
+
+    monkeypatch.setattr(addon("recording").Recording, "add_frame", adding)
     assert turn(lambda: "made of" in live.told())
     desk.add_stick()
-    before = all_blocks(), bpy.context.scene.frame_current
     desk.settings.accuracy = "REFERENCE"
+    before = all_blocks(), bpy.context.scene.frame_current
     assert turn(lambda: drawn)
     v1 = addon("messages").v1
-    assert asked[0].spec.scene.accuracy == v1.ACCURACY_DRAFT
+    assert asked[-1].spec.scene.accuracy == v1.ACCURACY_DRAFT
     assert drawn[-1].stage != v1.STAGE_FILL and drawn[-1].present.sum() > 10 and "Draft of" in live.told()
+    # The fill is not sent, and what is drawn is the pose that the whole bake ends with.
+    assert asked[-1].recording.frames and not stages & {v1.STAGE_FILL}
+    whole = addon("job").Job(asked[-1].server, asked[-1].spec, asked[-1].contents)
+    whole.start()
+    while whole.news.get(timeout=PATIENCE)[0] != "done":
+        pass
+    assert np.array_equal(drawn[-1].positions, whole.recording.frames[-1].positions)
+    asked.clear(), drawn.clear()
     # A change drops what is under way; the old picture stays until the new one is there.
     desk.control.scale.z = 0.5
     bpy.context.view_layer.update()
-    assert turn(lambda: len(asked) == 2)
+    assert turn(lambda: len(asked) == 1)
     desk.settings.seed = 5
-    assert turn(lambda: len(drawn) == 3)
-    assert len(asked) == 3 and drawn[1] is None and asked[2].spec.scene.seed == 5
-    assert turn(lambda: False, 1.0) is False and len(asked) == 3
+    assert turn(lambda: len(drawn) == 2)
+    assert len(asked) == 2 and drawn[0] is None and asked[1].spec.scene.seed == 5
+    assert turn(lambda: False, 1.0) is False and len(asked) == 2
+    desk.control.scale.z, desk.settings.seed = 1.0, 1
     assert (all_blocks(), bpy.context.scene.frame_current) == before
     live.show(False)
     assert drawn[-1] is None and live._on_change not in bpy.app.handlers.depsgraph_update_post

@@ -82,3 +82,73 @@ def test_states_go_along(desk, addon):
     before = [states.at(collection, 1 + number).tolist() for number in range(last + 1)]
     collection.cairn.timing_speed, collection.cairn.timing_start = 0.5, 51
     assert [states.at(collection, 51 + 2 * number).tolist() for number in range(last + 1)] == before
+
+
+@pytest.mark.parametrize("mode", ["ANIMATION", "POINTS"])
+def test_the_final_pose_stays_alone(desk, addon, mode):
+    desk.add_stick()
+    collection = desk.bake(output_mode=mode, start_frame=5)
+    last, actions = len(desk.motion.positions) - 1, len(bpy.data.actions)
+    bpy.context.scene.frame_set(5)
+    shown = addon("states").at(collection, 10**5)
+    bpy.ops.ed.undo_push(message="pile")
+    assert bpy.ops.cairn.keep_pose() == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="pose")
+    for frame in (1, 5, 5 + last // 2, 5 + last, 1000):
+        assert at(desk, collection, frame, last), frame
+    assert not bpy.data.actions and bpy.context.scene.frame_current == 1000
+    states = addon("states").at(collection, 5)
+    assert (states is None) == (shown is None) and (shown is None or (states == shown).all())
+    with pytest.raises(RuntimeError, match="no pile"):
+        bpy.ops.cairn.keep_pose()
+    with pytest.raises(RuntimeError, match="no baked pile"):
+        bpy.ops.cairn.fit_timing()
+    # One step back is all of it.
+    bpy.ops.ed.undo()
+    collection = bpy.data.collections["Heap Pile"]
+    assert len(bpy.data.actions) == actions
+    for number in (0, last // 2, last):
+        assert at(desk, collection, 5 + number, number)
+
+
+def test_what_had_fallen_out_is_not_in_the_final_pose(desk, addon):
+    desk.add_stick()
+    collection = desk.bake()
+    body = next(body for body in collection.objects if body.animation_data)
+    body.hide_render = body.hide_viewport = False
+    for hidden, frame in ((False, 1), (True, 4)):
+        body.hide_render = body.hide_viewport = hidden
+        body.keyframe_insert("hide_render", frame=frame)
+        body.keyframe_insert("hide_viewport", frame=frame)
+    assert bpy.ops.cairn.keep_pose() == {"FINISHED"}
+    assert body.hide_render and body.hide_viewport and not body.animation_data
+    assert collection.cairn.mode == "POSE"
+
+
+def test_a_bake_ends_at_the_frame_that_the_preview_showed(desk, addon):
+    """With a window, the operator comes to its end step by step."""
+    desk.add_stick()
+    following, running, timing = addon("following"), addon("running"), addon("timing")
+
+    class Operator:
+        timer = preview = workspace = slices = writer = None
+        told = []
+
+        def report(self, _, text):
+            self.told.append(text)
+
+        def _leave(self, *_):
+            pass
+
+    class Bake:
+        end = "done"
+
+    scene = bpy.context.scene
+    for mode, frame in (("ANIMATION", None), ("POINTS", None), ("POSE", 3)):
+        operator = Operator()
+        operator.made = desk.bake(output_mode=mode, start_frame=20)
+        scene.frame_set(3)
+        assert following.Follows._end(operator, bpy.context, Bake()) == {"FINISHED"}
+        assert scene.frame_current == (frame or 20 + len(desk.motion.positions) - 1), mode
+        assert frame or scene.frame_current == timing.end_of(operator.made)
+    assert running.bake is None and "Heap Pile" in Operator.told[-1]

@@ -1,5 +1,9 @@
 """Seeds that are tried, kept and deleted; and piles of other seeds, which stay."""
 
+import threading
+import time
+from unittest.mock import MagicMock
+
 import bpy
 import pytest
 from conftest import count_blocks
@@ -64,6 +68,83 @@ def test_glue_is_tried_with_each_seed(desk, addon):
     told = {entry.name: entry.told for entry in bpy.context.scene.cairn_variants}
     assert set(told) == {"Seed 1, As Modelled", "Seed 1, Natural"}
     assert "dots" in told["Seed 1, As Modelled"] and "no glue" in told["Seed 1, Natural"]
+
+
+def test_strengths_are_tried_on_request(desk, addon):
+    desk.add_stick()
+    desk.control.scale = (1.0, 0.35, 1.6)
+    desk.settings.seed = 3
+    desk.settings.kept_shape, desk.settings.glue_strength = "TACKY", 4.0
+    wanted = {"count": 1, "is_with_glue": True, "kept_shapes": {"NATURAL"}, "strengths": "0.5, 20;4"}
+    assert bpy.ops.cairn.try_seeds(**wanted) == {"FINISHED"}
+    entries = bpy.context.scene.cairn_variants
+    names = ["Seed 3, Tacky 20", "Seed 3, Tacky 4", "Seed 3, Tacky 0.5", "Seed 3, Natural"]
+    assert [entry.name for entry in entries] == names
+    assert len({entry.bake_id for entry in entries}) == 4
+    settings = desk.settings
+    assert (settings.kept_shape, settings.glue_strength) == ("TACKY", 4.0)
+    # Each is what a bake with those settings gives.
+    for name, choice, strength in ((names[0], "TACKY", 20.0), (names[2], "TACKY", 0.5), (names[3], "NATURAL", 4.0)):
+        assert bpy.ops.cairn.keep_variant(variant=name) == {"FINISHED"}
+        pile = addon("result").chosen(bpy.context)
+        kept = pile.cairn.result_hash
+        assert bpy.ops.cairn.restore_settings(collection=pile.name) == {"FINISHED"}
+        assert (settings.kept_shape, settings.glue_strength, settings.seed) == (choice, strength, 3)
+        assert bpy.ops.cairn.bake() == {"FINISHED"} and pile.cairn.result_hash == kept
+
+
+@pytest.mark.parametrize("text", ["1, x", "-1", "nan", "1..2"])
+def test_strengths_that_are_none_are_told(desk, text):
+    desk.add_stick()
+    with pytest.raises(RuntimeError, match="numbers with commas"):
+        bpy.ops.cairn.try_seeds(count=1, is_with_glue=True, strengths=text)
+    assert not bpy.context.scene.cairn_variants
+
+
+def test_a_variant_of_before_is_fetched_in_the_background(desk, addon, tmp_path, monkeypatch):
+    """With a window: no turn of the timer waits for the server."""
+    desk.add_stick()
+    assert bpy.ops.cairn.try_seeds(count=2) == {"FINISHED"}
+    path = str(tmp_path / "tried.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    variants, job, entries = addon("variants"), addon("job"), bpy.context.scene.cairn_variants
+    monkeypatch.setattr(variants.preview, "Preview", MagicMock())
+    answers, watch = threading.Event(), job.client.watch
+
+    async def later(*words, **named):
+        while not answers.is_set():
+            await job.asyncio.sleep(0.01)
+        async for event in watch(*words, **named):
+            yield event
+
+    monkeypatch.setattr(job.client, "watch", later)
+
+    def turn(until):
+        for _ in range(3000):
+            variants.fetch_on()
+            if until():
+                return True
+            time.sleep(0.02)
+        return False
+
+    variants.fetch(bpy.context, entries[0])
+    assert variants.is_fetched(entries[0])
+    for _ in range(50):
+        assert variants.fetch_on() is not None
+    assert variants.is_at(entries[0]) and not variants.shown
+    # Another one instead: the first is not waited for.
+    variants.fetch(bpy.context, entries[1])
+    assert not variants.is_fetched(entries[0])
+    answers.set()
+    assert turn(lambda: variants.shown == entries[1].bake_id) and not variants.is_here(entries[0])
+    assert variants.fetch_on() is None
+    # What goes wrong is told in the panel.
+    entries[0].bake_id = "0" * 64
+    variants.fetch(bpy.context, entries[0])
+    assert turn(lambda: variants.fetch_on() is None)
+    assert addon("running").problems and not variants.is_fetched(entries[0])
+    variants.show("")
 
 
 def test_what_is_lacking_is_told(desk):

@@ -27,6 +27,7 @@ BAKE_BELOW_ACCURACIES = 1000, 468
 ACCURACY_HEIGHT = 21
 CANCEL_X = 1106
 VIEW = 600, 500
+OUTLINER = 1270, 170
 PROGRAM = os.environ["CAIRN_PROGRAM"]
 
 
@@ -111,6 +112,7 @@ def walk():
         assert bpy.ops.cairn.discard() == {"FINISHED"}
         yield 0.5
 
+    yield from during_the_fill(bake_button, objects)
     settings.accuracy, settings.use_frame_count = "STANDARD", False
     yield from click(*bake_button)
     yield from wait(lambda: running.bake and running.bake.job.latest, "the pile to form")
@@ -148,6 +150,42 @@ def walk():
     yield from by_state(area, "points")
     yield from ui_hour.work(area)
     print("1 passed, 0 failed", flush=True)
+
+
+def during_the_fill(bake_button, objects):
+    """A right-click, or Esc in another editor, ends nothing; Esc over the view asks, and the bodies can be kept."""
+    from cairn import running
+
+    settings = bpy.context.scene.cairn
+    settings.accuracy, common = "REFERENCE", settings.prop_common
+    # Thousands of small props: time enough.
+    common.scale_min = common.scale_max = 0.3
+    yield from click(*bake_button)
+    yield from wait(lambda: running.bake and running.bake.job.latest, "the fill")
+    bake = running.bake
+    assert not bake.frame_count
+    for place in (VIEW, OUTLINER):
+        yield from click(*place, 3)
+        yield 0.4
+        # Closes the menu.
+        xdotool("mousemove", 300, 700)
+        yield 0.4
+    xdotool("mousemove", *OUTLINER)
+    yield 0.3
+    yield from press("Escape")
+    yield 0.4
+    assert not bake.end and running.bake is bake
+    yield from answer_escape()
+    yield from wait(lambda: bake.end, "the end during the fill")
+    assert bake.end == "stopped" and not bake.frame_count and bake.kept_kind().endswith("Bodies as They Are")
+    assert sorted(bpy.data.objects.keys()) == objects
+    yield 0.5
+    picture("4-stopped-during-the-fill.png")
+    xdotool("mousemove", 300, 500)
+    yield 0.5
+    assert bpy.ops.cairn.discard() == {"FINISHED"}
+    common.scale_min = common.scale_max = 1.0
+    yield 0.5
 
 
 def by_state(area, name):

@@ -3,17 +3,11 @@
 import time
 
 import bpy
+from blocks import all_blocks
 from hands import picture, view, wait
 
 # How long nobody does anything, s.
 IDLE = 8.0
-
-
-def all_blocks():
-    """Everything in the file, and where it is in time."""
-    kinds = (name for name in dir(bpy.data) if isinstance(getattr(bpy.data, name), bpy.types.bpy_prop_collection))
-    blocks = {name: sorted(block.name for block in getattr(bpy.data, name)) for name in kinds}
-    return blocks, bpy.context.scene.frame_current, bpy.context.scene.frame_subframe
 
 
 def idle():
@@ -117,8 +111,16 @@ def editing(area):
         bpy.ops.cairn.remove_bodies()
         bpy.ops.cairn.settle("INVOKE_DEFAULT")
     yield from wait(lambda: running.bake is None, "the pile to settle")
+    cone = bpy.data.objects["Cone"]
     with view(area):
-        bpy.ops.cairn.add_on_top("INVOKE_DEFAULT", count=20)
+        bpy.ops.cairn.paint_region()
+    group = cone.vertex_groups.active
+    group.add([vertex.index for vertex in cone.data.vertices if vertex.co.x > 0], 1.0, "REPLACE")
+    yield 0.7
+    picture("8-painting.png")
+    with view(area):
+        bpy.ops.cairn.add_on_top("INVOKE_DEFAULT", count=20, region=group.name)
+    assert bpy.context.mode == "OBJECT"
     yield from wait(lambda: running.bake is None, "more props")
     yield from wait(lambda: not running.measuring, "the report")
     # Undo may have put others in their places since.

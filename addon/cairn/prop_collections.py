@@ -1,0 +1,61 @@
+"""Bodies in their props' collections: each of those gets a collection of its own for them, so that thousands of bodies
+do not lie between the props, and a hidden pile is hidden there, too."""
+
+import bpy
+
+from . import pointers
+
+
+def refresh(pile, sources):
+    """Links a pile's bodies as its settings say. `sources`: the props' objects."""
+    remove(pile)
+    if not pile.cairn.use_prop_collections or pile.cairn.mode == "POINTS":
+        return
+    apart = _apart(pile)
+    wanted = [[c for c in source.users_collection if c not in apart and _is_own(c)] for source in sources]
+    made = {}
+    for body in pile.objects:
+        for outer in wanted[body.cairn.prop] if body.cairn.number else ():
+            if outer not in made:
+                made[outer] = bpy.data.collections.new(f"{pile.name} in {outer.name}")
+                made[outer].cairn.of_pile = pile
+                made[outer].hide_viewport, made[outer].hide_render = pile.hide_viewport, pile.hide_render
+                outer.children.link(made[outer])
+            made[outer].objects.link(body)
+
+
+def _apart(pile):
+    """Those that say what a pile is made of, and nothing of how it is to look; and the scenes' own."""
+    found = {key: value for key, value in pointers.read(pile.cairn.pointers).items() if key.startswith("settings.")}
+    return {pile, *found.values(), *(scene.collection for scene in bpy.data.scenes)}
+
+
+def _is_own(collection):
+    return not collection.library and not collection.cairn.is_result and collection.cairn.of_pile is None
+
+
+def of(pile):
+    return [collection for collection in bpy.data.collections if collection.cairn.of_pile == pile]
+
+
+def show(pile, on):
+    """Shows or hides a pile, wherever it is."""
+    for collection in (pile, *of(pile)):
+        collection.hide_viewport = collection.hide_render = not on
+
+
+def remove(pile):
+    bpy.data.batch_remove(of(pile))
+
+
+def members(collection):
+    """All objects of a collection and of those in it, but for piles' bodies that are there only besides."""
+    if not any(child.cairn.of_pile for child in collection.children_recursive):
+        return list(collection.all_objects)
+    found = {}
+    waiting = [collection]
+    while waiting:
+        here = waiting.pop()
+        found.update(dict.fromkeys(here.objects))
+        waiting += [child for child in here.children if child.cairn.of_pile is None]
+    return list(found)

@@ -1,0 +1,208 @@
+"""Makes one of the pictures in the README files, as an artist would: run by Blender 3.4 in a real window.
+
+    CAIRN_PICTURE=variants blender --factory-startup --window-geometry 0 0 1100 860 --python pictures.py
+
+`tests/addon/run pictures` makes all of them. $CAIRN_ADDON is the add-on's zip, $CAIRN_SCREENSHOTS where they go.
+"""
+
+import os
+import sys
+import traceback
+
+import bpy
+from mathutils import Vector
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+
+from hands import SCREENSHOTS, click, drag, picture, sidebar, view, wait, xdotool
+
+NAME = os.environ["CAIRN_PICTURE"]
+# Which panels are open.
+OPEN = {
+    "panel": {"states"},
+    "live": set(),
+    "variants": {"variants"},
+    "glue": {"holds"},
+    "edit": {"edit"},
+}[NAME]
+# By so many lines the sidebar is scrolled down to them.
+SCROLLED = {"variants": 12, "glue": 14, "edit": 9}
+# The tab, before any object is there, from the view's right edge and its top; and how wide the sidebar becomes.
+TAB = 12, 166
+WIDTH = 330
+
+
+def scene(area):
+    with view(area):
+        bpy.ops.mesh.primitive_cone_add(vertices=32, radius1=0.6, depth=1.0, location=(0, 0, 0.5))
+        bpy.context.object.name = "Cone"
+        bpy.ops.mesh.primitive_cube_add(size=1, location=(0.1, -1.1, 0.03))
+        stick = bpy.context.object
+    stick.name, stick.scale = "Stick", (0.3, 0.08, 0.06)
+    props = bpy.data.collections.new("Props")
+    bpy.context.scene.collection.children.link(props)
+    stick.users_collection[0].objects.unlink(stick)
+    props.objects.link(stick)
+    settings = bpy.context.scene.cairn
+    settings.control_mesh, settings.prop_collection = bpy.data.objects["Cone"], props
+    with view(area):
+        bpy.ops.object.select_all(action="DESELECT")
+
+
+def region_of(area, kind):
+    return next(region for region in area.regions if region.type == kind)
+
+
+def take(area):
+    """A picture of the view with its sidebar, scrolled to where its subject is."""
+    xdotool("mousemove", 300, 700)
+    for _ in range(SCROLLED.get(NAME, 0)):
+        with bpy.context.temp_override(
+            window=bpy.context.window_manager.windows[0], area=area, region=region_of(area, "UI")
+        ):
+            bpy.ops.view2d.scroll_down()
+    yield 1.0
+    with view(area):
+        bpy.ops.screen.screenshot_area(filepath=os.path.join(SCREENSHOTS, f"{NAME}.png"))
+
+
+def baked(area):
+    from cairn import running
+
+    with view(area):
+        bpy.ops.cairn.bake("INVOKE_DEFAULT")
+    yield from wait(lambda: running.bake is None, "the pile")
+    yield from wait(lambda: not running.measuring, "the report")
+
+
+def panel(area):
+    bpy.context.scene.cairn.kept_shape = "NATURAL"
+    yield from baked(area)
+    bpy.context.window_manager.cairn_states = True
+    bpy.context.scene.frame_set(4)
+
+
+def live(area):
+    from cairn import live
+
+    bpy.context.window_manager.cairn_live = True
+    yield from wait(lambda: live.told().startswith("Draft of"), "a draft")
+    bpy.data.objects["Cone"].scale.z = 0.7
+    yield from wait(lambda: not live.told().startswith("Draft of"), "the change to be seen")
+    yield from wait(lambda: live.told().startswith("Draft of"), "the next draft")
+
+
+def variants(area):
+    from cairn import variants
+
+    manager, settings = bpy.context.window_manager, bpy.context.scene.cairn
+    settings.accuracy = "DRAFT"
+    manager.cairn_seed_glue, manager.cairn_seed_count = True, 2
+    manager.cairn_seed_shapes, manager.cairn_seed_strengths = {"AS_MODELLED"}, "1"
+    with view(area):
+        bpy.ops.cairn.try_seeds(count=2, is_with_glue=True, kept_shapes={"AS_MODELLED"}, strengths="1")
+    yield from wait(lambda: not variants.is_trying(), "the variants")
+    with view(area):
+        bpy.ops.cairn.show_variant(variant=bpy.context.scene.cairn_variants[2].name)
+
+
+def glue(area):
+    cone = bpy.data.objects["Cone"]
+    cone.rotation_euler.x = 3.14159265
+    yield 0.5
+    yield from baked(area)
+    manager = bpy.context.window_manager
+    manager.cairn_glue = manager.cairn_loads = True
+
+
+def edit(area):
+    from cairn import result, running
+
+    yield from baked(area)
+    with view(area):
+        bpy.ops.cairn.edit_pile()
+    pile = result.chosen(bpy.context)
+    near = sorted(pile.objects, key=lambda body: (body.location - Vector((0.6, 0, 0.1))).length)
+    with view(area):
+        for body in near[:14]:
+            body.select_set(True)
+        bpy.ops.cairn.remove_bodies()
+        bpy.ops.cairn.settle("INVOKE_DEFAULT")
+    yield from wait(lambda: running.bake is None, "the pile to settle")
+    cone = bpy.data.objects["Cone"]
+    group = cone.vertex_groups.new(name="Drop Here")
+    group.add([vertex.index for vertex in cone.data.vertices if vertex.co.x > 0.3], 1.0, "REPLACE")
+    manager = bpy.context.window_manager
+    manager.cairn_add_region, manager.cairn_add_count = group.name, 20
+    with view(area):
+        bpy.ops.cairn.add_on_top("INVOKE_DEFAULT", count=20, region=group.name)
+    yield from wait(lambda: running.bake is None, "more props")
+    yield from wait(lambda: not running.measuring, "the report")
+
+
+def walk():
+    from cairn import running
+
+    for source in list(bpy.data.objects):
+        bpy.data.objects.remove(source)
+    area = sidebar()
+    yield 0.5
+    with view(area):
+        # Nothing but the view.
+        bpy.ops.screen.screen_full_area()
+    yield 1.0
+    area = sidebar()
+    top = bpy.context.window_manager.windows[0].height
+    right = area.x + area.width
+    yield from click(right - TAB[0], top - (area.y + area.height) + TAB[1])
+    yield 0.7
+    # A little within the region: that much of it is not drawn.
+    edge = region_of(area, "UI").x + 6
+    yield from drag((edge, 500), (right - WIDTH, 500))
+    assert region_of(area, "UI").width >= WIDTH
+    scene(area)
+    area.spaces[0].region_3d.view_distance = 3.4
+    area.spaces[0].region_3d.view_location = (0.45, -0.1, 0.45)
+    yield from wait(lambda: running.plan, "what a bake is expected to take")
+    yield from {"panel": panel, "live": live, "variants": variants, "glue": glue, "edit": edit}[NAME](area)
+    yield 0.7
+    yield from take(area)
+
+
+def open_panels():
+    """Before the tab is seen for the first time: later, Blender keeps what is open."""
+    from cairn import CLASSES
+
+    panels = [cls for cls in CLASSES if issubclass(cls, bpy.types.Panel) and getattr(cls, "bl_parent_id", "")]
+    for cls in panels:
+        bpy.utils.unregister_class(cls)
+        is_open = cls.__name__.rpartition("_PT_")[2] in OPEN
+        cls.bl_options = set() if is_open else {"DEFAULT_CLOSED"}
+    for cls in panels:
+        bpy.utils.register_class(cls)
+
+
+def end(code):
+    bpy.ops.preferences.addon_disable(module="cairn")
+    sys.stdout.flush()
+    os._exit(code)
+
+
+def tick():
+    try:
+        return next(STEPS)
+    except StopIteration:
+        end(0)
+    except Exception:  # noqa: BLE001 the window would stay open
+        traceback.print_exc()
+        picture("failed.png")
+        end(1)
+
+
+bpy.context.preferences.view.show_splash = False
+bpy.ops.preferences.addon_install(filepath=os.environ["CAIRN_ADDON"], overwrite=True)
+bpy.ops.preferences.addon_enable(module="cairn")
+bpy.context.preferences.addons["cairn"].preferences.program = os.environ["CAIRN_PROGRAM"]
+open_panels()
+STEPS = walk()
+bpy.app.timers.register(tick, first_interval=2.0)
