@@ -147,12 +147,12 @@ fn an_emitter_lets_bodies_appear_at_its_rate() {
     }
     assert!(figure(&one, "resting_speed_max_rel") < 0.01);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    assert_eq!(pool.install(|| baked(&scene, &params())).frames, one.pile.frames);
+    assert_eq!(pool.install(|| baked(&scene, &params())).pile.frames, one.pile.frames);
 
     // A place that is full at once: what could not appear is told.
     scene.emitters[0].place = Place::Box { center: DVec3::Y * 0.2, size: DVec3::splat(0.1) };
     let blocked = baked(&scene, &params());
-    assert!(blocked.bodies.len() < 5);
+    assert!(blocked.pile.bodies.len() < 5);
     assert!(
         blocked.report.warnings.iter().any(|w| w.contains("of 30 bodies could appear")),
         "{:?}",
@@ -388,5 +388,5 @@ fn without_a_ground_what_misses_the_scenery_is_set_aside() {
     assert!(warnings.iter().any(|text| text.starts_with("1 body fell past the scenery")), "{warnings:?}");
 
     scene.bodies.remove(0);
-    assert_eq!(baked(&scene, &params).bodies.len(), 1, "even if nothing is left");
+    assert_eq!(baked(&scene, &params).pile.bodies.len(), 1, "even if nothing is left");
 }

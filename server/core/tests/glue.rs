@@ -79,7 +79,7 @@ fn a_pile_on_its_tip_stands_as_it_was_modelled() {
     let steps = glued.report.counts["glue_proof_steps"];
     assert!(steps > 0 && steps < whole * 2 / 3, "a trial ends once nothing moves: {steps} steps");
 
-    assert_eq!(baked(&scene, &params).frames, glued.frames, "the same bytes");
+    assert_eq!(baked(&scene, &params).pile.frames, glued.pile.frames, "the same bytes");
 
     params.glue.mode = GlueMode::Natural;
     let natural = baked(&scene, &params);

@@ -8,7 +8,7 @@ use cairn_core::geometry::contact::{self, Bearing, CARRYING_GAP};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::input::params::{Accuracy, GlueMode, Params};
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::{check, shape};
 use cairn_core::world::{Insertion, Role, Units, World};
@@ -118,13 +118,16 @@ fn what_hangs_is_what_another_way_finds() {
     for seed in 1..=6 {
         let scene = scene(cone(0.6, 1.2), stick());
         let mesh = &scene.props[0].model.mesh;
-        let mut params = Params { seed, ..Params::new(Accuracy::Draft) };
         // As full as a pile usually is: what lies loosely hangs by a hair.
-        params.fill.full_below = Params::new(Accuracy::Standard).fill.full_below;
+        let mut params = Params { seed, ..Params::new(Accuracy::Standard) };
+        // Glue would carry what hangs.
+        params.glue.mode = GlueMode::Natural;
         let pile = bake(&scene, &params, &mut Silent).unwrap();
-        let (poses, diameter) = (pile.frames.last().unwrap(), pile.report.plan.prop_diameter);
-        assert_eq!(pile.report.measures["hanging"], Some(0.0), "a pile at rest, seed {seed}");
-        assert_eq!(bounds(mesh, poses, diameter).0, 0, "a pile at rest, seed {seed}");
+        let (poses, diameter) = (pile.pile.frames.last().unwrap(), pile.report.plan.prop_diameter);
+        let (least, most) = bounds(mesh, poses, diameter);
+        let reported = pile.report.measures["hanging"].unwrap() as usize;
+        assert!((least..=most).contains(&reported), "seed {seed}: {reported} hang, and not {least} to {most}");
+        assert!(100 * least <= poses.len(), "a pile at rest, seed {seed}: {least} hang");
 
         // Parts of the pile are taken out from under the others.
         let top = poses.iter().map(|pose| pose.translation.y).fold(0.0, f64::max);

@@ -47,17 +47,38 @@ fn plan(args: &Args) -> Result<(), Failure> {
 /// The price list.
 fn prices(estimates: &[Estimate], own: Option<&Estimate>) -> String {
     let factor = estimates.first().map_or(1.0, |e| e.factor);
+    let threads = rayon::current_num_threads();
     let mut text = format!(
-        "\nExpected CPU time on this machine (nine of ten bakes: within a factor of {factor:.1}), and the errors usual in our study:\n  {:<16}{:>12}{:>26}{:>22}\n",
-        "accuracy", "CPU time", "contacts sink in by", "friction beyond mu"
+        "\nExpected on this machine (nine of ten bakes: within a factor of {factor:.1}), and the errors usual in our study:\n  \
+         {:<12}{:>10}{:>12}{:>8}  {:<26}{:<22}{}\n",
+        "accuracy",
+        "CPU time",
+        format!("{threads} threads"),
+        "bodies",
+        "props overlap by",
+        "move when let go",
+        "shape off by"
     );
     for e in estimates {
-        let time = humantime::format_duration(Duration::from_secs(e.cpu_seconds.ceil() as u64)).to_string();
-        let sink = format!("{:.2} % of a thickness", 100.0 * e.penetration_mean_rel);
-        let force = format!("{:.2} %", 100.0 * e.friction_violation_mean);
+        let time = |seconds: f64| humantime::format_duration(Duration::from_secs(seconds.ceil() as u64)).to_string();
+        let overlap = format!("{} ({:.2} %)", length(e.overlap), 100.0 * e.penetration_mean_rel);
+        let loose = format!("{:.0} of 100", 100.0 * e.imbalance);
+        let shape = format!("{:.1} %", 100.0 * e.shape_error);
         let name = to_proto::accuracy_name(e.accuracy);
         let mark = if own.is_some_and(|own| own.accuracy == e.accuracy) { "  <- this scene's" } else { "" };
-        writeln!(text, "  {name:<16}{time:>12}{sink:>26}{force:>22}{mark}").expect("a string takes all");
+        let (cpu, wall) = (time(e.cpu_seconds), time(e.wall_seconds(threads)));
+        let line = format!("  {name:<12}{cpu:>10}{wall:>12}{:>8}  {overlap:<26}{loose:<22}{shape}{mark}", e.bodies);
+        writeln!(text, "{}", line.trim_end()).expect("a string takes all");
     }
+    text += "Overlaps are in per cent of the thickness; below 0.6 % nobody sees them. What moves is held or glued until the end.\n";
     text
+}
+
+/// A length in the unit that suits it.
+fn length(metres: f64) -> String {
+    match metres {
+        m if m < 1e-4 => format!("{:.0} um", m * 1e6),
+        m if m < 1e-2 => format!("{:.1} mm", m * 1e3),
+        m => format!("{:.1} cm", m * 1e2),
+    }
 }

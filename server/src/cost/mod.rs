@@ -1,7 +1,9 @@
 //! What accuracy costs in time: one scene baked over the presets and over single parameters, several seeds each; a table
 //! and a plot of error over CPU time.
 
+mod advice;
 pub mod effects;
+mod figures;
 mod ledger;
 mod plot;
 mod table;
@@ -19,18 +21,6 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::observer::Observer;
 use cairn_core::input::params::Params;
 use glam::DVec3;
-
-/// Figures that are an error by themselves: 0 is the truth.
-pub const ACCURACY: [&str; 6] = [
-    "penetration_mean_rel",
-    "penetration_max_rel",
-    "equilibrium_residual_p95",
-    "friction_violation_mean",
-    "energy_gain_rel",
-    "unsupported_fraction",
-];
-/// Figures whose error is the distance from what `reference` gives.
-pub const SHAPE: [&str; 3] = ["kept_shape", "height_p95_rel", "silhouette_iou"];
 
 /// The variant that the shape's errors are measured against.
 pub const REFERENCE: &str = "reference";

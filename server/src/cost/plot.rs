@@ -1,19 +1,18 @@
-//! The study's plot: error over CPU time, a panel for each figure.
+//! The study's plot: error over CPU time, a panel for each headline figure.
 
+use super::figures::{Figure, HEADLINE};
 use super::table::{self, Row, Spread, front};
-use super::{ACCURACY, Kind, SHAPE, Study};
+use super::{Kind, Study};
 use crate::files::write_atomically;
 use image::{ImageFormat, RgbImage};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 use std::io::Cursor;
-use std::ops::Range;
 use std::path::Path;
 use std::sync::Once;
 
-const SIZE: (u32, u32) = (1500, 1360);
-const COLUMNS: usize = 3;
+const SIZE: (u32, u32) = (1620, 680);
 const FONT: &str = "Noto Sans";
 const PRESET: RGBColor = RGBColor(0x1f, 0x5f, 0xa8);
 const KNOB: RGBColor = RGBColor(0x8c, 0x8c, 0x8c);
@@ -42,13 +41,10 @@ where
     B::ErrorType: 'static,
 {
     area.fill(&WHITE)?;
-    let (head, body) = area.split_vertically(90);
+    let (head, body) = area.split_vertically(130);
     heading(study, &head)?;
-    let names: Vec<(&str, bool)> = ACCURACY.map(|n| (n, false)).into_iter().chain(SHAPE.map(|n| (n, true))).collect();
-    let panels = body.split_evenly((names.len().div_ceil(COLUMNS), COLUMNS));
-    for (&(name, is_shape), panel) in names.iter().zip(&panels) {
-        let title = if is_shape { format!("{name}: distance from {}", study.reference) } else { name.to_owned() };
-        self::panel(&study.rows, name, &title, panel)?;
+    for (figure, panel) in HEADLINE.iter().zip(body.split_evenly((1, HEADLINE.len()))) {
+        self::panel(&study.rows, figure, &panel)?;
     }
     area.present()?;
     Ok(())
@@ -58,80 +54,112 @@ fn heading<B: DrawingBackend>(study: &Study, area: &DrawingArea<B, Shift>) -> Re
 where
     B::ErrorType: 'static,
 {
-    let seeds = study.rows.iter().map(|row| row.seeds.len()).max().unwrap_or(0);
-    let title = format!("What accuracy costs: {} ({seeds} seeds, {})", study.scene, study.machine);
-    area.draw(&Text::new(title, (20, 12), (FONT, 26).into_font()))?;
+    let seeds = match study.rows.iter().map(|row| row.seeds.len()).max().unwrap_or(0) {
+        1 => "1 seed".to_owned(),
+        n => format!("{n} seeds"),
+    };
+    let title = format!("What accuracy costs: {} ({seeds}, {})", study.scene, study.machine);
+    area.draw(&Text::new(title, (20, 10), (FONT, 26).into_font()))?;
+    // The first sentences say what to choose; the tables have the rest.
+    let advice = study.advice().map_or(String::new(), |advice| advice.replace('`', ""));
+    for (sentence, y) in advice.splitn(2, ". ").zip([42, 64]) {
+        area.draw(&Text::new(sentence, (20, y), (FONT, 17).into_font()))?;
+    }
     let font = || (FONT, 18).into_font();
     let mut x = 24;
     for (color, what) in
         [(PRESET, "preset"), (KNOB, "standard with one parameter changed"), (FRONT, "nothing cheaper is more accurate")]
     {
         if color == FRONT {
-            area.draw(&PathElement::new([(x - 8, 63), (x + 14, 63)], color.stroke_width(2)))?;
+            area.draw(&PathElement::new([(x - 8, 104), (x + 14, 104)], color.stroke_width(2)))?;
         } else {
-            area.draw(&Circle::new((x + 3, 63), 5, color.filled()))?;
+            area.draw(&Circle::new((x + 3, 104), 5, color.filled()))?;
         }
-        area.draw(&Text::new(what, (x + 22, 53), font()))?;
+        area.draw(&Text::new(what, (x + 22, 94), font()))?;
         x += 60 + 9 * what.len() as i32;
     }
-    area.draw(&Text::new("bars: range over the seeds", (x, 53), font()))?;
+    area.draw(&Text::new("bars: range over the seeds", (x, 94), font()))?;
     Ok(())
 }
 
-fn panel<B: DrawingBackend>(rows: &[Row], name: &str, title: &str, area: &DrawingArea<B, Shift>) -> Result<(), Fault>
+fn panel<B: DrawingBackend>(rows: &[Row], figure: &Figure, area: &DrawingArea<B, Shift>) -> Result<(), Fault>
 where
     B::ErrorType: 'static,
 {
-    let points: Vec<(&Row, Spread)> = rows.iter().filter_map(|row| Some((row, *row.errors.get(name)?))).collect();
+    let points: Vec<(&Row, Spread)> =
+        rows.iter().filter_map(|row| Some((row, *row.errors.get(figure.name)?))).collect();
     let bound =
         |f: &dyn Fn(&(&Row, Spread)) -> f64, from: f64, of: fn(f64, f64) -> f64| points.iter().map(f).fold(from, of);
     let (left, right) = (bound(&|p| p.0.cost.low, f64::INFINITY, f64::min), bound(&|p| p.0.cost.high, 0.0, f64::max));
     if points.is_empty() || left <= 0.0 {
+        area.draw(&Text::new(format!("{}: the scene has none", figure.name), (20, 12), (FONT, 17).into_font()))?;
         return Ok(());
     }
-    // Both axes are of decades; an error of 0 stands at the lower edge.
-    let least = points.iter().map(|p| p.1.median).filter(|&e| e > 0.0).fold(f64::INFINITY, f64::min);
+    // Both axes are of decades. An error of 0 has none: it stands on a line of its own, below all others.
+    let positive = |values: [f64; 2]| values.into_iter().filter(|&e| e > 0.0).fold(f64::INFINITY, f64::min);
+    let least = points.iter().map(|p| positive([p.1.low, p.1.median])).fold(f64::INFINITY, f64::min);
     let top = 2.0 * bound(&|p| p.1.high, 0.0, f64::max).max(1e-6);
-    let floor = if least.is_finite() { (least / 2.0).max(top / 1e4) } else { top / 10.0 };
+    let least = if least.is_finite() { least.max(top / 1e5) } else { top / 10.0 };
+    let has_zero = points.iter().any(|p| p.1.low < least);
+    let zero = least / 3.0;
+    let floor = if has_zero { zero / 1.8 } else { least / 1.5 };
     let (x, y) = ((left / 1.25).log10()..(right * 1.6).log10(), floor.log10()..top.log10());
-    let height = |error: f64| error.max(floor).log10();
+    let height = |error: f64| if error < least { zero.log10() } else { error.log10() };
     let mut chart = ChartBuilder::on(area)
-        .caption(title, (FONT, 20).into_font())
+        .caption(figure.title, (FONT, 17).into_font())
         .margin(12)
         .x_label_area_size(44)
         .y_label_area_size(72)
-        .build_cartesian_2d(x.clone(), y.clone())?;
+        .build_cartesian_2d(x.clone(), y)?;
     chart
         .configure_mesh()
         .light_line_style(WHITE)
         .x_desc("CPU time, s")
         .x_labels(5)
-        .y_labels(5)
+        .y_labels(6)
         .x_label_formatter(&|x| two_digits(10f64.powf(*x)))
-        .y_label_formatter(&|y| two_digits(10f64.powf(*y)))
+        .y_label_formatter(&|y| {
+            if has_zero && *y < least.log10() - 0.05 { String::new() } else { two_digits(10f64.powf(*y)) }
+        })
         .label_style((FONT, 15).into_font())
         .axis_desc_style((FONT, 16).into_font())
         .draw()?;
-    let best: Vec<(f64, f64)> = front(rows, name)
+    if has_zero {
+        let line = [(x.start, zero.log10()), (x.end, zero.log10())];
+        chart.draw_series([PathElement::new(line, KNOB.mix(0.5))])?;
+        let label = EmptyElement::at(line[1]) + Text::new("0", (-14, -18), (FONT, 15).into_font().color(&KNOB));
+        chart.draw_series([label])?;
+    }
+    let best: Vec<(f64, f64)> = front(rows, figure.name)
         .into_iter()
-        .map(|i| (rows[i].cost.median.log10(), height(rows[i].errors[name].median)))
+        .map(|i| (rows[i].cost.median.log10(), height(rows[i].errors[figure.name].median)))
         .collect();
     let stairs = best.iter().zip(best.iter().skip(1)).flat_map(|(&a, &b)| [(b.0, a.1), b]);
     chart.draw_series(LineSeries::new(best.first().copied().into_iter().chain(stairs), FRONT.stroke_width(2)))?;
-    for (row, error) in &points {
-        let (color, size) = if row.kind == Kind::Preset { (PRESET, 5) } else { (KNOB, 3) };
-        let at = (row.cost.median.log10(), height(error.median));
-        let upright = PathElement::new([(at.0, height(error.low)), (at.0, height(error.high))], color.mix(0.6));
-        let across = PathElement::new([(row.cost.low.log10(), at.1), (row.cost.high.log10(), at.1)], color.mix(0.6));
-        chart.draw_series([upright, across])?;
+    let at = |row: &Row, error: &Spread| (row.cost.median.log10(), height(error.median));
+    // Presets lie on top.
+    let is_preset = |(row, _): &&(&Row, Spread)| row.kind == Kind::Preset;
+    let (presets, knobs): (Vec<_>, Vec<_>) = points.iter().partition(is_preset);
+    for (row, error) in knobs.iter().chain(&presets) {
+        let (color, size) = if row.kind == Kind::Preset { (PRESET, 6) } else { (KNOB, 3) };
+        let at = at(row, error);
+        if row.kind == Kind::Preset {
+            let upright = PathElement::new([(at.0, height(error.low)), (at.0, height(error.high))], color.mix(0.6));
+            let across =
+                PathElement::new([(row.cost.low.log10(), at.1), (row.cost.high.log10(), at.1)], color.mix(0.6));
+            chart.draw_series([upright, across])?;
+        }
         chart.draw_series([Circle::new(at, size, color.filled())])?;
     }
-    let presets = points.iter().filter(|(row, _)| row.kind == Kind::Preset);
-    let named: Vec<(&str, (f64, f64))> =
-        presets.map(|(row, e)| (&*row.variant, (row.cost.median.log10(), height(e.median)))).collect();
-    for (&(name, at), place) in named.iter().zip(label_places(&named, &x, &y)) {
-        let label = EmptyElement::at(at) + Text::new(name.to_owned(), place, (FONT, 15).into_font().color(&PRESET));
-        chart.draw_series([label])?;
+    let pixel = |(row, error): &(&Row, Spread)| chart.backend_coord(&at(row, error));
+    let taken: Vec<(i32, i32)> = presets.iter().chain(&knobs).map(pixel).collect();
+    let named: Vec<(&str, (i32, i32))> =
+        presets.iter().map(|(row, _)| &*row.variant).zip(taken.iter().copied()).collect();
+    for ((row, error), place) in
+        presets.iter().zip(label_places(&named, &taken, chart.plotting_area().get_pixel_range().0.start))
+    {
+        let text = Text::new(row.variant.clone(), place, (FONT, 16).into_font().color(&PRESET));
+        chart.draw_series([EmptyElement::at(at(row, error)) + text])?;
     }
     Ok(())
 }
@@ -140,20 +168,31 @@ fn two_digits(value: f64) -> String {
     if value < 1e-3 { format!("{value:.0e}") } else { table::short(value) }
 }
 
-/// Where each preset's name stands, in pixels from its point: above it, or below where a name is already there.
-fn label_places(named: &[(&str, (f64, f64))], x: &Range<f64>, y: &Range<f64>) -> Vec<(i32, i32)> {
-    /// Of a panel, about; pixels.
-    const PANEL: (f64, f64) = (380.0, 290.0);
-    let pixel =
-        |at: (f64, f64)| (PANEL.0 * (at.0 - x.start) / (x.end - x.start), PANEL.1 * (y.end - at.1) / (y.end - y.start));
-    let mut taken: Vec<(f64, f64)> = Vec::new();
+/// Where each name stands, in pixels from its point: near it, and where it hides neither names nor points.
+fn label_places(named: &[(&str, (i32, i32))], points: &[(i32, i32)], left: i32) -> Vec<(i32, i32)> {
+    /// Of a letter, about; pixels.
+    const LETTER: (i32, i32) = (9, 17);
+    /// From the nearest to the farthest.
+    const ROWS: [i32; 7] = [-9, -27, 9, -45, 27, -63, 45];
+    let mut boxes: Vec<[i32; 4]> = Vec::new();
     let mut places = Vec::new();
-    for &(_, at) in named {
-        let (px, py) = pixel(at);
-        let free = |dy: &f64| taken.iter().all(|&(a, b)| (a - px).abs() > 75.0 || (b - (py + dy)).abs() > 16.0);
-        let dy = [-20.0, 6.0, -38.0, 24.0, -56.0, 42.0].into_iter().find(free).unwrap_or(-20.0);
-        taken.push((px, py + dy));
-        places.push((7, dy as i32));
+    for &(name, (x, y)) in named {
+        let wide = LETTER.0 * name.len() as i32;
+        let sides = [12, -wide - 12, -wide / 2];
+        let candidates = ROWS.into_iter().flat_map(|dy| sides.into_iter().map(move |dx| (dx, dy)));
+        let price = |&(dx, dy): &(i32, i32)| {
+            let place = [x + dx, y + dy, x + dx + wide, y + dy + LETTER.1];
+            let covers = |b: &&[i32; 4]| place[0] < b[2] && b[0] < place[2] && place[1] < b[3] && b[1] < place[3];
+            let hides = |p: &&(i32, i32)| {
+                (place[0] - 6..place[2] + 6).contains(&p.0) && (place[1] - 6..place[3] + 6).contains(&p.1)
+            };
+            let outside = i32::from(place[0] < left);
+            let hidden = points.iter().filter(hides).count() as i32;
+            1000 * boxes.iter().filter(covers).count() as i32 + 1000 * outside + 100 * hidden + dy.abs()
+        };
+        let best = candidates.min_by_key(price).expect("there are candidates");
+        boxes.push([x + best.0, y + best.1, x + best.0 + wide, y + best.1 + LETTER.1]);
+        places.push(best);
     }
     places
 }

@@ -1,6 +1,7 @@
 //! The study's figures: medians over seeds, errors, and which variants no other one beats.
 
-use super::{ACCURACY, Kind, REFERENCE, Record, SHAPE, Variant};
+use super::figures::{self, APPENDIX, Figure, HEADLINE};
+use super::{Kind, REFERENCE, Record, Variant};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -34,7 +35,7 @@ pub struct Row {
     pub cost: Spread,
     /// Solver substeps over all stages: the work counted.
     pub substeps: Spread,
-    /// By name: [`ACCURACY`] as measured, [`SHAPE`] as distance from the reference's median.
+    /// By name: as measured, or as distance from the reference's median ([`Figure`]).
     pub errors: BTreeMap<&'static str, Spread>,
     /// All figures as measured.
     pub measures: BTreeMap<String, Spread>,
@@ -64,50 +65,68 @@ impl Study {
         // The most accurate preset that the budget allowed stands in.
         let of_name = baked().find(|(variant, _)| variant.name == REFERENCE);
         let reference = of_name.or_else(|| baked().rfind(|(variant, _)| variant.kind == Kind::Preset));
-        let truth = |name| reference.and_then(|(_, records)| measured(name, records)).map(|spread| spread.median);
+        let over = |figure: &Figure, records: &[Record]| {
+            Spread::of(records.iter().filter_map(|r| figure.of(&r.measures)).collect())
+        };
+        let truth = |figure: &Figure| reference.and_then(|(_, records)| over(figure, records)).map(|s| s.median);
         let row = |(variant, records): &(Variant, Vec<Record>)| {
-            let over = |f: &dyn Fn(&Record) -> f64| Spread::of(records.iter().map(f).collect());
-            let mut errors = BTreeMap::new();
-            for name in ACCURACY {
-                errors.extend(measured(name, records).map(|spread| (name, spread)));
-            }
-            for name in SHAPE {
-                let Some(truth) = truth(name) else { continue };
-                let distance = |r: &Record| Some((r.measures.get(name)? - truth).abs());
-                errors.extend(Spread::of(records.iter().filter_map(distance).collect()).map(|s| (name, s)));
-            }
+            let counted = |f: &dyn Fn(&Record) -> f64| Spread::of(records.iter().map(f).collect());
+            let error = |figure: &Figure| {
+                let truth = if figure.from_reference { truth(figure)? } else { 0.0 };
+                let distance = |r: &Record| Some((figure.of(&r.measures)? - truth).abs());
+                Some((figure.name, Spread::of(records.iter().filter_map(distance).collect())?))
+            };
             let names: std::collections::BTreeSet<&String> = records.iter().flat_map(|r| r.measures.keys()).collect();
             Some(Row {
                 variant: variant.name.clone(),
                 kind: variant.kind,
                 seeds: records.iter().map(|r| r.seed).collect(),
-                bodies: over(&|r| r.bodies as f64)?,
-                cost: over(&Record::cost)?,
-                substeps: over(&|r| r.substeps as f64)?,
-                errors,
+                bodies: counted(&|r| r.bodies as f64)?,
+                cost: counted(&Record::cost)?,
+                substeps: counted(&|r| r.substeps as f64)?,
+                errors: figures::all().filter_map(error).collect(),
                 measures: names.into_iter().filter_map(|n| Some((n.clone(), measured(n, records)?))).collect(),
                 best_in: Vec::new(),
             })
         };
         let mut rows: Vec<Row> = runs.iter().filter_map(row).collect();
-        for name in ACCURACY.into_iter().chain(SHAPE) {
-            for i in front(&rows, name) {
-                rows[i].best_in.push(name);
+        for figure in figures::all() {
+            for i in front(&rows, figure.name) {
+                rows[i].best_in.push(figure.name);
             }
         }
         let reference = reference.map_or(String::new(), |(variant, _)| variant.name.clone());
         Study { scene, machine, version: crate::version::VERSION, reference, rows, left_out }
     }
 
-    /// The table in Markdown.
+    /// Tables in Markdown: of the headline figures, and of the rest.
     pub fn markdown(&self) -> String {
-        let columns: Vec<&str> = ACCURACY.into_iter().chain(SHAPE).collect();
         let mut text = format!(
-            "# What accuracy costs: {}\n\nCPU seconds of fill, release and hold on {}; medians over seeds, their range in brackets. Shape \
-             errors are distances from `{}`. Bold: nothing cheaper has a smaller error.\n\n",
-            self.scene, self.machine, self.reference
+            "# What accuracy costs: {}\n\n{}CPU seconds without measures, on {}; medians over seeds, their range in brackets. Bold: nothing \
+             cheaper has a smaller error.\n\n",
+            self.scene,
+            self.advice().map_or(String::new(), |advice| advice + "\n\n"),
+            self.machine
         );
-        let _ = writeln!(text, "| variant | seeds | bodies | CPU s | {} |", columns.join(" | "));
+        self.table(&HEADLINE, &mut text);
+        for figure in &HEADLINE {
+            let _ = write!(text, "\n- {}", figure.title);
+        }
+        let _ = write!(
+            text,
+            "\n\n## Appendix\n\nDistances from `{}`: kept_shape, height_p95_rel, silhouette_iou.\n\n",
+            self.reference
+        );
+        self.table(&APPENDIX, &mut text);
+        if !self.left_out.is_empty() {
+            let _ = writeln!(text, "\nNot baked within the budget: {}.", self.left_out.join(", "));
+        }
+        text
+    }
+
+    fn table(&self, columns: &[Figure], text: &mut String) {
+        let names: Vec<&str> = columns.iter().map(|figure| figure.name).collect();
+        let _ = writeln!(text, "| variant | seeds | bodies | CPU s | {} |", names.join(" | "));
         let _ = writeln!(text, "|{}", " --- |".repeat(columns.len() + 4));
         for row in &self.rows {
             let cell = |name: &&str| {
@@ -115,15 +134,11 @@ impl Study {
                 let mark = if row.best_in.contains(name) { "**" } else { "" };
                 format!("{mark}{}{mark} ({} to {})", short(error.median), short(error.low), short(error.high))
             };
-            let cells: Vec<String> = columns.iter().map(cell).collect();
+            let cells: Vec<String> = names.iter().map(cell).collect();
             let (name, seeds, bodies) = (&row.variant, row.seeds.len(), row.bodies.median);
             let cost = format!("{:.2} ({:.2} to {:.2})", row.cost.median, row.cost.low, row.cost.high);
             let _ = writeln!(text, "| {name} | {seeds} | {bodies} | {cost} | {} |", cells.join(" | "));
         }
-        if !self.left_out.is_empty() {
-            let _ = writeln!(text, "\nNot baked within the budget: {}.", self.left_out.join(", "));
-        }
-        text
     }
 }
 
@@ -168,6 +183,7 @@ mod tests {
         times: 10.0,
         step_rate: 20.0,
         substeps: 8.0,
+        fill_care: 1.0,
         coulomb: false,
         glued: false,
         room: 0.0,
@@ -183,8 +199,7 @@ mod tests {
             substeps: 100,
             workload: WORKLOAD,
             seconds: [("fill".to_owned(), cost), ("measure".to_owned(), 50.0)].into(),
-            measures: [("penetration_mean_rel".to_owned(), error * seed as f64), ("kept_shape".to_owned(), kept)]
-                .into(),
+            measures: [("penetration_mean_rel".to_owned(), error * seed as f64), ("shape_iou".to_owned(), kept)].into(),
         };
         let variant = Variant { name: name.into(), kind: Kind::Preset, set: Vec::new() };
         (variant, [1, 2, 3].map(record).into())
@@ -196,10 +211,10 @@ mod tests {
         let study = Study::new("x".into(), "y".into(), &runs, Vec::new());
         let draft = &study.rows[0];
         assert_eq!(draft.cost, Spread { low: 1.0, median: 1.0, high: 1.0 });
-        assert_eq!(draft.errors["penetration_mean_rel"].median, 0.4);
-        assert!((draft.errors["kept_shape"].median - 0.15).abs() < 1e-12);
-        assert_eq!(front(&study.rows, "penetration_mean_rel"), [0, 2]);
-        assert_eq!(study.rows[1].best_in, ["kept_shape"]);
+        assert_eq!(draft.errors["overlap"].median, 0.4);
+        assert!((draft.errors["shape"].median - 0.15).abs() < 1e-12);
+        assert_eq!(front(&study.rows, "overlap"), [0, 2]);
+        assert_eq!(study.rows[1].best_in, ["shape"]);
         assert!(study.markdown().contains("| draft | 3 | 10 | 1.00 (1.00 to 1.00) |"));
     }
 

@@ -23,27 +23,25 @@ pub enum Kind {
     Knob,
 }
 
-/// Single parameters, each on both sides of what `standard` has. Lists of assignments that belong together.
-const KNOBS: [&[&str]; 19] = [
+/// Single parameters beside what `standard` has. Lists of assignments that belong together.
+const KNOBS: [&[&str]; 17] = [
     &["physics.step_natural=0.1", "control.period=3"],
     &["physics.step_natural=0.025", "control.period=10"],
-    &["physics.step_natural=0.0125", "control.period=20"],
-    &["physics.substeps=2"],
     &["physics.substeps=4"],
     &["physics.substeps=16"],
-    &["physics.substeps=32"],
     &["physics.contact_frequency=10"],
-    &["physics.contact_frequency=40"],
-    &["physics.contact_frequency=80"],
-    &["physics.contact_damping_ratio=5"],
-    &["physics.contact_damping_ratio=20"],
+    &["physics.contact_frequency=60"],
     &["physics.friction_model=coulomb"],
     &["physics.shape_tolerance=0.1", "physics.max_parts=4"],
-    &["physics.shape_tolerance=0.02", "physics.max_parts=32"],
     &["control.friction_cone=pyramid"],
-    &["control.period=2"],
-    &["control.period=20"],
     &["control=off"],
+    &["fill.round=0.6"],
+    &["fill.growth=0.4"],
+    &["fill.growth=1.6"],
+    &["fill.full_below=0.15"],
+    &["fill.settle=1"],
+    &["fill.residual_overlap=0.04"],
+    &["fill.residual_overlap=0.003"],
 ];
 
 /// The presets, cheapest first, and then the single parameters; `knobs` in place of ours, each assignments joined by `,`.

@@ -110,6 +110,11 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         penetration_mean_rel: estimate.penetration_mean_rel,
         friction_violation_mean: estimate.friction_violation_mean,
         glue_dots: estimate.glue_dots,
+        body_count: signed(estimate.bodies),
+        wall_seconds: estimate.wall_seconds(rayon::current_num_threads()),
+        overlap: estimate.overlap,
+        imbalance: estimate.imbalance,
+        shape_error: estimate.shape_error,
     };
     let effect = |effect: &Effect| proto::Effect {
         name: effect.name.to_string(),

@@ -8,7 +8,7 @@ mod model;
 pub use model::CALIBRATION_SECONDS;
 
 use crate::input::params::{Accuracy, FrictionModel, Params};
-use crate::input::scene::Scene;
+use crate::input::scene::{Prop, Scene};
 use crate::prepare::check::Checked;
 use crate::prepare::effects::EffectName;
 use crate::prepare::shape::Shape;
@@ -18,6 +18,7 @@ use crate::prepare::{packing, plan};
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Estimate {
     pub accuracy: Accuracy,
+    pub bodies: usize,
     /// CPU seconds of the whole bake.
     pub cpu_seconds: f64,
     /// CPU seconds of the fill.
@@ -32,11 +33,25 @@ pub struct Estimate {
     pub factor: f64,
     /// Expected `penetration_mean_rel`: median over the scenes that the preset was studied on.
     pub penetration_mean_rel: f64,
+    /// The same in metres: of these props' thickness.
+    pub overlap: f64,
     /// Expected `friction_violation_mean`, in the same way.
     pub friction_violation_mean: f64,
+    /// Expected share of the bodies that moves once all are let go, without control or glue.
+    pub imbalance: f64,
+    /// Expected distance of the shape's IoU from that of `reference`.
+    pub shape_error: f64,
 }
 
+/// The part of a bake that runs on all of its threads (Amdahl's law): two take two thirds of the time of one.
+const PARALLEL: f64 = 0.66;
+
 impl Estimate {
+    /// Expected seconds from the button to the pile with so many threads, each with a core of its own.
+    pub fn wall_seconds(&self, threads: usize) -> f64 {
+        self.cpu_seconds * (1.0 - PARALLEL + PARALLEL / threads.max(1) as f64)
+    }
+
     /// The share of the whole that an effect which is on will take; `None` for those that are part of others.
     pub fn share(&self, effect: EffectName) -> Option<f64> {
         let seconds = match effect {
@@ -68,6 +83,9 @@ pub struct Workload {
     /// Steps per natural time.
     pub step_rate: f64,
     pub substeps: f64,
+    /// How much longer a fill of this accuracy takes than one of `standard`.
+    #[serde(default = "usual")]
+    pub fill_care: f64,
     /// Each contact point has a friction force of its own.
     pub coulomb: bool,
     /// The pile is glued where friction does not carry it.
@@ -78,6 +96,10 @@ pub struct Workload {
     pub room: f64,
     #[serde(default)]
     pub packing: packing::Weights,
+}
+
+fn usual() -> f64 {
+    1.0
 }
 
 /// What the power laws are of.
@@ -114,6 +136,7 @@ impl Workload {
             times: plan::release_steps(scene, params, checked) / step_rate,
             step_rate,
             substeps: f64::from(params.physics.substeps),
+            fill_care: model::fill_care(params.accuracy),
             coulomb: params.physics.friction_model == FrictionModel::Coulomb,
             glued: params.glue_bound(scene.is_filled(params)) > 0.0,
             room,
@@ -142,7 +165,7 @@ impl Workload {
     pub fn stage_seconds(&self) -> [f64; 4] {
         let features = self.features();
         let law = |weights: &Weights| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
-        let fill = if self.filled > 0.0 { law(&model::FILL) } else { 0.0 };
+        let fill = if self.filled > 0.0 { law(&model::FILL) * self.fill_care } else { 0.0 };
         let glue = if self.glued { law(&model::GLUE) } else { 0.0 };
         let release = law(&model::RELEASE_AND_HOLD) * if self.glued { model::GLUED_RELEASE } else { 1.0 };
         [fill, glue, release, law(&model::MEASURE)]
@@ -156,11 +179,17 @@ impl Workload {
 
 /// The estimate for a checked scene. `machine`: from `stages::calibrate`.
 pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], machine: f64) -> Estimate {
-    let [penetration_mean_rel, friction_violation_mean] = model::errors(params.accuracy);
+    let [penetration_mean_rel, friction_violation_mean, imbalance, shape_error] = model::errors(params.accuracy);
     let workload = Workload::of(scene, params, checked, shapes);
     let [fill_seconds, glue_seconds, release_seconds, rest] = workload.stage_seconds().map(|seconds| machine * seconds);
+    let thickness = |((shape, prop), share): ((&Shape, &Prop), &f64)| {
+        share * shape.thickness() * (prop.scale[0] + prop.scale[1]) / 2.0
+    };
+    let all: f64 = checked.shares.iter().sum();
+    let thickness = shapes.iter().zip(&scene.props).zip(&checked.shares).map(thickness).sum::<f64>() / all;
     Estimate {
         accuracy: params.accuracy,
+        bodies: workload.bodies as usize,
         cpu_seconds: fill_seconds + glue_seconds + release_seconds + rest,
         fill_seconds,
         glue_seconds,
@@ -168,6 +197,9 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], m
         release_seconds,
         factor: model::FACTOR,
         penetration_mean_rel,
+        overlap: penetration_mean_rel * thickness,
         friction_violation_mean,
+        imbalance,
+        shape_error,
     }
 }

@@ -63,10 +63,16 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature],
     }
 }
 
-/// Bodies that the fill will place.
+/// `fill.full_below` of the fills that the packing was fitted on, and the share of the bodies that is missing for each unit beyond it.
+const USUAL_FULL_BELOW: f64 = 0.04;
+const MISSING: f64 = 0.55;
+
+/// Bodies that the fill will place. One that ends sooner leaves more gaps.
 pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &Checked) -> usize {
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
-    filled.map_or(0, |control| expected_bodies(scene, &checked.sizes, &room(control), &params.fill))
+    let full = 1.0 - MISSING * (params.fill.full_below - USUAL_FULL_BELOW).max(0.0);
+    let expected = |control| expected_bodies(scene, &checked.sizes, &room(control), &params.fill);
+    filled.map_or(0, |control| (full * expected(control) as f64).round().max(1.0) as usize)
 }
 
 /// What is to be filled.

@@ -86,6 +86,7 @@ impl Params {
             Accuracy::Standard => {}
             Accuracy::Draft => {
                 params.physics.step = Time::Natural(0.1);
+                params.control.period = 3;
                 params.physics.contact_frequency = 10.0;
                 params.physics.shape_tolerance = 0.1;
                 params.physics.max_parts = 6;
@@ -102,6 +103,7 @@ impl Params {
             }
             Accuracy::Preview => {
                 params.physics.step = Time::Natural(0.1);
+                params.control.period = 3;
                 params.physics.substeps = 12;
                 params.physics.contact_frequency = 15.0;
                 params.fill.round = 0.6;
@@ -111,7 +113,9 @@ impl Params {
             }
             Accuracy::Fine => {
                 params.physics.substeps = 16;
+                // Stiffer contacts are damped as much more: else they open and close too quickly to be certified.
                 params.physics.contact_frequency = 60.0;
+                params.physics.contact_damping_ratio = 25.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.02;
                 params.physics.max_parts = 24;
@@ -124,8 +128,10 @@ impl Params {
             }
             Accuracy::Reference => {
                 params.physics.step = Time::Natural(0.02);
+                params.control.period = 12;
                 params.physics.substeps = 32;
                 params.physics.contact_frequency = 120.0;
+                params.physics.contact_damping_ratio = 50.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
                 params.physics.max_parts = 48;
