@@ -111,8 +111,8 @@ fn least_deviations(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
     law
 }
 
-fn predict(law: &Weights, run: &Record) -> f64 {
-    run.workload.features().iter().zip(law).map(|(f, w)| f * w).sum::<f64>().exp()
+fn predict(law: &Weights, record: &Record) -> f64 {
+    record.workload.features().iter().zip(law).map(|(f, w)| f * w).sum::<f64>().exp()
 }
 
 /// Features that nothing gets cheaper by: their exponents are kept from being negative, which few or noisy runs would make
@@ -124,6 +124,11 @@ fn seconds(record: &Record, stages: &[&str]) -> f64 {
     stages.iter().filter_map(|stage| record.seconds.get(*stage)).sum()
 }
 
+/// How much longer than at `standard` the record's accuracy takes for these stages: the laws are of `standard`.
+fn care(record: &Record, stages: &[&str]) -> f64 {
+    if stages.contains(&"fill") { record.workload.fill_care } else { 1.0 }
+}
+
 fn fit_all(runs: &[&Run]) -> Vec<Weights> {
     LAWS.iter().map(|(_, stages)| fit(runs, stages)).collect()
 }
@@ -132,7 +137,7 @@ fn fit_all(runs: &[&Run]) -> Vec<Weights> {
 fn tell_far<'r>(of: &str, laws: &[Weights], runs: impl Iterator<Item = &'r Run>) {
     let far = |Run { record, .. }: &Run| {
         let stages = LAWS.iter().zip(laws).filter(|((_, stages), _)| seconds(record, stages) > 0.0);
-        let expected: f64 = stages.map(|(_, law)| predict(law, record)).sum();
+        let expected: f64 = stages.map(|((_, stages), law)| care(record, stages) * predict(law, record)).sum();
         (expected / record.seconds.values().sum::<f64>()).ln().abs().exp()
     };
     let mut far: Vec<f64> = runs.map(far).collect();
@@ -151,7 +156,7 @@ fn fit(runs: &[&Run], stages: &[&str]) -> Weights {
         let a = DMatrix::from_fn(used.len(), columns.len(), row);
         let b = DVector::from_fn(used.len(), |i, _| {
             let record = &used[i].record;
-            used[i].weight.sqrt() * (seconds(record, stages) / record.workload.bodies).ln()
+            used[i].weight.sqrt() * (seconds(record, stages) / care(record, stages) / record.workload.bodies).ln()
         });
         let normal = a.transpose() * &a + DMatrix::identity(columns.len(), columns.len()) * RIDGE;
         let found = normal.cholesky().expect("a ridge makes it positive definite").solve(&(a.transpose() * b));

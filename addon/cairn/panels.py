@@ -132,6 +132,7 @@ def draw_accuracies(layout, settings):
         told = row.row()
         told.active = not running.plan_is_old
         told.label(text=expected(name))
+        told.label(text=overlap(name))
 
 
 def expected(accuracy):
@@ -147,12 +148,22 @@ def expected(accuracy):
     return f"~{float(f'{seconds:.2g}'):g} {unit}"
 
 
+def overlap(accuracy):
+    """By how much props are expected to overlap, as a length; empty before it is known."""
+    told = running.plan.get("overlaps", {}).get(accuracy, 0.0) if running.plan else 0.0
+    if told <= 0:
+        return ""
+    units = {"μm": 1e-6, "mm": 1e-3, "cm": 1e-2}
+    unit = "μm" if told < 1e-4 else "mm" if told < 1e-2 else "cm"
+    return f"{float(f'{told / units[unit]:.2g}'):g} {unit}"
+
+
 def reliance():
     """What the expected times are, and how far they may be off."""
     factors = [factor for _, factor in running.plan["estimates"].values()] if running.plan else []
     if not factors:
         return "Check tells the CPU time" if estimates.is_too_much else ""
-    return f"CPU time, ×÷ {max(factors):.2g}"
+    return f"CPU time ×÷ {max(factors):.2g}, overlap"
 
 
 def draw_switch(layout, group, name, heading):

@@ -11,4 +11,5 @@ mod measures;
 mod outputs;
 mod readme;
 mod scenes;
+mod study;
 mod tools;

@@ -67,7 +67,7 @@ async fn a_bake_tells_its_events_in_order_and_leaves_its_result() {
     assert_contiguous(&told, 1);
     let Some(Kind::Accepted(accepted)) = &told[0].kind else { panic!("accepted first") };
     assert_eq!(accepted.plan.as_ref().unwrap().expected_body_count, 12);
-    assert_eq!(accepted.effective_scene.as_ref().unwrap().physics.unwrap().substeps, Some(4));
+    assert_eq!(accepted.effective_scene.as_ref().unwrap().physics.unwrap().substeps, Some(8));
     assert!(!accepted.versions.as_ref().unwrap().rapier3d.is_empty());
     let Some(Kind::Summary(summary)) = &told.last().unwrap().kind else { panic!("the summary last") };
     assert_eq!(summary.body_count, 12);
@@ -201,7 +201,7 @@ async fn two_accuracies_side_by_side() {
     let mut connection = server.ready().await;
     let (mut one, mut two) = (connection.clone(), connection.clone());
     let [draft, fine] =
-        ["draft", "standard"].map(|accuracy| request(spec(&["fill.count=6", &format!("accuracy={accuracy}")])));
+        ["draft", "fine"].map(|accuracy| request(spec(&["fill.count=6", &format!("accuracy={accuracy}")])));
     let (draft, fine) =
         tokio::join!(async { events(one.service.bake(draft).await.unwrap().into_inner()).await }, async {
             events(two.service.bake(fine).await.unwrap().into_inner()).await
@@ -210,7 +210,7 @@ async fn two_accuracies_side_by_side() {
         Some(Kind::Accepted(accepted)) => accepted.effective_scene.as_ref().unwrap().physics.unwrap().substeps,
         _ => None,
     };
-    assert_eq!((substeps(&draft.0), substeps(&fine.0)), (Some(4), Some(8)));
+    assert_eq!((substeps(&draft.0), substeps(&fine.0)), (Some(8), Some(16)));
     for (events, end) in [draft, fine] {
         end.unwrap();
         assert_eq!(status(&mut connection, &accepted_id(&events)).await.state(), BakeState::Succeeded);

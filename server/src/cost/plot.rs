@@ -173,7 +173,7 @@ fn label_places(named: &[(&str, (i32, i32))], points: &[(i32, i32)], left: i32) 
     /// Of a letter, about; pixels.
     const LETTER: (i32, i32) = (9, 17);
     /// From the nearest to the farthest.
-    const ROWS: [i32; 7] = [-9, -27, 9, -45, 27, -63, 45];
+    const ROWS: [i32; 6] = [-27, 10, -45, 28, -63, 46];
     let mut boxes: Vec<[i32; 4]> = Vec::new();
     let mut places = Vec::new();
     for &(name, (x, y)) in named {

@@ -108,13 +108,13 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         cpu_seconds: estimate.cpu_seconds,
         factor: estimate.factor,
         penetration_mean_rel: estimate.penetration_mean_rel,
-        friction_violation_mean: estimate.friction_violation_mean,
         glue_dots: estimate.glue_dots,
         body_count: signed(estimate.bodies),
         wall_seconds: estimate.wall_seconds(rayon::current_num_threads()),
         overlap: estimate.overlap,
         imbalance: estimate.imbalance,
         shape_error: estimate.shape_error,
+        ..Default::default()
     };
     let effect = |effect: &Effect| proto::Effect {
         name: effect.name.to_string(),

@@ -203,11 +203,18 @@ pub const ROWS: &[Row] = &[
         ONE,
         BOTH,
     )
-    .missed(&[Miss {
-        engine: Cairn,
-        extent: Extent::Full,
-        why: "the median of the 609 is 2.3 s (2.0 to 3.0): one stick of so many slides on",
-    }]),
+    .missed(&[
+        Miss {
+            engine: Cairn,
+            extent: Extent::Full,
+            why: "the median of the 609 is 2.3 s (2.0 to 3.0): one stick of so many slides on",
+        },
+        Miss {
+            engine: Cairn,
+            extent: Extent::Short,
+            why: "of seven times 150 sticks, one is wedged between the flanks of others, or has a gap of a little more than d/200 below it",
+        },
+    ]),
     row("rest_bananas", "1000 nonconvex bananas (80 in the tests): the same of one seed, in 60 s (10)", piles::rest_bananas, ONE, BOTH),
     row("long", "a held pile for 10 minutes (1 in the tests): drifts < d/100", piles::long, ONE, ONE),
     row("many", "10,000 and 100,000 bodies (1,000 in the tests): finishes, none lost", piles::many, ONE, ONE),

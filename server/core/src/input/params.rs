@@ -158,8 +158,8 @@ pub struct Fill {
     pub growth: f64,
     /// Settling in the closed container after the last prop, natural times.
     pub settle: f64,
-    /// A body may stick out of the control mesh by this much, relative to d; beyond it is removed. Parting what overlaps may
-    /// add 0.05.
+    /// A body may stick out of the control mesh by this much, relative to d; beyond it is removed. Parting what overlaps adds
+    /// about as much as that overlapped.
     pub protrusion: f64,
     /// A body may overlap another by this share of the thinner one's thickness; beyond it is removed.
     pub overlap: f64,

@@ -31,12 +31,10 @@ pub struct Estimate {
     pub release_seconds: f64,
     /// Nine of ten bakes take between `cpu_seconds` / `factor` and `cpu_seconds` * `factor`.
     pub factor: f64,
-    /// Expected `penetration_mean_rel`: median over the scenes that the preset was studied on.
+    /// Expected `penetration_mean_rel`, as the study of the presets found it.
     pub penetration_mean_rel: f64,
     /// The same in metres: of these props' thickness.
     pub overlap: f64,
-    /// Expected `friction_violation_mean`, in the same way.
-    pub friction_violation_mean: f64,
     /// Expected share of the bodies that moves once all are let go, without control or glue.
     pub imbalance: f64,
     /// Expected distance of the shape's IoU from that of `reference`.
@@ -179,7 +177,7 @@ impl Workload {
 
 /// The estimate for a checked scene. `machine`: from `stages::calibrate`.
 pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], machine: f64) -> Estimate {
-    let [penetration_mean_rel, friction_violation_mean, imbalance, shape_error] = model::errors(params.accuracy);
+    let [penetration_mean_rel, imbalance, shape_error] = model::errors(params.accuracy);
     let workload = Workload::of(scene, params, checked, shapes);
     let [fill_seconds, glue_seconds, release_seconds, rest] = workload.stage_seconds().map(|seconds| machine * seconds);
     let thickness = |((shape, prop), share): ((&Shape, &Prop), &f64)| {
@@ -198,7 +196,6 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], m
         factor: model::FACTOR,
         penetration_mean_rel,
         overlap: penetration_mean_rel * thickness,
-        friction_violation_mean,
         imbalance,
         shape_error,
     }

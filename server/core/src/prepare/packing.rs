@@ -56,11 +56,11 @@ const MOST_CROWDED: f64 = 3.0;
 /// The share of a volume that props fill is between these.
 const RANGE: (f64, f64) = (0.02, 0.9);
 
-/// Bodies that fit, by the packing that fills usually reach and the limits given.
-pub fn expected_bodies(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill) -> usize {
+/// Bodies that fit, by this share of the packing that fills usually reach, and by the limits given.
+pub fn expected_bodies(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill, share: f64) -> usize {
     let (times, features) = room.load(scene, sizes);
     let packing = features.iter().zip(PACKING).map(|(f, w)| f * w).sum::<f64>().exp().clamp(RANGE.0, RANGE.1);
-    let fitting = (packing * times).ceil().max(1.0);
+    let fitting = (share * packing * times).ceil().max(1.0);
     (fitting.min(fill.max_bodies as f64) as usize).min(fill.count.unwrap_or(u32::MAX) as usize).max(1)
 }
 

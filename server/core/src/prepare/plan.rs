@@ -71,8 +71,7 @@ const MISSING: f64 = 0.55;
 pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &Checked) -> usize {
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
     let full = 1.0 - MISSING * (params.fill.full_below - USUAL_FULL_BELOW).max(0.0);
-    let expected = |control| expected_bodies(scene, &checked.sizes, &room(control), &params.fill);
-    filled.map_or(0, |control| (full * expected(control) as f64).round().max(1.0) as usize)
+    filled.map_or(0, |control| expected_bodies(scene, &checked.sizes, &room(control), &params.fill, full))
 }
 
 /// What is to be filled.

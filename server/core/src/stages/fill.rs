@@ -76,8 +76,6 @@ const CLEANUP_SETTLE: f64 = 0.5;
 /// Places for so many times the expected bodies are before the walls.
 const ROOM: usize = 2;
 
-/// How much farther a parted body may stick out of the control mesh, d.
-const PARTED_OUT: f64 = 0.05;
 /// Steps of depenetration at most: what has not come apart by then is locked in.
 const MOST_DEPENETRATION: u64 = 60;
 
@@ -175,7 +173,7 @@ impl<'a> Filling<'a> {
         let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
         let room =
             Room { volume: container.volume * units.length.powi(3), area: container.area * units.length.powi(2) };
-        let expected = expected_bodies(scene, &sizes, &room, &params.fill);
+        let expected = expected_bodies(scene, &sizes, &room, &params.fill, 1.0);
         let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
         let mut world = World::new(units, &params.fill_physics(units.time), thickness / units.length, compounds);
         world.set_gravity_up(true);
@@ -297,11 +295,13 @@ impl<'a> Filling<'a> {
     fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         for round in 0.. {
             self.remove_escaped();
-            let out = self.remove_sticking_out(self.params.fill.protrusion);
+            let out = self.loose().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
+            self.removed.sticking_out += out.len();
+            out.iter().for_each(|&id| self.world.remove(id));
             let pairs = self.overlapping(self.params.fill.overlap);
             let overlapping = self.separate(pairs, 0);
             self.removed.overlapping += overlapping;
-            if (out == 0 && overlapping == 0) || round == CLEANUP_ROUNDS {
+            if (out.is_empty() && overlapping == 0) || round == CLEANUP_ROUNDS {
                 break;
             }
             self.settle(CLEANUP_SETTLE, observer)?;
@@ -309,7 +309,7 @@ impl<'a> Filling<'a> {
         Ok(())
     }
 
-    /// Parts what still overlaps; what that drives too far out goes. Returns the steps that this took.
+    /// Parts what still overlaps. Returns the steps that this took.
     fn depenetrate(&mut self, observer: &mut dyn Observer) -> Result<u64, Error> {
         let residual = self.params.fill.residual_overlap;
         if residual >= 1.0 {
@@ -318,17 +318,7 @@ impl<'a> Filling<'a> {
         let (bodies, fraction) = (self.loose().count(), 0.99);
         let progress = Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
         let going = |step| observe(observer, &progress).map(|()| step < MOST_DEPENETRATION);
-        let steps = self.world.depenetrate(residual, going)?;
-        self.remove_sticking_out(self.params.fill.protrusion + PARTED_OUT);
-        Ok(steps)
-    }
-
-    /// Takes out what sticks out of the container by more than this, d. Returns how many.
-    fn remove_sticking_out(&mut self, limit: f64) -> usize {
-        let out = self.loose().filter(|&id| self.protrusion(id) > limit).collect::<Vec<_>>();
-        self.removed.sticking_out += out.len();
-        out.iter().for_each(|&id| self.world.remove(id));
-        out.len()
+        self.world.depenetrate(residual, going)
     }
 
     /// Pairs that overlap by more than `limit` of the thinner one's thickness, rising; the lower number first.

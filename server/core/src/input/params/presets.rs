@@ -91,8 +91,8 @@ impl Params {
                 params.physics.shape_tolerance = 0.1;
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
-                params.fill.round = 1.0;
-                params.fill.growth = 0.4;
+                // In larger rounds, what is small takes the room of what is large.
+                params.fill.round = 0.5;
                 params.fill.full_below = 0.3;
                 params.fill.settle = 0.5;
                 params.fill.residual_overlap = 0.06;
@@ -106,16 +106,14 @@ impl Params {
                 params.control.period = 3;
                 params.physics.substeps = 12;
                 params.physics.contact_frequency = 15.0;
-                params.fill.round = 0.6;
+                params.fill.round = 0.5;
                 params.fill.full_below = 0.2;
                 params.fill.settle = 1.0;
                 params.fill.residual_overlap = 0.025;
             }
             Accuracy::Fine => {
                 params.physics.substeps = 16;
-                // Stiffer contacts are damped as much more: else they open and close too quickly to be certified.
                 params.physics.contact_frequency = 60.0;
-                params.physics.contact_damping_ratio = 25.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.02;
                 params.physics.max_parts = 24;
@@ -131,7 +129,6 @@ impl Params {
                 params.control.period = 12;
                 params.physics.substeps = 32;
                 params.physics.contact_frequency = 120.0;
-                params.physics.contact_damping_ratio = 50.0;
                 params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
                 params.physics.max_parts = 48;
