@@ -39,7 +39,7 @@ impl Study {
             presets().filter(|row| row.variant != chosen.variant && [REFERENCE, "draft"].contains(&&*row.variant));
         for row in others {
             let (cost, overlap) =
-                (row.cost.median / chosen.cost.median, error(row, "overlap") / error(&chosen, "overlap"));
+                (row.cost.median / chosen.cost.median, error(row, "overlap") / error(chosen, "overlap"));
             if cost.is_finite() && overlap.is_finite() {
                 text += &format!(
                     " `{}` takes {} times as long, and overlaps {} times as much.",
