@@ -149,7 +149,12 @@ def test_check_tells_what_each_accuracy_costs(desk, addon):
     ]
     assert panels.reliance().endswith("2.5, overlap")
     running.plan["overlaps"] = {"DRAFT": 0.017, "STANDARD": 0.00028, "REFERENCE": 9e-6}
-    assert [panels.overlap(name) for name in ("DRAFT", "STANDARD", "REFERENCE", "PAPER")] == ["1.7 cm", "0.28 mm", "9 μm", ""]
+    assert [panels.overlap(name) for name in ("DRAFT", "STANDARD", "REFERENCE", "PAPER")] == [
+        "1.7 cm",
+        "0.28 mm",
+        "9 μm",
+        "",
+    ]
     # What a plan depends on, and what it does not.
     asked = addon("fingerprint").of(bpy.context.scene)
     desk.settings.accuracy, desk.settings.output_mode = "FINE", "POSE"
