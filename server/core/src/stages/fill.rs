@@ -79,7 +79,9 @@ const ROOM: usize = 2;
 /// Steps of depenetration at most: what has not come apart by then is locked in.
 const MOST_DEPENETRATION: u64 = 60;
 
-/// What the clean-up takes from a wanted number of bodies is replaced so many times.
+/// A fill of a wanted number of bodies has more by this share before the clean-up, which takes about as many.
+const SURPLUS: f64 = 0.02;
+/// What it takes beyond that is replaced so many times.
 const REPLACEMENTS: usize = 3;
 
 /// Fills the container and lets the props settle in it.
@@ -104,9 +106,13 @@ pub fn run(
         (walls, world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0))
     });
     let walls = walls.map_err(Error::Internal)?;
+    let wanted = params.fill.count.unwrap_or(u32::MAX).min(params.fill.max_bodies) as usize;
     let full = match poured {
         Some(full) => full,
-        None => insert::run(&mut filling, observer)?,
+        None => {
+            let surplus = params.fill.count.map_or(0.0, |n| SURPLUS * f64::from(n)) as usize;
+            insert::run(&mut filling, wanted.saturating_add(surplus), observer)?
+        }
     };
     filling.use_real_friction();
     // Turned over with the container still around it, the pile closes its gaps under its own weight.
@@ -118,11 +124,12 @@ pub fn run(
         if full || poured.is_some() || !missing(&filling) {
             break;
         }
-        insert::run(&mut filling, observer)?;
+        insert::run(&mut filling, wanted, observer)?;
         filling.use_real_friction();
         filling.settle(params.fill.settle, observer)?;
         filling.clean_up(observer)?;
     }
+    filling.cut_to(wanted);
     // Parted bodies need the room that the walls do not leave them.
     filling.world.remove_wall(walls);
     let depenetration_steps = filling.depenetrate(observer)?;
@@ -278,6 +285,13 @@ impl<'a> Filling<'a> {
         corners(&self.shapes[placed.prop], placed.scale / self.world.units.length, &placed.pose)
             .map(|p| self.container.distance.signed_distance(p).max(self.container.base - p.y))
             .fold(0.0, f64::max)
+    }
+
+    /// Takes out the newest bodies beyond `limit`.
+    fn cut_to(&mut self, limit: usize) {
+        for id in self.loose().skip(limit).collect::<Vec<_>>() {
+            self.world.remove(id);
+        }
     }
 
     /// Takes out what left the container.

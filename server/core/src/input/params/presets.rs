@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// The least stiffness of a fill's contacts, per natural time.
+/// Stiffness of a fill's contacts, per natural time, whatever that of the pile's: stiffer ones make another fill of the same seed,
+/// and what overlaps is parted afterwards by position.
 const FILL_FREQUENCY: f64 = 22.0;
 
 impl Params {
@@ -173,7 +174,7 @@ impl Params {
         let mut physics = Physics {
             substeps: self.physics.substeps.div_ceil(2),
             rolling_resistance: 0.0,
-            contact_frequency: self.physics.contact_frequency.max(FILL_FREQUENCY),
+            contact_frequency: FILL_FREQUENCY,
             ..self.physics.clone()
         };
         if self.fill.method == FillMethod::Insert {

@@ -30,17 +30,20 @@ const JAMMED: u32 = 3;
 /// many, but for no less than this share of a full round.
 const CROWDED: f64 = 0.5;
 const LEAST_ROUND: f64 = 0.25;
+/// A round asks for more than is missing by what the last one lost, but counts on no smaller share of its seeds than this.
+const LEAST_KEPT: f64 = 0.25;
 /// Fewer seeds than this say nothing of whether the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
 
-/// Runs rounds until they add next to nothing. Returns whether the container is full.
-pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
+/// Runs rounds until they add next to nothing, or until there are `limit` bodies. Returns whether the container is full.
+pub fn run(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> Result<bool, Error> {
     let fill = filling.params.fill.clone();
-    let limit = fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize;
     let deep = fill.overlap.max(GROWING_OVERLAP);
     let inside = inside(filling);
     // Share of the expected bodies that a round asks for.
     let mut share = fill.round;
+    // Share of the last round's seeds that were kept.
+    let mut keeps: f64 = 1.0;
     // Bodies asked for so far, and bodies there, before each round.
     let mut history = vec![(0, filling.loose().count())];
     // Pairs that overlap too deeply, and for how many rounds in a row.
@@ -50,7 +53,8 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         if before >= limit {
             return Ok(false);
         }
-        let wanted = ((share * filling.expected as f64).ceil() as usize).min(limit - before);
+        let missing = ((limit - before) as f64 / keeps.max(LEAST_KEPT)).ceil();
+        let wanted = (share * filling.expected as f64).ceil().min(missing) as usize;
         let first = filling.world.bodies().len();
         let seeds = plant(filling, wanted, &inside)?;
         if seeds.is_empty() {
@@ -62,8 +66,10 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         filling.separate(new, first);
         squeezed = old.into_iter().map(|pair| (pair, squeezed.get(&pair).map_or(1, |rounds| rounds + 1))).collect();
         filling.separate(squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair).collect(), 0);
+        filling.cut_to(limit);
         let (kept, after) = (filling.loose().filter(|&id| id >= first).count(), filling.loose().count());
-        if (kept as f64) < CROWDED * seeds.len() as f64 {
+        keeps = kept as f64 / seeds.len() as f64;
+        if keeps < CROWDED && after < limit {
             share = (share / 2.0).max(LEAST_ROUND * fill.round);
         }
         let asked = wanted + history.last().map_or(0, |&(asked, _)| asked);
