@@ -7,7 +7,7 @@ from bpy.types import Panel, UIList
 from . import action_panel, estimates, preferences, presets, running
 from .following import is_running
 from .layouts import wrapped
-from .properties import ACCURACIES, knows
+from .schema import ACCURACIES, knows
 
 
 class Pile:

@@ -61,10 +61,10 @@ def scene(area):
 
 def walk():
     """The steps; what is yielded is the pause until the next, s."""
-    from cairn import properties, running
+    from cairn import running, schema
 
     # One line for each accuracy that there is.
-    bake_button = BAKE_BELOW_ACCURACIES[0], BAKE_BELOW_ACCURACIES[1] + ACCURACY_HEIGHT * len(properties.ACCURACIES)
+    bake_button = BAKE_BELOW_ACCURACIES[0], BAKE_BELOW_ACCURACIES[1] + ACCURACY_HEIGHT * len(schema.ACCURACIES)
     for source in list(bpy.data.objects):
         bpy.data.objects.remove(source)
     area = sidebar()
