@@ -112,8 +112,17 @@ impl Shape {
         let (solid, deviation) = choose::solid(mesh, &around, diameter, closed, physics);
         let own = mass::moments(mesh);
         let solid_moments = solid.moments();
-        let fallback = mass_fallback(closed, &own, mesh, solid_moments.volume);
-        let moments = if fallback.is_some() { solid_moments } else { own };
+        let (moments, fallback) = match no_inside(closed, &own, mesh, solid_moments.volume) {
+            None => (own, None),
+            Some(why) if solid_moments.are_of_a_body(mesh.bounds()) => {
+                (solid_moments, Some(format!("{why}: mass and inertia are those of its collision shape")))
+            }
+            // Parts as thin as paper: what is left of their volume is rounding.
+            Some(why) => {
+                let text = format!("{why}: mass and inertia are those of the box around it");
+                (Solid::Box(around).moments(), Some(text))
+            }
+        };
         if !(moments.volume > 0.0 && moments.volume.is_finite() && moments.inertia.is_finite()) {
             return Err(format!(
                 "{}: no volume could be found for this prop; close the mesh or give it thickness",
@@ -271,15 +280,13 @@ impl Solid {
     }
 }
 
-fn mass_fallback(closed: bool, own: &Moments, mesh: &TriMesh, solid: f64) -> Option<String> {
+/// Why a mesh has no usable inside, if it has none.
+fn no_inside(closed: bool, own: &Moments, mesh: &TriMesh, solid: f64) -> Option<&'static str> {
     if !closed {
-        return Some("the mesh is open: mass and inertia are those of its collision shape".into());
+        return Some("the mesh is open");
     }
     if own.volume < MIN_VOLUME_SHARE * solid {
-        return Some("the mesh encloses next to no volume: mass and inertia are those of its collision shape".into());
+        return Some("the mesh encloses next to no volume");
     }
-    if !own.are_of_a_body(mesh.bounds()) {
-        return Some("the mesh crosses itself: mass and inertia are those of its collision shape".into());
-    }
-    None
+    (!own.are_of_a_body(mesh.bounds())).then_some("the mesh crosses itself")
 }

@@ -7,6 +7,7 @@ use crate::equilibrium::{
     Analyser, Candidacy, CandidateRules, FrictionLaw, FrictionReserve, LocalContact, LocalProblem, Options, Solver,
     Spread,
 };
+use crate::geometry::contact;
 use crate::input::params::{self, ContactSelection, Control as ControlParams, FrictionCone};
 use crate::world::{BodyId, Role, Side, Touch, World};
 use glam::DVec3;
@@ -180,7 +181,7 @@ impl<'a> Analysis<'a> {
     /// The local problems that a cycle would now pose, of all released bodies with contacts: for tools that compare
     /// solvers on real piles.
     pub fn problems(&self, world: &World) -> Vec<BodyProblem> {
-        let touches = world.touches(self.params.contact_tolerance);
+        let touches = carrying(world.touches(self.params.contact_tolerance));
         let contacts = contacts(world, &touches, self.params.selection).into_iter().enumerate();
         let released = |id: BodyId| matches!(world.bodies()[id].role, Role::Free | Role::Frozen);
         contacts
@@ -207,6 +208,13 @@ impl Rules {
         let spread = self.of_face.map_or(self.all.spread, |share| Spread::Relative { share, area });
         CandidateRules { spread, ..self.all }
     }
+}
+
+/// Without the contacts that are too wide to carry: a body held across one would count as hanging, however thick it is.
+pub(super) fn carrying(mut touches: Vec<Touch>) -> Vec<Touch> {
+    touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= contact::CARRYING_GAP));
+    touches.retain(|t| !t.points.is_empty());
+    touches
 }
 
 /// The selected contacts of each body (paper, 3.2). Shape `[body][contact]`, engine units.

@@ -14,7 +14,6 @@ pub use eligibility::is_inside;
 pub use tally::{BodyProblem, Tally};
 
 use super::policy::Policy;
-use crate::geometry::contact;
 use crate::geometry::region::DistanceGrid;
 use crate::input::params::Control as ControlParams;
 use crate::prepare::effects::{EffectName, Resolved};
@@ -134,10 +133,7 @@ impl<'a> Control<'a> {
             support.lift(world, policy);
         }
         let Analysis { touches: before, unmoved, .. } = &self.analysis;
-        let mut touches = world.touches_since(self.params.contact_tolerance, before, unmoved);
-        // A body held across a wider gap would count as hanging, however thick it is.
-        touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= contact::CARRYING_GAP));
-        touches.retain(|t| !t.points.is_empty());
+        let touches = analysis::carrying(world.touches_since(self.params.contact_tolerance, before, unmoved));
         let barred = self.eligibility.barred(world, &touches);
         self.analysis.judge_all(world, &touches, &barred, &self.eligibility, &mut self.tally);
         let hanging = self.eligibility.hanging(world, &touches, self.params.speed);
