@@ -89,7 +89,7 @@ def effect_of(settings):
     # Of eight bakes of ten; what settles into place is a little more than all of it.
     shares = [min(100, round(100 * share)) for share in (low, high)]
     kept = "{0} %".format(*shares) if shares[0] == shares[1] else "{} to {} %".format(*shares)
-    lines = [f"Expected to keep {kept} of the shape"] if high > 0 else []
+    lines = [f"Likely to keep {kept} of it"] if high > 0 else []
     if settings.kept_shape == "NATURAL":
         return [*lines, "No glue: what overhangs falls"]
     dots = known["dots"].get(settings.accuracy, 0.0)
