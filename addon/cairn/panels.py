@@ -87,8 +87,8 @@ def effect_of(settings):
     known = running.plan or {"dots": {}, "kept": {}}
     low, high = known["kept"].get(settings.accuracy, (0.0, 0.0))
     # Of eight bakes of ten; what settles into place is a little more than all of it.
-    shares = [min(100, round(100 * share)) for share in (low, high)]
-    kept = "{0} %".format(*shares) if shares[0] == shares[1] else "{} to {} %".format(*shares)
+    low, high = (min(100, round(100 * share)) for share in (low, high))
+    kept = f"{high} %" if low == high else f"{low} to {high} %"
     lines = [f"Likely to keep {kept} of it"] if high > 0 else []
     if settings.kept_shape == "NATURAL":
         return [*lines, "No glue: what overhangs falls"]
