@@ -13,6 +13,7 @@ use cairn_core::prepare::packing;
 use cairn_core::stages::calibrate::calibrate;
 use clap::Parser;
 use nalgebra::{DMatrix, DVector};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// A bake, of the file with this number.
@@ -47,6 +48,10 @@ fn main() -> anyhow::Result<()> {
         let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
         let records: Vec<Record> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
         ensure!(!records.is_empty(), "{}: no run of this version is in it", path.display());
+        tell_kept(&records);
+        // Their laws are of bakes as the accuracy has them.
+        let records: Vec<Record> =
+            records.into_iter().filter(|r| r.variant != "natural" && !r.variant.starts_with("tacky")).collect();
         let weight = 1.0 / records.len() as f64;
         runs.extend(records.into_iter().map(|record| Run { of, weight, record }));
     }
@@ -109,6 +114,32 @@ fn least_deviations(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
         weights = (a * &law - b).map(|e| 1.0 / e.abs().max(SMALL));
     }
     law
+}
+
+/// What is kept with glue of each strength that was tried, and how many dots that takes.
+fn tell_kept(records: &[Record]) {
+    let mut by_strength = BTreeMap::<&str, (Vec<f64>, Vec<f64>)>::new();
+    for record in records.iter().filter(|r| records.iter().any(|o| o.key == r.key && o.variant == "natural")) {
+        let figure = |name: &str| record.measures.get(name).copied();
+        if let Some(kept) = figure("kept_shape") {
+            let (shapes, shares) = by_strength.entry(&record.variant).or_default();
+            shapes.push(kept);
+            shares.push(figure("glued_touch_fraction").unwrap_or(0.0));
+        }
+    }
+    for (variant, (mut shapes, mut shares)) in by_strength {
+        shapes.sort_by(f64::total_cmp);
+        shares.sort_by(f64::total_cmp);
+        let at = |all: &[f64], tenths: usize| all[(all.len() - 1) * tenths / 10];
+        println!(
+            "// {variant}: {} pairs, kept {:.2}, {:.2}, {:.2}; of the touches {:.3} glued",
+            shapes.len(),
+            at(&shapes, 1),
+            at(&shapes, 5),
+            at(&shapes, 9),
+            at(&shares, 5)
+        );
+    }
 }
 
 fn predict(law: &Weights, record: &Record) -> f64 {

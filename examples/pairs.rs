@@ -5,7 +5,8 @@
 //! `CAIRN_DATA`, or `../shared/data` beside the workspace. Drawn are its watertight glTF files of the kinds `object`
 //! and `control`. A prop is scaled so that about 220 fit into the control mesh, first by volume and then, if fewer than
 //! 150 or more than 300 do, by what the fill found. One Markdown row per pair, written as soon as it is known. With
-//! `--runs`, what each bake took is kept for the example `fit_estimate`.
+//! `--runs`, what each bake took is kept for the example `fit_estimate`; with `--strengths 0.5,2,8,32`, what glue of these
+//! strengths and none keep of the shape, too.
 
 mod collection;
 
@@ -68,6 +69,9 @@ struct Arguments {
     /// Folder for what the bakes took
     #[arg(long)]
     runs: Option<PathBuf>,
+    /// Glue that is tried besides, in weights of the prop: the most that a dot carries
+    #[arg(long, value_delimiter = ',')]
+    strengths: Vec<f64>,
 }
 
 fn range(text: &str) -> Result<Range<usize>, String> {
@@ -97,10 +101,12 @@ fn main() -> anyhow::Result<()> {
     let mut poured = BTreeMap::<&str, Option<f64>>::new();
     for (i, (prop, control)) in drawn.iter().enumerate().filter(|(i, _)| only.contains(i)) {
         let start = ThreadTime::now();
-        let row = catch_unwind(AssertUnwindSafe(|| pair(&folder, (prop, control), machine, &mut poured)))
-            .unwrap_or_else(|_| Row::without_figures("fail: panic"));
-        if let (Some(runs), Some(record)) = (&mut runs, row.record) {
-            runs.add(record).map_err(|e| anyhow!("{e}"))?;
+        let row = catch_unwind(AssertUnwindSafe(|| {
+            pair(&folder, (prop, control), machine, &arguments.strengths, &mut poured)
+        }))
+        .unwrap_or_else(|_| Row::without_figures("fail: panic"));
+        if let Some(runs) = &mut runs {
+            row.records.into_iter().try_for_each(|record| runs.add(record)).map_err(|e| anyhow!("{e}"))?;
         }
         let kind = row.verdict.split(':').next().unwrap_or_default().to_owned();
         *tally.entry(["pass", "refused", "fail"].into_iter().find(|k| *k == kind).unwrap_or("fail")).or_default() += 1;
@@ -150,12 +156,12 @@ struct Row {
     /// All columns between the control mesh and the verdict, each with its bar in front.
     cells: String,
     verdict: String,
-    record: Option<Record>,
+    records: Vec<Record>,
 }
 
 impl Row {
     fn without_figures(verdict: &str) -> Row {
-        Row { cells: "| ".repeat(23), verdict: verdict.replace(['|', '\n'], " "), record: None }
+        Row { cells: "| ".repeat(23), verdict: verdict.replace(['|', '\n'], " "), records: Vec::new() }
     }
 
     fn refused(reason: &str) -> Row {
@@ -215,6 +221,7 @@ fn pair<'a>(
     folder: &Path,
     (prop, control): (&'a str, &str),
     machine: f64,
+    strengths: &[f64],
     poured: &mut BTreeMap<&'a str, Option<f64>>,
 ) -> Row {
     let name = prop;
@@ -252,11 +259,18 @@ fn pair<'a>(
         let baked = cairn_core::fill_container(&scene, &params, &mut NoCache, &mut watch).and_then(|full| {
             let bake = cairn_core::release_pile(&scene, &natural, &full, &mut watch)?.measured(&mut watch)?;
             watch.begin(false);
-            Ok((bake, cairn_core::release_pile(&scene, &params, &full, &mut watch)?.measured(&mut watch)?))
+            let tacky = strengths.iter().map(|&strength| {
+                let glue = Glue { mode: GlueMode::Tacky, strength: Some(strength), ..params.glue.clone() };
+                let params = Params { glue, ..params.clone() };
+                Ok((strength, cairn_core::release_pile(&scene, &params, &full, &mut watch)?.measured(&mut watch)?))
+            });
+            let tacky = tacky.collect::<Result<Vec<_>, cairn_core::Error>>()?;
+            let glued = cairn_core::release_pile(&scene, &params, &full, &mut watch)?.measured(&mut watch)?;
+            Ok((bake, tacky, glued))
         });
         match baked {
-            Ok(both) => {
-                last = Some(both);
+            Ok(all) => {
+                last = Some(all);
                 break;
             }
             Err(cairn_core::Error::Cancelled) if !watch.is_spent() => {
@@ -272,20 +286,19 @@ fn pair<'a>(
         }
     }
     watch.begin(false);
-    let Some((bake, glued)) = last else {
+    let Some((bake, tacky, glued)) = last else {
         return Row::without_figures("fail: no size lets 150 to 300 fit");
     };
     let reference = *poured.entry(name).or_insert_with(|| reference(&scene, &params, &mut watch));
     let expected =
         cairn_core::estimates(&scene, &params, &[params.clone()], machine).map_or(f64::NAN, |all| all[0].cpu_seconds);
     let mut row = judge(&bake, &glued, reference, expected);
-    row.record = Record::new(
-        format!("{name} in {}", scene.control.as_ref().map_or("", |c| &c.name)),
-        "pair".into(),
-        (&scene, &params),
-        glued.report,
-    )
-    .ok();
+    let key = format!("{name} in {}", scene.control.as_ref().map_or("", |c| &c.name));
+    let others = tacky.into_iter().map(|(strength, bake)| (format!("tacky {strength}"), bake.report));
+    let all = [("pair".into(), glued.report), ("natural".into(), bake.report)].into_iter().chain(others);
+    let all = all.take(if strengths.is_empty() { 1 } else { usize::MAX });
+    let record = |(variant, report)| Record::new(key.clone(), variant, (&scene, &params), report).ok();
+    row.records = all.filter_map(record).collect();
     row
 }
 
@@ -364,5 +377,5 @@ fn judge(bake: &Bake, glued: &Bake, reference: Option<f64>, expected: f64) -> Ro
     .filter_map(|(what, fine)| (!fine).then_some(what))
     .collect();
     let verdict = if faults.is_empty() { "pass".into() } else { format!("fail: {}", faults.join(", ")) };
-    Row { cells, verdict, record: None }
+    Row { cells, verdict, records: Vec::new() }
 }

@@ -27,6 +27,7 @@ from . import (
     variant_operators,
     variant_panel,
     variants,
+    weighing,
 )
 
 bl_info = {
@@ -65,6 +66,7 @@ def _before_load(*_):
     live.show(False)
     glue.show(False)
     variants.forget()
+    weighing.forget()
     running.forget_all()
     states.forget()
     estimates.forget()

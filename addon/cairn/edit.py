@@ -10,7 +10,7 @@ import numpy as np
 from mathutils import Matrix, Quaternion, Vector
 from mathutils.bvhtree import BVHTree
 
-from . import axes, outline, painted, parts, pointers, prop_collections, request, result, running, timing
+from . import axes, outline, painted, parts, pointers, prop_collections, request, result, running, timing, weighing
 from .client import Fault
 from .dots import number_of
 from .export import Exporter
@@ -55,6 +55,11 @@ def remember(collection):
     collection.cairn.settled = json.dumps({str(body.cairn.number): _state(body) for body in collection.objects})
 
 
+def settled(collection):
+    """The bodies as they settled last, by number."""
+    return {int(number): state for number, state in json.loads(collection.cairn.settled).items()}
+
+
 def carry(collection):
     """The bodies are in their props' collections, where that was wanted, whatever was done to them."""
     sources = result.sources_of(running.recipe_of(collection), pointers.read(collection.cairn.pointers))
@@ -78,7 +83,7 @@ class Placed:
         self.objects = [body for body in collection.objects if body.cairn.number]
         self.props = props
         # Of what the pile was when it settled last: by number, prop, pose and size.
-        before = {int(number): state for number, state in json.loads(collection.cairn.settled).items()}
+        before = settled(collection)
         here = {body.cairn.number for body in self.objects}
         shapes = [outline.fewer(prop.vertices, prop.triangles, TRIANGLES) for prop in props]
         self.sizes = [float(np.ptp(points, axis=0).max()) for points, _ in shapes]
@@ -210,9 +215,7 @@ def settling(context, collection, added=0, over=(), region=""):
     for _, model in statics:
         told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     for body, is_free in zip(placed.objects, free):
-        made = told.bodies.add(prop=str(body.cairn.prop), scale=round(body.cairn.size, 6), kept=not is_free)
-        made.position.extend(axes.points_to_server(np.array(body.location), exporter.metres).tolist())
-        made.rotation.extend(axes.rotations_to_server(np.array(body.rotation_quaternion)).tolist())
+        weighing.place(told, _state(body), exporter.metres, kept=not is_free)
     places = None
     if added:
         largest = max(size * prop.scale_max for size, prop in zip(placed.sizes, told.props))

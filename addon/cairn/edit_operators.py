@@ -6,7 +6,7 @@ from bpy.types import Operator, Panel
 
 from mathutils import Matrix
 
-from . import edit, parts, pointers, preferences, preview, result, running
+from . import edit, parts, pointers, preferences, preview, request, result, running, weighing
 from .client import Fault
 from .following import Follows, explain, explaining, is_running
 from .layouts import wrapped
@@ -124,12 +124,20 @@ class _Settles(Follows):
         over = _selected(context, self.pile)
         settling = edit.settling(context, self.pile, self.added, over, self.over_painted)
         taken, self.objects, self.free = yield from settling
+        same = {body.cairn.number for body, is_free in zip(self.objects, self.free) if not is_free}
+        self.weighing = weighing.Weighing(server, taken, edit.settled(self.pile), same)
         pointers.ask(context.scene, taken.recipe["token"], taken.pointers)
         bake.ask(taken)
         return (yield from preview.drawn(taken.props))
 
     def make(self, context, bake):
-        return edit.applied(context, self.pile, self.objects, self.free, bake.motion(), bake.recipe, bake.told())
+        made = yield from edit.applied(
+            context, self.pile, self.objects, self.free, bake.motion(), bake.recipe, bake.told()
+        )
+        self.weighing.begin(made.cairn.bake_id, edit.settled(made))
+        while bpy.app.background and weighing.collect():
+            yield request.WAITING
+        return made
 
 
 class CAIRN_OT_settle(_Settles, Operator):
@@ -235,9 +243,12 @@ class CAIRN_PT_edit(Pile, Panel):
             is_painting = context.mode == "PAINT_WEIGHT"
             row.operator("cairn.paint_region", text="", icon="BRUSH_DATA", depress=is_painting)
         layout.operator("cairn.settle", icon="PHYSICS")
-        told = running.report_of(collection).get("settled")
-        if told:
-            wrapped(layout, context, f"{told['moved']} let go, {told['kept']} untouched, {told['added']} new")
+        told = running.report_of(collection)
+        if "settled" in told:
+            settled = told["settled"]
+            wrapped(layout, context, f"{settled['moved']} let go, {settled['kept']} untouched, {settled['added']} new")
+            if weighing.said(told):
+                wrapped(layout, context, weighing.said(told))
 
 
 CLASSES = [

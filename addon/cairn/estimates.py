@@ -35,6 +35,7 @@ def take(plan, accuracy):
         "warnings": list(plan.warnings),
         "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
         "dots": {names[told.accuracy]: getattr(told, "glue_dots", 0.0) for told in plan.estimates},
+        "kept": {names[told.accuracy]: (told.kept_shape_low, told.kept_shape_high) for told in plan.estimates},
         "estimates": {names[told.accuracy]: (told.cpu_seconds, told.factor) for told in plan.estimates},
         "overlaps": {names[told.accuracy]: getattr(told, "overlap", 0.0) for told in plan.estimates},
     }

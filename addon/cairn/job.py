@@ -53,6 +53,8 @@ class Job:
     latest: object = None
     # As the server writes it, once the bake is done.
     report: dict = field(default_factory=dict)
+    # How it ended, for whoever takes no other news.
+    end: str = ""
     _task: object = None
     _detached: bool = False
 

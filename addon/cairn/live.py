@@ -78,8 +78,9 @@ class _Draft:
             taken, drawn = end.value
             taken.spec.scene.accuracy = v1.ACCURACY_DRAFT
             request.leave_figures(v1, taken.spec.scene)
+            # Only the final pose is drawn.
+            taken.spec.scene.effects.frames = v1.SWITCH_OFF
             self.metres, self.drawn, running.names = taken.recipe["metres"], drawn, taken.recipe["names"]
-            # Only the final pose is drawn. With the effect `frames` off, the stream would not tell it, either.
             server = preferences.server(context)
             self.job = job.Job(server, taken.spec, taken.contents, taken.problems, has_fill=False)
             self.job.start()

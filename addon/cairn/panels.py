@@ -7,7 +7,7 @@ from bpy.types import Panel, UIList
 from . import action_panel, estimates, preferences, presets, running
 from .following import is_running
 from .layouts import wrapped
-from .properties import ACCURACIES, knows
+from .schema import ACCURACIES, knows
 
 
 class Pile:
@@ -75,20 +75,28 @@ def draw_kept_shape(layout, settings):
         others.prop_enum(settings, "kept_shape", name)
     if settings.kept_shape == "TACKY":
         column.prop(settings, "glue_strength", slider=True)
-    told = column.row()
+    told = column.column(align=True)
     told.active = not running.plan_is_old
-    told.label(text=effect_of(settings))
+    # Two lines, so that nothing jumps when they become known.
+    for line in (*effect_of(settings), "", "")[:2]:
+        told.label(text=line)
 
 
 def effect_of(settings):
-    """What the choice does to this pile, as far as it is known before the bake."""
+    """What the choice does to this pile, as far as it is known before the bake: lines."""
+    known = running.plan or {"dots": {}, "kept": {}}
+    low, high = known["kept"].get(settings.accuracy, (0.0, 0.0))
+    # Of eight bakes of ten; what settles into place is a little more than all of it.
+    low, high = (min(100, round(100 * share)) for share in (low, high))
+    kept = f"{high} %" if low == high else f"{low} to {high} %"
+    lines = [f"Likely to keep {kept} of it"] if high > 0 else []
     if settings.kept_shape == "NATURAL":
-        return "No glue: what overhangs falls"
-    dots = running.plan["dots"].get(settings.accuracy, 0.0) if running.plan else 0.0
+        return [*lines, "No glue: what overhangs falls"]
+    dots = known["dots"].get(settings.accuracy, 0.0)
     if settings.kept_shape == "TACKY":
-        return "What would need stronger glue falls"
+        return [*lines, f"About {math.ceil(dots)} dots" if dots >= 1 else "What would need stronger glue falls"]
     # The plan's own range.
-    return f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue" if dots >= 1 else ""
+    return [*lines, f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
 
 
 def draw_props(layout, context, settings):

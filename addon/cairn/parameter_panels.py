@@ -4,7 +4,7 @@ from bpy.types import Panel
 
 from .following import is_running
 from .panels import Pile, draw_field, draw_optional
-from .properties import GROUPS, fields_of, knows
+from .schema import GROUPS, fields_of, knows
 
 
 class _Parameters(Pile):

@@ -6,57 +6,52 @@ from bpy.types import Operator
 
 from . import pending, pointers, request, result, running
 from .client import Fault
-from .following import explain, is_running
+from .following import explaining, is_running
 
 
-class CAIRN_OT_delete(Operator):
+class OfPile:
+    """What operators have in common that do something to a pile: the one that is named, or that of the shape."""
+
+    bl_options = {"UNDO"}
+
+    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
+
+    def execute(self, context):
+        with explaining(self):
+            collection = bpy.data.collections.get(self.collection) if self.collection else result.chosen(context)
+            if collection is None or not collection.cairn.is_result:
+                raise Fault("There is no baked pile of this shape. Choose the shape of the one that you mean.")
+            self.change(context, collection)
+            return {"FINISHED"}
+        return {"CANCELLED"}
+
+    def change(self, context, collection):
+        raise NotImplementedError
+
+
+class CAIRN_OT_delete(OfPile, Operator):
     """Take the pile away, with its animation, and show the shape as it was before the bake"""
 
     bl_idname = "cairn.delete"
     bl_label = "Delete Bake"
-    bl_options = {"UNDO"}
-
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
 
     @classmethod
     def poll(cls, _):
         return not is_running()
 
-    def execute(self, context):
-        collection = _chosen(context, self.collection)
-        if collection is None:
-            return explain(
-                self, Fault("There is no baked pile of this shape. Choose the shape of the one that you mean.")
-            )
+    def change(self, _, collection):
         result.delete(collection)
-        return {"FINISHED"}
 
 
-class CAIRN_OT_restore_settings(Operator):
+class CAIRN_OT_restore_settings(OfPile, Operator):
     """Set everything as it was for this pile, seed included: baked again, it gives the same"""
 
     bl_idname = "cairn.restore_settings"
     bl_label = "Use Its Settings"
-    bl_options = {"UNDO"}
 
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
-
-    def execute(self, context):
-        collection = _chosen(context, self.collection)
-        if collection is None:
-            return explain(
-                self, Fault("There is no baked pile of this shape. Choose the shape of the one that you mean.")
-            )
+    def change(self, context, collection):
         found = pointers.read(collection.cairn.pointers)
         request.from_dict(context.scene.cairn, running.recipe_of(collection)["settings"], found, "settings.")
-        return {"FINISHED"}
-
-
-def _chosen(context, name):
-    if name:
-        collection = bpy.data.collections.get(name)
-        return collection if collection and collection.cairn.is_result else None
-    return result.chosen(context)
 
 
 class CAIRN_OT_forget(Operator):

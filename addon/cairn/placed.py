@@ -4,7 +4,7 @@ import numpy as np
 
 from . import axes, keyframes
 from .client import Problem
-from .properties import knows
+from .schema import knows
 
 # A scale that changes by more than this while a collider moves cannot be followed.
 SAME_SCALE = 1e-3

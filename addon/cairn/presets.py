@@ -2,7 +2,7 @@
 
 from . import client
 from .messages import v1
-from .properties import GROUPS, title
+from .schema import GROUPS, title
 
 _MESSAGES = {name: message for message, name in GROUPS.items()}
 

@@ -1,7 +1,4 @@
-"""What the panels set. The groups of parameters are made of the scene's schema: its comments are their tooltips."""
-
-import json
-from pathlib import Path
+"""What the panels set."""
 
 import bpy
 from bpy.props import (
@@ -12,104 +9,12 @@ from bpy.props import (
     FloatVectorProperty,
     IntProperty,
     PointerProperty,
-    StringProperty,
 )
 from bpy.types import PropertyGroup
 
-FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
-# What the add-on sets itself, from its own properties or from Blender's scene.
-OWN = {("Output", "fps"), ("Output", "frames"), ("Effects", "frames"), ("Glue", "mode"), ("Glue", "strength")}
-# Names of groups in the settings, by message: those whose fields have values in the accuracy's preset.
-GROUPS = {
-    "Physics": "physics",
-    "Base": "base",
-    "Fill": "fill",
-    "Release": "release",
-    "Control": "control",
-    "Glue": "glue",
-    "Hold": "hold",
-    "Output": "output",
-    "Effects": "effects",
-    "Figures": "report",
-}
-
-
-def knows(message, field=None):
-    """Whether the schema has a message, or a field in it."""
-    return message in FIELDS and (field is None or any(told["name"] == field for told in FIELDS[message]))
-
-
-def fields_of(message):
-    return [field for field in FIELDS.get(message, []) if (message, field["name"]) not in OWN]
-
-
-def _limits(field, whole):
-    number = (lambda value: int(max(min(value, 2**31 - 1), -(2**31)))) if whole else float
-    limits = {}
-    if field.get("min") is not None:
-        limits["min"] = number(field["min"])
-    if field.get("max") is not None:
-        limits["max"] = number(field["max"])
-    return limits
-
-
-def _default(field, kind, otherwise):
-    try:
-        return kind(field["default"])
-    except (TypeError, ValueError):
-        return max(otherwise, kind(field.get("min") or 0))
-
-
-def _property(field):
-    about = {"name": title(field["name"]), "description": field["description"]}
-    if field["kind"] == "bool":
-        return BoolProperty(default=field["default"] == "true", **about)
-    if field["kind"] == "int":
-        return IntProperty(default=_default(field, int, 0), **_limits(field, True), **about)
-    if field["kind"] == "float":
-        return FloatProperty(default=_default(field, float, 0.0), precision=3, **_limits(field, False), **about)
-    items = _items(field)
-    default = (field["default"] or "").upper()
-    return EnumProperty(items=items, default=next((i[0] for i in items if i[0] == default), items[0][0]), **about)
-
-
-def _items(field):
-    """An enum's values, with the schema's numbers: those are what a .blend file keeps."""
-    return [(name, title(name), description, "NONE", number) for name, description, number in field["items"]]
-
-
-def title(name):
-    return name.replace("_", " ").title()
-
-
-def _only_one(message, field):
-    """Of the fields that exclude each other, one at most is set."""
-    rivals = [
-        "use_" + other["name"]
-        for other in fields_of(message)
-        if field.get("choice") and other.get("choice") == field["choice"] and other is not field
-    ]
-
-    def update(self, _):
-        for rival in rivals:
-            if getattr(self, "use_" + field["name"]) and getattr(self, rival):
-                setattr(self, rival, False)
-
-    return update if rivals else None
-
-
-def _group(message):
-    properties = {}
-    for field in fields_of(message):
-        properties[field["name"]] = _property(field)
-        about = f"Set {title(field['name'])} here, instead of by the accuracy"
-        properties["use_" + field["name"]] = BoolProperty(
-            name="Set " + title(field["name"]), description=about, update=_only_one(message, field)
-        )
-    return type(f"Cairn{message}", (PropertyGroup,), {"__annotations__": properties})
-
-
-PARAMETERS = {message: _group(message) for message in GROUPS if message in FIELDS}
+from . import pile_properties
+from .pile_properties import CairnAsked, CairnBody, CairnResult, CairnVariant
+from .schema import ACCURACIES, GROUPS, PARAMETERS
 
 
 def _is_solid(_, source):
@@ -181,12 +86,6 @@ class CairnProp(PropertyGroup):
     )
 
 
-# From the quickest on; those that the schema has.
-BY_COST = ("DRAFT", "PREVIEW", "STANDARD", "FINE", "REFERENCE", "PAPER")
-ACCURACIES = sorted(
-    _items(next(field for field in FIELDS["Scene"] if field["name"] == "accuracy")),
-    key=lambda item: BY_COST.index(item[0]) if item[0] in BY_COST else len(BY_COST),
-)
 # How much may be glued. A .blend file keeps the numbers.
 KEPT_SHAPES = [
     (
@@ -370,140 +269,7 @@ class CairnSettings(PropertyGroup):
     frame_count: IntProperty(name="Frames", description="Frames after the start frame", default=250, min=0, max=100000)
 
 
-class CairnPointer(PropertyGroup):
-    """Something that a bake was made of. Its name is its key."""
-
-    object: PointerProperty(type=bpy.types.Object)
-    collection: PointerProperty(type=bpy.types.Collection)
-
-
-class CairnAsked(PropertyGroup):
-    """What a bake under way is made of, so that a new name does no harm."""
-
-    token: StringProperty()
-    pointers: CollectionProperty(type=CairnPointer)
-
-
-class CairnVariant(PropertyGroup):
-    """A bake that was tried, kept by the server: its name tells it from the others."""
-
-    bake_id: StringProperty()
-    # JSON.
-    recipe: StringProperty()
-    # How it went, in a few words; empty before it is done.
-    told: StringProperty()
-    # What it is made of, whatever that is called now.
-    pointers: CollectionProperty(type=CairnPointer)
-
-
-class CairnBody(PropertyGroup):
-    """What an object of a pile remembers."""
-
-    # Which body of the pile it is, counted from 1, or the first of those that it shows; 0: none.
-    number: IntProperty()
-    # Which of the pile's props it is, counted from 0, and its size, as a factor.
-    prop: IntProperty()
-    size: FloatProperty(default=1.0)
-    # While it is coloured by state: the colour that is its own; of points, whether they were shown.
-    is_coloured: BoolProperty()
-    color: FloatVectorProperty(size=4)
-    was_shown: BoolProperty()
-
-
-def _retime(self, _):
-    from . import timing
-
-    timing.apply(self.id_data)
-
-
-def _display(self, _):
-    for body in self.id_data.objects:
-        body.display_type = self.display
-
-
-class CairnResult(PropertyGroup):
-    """What a collection with a baked pile remembers: enough to bake it again, and to tell how it went."""
-
-    is_result: BoolProperty()
-    bake_id: StringProperty()
-    result_hash: StringProperty()
-    mode: StringProperty()
-    # JSON.
-    settings: StringProperty()
-    report: StringProperty()
-    # As `states` packs them.
-    states: StringProperty()
-    # JSON: the server's bodies that no object shows.
-    left_out: StringProperty()
-    # Frames of the result, and when they are shown: as set, and as the pile has it (JSON).
-    frame_count: IntProperty()
-    timing_start: IntProperty(
-        name="Start Frame",
-        description="Frame of the scene at which the pile begins to be held",
-        default=1,
-        update=_retime,
-    )
-    timing_hold: IntProperty(
-        name="Hold",
-        description="For how many frames the pile stands still before it is let go",
-        min=0,
-        max=100000,
-        update=_retime,
-    )
-    timing_speed: FloatProperty(
-        name="Speed",
-        description="How fast the collapse plays: 2 is twice as fast as it was simulated, 0.5 slow motion",
-        default=1.0,
-        min=0.001,
-        soft_min=0.1,
-        soft_max=10.0,
-        max=1000.0,
-        update=_retime,
-    )
-    timing_ease: FloatProperty(
-        name="Ease",
-        description="Above 0 the collapse begins slowly and becomes faster; below 0 it begins fast and becomes slower. "
-        "Its length stays",
-        min=-2.0,
-        max=2.0,
-        update=_retime,
-    )
-    timed: StringProperty()
-    display: EnumProperty(
-        name="Display",
-        description="How the bodies are shown in the 3D View. Renders are not changed by it",
-        items=[
-            ("TEXTURED", "Full", "As they are"),
-            ("SOLID", "Plain", "Without textures"),
-            ("BOUNDS", "Boxes", "As boxes: the quickest"),
-        ],
-        update=_display,
-    )
-    # Of a pile that is worked on by hand: its bodies as they settled last (JSON).
-    settled: StringProperty()
-    # Not a result, but in one, with what shows points by state.
-    is_of_state: BoolProperty()
-    # Whether the bodies are in their props' collections, too; and not a result, but there: whose bodies it has.
-    use_prop_collections: BoolProperty()
-    of_pile: PointerProperty(type=bpy.types.Collection)
-    control: PointerProperty(type=bpy.types.Object)
-    # What the settings and the bodies came from, by the recipe's keys.
-    pointers: CollectionProperty(type=CairnPointer)
-    # How the control mesh was shown before.
-    control_hide_render: BoolProperty()
-    control_display_type: StringProperty()
-
-
-CLASSES = [
-    *PARAMETERS.values(),
-    CairnProp,
-    CairnSettings,
-    CairnPointer,
-    CairnAsked,
-    CairnVariant,
-    CairnBody,
-    CairnResult,
-]
+CLASSES = [*PARAMETERS.values(), CairnProp, CairnSettings, *pile_properties.CLASSES]
 
 
 def register():

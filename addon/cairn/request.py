@@ -10,7 +10,7 @@ from . import placed, pointers
 from .client import Fault
 from .export import Exporter
 from .prop_collections import members
-from .properties import GROUPS, fields_of, knows
+from .schema import GROUPS, fields_of, knows
 
 # What a generator yields while it can only wait; and for how long those wait that have nothing else to do, s.
 WAITING = "waiting"

@@ -10,7 +10,7 @@ from bpy.types import Operator
 from . import estimates, job, preferences, preview, request, running
 from .client import Fault
 from .following import explain, explaining, is_running, start_frame
-from .properties import GROUPS
+from .schema import GROUPS
 
 # How often an answer of the server is looked for, how long the scene is read at a time, and how long the preferences
 # wait for an answer, s.

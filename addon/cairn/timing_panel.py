@@ -1,54 +1,42 @@
-"""The panel of a pile's timing, and its button."""
+"""The panel of a pile's timing, and its buttons."""
 
-import bpy
-from bpy.props import StringProperty
 from bpy.types import Operator, Panel
 
 from . import result, states, timing
 from .client import Fault
-from .following import explain
 from .panels import Pile
+from .pile_operators import OfPile
 
 
-class CAIRN_OT_fit_timing(Operator):
+class CAIRN_OT_fit_timing(OfPile, Operator):
     """Let the pile collapse within the scene's range of frames, from its first to its last"""
 
     bl_idname = "cairn.fit_timing"
     bl_label = "Fit to Scene Range"
-    bl_options = {"UNDO"}
 
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
-
-    def execute(self, context):
-        collection = bpy.data.collections.get(self.collection) or result.chosen(context)
-        if collection is None or not collection.cairn.frame_count:
-            return explain(self, Fault("There is no baked pile of this shape. Choose the shape of the one you mean."))
+    def change(self, context, collection):
         scene, note = context.scene, collection.cairn
+        if not note.frame_count:
+            raise Fault("There is no pile of this shape that moves.")
         room = scene.frame_end - scene.frame_start - note.timing_hold
         if room < 1:
-            return explain(self, Fault("The scene's range has no room for the hold. Make the hold shorter."))
+            raise Fault("The scene's range has no room for the hold. Make the hold shorter.")
         note.timing_speed = max(note.frame_count - 1, 1) / room
         note.timing_start = scene.frame_start
-        return {"FINISHED"}
 
 
-class CAIRN_OT_keep_pose(Operator):
+class CAIRN_OT_keep_pose(OfPile, Operator):
     """Keep only the pose that the pile ends with: its animation is removed, and it is at rest at every frame"""
 
     bl_idname = "cairn.keep_pose"
     bl_label = "Final Pose Only"
-    bl_options = {"UNDO"}
 
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
-
-    def execute(self, context):
-        collection = bpy.data.collections.get(self.collection) or result.chosen(context)
-        if collection is None or not collection.cairn.frame_count or collection.cairn.mode == "POSE":
-            return explain(self, Fault("There is no pile of this shape that moves."))
+    def change(self, context, collection):
+        if not collection.cairn.frame_count or collection.cairn.mode == "POSE":
+            raise Fault("There is no pile of this shape that moves.")
         states.restore()
         timing.keep_end(collection)
         states.refresh(context.scene)
-        return {"FINISHED"}
 
 
 class CAIRN_PT_timing(Pile, Panel):

@@ -2,7 +2,7 @@
 
 import re
 
-from .properties import FIELDS, GROUPS, title
+from .schema import FIELDS, GROUPS, title
 
 # Which panel has the parameters of a group.
 PANELS = {

@@ -7,14 +7,14 @@
 
 import os
 import sys
-import traceback
 
 import bpy
 from mathutils import Vector
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 
-from hands import SCREENSHOTS, click, drag, picture, sidebar, view, wait, xdotool
+from hands import SCREENSHOTS, click, drag, sidebar, view, wait, xdotool
+from window import follow_changes, install, make_scene, start, take_out
 
 NAME = os.environ["CAIRN_PICTURE"]
 # Which panels are open.
@@ -30,23 +30,6 @@ SCROLLED = {"variants": 12, "glue": 14, "edit": 9}
 # The tab, before any object is there, from the view's right edge and its top; and how wide the sidebar becomes.
 TAB = 12, 166
 WIDTH = 330
-
-
-def scene(area):
-    with view(area):
-        bpy.ops.mesh.primitive_cone_add(vertices=32, radius1=0.6, depth=1.0, location=(0, 0, 0.5))
-        bpy.context.object.name = "Cone"
-        bpy.ops.mesh.primitive_cube_add(size=1, location=(0.1, -1.1, 0.03))
-        stick = bpy.context.object
-    stick.name, stick.scale = "Stick", (0.3, 0.08, 0.06)
-    props = bpy.data.collections.new("Props")
-    bpy.context.scene.collection.children.link(props)
-    stick.users_collection[0].objects.unlink(stick)
-    props.objects.link(stick)
-    settings = bpy.context.scene.cairn
-    settings.control_mesh, settings.prop_collection = bpy.data.objects["Cone"], props
-    with view(area):
-        bpy.ops.object.select_all(action="DESELECT")
 
 
 def region_of(area, kind):
@@ -82,14 +65,8 @@ def panel(area):
     bpy.context.scene.frame_set(4)
 
 
-def live(area):
-    from cairn import live
-
-    bpy.context.window_manager.cairn_live = True
-    yield from wait(lambda: live.told().startswith("Draft of"), "a draft")
-    bpy.data.objects["Cone"].scale.z = 0.7
-    yield from wait(lambda: not live.told().startswith("Draft of"), "the change to be seen")
-    yield from wait(lambda: live.told().startswith("Draft of"), "the next draft")
+def live(_):
+    yield from follow_changes()
 
 
 def variants(area):
@@ -119,16 +96,7 @@ def edit(area):
     from cairn import result, running
 
     yield from baked(area)
-    with view(area):
-        bpy.ops.cairn.edit_pile()
-    pile = result.chosen(bpy.context)
-    near = sorted(pile.objects, key=lambda body: (body.location - Vector((0.6, 0, 0.1))).length)
-    with view(area):
-        for body in near[:14]:
-            body.select_set(True)
-        bpy.ops.cairn.remove_bodies()
-        bpy.ops.cairn.settle("INVOKE_DEFAULT")
-    yield from wait(lambda: running.bake is None, "the pile to settle")
+    yield from take_out(area, Vector((0.6, 0, 0.1)), 14)
     cone = bpy.data.objects["Cone"]
     group = cone.vertex_groups.new(name="Drop Here")
     group.add([vertex.index for vertex in cone.data.vertices if vertex.co.x > 0.3], 1.0, "REPLACE")
@@ -138,6 +106,7 @@ def edit(area):
         bpy.ops.cairn.add_on_top("INVOKE_DEFAULT", count=20, region=group.name)
     yield from wait(lambda: running.bake is None, "more props")
     yield from wait(lambda: not running.measuring, "the report")
+    yield from wait(lambda: "standing" in running.report_of(result.chosen(bpy.context))["settled"], "the verdicts")
 
 
 def walk():
@@ -160,7 +129,7 @@ def walk():
     edge = region_of(area, "UI").x + 6
     yield from drag((edge, 500), (right - WIDTH, 500))
     assert region_of(area, "UI").width >= WIDTH
-    scene(area)
+    make_scene(area, stick_at=(0.1, -1.1, 0.03))
     area.spaces[0].region_3d.view_distance = 3.4
     area.spaces[0].region_3d.view_location = (0.45, -0.1, 0.45)
     yield from wait(lambda: running.plan, "what a bake is expected to take")
@@ -182,27 +151,6 @@ def open_panels():
         bpy.utils.register_class(cls)
 
 
-def end(code):
-    bpy.ops.preferences.addon_disable(module="cairn")
-    sys.stdout.flush()
-    os._exit(code)
-
-
-def tick():
-    try:
-        return next(STEPS)
-    except StopIteration:
-        end(0)
-    except Exception:  # noqa: BLE001 the window would stay open
-        traceback.print_exc()
-        picture("failed.png")
-        end(1)
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.ops.preferences.addon_install(filepath=os.environ["CAIRN_ADDON"], overwrite=True)
-bpy.ops.preferences.addon_enable(module="cairn")
-bpy.context.preferences.addons["cairn"].preferences.program = os.environ["CAIRN_PROGRAM"]
+install()
 open_panels()
-STEPS = walk()
-bpy.app.timers.register(tick, first_interval=2.0)
+start(walk())

@@ -163,6 +163,21 @@ def test_check_tells_what_each_accuracy_costs(desk, addon):
     assert addon("fingerprint").of(bpy.context.scene) != asked
 
 
+def test_what_glue_does_is_told_before_the_bake(desk, addon):
+    desk.add_stick()
+    panels, told = addon("panels"), {}
+    assert panels.effect_of(desk.settings) == []
+    for shape in ("NATURAL", "TACKY", "AS_MODELLED"):
+        desk.settings.kept_shape = shape
+        assert bpy.ops.cairn.check() == {"FINISHED"}
+        told[shape] = addon("running").plan["kept"]["STANDARD"]
+        lines = panels.effect_of(desk.settings)
+        assert len(lines) == 2 and lines[0].startswith("Likely to keep ") and "%" in lines[0], lines
+    # The highest of ten: less glue keeps less.
+    assert told["NATURAL"][1] < told["TACKY"][1] <= told["AS_MODELLED"][1]
+    assert told["NATURAL"][0] < 0.5 < told["AS_MODELLED"][0] and "dots of glue" in lines[1]
+
+
 def test_without_a_ground_there_is_something_to_fall_on(desk, addon):
     desk.add_stick()
     desk.settings.use_ground = False

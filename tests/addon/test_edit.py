@@ -1,6 +1,7 @@
 """A pile is worked on by hand: what was disturbed settles, the rest keeps its pose to the last bit."""
 
 import json
+import time
 
 import bmesh
 import bpy
@@ -70,6 +71,14 @@ def test_what_stood_on_a_removed_body_settles(edited, desk):
     after = poses(edited)
     same = [name for name in after if after[name] == before[name]]
     assert settled["kept"] <= len(same) < count - 1
+    # What keeps its pose was certified to stand, and is.
+    stood, stands = settled["standing"]
+    assert settled["kept"] >= stood > 0.8 * settled["kept"] and stands >= 0.95 * stood
+    said = desk.addon("weighing").said(told)
+    assert (
+        f"Of the {settled['kept']} untouched, {stood} were certified to stand before" in said
+        and f"{stands} are" in said
+    )
     # One step back is all of it.
     name = edited.name
     bpy.ops.ed.undo()
@@ -121,6 +130,24 @@ def test_more_is_dropped_on_top(edited, desk):
     assert (told["moved"], told["kept"], told["added"]) == (0, count, 6)
     numbers = [body.cairn.number for body in edited.objects]
     assert len(set(numbers)) == len(numbers)
+
+
+def test_what_has_lost_its_hold_is_not_certified(edited, desk):
+    """Were bodies left where nothing holds them, the verdict after the edit would tell."""
+    weighing, edit = desk.addon("weighing"), desk.addon("edit")
+    before = edit.settled(edited)
+    edited.objects[0].location.z += 3.0
+    taken = desk.addon("request").finish(edit.settling(bpy.context, edited))[0]
+    after = {body.cairn.number: edit._state(body) for body in edited.objects}
+    asked = weighing.Weighing(desk.addon("preferences").server(bpy.context), taken, before, set(before))
+    asked.begin("none", after)
+    while weighing.collect():
+        time.sleep(0.05)
+    stood, stands = asked.standing()
+    assert stood > stands > 0
+    (first, second) = (set(job.report["unsupported"]) for job in asked.jobs)
+    lifted = list(after).index(edited.objects[0].cairn.number)
+    assert lifted in second and lifted not in first
 
 
 def test_points_cannot_be_edited(desk):

@@ -207,7 +207,7 @@ def test_every_button_and_setting_says_what_it_does(addon):
     import importlib
 
     properties = addon("properties")
-    for group in (properties.CairnProp, properties.CairnSettings, *properties.PARAMETERS.values()):
+    for group in (properties.CairnProp, properties.CairnSettings, *addon("schema").PARAMETERS.values()):
         for prop in group.bl_rna.properties:
             is_group = prop.type in {"POINTER", "COLLECTION"} and prop.fixed_type.identifier.startswith("Cairn")
             if prop.identifier not in ("rna_type", "name") and not is_group:

@@ -35,7 +35,7 @@ def test_each_choice_is_sent(desk, glue, addon):
 
 
 def test_the_other_parameters_are_in_a_panel_of_their_own(desk, glue, addon):
-    fields = {field["name"] for field in addon("properties").fields_of("Glue")}
+    fields = {field["name"] for field in addon("schema").fields_of("Glue")}
     assert {"friction_factor", "anchor", "breaking", "proof"} <= fields and not {"mode", "strength"} & fields
     desk.settings.glue.use_anchor, desk.settings.glue.anchor = True, "OFF"
     assert glue().anchor == addon("messages").v1.SWITCH_OFF and not glue().HasField("strength")

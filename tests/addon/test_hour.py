@@ -122,127 +122,6 @@ def test_what_the_fill_has_can_be_kept(desk, addon):
     assert all(abs(place.x) < 0.5 and abs(place.y) < 0.5 and -0.1 < place.z < 0.7 for place in inside)
 
 
-def test_a_bake_is_noted_when_it_is_asked_for(desk, addon, tmp_path, monkeypatch):
-    desk.add_stick()
-    path = str(tmp_path / "pile.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    pending, running, job = addon("pending"), addon("running"), addon("job")
-
-    async def never(*_):
-        await job.asyncio.sleep(PATIENCE)
-        yield
-
-    monkeypatch.setattr(job.client, "bake", never)
-    bake = start(desk, addon, accuracy="DRAFT", seed=78)
-    assert pending.of_this_file()["bake_id"] == "" and pending.of_this_file()["recipe"] == bake.recipe
-    folder = pending.request_folder(bake.recipe)
-    end = time.monotonic() + PATIENCE
-    while not folder.exists():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    monkeypatch.undo()
-    # Blender closes, and the shape is another one when the file is opened again: what was asked for counts.
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    assert running.left is not None and running.left["bake_id"] == ""
-    bpy.data.objects["Heap"].scale = (0.1, 0.1, 0.1)
-    assert bpy.ops.cairn.fetch() == {"FINISHED"}
-    assert len(bpy.data.collections["Heap Pile"].objects) > 20
-    assert pending.of_this_file() is None and not folder.exists()
-
-
-def test_fetching_draws_the_props(desk, addon, tmp_path):
-    desk.add_stick()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "pile.blend"))
-    taken = addon("request").take(bpy.context)
-    props = addon("request").finish(addon("operators").seen_props(bpy.context, taken.recipe))
-    assert [len(prop.outlines[0].triangles) for prop in props] == [12]
-
-
-def test_a_file_that_gets_its_name_while_connecting_is_fetched(desk, addon, tmp_path, monkeypatch):
-    desk.add_stick()
-    assert not bpy.data.filepath
-    path, pending, job = str(tmp_path / "late.blend"), addon("pending"), addon("job")
-
-    async def never(*_):
-        await job.asyncio.sleep(PATIENCE)
-        yield
-
-    monkeypatch.setattr(job.client, "bake", never)
-    bake = start(desk, addon, accuracy="DRAFT", seed=79)
-    folder, end = pending.request_folder(bake.recipe), time.monotonic() + PATIENCE
-    while not folder.exists():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    monkeypatch.undo()
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    assert addon("running").left["bake_id"] == "" and bpy.ops.cairn.fetch() == {"FINISHED"}
-    assert len(bpy.data.collections["Heap Pile"].objects) > 20
-    assert pending.of_this_file() is None and not folder.exists()
-
-
-def test_two_blenders_with_one_file_keep_their_notes(desk, addon, tmp_path):
-    desk.add_stick()
-    pending, request, running = addon("pending"), addon("request"), addon("running")
-    first, second = (request.take(bpy.context).recipe for _ in range(2))
-    path = str(tmp_path / "shared.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    pending.note(first, "1")
-    pending.note(second, "2")
-    # The server has taken the first one's, later.
-    pending.note(first, "one")
-    assert pending.of_this_file()["bake_id"] == "one"
-    assert pending.of_this_file(besides=first["token"])["bake_id"] == "2"
-    pending.forget(first)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    assert running.left["bake_id"] == "2"
-    pending.note(first, "one")
-    assert bpy.ops.cairn.forget() == {"FINISHED"} and running.left["bake_id"] == "2"
-    # Whatever the file is called when its bake ends.
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
-    assert pending.of_this_file() is None
-    pending.forget(second)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    assert running.left is None
-
-
-def test_no_more_is_kept_than_somebody_may_come_back_to(desk, addon, tmp_path, monkeypatch):
-    desk.add_stick()
-    pending, request = addon("pending"), addon("request")
-    monkeypatch.setattr(pending, "MOST", 2)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "many.blend"))
-    recipes = [request.take(bpy.context).recipe for _ in range(5)]
-    for recipe in recipes:
-        pending.request_folder(recipe).mkdir(parents=True)
-        pending.note(recipe, "")
-    pending.note(recipes[-1], "last")
-    there = [pending.request_folder(recipe).exists() for recipe in recipes]
-    assert not any(there[:3]) and all(there[3:])
-    for _ in recipes[3:]:
-        pending.give_up()
-    assert pending.of_this_file() is None and not any(pending.request_folder(recipe).exists() for recipe in recipes)
-
-
-def test_two_blenders_keep_their_notes(desk, addon, tmp_path):
-    """Each writes a file of its own, and removes none but its own."""
-    desk.add_stick()
-    pending, request = addon("pending"), addon("request")
-    first, second = (request.take(bpy.context).recipe for _ in range(2))
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "one.blend"))
-    pending.note(first, "1")
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "two.blend"))
-    assert pending.of_this_file() is None
-    pending.note(second, "2")
-    assert pending.of_this_file()["bake_id"] == "2"
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "one.blend"))
-    pending.forget(second)
-    assert pending.of_this_file()["bake_id"] == "1"
-    pending.give_up()
-    assert pending.of_this_file() is None
-
-
 def test_empties_with_nothing_below_are_no_props(desk, addon):
     desk.add_stick()
     marker = bpy.data.objects.new("Marker", None)
@@ -369,15 +248,15 @@ def test_a_rename_during_a_bake_does_no_harm(desk, addon):
 
 def test_other_presets_show_their_values(desk, addon):
     desk.add_stick()
-    presets, properties = addon("presets"), addon("properties")
+    presets, schema = addon("presets"), addon("schema")
     bpy.ops.cairn.check()
     told = {}
     for accuracy in ("DRAFT", "STANDARD"):
         desk.settings.accuracy = accuracy
         told[accuracy] = {
             (message, field["name"]): presets.text(getattr(desk.settings, name), field)
-            for message, name in properties.GROUPS.items()
-            for field in properties.fields_of(message)
+            for message, name in schema.GROUPS.items()
+            for field in schema.fields_of(message)
         }
     assert told["DRAFT"] != told["STANDARD"]
     known = [value for value in told["DRAFT"].values() if value != "–"]
@@ -430,79 +309,6 @@ def test_props_are_drawn_as_they_look(addon):
     square = outline.shaded(*outline.box(soup))
     # A sharp edge has a normal for each side.
     assert len(square.triangles) == 12 and len(square.points) > 24
-
-
-@pytest.fixture
-def live(desk, addon):
-    """Without a window there are no timers: turns them by hand."""
-    live = addon("live")
-    live.show(True)
-
-    def turn(until, patience=PATIENCE):
-        end = time.monotonic() + patience
-        while not until() and time.monotonic() < end:
-            live._look()
-            time.sleep(0.01)
-        return until()
-
-    yield live, turn
-    live.show(False)
-
-
-def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
-    live, turn = live
-    drawn = []
-
-    class Preview:
-        def __init__(self, props, metres):
-            self.props = props
-
-        def update(self, snapshot):
-            drawn.append(snapshot)
-
-        def remove(self):
-            drawn.append(None)
-
-    monkeypatch.setattr(live.preview, "Preview", Preview)
-    asked = []
-    start = addon("job").Job.start
-    monkeypatch.setattr(addon("job").Job, "start", lambda job: asked.append(job) or start(job))
-    stages, add_frame = set(), addon("recording").Recording.add_frame
-
-    def adding(recording, frame):
-        stages.add(frame.stage)
-        return add_frame(recording, frame)
-
-    monkeypatch.setattr(addon("recording").Recording, "add_frame", adding)
-    assert turn(lambda: "made of" in live.told())
-    desk.add_stick()
-    desk.settings.accuracy = "REFERENCE"
-    before = all_blocks(), bpy.context.scene.frame_current
-    assert turn(lambda: drawn)
-    v1 = addon("messages").v1
-    assert asked[-1].spec.scene.accuracy == v1.ACCURACY_DRAFT
-    assert drawn[-1].stage != v1.STAGE_FILL and drawn[-1].present.sum() > 10 and "Draft of" in live.told()
-    # The fill is not sent, and what is drawn is the pose that the whole bake ends with.
-    assert asked[-1].recording.frames and not stages & {v1.STAGE_FILL}
-    whole = addon("job").Job(asked[-1].server, asked[-1].spec, asked[-1].contents)
-    whole.start()
-    while whole.news.get(timeout=PATIENCE)[0] != "done":
-        pass
-    assert np.array_equal(drawn[-1].positions, whole.recording.frames[-1].positions)
-    asked.clear(), drawn.clear()
-    # A change drops what is under way; the old picture stays until the new one is there.
-    desk.control.scale.z = 0.5
-    bpy.context.view_layer.update()
-    assert turn(lambda: len(asked) == 1)
-    desk.settings.seed = 5
-    assert turn(lambda: len(drawn) == 2)
-    assert len(asked) == 2 and drawn[0] is None and asked[1].spec.scene.seed == 5
-    assert turn(lambda: False, 1.0) is False and len(asked) == 2
-    desk.control.scale.z, desk.settings.seed = 1.0, 1
-    assert (all_blocks(), bpy.context.scene.frame_current) == before
-    live.show(False)
-    assert drawn[-1] is None and live._on_change not in bpy.app.handlers.depsgraph_update_post
-    assert not bpy.app.timers.is_registered(live._look)
 
 
 def test_the_report_can_be_switched_off(desk, addon):

@@ -9,7 +9,7 @@ from conftest import cuboid, shown_vertices
 @pytest.fixture
 def placing(desk):
     """A desk, if the server's schema has bodies."""
-    if not desk.addon("properties").knows("Body"):
+    if not desk.addon("schema").knows("Body"):
         pytest.skip("the schema has no bodies placed by hand")
     desk.add_stick()
     return desk

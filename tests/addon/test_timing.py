@@ -101,7 +101,7 @@ def test_the_final_pose_stays_alone(desk, addon, mode):
     assert (states is None) == (shown is None) and (shown is None or (states == shown).all())
     with pytest.raises(RuntimeError, match="no pile"):
         bpy.ops.cairn.keep_pose()
-    with pytest.raises(RuntimeError, match="no baked pile"):
+    with pytest.raises(RuntimeError, match="no pile"):
         bpy.ops.cairn.fit_timing()
     # One step back is all of it.
     bpy.ops.ed.undo()

@@ -10,7 +10,6 @@ $CAIRN_SCREENSHOTS a folder for pictures of the window.
 import os
 import sys
 import time
-import traceback
 
 import bpy
 
@@ -19,16 +18,16 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import hands
 import ui_hour
 from hands import click, picture, press, sidebar, view, wait, xdotool
+from window import install, make_scene, start
 
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
 # there; the button; and Cancel, at the right end of the same row while a bake runs.
 TAB = 1144, 192
-BAKE_BELOW_ACCURACIES = 1000, 468
+BAKE_BELOW_ACCURACIES = 1000, 488
 ACCURACY_HEIGHT = 21
 CANCEL_X = 1106
 VIEW = 600, 500
 OUTLINER = 1270, 170
-PROGRAM = os.environ["CAIRN_PROGRAM"]
 
 
 def answer_escape():
@@ -41,30 +40,12 @@ def answer_escape():
     yield from click(VIEW[0], VIEW[1] + 2)
 
 
-def scene(area):
-    with view(area):
-        bpy.ops.mesh.primitive_cone_add(vertices=32, radius1=0.6, depth=1.0, location=(0, 0, 0.5))
-        bpy.context.object.name = "Cone"
-        bpy.ops.mesh.primitive_cube_add(size=1, location=(1.5, 0, 0.2))
-        stick = bpy.context.object
-    stick.name, stick.scale = "Stick", (0.3, 0.08, 0.06)
-    props = bpy.data.collections.new("Props")
-    bpy.context.scene.collection.children.link(props)
-    stick.users_collection[0].objects.unlink(stick)
-    props.objects.link(stick)
-    settings = bpy.context.scene.cairn
-    settings.control_mesh, settings.prop_collection = bpy.data.objects["Cone"], props
-    with view(area):
-        bpy.ops.view3d.view_all()
-        bpy.ops.object.select_all(action="DESELECT")
-
-
 def walk():
     """The steps; what is yielded is the pause until the next, s."""
-    from cairn import properties, running
+    from cairn import running, schema
 
     # One line for each accuracy that there is.
-    bake_button = BAKE_BELOW_ACCURACIES[0], BAKE_BELOW_ACCURACIES[1] + ACCURACY_HEIGHT * len(properties.ACCURACIES)
+    bake_button = BAKE_BELOW_ACCURACIES[0], BAKE_BELOW_ACCURACIES[1] + ACCURACY_HEIGHT * len(schema.ACCURACIES)
     for source in list(bpy.data.objects):
         bpy.data.objects.remove(source)
     area = sidebar()
@@ -72,7 +53,9 @@ def walk():
     yield from click(*TAB)
     yield 1.0
     picture("1-empty.png")
-    scene(area)
+    make_scene(area, stick_at=(1.5, 0, 0.2))
+    with view(area):
+        bpy.ops.view3d.view_all()
     settings = bpy.context.scene.cairn
     yield 1.0
     picture("2-before.png")
@@ -203,26 +186,5 @@ def by_state(area, name):
     assert shading.color_type == before and sorted(bpy.data.objects.keys()) == objects
 
 
-def end(code):
-    bpy.ops.preferences.addon_disable(module="cairn")
-    sys.stdout.flush()
-    os._exit(code)
-
-
-def tick():
-    try:
-        return next(STEPS)
-    except StopIteration:
-        end(0)
-    except Exception:  # noqa: BLE001 the window would stay open
-        traceback.print_exc()
-        picture("failed.png")
-        end(1)
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.ops.preferences.addon_install(filepath=os.environ["CAIRN_ADDON"], overwrite=True)
-bpy.ops.preferences.addon_enable(module="cairn")
-bpy.context.preferences.addons["cairn"].preferences.program = PROGRAM
-STEPS = walk()
-bpy.app.timers.register(tick, first_interval=2.0)
+install()
+start(walk())

@@ -5,6 +5,7 @@ import time
 import bpy
 from blocks import all_blocks
 from hands import picture, view, wait
+from window import follow_changes, take_out
 
 # How long nobody does anything, s.
 IDLE = 8.0
@@ -41,7 +42,7 @@ def idle():
 
 
 def work(area):
-    from cairn import live, running
+    from cairn import running
 
     manager = bpy.context.window_manager
     settings = bpy.context.scene.cairn
@@ -53,11 +54,7 @@ def work(area):
 
     # A draft while shaping.
     before = all_blocks()
-    manager.cairn_live = True
-    yield from wait(lambda: live.told().startswith("Draft of"), "a draft")
-    bpy.data.objects["Cone"].scale.z = 0.7
-    yield from wait(lambda: not live.told().startswith("Draft of"), "the change to be seen")
-    yield from wait(lambda: live.told().startswith("Draft of"), "the next draft")
+    yield from follow_changes()
     yield 0.5
     picture("8-live.png")
     manager.cairn_live = False
@@ -99,18 +96,9 @@ def seeds(area):
 
 
 def editing(area):
-    from cairn import result, running
+    from cairn import result, running, weighing
 
-    with view(area):
-        bpy.ops.cairn.edit_pile()
-    pile = result.chosen(bpy.context)
-    nearest = sorted(pile.objects, key=lambda body: (body.location - bpy.data.objects["Stick"].location).length)
-    with view(area):
-        for body in nearest[:20]:
-            body.select_set(True)
-        bpy.ops.cairn.remove_bodies()
-        bpy.ops.cairn.settle("INVOKE_DEFAULT")
-    yield from wait(lambda: running.bake is None, "the pile to settle")
+    yield from take_out(area, bpy.data.objects["Stick"].location, 20)
     cone = bpy.data.objects["Cone"]
     with view(area):
         bpy.ops.cairn.paint_region()
@@ -126,6 +114,9 @@ def editing(area):
     # Undo may have put others in their places since.
     settled = running.report_of(result.chosen(bpy.context))["settled"]
     assert settled["added"] == 20 and settled["moved"] == 0 and settled["kept"] > 50, settled
+    yield from wait(lambda: "standing" in running.report_of(result.chosen(bpy.context))["settled"], "the verdicts")
+    told = running.report_of(result.chosen(bpy.context))
+    assert weighing.said(told).startswith(f"Of the {told['settled']['kept']} untouched, "), told["settled"]
     yield 0.5
     picture("8-edited.png")
     print(f"worked for {time.process_time():.0f} s of CPU time in all", flush=True)

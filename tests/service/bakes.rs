@@ -41,6 +41,8 @@ async fn a_plan_simulates_nothing() {
     assert_eq!(plan.estimates.len(), 5);
     assert!(plan.estimates.iter().all(|e| e.cpu_seconds > 0.0 && e.factor >= 1.0 && e.penetration_mean_rel > 0.0));
     assert!(plan.estimates.iter().all(|e| e.glue_dots > 0.0));
+    assert!(plan.estimates.iter().all(|e| e.kept_shape_low <= e.kept_shape && e.kept_shape <= e.kept_shape_high));
+    assert!(plan.estimates.iter().all(|e| e.kept_shape > 0.9), "as modelled");
     assert_eq!(planned.effective_scene.unwrap().seed, Some(1));
     let list = service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner();
     assert!(list.bakes.is_empty());

@@ -74,6 +74,9 @@ pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>) -> S
     if let Some(dots) = expected.map(|expected| expected.glue_dots).filter(|dots| *dots >= 1.0) {
         line("dots of glue", format!("{:.0} to {:.0}, as the shape needs", (dots / 4.0).ceil(), (2.0 * dots).ceil()));
     }
+    if let Some([low, _, high]) = expected.and_then(|expected| expected.kept_shape) {
+        line("kept shape", format!("{:.0} to {:.0} %, of eight bakes of ten", 100.0 * low, 100.0 * high));
+    }
     line("prop diameter", format!("{:.3} m", plan.prop_diameter));
     line("natural time", format!("{:.3} s", plan.natural_time));
     for effect in plan.effects.iter().filter(|effect| effect.on) {

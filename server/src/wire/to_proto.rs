@@ -103,7 +103,11 @@ pub fn body_state(state: State) -> proto::BodyState {
 /// `estimates`: none where the machine is not to be told. `params`: the scene's own.
 pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Params) -> proto::Plan {
     let expected = estimates.iter().find(|estimate| estimate.accuracy == params.accuracy);
+    let kept = |estimate: &Estimate, n: usize| estimate.kept_shape.map_or(0.0, |kept| kept[n]);
     let estimate = |estimate: &Estimate| proto::Estimate {
+        kept_shape_low: kept(estimate, 0),
+        kept_shape: kept(estimate, 1),
+        kept_shape_high: kept(estimate, 2),
         accuracy: accuracy(estimate.accuracy).into(),
         cpu_seconds: estimate.cpu_seconds,
         factor: estimate.factor,

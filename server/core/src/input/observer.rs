@@ -96,7 +96,8 @@ pub trait Observer {
         false
     }
 
-    /// A frame is there: in order, the fill's at the result's frame rate, then each of the result.
+    /// A frame is there: in order, the fill's at the result's frame rate, then each of the result: its final pose alone, where no
+    /// frames are kept.
     fn frame(&mut self, _: &Frame) {}
 }
 

@@ -27,6 +27,9 @@ pub struct Estimate {
     pub glue_seconds: f64,
     /// Dots of glue, more or less: shapes that hang over need several times as many as shapes that stand almost by themselves.
     pub glue_dots: f64,
+    /// Expected `kept_shape`, with the glue that is set: of ten bakes, five are below the second, and eight between the first and the
+    /// third. `None` without a fill.
+    pub kept_shape: Option<[f64; 3]>,
     /// CPU seconds of release and hold; the rest is for shapes and measures.
     pub release_seconds: f64,
     /// Nine of ten bakes take between `cpu_seconds` / `factor` and `cpu_seconds` * `factor`.
@@ -183,6 +186,9 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], m
     let thickness = |((shape, prop), share): ((&Shape, &Prop), &f64)| {
         share * shape.thickness() * (prop.scale[0] + prop.scale[1]) / 2.0
     };
+    let bound = params.glue_bound(scene.is_filled(params));
+    let (dots, kept) = model::kept(bound);
+    let rounds = if params.accuracy == Accuracy::Draft { model::DRAFT_DOTS } else { 1.0 };
     let all: f64 = checked.shares.iter().sum();
     let thickness = shapes.iter().zip(&scene.props).zip(&checked.shares).map(thickness).sum::<f64>() / all;
     Estimate {
@@ -191,7 +197,8 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], m
         cpu_seconds: fill_seconds + glue_seconds + release_seconds + rest,
         fill_seconds,
         glue_seconds,
-        glue_dots: if workload.glued { model::DOTS_PER_BODY * workload.bodies } else { 0.0 },
+        glue_dots: rounds * dots * model::DOTS_PER_BODY * workload.bodies,
+        kept_shape: scene.is_filled(params).then_some(kept),
         release_seconds,
         factor: model::FACTOR,
         penetration_mean_rel,

@@ -42,6 +42,8 @@ pub struct Support {
     /// `unsupported_fraction`: share of the resting bodies that the best global distribution of contact forces found leaves
     /// unbalanced by more than [`UNBALANCED`]. All contacts count, up to a gap of [`REAL_CONTACT`]. `None` where there is none.
     pub unsupported: Option<f64>,
+    /// Those bodies, rising.
+    pub bodies: Vec<BodyId>,
     pub iterations: u64,
 }
 
@@ -56,6 +58,7 @@ pub fn support(world: &World, going: &mut dyn FnMut() -> ControlFlow<()>) -> Res
     let is_resting = |id: BodyId| world.speed(id) < REST_SPEED;
     let resting = whole.ids.iter().filter(|&&id| is_resting(id)).count();
     let unbalanced = |(&id, &e): (&BodyId, &f64)| is_resting(id) && e > UNBALANCED;
-    let count = whole.ids.iter().zip(&missing).filter(|&pair| unbalanced(pair)).count();
-    Ok(Support { unsupported: Some(count as f64 / resting.max(1) as f64), iterations })
+    let bodies: Vec<BodyId> =
+        whole.ids.iter().zip(&missing).filter(|&pair| unbalanced(pair)).map(|(&id, _)| id).collect();
+    Ok(Support { unsupported: Some(bodies.len() as f64 / resting.max(1) as f64), bodies, iterations })
 }

@@ -109,6 +109,7 @@ pub fn report(
         counts,
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds,
+        unsupported: support.bodies,
         warnings: told,
     })
 }

@@ -46,6 +46,9 @@ pub struct Report {
     pub shapes: Vec<ShapeFit>,
     /// CPU seconds by stage.
     pub seconds: BTreeMap<Stage, f64>,
+    /// The bodies behind `unsupported_fraction`, rising.
+    #[serde(default)]
+    pub unsupported: Vec<usize>,
     /// What each effect did and cost.
     pub bill: Vec<Charge>,
     /// Sentences for a person: what was repaired, removed, left empty, not at rest.

@@ -32,15 +32,33 @@ impl Show {
         }
         let states = pile.control.states(&pile.world);
         while self.shown < count && self.shown <= self.last {
-            let number = self.shown;
-            let shown = |((pose, b), &state): ((Pose, &Instance), &State)| {
-                Some(Shown { prop: b.prop, scale: b.scale, pose, state })
-            };
-            let poses = pile.prop_frame(number).zip(&pile.instances);
-            let bodies: Vec<Option<Shown>> = poses.zip(&states).map(shown).collect();
-            let time = number as f64 / self.fps;
-            observer.frame(&Frame { stage, number, time, bodies: &bodies });
+            let time = self.shown as f64 / self.fps;
+            tell(pile, self.shown, &states, observer, |bodies| Frame { stage, number: self.shown, time, bodies });
             self.shown += 1;
         }
     }
+
+    /// Shows the final pose, as the only frame, where none are kept.
+    pub fn end(&self, pile: &Pile, observer: &mut dyn Observer, stage: Stage) {
+        if observer.wants_frames() && !pile.recorder.keeps() {
+            let time = pile.recorder.count().min(self.last) as f64 / self.fps;
+            let states = pile.control.states(&pile.world);
+            let latest = pile.recorder.frames.len() - 1;
+            tell(pile, latest, &states, observer, |bodies| Frame { stage, number: 0, time, bodies });
+        }
+    }
+}
+
+/// Shows what was recorded as `recorded`, as the frame that `of` makes of its bodies.
+fn tell(
+    pile: &Pile,
+    recorded: usize,
+    states: &[State],
+    observer: &mut dyn Observer,
+    of: impl FnOnce(&[Option<Shown>]) -> Frame<'_>,
+) {
+    let shown =
+        |((pose, b), &state): ((Pose, &Instance), &State)| Some(Shown { prop: b.prop, scale: b.scale, pose, state });
+    let bodies: Vec<Option<Shown>> = pile.prop_frame(recorded).zip(&pile.instances).zip(states).map(shown).collect();
+    observer.frame(&of(&bodies));
 }

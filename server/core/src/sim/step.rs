@@ -104,6 +104,11 @@ impl<'a> Simulation<'a> {
         self.show.run(&self.pile, observer, stage);
     }
 
+    /// Shows the final pose where no frames are kept.
+    pub fn show_end(&self, observer: &mut dyn Observer, stage: Stage) {
+        self.show.end(&self.pile, observer, stage);
+    }
+
     /// One step. `stage`: of the bake; `fraction`: how far it is, 0 to 1.
     pub fn advance(
         &mut self,

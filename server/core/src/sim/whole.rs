@@ -21,9 +21,11 @@ pub struct Whole {
 
 impl Whole {
     /// The world as it stands. All contacts count, up to a gap of `gap` of the thinner body's thickness; what is pinned carries
-    /// like scenery.
+    /// like scenery. Where all is pinned, all is weighed as if it were let go.
     pub fn new(world: &World, gap: f64) -> Whole {
-        let is_pinned = |id: BodyId| world.bodies()[id].role.stands();
+        let stands = |id: BodyId| world.bodies()[id].role.stands();
+        let some_may_move = world.present().any(|id| !stands(id));
+        let is_pinned = |id: BodyId| some_may_move && stands(id);
         let ids: Vec<BodyId> = world.present().filter(|&id| !is_pinned(id)).collect();
         let body = |&id: &BodyId| {
             let b = &world.bodies()[id];

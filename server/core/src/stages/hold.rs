@@ -93,5 +93,6 @@ pub fn run(
         sim.pile.recorder.fit(n as usize);
         sim.show(observer, Stage::Hold);
     }
+    sim.show_end(observer, Stage::Hold);
     Ok(HoldOutcome { at_rest, resting_speed_max: top_speed.max(sim.top_speed), rest: rest.filter(|_| at_rest) })
 }

@@ -1,0 +1,141 @@
+"""What the file remembers of bakes: of those under way, of variants, of finished piles and their bodies."""
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+from bpy.types import PropertyGroup
+
+
+class CairnPointer(PropertyGroup):
+    """Something that a bake was made of. Its name is its key."""
+
+    object: PointerProperty(type=bpy.types.Object)
+    collection: PointerProperty(type=bpy.types.Collection)
+
+
+class CairnAsked(PropertyGroup):
+    """What a bake under way is made of, so that a new name does no harm."""
+
+    token: StringProperty()
+    pointers: CollectionProperty(type=CairnPointer)
+
+
+class CairnVariant(PropertyGroup):
+    """A bake that was tried, kept by the server: its name tells it from the others."""
+
+    bake_id: StringProperty()
+    # JSON.
+    recipe: StringProperty()
+    # How it went, in a few words; empty before it is done.
+    told: StringProperty()
+    # What it is made of, whatever that is called now.
+    pointers: CollectionProperty(type=CairnPointer)
+
+
+class CairnBody(PropertyGroup):
+    """What an object of a pile remembers."""
+
+    # Which body of the pile it is, counted from 1, or the first of those that it shows; 0: none.
+    number: IntProperty()
+    # Which of the pile's props it is, counted from 0, and its size, as a factor.
+    prop: IntProperty()
+    size: FloatProperty(default=1.0)
+    # While it is coloured by state: the colour that is its own; of points, whether they were shown.
+    is_coloured: BoolProperty()
+    color: FloatVectorProperty(size=4)
+    was_shown: BoolProperty()
+
+
+def _retime(self, _):
+    from . import timing
+
+    timing.apply(self.id_data)
+
+
+def _display(self, _):
+    for body in self.id_data.objects:
+        body.display_type = self.display
+
+
+class CairnResult(PropertyGroup):
+    """What a collection with a baked pile remembers: enough to bake it again, and to tell how it went."""
+
+    is_result: BoolProperty()
+    bake_id: StringProperty()
+    result_hash: StringProperty()
+    mode: StringProperty()
+    # JSON.
+    settings: StringProperty()
+    report: StringProperty()
+    # As `states` packs them.
+    states: StringProperty()
+    # JSON: the server's bodies that no object shows.
+    left_out: StringProperty()
+    # Frames of the result, and when they are shown: as set, and as the pile has it (JSON).
+    frame_count: IntProperty()
+    timing_start: IntProperty(
+        name="Start Frame",
+        description="Frame of the scene at which the pile begins to be held",
+        default=1,
+        update=_retime,
+    )
+    timing_hold: IntProperty(
+        name="Hold",
+        description="For how many frames the pile stands still before it is let go",
+        min=0,
+        max=100000,
+        update=_retime,
+    )
+    timing_speed: FloatProperty(
+        name="Speed",
+        description="How fast the collapse plays: 2 is twice as fast as it was simulated, 0.5 slow motion",
+        default=1.0,
+        min=0.001,
+        soft_min=0.1,
+        soft_max=10.0,
+        max=1000.0,
+        update=_retime,
+    )
+    timing_ease: FloatProperty(
+        name="Ease",
+        description="Above 0 the collapse begins slowly and becomes faster; below 0 it begins fast and becomes slower. "
+        "Its length stays",
+        min=-2.0,
+        max=2.0,
+        update=_retime,
+    )
+    timed: StringProperty()
+    display: EnumProperty(
+        name="Display",
+        description="How the bodies are shown in the 3D View. Renders are not changed by it",
+        items=[
+            ("TEXTURED", "Full", "As they are"),
+            ("SOLID", "Plain", "Without textures"),
+            ("BOUNDS", "Boxes", "As boxes: the quickest"),
+        ],
+        update=_display,
+    )
+    # Of a pile that is worked on by hand: its bodies as they settled last (JSON).
+    settled: StringProperty()
+    # Not a result, but in one, with what shows points by state.
+    is_of_state: BoolProperty()
+    # Whether the bodies are in their props' collections, too; and not a result, but there: whose bodies it has.
+    use_prop_collections: BoolProperty()
+    of_pile: PointerProperty(type=bpy.types.Collection)
+    control: PointerProperty(type=bpy.types.Object)
+    # What the settings and the bodies came from, by the recipe's keys.
+    pointers: CollectionProperty(type=CairnPointer)
+    # How the control mesh was shown before.
+    control_hide_render: BoolProperty()
+    control_display_type: StringProperty()
+
+
+CLASSES = [CairnPointer, CairnAsked, CairnVariant, CairnBody, CairnResult]

@@ -1,0 +1,110 @@
+"""The groups of parameters, made of the scene's schema: its comments are their tooltips."""
+
+import json
+from pathlib import Path
+
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
+from bpy.types import PropertyGroup
+
+FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
+# What the add-on sets itself, from its own properties or from Blender's scene.
+OWN = {("Output", "fps"), ("Output", "frames"), ("Effects", "frames"), ("Glue", "mode"), ("Glue", "strength")}
+# Names of groups in the settings, by message: those whose fields have values in the accuracy's preset.
+GROUPS = {
+    "Physics": "physics",
+    "Base": "base",
+    "Fill": "fill",
+    "Release": "release",
+    "Control": "control",
+    "Glue": "glue",
+    "Hold": "hold",
+    "Output": "output",
+    "Effects": "effects",
+    "Figures": "report",
+}
+
+
+def knows(message, field=None):
+    """Whether the schema has a message, or a field in it."""
+    return message in FIELDS and (field is None or any(told["name"] == field for told in FIELDS[message]))
+
+
+def fields_of(message):
+    return [field for field in FIELDS.get(message, []) if (message, field["name"]) not in OWN]
+
+
+def _limits(field, whole):
+    number = (lambda value: int(max(min(value, 2**31 - 1), -(2**31)))) if whole else float
+    limits = {}
+    if field.get("min") is not None:
+        limits["min"] = number(field["min"])
+    if field.get("max") is not None:
+        limits["max"] = number(field["max"])
+    return limits
+
+
+def _default(field, kind, otherwise):
+    try:
+        return kind(field["default"])
+    except (TypeError, ValueError):
+        return max(otherwise, kind(field.get("min") or 0))
+
+
+def _property(field):
+    about = {"name": title(field["name"]), "description": field["description"]}
+    if field["kind"] == "bool":
+        return BoolProperty(default=field["default"] == "true", **about)
+    if field["kind"] == "int":
+        return IntProperty(default=_default(field, int, 0), **_limits(field, True), **about)
+    if field["kind"] == "float":
+        return FloatProperty(default=_default(field, float, 0.0), precision=3, **_limits(field, False), **about)
+    items = items_of(field)
+    default = (field["default"] or "").upper()
+    return EnumProperty(items=items, default=next((i[0] for i in items if i[0] == default), items[0][0]), **about)
+
+
+def items_of(field):
+    """An enum's values, with the schema's numbers: those are what a .blend file keeps."""
+    return [(name, title(name), description, "NONE", number) for name, description, number in field["items"]]
+
+
+def title(name):
+    return name.replace("_", " ").title()
+
+
+def _only_one(message, field):
+    """Of the fields that exclude each other, one at most is set."""
+    rivals = [
+        "use_" + other["name"]
+        for other in fields_of(message)
+        if field.get("choice") and other.get("choice") == field["choice"] and other is not field
+    ]
+
+    def update(self, _):
+        for rival in rivals:
+            if getattr(self, "use_" + field["name"]) and getattr(self, rival):
+                setattr(self, rival, False)
+
+    return update if rivals else None
+
+
+def _group(message):
+    properties = {}
+    for field in fields_of(message):
+        properties[field["name"]] = _property(field)
+        about = f"Set {title(field['name'])} here, instead of by the accuracy"
+        properties["use_" + field["name"]] = BoolProperty(
+            name="Set " + title(field["name"]), description=about, update=_only_one(message, field)
+        )
+    return type(f"Cairn{message}", (PropertyGroup,), {"__annotations__": properties})
+
+
+PARAMETERS = {message: _group(message) for message in GROUPS if message in FIELDS}
+
+
+# From the quickest on; those that the schema has.
+BY_COST = ("DRAFT", "PREVIEW", "STANDARD", "FINE", "REFERENCE", "PAPER")
+ACCURACIES = sorted(
+    items_of(next(field for field in FIELDS["Scene"] if field["name"] == "accuracy")),
+    key=lambda item: BY_COST.index(item[0]) if item[0] in BY_COST else len(BY_COST),
+)
