@@ -11,6 +11,9 @@ from .client import Fault, Target
 from .job import Server
 from .server import LocalServer, find
 
+# Where an artist chooses the server.
+client.place = " in the add-on's preferences"
+
 _local = None
 
 

@@ -5,7 +5,6 @@ use super::progress::{self, Mode, Reporter};
 use super::remote::{self, Access, Asked, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
-use crate::files;
 use crate::job::reuse::Cache;
 use crate::job::{self, Job, Outcome, machine};
 use crate::model::export::{self, Format};
@@ -44,9 +43,9 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
 
-    /// How progress is told, on stderr
+    /// How progress is told; on stderr, where nothing else is said
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
-    progress: Mode,
+    pub progress: Mode,
 
     /// Tell nothing but errors
     #[arg(short, long)]
@@ -86,10 +85,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None if output::is_stdout(&args.output) => Format::Glb,
         None => export::check_destination(&args.output)?,
     };
+    if args.progress == Mode::Openjd && output::is_stdout(&args.output) {
+        let what = "the progress goes to the standard output, too";
+        return Err(Failure::Usage(vec![Problem::new("--progress openjd", what, "Name a file for the result.")]));
+    }
     let scene = args.scene.tree()?.to_message();
     if let Some(server) = &args.server {
-        let folder = args.scene.scene.as_deref().map_or(Path::new("."), files::folder_of);
-        let files = remote::Files::read(&scene, folder)?;
+        let files = remote::Files::read(&scene, args.scene.folder())?;
         check_outputs(args, files.paths())?;
         let (output, report) = (Some(&*args.output), args.report.as_deref());
         let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
@@ -120,7 +122,7 @@ fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure
     let is_written = written.transpose()?.is_some();
     if is_written && matches!(done, Err(job::Error::Bake(cairn_core::Error::Cancelled))) {
         tell("error", AnsiColor::Red, &format!("cancelled; {name} is complete, but its figures were not found"));
-        return Err(Failure::Told(Failure::CANCELLED));
+        return Err(Failure::Told(interrupt::code()));
     }
     let Outcome { bake, report, seconds, .. } = done?;
     if let Some(path) = &args.report {

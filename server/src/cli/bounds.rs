@@ -53,6 +53,8 @@ impl Bounds {
         })?;
         match status.code() {
             Some(0) => Ok(()),
+            // It was asked by this process, and does not know by whom that was.
+            Some(_) if interrupt::asked() => Err(Failure::Told(interrupt::code())),
             Some(code) => Err(Failure::Told(u8::try_from(code).unwrap_or(1))),
             None if has_aborted(status) => Err(Failure::Input(vec![Problem::new(
                 "the scene",

@@ -1,5 +1,6 @@
 //! Why a command ends without its result, and the exit code that says so.
 
+use super::interrupt;
 use crate::job;
 use crate::model::export::ExportError;
 use crate::problem::Problem;
@@ -19,7 +20,7 @@ pub enum Failure {
     Internal(String),
     /// Nothing is wrong with the scene; the result could not be written.
     TryAgain(Problem),
-    /// The user pressed Ctrl-C.
+    /// The user pressed Ctrl-C, or a system sent SIGTERM.
     Cancelled,
     /// It has been told, and this is its exit code.
     Told(u8),
@@ -27,14 +28,15 @@ pub enum Failure {
 
 impl Failure {
     pub const CANCELLED: u8 = 130;
+    pub const TRY_AGAIN: u8 = 75;
 
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self {
             Failure::Usage(_) => 2,
             Failure::Input(_) => 65,
             Failure::Internal(_) => 70,
-            Failure::TryAgain(_) => 75,
-            Failure::Cancelled => Failure::CANCELLED,
+            Failure::TryAgain(_) => Failure::TRY_AGAIN,
+            Failure::Cancelled => interrupt::code(),
             Failure::Told(code) => *code,
         })
     }
@@ -50,6 +52,9 @@ impl Failure {
                  message, the scene and its files, and the version: {}.",
                 crate::version::VERSION
             )],
+            Failure::Cancelled if interrupt::is_from_outside() => {
+                vec!["ended from outside (SIGTERM); nothing was written; run the command again".into()]
+            }
             Failure::Cancelled => vec!["cancelled; nothing was written".into()],
             Failure::Told(_) => Vec::new(),
         }

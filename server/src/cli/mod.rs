@@ -29,6 +29,7 @@ use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
 use clap::{Parser, Subcommand};
 pub use failure::Failure;
+use progress::Mode;
 use std::process::ExitCode;
 
 /// Bakes piles of props in the shape of a mesh.
@@ -62,6 +63,17 @@ enum Command {
     Worker(worker::Args),
 }
 
+impl Command {
+    /// How the command's progress is told, if it has any.
+    fn progress(&self) -> Option<Mode> {
+        match self {
+            Command::Bake(args) => Some(args.progress),
+            Command::Watch(args) => Some(args.progress),
+            _ => None,
+        }
+    }
+}
+
 const EXAMPLES: &str = "\
 Examples:
   cairn bake --control dome.glb --prop stick.glb -o pile.glb
@@ -77,13 +89,14 @@ Examples:
   cairn doctor
         Tells whether this machine is fit, and tries a small bake on it.
 
-Exit codes: 0 done, 2 wrong usage, 65 wrong input, 70 a fault in Cairn, 75 not written (try again), 130 cancelled.
+Exit codes: 0 done, 2 wrong usage, 65 wrong input, 70 a fault in Cairn, 75 not written (try again; SIGTERM), 130 cancelled.
 Colours: as the terminal allows; the environment variable NO_COLOR switches them off.";
 
 /// Runs the command that the process was started with.
 pub fn main() -> ExitCode {
     trouble::set_up();
     let cli = Cli::parse();
+    let is_openjd = cli.command.progress() == Some(Mode::Openjd);
     let result = fault::contain(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
         Command::Cancel(args) => cancel::run(&args),
@@ -103,8 +116,12 @@ pub fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            for message in failure.messages() {
-                tell("error", AnsiColor::Red, &message);
+            let messages = failure.messages();
+            for message in &messages {
+                tell("error", AnsiColor::Red, message);
+            }
+            if is_openjd && !messages.is_empty() {
+                progress::openjd("fail", &messages.join("; "));
             }
             failure.exit_code()
         }

@@ -16,6 +16,7 @@ use crate::wire::proto::{
 use anstyle::AnsiColor;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
+use prost::Message;
 use sha2::{Digest, Sha256};
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -43,6 +44,11 @@ pub struct Access {
     /// Your certificate's key, PEM
     #[arg(long, value_name = "FILE", requires = "tls_certificate", help_heading = "Server")]
     tls_key: Option<PathBuf>,
+
+    /// Where several servers are behind a proxy: calls with the same text reach the same server [default of `bake`: a hash of
+    /// what is asked]
+    #[arg(long, value_name = "TEXT", env = "CAIRN_ROUTE", help_heading = "Server")]
+    route: Option<String>,
 }
 
 impl Access {
@@ -56,6 +62,7 @@ impl Access {
                 token: token.or_else(|| std::env::var("CAIRN_TOKEN").ok()),
                 ca: read(&self.tls_ca)?,
                 identity: read(&self.tls_certificate)?.zip(read(&self.tls_key)?),
+                route: self.route.clone(),
             })
         };
         read().map_err(|problem: Problem| Failure::Usage(vec![problem]))
@@ -160,6 +167,11 @@ impl Files {
         Ok(files)
     }
 
+    /// What a server is asked to bake.
+    pub fn spec(&self, scene: Scene) -> BakeSpec {
+        BakeSpec { scene: Some(scene), assets: self.references.clone(), ..Default::default() }
+    }
+
     pub fn paths(&self) -> Vec<PathBuf> {
         self.references.iter().map(|reference| PathBuf::from(&reference.uri)).collect()
     }
@@ -174,12 +186,15 @@ pub fn bake(
     asked: &Asked,
     wanted: &Wanted,
 ) -> Result<(), Failure> {
-    let mut spec = BakeSpec { scene: Some(scene), assets: files.references, ..Default::default() };
+    let mut spec = files.spec(scene);
     spec.set_format(match format {
         Format::Glb => OutputFormat::Glb,
         Format::Json => OutputFormat::Json,
         Format::Csv => OutputFormat::Csv,
     });
+    // The same request finds the server that has baked it before.
+    let route = target.route.clone().unwrap_or_else(|| hex(&Sha256::digest(spec.encode_to_vec())));
+    let target = &Target { route: Some(route), ..target.clone() };
     let request = BakeRequest {
         spec: Some(spec),
         labels: asked.labels.iter().cloned().collect(),

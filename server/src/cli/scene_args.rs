@@ -1,10 +1,11 @@
 //! The arguments that describe a scene: a scene file, flags, or flags over a scene file. The same for every command.
 
 use super::Failure;
+use crate::files;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct SceneArgs {
@@ -46,6 +47,11 @@ pub struct SceneArgs {
 }
 
 impl SceneArgs {
+    /// Where the scene file is; the current folder without one.
+    pub fn folder(&self) -> &Path {
+        self.scene.as_deref().map_or(Path::new("."), files::folder_of)
+    }
+
     /// The scene file, then the flags, then `--set`, each over what came before.
     pub fn tree(&self) -> Result<SceneTree, Failure> {
         let mut tree = match &self.scene {
