@@ -113,8 +113,8 @@ def vendored_place(name):
 
 
 def relative_imports(path, target, names, inside=""):
-    """A source with the imports of the libraries relative to itself: it may be anywhere then. `inside`: where they are in
-    `target`."""
+    """A source with the imports of the libraries relative to itself: it may be anywhere then. `inside`: where they are
+    in `target`."""
     lines = path.read_text().splitlines(keepends=True)
     dots = "." * len(path.relative_to(target).parts)
     for node in ast.walk(ast.parse("".join(lines))):

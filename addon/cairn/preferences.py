@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
+from . import client
 from .client import Fault, Target
 from .job import Server
 from .server import LocalServer, find

@@ -33,7 +33,7 @@ class Target:
     token: str = ""
     # Who signed the server's certificate: a PEM file. Empty: those whom this machine trusts.
     certificates: str = ""
-    # Where several servers are behind a proxy: calls with the same text reach the same server. Empty: as the proxy likes.
+    # Where several servers are behind a proxy: calls with the same text reach the same server. Empty: as it likes.
     route: str = ""
 
 

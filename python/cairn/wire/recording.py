@@ -1,4 +1,4 @@
-"""The motion of a bake as its events tell it: SI units, axes right-handed, Y up. The Blender add-on has this file, too."""
+"""The motion of a bake as its events tell it: SI units, right-handed, Y up. The Blender add-on has this file, too."""
 
 from dataclasses import dataclass
 
@@ -84,13 +84,22 @@ class Recording:
 
 @dataclass(frozen=True)
 class Motion:
-    """The result. Shapes: props, scales [n], positions [f, n, 3], rotations [f, n, 4], present, states [f, n]."""
+    """The result: n bodies in f frames. Frame 0 is the pile right after turning over.
 
+    A pose takes a point of the prop's own frame, first scaled by the body's scale, to the world.
+    """
+
+    # [n]: which of the scene's props.
     props: np.ndarray
+    # [n]: uniform scale of the prop.
     scales: np.ndarray
+    # [f, n, 3]: x, y, z, m.
     positions: np.ndarray
+    # [f, n, 4]: unit quaternions x, y, z, w.
     rotations: np.ndarray
+    # [f, n]: whether the body is there.
     present: np.ndarray
+    # [f, n]: its `BodyState`, what the control makes of it.
     states: np.ndarray
 
     @staticmethod
