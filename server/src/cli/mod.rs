@@ -1,7 +1,9 @@
 //! The command line: one file per command, and what they share.
 
 mod bake;
+mod batch;
 mod bounds;
+mod cache_args;
 mod cancel;
 mod check;
 mod completions;
@@ -46,6 +48,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Bake(bake::Args),
+    Batch(batch::Args),
     Cancel(cancel::Args),
     Check(check::Args),
     Completions(completions::Args),
@@ -86,6 +89,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = fault::contain(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
+        Command::Batch(args) => batch::run(&args),
         Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Completions(args) => completions::run(&args),

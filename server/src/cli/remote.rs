@@ -10,9 +10,7 @@ use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::digest::hex;
 use crate::wire::from_proto;
-use crate::wire::proto::{
-    Artifact, AssetReference, BakeRequest, BakeSpec, OutputFormat, Scene, Summary, bake_event::Kind,
-};
+use crate::wire::proto::{Artifact, AssetReference, BakeRequest, BakeSpec, Scene, Summary, bake_event::Kind};
 use anstyle::AnsiColor;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
@@ -175,11 +173,7 @@ pub fn bake(
     wanted: &Wanted,
 ) -> Result<(), Failure> {
     let mut spec = BakeSpec { scene: Some(scene), assets: files.references, ..Default::default() };
-    spec.set_format(match format {
-        Format::Glb => OutputFormat::Glb,
-        Format::Json => OutputFormat::Json,
-        Format::Csv => OutputFormat::Csv,
-    });
+    spec.set_format(job::request::output_format(format));
     let request = BakeRequest {
         spec: Some(spec),
         labels: asked.labels.iter().cloned().collect(),

@@ -4,6 +4,7 @@ use super::Failure;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use serde_json::{Value, json};
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -88,6 +89,26 @@ impl SceneArgs {
             }
         }
         if problems.is_empty() { Ok(tree) } else { Err(Failure::Usage(problems)) }
+    }
+}
+
+impl SceneArgs {
+    /// The same arguments, for another process.
+    pub fn again(&self) -> Vec<OsString> {
+        let given = |name: &str, value: &dyn ToString| [OsString::from(name), value.to_string().into()];
+        let flag = |name: &'static str, values: &[String]| -> Vec<OsString> {
+            values.iter().flat_map(|value| given(name, value)).collect()
+        };
+        let mut args: Vec<OsString> = self.scene.iter().map(|path| path.clone().into_os_string()).collect();
+        args.extend(flag("--control", self.control.as_slice()));
+        args.extend(flag("--prop", &self.props));
+        args.extend(flag("--static", &self.statics));
+        args.extend(flag("--accuracy", self.accuracy.as_slice()));
+        args.extend(self.seed.iter().flat_map(|seed| given("--seed", seed)));
+        args.extend(self.frames.iter().flat_map(|frames| given("--frames", frames)));
+        args.extend(self.fps.iter().flat_map(|fps| given("--fps", fps)));
+        args.extend(flag("--set", &self.set));
+        args
     }
 }
 

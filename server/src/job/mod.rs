@@ -5,19 +5,20 @@ pub mod machine;
 pub mod pace;
 mod read;
 pub mod report;
+pub mod request;
 pub mod reuse;
 mod run;
 mod sources;
 
-use crate::model::export::{ExportScene, SourceModel};
-use crate::wire::proto;
+use crate::model::export::{ExportScene, Format, SourceModel};
+use crate::wire::proto::{self, AssetReference, BakeSpec};
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::estimate::Estimate;
 use machine::Meter;
 pub use run::{Error, Outcome};
-use sources::{InputFile, Reference};
-pub use sources::{Open, model_files};
+use sources::Reference;
+pub use sources::{InputFile, Open, model_files};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -51,6 +52,18 @@ impl Job {
     /// The files that the scene reads.
     pub fn inputs(&self) -> Vec<PathBuf> {
         self.files.keys().cloned().collect()
+    }
+
+    /// All that decides the result.
+    pub fn request(&self, format: Format) -> BakeSpec {
+        let assets = self.files.values().flat_map(request::assets).map(|asset| (asset.uri.clone(), asset));
+        // Each once, in the order of their names.
+        let assets: BTreeMap<String, AssetReference> = assets.collect();
+        BakeSpec {
+            scene: Some(self.effective.clone()),
+            assets: assets.into_values().collect(),
+            format: request::output_format(format).into(),
+        }
     }
 
     /// Hash of all files that were read: names and bytes, those beside a glTF file left out.

@@ -1,7 +1,8 @@
 //! A job's way through the core to the files of the result.
 
 use super::Job;
-use super::report::{self, Spent};
+use super::report::{self, Made, Spent};
+use super::request;
 use super::reuse::Cache;
 use crate::model::export::{self, ExportError, Format};
 use crate::scene_file::SceneTree;
@@ -93,7 +94,13 @@ impl Job {
         let seconds = self.began.elapsed().as_secs_f64();
         let spent = Spent { read: self.read_seconds, encode: encode_seconds, cpu: self.meter.seconds(), wall: seconds };
         let scene = SceneTree::from_message(&self.effective);
-        let report = format!("{:#}\n", report::json(&bake, hash, &scene, &self.notes, output, &spent));
+        let made = Made {
+            request: request::hash(&self.request(format)),
+            result: hash,
+            output: blake3::hash(&result),
+            name: output,
+        };
+        let report = format!("{:#}\n", report::json(&bake, &made, &scene, &self.notes, &spent));
         Ok(Outcome { bake, result, report, hash, seconds })
     }
 }

@@ -48,6 +48,9 @@ pub enum Format {
 }
 
 impl Format {
+    /// For messages.
+    pub const ENDINGS: &str = ".glb, .json or .csv";
+
     /// The format of a file name's ending.
     pub fn named(ending: &str) -> Option<Format> {
         match ending.to_ascii_lowercase().as_str() {
