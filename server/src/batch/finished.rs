@@ -2,13 +2,12 @@
 
 use super::Variant;
 use crate::files;
-use crate::job::request::{self, output_format};
-use crate::job::{InputFile, model_files};
+use crate::job::{InputFile, model_files, request};
 use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
 use crate::wire::from_proto;
-use crate::wire::proto::{AssetReference, BakeSpec, Scene};
+use crate::wire::proto::{AssetReference, Scene};
 use cairn_core::input::params::Params;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -28,7 +27,7 @@ pub struct Assets(BTreeMap<PathBuf, Vec<AssetReference>>);
 
 impl Assets {
     fn of(&mut self, scene: &Scene) -> Result<Vec<AssetReference>, Vec<Problem>> {
-        let (mut found, mut problems) = (BTreeMap::new(), Vec::new());
+        let (mut found, mut problems) = (Vec::new(), Vec::new());
         for path in model_files(scene) {
             if !self.0.contains_key(&path) {
                 match InputFile::read(&path, &(Arc::new(files::read) as _)) {
@@ -39,9 +38,9 @@ impl Assets {
                     }
                 }
             }
-            found.extend(self.0[&path].iter().map(|asset| (asset.uri.clone(), asset.clone())));
+            found.extend_from_slice(&self.0[&path]);
         }
-        if problems.is_empty() { Ok(found.into_values().collect()) } else { Err(problems) }
+        if problems.is_empty() { Ok(found) } else { Err(problems) }
     }
 
     /// What a variant asks for, as its report will tell it.
@@ -52,8 +51,8 @@ impl Assets {
         let format = format.expect("the matrix gives names that tell it");
         let assets = self.of(&scene)?;
         let fill = fill_hash(&scene, &params, &assets);
-        let scene = Some(effective(&scene, &params));
-        Ok(Asked { hash: request::hash(&BakeSpec { scene, assets, format: output_format(format).into() }), fill })
+        let request = request::request(effective(&scene, &params), assets, format, variant.tree.folder());
+        Ok(Asked { hash: request::hash(&request), fill })
     }
 }
 

@@ -6,14 +6,13 @@ use super::progress::{self, Mode, Reporter};
 use super::remote::{self, Access, Asked, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
-use crate::files;
 use crate::job::{self, Job, Outcome, machine};
 use crate::model::export::{self, Format};
 use crate::problem::Problem;
-use crate::wire::proto;
+use crate::scene_file::SceneTree;
 use anstyle::AnsiColor;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Fill a shape with props and write their motion
 #[derive(clap::Args)]
@@ -78,23 +77,24 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None if output::is_stdout(&args.output) => Format::Glb,
         None => export::check_destination(&args.output)?,
     };
-    let scene = args.scene.tree()?.to_message();
+    let tree = args.scene.tree()?;
+    let scene = tree.to_message();
     if let Some(server) = &args.server {
-        let folder = args.scene.scene.as_deref().map_or(Path::new("."), files::folder_of);
-        let files = remote::Files::read(&scene, folder)?;
+        let files = remote::Files::read(&scene, tree.folder())?;
         check_outputs(args, files.paths())?;
         let (output, report) = (Some(&*args.output), args.report.as_deref());
         let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
         return remote::bake(&args.access.at(server)?, scene, files, format, &args.asked, &wanted);
     }
-    args.bounds.hold(|| bake(args, &scene, format))
+    args.bounds.hold(|| bake(args, &tree, format))
 }
 
-fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure> {
+fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
     let mode = if args.quiet { Mode::None } else { args.progress };
-    let job =
-        progress::while_reading(mode, || Job::read_within(scene, args.bounds.limits())).map_err(Failure::Input)?;
+    let job = progress::while_reading(mode, || Job::read_within(&tree.to_message(), args.bounds.limits()))
+        .map_err(Failure::Input)?
+        .relative_to(tree.folder());
     check_outputs(args, job.inputs())?;
 
     let mut reporter = Reporter::new(mode);

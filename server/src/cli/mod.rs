@@ -23,6 +23,7 @@ mod scene_args;
 mod schema;
 mod serve;
 mod summary;
+mod verify;
 mod watch;
 mod worker;
 
@@ -60,6 +61,7 @@ enum Command {
     Scene(scene::Args),
     Schema(schema::Args),
     Serve(serve::Args),
+    Verify(verify::Args),
     Watch(watch::Args),
     #[command(hide = true)]
     Worker(worker::Args),
@@ -101,6 +103,7 @@ pub fn main() -> ExitCode {
         Command::Scene(args) => scene::run(&args),
         Command::Schema(args) => schema::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Verify(args) => verify::run(&args),
         Command::Watch(args) => watch::run(&args),
         Command::Worker(args) => worker::run(&args),
     });

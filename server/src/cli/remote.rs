@@ -108,8 +108,12 @@ fn label(text: &str) -> Result<(String, String), String> {
 
 /// The files of a scene, as a server needs them.
 pub struct Files {
+    /// By the names that the server is to have for them.
     references: Vec<AssetReference>,
     contents: BTreeMap<String, Bytes>,
+    paths: Vec<PathBuf>,
+    /// The scene's own.
+    folder: PathBuf,
 }
 
 impl Files {
@@ -149,29 +153,37 @@ impl Files {
         if !problems.is_empty() {
             return Err(Failure::Input(problems));
         }
-        let mut files = Files { references: Vec::new(), contents: BTreeMap::new() };
+        let (mut references, mut contents) = (Vec::new(), BTreeMap::new());
+        let paths = found.keys().cloned().collect();
         for (path, bytes) in found {
             let sha256 = hex(&Sha256::digest(&bytes));
-            files.references.push(AssetReference { uri: path.to_string_lossy().into_owned(), sha256: sha256.clone() });
-            files.contents.insert(sha256, bytes.into());
+            let uri = job::portable(&path.to_string_lossy(), folder);
+            references.push(AssetReference { uri, sha256: sha256.clone() });
+            contents.insert(sha256, bytes.into());
         }
-        Ok(files)
+        Ok(Files { references, contents, paths, folder: folder.to_owned() })
     }
 
     pub fn paths(&self) -> Vec<PathBuf> {
-        self.references.iter().map(|reference| PathBuf::from(&reference.uri)).collect()
+        self.paths.clone()
+    }
+
+    /// What the server calls a file, and so the result.
+    fn portable(&self, path: &str) -> String {
+        job::portable(path, &self.folder)
     }
 }
 
 /// `cairn bake` on a server. Ctrl-C cancels it there.
 pub fn bake(
     target: &Target,
-    scene: Scene,
+    mut scene: Scene,
     files: Files,
     format: Format,
     asked: &Asked,
     wanted: &Wanted,
 ) -> Result<(), Failure> {
+    job::rename(&mut scene, |path| files.portable(path));
     let mut spec = BakeSpec { scene: Some(scene), assets: files.references, ..Default::default() };
     spec.set_format(job::request::output_format(format));
     let request = BakeRequest {
