@@ -26,6 +26,8 @@ def main():
     manifest.write_text(manifest.read_text() + f'manifest-path = "{(ROOT / "Cargo.toml").as_posix()}"\n')
     command = [TOOLS / "maturin", "build", "--release", "--locked", "--out", STAGE / "dist"]
     subprocess.run(command, cwd=STAGE, check=True)
+    # maturin takes the program away; who builds next finds it again.
+    subprocess.run(["cargo", "build", "--release", "--locked", "--bin", "cairn"], cwd=ROOT, check=True)
     (wheel,) = (STAGE / "dist").glob("*.whl")
     print(wheel)
 

@@ -3,6 +3,7 @@
 import json
 import os
 import subprocess
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,13 +45,15 @@ def read(scene: Scene, /, **settings: Any) -> Request:
         scene = {}
     for field, value in [*_fields(scene), *_fields(settings)]:
         arguments += ["--set", f"{field}={value}"]
-    done = subprocess.run([program(), "scene", "--request", *arguments], capture_output=True, stdin=subprocess.DEVNULL)
-    if done.returncode:
-        lines = done.stderr.decode(errors="replace").splitlines()
-        told = [line.removeprefix("error: ") for line in lines if line]
-        raise Fault("\n".join(told), "SCENE_INVALID", [Problem(line) for line in told])
-    spec = BakeSpec.FromString(done.stdout)
-    return Request(spec, {asset.sha256: Path(asset.uri).read_bytes() for asset in spec.assets})
+    with tempfile.TemporaryDirectory(prefix="cairn-") as folder:
+        command = [program(), "scene", "--request", folder, *arguments]
+        done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL)
+        if done.returncode:
+            lines = done.stderr.decode(errors="replace").splitlines()
+            told = [line.removeprefix("error: ") for line in lines if line]
+            raise Fault("\n".join(told), "SCENE_INVALID", [Problem(line) for line in told])
+        spec = BakeSpec.FromString((Path(folder) / "spec").read_bytes())
+        return Request(spec, {asset.sha256: (Path(folder) / asset.sha256).read_bytes() for asset in spec.assets})
 
 
 def _fields(tree: Any, path: str = "") -> Iterator[tuple[str, str]]:

@@ -1,7 +1,8 @@
 //! Cairn around its core: the wire, files and the command line.
 
 // The layers, lowest first. A module uses only those before it:
-// version, trouble, problem, files, wire, scene_file, model, job, cost, client, service, cli
+// version, trouble, problem, files, wire, scene_file, model, job, cost, batch, client, service, cli
+mod batch;
 pub mod cli;
 pub mod client;
 pub mod cost;

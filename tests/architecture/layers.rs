@@ -30,6 +30,7 @@ const SERVICE: &[&[&str]] = &[
     &["model"],
     &["job"],
     &["cost"],
+    &["batch"],
     &["client"],
     &["service"],
     &["cli"],

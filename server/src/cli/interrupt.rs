@@ -14,8 +14,14 @@ static WRITING: Mutex<()> = Mutex::new(());
 /// How long a bake has to end by itself. A step takes far less; a geometry library may not come back for minutes.
 const PATIENCE: Duration = Duration::from_millis(1500);
 
+/// Set in the environment of a process that is to end when its standard input does.
+pub const ENDS_WITH_INPUT: &str = "CAIRN_ENDS_WITH_INPUT";
+
 /// From here on, Ctrl-C and SIGTERM are ours.
 pub fn listen() {
+    if std::env::var_os(ENDS_WITH_INPUT).is_some() {
+        when_input_ends();
+    }
     static ONCE: Once = Once::new();
     // Without a handler they still end the process, if less politely.
     ONCE.call_once(|| drop(hear()));

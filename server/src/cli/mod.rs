@@ -1,7 +1,9 @@
 //! The command line: one file per command, and what they share.
 
 mod bake;
+mod batch;
 mod bounds;
+mod cache_args;
 mod cancel;
 mod check;
 mod completions;
@@ -21,6 +23,7 @@ mod scene_args;
 mod schema;
 mod serve;
 mod summary;
+mod verify;
 mod watch;
 mod worker;
 
@@ -47,6 +50,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Bake(bake::Args),
+    Batch(batch::Args),
     Cancel(cancel::Args),
     Check(check::Args),
     Completions(completions::Args),
@@ -58,6 +62,7 @@ enum Command {
     Scene(scene::Args),
     Schema(schema::Args),
     Serve(serve::Args),
+    Verify(verify::Args),
     Watch(watch::Args),
     #[command(hide = true)]
     Worker(worker::Args),
@@ -68,6 +73,7 @@ impl Command {
     fn progress(&self) -> Option<Mode> {
         match self {
             Command::Bake(args) => Some(args.progress),
+            Command::Batch(args) => Some(args.progress),
             Command::Watch(args) => Some(args.progress),
             _ => None,
         }
@@ -99,6 +105,7 @@ pub fn main() -> ExitCode {
     let is_openjd = cli.command.progress() == Some(Mode::Openjd);
     let result = fault::contain(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
+        Command::Batch(args) => batch::run(&args),
         Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Completions(args) => completions::run(&args),
@@ -110,6 +117,7 @@ pub fn main() -> ExitCode {
         Command::Scene(args) => scene::run(&args),
         Command::Schema(args) => schema::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Verify(args) => verify::run(&args),
         Command::Watch(args) => watch::run(&args),
         Command::Worker(args) => worker::run(&args),
     });

@@ -10,9 +10,7 @@ use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::digest::hex;
 use crate::wire::from_proto;
-use crate::wire::proto::{
-    Artifact, AssetReference, BakeRequest, BakeSpec, OutputFormat, Scene, Summary, bake_event::Kind,
-};
+use crate::wire::proto::{Artifact, AssetReference, BakeRequest, BakeSpec, Scene, Summary, bake_event::Kind};
 use anstyle::AnsiColor;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
@@ -117,8 +115,12 @@ fn label(text: &str) -> Result<(String, String), String> {
 
 /// The files of a scene, as a server needs them.
 pub struct Files {
+    /// By the names that the server is to have for them.
     references: Vec<AssetReference>,
     contents: BTreeMap<String, Bytes>,
+    paths: Vec<PathBuf>,
+    /// The scene's own.
+    folder: PathBuf,
 }
 
 impl Files {
@@ -158,22 +160,39 @@ impl Files {
         if !problems.is_empty() {
             return Err(Failure::Input(problems));
         }
-        let mut files = Files { references: Vec::new(), contents: BTreeMap::new() };
+        let (mut references, mut contents) = (Vec::new(), BTreeMap::new());
+        let paths = found.keys().cloned().collect();
         for (path, bytes) in found {
             let sha256 = hex(&Sha256::digest(&bytes));
-            files.references.push(AssetReference { uri: path.to_string_lossy().into_owned(), sha256: sha256.clone() });
-            files.contents.insert(sha256, bytes.into());
+            let uri = job::portable(&path.to_string_lossy(), folder);
+            references.push(AssetReference { uri, sha256: sha256.clone() });
+            contents.insert(sha256, bytes.into());
         }
-        Ok(files)
+        Ok(Files { references, contents, paths, folder: folder.to_owned() })
     }
 
     /// What a server is asked to bake.
-    pub fn spec(&self, scene: Scene) -> BakeSpec {
+    pub fn spec(&self, mut scene: Scene) -> BakeSpec {
+        job::rename(&mut scene, |path| self.portable(path));
         BakeSpec { scene: Some(scene), assets: self.references.clone(), ..Default::default() }
     }
 
+    /// Writes what a server is asked into a folder, its message last.
+    pub fn write(&self, scene: Scene, folder: &Path) -> Result<(), Failure> {
+        std::fs::create_dir_all(folder).map_err(|error| Failure::write(folder, error))?;
+        for (sha256, content) in &self.contents {
+            output::write(&folder.join(sha256), content)?;
+        }
+        output::write(&folder.join("spec"), &self.spec(scene).encode_to_vec())
+    }
+
     pub fn paths(&self) -> Vec<PathBuf> {
-        self.references.iter().map(|reference| PathBuf::from(&reference.uri)).collect()
+        self.paths.clone()
+    }
+
+    /// What the server calls a file, and so the result.
+    fn portable(&self, path: &str) -> String {
+        job::portable(path, &self.folder)
     }
 }
 
@@ -187,11 +206,7 @@ pub fn bake(
     wanted: &Wanted,
 ) -> Result<(), Failure> {
     let mut spec = files.spec(scene);
-    spec.set_format(match format {
-        Format::Glb => OutputFormat::Glb,
-        Format::Json => OutputFormat::Json,
-        Format::Csv => OutputFormat::Csv,
-    });
+    spec.set_format(job::request::output_format(format));
     // The same request finds the server that has baked it before.
     let route = target.route.clone().unwrap_or_else(|| hex(&Sha256::digest(spec.encode_to_vec())));
     let target = &Target { route: Some(route), ..target.clone() };

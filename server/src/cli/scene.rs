@@ -1,12 +1,11 @@
 //! `cairn scene`: the scene file that equals the same flags.
 
 use super::scene_args::SceneArgs;
-use super::{Failure, output, print, remote};
+use super::{Failure, print, remote};
 use crate::scene_file::SceneTree;
 use crate::wire::effective::effective;
 use crate::wire::from_proto;
-use prost::Message;
-use std::path::Path;
+use std::path::PathBuf;
 
 /// Print the scene file that equals the same flags
 ///
@@ -28,18 +27,18 @@ pub struct Args {
     #[arg(long)]
     full: bool,
 
-    /// What a server is asked, for programs that call one: the message `cairn.v1.BakeSpec`, as bytes, with the names and
-    /// hashes of all files
-    #[arg(long, conflicts_with_all = ["json", "full"])]
-    request: bool,
+    /// Write what a server is asked into a folder, for programs that call one: the message `cairn.v1.BakeSpec` as `spec`, and
+    /// each file that the scene takes by its SHA-256
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["json", "full"])]
+    request: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut tree = args.scene.tree()?;
-    if args.request {
+    if let Some(folder) = &args.request {
         let scene = tree.to_message();
-        let files = remote::Files::read(&scene, args.scene.folder())?;
-        return output::write(Path::new("-"), &files.spec(scene).encode_to_vec());
+        let files = remote::Files::read(&scene, tree.folder())?;
+        return files.write(scene, folder);
     }
     if args.full {
         let scene = tree.to_message();
