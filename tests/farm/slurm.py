@@ -1,5 +1,5 @@
-"""examples/farm/slurm.sh on a Slurm of two nodes, all on this machine: 64 bakes, and one node is killed in the middle. Every
-result is there, whole, and has the hash that it has without Slurm. Then: a task that is told to end is queued again.
+"""examples/farm/slurm.sh on a Slurm of two nodes, all on this machine: 64 bakes, and one node is killed in the middle.
+Every result is there, whole, and has the hash that it has without Slurm. Then: a task that is told to end is queued again.
 
 slurm.py PROGRAM      with slurmctld, slurmd and munged on this machine, as root
 """
@@ -62,7 +62,9 @@ class Farm:
         shutil.chown("/run/munge", "munge", "munge")
         # With a key and a socket of its own: another one of this machine stays as it is.
         if not Path("/run/munge/munge.socket.2").exists() or not self._munge_answers():
-            self.start("munge", "setpriv", "--reuid=munge", "--regid=munge", "--clear-groups", "munged", "-F", "--force")
+            self.start(
+                "munge", "setpriv", "--reuid=munge", "--regid=munge", "--clear-groups", "munged", "-F", "--force"
+            )
         wait_for("munge", self._munge_answers)
         self.start("control", "slurmctld", "-D", "-f", self.conf)
         for node in ("n1", "n2"):
@@ -82,7 +84,9 @@ class Farm:
         return done.stdout.strip()
 
     def submit(self, *arguments):
-        done = subprocess.run(["sbatch", "--parsable", *arguments], env=self.env, cwd=ROOT, capture_output=True, text=True)
+        done = subprocess.run(
+            ["sbatch", "--parsable", *arguments], env=self.env, cwd=ROOT, capture_output=True, text=True
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout.strip()
 
@@ -154,7 +158,10 @@ def main(program):
         out = work / "piles"
         script = ["--output", work / "tasks.log", "--cpus-per-task=2", "--mem-per-cpu=1000", "examples/farm/slurm.sh"]
         job = farm.submit(f"--array=0-{COUNT // EACH - 1}", *script, scene, out, f"0..{COUNT - 1}", str(EACH))
-        wait_for("some results, and a task on the second node", lambda: len(list(out.glob("*.glb"))) > 4 and farm.tasks_of("n2"))
+        wait_for(
+            "some results, and a task on the second node",
+            lambda: len(list(out.glob("*.glb"))) > 4 and farm.tasks_of("n2"),
+        )
         killed = farm.kill_node("n2")
         before = len(list(out.glob("*.glb")))
         assert killed >= 2 and before < COUNT, f"{killed} processes, {before} results"
@@ -165,7 +172,9 @@ def main(program):
         assert names == wanted, f"there is more or less than results and reports: {set(names) ^ set(wanted)}"
         for name in expected:
             assert (out / name).read_bytes() == (work / "alone" / name).read_bytes(), name
-        print(f"slurm: {COUNT} results, each once, as without Slurm; node killed with {killed} processes after {before}")
+        print(
+            f"slurm: {COUNT} results, each once, as without Slurm; node killed with {killed} processes after {before}"
+        )
 
         # Told to end: exit 75, queued again, and then done.
         late = work / "late"
@@ -173,7 +182,10 @@ def main(program):
         long = subprocess.run([program, "scene", scene, *settings], capture_output=True, text=True, check=True).stdout
         (work / "long.toml").write_text(long.replace("count = 12", "count = 150"))
         job = farm.submit("--array=0", *script, work / "long.toml", late, "0..0", "1")
-        wait_for("the task's process", lambda: any(b"batch" in Path(f"/proc/{p}/cmdline").read_bytes() for p in farm.tasks_of("n1")))
+        wait_for(
+            "the task's process",
+            lambda: any(b"batch" in Path(f"/proc/{p}/cmdline").read_bytes() for p in farm.tasks_of("n1")),
+        )
         time.sleep(1)
         farm.ask("scancel", "--signal=TERM", "--batch", job)
         wait_for("the task in the queue again", lambda: "Restarts=1" in farm.ask("scontrol", "show", "job", job))
