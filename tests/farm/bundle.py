@@ -4,7 +4,9 @@ bundle.py PROGRAM      with openjd-cli and openjd-model in this Python
 """
 
 import json
+import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -74,7 +76,21 @@ def main(program):
         assert shares == sorted(shares) and shares[-1] == 100 and len(shares) > 3
         report = json.loads((output / "sticks" / "0.report.json").read_text())
         assert report["bodies"] > 0
+    pasted(program)
     print("openjd: a valid bundle; 8 bakes in 4 tasks by openjd run")
+
+
+def pasted(program):
+    """The README's command, in a folder that has the examples and a path that has the program."""
+    lines = (ROOT / "README.md").read_text().replace("\\\n", "").splitlines()
+    (command,) = (line.strip() for line in lines if line.startswith("    openjd run "))
+    with tempfile.TemporaryDirectory(prefix="cairn-openjd-") as work:
+        shutil.copytree(ROOT / "examples", Path(work) / "examples", ignore=shutil.ignore_patterns("*.jpg", "*.png"))
+        (Path(work) / "cairn").symlink_to(program)
+        environment = {**os.environ, "PATH": f"{work}:{OPENJD.parent}:{os.environ['PATH']}"}
+        done = subprocess.run(command, shell=True, cwd=work, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout[-3000:] + done.stderr
+        assert len(list((Path(work) / "piles").rglob("*.glb"))) == 4, command
 
 
 def run(program, scenes, output):

@@ -1,5 +1,5 @@
 """examples/farm/slurm.sh on a Slurm of two nodes, all on this machine: 64 bakes, and one node is killed in the middle.
-Every result is there, whole, and has the hash that it has without Slurm. Then: a task that is told to end is queued again.
+Every result is there, whole, and has the hash that it has without Slurm. Then: a task that is told to end runs again.
 
 slurm.py PROGRAM      with slurmctld, slurmd and munged on this machine, as root
 """
