@@ -31,6 +31,7 @@ const SERVICE: &[&[&str]] = &[
     &["job"],
     &["cost"],
     &["batch"],
+    &["sheet"],
     &["client"],
     &["service"],
     &["cli"],

@@ -16,6 +16,7 @@ mod man;
 mod output;
 mod plan;
 mod progress;
+mod rank;
 mod remote;
 mod render;
 mod scene;
@@ -58,6 +59,7 @@ enum Command {
     Doctor(doctor::Args),
     Man(man::Args),
     Plan(plan::Args),
+    Rank(rank::Args),
     Render(render::Args),
     Scene(scene::Args),
     Schema(schema::Args),
@@ -113,6 +115,7 @@ pub fn main() -> ExitCode {
         Command::Doctor(args) => doctor::run(&args),
         Command::Man(args) => man::run(&args),
         Command::Plan(args) => plan::run(&args),
+        Command::Rank(args) => rank::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Schema(args) => schema::run(&args),
