@@ -9,8 +9,9 @@ const vm = require("node:vm");
 const [program, script, scene] = process.argv.slice(2);
 const author = {
     Task: (name, type) => ({
-        name, type, commands: [],
+        name, type, commands: [], dependencies: [],
         addCommand(command) { this.commands.push(command); },
+        addDependency(task) { this.dependencies.push(task.name); },
     }),
     Command: (name, parameters) => ({ name, parameters }),
 };
@@ -38,13 +39,20 @@ function tasks(changed) {
     return job.tasks;
 }
 const made = tasks({ seeds: "3-12", chunk_size: 4 });
-assert.deepStrictEqual(made.map((task) => task.name), ["seeds-3-6", "seeds-7-10", "seeds-11-12"]);
+assert.deepStrictEqual(made.map((task) => task.name), ["seeds-3-6", "seeds-7-10", "seeds-11-12", "rank"]);
+assert.deepStrictEqual(made[3].dependencies, made.slice(0, 3).map((task) => task.name));
+assert.strictEqual(tasks({ sheet: false }).at(-1).name, "seeds-48-49");
 assert.throws(() => tasks({ seeds: "9-3" }), /not a range/);
 // What a worker would start, tried.
 for (const { type, commands } of made) {
     assert.strictEqual(type, "misc");
     for (const { name, parameters: { exe, args } } of commands) {
         assert.strictEqual(name, "exec");
+        if (args[0] === "rank") {
+            // There is nothing to rank yet.
+            assert.ok(execFileSync(exe, ["rank", "--help"]).length > 0 && args.length === 2);
+            continue;
+        }
         const told = execFileSync(exe, [...args, "--dry-run"], { encoding: "utf8" });
         assert.match(told, /\d+ {2}\/out\/\d+\.glb {2}to be baked/);
     }

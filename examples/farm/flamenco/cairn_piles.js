@@ -18,6 +18,7 @@ const JOB_TYPE = {
           description: "Bakes of a task" },
         { key: "accuracy", type: "string", required: true, default: "standard",
           choices: ["draft", "preview", "standard", "fine", "reference"], description: "How much care is taken" },
+        { key: "sheet", type: "bool", default: true, description: "Compare all piles at the end, on a contact sheet" },
         { key: "program", type: "string", default: "cairn", visible: "submission",
           description: "The program on the workers" },
     ],
@@ -29,6 +30,7 @@ function compileJob(job) {
     if (!seeds || Number(seeds[1]) > Number(seeds[2])) {
         throw new Error(`seeds: "${settings.seeds}" is not a range; write first-last, such as 0-49`);
     }
+    const bakes = [];
     const [first, last] = [Number(seeds[1]), Number(seeds[2])];
     for (let begin = first; begin <= last; begin += settings.chunk_size) {
         const end = Math.min(begin + settings.chunk_size - 1, last);
@@ -41,5 +43,12 @@ function compileJob(job) {
             ],
         }));
         job.addTask(task);
+        bakes.push(task);
+    }
+    if (settings.sheet) {
+        const rank = author.Task("rank", "misc");
+        rank.addCommand(author.Command("exec", { exe: settings.program, args: ["rank", settings.output] }));
+        bakes.forEach((task) => rank.addDependency(task));
+        job.addTask(rank);
     }
 }
