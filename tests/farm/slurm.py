@@ -167,7 +167,8 @@ def main(program):
         assert killed >= 2 and before < COUNT, f"{killed} processes, {before} results"
         wait_for("the end of all tasks", lambda: farm.is_done(job))
         assert hashes(out) == expected, "results differ from those of an undisturbed run"
-        names = sorted(path.name for path in out.iterdir())
+        # What the killed node had begun to write has no result's name, and goes with a later command once it is old.
+        names = sorted(path.name for path in out.iterdir() if not path.match(".cairn-*.part"))
         wanted = sorted(f"{seed}{ending}" for seed in range(COUNT) for ending in (".glb", ".report.json"))
         assert names == wanted, f"there is more or less than results and reports: {set(names) ^ set(wanted)}"
         for name in expected:
