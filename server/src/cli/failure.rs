@@ -27,15 +27,12 @@ pub enum Failure {
 }
 
 impl Failure {
-    pub const CANCELLED: u8 = 130;
-    pub const TRY_AGAIN: u8 = 75;
-
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self {
             Failure::Usage(_) => 2,
             Failure::Input(_) => 65,
             Failure::Internal(_) => 70,
-            Failure::TryAgain(_) => Failure::TRY_AGAIN,
+            Failure::TryAgain(_) => interrupt::TRY_AGAIN,
             Failure::Cancelled => interrupt::code(),
             Failure::Told(code) => *code,
         })

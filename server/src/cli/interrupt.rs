@@ -1,10 +1,14 @@
 //! Ctrl-C and SIGTERM: ask the bake to end; if it does not listen in time, end the process.
 
-use super::Failure;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Mutex, MutexGuard, Once, PoisonError};
 use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
+
+/// Exit code of a command that a person ended.
+const CANCELLED: u8 = 130;
+/// Exit code of a command that a system ended, and that is to run again.
+pub const TRY_AGAIN: u8 = 75;
 
 /// The exit code of who asked first: a person, or a system that wants the machine back. 0: nobody did.
 static ASKED: AtomicU8 = AtomicU8::new(0);
@@ -37,9 +41,9 @@ fn hear() -> std::io::Result<()> {
     };
     obey(runtime, async move || {
         tokio::select! {
-            _ = interrupt.recv() => Failure::CANCELLED,
-            _ = hang_up.recv() => Failure::CANCELLED,
-            _ = terminate.recv() => Failure::TRY_AGAIN,
+            _ = interrupt.recv() => CANCELLED,
+            _ = hang_up.recv() => CANCELLED,
+            _ = terminate.recv() => TRY_AGAIN,
         }
     });
     Ok(())
@@ -55,10 +59,10 @@ fn hear() -> std::io::Result<()> {
     };
     obey(runtime, async move || {
         tokio::select! {
-            _ = interrupt.recv() => Failure::CANCELLED,
-            _ = stop.recv() => Failure::CANCELLED,
-            _ = close.recv() => Failure::CANCELLED,
-            _ = shutdown.recv() => Failure::TRY_AGAIN,
+            _ = interrupt.recv() => CANCELLED,
+            _ = stop.recv() => CANCELLED,
+            _ = close.recv() => CANCELLED,
+            _ = shutdown.recv() => TRY_AGAIN,
         }
     });
     Ok(())
@@ -77,7 +81,7 @@ fn obey(runtime: Runtime, mut next: impl AsyncFnMut() -> u8 + Send + 'static) {
 pub fn when_input_ends() {
     std::thread::spawn(|| {
         let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
-        ask(Failure::CANCELLED);
+        ask(CANCELLED);
     });
 }
 
@@ -100,14 +104,14 @@ pub fn asked() -> bool {
 /// With which exit code a command ends that was cancelled.
 pub fn code() -> u8 {
     match ASKED.load(Ordering::SeqCst) {
-        0 => Failure::CANCELLED,
+        0 => CANCELLED,
         code => code,
     }
 }
 
 /// Whether a system wants the machine back, and runs the command again.
 pub fn is_from_outside() -> bool {
-    code() == Failure::TRY_AGAIN
+    code() == TRY_AGAIN
 }
 
 /// Keeps the process alive until the guard is dropped.
