@@ -30,6 +30,8 @@ LEFT_OUT = re.compile(
     r"|_benchmark\.py|testing_refleaks|\.pyi$|\.typed$|\.proto$"
     r"|google/protobuf/(proto_json|proto_text|proto_builder|service_reflection)\.py"
 )
+# Of the Python package's files, those that are the add-on's, too.
+SHARED = ("client.py", "recording.py")
 # Fixed, so that the same sources give the same zip.
 ZIP_TIME = (2020, 1, 1, 0, 0, 0)
 
@@ -46,6 +48,7 @@ def main():
     shutil.rmtree(package, ignore_errors=True)
     shutil.copytree(ADDON / "cairn", package, ignore=shutil.ignore_patterns("__pycache__"))
     vendor(output / "wheels", package / "_vendor")
+    share(package)
     describe(output, package)
     kind = "any"
     if args.server:
@@ -83,9 +86,20 @@ def vendor(wheels, target):
                     (target / place).write_bytes(archive.read(name))
     for folder in [target, *(target / name for name in ("google", "google/rpc"))]:
         (folder / "__init__.py").touch()
-    names = {path.stem for path in target.iterdir()} - {"licences", "__init__"}
     for path in sorted(target.rglob("*.py")):
-        path.write_text(relative_imports(path, target, names))
+        path.write_text(relative_imports(path, target, vendored_names(target)))
+
+
+def share(package):
+    """Takes in what the add-on and the Python package have in common."""
+    for name in SHARED:
+        path = package / name
+        shutil.copy(ROOT / "python" / "cairn" / "wire" / name, path)
+        path.write_text(relative_imports(path, package, vendored_names(package / "_vendor"), "_vendor."))
+
+
+def vendored_names(target):
+    return {path.stem for path in target.iterdir()} - {"licences", "__init__"}
 
 
 def vendored_place(name):
@@ -98,19 +112,20 @@ def vendored_place(name):
     return None if LEFT_OUT.search(name) or not name.endswith(".py") else name
 
 
-def relative_imports(path, target, names):
-    """A library's source with the imports of its fellows relative to itself: it may be anywhere then."""
+def relative_imports(path, target, names, inside=""):
+    """A source with the imports of the libraries relative to itself: it may be anywhere then. `inside`: where they are
+    in `target`."""
     lines = path.read_text().splitlines(keepends=True)
     dots = "." * len(path.relative_to(target).parts)
     for node in ast.walk(ast.parse("".join(lines))):
         if isinstance(node, ast.ImportFrom) and not node.level and node.module.split(".")[0] in names:
-            old, new = f"from {node.module} import", f"from {dots}{node.module} import"
+            old, new = f"from {node.module} import", f"from {dots}{inside}{node.module} import"
         elif isinstance(node, ast.Import) and any(alias.name.split(".")[0] in names for alias in node.names):
             (alias,) = node.names
             package, _, last = alias.name.rpartition(".")
             rename = f" as {alias.asname}" if alias.asname else ""
             old = f"import {alias.name}{rename}"
-            new = f"from {dots}{package} import {last}{rename}"
+            new = f"from {dots}{inside}{package} import {last}{rename}"
             if package and not rename:
                 new += f" as _; from {dots} import {package.split('.')[0]}"
         else:

@@ -7,7 +7,7 @@ import threading
 from dataclasses import dataclass, field
 
 from . import client
-from .client import Client, Fault
+from .client import Connection, Fault
 from .messages import v1
 from .recording import Recording
 
@@ -131,7 +131,7 @@ class Job:
         if summary is None:
             raise Fault("The server ended the bake without a result. Bake again.")
         try:
-            async with Client(await self.server.reach()) as connection:
+            async with Connection(await self.server.reach()) as connection:
                 self.report = await connection.report(self.bake_id)
         except Fault:
             # The pile is there without it.
@@ -160,7 +160,7 @@ class Job:
 
     async def _cancel(self):
         try:
-            async with Client(await self.server.reach()) as connection:
+            async with Connection(await self.server.reach()) as connection:
                 await connection.call("CancelBake", timeout=FAREWELL, bake_id=self.bake_id)
         except Fault:
             # It has ended, or is out of reach.
@@ -168,7 +168,7 @@ class Job:
 
 
 async def _ask(server, name, **fields):
-    async with Client(await server.reach()) as connection:
+    async with Connection(await server.reach()) as connection:
         await connection.handshake()
         return await connection.call(name, **fields)
 
@@ -184,7 +184,7 @@ async def _plan(server, spec, contents, problems):
         # There is nothing more to ask.
         raise Fault("", problems=problems)
     try:
-        async with Client(await server.reach()) as connection:
+        async with Connection(await server.reach()) as connection:
             await connection.handshake()
             await connection.upload(contents)
             answer = await connection.plan(spec)

@@ -3,12 +3,19 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
+
 from ._vendor.google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 # Registers the errors' details.
 from ._vendor.google.rpc import error_details_pb2, status_pb2  # noqa: F401
 
 Field = descriptor_pb2.FieldDescriptorProto
+
+
+def floats(values):
+    """Packed numbers as numpy's, [n]."""
+    return np.frombuffer(values, "<f4")
 
 
 def _load():

@@ -7,9 +7,13 @@ from types import SimpleNamespace
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
+from . import client
 from .client import Fault, Target
 from .job import Server
 from .server import LocalServer, find
+
+# Where an artist chooses the server.
+client.place = " in the add-on's preferences"
 
 _local = None
 

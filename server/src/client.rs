@@ -25,26 +25,43 @@ pub struct Target {
     pub ca: Option<Vec<u8>>,
     /// Certificate and key of the caller, PEM.
     pub identity: Option<(Vec<u8>, Vec<u8>)>,
+    /// By which a proxy in front of several servers chooses one.
+    pub route: Option<String>,
 }
 
 /// A connection.
 #[derive(Clone)]
 pub struct Connection {
-    pub service: PileServiceClient<InterceptedService<Channel, Token>>,
+    pub service: PileServiceClient<InterceptedService<Channel, Headers>>,
 }
 
-/// Adds the token to each call.
+/// Adds token and route to each call.
 #[derive(Clone)]
-pub struct Token(Option<MetadataValue<Ascii>>);
+pub struct Headers(Vec<(&'static str, MetadataValue<Ascii>)>);
 
-impl tonic::service::Interceptor for Token {
+impl Headers {
+    fn of(target: &Target) -> Result<Headers, Status> {
+        let token = target.token.as_ref().map(|token| ("authorization", format!("Bearer {token}")));
+        let route = target.route.as_ref().map(|route| (ROUTE, route.clone()));
+        let parse = |(name, value): (&'static str, String)| {
+            let wrong = |_| Status::unauthenticated(format!("the value of `{name}` holds characters of no header"));
+            value.parse().map(|value| (name, value)).map_err(wrong)
+        };
+        token.into_iter().chain(route).map(parse).collect::<Result<_, _>>().map(Headers)
+    }
+}
+
+impl tonic::service::Interceptor for Headers {
     fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
-        if let Some(token) = &self.0 {
-            request.metadata_mut().insert("authorization", token.clone());
+        for (name, value) in &self.0 {
+            request.metadata_mut().insert(*name, value.clone());
         }
         Ok(request)
     }
 }
+
+/// The header by which proxies choose a server.
+const ROUTE: &str = "cairn-route";
 
 /// Bytes of a chunk of an upload.
 const CHUNK: usize = 64 << 10;
@@ -77,11 +94,9 @@ impl Connection {
             }
             endpoint = endpoint.tls_config(tls).map_err(wrong)?;
         }
-        let token = target.token.as_ref().map(|token| format!("Bearer {token}").parse());
-        let token =
-            token.transpose().map_err(|_| Status::unauthenticated("the token holds characters of no header"))?;
+        let headers = Headers::of(target)?;
         let channel = endpoint.connect().await.map_err(wrong)?;
-        let mut service = PileServiceClient::with_interceptor(channel, Token(token));
+        let mut service = PileServiceClient::with_interceptor(channel, headers);
         service.get_server_info(GetServerInfoRequest { protocol_version: PROTOCOL }).await?;
         Ok(Connection { service })
     }
@@ -108,7 +123,12 @@ impl Connection {
         let request = BakeRequest { frames: FrameSelection::None.into(), ..request };
         let events = self.service.bake(request).await?.into_inner();
         let events = events.map(|response| response.map(|response| response.event));
-        self.follow(Box::pin(events), String::new(), on_event).await
+        let ended = self.follow(Box::pin(events), String::new(), on_event).await;
+        ended.map_err(|status| match status.code() {
+            // Another server answers for the one that had it.
+            Code::NotFound => Status::unavailable(format!("the bake is lost: {}", status.message())),
+            _ => status,
+        })
     }
 
     /// Hands out the events of a bake, without frames, to the end.

@@ -1,7 +1,8 @@
 //! Cairn around its core: the wire, files and the command line.
 
 // The layers, lowest first. A module uses only those before it:
-// version, trouble, problem, files, wire, scene_file, model, job, cost, client, service, cli
+// version, trouble, problem, files, wire, scene_file, model, job, cost, batch, sheet, client, service, cli
+mod batch;
 pub mod cli;
 pub mod client;
 pub mod cost;
@@ -13,6 +14,7 @@ pub mod scene_file;
 mod service;
 #[cfg(feature = "failpoints")]
 pub use service::in_process;
+mod sheet;
 mod trouble;
 pub mod version;
 pub mod wire;

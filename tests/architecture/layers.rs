@@ -30,6 +30,8 @@ const SERVICE: &[&[&str]] = &[
     &["model"],
     &["job"],
     &["cost"],
+    &["batch"],
+    &["sheet"],
     &["client"],
     &["service"],
     &["cli"],

@@ -66,6 +66,14 @@ fn progress_goes_to_stderr_in_the_form_asked_for() {
     assert!(done.stderr.contains("pile.glb in"), "{}", done.stderr);
     assert_eq!(done.ok(), "");
 
+    // For a farm, on stdout, where nothing else may go then; so are faults.
+    let done = desk.line(&format!("bake {SCENE} -o pile.glb --progress openjd"));
+    assert!(done.stdout.lines().all(|line| line.starts_with("openjd_")), "{}", done.stdout);
+    assert!(done.ok().contains("openjd_progress: 100\n"));
+    let done = desk.line(&format!("bake {SCENE} -o - --progress openjd"));
+    assert_eq!(done.code, 2);
+    assert!(done.stdout.starts_with("openjd_fail: --progress openjd: "), "{}", done.stdout);
+
     let done = desk.line(&format!("bake {SCENE} -o pile.glb --quiet"));
     assert_eq!(done.stderr, "");
     assert_eq!(done.ok(), "");
@@ -74,6 +82,18 @@ fn progress_goes_to_stderr_in_the_form_asked_for() {
 #[cfg(unix)]
 #[test]
 fn ctrl_c_leaves_nothing_behind() {
+    a_signal_leaves_nothing_behind("-INT", 130, "cancelled");
+}
+
+/// As a farm ends a task that is to run again.
+#[cfg(unix)]
+#[test]
+fn sigterm_leaves_nothing_behind() {
+    a_signal_leaves_nothing_behind("-TERM", 75, "run the command again");
+}
+
+#[cfg(unix)]
+fn a_signal_leaves_nothing_behind(signal: &str, code: i32, told: &str) {
     let desk = Desk::new();
     let before = desk.files();
     let mut bake =
@@ -82,8 +102,8 @@ fn ctrl_c_leaves_nothing_behind() {
     let mut lines = BufReader::new(bake.stderr.take().unwrap()).lines().map(Result::unwrap);
     assert!(lines.any(|line| line.contains("\"fill\"")));
     let id = bake.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
-    assert_eq!(bake.wait().unwrap().code(), Some(130));
-    assert!(lines.any(|line| line.contains("cancelled")));
+    assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
+    assert_eq!(bake.wait().unwrap().code(), Some(code));
+    assert!(lines.any(|line| line.contains(told)));
     assert_eq!(desk.files(), before);
 }

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod bake;
+mod batch;
 mod cost;
 mod desk;
 mod effects;

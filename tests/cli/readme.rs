@@ -52,7 +52,7 @@ fn commands() {
                 }
             }
             // Its flags must be right; it would not end, or not soon.
-            "serve" | "cost" => words.push("--help"),
+            "serve" | "cost" | "batch" => words.push("--help"),
             "render" => continue,
             _ => {}
         }

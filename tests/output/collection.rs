@@ -49,7 +49,7 @@ fn what_can_be_read_can_be_written() {
             continue;
         }
         let model = SourceModel { name: "prop", file: &name, bytes: &bytes, node: None, resolve: &resolve };
-        let scene = ExportScene { props: vec![model], scenery: vec![model] };
+        let scene = ExportScene { props: vec![model], scenery: vec![model], origin: None };
         let result = encode(Format::Glb, &pile, &scene).unwrap_or_else(|error| panic!("{name}: {error}"));
         std::fs::write(results.join(format!("{}.glb", name.replace(['/', '\\'], "_"))), result).unwrap();
         written += 1;

@@ -15,7 +15,7 @@ fn prop<'a>(name: &'a str, bytes: &'a [u8], node: Option<&'a str>) -> SourceMode
 #[test]
 fn world_matrices_follow_the_poses() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
     let pile = pile_of(&[(0, 1.0), (0, 0.5), (0, 2.0)], tumbling(3, 50));
     let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     for frame in [0, 1, 17, 48, 49] {
@@ -33,7 +33,7 @@ fn world_matrices_follow_the_poses() {
 #[test]
 fn constant_tracks_are_absent_and_waiting_is_cheap() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
     let mut frames = tumbling(3, 40);
     for frame in 0..40 {
         frames[frame][0] = frames[0][0]; // never moves
@@ -62,7 +62,7 @@ fn constant_tracks_are_absent_and_waiting_is_cheap() {
 #[test]
 fn no_frame_and_one_frame_make_a_still() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
     for frames in [0, 1] {
         let pile = pile_of(&[(0, 1.0), (0, 3.0)], tumbling(2, frames));
         let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
@@ -79,7 +79,7 @@ fn no_frame_and_one_frame_make_a_still() {
 #[test]
 fn embedded_textures_and_material_extensions_survive() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
     let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     let file = read_valid(&bytes);
     let image = file.document.images().next().unwrap();
@@ -100,7 +100,7 @@ fn embedded_textures_and_material_extensions_survive() {
 #[test]
 fn hierarchies_are_rebuilt_below_each_body() {
     let kit = files::kit();
-    let scene = ExportScene { props: vec![prop("kit", &kit, None)], scenery: vec![] };
+    let scene = ExportScene { props: vec![prop("kit", &kit, None)], scenery: vec![], origin: None };
     let pile = pile_of(&[(0, 1.5), (0, 1.0)], tumbling(2, 3));
     let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     assert_eq!(file.document.meshes().count(), 1);
@@ -119,7 +119,7 @@ fn hierarchies_are_rebuilt_below_each_body() {
 fn a_chosen_node_keeps_its_rotation_and_scale_and_loses_its_place() {
     let kit = files::kit();
     let props = vec![prop("mirrored", &kit, Some("Mirrored")), prop("wheel", &kit, Some("Wheel"))];
-    let scene = ExportScene { props, scenery: vec![] };
+    let scene = ExportScene { props, scenery: vec![], origin: None };
     let pile = pile_of(&[(0, 1.0), (1, 2.0)], tumbling(2, 3));
     let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     assert_eq!(file.document.meshes().count(), 1, "two props of one file share what they share");
@@ -137,7 +137,7 @@ fn a_chosen_node_keeps_its_rotation_and_scale_and_loses_its_place() {
 fn scenery_keeps_its_hierarchy_and_place() {
     let (cube, kit) = (textured_cube(), files::kit());
     let scenery = vec![prop("yard", &kit, None), prop("wheel", &kit, Some("Wheel"))];
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery, origin: None };
     let file = read_valid(&encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 3)), &scene).unwrap());
     let tops: Vec<_> = file.document.default_scene().unwrap().nodes().map(|n| n.name().unwrap().to_string()).collect();
     assert_eq!(tops, ["pile", "scenery"]);
@@ -154,8 +154,12 @@ fn scenery_keeps_its_hierarchy_and_place() {
 fn the_same_file_twice_is_stored_once() {
     let cube = textured_cube();
     let copy = cube.clone();
-    let single = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
-    let double = ExportScene { props: vec![prop("cube", &cube, None), prop("copy", &copy, None)], scenery: vec![] };
+    let single = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
+    let double = ExportScene {
+        props: vec![prop("cube", &cube, None), prop("copy", &copy, None)],
+        scenery: vec![],
+        origin: None,
+    };
     let frames = tumbling(2, 2);
     let one = read_valid(&encode(Glb, &pile_of(&[(0, 1.0), (0, 1.0)], frames.clone()), &single).unwrap());
     let two = read_valid(&encode(Glb, &pile_of(&[(0, 1.0), (1, 1.0)], frames), &double).unwrap());
@@ -168,7 +172,7 @@ fn external_buffers_are_embedded_and_missing_images_stay() {
     let (gltf, bin) = files::separate();
     let resolve = |uri: &str| if uri == "cube.bin" { Ok(bin.clone()) } else { Err(format!("{uri} is missing")) };
     let model = SourceModel { name: "cube", file: "cube.gltf", bytes: &gltf, node: None, resolve: &resolve };
-    let scene = ExportScene { props: vec![model], scenery: vec![] };
+    let scene = ExportScene { props: vec![model], scenery: vec![], origin: None };
     let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     let json = json_of(&bytes);
     assert_eq!(json["buffers"].as_array().unwrap().len(), 1);
@@ -178,7 +182,7 @@ fn external_buffers_are_embedded_and_missing_images_stay() {
 
     let reachable = |uri: &str| Ok(if uri == "cube.bin" { bin.clone() } else { files::PNG.to_vec() });
     let model = SourceModel { resolve: &reachable, ..model };
-    let scene = ExportScene { props: vec![model], scenery: vec![] };
+    let scene = ExportScene { props: vec![model], scenery: vec![], origin: None };
     let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     assert_eq!(json_of(&bytes)["images"][0]["mimeType"], "image/png");
     read_valid(&bytes);
@@ -192,8 +196,9 @@ fn viewed(name: &str) -> Vec<u8> {
 #[test]
 fn compressed_sources_become_plain() {
     let pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
-    let written =
-        |bytes: &[u8]| encode(Glb, &pile, &ExportScene { props: vec![prop("it", bytes, None)], scenery: vec![] });
+    let written = |bytes: &[u8]| {
+        encode(Glb, &pile, &ExportScene { props: vec![prop("it", bytes, None)], scenery: vec![], origin: None })
+    };
     for name in ["draco.gltf", "meshopt.gltf"] {
         let source = viewed(name);
         let result = written(&source).unwrap();
@@ -218,7 +223,7 @@ fn a_scene_can_be_chosen_by_name() {
     let nodes = source["scenes"][0]["nodes"].clone();
     source["scenes"] = json!([{ "nodes": [] }, { "name": "Shelf", "nodes": nodes }]);
     let (source, pile) = (source.to_string(), pile_of(&[(0, 1.0)], tumbling(1, 2)));
-    let scene = |name| ExportScene { props: vec![prop("it", source.as_bytes(), name)], scenery: vec![] };
+    let scene = |name| ExportScene { props: vec![prop("it", source.as_bytes(), name)], scenery: vec![], origin: None };
     assert!(encode(Glb, &pile, &scene(Some("Shelf"))).is_ok());
     assert!(encode(Glb, &pile, &scene(Some("Shelves"))).is_err());
     assert!(encode(Glb, &pile, &scene(None)).is_err(), "the default scene is empty");
@@ -227,7 +232,7 @@ fn a_scene_can_be_chosen_by_name() {
 #[test]
 fn tables_hold_every_pose() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
     let pile = pile_of(&[(0, 1.0), (0, 0.5)], tumbling(2, 4));
     let table: Value = serde_json::from_slice(&encode(Json, &pile, &scene).unwrap()).unwrap();
     assert_eq!(table["fps"], 24.0);
@@ -248,7 +253,7 @@ fn tables_hold_every_pose() {
 #[test]
 fn writing_is_all_or_nothing() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![] };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
     let pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
     let folder = tempfile::tempdir().unwrap();
     let entries = || std::fs::read_dir(folder.path()).unwrap().count();
@@ -259,7 +264,8 @@ fn writing_is_all_or_nothing() {
     assert_eq!(std::fs::read(&path).unwrap(), encode(Glb, &pile, &scene).unwrap());
     assert_eq!(entries(), 1);
 
-    let broken = ExportScene { props: vec![prop("cube", &cube[..cube.len() - 1], None)], scenery: vec![] };
+    let broken =
+        ExportScene { props: vec![prop("cube", &cube[..cube.len() - 1], None)], scenery: vec![], origin: None };
     assert!(matches!(write(&path, &pile, &broken), Err(ExportError::Source { .. })));
     assert_eq!(std::fs::read(&path).unwrap(), encode(Glb, &pile, &scene).unwrap(), "the old result stays");
     assert_eq!(entries(), 1);
@@ -278,7 +284,7 @@ fn hostile_sources_are_errors() {
     let good = files::kit_json();
     let refuse = |json: Value| {
         let bytes = json.to_string().into_bytes();
-        let scene = ExportScene { props: vec![prop("bad", &bytes, None)], scenery: vec![] };
+        let scene = ExportScene { props: vec![prop("bad", &bytes, None)], scenery: vec![], origin: None };
         assert!(matches!(encode(Glb, &pile, &scene), Err(ExportError::Source { .. })), "{json}");
     };
     for (pointer, value) in [
@@ -301,7 +307,7 @@ fn hostile_sources_are_errors() {
         refuse(json);
     }
     for bytes in [&b""[..], b"glTF", b"glTF\x02\0\0\0\xff\xff\xff\xff", b"[]", b"{\"nodes\": 3"] {
-        let scene = ExportScene { props: vec![prop("bad", bytes, None)], scenery: vec![] };
+        let scene = ExportScene { props: vec![prop("bad", bytes, None)], scenery: vec![], origin: None };
         assert!(matches!(encode(Glb, &pile, &scene), Err(ExportError::Source { .. })), "{bytes:?}");
     }
 }

@@ -62,7 +62,7 @@ fn extras_are_merged() {
     let (cube, kit, with_text) = (textured_cube(), kit(), with_text.to_string().into_bytes());
     let prop = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files };
     let props = [&cube, &kit, &with_extras, &with_text].map(|bytes| prop(bytes)).to_vec();
-    let scene = ExportScene { props, scenery: vec![] };
+    let scene = ExportScene { props, scenery: vec![], origin: None };
     let bodies = [0, 1, 2, 2, 3, 3, 0].map(|prop| (prop, 1.0));
     let mut pile = pile_of(&bodies, tumbling(bodies.len(), 3));
     let plain = json_of(&encode(Format::Glb, &pile, &scene).unwrap());

@@ -20,7 +20,7 @@ fn picture(bytes: &[u8], settings: Settings) -> Result<RgbImage, RenderError> {
 fn baked(frames: Vec<Vec<Pose>>) -> Vec<u8> {
     let (cube, kit) = (textured_cube(), kit());
     let model = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files };
-    let scene = ExportScene { props: vec![model(&cube), model(&kit)], scenery: vec![] };
+    let scene = ExportScene { props: vec![model(&cube), model(&kit)], scenery: vec![], origin: None };
     encode(Format::Glb, &pile_of(&[(0, 1.0), (1, 0.2), (0, 2.0)], frames), &scene).unwrap()
 }
 
@@ -160,7 +160,7 @@ fn glued(moves: f64) -> Vec<u8> {
         clusters: vec![vec![0, 1]],
         anchored: vec![],
     });
-    encode(Format::Glb, &pile, &ExportScene { props: vec![prop], scenery: vec![] }).unwrap()
+    encode(Format::Glb, &pile, &ExportScene { props: vec![prop], scenery: vec![], origin: None }).unwrap()
 }
 
 const SHOWN: Settings = Settings { glue: true, size: [480, 180], azimuth: 0.0, elevation: 5.0, ..SMALL };
@@ -190,7 +190,7 @@ fn dots_are_shown() {
 fn a_pile_without_glue_is_refused() {
     let cube = textured_cube();
     let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files };
-    let scene = ExportScene { props: vec![prop], scenery: vec![] };
+    let scene = ExportScene { props: vec![prop], scenery: vec![], origin: None };
     let plain = encode(Format::Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     for bytes in [&plain, &kit()] {
         let refused = picture(bytes, SHOWN).unwrap_err().to_string();

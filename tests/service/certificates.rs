@@ -82,6 +82,7 @@ async fn callers_by_the_subject_of_their_certificate() {
         token: token.map(str::to_owned),
         ca: Some(ca.clone()),
         identity: clients.sign_subject(common_name),
+        ..Default::default()
     };
     for common_name in [None, Some(""), Some("anna"), Some("farm.studio.example")] {
         let refused = Connection::open(&by(common_name, None)).await.err().expect("nobody's certificate");

@@ -1,21 +1,18 @@
 //! `cairn bake`: the main job.
 
 use super::bounds::Bounds;
+use super::cache_args::CacheArgs;
 use super::progress::{self, Mode, Reporter};
 use super::remote::{self, Access, Asked, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
-use crate::files;
-use crate::job::reuse::Cache;
 use crate::job::{self, Job, Outcome, machine};
 use crate::model::export::{self, Format};
 use crate::problem::Problem;
-use crate::wire::proto;
+use crate::scene_file::SceneTree;
 use anstyle::AnsiColor;
-use clap::builder::{FalseyValueParser, OsStringValueParser};
-use std::ffi::OsString;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Fill a shape with props and write their motion
 #[derive(clap::Args)]
@@ -44,9 +41,9 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
 
-    /// How progress is told, on stderr
+    /// How progress is told; on stderr, where nothing else is said
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
-    progress: Mode,
+    pub progress: Mode,
 
     /// Tell nothing but errors
     #[arg(short, long)]
@@ -69,14 +66,8 @@ pub struct Args {
     #[command(flatten)]
     bounds: Bounds,
 
-    /// Where fills and bakes are kept, to be used again where nothing that they depend on has changed [default: the user's own
-    /// cache folder]
-    #[arg(long, value_name = "FOLDER", env = "CAIRN_CACHE", value_parser = OsStringValueParser::new(), help_heading = "Cache")]
-    cache: Option<OsString>,
-
-    /// Make everything anew, and keep nothing
-    #[arg(long, env = "CAIRN_NO_CACHE", value_parser = FalseyValueParser::new(), help_heading = "Cache")]
-    no_cache: bool,
+    #[command(flatten)]
+    cache: CacheArgs,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -86,23 +77,28 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None if output::is_stdout(&args.output) => Format::Glb,
         None => export::check_destination(&args.output)?,
     };
-    let scene = args.scene.tree()?.to_message();
+    if args.progress == Mode::Openjd && output::is_stdout(&args.output) {
+        let what = "the progress goes to the standard output, too";
+        return Err(Failure::Usage(vec![Problem::new("--progress openjd", what, "Name a file for the result.")]));
+    }
+    let tree = args.scene.tree()?;
+    let scene = tree.to_message();
     if let Some(server) = &args.server {
-        let folder = args.scene.scene.as_deref().map_or(Path::new("."), files::folder_of);
-        let files = remote::Files::read(&scene, folder)?;
+        let files = remote::Files::read(&scene, tree.folder())?;
         check_outputs(args, files.paths())?;
         let (output, report) = (Some(&*args.output), args.report.as_deref());
         let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
         return remote::bake(&args.access.at(server)?, scene, files, format, &args.asked, &wanted);
     }
-    args.bounds.hold(|| bake(args, &scene, format))
+    args.bounds.hold(|| bake(args, &tree, format))
 }
 
-fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure> {
+fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
     let mode = if args.quiet { Mode::None } else { args.progress };
-    let job =
-        progress::while_reading(mode, || Job::read_within(scene, args.bounds.limits())).map_err(Failure::Input)?;
+    let job = progress::while_reading(mode, || Job::read_within(&tree.to_message(), args.bounds.limits()))
+        .map_err(Failure::Input)?
+        .relative_to(tree.folder());
     check_outputs(args, job.inputs())?;
 
     let mut reporter = Reporter::new(mode);
@@ -115,12 +111,12 @@ fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure
         next
     };
     let name = args.output.display().to_string();
-    let done = job.run_and_deliver(format, &name, &mut cache(args), &mut reporter, &mut write);
+    let done = job.run_and_deliver(format, &name, &mut args.cache.open(), &mut reporter, &mut write);
     reporter.finish(done.is_ok());
     let is_written = written.transpose()?.is_some();
     if is_written && matches!(done, Err(job::Error::Bake(cairn_core::Error::Cancelled))) {
         tell("error", AnsiColor::Red, &format!("cancelled; {name} is complete, but its figures were not found"));
-        return Err(Failure::Told(Failure::CANCELLED));
+        return Err(Failure::Told(interrupt::code()));
     }
     let Outcome { bake, report, seconds, .. } = done?;
     if let Some(path) = &args.report {
@@ -150,24 +146,6 @@ fn bake(args: &Args, scene: &proto::Scene, format: Format) -> Result<(), Failure
         }
     }
     Ok(())
-}
-
-fn cache(args: &Args) -> Cache {
-    match args.cache.as_ref().filter(|folder| !folder.is_empty()) {
-        _ if args.no_cache => Cache::none(),
-        Some(folder) => {
-            let cache = Cache::at(Path::new(folder));
-            if let Some(error) = cache.fault() {
-                let text = format!(
-                    "{}: nothing can be kept there ({error}); name another folder, or give --no-cache",
-                    folder.display()
-                );
-                tell("warning", AnsiColor::Yellow, &text);
-            }
-            cache
-        }
-        None => Cache::of_user(),
-    }
 }
 
 /// Both files can be written: asked before the long part.

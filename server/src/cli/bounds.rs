@@ -6,6 +6,7 @@ use crate::job::machine;
 use crate::problem::Problem;
 use crate::trouble;
 use cairn_core::asset::Limits;
+use std::ffi::OsString;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
 
@@ -28,6 +29,16 @@ const MARK: &str = "CAIRN_IS_BOUNDED";
 const LOOK: Duration = Duration::from_millis(20);
 
 impl Bounds {
+    /// The same arguments, for another process.
+    pub fn again(&self) -> Vec<OsString> {
+        let memory = self.max_memory_mib.map(|mib| format!("--max-memory-mib={mib}"));
+        [Some(format!("--max-triangles={}", self.max_triangles)), memory]
+            .into_iter()
+            .flatten()
+            .map(OsString::from)
+            .collect()
+    }
+
     /// Of each file that is read.
     pub fn limits(&self) -> Limits {
         Limits { triangles: self.max_triangles, ..Limits::default() }
@@ -53,6 +64,8 @@ impl Bounds {
         })?;
         match status.code() {
             Some(0) => Ok(()),
+            // It was asked by this process, and does not know by whom that was.
+            Some(_) if interrupt::asked() => Err(Failure::Told(interrupt::code())),
             Some(code) => Err(Failure::Told(u8::try_from(code).unwrap_or(1))),
             None if has_aborted(status) => Err(Failure::Input(vec![Problem::new(
                 "the scene",

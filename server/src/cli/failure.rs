@@ -1,5 +1,6 @@
 //! Why a command ends without its result, and the exit code that says so.
 
+use super::interrupt;
 use crate::job;
 use crate::model::export::ExportError;
 use crate::problem::Problem;
@@ -19,22 +20,20 @@ pub enum Failure {
     Internal(String),
     /// Nothing is wrong with the scene; the result could not be written.
     TryAgain(Problem),
-    /// The user pressed Ctrl-C.
+    /// The user pressed Ctrl-C, or a system sent SIGTERM.
     Cancelled,
     /// It has been told, and this is its exit code.
     Told(u8),
 }
 
 impl Failure {
-    pub const CANCELLED: u8 = 130;
-
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self {
             Failure::Usage(_) => 2,
             Failure::Input(_) => 65,
             Failure::Internal(_) => 70,
-            Failure::TryAgain(_) => 75,
-            Failure::Cancelled => Failure::CANCELLED,
+            Failure::TryAgain(_) => interrupt::TRY_AGAIN,
+            Failure::Cancelled => interrupt::code(),
             Failure::Told(code) => *code,
         })
     }
@@ -50,6 +49,9 @@ impl Failure {
                  message, the scene and its files, and the version: {}.",
                 crate::version::VERSION
             )],
+            Failure::Cancelled if interrupt::is_from_outside() => {
+                vec!["ended from outside (SIGTERM); nothing was written; run the command again".into()]
+            }
             Failure::Cancelled => vec!["cancelled; nothing was written".into()],
             Failure::Told(_) => Vec::new(),
         }

@@ -1,7 +1,9 @@
 //! The command line: one file per command, and what they share.
 
 mod bake;
+mod batch;
 mod bounds;
+mod cache_args;
 mod cancel;
 mod check;
 mod completions;
@@ -14,6 +16,7 @@ mod man;
 mod output;
 mod plan;
 mod progress;
+mod rank;
 mod remote;
 mod render;
 mod scene;
@@ -21,6 +24,7 @@ mod scene_args;
 mod schema;
 mod serve;
 mod summary;
+mod verify;
 mod watch;
 mod worker;
 
@@ -29,6 +33,7 @@ use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
 use clap::{Parser, Subcommand};
 pub use failure::Failure;
+use progress::Mode;
 use std::process::ExitCode;
 
 /// Bakes piles of props in the shape of a mesh.
@@ -46,6 +51,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Bake(bake::Args),
+    Batch(batch::Args),
     Cancel(cancel::Args),
     Check(check::Args),
     Completions(completions::Args),
@@ -53,13 +59,27 @@ enum Command {
     Doctor(doctor::Args),
     Man(man::Args),
     Plan(plan::Args),
+    Rank(rank::Args),
     Render(render::Args),
     Scene(scene::Args),
     Schema(schema::Args),
     Serve(serve::Args),
+    Verify(verify::Args),
     Watch(watch::Args),
     #[command(hide = true)]
     Worker(worker::Args),
+}
+
+impl Command {
+    /// How the command's progress is told, if it has any.
+    fn progress(&self) -> Option<Mode> {
+        match self {
+            Command::Bake(args) => Some(args.progress),
+            Command::Batch(args) => Some(args.progress),
+            Command::Watch(args) => Some(args.progress),
+            _ => None,
+        }
+    }
 }
 
 const EXAMPLES: &str = "\
@@ -77,15 +97,17 @@ Examples:
   cairn doctor
         Tells whether this machine is fit, and tries a small bake on it.
 
-Exit codes: 0 done, 2 wrong usage, 65 wrong input, 70 a fault in Cairn, 75 not written (try again), 130 cancelled.
+Exit codes: 0 done, 2 wrong usage, 65 wrong input, 70 a fault in Cairn, 75 not written (try again; SIGTERM), 130 cancelled.
 Colours: as the terminal allows; the environment variable NO_COLOR switches them off.";
 
 /// Runs the command that the process was started with.
 pub fn main() -> ExitCode {
     trouble::set_up();
     let cli = Cli::parse();
+    let is_openjd = cli.command.progress() == Some(Mode::Openjd);
     let result = fault::contain(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
+        Command::Batch(args) => batch::run(&args),
         Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Completions(args) => completions::run(&args),
@@ -93,18 +115,24 @@ pub fn main() -> ExitCode {
         Command::Doctor(args) => doctor::run(&args),
         Command::Man(args) => man::run(&args),
         Command::Plan(args) => plan::run(&args),
+        Command::Rank(args) => rank::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Schema(args) => schema::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Verify(args) => verify::run(&args),
         Command::Watch(args) => watch::run(&args),
         Command::Worker(args) => worker::run(&args),
     });
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            for message in failure.messages() {
-                tell("error", AnsiColor::Red, &message);
+            let messages = failure.messages();
+            for message in &messages {
+                tell("error", AnsiColor::Red, message);
+            }
+            if is_openjd && !messages.is_empty() {
+                progress::openjd("fail", &messages.join("; "));
             }
             failure.exit_code()
         }

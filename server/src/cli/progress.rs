@@ -2,11 +2,11 @@
 
 use super::interrupt;
 use crate::job::machine;
-use crate::job::pace::{Pace, name};
+use crate::job::pace::{Pace, name, overall};
 use cairn_core::input::observer::{Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::ops::ControlFlow;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
@@ -21,6 +21,8 @@ pub enum Mode {
     Plain,
     /// One JSON object per line, up to ten in a second
     Json,
+    /// As Open Job Description has it, a line every second on stdout: openjd_progress, openjd_status, openjd_fail
+    Openjd,
     /// Nothing
     None,
 }
@@ -37,6 +39,7 @@ enum Show {
     Bar(Option<ProgressBar>),
     Plain,
     Json,
+    Openjd,
     Nothing,
 }
 
@@ -46,6 +49,7 @@ impl Reporter {
             Mode::Auto if std::io::stderr().is_terminal() => Show::Bar(None),
             Mode::Auto | Mode::Plain => Show::Plain,
             Mode::Json => Show::Json,
+            Mode::Openjd => Show::Openjd,
             Mode::None => Show::Nothing,
         };
         Reporter { show, pace: Pace::default(), told: None }
@@ -67,11 +71,13 @@ impl Reporter {
                 }
             }
             Show::Plain if pause >= Duration::from_secs(1) => {
-                let percent = progress.fraction * 100.0;
-                let left = self.pace.remaining_seconds(progress).map(|left| format!("{left:.0} s left"));
-                let parts =
-                    [Some(format!("{percent:.0} %")), Some(counts(progress)).filter(|text| !text.is_empty()), left];
-                eprintln!("{}: {}", name(progress.stage), parts.into_iter().flatten().collect::<Vec<_>>().join(", "));
+                eprintln!("{}", line(progress, &mut self.pace));
+                self.told = Some(Instant::now());
+            }
+            Show::Openjd if began || pause >= Duration::from_secs(1) => {
+                let percent = overall(progress) * 100.0;
+                openjd("progress", &format!("{percent:.1}"));
+                openjd("status", &line(progress, &mut self.pace));
                 self.told = Some(Instant::now());
             }
             Show::Json if began || pause >= Duration::from_millis(100) => {
@@ -87,12 +93,15 @@ impl Reporter {
                 eprintln!("{line}");
                 self.told = Some(Instant::now());
             }
-            Show::Plain | Show::Json | Show::Nothing => {}
+            Show::Plain | Show::Json | Show::Openjd | Show::Nothing => {}
         }
     }
 
     /// Takes the bar off the screen, or fills it.
     pub fn finish(&mut self, done: bool) {
+        if done && matches!(self.show, Show::Openjd) {
+            openjd("progress", "100");
+        }
         if let Show::Bar(Some(bar)) = &self.show {
             if done { fill(bar) } else { bar.finish_and_clear() }
         }
@@ -128,6 +137,7 @@ pub fn while_reading<T>(mode: Mode, read: impl FnOnce() -> T) -> T {
                     Show::Bar(_) => bar.set_message(format!("reading the scene and its files, {seconds} s")),
                     Show::Plain => eprintln!("read: {seconds} s"),
                     Show::Json => eprintln!("{}", json!({ "stage": "read", "seconds": seconds })),
+                    Show::Openjd => openjd("status", &format!("reading the scene and its files, {seconds} s")),
                     Show::Nothing => {}
                 }
             }
@@ -157,6 +167,21 @@ fn fill(bar: &ProgressBar) {
 fn style(time: &str) -> ProgressStyle {
     ProgressStyle::with_template(&format!("{{prefix:>8}} {{bar:24}} {{percent:>3}} %  {{msg}}  {time}"))
         .expect("the template is valid")
+}
+
+/// The stage and how far it is.
+fn line(progress: &Progress, pace: &mut Pace) -> String {
+    let percent = progress.fraction * 100.0;
+    let left = pace.remaining_seconds(progress).map(|left| format!("{left:.0} s left"));
+    let parts = [Some(format!("{percent:.0} %")), Some(counts(progress)).filter(|text| !text.is_empty()), left];
+    format!("{}: {}", name(progress.stage), parts.into_iter().flatten().collect::<Vec<_>>().join(", "))
+}
+
+/// A line for the worker of a farm that speaks Open Job Description. Who does not read it any more misses nothing.
+pub fn openjd(kind: &str, text: &str) {
+    let mut stdout = std::io::stdout().lock();
+    let _ = writeln!(stdout, "openjd_{kind}: {}", text.lines().collect::<Vec<_>>().join("; "));
+    let _ = stdout.flush();
 }
 
 /// What there is so far; a count of which there is nothing is left out.

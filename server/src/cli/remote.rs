@@ -10,12 +10,11 @@ use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::digest::hex;
 use crate::wire::from_proto;
-use crate::wire::proto::{
-    Artifact, AssetReference, BakeRequest, BakeSpec, OutputFormat, Scene, Summary, bake_event::Kind,
-};
+use crate::wire::proto::{Artifact, AssetReference, BakeRequest, BakeSpec, Scene, Summary, bake_event::Kind};
 use anstyle::AnsiColor;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
+use prost::Message;
 use sha2::{Digest, Sha256};
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -43,6 +42,11 @@ pub struct Access {
     /// Your certificate's key, PEM
     #[arg(long, value_name = "FILE", requires = "tls_certificate", help_heading = "Server")]
     tls_key: Option<PathBuf>,
+
+    /// Where several servers are behind a proxy: calls with the same text reach the same server [default of `bake`: a hash of
+    /// what is asked]
+    #[arg(long, value_name = "TEXT", env = "CAIRN_ROUTE", help_heading = "Server")]
+    route: Option<String>,
 }
 
 impl Access {
@@ -56,6 +60,7 @@ impl Access {
                 token: token.or_else(|| std::env::var("CAIRN_TOKEN").ok()),
                 ca: read(&self.tls_ca)?,
                 identity: read(&self.tls_certificate)?.zip(read(&self.tls_key)?),
+                route: self.route.clone(),
             })
         };
         read().map_err(|problem: Problem| Failure::Usage(vec![problem]))
@@ -110,8 +115,12 @@ fn label(text: &str) -> Result<(String, String), String> {
 
 /// The files of a scene, as a server needs them.
 pub struct Files {
+    /// By the names that the server is to have for them.
     references: Vec<AssetReference>,
     contents: BTreeMap<String, Bytes>,
+    paths: Vec<PathBuf>,
+    /// The scene's own.
+    folder: PathBuf,
 }
 
 impl Files {
@@ -151,17 +160,39 @@ impl Files {
         if !problems.is_empty() {
             return Err(Failure::Input(problems));
         }
-        let mut files = Files { references: Vec::new(), contents: BTreeMap::new() };
+        let (mut references, mut contents) = (Vec::new(), BTreeMap::new());
+        let paths = found.keys().cloned().collect();
         for (path, bytes) in found {
             let sha256 = hex(&Sha256::digest(&bytes));
-            files.references.push(AssetReference { uri: path.to_string_lossy().into_owned(), sha256: sha256.clone() });
-            files.contents.insert(sha256, bytes.into());
+            let uri = job::portable(&path.to_string_lossy(), folder);
+            references.push(AssetReference { uri, sha256: sha256.clone() });
+            contents.insert(sha256, bytes.into());
         }
-        Ok(files)
+        Ok(Files { references, contents, paths, folder: folder.to_owned() })
+    }
+
+    /// What a server is asked to bake.
+    pub fn spec(&self, mut scene: Scene) -> BakeSpec {
+        job::rename(&mut scene, |path| self.portable(path));
+        BakeSpec { scene: Some(scene), assets: self.references.clone(), ..Default::default() }
+    }
+
+    /// Writes what a server is asked into a folder, its message last.
+    pub fn write(&self, scene: Scene, folder: &Path) -> Result<(), Failure> {
+        std::fs::create_dir_all(folder).map_err(|error| Failure::write(folder, error))?;
+        for (sha256, content) in &self.contents {
+            output::write(&folder.join(sha256), content)?;
+        }
+        output::write(&folder.join("spec"), &self.spec(scene).encode_to_vec())
     }
 
     pub fn paths(&self) -> Vec<PathBuf> {
-        self.references.iter().map(|reference| PathBuf::from(&reference.uri)).collect()
+        self.paths.clone()
+    }
+
+    /// What the server calls a file, and so the result.
+    fn portable(&self, path: &str) -> String {
+        job::portable(path, &self.folder)
     }
 }
 
@@ -174,12 +205,11 @@ pub fn bake(
     asked: &Asked,
     wanted: &Wanted,
 ) -> Result<(), Failure> {
-    let mut spec = BakeSpec { scene: Some(scene), assets: files.references, ..Default::default() };
-    spec.set_format(match format {
-        Format::Glb => OutputFormat::Glb,
-        Format::Json => OutputFormat::Json,
-        Format::Csv => OutputFormat::Csv,
-    });
+    let mut spec = files.spec(scene);
+    spec.set_format(job::request::output_format(format));
+    // The same request finds the server that has baked it before.
+    let route = target.route.clone().unwrap_or_else(|| hex(&Sha256::digest(spec.encode_to_vec())));
+    let target = &Target { route: Some(route), ..target.clone() };
     let request = BakeRequest {
         spec: Some(spec),
         labels: asked.labels.iter().cloned().collect(),

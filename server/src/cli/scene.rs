@@ -1,10 +1,11 @@
 //! `cairn scene`: the scene file that equals the same flags.
 
 use super::scene_args::SceneArgs;
-use super::{Failure, print};
+use super::{Failure, print, remote};
 use crate::scene_file::SceneTree;
 use crate::wire::effective::effective;
 use crate::wire::from_proto;
+use std::path::PathBuf;
 
 /// Print the scene file that equals the same flags
 ///
@@ -25,10 +26,20 @@ pub struct Args {
     /// Every field, with the values that the accuracy gives to those that are not set
     #[arg(long)]
     full: bool,
+
+    /// Write what a server is asked into a folder, for programs that call one: the message `cairn.v1.BakeSpec` as `spec`, and
+    /// each file that the scene takes by its SHA-256
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["json", "full"])]
+    request: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut tree = args.scene.tree()?;
+    if let Some(folder) = &args.request {
+        let scene = tree.to_message();
+        let files = remote::Files::read(&scene, tree.folder())?;
+        return files.write(scene, folder);
+    }
     if args.full {
         let scene = tree.to_message();
         let params = from_proto::params(&scene).map_err(Failure::Input)?;

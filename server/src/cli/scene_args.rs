@@ -1,14 +1,17 @@
 //! The arguments that describe a scene: a scene file, flags, or flags over a scene file. The same for every command.
 
 use super::Failure;
+use crate::job::again;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct SceneArgs {
-    /// Scene file (.toml or .json); `cairn scene` writes one. The flags below override it
+    /// Scene file (.toml or .json); `cairn scene` writes one. Or a result (.glb): the scene that it was baked of. The flags below
+    /// override it
     pub scene: Option<PathBuf>,
 
     /// The pile's shape: a closed mesh in a .glb or .gltf file, or one node of it (shapes.glb#Dome)
@@ -43,12 +46,23 @@ pub struct SceneArgs {
     /// Sets any field of the scene, such as fill.count=200, control=off or props.0.density=700; repeat it for several
     #[arg(long, value_name = "FIELD=VALUE", help_heading = "Scene")]
     set: Vec<String>,
+
+    /// Where the files of a result are that stands for its scene, in the folders below included [default: its own folder, one above it,
+    /// the current one]
+    #[arg(long, value_name = "FOLDER", help_heading = "Scene")]
+    assets: Option<PathBuf>,
+}
+
+/// Whether a path names a result, rather than a scene file.
+pub fn is_result(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("glb"))
 }
 
 impl SceneArgs {
     /// The scene file, then the flags, then `--set`, each over what came before.
     pub fn tree(&self) -> Result<SceneTree, Failure> {
         let mut tree = match &self.scene {
+            Some(path) if is_result(path) => again::scene(path, self.assets.as_deref()).map_err(Failure::Input)?,
             Some(path) => SceneTree::load(path).map_err(Failure::Input)?,
             None if self.control.is_none() && self.props.is_empty() && self.set.is_empty() => {
                 let remedy = "Give a scene file, or --control and --prop; see --help for examples.";
@@ -88,6 +102,27 @@ impl SceneArgs {
             }
         }
         if problems.is_empty() { Ok(tree) } else { Err(Failure::Usage(problems)) }
+    }
+}
+
+impl SceneArgs {
+    /// The same arguments, for another process.
+    pub fn again(&self) -> Vec<OsString> {
+        let given = |name: &str, value: &dyn ToString| [OsString::from(name), value.to_string().into()];
+        let flag = |name: &'static str, values: &[String]| -> Vec<OsString> {
+            values.iter().flat_map(|value| given(name, value)).collect()
+        };
+        let mut args: Vec<OsString> = self.scene.iter().map(|path| path.clone().into_os_string()).collect();
+        args.extend(flag("--control", self.control.as_slice()));
+        args.extend(flag("--prop", &self.props));
+        args.extend(flag("--static", &self.statics));
+        args.extend(flag("--accuracy", self.accuracy.as_slice()));
+        args.extend(self.seed.iter().flat_map(|seed| given("--seed", seed)));
+        args.extend(self.frames.iter().flat_map(|frames| given("--frames", frames)));
+        args.extend(self.fps.iter().flat_map(|fps| given("--fps", fps)));
+        args.extend(flag("--set", &self.set));
+        args.extend(self.assets.iter().flat_map(|folder| ["--assets".into(), folder.clone().into_os_string()]));
+        args
     }
 }
 

@@ -24,9 +24,9 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
 
-    /// How progress is told, on stderr
+    /// How progress is told; on stderr, where nothing else is said
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
-    progress: Mode,
+    pub progress: Mode,
 
     /// Tell nothing but errors
     #[arg(short, long)]

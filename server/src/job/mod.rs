@@ -1,25 +1,28 @@
 //! A scene with every file read, and its way through the core to the files of the result: the same for the command line
 //! and for the service.
 
+pub mod again;
 pub mod machine;
 pub mod pace;
 mod read;
 pub mod report;
+pub mod request;
 pub mod reuse;
 mod run;
 mod sources;
 
-use crate::model::export::{ExportScene, SourceModel};
-use crate::wire::proto;
+use crate::model::export::{ExportScene, Format, SourceModel};
+use crate::wire::proto::{self, BakeSpec};
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::estimate::Estimate;
 use machine::Meter;
 pub use run::{Error, Outcome};
-use sources::{InputFile, Reference};
-pub use sources::{Open, model_files};
+use serde_json::Value;
+use sources::Reference;
+pub use sources::{InputFile, Open, model_files, portable, rename};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Everything that one bake needs.
@@ -39,6 +42,8 @@ pub struct Job {
     props: Vec<Reference>,
     statics: Vec<Reference>,
     files: BTreeMap<PathBuf, InputFile>,
+    /// The scene's own: the result names files relative to it.
+    folder: PathBuf,
 }
 
 impl Job {
@@ -53,6 +58,21 @@ impl Job {
         self.files.keys().cloned().collect()
     }
 
+    /// The result is to name files relative to this folder, the scene's own.
+    pub fn relative_to(mut self, folder: &Path) -> Job {
+        self.folder = folder.to_owned();
+        for reference in self.props.iter_mut().chain(&mut self.statics) {
+            reference.portable = portable(&reference.name, folder);
+        }
+        self
+    }
+
+    /// All that decides the result.
+    pub fn request(&self, format: Format) -> BakeSpec {
+        let assets = self.files.values().flat_map(request::assets).collect();
+        request::request(self.effective.clone(), assets, format, &self.folder)
+    }
+
     /// Hash of all files that were read: names and bytes, those beside a glTF file left out.
     pub fn content_hash(&self) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new();
@@ -65,16 +85,17 @@ impl Job {
         hasher.finalize()
     }
 
-    /// The models in their original files.
-    pub fn export_scene(&self) -> ExportScene<'_> {
-        ExportScene { props: self.sources(&self.props), scenery: self.sources(&self.statics) }
+    /// The models in their original files, and what the result tells of where it comes from.
+    pub fn export_scene<'a>(&'a self, origin: &'a Value) -> ExportScene<'a> {
+        let (props, scenery) = (self.sources(&self.props), self.sources(&self.statics));
+        ExportScene { props, scenery, origin: Some(origin) }
     }
 
     fn sources<'a>(&'a self, references: &'a [Reference]) -> Vec<SourceModel<'a>> {
         let source = |reference: &'a Reference| {
             let file = &self.files[&reference.file];
             SourceModel {
-                name: &reference.name,
+                name: &reference.portable,
                 file: &file.name,
                 bytes: &file.bytes,
                 node: reference.node.as_deref(),

@@ -44,6 +44,20 @@ impl Pace {
     }
 }
 
+/// How far a bake is as a whole, 0 to 1, from what each stage takes of most bakes. It only rises.
+pub fn overall(progress: &Progress) -> f64 {
+    // Before the stage, and of it.
+    let (before, share) = match progress.stage {
+        Stage::Shape => (0.0, 0.02),
+        Stage::Fill => (0.02, 0.58),
+        Stage::Glue => (0.6, 0.1),
+        Stage::Release => (0.7, 0.15),
+        Stage::Hold => (0.85, 0.1),
+        Stage::Measure => (0.95, 0.05),
+    };
+    before + share * progress.fraction.clamp(0.0, 1.0)
+}
+
 pub fn name(stage: Stage) -> &'static str {
     match stage {
         Stage::Shape => "shape",

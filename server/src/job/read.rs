@@ -71,7 +71,20 @@ impl Job {
             return Err(reader.problems);
         }
         let (read_seconds, notes, files) = (meter.seconds(), reader.notes, reader.files);
-        Ok(Job { scene, params, ladder, notes, effective, began, meter, read_seconds, props, statics, files })
+        Ok(Job {
+            scene,
+            params,
+            ladder,
+            notes,
+            effective,
+            began,
+            meter,
+            read_seconds,
+            props,
+            statics,
+            files,
+            folder: PathBuf::new(),
+        })
     }
 }
 

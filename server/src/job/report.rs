@@ -17,20 +17,27 @@ pub struct Spent {
     pub wall: f64,
 }
 
+/// Which result a report tells of.
+pub struct Made<'a> {
+    /// See [`crate::job::request::hash`].
+    pub request: blake3::Hash,
+    /// See [`result_hash`].
+    pub result: blake3::Hash,
+    /// Of the result's file.
+    pub output: blake3::Hash,
+    /// What the report calls that.
+    pub name: &'a str,
+}
+
 /// The report file's content.
-pub fn json(
-    bake: &Bake,
-    hash: blake3::Hash,
-    scene: &SceneTree,
-    notes: &[String],
-    output: &str,
-    spent: &Spent,
-) -> Value {
+pub fn json(bake: &Bake, made: &Made, scene: &SceneTree, notes: &[String], spent: &Spent) -> Value {
     let mut report = Map::new();
     let proto::Versions { cairn, rapier3d, clarabel } = versions();
     report.insert("versions".into(), json!({ "cairn": cairn, "rapier3d": rapier3d, "clarabel": clarabel }));
-    report.insert("output".into(), output.into());
-    report.insert("result_blake3".into(), hash.to_hex().as_str().into());
+    report.insert("output".into(), made.name.into());
+    for (name, hash) in [("request", made.request), ("result", made.result), ("output", made.output)] {
+        report.insert(format!("{name}_blake3"), hash.to_hex().as_str().into());
+    }
     let figures = serde_json::to_value(&bake.report).expect("a report has a JSON form");
     for (name, value) in figures.as_object().into_iter().flatten() {
         // The effective scene below says the same in the scene file's own terms.

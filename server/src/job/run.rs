@@ -1,7 +1,8 @@
 //! A job's way through the core to the files of the result.
 
 use super::Job;
-use super::report::{self, Spent};
+use super::report::{self, Made, Spent};
+use super::request;
 use super::reuse::Cache;
 use crate::model::export::{self, ExportError, Format};
 use crate::scene_file::SceneTree;
@@ -56,11 +57,13 @@ impl Job {
         observer: &mut dyn Observer,
         deliver: &mut dyn FnMut(&[u8]) -> ControlFlow<()>,
     ) -> Result<Outcome, Error> {
+        let request = self.request(format);
         let mut encode_seconds = 0.0;
         let mut delivered = |pile: &BakedPile| {
             let begin = self.meter.seconds();
-            let result = export::encode(format, pile, &self.export_scene())?;
             let hash = report::result_hash(pile);
+            let origin = request::origin(&request, hash);
+            let result = export::encode(format, pile, &self.export_scene(&origin))?;
             encode_seconds = self.meter.seconds() - begin;
             match deliver(&result) {
                 ControlFlow::Continue(()) => Ok((result, hash)),
@@ -93,7 +96,8 @@ impl Job {
         let seconds = self.began.elapsed().as_secs_f64();
         let spent = Spent { read: self.read_seconds, encode: encode_seconds, cpu: self.meter.seconds(), wall: seconds };
         let scene = SceneTree::from_message(&self.effective);
-        let report = format!("{:#}\n", report::json(&bake, hash, &scene, &self.notes, output, &spent));
+        let made = Made { request: request::hash(&request), result: hash, output: blake3::hash(&result), name: output };
+        let report = format!("{:#}\n", report::json(&bake, &made, &scene, &self.notes, &spent));
         Ok(Outcome { bake, result, report, hash, seconds })
     }
 }

@@ -16,13 +16,40 @@ pub struct Reference {
     pub name: String,
     pub file: PathBuf,
     pub node: Option<String>,
+    /// What the result calls it.
+    pub portable: String,
 }
 
 impl Reference {
     pub fn new(path: &str) -> Reference {
         let (file, node) = split_node(path);
-        Reference { name: path.to_owned(), file: file.into(), node: node.map(str::to_owned) }
+        Reference { name: path.to_owned(), file: file.into(), node: node.map(str::to_owned), portable: path.to_owned() }
     }
+}
+
+/// A path, with its node, as results have it: the same wherever the scene lies and whoever bakes it. It is relative to the scene's
+/// folder; of one that leads elsewhere from the root, the name alone stays.
+pub fn portable(path: &str, folder: &Path) -> String {
+    let (file, node) = split_node(path);
+    let inside = Path::new(file).strip_prefix(folder).unwrap_or(Path::new(file));
+    let inside = if inside.is_absolute() { inside.file_name().map_or(inside, Path::new) } else { inside };
+    let parts = inside.components().map(|part| part.as_os_str().to_string_lossy());
+    let name = parts.collect::<Vec<_>>().join("/");
+    node.map_or(name.clone(), |node| format!("{name}#{node}"))
+}
+
+/// The paths of a scene, each changed by `change`.
+pub fn rename(scene: &mut proto::Scene, change: impl Fn(&str) -> String) {
+    let shapes = scene.control_mesh.iter_mut().chain(&mut scene.region).map(|shape| &mut shape.path);
+    let props = scene.props.iter_mut().map(|prop| &mut prop.path);
+    let statics = scene.statics.iter_mut().map(|model| &mut model.path);
+    let meshes = scene.emitters.iter_mut().filter_map(|emitter| emitter.mesh.as_mut());
+    shapes
+        .chain(props)
+        .chain(statics)
+        .chain(meshes)
+        .filter(|path| !path.is_empty())
+        .for_each(|path| *path = change(path));
 }
 
 /// The files that a scene names, without their nodes.

@@ -13,7 +13,7 @@ use check::Checker;
 use prost::Message;
 use prost_reflect::{DynamicMessage, EnumDescriptor, Kind, MessageDescriptor, SerializeOptions};
 use serde_json::{Map, Value};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 pub use text::from_f64 as number;
 
 /// A scene as written, held against the schema. Paths in it are relative to the current directory.
@@ -21,11 +21,13 @@ pub use text::from_f64 as number;
 pub struct SceneTree {
     /// Protobuf's JSON mapping in its plainest form: original field names, full enum names, groups written out.
     values: Value,
+    /// The scene file's own.
+    folder: PathBuf,
 }
 
 impl Default for SceneTree {
     fn default() -> Self {
-        SceneTree { values: Value::Object(Map::new()) }
+        SceneTree { values: Value::Object(Map::new()), folder: PathBuf::new() }
     }
 }
 
@@ -67,8 +69,9 @@ impl SceneTree {
         let values = checker.message(&schema::scene(), &parsed.value, "");
         match values {
             Some(mut values) if checker.problems.is_empty() => {
-                rebase(&mut values, path.parent().unwrap_or(Path::new("")));
-                Ok(SceneTree { values })
+                let folder = path.parent().unwrap_or(Path::new(""));
+                rebase(&mut values, folder);
+                Ok(SceneTree { values, folder: folder.to_owned() })
             }
             _ => Err(checker.problems),
         }
@@ -80,7 +83,7 @@ impl SceneTree {
         dynamic.transcode_from(scene).expect("the message is of this schema");
         let options = SerializeOptions::new().stringify_64_bit_integers(false).use_proto_field_name(true);
         let values = dynamic.serialize_with_options(serde_json::value::Serializer, &options);
-        SceneTree { values: values.expect("every message has a JSON mapping") }
+        SceneTree { values: values.expect("every message has a JSON mapping"), folder: PathBuf::new() }
     }
 
     /// What is wrong with a tree that came from a message: names that the schema does not have.
@@ -94,6 +97,11 @@ impl SceneTree {
     pub fn to_message(&self) -> proto::Scene {
         let dynamic = DynamicMessage::deserialize(schema::scene(), &self.values).expect("the tree was checked");
         proto::Scene::decode(&dynamic.encode_to_vec()[..]).expect("the bytes are of this schema")
+    }
+
+    /// The scene file's own folder: results name files relative to it.
+    pub fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// Changes one field by `path=value`.

@@ -13,13 +13,15 @@
 //! ground or to scenery. A body of these has the extras `cairn`: `cluster`, the number of its cluster or `null`, and `anchored`. A prop's own
 //! extras stay.
 //!
+//! The extras `cairn` of the file's `asset` tell where the result comes from: scene, files with their hashes, versions.
+//!
 //! A body that appears later has scale 0 until then, by keys that do not blend: glTF's own way to hide a node, which every
 //! player and importer follows. Moving scenery is moved by the same animation.
 
 use super::copy::{Output, Source};
 use super::hierarchy::{Branch, Frame, INSTANCING, branch};
 use super::tracks::{self, Track};
-use super::{ExportError, ExportScene, SourceModel, glue};
+use super::{ExportError, ExportScene, ORIGIN, SourceModel, glue};
 use crate::model::decompress;
 use crate::model::document::DocumentError;
 use cairn_core::geometry::pose::Pose;
@@ -50,7 +52,7 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportEr
     }
     file.nodes.insert(pile, node);
     animate(bake, pile, &moving, &mut file.out);
-    file.finish(&tops)
+    file.finish(&tops, scene.origin)
 }
 
 /// The file and the sources that it draws from.
@@ -194,7 +196,7 @@ impl<'a> File<'a> {
         Ok(branch.roots.iter().map(|r| placed[r]).collect())
     }
 
-    fn finish(self, tops: &[usize]) -> Result<Vec<u8>, ExportError> {
+    fn finish(self, tops: &[usize], origin: Option<&Value>) -> Result<Vec<u8>, ExportError> {
         let (mut json, bin) = self.out.into_json();
         if let Some(Value::Array(nodes)) = json.get_mut("nodes") {
             for (at, node) in self.nodes {
@@ -202,7 +204,11 @@ impl<'a> File<'a> {
             }
         }
         let generator = concat!("cairn ", env!("CARGO_PKG_VERSION"));
-        json.insert("asset".into(), json!({ "version": "2.0", "generator": generator }));
+        let mut asset = json!({ "version": "2.0", "generator": generator });
+        if let Some(origin) = origin {
+            asset["extras"] = json!({ ORIGIN: origin });
+        }
+        json.insert("asset".into(), asset);
         json.insert("scene".into(), json!(0));
         json.insert("scenes".into(), json!([{ "nodes": tops }]));
         if !bin.is_empty() {

@@ -21,7 +21,12 @@ pub struct ExportScene<'a> {
     pub props: Vec<SourceModel<'a>>,
     /// Static geometry, as placed in the world.
     pub scenery: Vec<SourceModel<'a>>,
+    /// What the result tells of where it comes from.
+    pub origin: Option<&'a serde_json::Value>,
 }
+
+/// Below which key a result tells where it comes from.
+pub const ORIGIN: &str = "cairn";
 
 /// A model in its original file. As a prop: the whole file in its scene's frame, or a node with all that is below it,
 /// seen from that node's origin, with the rotation and scale that it has in the world.
@@ -48,6 +53,9 @@ pub enum Format {
 }
 
 impl Format {
+    /// For messages.
+    pub const ENDINGS: &str = ".glb, .json or .csv";
+
     /// The format of a file name's ending.
     pub fn named(ending: &str) -> Option<Format> {
         match ending.to_ascii_lowercase().as_str() {

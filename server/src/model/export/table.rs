@@ -29,6 +29,9 @@ struct Table<'a> {
     frames: Vec<Vec<Option<[f64; 7]>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     glue: Option<serde_json::Value>,
+    /// Where it comes from, as the `.glb` tells it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cairn: Option<&'a serde_json::Value>,
 }
 
 #[derive(Serialize)]
@@ -51,6 +54,7 @@ pub fn encode_json(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, Exp
         pose: POSE_COLUMNS,
         frames: bake.frames.iter().enumerate().map(|(frame, poses)| row(bake, frame, poses)).collect(),
         glue: bake.glue.as_ref().map(glue::whole),
+        cairn: scene.origin,
     };
     Ok(serde_json::to_vec(&table).map_err(std::io::Error::from)?)
 }

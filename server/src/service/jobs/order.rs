@@ -1,13 +1,12 @@
 //! What a caller asks for: which bake it is, and whether the caller may have one more.
 
 use super::Entry;
+use crate::job::request;
 use crate::service::access::Caller;
 use crate::service::status::Fault;
 use crate::wire::effective::effective;
 use crate::wire::from_proto;
 use crate::wire::proto::{self, BakeSpec};
-use crate::wire::versions::versions;
-use prost::Message;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -60,7 +59,5 @@ pub fn bake_id(spec: &BakeSpec) -> String {
     {
         spec.scene = Some(effective(scene, &params));
     }
-    let mut all = versions().encode_length_delimited_to_vec();
-    all.extend(spec.encode_to_vec());
-    blake3::hash(&all).to_hex().to_string()
+    request::hash(&spec).to_hex().to_string()
 }

@@ -1,10 +1,10 @@
-"""The motion of a bake as its events tell it, in the server's space."""
+"""The motion of a bake as its events tell it: SI units, right-handed, Y up. The Blender add-on has this file, too."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from .messages import v1
+from .messages import floats, v1
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Recording:
             return
         identity = np.tile(np.float32([0, 0, 0, 1]), (new, 1))
         self.props = np.concatenate([self.props, np.asarray(table.prop_indices, np.int32)])
-        self.scales = np.concatenate([self.scales, np.frombuffer(table.scales, "<f4")])
+        self.scales = np.concatenate([self.scales, floats(table.scales)])
         self.positions = np.concatenate([self.positions, np.zeros((new, 3), np.float32)])
         self.rotations = np.concatenate([self.rotations, identity])
         self.present = np.concatenate([self.present, np.zeros(new, bool)])
@@ -60,13 +60,13 @@ class Recording:
         moved = np.asarray(frame.body_indices, np.intp)
         positions, rotations = self.positions.copy(), self.rotations.copy()
         present, scales = self.present.copy(), self.scales
-        positions[moved] = np.frombuffer(frame.positions, "<f4").reshape(-1, 3)
-        rotations[moved] = np.frombuffer(frame.rotations, "<f4").reshape(-1, 4)
+        positions[moved] = floats(frame.positions).reshape(-1, 3)
+        rotations[moved] = floats(frame.rotations).reshape(-1, 4)
         present[moved] = True
         present[np.asarray(frame.removed_body_indices, np.intp)] = False
         if frame.scales:
             scales = scales.copy()
-            scales[moved] = np.frombuffer(frame.scales, "<f4")
+            scales[moved] = floats(frame.scales)
         self.positions, self.rotations, self.present, self.scales = positions, rotations, present, scales
         if frame.state_body_indices:
             self.states = self.states.copy()
@@ -84,13 +84,22 @@ class Recording:
 
 @dataclass(frozen=True)
 class Motion:
-    """The result. Shapes: props, scales [n], positions [f, n, 3], rotations [f, n, 4], present, states [f, n]."""
+    """The result: n bodies in f frames. Frame 0 is the pile right after turning over.
 
+    A pose takes a point of the prop's own frame, first scaled by the body's scale, to the world.
+    """
+
+    # [n]: which of the scene's props.
     props: np.ndarray
+    # [n]: uniform scale of the prop.
     scales: np.ndarray
+    # [f, n, 3]: x, y, z, m.
     positions: np.ndarray
+    # [f, n, 4]: unit quaternions x, y, z, w.
     rotations: np.ndarray
+    # [f, n]: whether the body is there.
     present: np.ndarray
+    # [f, n]: its `BodyState`, what the control makes of it.
     states: np.ndarray
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""A Cairn server as a client sees it: `cairn.v1.PileService` by gRPC."""
+"""A Cairn server as a client sees it: `cairn.v1.PileService` by gRPC. The Blender add-on has this file, too."""
 
 import asyncio
 import hashlib
@@ -6,9 +6,10 @@ import json
 import ssl
 from dataclasses import dataclass, field
 
-from ._vendor.grpclib.client import Channel, StreamUnaryMethod, UnaryStreamMethod, UnaryUnaryMethod
-from ._vendor.grpclib.const import Status
-from ._vendor.grpclib.exceptions import GRPCError, StreamTerminatedError
+from grpclib.client import Channel, StreamUnaryMethod, UnaryStreamMethod, UnaryUnaryMethod
+from grpclib.const import Status
+from grpclib.exceptions import GRPCError, StreamTerminatedError
+
 from .messages import v1
 
 PROTOCOL = 1
@@ -16,7 +17,8 @@ CHUNK = 64 * 1024
 # A stream that broke off is taken up again so often in a row, after pauses that double from the first, s.
 ATTEMPTS = 6
 FIRST_PAUSE = 0.2
-CHECK = "Check address, token and certificates in the add-on's preferences."
+# Where a person chooses the server, as the end of a sentence has it; a program with a window sets it.
+place = ""
 # What a call takes at most that answers from memory, s.
 SHORT = 30.0
 # What the latest server has told of itself, presets included; None before that.
@@ -31,6 +33,8 @@ class Target:
     token: str = ""
     # Who signed the server's certificate: a PEM file. Empty: those whom this machine trusts.
     certificates: str = ""
+    # Where several servers are behind a proxy: calls with the same text reach the same server. Empty: as it likes.
+    route: str = ""
 
 
 @dataclass(frozen=True)
@@ -58,12 +62,14 @@ class Fault(Exception):
         return self.message
 
 
-class Client:
-    """A connection. Use it in the event loop that it was made in, as `async with Client(target) as client`."""
+class Connection:
+    """A connection. Use it in the event loop that it was made in, as `async with Connection(target) as server`."""
 
     def __init__(self, target):
         self.target = target
         self.metadata = {"authorization": f"Bearer {target.token}"} if target.token else {}
+        if target.route:
+            self.metadata["cairn-route"] = target.route
         self.channel = _channel(target)
 
     async def __aenter__(self):
@@ -77,7 +83,7 @@ class Client:
         return kind(self.channel, f"/cairn.v1.PileService/{name}", request, reply)
 
     async def call(self, name, timeout=SHORT, **fields):
-        """One question, one answer: `await client.call("GetBake", bake_id=id)`."""
+        """One question, one answer: `await server.call("GetBake", bake_id=id)`."""
         method = self._method(UnaryUnaryMethod, name)
         with _told(self.target):
             return await method(method.request_type(**fields), timeout=timeout, metadata=self.metadata)
@@ -117,12 +123,14 @@ class Client:
                         on_progress(sent / total)
                     await stream.recv_message()
 
+    async def download(self, bake_id, artifact=v1.ARTIFACT_RESULT):
+        """A file of a bake that is done, whole."""
+        parts = [reply.chunk async for reply in self.stream("DownloadResult", bake_id=bake_id, artifact=artifact)]
+        return b"".join(parts)
+
     async def report(self, bake_id):
         """What a bake's report says, whole."""
-        parts = [
-            reply.chunk async for reply in self.stream("DownloadResult", bake_id=bake_id, artifact=v1.ARTIFACT_REPORT)
-        ]
-        return json.loads(b"".join(parts))
+        return json.loads(await self.download(bake_id, v1.ARTIFACT_REPORT))
 
     async def plan(self, spec):
         """What a bake would do. Reads every model: it may take a while."""
@@ -133,20 +141,20 @@ def _selection(has_fill):
     return v1.FRAME_SELECTION_ALL if has_fill else v1.FRAME_SELECTION_RESULT
 
 
-async def bake(reach, spec, contents, told=lambda state: None, has_fill=True):
+async def bake(reach, spec, contents, told=lambda state: None, has_fill=True, **asked):
     """Uploads, bakes, and yields the events to the end, over as many connections as it takes.
 
     `reach`: gives the target, awaited before each connection. `told`: hears what is done before the first event.
-    `has_fill`: whether the fill's frames are sent, too.
+    `has_fill`: whether the fill's frames are sent, too. `asked`: more fields of the request.
     """
-    async with Client(await reach()) as client:
-        await client.handshake()
-        await client.upload(contents, lambda share: told(f"Sending props, {share:.0%}"))
+    async with Connection(await reach()) as server:
+        await server.handshake()
+        await server.upload(contents, lambda share: told(f"Sending props, {share:.0%}"))
         # The server looks at all of them before it takes the bake.
         told("Reading props")
         bake_id, last = "", 0
         try:
-            async for reply in client.stream("Bake", spec=spec, frames=_selection(has_fill)):
+            async for reply in server.stream("Bake", spec=spec, frames=_selection(has_fill), **asked):
                 bake_id = reply.event.accepted.bake_id or bake_id
                 last = max(last, reply.event.sequence_number)
                 yield reply.event
@@ -163,10 +171,10 @@ async def watch(reach, bake_id, first=1, has_fill=True):
     attempt = 0
     while True:
         try:
-            async with Client(await reach()) as client:
-                await client.handshake()
+            async with Connection(await reach()) as server:
+                await server.handshake()
                 wanted = {"bake_id": bake_id, "from_sequence_number": first, "frames": _selection(has_fill)}
-                async for reply in client.stream("WatchBake", **wanted):
+                async for reply in server.stream("WatchBake", **wanted):
                     first = max(first, reply.event.sequence_number + 1)
                     attempt = 0
                     yield reply.event
@@ -190,13 +198,13 @@ def _channel(target):
     is_encrypted = address.startswith("https://") or target.certificates
     host, _, port = address.removeprefix("https://").rpartition(":")
     if not host or not port.isdecimal():
-        raise Fault(f"The server's address is “{target.address}”. Write it as HOST:PORT in the add-on's preferences.")
+        raise Fault(f"The server's address is “{target.address}”. Write it as HOST:PORT{place}.")
     context = None
     if is_encrypted:
         try:
             context = ssl.create_default_context(cafile=target.certificates or None)
         except (OSError, ssl.SSLError) as error:
-            raise Fault(f"{target.certificates}: {error}. Choose a PEM file in the add-on's preferences.") from error
+            raise Fault(f"{target.certificates}: {error}. Choose a PEM file{place}.") from error
         context.set_alpn_protocols(["h2"])
     return Channel(host.strip("[]"), int(port), ssl=context)
 
@@ -216,9 +224,13 @@ class _told:
         if isinstance(error, asyncio.TimeoutError):
             raise Fault(f"The server at {self.target.address} does not answer.", is_broken=True) from error
         if isinstance(error, (OSError, StreamTerminatedError)):
-            message = f"The server at {self.target.address} cannot be reached: {error or kind.__name__}. {CHECK}"
+            message = f"The server at {self.target.address} cannot be reached: {error or kind.__name__}. {_check()}"
             raise Fault(message, is_broken=True) from error
         return False
+
+
+def _check():
+    return f"Check address, token and certificates{place}."
 
 
 def _fault(error):
@@ -230,6 +242,6 @@ def _fault(error):
         elif name == "BadRequest":
             problems = [Problem(wrong.description) for wrong in detail.field_violations]
     if reason == "TOKEN_INVALID":
-        return Fault(f"The server does not take the token. {CHECK}", reason)
+        return Fault(f"The server does not take the token. {_check()}", reason)
     is_broken = error.status in (Status.UNAVAILABLE, Status.UNKNOWN) and reason != "SHUTTING_DOWN"
     return Fault(error.message or error.status.name, reason, problems, is_broken)

@@ -1,0 +1,45 @@
+#!/usr/bin/env python3
+"""Builds the wheel `cairn-pile` of this platform: the program `cairn`, and the Python package `cairn`.
+
+python -m pip install grpcio-tools==1.85.1 grpclib==0.4.9 maturin==1.16.0
+python python/build.py                    into target/wheel/dist
+
+What Cargo has built by `cargo build --release` is used again.
+"""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+# A folder of its own: nothing that is generated stands between the sources.
+STAGE = ROOT / "target" / "wheel"
+TOOLS = Path(sys.executable).parent
+
+
+def main():
+    shutil.rmtree(STAGE, ignore_errors=True)
+    shutil.copytree(ROOT / "python", STAGE, ignore=shutil.ignore_patterns("__pycache__", "build.py"))
+    generate(STAGE)
+    manifest = STAGE / "pyproject.toml"
+    manifest.write_text(manifest.read_text() + f'manifest-path = "{(ROOT / "Cargo.toml").as_posix()}"\n')
+    command = [TOOLS / "maturin", "build", "--release", "--locked", "--out", STAGE / "dist"]
+    subprocess.run(command, cwd=STAGE, check=True)
+    # maturin takes the program away; who builds next finds it again.
+    subprocess.run(["cargo", "build", "--release", "--locked", "--bin", "cairn"], cwd=ROOT, check=True)
+    (wheel,) = (STAGE / "dist").glob("*.whl")
+    print(wheel)
+
+
+def generate(output):
+    """The messages of `proto/cairn/v1` and their types, below the package."""
+    protos = sorted(path.relative_to(ROOT / "proto") for path in (ROOT / "proto").glob("cairn/v1/*.proto"))
+    into = [f"--{kind}_out={output}" for kind in ("python", "pyi")]
+    compiler = [sys.executable, "-m", "grpc_tools.protoc", f"-I{ROOT / 'proto'}"]
+    subprocess.run([*compiler, *into, *map(str, protos)], check=True)
+    (output / "cairn" / "v1" / "__init__.py").write_text('"""The messages of the service, generated."""\n')
+
+
+if __name__ == "__main__":
+    main()

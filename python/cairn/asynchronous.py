@@ -1,0 +1,196 @@
+"""The client for asyncio."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from .request import Request, Scene, read
+from .v1.event_pb2 import Accepted, Progress, Summary
+from .v1.service_pb2 import GetServerInfoResponse, PlanBakeResponse
+from .wire import client
+from .wire.client import Connection, Fault, Target
+from .wire.messages import v1
+from .wire.recording import Motion, Recording, Snapshot
+
+Event = Accepted | Progress | Snapshot | Summary
+FORMATS = {"glb": v1.OUTPUT_FORMAT_GLB, "json": v1.OUTPUT_FORMAT_JSON, "csv": v1.OUTPUT_FORMAT_CSV}
+
+
+class AsyncClient:
+    """A server, as a caller sees it. Each call opens a connection, so that it holds nothing and may be used anywhere.
+
+    `address`: HOST:PORT, https://HOST:PORT or unix:PATH. `token`: the server's, if it has one. `certificates`: a PEM
+    file of who signed the server's certificate; empty: whom this machine trusts. `route`: where several servers are
+    behind a proxy, calls with the same text reach the same server; empty: a bake's calls have a hash of what it asks.
+    """
+
+    def __init__(
+        self, address: str = "127.0.0.1:50151", *, token: str = "", certificates: str = "", route: str = ""
+    ) -> None:
+        self._target = Target(address, token, certificates, route)
+
+    async def info(self) -> GetServerInfoResponse:
+        """Versions, limits and accuracy presets of the server."""
+        async with Connection(self._target) as server:
+            return await server.handshake()
+
+    async def upload(self, scene: Scene, /, **settings: Any) -> Request:
+        """Sends the files of a scene that the server does not have, and gives what can be planned and baked at once.
+
+        `scene`, `settings`: as `cairn.read` takes them.
+        """
+        request = read(scene, **settings)
+        async with Connection(_routed(self._target, request)) as server:
+            await server.handshake()
+            await server.upload(request.contents)
+        return request
+
+    async def plan(self, scene: Scene, /, **settings: Any) -> PlanBakeResponse:
+        """What a bake would do and cost: `.plan.expected_body_count`, `.plan.estimates` (CPU time, s; overlap, m)."""
+        request = await self.upload(scene, **settings)
+        async with Connection(_routed(self._target, request)) as server:
+            return await server.plan(request.spec)
+
+    def bake(
+        self,
+        scene: Scene,
+        /,
+        *,
+        has_fill: bool = False,
+        format: str = "glb",  # noqa: A002 as the program calls it
+        labels: Mapping[str, str] | None = None,
+        priority: int = 0,
+        **settings: Any,
+    ) -> AsyncBake:
+        """Asks for a bake, which begins with the first event that is asked for.
+
+        `has_fill`: whether the fill's frames are told, too. `format`: of the result's file: glb, json or csv.
+        `labels`: names and values to find the bake by. `priority`: -100 to 100; above 0 for operators.
+        """
+        if format not in FORMATS:
+            raise Fault(f"There is no format “{format}”. Choose one of {', '.join(FORMATS)}.")
+        request = read(scene, **settings)
+        spec = type(request.spec)()
+        spec.CopyFrom(request.spec)
+        spec.format = FORMATS[format]
+        target = _routed(self._target, request)
+        asked = {"labels": dict(labels or {}), "priority": priority}
+        events = client.bake(_reach(target), spec, request.contents, has_fill=has_fill, **asked)
+        return AsyncBake(target, events)
+
+    def watch(self, bake_id: str, *, has_fill: bool = False) -> AsyncBake:
+        """A bake that was asked for before, from its first event on."""
+        return AsyncBake(self._target, client.watch(_reach(self._target), bake_id, has_fill=has_fill), bake_id)
+
+    async def cancel(self, bake_id: str) -> None:
+        """Ends a bake that waits or runs, at once."""
+        async with Connection(self._target) as server:
+            await server.call("CancelBake", bake_id=bake_id)
+
+
+class AsyncBake:
+    """A bake on a server: its events, in their order, and what comes of it.
+
+    Events are `Accepted`, `Progress`, `Summary` (messages of `cairn.v1.event_pb2`) and `Snapshot` (numpy arrays of all
+    bodies at a frame). A stream that breaks off is taken up where it was.
+    """
+
+    def __init__(self, target: Target, events: Any, bake_id: str = "") -> None:
+        self._target, self._events = target, events
+        self._recording = Recording()
+        # By which the bake is found again; empty before it is accepted.
+        self.id = bake_id
+        # What it will do, and its whole scene.
+        self.accepted: Accepted | None = None
+        # Figures, counts, warnings; None before the end.
+        self.summary: Summary | None = None
+
+    @property
+    def route(self) -> str:
+        """Where several servers are behind a proxy, what finds the bake's one: `Client(address, route=bake.route)`."""
+        return self._target.route
+
+    def __aiter__(self) -> AsyncIterator[Event]:
+        return self._told()
+
+    async def _told(self) -> AsyncIterator[Event]:
+        async for event in self._events:
+            kind = event.WhichOneof("kind")
+            if kind == "body_table":
+                self._recording.add_table(event.body_table)
+            elif kind == "frame":
+                yield self._recording.add_frame(event.frame)
+            elif kind == "progress":
+                yield event.progress
+            elif kind == "accepted":
+                self.accepted, self.id = event.accepted, event.accepted.bake_id
+                yield event.accepted
+            elif kind == "summary":
+                self.summary = event.summary
+                yield event.summary
+
+    async def result(self) -> Motion:
+        """The motion of all bodies, once the bake is done: positions [frame, body, 3] in m, rotations [frame, body, 4]
+        as x, y, z, w; see `Motion`."""
+        async for _ in self:
+            pass
+        motion = self._recording.motion()
+        if self.summary is None or motion is None:
+            raise Fault("The server ended the bake without a result. Bake again.")
+        return motion
+
+    async def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the result's file, in the format that was asked for: complete or not at all."""
+        await self.result()
+        async with Connection(self._target) as server:
+            content = await server.download(self.id)
+        _write(Path(path), content)
+
+    async def report(self) -> dict[str, Any]:
+        """How good the pile is and how it was made, as `cairn bake --report` writes it."""
+        await self.result()
+        async with Connection(self._target) as server:
+            return json.loads(await server.download(self.id, v1.ARTIFACT_REPORT))
+
+    async def cancel(self) -> None:
+        """Ends the bake, at once."""
+        async with Connection(self._target) as server:
+            await server.call("CancelBake", bake_id=self.id)
+
+
+def _routed(target: Target, request: Request) -> Target:
+    """Calls about the same scene go to the same server."""
+    scene = request.spec.SerializeToString(deterministic=True)
+    return target if target.route else replace(target, route=client.digest(scene))
+
+
+def _reach(target: Target) -> Any:
+    async def reach() -> Target:
+        return target
+
+    return reach
+
+
+def _write(path: Path, content: bytes) -> None:
+    handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        # As any new file, not readable by this user alone.
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(part, 0o666 & ~mask)
+        os.replace(part, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        raise

@@ -1,0 +1,48 @@
+"""The program `cairn` that came with this package, and a server by it."""
+
+import contextlib
+import os
+import shutil
+import subprocess
+import sysconfig
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from .wire.client import Fault
+
+NAME = "cairn.exe" if os.name == "nt" else "cairn"
+
+
+def program() -> Path:
+    """Where the program is: among the scripts of this Python, else on the path."""
+    own = Path(sysconfig.get_path("scripts")) / NAME
+    found = own if own.is_file() else shutil.which(NAME)
+    if not found:
+        raise Fault(f"The program `{NAME}` is not here. Install this package again: `pip install --force-reinstall`.")
+    return Path(found)
+
+
+@contextlib.contextmanager
+def serve(data: str | os.PathLike[str] | None = None, workers: int = 1) -> Iterator[str]:
+    """A server on this machine, for as long as the `with` lasts; gives its address.
+
+    `data`: the folder where it keeps assets and bakes, so that the next one has them; None: they go with the server.
+    `workers`: bakes that run at once.
+    """
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="cairn-"))
+        # Only this user reaches a socket.
+        listen = "127.0.0.1:0" if os.name == "nt" else f"unix:{folder}/socket"
+        log = stack.enter_context(open(Path(folder) / "log", "w+", encoding="utf-8", errors="replace"))
+        command = [program(), "serve", "--listen", listen, "--workers", str(workers), "--drain-seconds", "0"]
+        command += ["--data", data or Path(folder) / "data"]
+        server = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True))
+        stack.callback(server.terminate)
+        assert server.stdout is not None
+        address = server.stdout.readline().strip()
+        if not address:
+            server.wait()
+            log.seek(0)
+            raise Fault(f"The server does not start: {log.read().strip()}")
+        yield address

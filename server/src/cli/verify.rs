@@ -1,0 +1,95 @@
+//! `cairn verify`: whether results are what their scenes give.
+
+use super::bounds::Bounds;
+use super::progress::{Mode, Reporter};
+use super::{Failure, interrupt, print};
+use crate::files;
+use crate::job::reuse::Cache;
+use crate::job::{Job, Outcome, again, machine};
+use crate::model::export::Format;
+use crate::problem::Problem;
+use crate::wire::proto::Versions;
+use crate::wire::versions::versions;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Bake results again, and tell whether the same comes out
+///
+/// Each result holds its scene, and the names and hashes of its files. It is baked anew from these, without any cache, and every byte is
+/// compared.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  cairn verify pile.glb
+  cairn verify out/*.glb --sample 5      (5 of them, spread evenly)
+
+Exit code 0: all are the same; 1: one is not.")]
+pub struct Args {
+    /// Results: .glb
+    #[arg(required = true, value_name = "RESULT")]
+    results: Vec<PathBuf>,
+
+    /// Bake only so many of them, spread evenly over the list
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
+    sample: Option<u64>,
+
+    /// Where the files of the scenes are, in the folders below included [default: the result's folder, one above it, the current one]
+    #[arg(long, value_name = "FOLDER")]
+    assets: Option<PathBuf>,
+
+    /// How progress is told, on stderr
+    #[arg(long, value_enum, default_value_t = Mode::Auto)]
+    progress: Mode,
+
+    #[command(flatten)]
+    bounds: Bounds,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    interrupt::listen();
+    args.bounds.hold(|| verify_all(args))
+}
+
+fn verify_all(args: &Args) -> Result<(), Failure> {
+    machine::use_threads(0).map_err(|error| Failure::Internal(error.to_string()))?;
+    let mut is_same = true;
+    for path in sample(&args.results, args.sample) {
+        let difference = verify(args, path)?;
+        is_same &= difference.is_none();
+        print(&format!("{}: {}\n", path.display(), difference.as_deref().unwrap_or("the same")))?;
+    }
+    if is_same { Ok(()) } else { Err(Failure::Told(1)) }
+}
+
+/// So many of them, from the first on, at even distances.
+fn sample(all: &[PathBuf], count: Option<u64>) -> Vec<&Path> {
+    let count = count.map_or(all.len(), |count| usize::try_from(count).unwrap_or(usize::MAX).min(all.len()));
+    (0..count).map(|number| &*all[number * all.len() / count]).collect()
+}
+
+/// How a result differs from what its scene gives now.
+fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
+    let tree = again::scene(path, args.assets.as_deref()).map_err(Failure::Input)?;
+    let before = files::read(path).map_err(|problem| Failure::Input(vec![problem]))?;
+    let Some(origin) = again::origin(&before) else { unreachable!("its scene was read") };
+    let Versions { cairn, rapier3d, clarabel } = versions();
+    let own = json!({ "cairn": cairn, "rapier3d": rapier3d, "clarabel": clarabel });
+    if origin.versions != own {
+        let what = format!("baked by other versions: {}; these are {own}", origin.versions);
+        let problem = Problem::new(path.display().to_string(), what, "Use the Cairn that baked it.");
+        return Err(Failure::Input(vec![problem]));
+    }
+    let job = Job::read_within(&tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
+    let job = job.relative_to(tree.folder());
+    let mut reporter = Reporter::new(args.progress);
+    let done = job.run(Format::Glb, &path.display().to_string(), &mut Cache::none(), &mut reporter);
+    reporter.finish(done.is_ok());
+    let Outcome { result, hash, .. } = done?;
+    if result == before {
+        return Ok(None);
+    }
+    let motion =
+        if hash.to_hex().as_str() == origin.result_blake3 { "the motion is the same" } else { "the motion differs" };
+    let at = result.iter().zip(&before).position(|(a, b)| a != b).unwrap_or(result.len().min(before.len()));
+    Ok(Some(format!("DIFFERS from byte {at} on; by its hash, {motion}")))
+}

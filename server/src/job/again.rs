@@ -1,0 +1,105 @@
+//! A result as the scene that it was baked of.
+
+use crate::files;
+use crate::model::document::Document;
+use crate::model::export::ORIGIN;
+use crate::problem::Problem;
+use crate::scene_file::SceneTree;
+use crate::wire::digest::hex;
+use serde::Deserialize;
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+
+/// What a result tells of itself.
+#[derive(Debug, Deserialize)]
+pub struct Origin {
+    pub scene: Value,
+    pub assets: Vec<Asset>,
+    pub versions: Value,
+    pub result_blake3: String,
+}
+
+/// A file that the scene names, or that such a file names.
+#[derive(Debug, Deserialize)]
+pub struct Asset {
+    pub uri: String,
+    pub sha256: String,
+}
+
+/// What a result's bytes tell, where they do.
+pub fn origin(result: &[u8]) -> Option<Origin> {
+    let document = Document::parse(result, &|_| Err(String::new())).ok()?;
+    Origin::deserialize(document.json().get("asset")?.get("extras")?.get(ORIGIN)?).ok()
+}
+
+/// The scene of a result, its files found again by their names and hashes: below `assets`; where that is not given, below the
+/// result's folder, one above it, or the current one.
+pub fn scene(path: &Path, assets: Option<&Path>) -> Result<SceneTree, Vec<Problem>> {
+    let one = |what: &str, remedy: &str| vec![Problem::new(path.display().to_string(), what, remedy)];
+    let bytes = files::read(path).map_err(|problem| vec![problem])?;
+    let Some(origin) = origin(&bytes) else {
+        return Err(one("a mesh, not a scene file", "Give it by --control, --prop or --static."));
+    };
+    let folder = find(&origin.assets, &places(path, assets)).map_err(|asset| {
+        let what = format!("its file {} is not here with the content that it was baked of", asset.uri);
+        one(&what, "Name the folder that it is in by --assets.")
+    })?;
+    let text = origin.scene.to_string();
+    // Read as a scene file of that folder: its fields are held against the schema.
+    SceneTree::read(&folder.join("scene.json"), text.as_bytes())
+}
+
+/// Folders that may hold the files, the likeliest first.
+fn places(result: &Path, assets: Option<&Path>) -> Vec<PathBuf> {
+    /// Folders that are looked at below each of the first ones.
+    const MOST: usize = 1000;
+    let mut tops: Vec<PathBuf> = match assets {
+        Some(folder) => vec![folder.to_owned()],
+        None => {
+            let own = files::folder_of(result);
+            let above = std::path::absolute(own).unwrap_or_default();
+            [own.to_owned(), PathBuf::new()].into_iter().chain(above.ancestors().skip(1).map(Path::to_owned)).collect()
+        }
+    };
+    let wide = tops.len().min(2);
+    for top in tops[..wide].to_vec() {
+        tops.extend(below(&top, MOST));
+    }
+    tops
+}
+
+/// The folders below one, the nearest first.
+fn below(top: &Path, most: usize) -> Vec<PathBuf> {
+    let mut found = vec![top.to_owned()];
+    let mut next = 0;
+    while next < found.len() && found.len() < most {
+        let folder = if found[next].as_os_str().is_empty() { Path::new(".") } else { &found[next] };
+        let entries = folder.read_dir().into_iter().flatten().flatten();
+        let is_folder = |entry: &std::fs::DirEntry| entry.file_type().is_ok_and(|kind| kind.is_dir());
+        let mut inside: Vec<PathBuf> =
+            entries.filter(is_folder).map(|entry| found[next].join(entry.file_name())).collect();
+        inside.sort();
+        found.extend(inside);
+        next += 1;
+    }
+    found.truncate(most);
+    found.split_off(1)
+}
+
+/// The first folder that has all files; else the first file that was not found in any.
+fn find<'a>(assets: &'a [Asset], places: &[PathBuf]) -> Result<PathBuf, &'a Asset> {
+    let is_there = |folder: &Path, asset: &Asset| folder.join(&asset.uri).is_file();
+    let is_same = |folder: &Path, asset: &Asset| {
+        files::read(&folder.join(&asset.uri)).is_ok_and(|bytes| hex(&Sha256::digest(&bytes)) == asset.sha256)
+    };
+    let mut missing = assets.first();
+    for folder in places {
+        let wrong = assets.iter().find(|asset| !is_there(folder, asset));
+        match wrong.or_else(|| assets.iter().find(|asset| !is_same(folder, asset))) {
+            None => return Ok(folder.clone()),
+            Some(wrong) => missing = missing.or(Some(wrong)),
+        }
+    }
+    missing.map_or_else(|| Ok(PathBuf::new()), Err)
+}

@@ -1,0 +1,67 @@
+//! What was asked of a bake, all that decides its result included: so that a finished result is known again, and can be asked
+//! for again.
+
+use super::sources::{InputFile, portable, rename};
+use crate::model::document;
+use crate::model::export::Format;
+use crate::scene_file::SceneTree;
+use crate::wire::digest::hex;
+use crate::wire::proto::{AssetReference, BakeSpec, OutputFormat, Scene, Versions};
+use crate::wire::versions::versions;
+use prost::Message;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A file and those beside it that it names, with their hashes. One that is not there matters only to who needs it.
+pub fn assets(file: &InputFile) -> Vec<AssetReference> {
+    let asset = |uri: String, bytes: &[u8]| AssetReference { uri, sha256: hex(&Sha256::digest(bytes)) };
+    let folder = file.name.rfind(['/', '\\']).map_or("", |at| &file.name[..=at]);
+    let beside = document::external_files(&file.bytes).unwrap_or_default();
+    let beside = beside.iter().filter_map(|relative| {
+        let bytes = (file.resolve)(relative).ok()?;
+        Some(asset(format!("{folder}{relative}"), &bytes))
+    });
+    std::iter::once(asset(file.name.clone(), &file.bytes)).chain(beside).collect()
+}
+
+/// A request with nothing left to defaults, its paths relative to the scene's folder.
+pub fn request(mut scene: Scene, assets: Vec<AssetReference>, format: Format, folder: &Path) -> BakeSpec {
+    rename(&mut scene, |path| portable(path, folder));
+    // Each once, in the order of their names.
+    let assets = assets.into_iter().map(|asset| (portable(&asset.uri, folder), asset.sha256));
+    let assets: BTreeMap<String, String> = assets.collect();
+    let assets = assets.into_iter().map(|(uri, sha256)| AssetReference { uri, sha256 }).collect();
+    BakeSpec { scene: Some(scene), assets, format: output_format(format).into() }
+}
+
+/// The hash of such a request and of the versions: the same hash, the same result, to the last byte.
+pub fn hash(request: &BakeSpec) -> blake3::Hash {
+    let mut all = versions().encode_length_delimited_to_vec();
+    all.extend(request.encode_to_vec());
+    blake3::hash(&all)
+}
+
+/// What a result tells of where it comes from: with it and the files, it can be baked again.
+pub fn origin(request: &BakeSpec, result: blake3::Hash) -> Value {
+    let Versions { cairn, rapier3d, clarabel } = versions();
+    let scene = request.scene.as_ref().map(|scene| SceneTree::from_message(scene).to_value());
+    let assets = request.assets.iter().map(|asset| json!({ "uri": asset.uri, "sha256": asset.sha256 }));
+    json!({
+        "scene": scene,
+        "assets": assets.collect::<Vec<_>>(),
+        "versions": { "cairn": cairn, "rapier3d": rapier3d, "clarabel": clarabel },
+        "request_blake3": hash(request).to_hex().as_str(),
+        "result_blake3": result.to_hex().as_str(),
+    })
+}
+
+/// As the schema names it.
+pub fn output_format(format: Format) -> OutputFormat {
+    match format {
+        Format::Glb => OutputFormat::Glb,
+        Format::Json => OutputFormat::Json,
+        Format::Csv => OutputFormat::Csv,
+    }
+}

@@ -1,0 +1,9 @@
+//! Choosing among results: their order by figures, and a contact sheet of them, as a page and as a picture.
+
+mod page;
+mod picture;
+mod rank;
+
+pub use page::page;
+pub use picture::{Shot, sheet, shot};
+pub use rank::{Candidate, Key, read, sort};

@@ -1,0 +1,55 @@
+//! The contact sheet as one page, which needs nothing beside it: no server, no network.
+
+use super::{Candidate, Shot};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use image::codecs::jpeg::JpegEncoder;
+use serde_json::{Map, Value, json};
+
+const PAGE: &str = include_str!("sheet.html");
+const VIEWER: &str = include_str!("viewer.min.js");
+const JPEG_QUALITY: u8 = 88;
+
+/// The page. Results are inside, the first ones first, as long as they take no more than `room` bytes.
+pub fn page(
+    title: &str,
+    order: &str,
+    entries: &[(Candidate, Shot)],
+    shown: &[String],
+    mut room: usize,
+) -> Result<String, image::ImageError> {
+    let mut told = Vec::new();
+    let mut models = String::new();
+    for (number, (candidate, shot)) in entries.iter().enumerate() {
+        let mut jpeg = Vec::new();
+        JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(shot)?;
+        // Those that order or are shown come first.
+        let rest = candidate.figures.keys().filter(|name| !shown.contains(name));
+        let names = shown.iter().chain(rest);
+        let figures: Map<String, Value> =
+            names.filter_map(|name| Some((name.clone(), candidate.told(name)?.into()))).collect();
+        told.push(json!({
+            "name": candidate.name,
+            "picture": format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)),
+            "figures": figures,
+        }));
+        if candidate.bytes.len() <= room {
+            room -= candidate.bytes.len();
+            let text = STANDARD.encode(&candidate.bytes);
+            models += &format!("<script type=\"text/plain\" id=\"model-{number}\">{text}</script>\n");
+        }
+    }
+    let sheet = json!({ "title": title, "order": order, "shown": shown, "entries": told });
+    // Nothing in it may end its script.
+    let sheet = sheet.to_string().replace('<', "\\u003c");
+    let parts = [("/*VIEWER*/", VIEWER), ("/*SHEET*/", &sheet), ("<!--MODELS-->", &models)];
+    let mut page = String::new();
+    let mut rest = PAGE;
+    for (mark, content) in parts {
+        let (before, after) = rest.split_once(mark).expect("the page has its marks, in this order");
+        page += before;
+        page += content;
+        rest = after;
+    }
+    Ok(page + rest)
+}
