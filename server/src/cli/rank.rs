@@ -24,7 +24,8 @@ pub struct Args {
     /// Folder of results (.glb) with their reports, as `cairn batch` fills it
     folder: PathBuf,
 
-    /// Figure to order by, the largest first, or with :least the smallest; where it is equal, by the next one [default: kept_shape]
+    /// Figure to order by, the largest first, or with :least the smallest; where it is equal, by the next one [default: kept_shape, or
+    /// what there is of shape_iou and seed]
     #[arg(long, value_name = "FIGURE[:least]")]
     by: Vec<Key>,
 
@@ -64,8 +65,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if candidates.is_empty() {
         return Err(Failure::Input(left_out));
     }
+    // Not every scene has the first of them.
+    let usual =
+        ["kept_shape", "shape_iou", "seed"].map(|figure| Key { figure: figure.into(), least: figure == "seed" });
+    let is_known = |key: &Key| candidates.iter().any(|one| one.figures.contains_key(&key.figure));
     let keys = match &args.by[..] {
-        [] => vec![Key { figure: "kept_shape".into(), least: false }],
+        [] => usual.into_iter().find(is_known).into_iter().collect(),
         keys => keys.to_vec(),
     };
     sheet::sort(&mut candidates, &keys).map_err(Failure::Usage)?;

@@ -2,8 +2,8 @@
 // three.js.
 
 import {
-  AnimationMixer, Box3, Clock, Color, DirectionalLight, Fog, HemisphereLight, LoopOnce, Mesh, MeshStandardMaterial, PCFSoftShadowMap,
-  PerspectiveCamera, PlaneGeometry, Scene, Vector3, WebGLRenderer,
+  AnimationMixer, Box3, Clock, Color, DirectionalLight, HemisphereLight, LoopOnce, Mesh, PCFSoftShadowMap, PerspectiveCamera,
+  PlaneGeometry, Scene, ShadowMaterial, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
@@ -37,27 +37,27 @@ export class View {
     });
     this.mixer = new AnimationMixer(model);
     this.duration = Math.max(0, ...animations.map((clip) => clip.duration));
-    for (const clip of animations) {
-      const action = this.mixer.clipAction(clip).setLoop(LoopOnce);
+    this.actions = animations.map((clip) => this.mixer.clipAction(clip).setLoop(LoopOnce));
+    for (const action of this.actions) {
       action.clampWhenFinished = true;
       action.play();
     }
     const pile = model.getObjectByName("pile") ?? model;
     const box = new Box3();
     for (const time of [this.duration, 0]) {
-      this.mixer.setTime(time);
+      this.place(time);
       model.updateMatrixWorld(true);
       box.union(new Box3().setFromObject(pile));
     }
+    const lowest = Math.min(box.min.y, new Box3().setFromObject(model).min.y);
     const size = box.getSize(new Vector3()).length() || 1;
     const middle = box.getCenter(new Vector3());
 
-    const ground = new Mesh(new PlaneGeometry(40 * size, 40 * size), new MeshStandardMaterial({ color: GROUND, roughness: 1 }));
+    const ground = new Mesh(new PlaneGeometry(40 * size, 40 * size), new ShadowMaterial({ opacity: 0.28 }));
     ground.rotation.x = -Math.PI / 2;
-    ground.position.set(middle.x, box.min.y - 0.001 * size, middle.z);
+    ground.position.set(middle.x, lowest - 0.001 * size, middle.z);
     ground.receiveShadow = true;
     scene.add(ground, new HemisphereLight(0xffffff, 0xb8aea0, 1.6));
-    scene.fog = new Fog(GROUND, 4 * size, 14 * size);
     const sun = new DirectionalLight(0xfff4e4, 2.6);
     sun.position.copy(middle).add(new Vector3(0.7, 1.3, 0.9).multiplyScalar(size));
     sun.target.position.copy(middle);
@@ -83,8 +83,14 @@ export class View {
   // Where the animation stands, in seconds.
   seek(time) {
     this.time = Math.min(Math.max(time, 0), this.duration);
-    this.mixer.setTime(this.time);
+    this.place(this.time);
     this.onTime(this.time);
+  }
+
+  // An action that has come to its end would stay there.
+  place(time) {
+    for (const action of this.actions) action.reset();
+    this.mixer.setTime(time);
   }
 
   fit() {
