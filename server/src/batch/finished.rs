@@ -2,7 +2,7 @@
 
 use super::Variant;
 use crate::files;
-use crate::job::{InputFile, model_files, request};
+use crate::job::{InputFile, Names, model_files, request};
 use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
@@ -51,7 +51,9 @@ impl Assets {
         let format = format.expect("the matrix gives names that tell it");
         let assets = self.of(&scene)?;
         let fill = fill_hash(&scene, &params, &assets);
-        let request = request::request(effective(&scene, &params), assets, format, variant.tree.folder());
+        let models = model_files(&scene);
+        let names = Names::new(models.iter().map(PathBuf::as_path), variant.tree.folder());
+        let request = request::request(effective(&scene, &params), assets, format, &names);
         Ok(Asked { hash: request::hash(&request), fill })
     }
 }

@@ -6,7 +6,7 @@ use anstyle::AnsiColor;
 use comfy_table::{CellAlignment, Table, presets};
 use image::ImageFormat;
 use std::io::Cursor;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Order the results of a batch by their figures, and make a contact sheet of them
 ///
@@ -101,8 +101,8 @@ fn write(
     candidates: Vec<Candidate>,
     keys: &[Key],
     shown: &[String],
-    page: &PathBuf,
-    picture: &PathBuf,
+    page: &Path,
+    picture: &Path,
 ) -> Result<(), Failure> {
     let mut entries: Vec<(Candidate, Shot)> = Vec::new();
     for candidate in candidates {

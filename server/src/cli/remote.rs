@@ -4,7 +4,7 @@ use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, output, summary, tell};
 use crate::client::{Connection, Target};
 use crate::files;
-use crate::job;
+use crate::job::{self, Names};
 use crate::model::document;
 use crate::model::export::Format;
 use crate::problem::Problem;
@@ -119,8 +119,8 @@ pub struct Files {
     references: Vec<AssetReference>,
     contents: BTreeMap<String, Bytes>,
     paths: Vec<PathBuf>,
-    /// The scene's own.
-    folder: PathBuf,
+    /// What the server calls a file, and so the result.
+    names: Names,
 }
 
 impl Files {
@@ -160,20 +160,22 @@ impl Files {
         if !problems.is_empty() {
             return Err(Failure::Input(problems));
         }
+        let models = job::model_files(scene);
+        let names = Names::new(models.iter().map(PathBuf::as_path), folder);
         let (mut references, mut contents) = (Vec::new(), BTreeMap::new());
         let paths = found.keys().cloned().collect();
         for (path, bytes) in found {
             let sha256 = hex(&Sha256::digest(&bytes));
-            let uri = job::portable(&path.to_string_lossy(), folder);
+            let uri = names.of(&path.to_string_lossy());
             references.push(AssetReference { uri, sha256: sha256.clone() });
             contents.insert(sha256, bytes.into());
         }
-        Ok(Files { references, contents, paths, folder: folder.to_owned() })
+        Ok(Files { references, contents, paths, names })
     }
 
     /// What a server is asked to bake.
     pub fn spec(&self, mut scene: Scene) -> BakeSpec {
-        job::rename(&mut scene, |path| self.portable(path));
+        job::rename(&mut scene, |path| self.names.of(path));
         BakeSpec { scene: Some(scene), assets: self.references.clone(), ..Default::default() }
     }
 
@@ -188,11 +190,6 @@ impl Files {
 
     pub fn paths(&self) -> Vec<PathBuf> {
         self.paths.clone()
-    }
-
-    /// What the server calls a file, and so the result.
-    fn portable(&self, path: &str) -> String {
-        job::portable(path, &self.folder)
     }
 }
 

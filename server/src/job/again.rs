@@ -63,9 +63,8 @@ fn places(result: &Path, assets: Option<&Path>) -> Vec<PathBuf> {
         }
     };
     let wide = tops.len().min(2);
-    for top in tops[..wide].to_vec() {
-        tops.extend(below(&top, MOST));
-    }
+    let inside: Vec<PathBuf> = tops[..wide].iter().flat_map(|top| below(top, MOST)).collect();
+    tops.extend(inside);
     tops
 }
 

@@ -20,7 +20,7 @@ use machine::Meter;
 pub use run::{Error, Outcome};
 use serde_json::Value;
 use sources::Reference;
-pub use sources::{InputFile, Open, model_files, portable, rename};
+pub use sources::{InputFile, Names, Open, model_files, rename};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -42,8 +42,8 @@ pub struct Job {
     props: Vec<Reference>,
     statics: Vec<Reference>,
     files: BTreeMap<PathBuf, InputFile>,
-    /// The scene's own: the result names files relative to it.
-    folder: PathBuf,
+    /// What the result calls its files.
+    names: Names,
 }
 
 impl Job {
@@ -58,11 +58,11 @@ impl Job {
         self.files.keys().cloned().collect()
     }
 
-    /// The result is to name files relative to this folder, the scene's own.
+    /// The result is to name files relative to this folder, the scene's own, where that can be.
     pub fn relative_to(mut self, folder: &Path) -> Job {
-        self.folder = folder.to_owned();
+        self.names = Names::new(self.files.keys().map(PathBuf::as_path), folder);
         for reference in self.props.iter_mut().chain(&mut self.statics) {
-            reference.portable = portable(&reference.name, folder);
+            reference.portable = self.names.of(&reference.name);
         }
         self
     }
@@ -70,7 +70,7 @@ impl Job {
     /// All that decides the result.
     pub fn request(&self, format: Format) -> BakeSpec {
         let assets = self.files.values().flat_map(request::assets).collect();
-        request::request(self.effective.clone(), assets, format, &self.folder)
+        request::request(self.effective.clone(), assets, format, &self.names)
     }
 
     /// Hash of all files that were read: names and bytes, those beside a glTF file left out.

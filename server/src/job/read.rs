@@ -2,7 +2,7 @@
 
 use super::Job;
 use super::machine::Meter;
-use super::sources::{InputFile, Open, Reference};
+use super::sources::{InputFile, Names, Open, Reference};
 use crate::files;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
@@ -83,7 +83,7 @@ impl Job {
             props,
             statics,
             files,
-            folder: PathBuf::new(),
+            names: Names::default(),
         })
     }
 }

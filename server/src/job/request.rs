@@ -1,7 +1,7 @@
 //! What was asked of a bake, all that decides its result included: so that a finished result is known again, and can be asked
 //! for again.
 
-use super::sources::{InputFile, portable, rename};
+use super::sources::{InputFile, Names, rename};
 use crate::model::document;
 use crate::model::export::Format;
 use crate::scene_file::SceneTree;
@@ -12,7 +12,6 @@ use prost::Message;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// A file and those beside it that it names, with their hashes. One that is not there matters only to who needs it.
 pub fn assets(file: &InputFile) -> Vec<AssetReference> {
@@ -26,11 +25,11 @@ pub fn assets(file: &InputFile) -> Vec<AssetReference> {
     std::iter::once(asset(file.name.clone(), &file.bytes)).chain(beside).collect()
 }
 
-/// A request with nothing left to defaults, its paths relative to the scene's folder.
-pub fn request(mut scene: Scene, assets: Vec<AssetReference>, format: Format, folder: &Path) -> BakeSpec {
-    rename(&mut scene, |path| portable(path, folder));
+/// A request with nothing left to defaults.
+pub fn request(mut scene: Scene, assets: Vec<AssetReference>, format: Format, names: &Names) -> BakeSpec {
+    rename(&mut scene, |path| names.of(path));
     // Each once, in the order of their names.
-    let assets = assets.into_iter().map(|asset| (portable(&asset.uri, folder), asset.sha256));
+    let assets = assets.into_iter().map(|asset| (names.of(&asset.uri), asset.sha256));
     let assets: BTreeMap<String, String> = assets.collect();
     let assets = assets.into_iter().map(|(uri, sha256)| AssetReference { uri, sha256 }).collect();
     BakeSpec { scene: Some(scene), assets, format: output_format(format).into() }

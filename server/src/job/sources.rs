@@ -27,15 +27,41 @@ impl Reference {
     }
 }
 
-/// A path, with its node, as results have it: the same wherever the scene lies and whoever bakes it. It is relative to the scene's
-/// folder; of one that leads elsewhere from the root, the name alone stays.
-pub fn portable(path: &str, folder: &Path) -> String {
-    let (file, node) = split_node(path);
-    let inside = Path::new(file).strip_prefix(folder).unwrap_or(Path::new(file));
-    let inside = if inside.is_absolute() { inside.file_name().map_or(inside, Path::new) } else { inside };
-    let parts = inside.components().map(|part| part.as_os_str().to_string_lossy());
-    let name = parts.collect::<Vec<_>>().join("/");
-    node.map_or(name.clone(), |node| format!("{name}#{node}"))
+/// Names of files as results have them: the same wherever the scene lies and whoever bakes it. They are relative to the scene's
+/// folder; where a file lies elsewhere, and is named from the root, to the folder that all files are below.
+#[derive(Clone, Debug, Default)]
+pub struct Names {
+    base: PathBuf,
+    from_root: bool,
+}
+
+impl Names {
+    /// For the models that a scene names.
+    pub fn new<'a>(models: impl Iterator<Item = &'a Path> + Clone, folder: &Path) -> Names {
+        let is_elsewhere = |file: &Path| file.is_absolute() && !file.starts_with(folder);
+        if !models.clone().any(is_elsewhere) {
+            return Names { base: folder.to_owned(), from_root: false };
+        }
+        let folders = models.map(|file| files::folder_of(&from_root(file)).to_owned());
+        let common = |a: PathBuf, b: PathBuf| {
+            a.components().zip(b.components()).take_while(|(a, b)| a == b).map(|(a, _)| a).collect()
+        };
+        Names { base: folders.reduce(common).unwrap_or_default(), from_root: true }
+    }
+
+    /// Of a file, with its node if one is named.
+    pub fn of(&self, path: &str) -> String {
+        let (file, node) = split_node(path);
+        let file = if self.from_root { from_root(Path::new(file)) } else { file.into() };
+        let inside = file.strip_prefix(&self.base).unwrap_or(&file);
+        let parts = inside.components().map(|part| part.as_os_str().to_string_lossy());
+        let name = parts.collect::<Vec<_>>().join("/");
+        node.map_or(name.clone(), |node| format!("{name}#{node}"))
+    }
+}
+
+fn from_root(file: &Path) -> PathBuf {
+    std::path::absolute(file).unwrap_or_else(|_| file.to_owned())
 }
 
 /// The paths of a scene, each changed by `change`.
@@ -97,5 +123,25 @@ impl Beside {
         let bytes = (self.open)(&path).map_err(|problem| problem.to_string())?;
         read.insert(relative.to_owned(), bytes.clone());
         Ok(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(files: &[&str], folder: &str) -> Vec<String> {
+        let names = Names::new(files.iter().map(Path::new), Path::new(folder));
+        files.iter().map(|file| names.of(&format!("{file}#Node"))).collect()
+    }
+
+    #[test]
+    fn files_are_named_below_the_scene_or_below_what_holds_all() {
+        assert_eq!(names(&["scenes/kit/a.glb", "scenes/../b.glb"], "scenes"), ["kit/a.glb#Node", "../b.glb#Node"]);
+        assert_eq!(names(&["/me/scenes/a.glb"], "/me/scenes"), ["a.glb#Node"]);
+        assert_eq!(names(&["/kit/a.glb"], ""), ["a.glb#Node"]);
+        // Two of one name stay two.
+        assert_eq!(names(&["/me/one/a.glb", "/me/two/a.glb"], "/me/scenes"), ["one/a.glb#Node", "two/a.glb#Node"]);
+        assert_eq!(names(&["/me/scenes/a.glb", "/me/a.glb"], "/me/scenes"), ["scenes/a.glb#Node", "a.glb#Node"]);
     }
 }
