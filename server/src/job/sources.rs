@@ -38,7 +38,9 @@ pub struct Names {
 impl Names {
     /// For the models that a scene names.
     pub fn new<'a>(models: impl Iterator<Item = &'a Path> + Clone, folder: &Path) -> Names {
-        let is_elsewhere = |file: &Path| file.is_absolute() && !file.starts_with(folder);
+        // Every path starts with the empty one.
+        let is_inside = |file: &Path| folder.is_relative() == file.is_relative() && file.starts_with(folder);
+        let is_elsewhere = |file: &Path| file.is_absolute() && !is_inside(file);
         if !models.clone().any(is_elsewhere) {
             return Names { base: folder.to_owned(), from_root: false };
         }
