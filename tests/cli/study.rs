@@ -59,7 +59,9 @@ fn presets_are_ordered_by_what_overlaps() {
     for scene in FILLED {
         let study = study(scene);
         let overlaps = PRESETS.map(|preset| error(row(&study, preset), "overlap").unwrap());
-        assert!(overlaps.windows(2).all(|pair| pair[1] < 1.1 * pair[0]), "{scene}: {overlaps:?}");
+        // Up to what the seeds differ by.
+        let most = PRESETS.map(|preset| row(&study, preset)["errors"]["overlap"]["high"].as_f64().unwrap());
+        assert!((1..PRESETS.len()).all(|n| overlaps[n] <= most[n - 1]), "{scene}: {overlaps:?}, {most:?}");
         assert!(overlaps[0] > 30.0 * overlaps[4], "{scene}: {overlaps:?}");
         assert!(overlaps[2] <= 0.006 && overlaps[4] <= 0.001, "{scene}: {overlaps:?}");
     }

@@ -209,11 +209,6 @@ pub const ROWS: &[Row] = &[
             extent: Extent::Full,
             why: "the median of the 609 is 2.3 s (2.0 to 3.0): one stick of so many slides on",
         },
-        Miss {
-            engine: Cairn,
-            extent: Extent::Short,
-            why: "of seven times 150 sticks, one is wedged between the flanks of others, or has a gap of a little more than d/200 below it",
-        },
     ]),
     row("rest_bananas", "1000 nonconvex bananas (80 in the tests): the same of one seed, in 60 s (10)", piles::rest_bananas, ONE, BOTH),
     row("long", "a held pile for 10 minutes (1 in the tests): drifts < d/100", piles::long, ONE, ONE),

@@ -7,7 +7,7 @@ mod model;
 
 pub use model::CALIBRATION_SECONDS;
 
-use crate::input::params::{Accuracy, FrictionModel, Params};
+use crate::input::params::{Accuracy, ControlMode, FrictionModel, Params, Switch};
 use crate::input::scene::{Prop, Scene};
 use crate::prepare::check::Checked;
 use crate::prepare::effects::EffectName;
@@ -28,7 +28,7 @@ pub struct Estimate {
     /// Dots of glue, more or less: shapes that hang over need several times as many as shapes that stand almost by themselves.
     pub glue_dots: f64,
     /// Expected `kept_shape`, with the glue that is set: of ten bakes, five are below the second, and eight between the first and the
-    /// third. `None` without a fill.
+    /// third. `None` without a fill, and where the control holds the pile to the end.
     pub kept_shape: Option<[f64; 3]>,
     /// CPU seconds of release and hold; the rest is for shapes and measures.
     pub release_seconds: f64,
@@ -186,6 +186,8 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], m
     let thickness = |((shape, prop), share): ((&Shape, &Prop), &f64)| {
         share * shape.thickness() * (prop.scale[0] + prop.scale[1]) / 2.0
     };
+    // What the control holds to the end keeps its shape, glued or not.
+    let held = params.control.mode != ControlMode::Off && params.control.stand == Switch::Off;
     let bound = params.glue_bound(scene.is_filled(params));
     let (dots, kept) = model::kept(bound);
     let rounds = if params.accuracy == Accuracy::Draft { model::DRAFT_DOTS } else { 1.0 };
@@ -198,7 +200,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], m
         fill_seconds,
         glue_seconds,
         glue_dots: rounds * dots * model::DOTS_PER_BODY * workload.bodies,
-        kept_shape: scene.is_filled(params).then_some(kept),
+        kept_shape: (scene.is_filled(params) && !held).then_some(kept),
         release_seconds,
         factor: model::FACTOR,
         penetration_mean_rel,
