@@ -129,7 +129,9 @@ impl Files {
     pub fn read(scene: &Scene, folder: &Path) -> Result<Files, Failure> {
         let mut found = BTreeMap::new();
         let mut problems = Vec::new();
-        for path in job::model_files(scene) {
+        let models = job::model_files(scene);
+        let names = Names::new(models.iter().map(PathBuf::as_path), folder);
+        for path in models {
             if files::is_below(folder, &path) && files::leads_out(folder, &path) {
                 let what = "a link that leads out of the scene's folder, so that it is not sent";
                 let remedy = "Name the file that it leads to, or put the file itself there.";
@@ -160,8 +162,6 @@ impl Files {
         if !problems.is_empty() {
             return Err(Failure::Input(problems));
         }
-        let models = job::model_files(scene);
-        let names = Names::new(models.iter().map(PathBuf::as_path), folder);
         let (mut references, mut contents) = (Vec::new(), BTreeMap::new());
         let paths = found.keys().cloned().collect();
         for (path, bytes) in found {
