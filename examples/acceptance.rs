@@ -135,6 +135,8 @@ fn scene(control: &str, prop: &str) -> Result<Scene, String> {
         restitution: 0.0,
         scale: [1.0; 2],
         tilt_max: 180.0,
+        scale_skew: 0.0,
+        stance: Default::default(),
     };
     Ok(Scene { control: Some(model(control)?), props: vec![stick], ..Scene::default() })
 }

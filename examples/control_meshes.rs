@@ -72,6 +72,8 @@ fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
         restitution: 0.0,
         scale: [1.0; 2],
         tilt_max: 180.0,
+        scale_skew: 0.0,
+        stance: Default::default(),
     };
     let control = Some(Model { name: name.into(), mesh });
     let scene = Scene { control, props: vec![brick], ..Scene::default() };

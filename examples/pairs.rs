@@ -239,6 +239,8 @@ fn pair<'a>(
         restitution: 0.0,
         scale: [scale; 2],
         tilt_max: 180.0,
+        scale_skew: 0.0,
+        stance: Default::default(),
     };
     let mut scene = Scene { control: Some(control), props: vec![prop], ..Scene::default() };
     let mut params = Params::new(Accuracy::Standard);

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use std::f64::consts::TAU;
 
 /// Materials: name, linear base colour, roughness.
-const MATERIALS: [(&str, Point, f64); 11] = [
+const MATERIALS: [(&str, Point, f64); 15] = [
     ("wood", [1.0, 1.0, 1.0], 0.7),
     ("cover", [0.12, 0.03, 0.04], 0.6),
     ("paper", [0.80, 0.74, 0.60], 0.9),
@@ -18,6 +18,10 @@ const MATERIALS: [(&str, Point, f64); 11] = [
     ("back", [0.06, 0.12, 0.40], 0.4),
     ("steel", [0.16, 0.17, 0.19], 0.35),
     ("plank", [0.36, 0.20, 0.09], 0.7),
+    ("brick", [0.42, 0.13, 0.07], 0.9),
+    ("timber", [0.62, 0.42, 0.22], 0.8),
+    ("china", [0.85, 0.86, 0.88], 0.3),
+    ("glaze", [0.10, 0.28, 0.40], 0.3),
 ];
 
 /// Vertices, and triangles by material.

@@ -27,6 +27,10 @@ fn main() -> std::io::Result<()> {
         ("book", book()),
         ("banana", banana()),
         ("cube", cube()),
+        ("brick", block([0.24, 0.071, 0.115], "brick")),
+        ("plank", block([1.2, 0.04, 0.15], "timber")),
+        ("plate", plate()),
+        ("bowl", bowl()),
         ("card", card()),
         ("ball", ball(0.5)),
         ("cart", cart()),
@@ -39,6 +43,10 @@ fn main() -> std::io::Result<()> {
         // For bananas and books.
         ("mound", dome(0.4, 0.3)),
         ("spiral", spiral(0.25, 0.9, [0.25, 2.2])),
+        // For what is stacked.
+        ("shelf", block([1.6, 1.0, 0.6], "control")),
+        ("wall", block([3.0, 1.6, 0.245], "control")),
+        ("tower", block([1.25, 2.6, 1.25], "control")),
         ("heap", heap([0.55, 0.33], CART_RIM, 0.37)),
     ];
     for (name, asset) in assets {

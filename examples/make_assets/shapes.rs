@@ -17,6 +17,27 @@ pub fn cube() -> Asset {
     asset
 }
 
+/// A box on the ground: its edges along x, y, z.
+pub fn block([x, y, z]: [f64; 3], material: &'static str) -> Asset {
+    let mut asset = Asset::default();
+    asset.cuboid([-x / 2.0, 0.0, -z / 2.0], [x / 2.0, y, z / 2.0], material);
+    asset
+}
+
+/// A dinner plate with a foot and a raised rim.
+pub fn plate() -> Asset {
+    let below = [[0.085, 0.0], [0.09, 0.004], [0.13, 0.018], [0.132, 0.021]];
+    let above = [[0.13, 0.024], [0.09, 0.010], [0.0, 0.009]];
+    turned(&[&[[0.0, 0.0]], &below[..], &above[..]].concat(), "china")
+}
+
+/// A bowl whose wall is 5 mm thick.
+pub fn bowl() -> Asset {
+    let below = [[0.035, 0.0], [0.052, 0.012], [0.067, 0.035], [0.075, 0.065]];
+    let above = [[0.07, 0.065], [0.062, 0.036], [0.048, 0.016], [0.03, 0.006], [0.0, 0.005]];
+    turned(&[&[[0.0, 0.0]], &below[..], &above[..]].concat(), "glaze")
+}
+
 /// A playing card, upright: 63 x 88 mm and a hundredth as thick, its face to the front and its back to the back.
 pub fn card() -> Asset {
     let [side, height, thick] = [0.0315, 0.088, 0.00088 / 2.0];

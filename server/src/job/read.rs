@@ -11,7 +11,8 @@ use crate::wire::{proto, to_proto};
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::input::scene::{Key, Model, Place, Prop, Scene, StaticModel};
+use cairn_core::input::scene::{Key, Model, Place, Prop, Scene, Stance, StaticModel};
+use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -180,8 +181,25 @@ impl Reader {
             restitution: prop.restitution.unwrap_or(from_proto::PROP_RESTITUTION),
             scale: [prop.scale_min, prop.scale_max].map(|scale| scale.unwrap_or(from_proto::PROP_SCALE)),
             tilt_max: prop.tilt_max.unwrap_or(from_proto::PROP_TILT_MAX),
+            scale_skew: prop.scale_skew.unwrap_or(from_proto::PROP_SCALE_SKEW),
+            stance: Stance { up: self.up(index, &prop.up), turns: from_proto::turns(prop.turns()) },
         };
         (reference, prop)
+    }
+
+    fn up(&mut self, index: usize, given: &[f64]) -> Option<DVec3> {
+        let field = format!("props.{index}.up");
+        let direction = match *given {
+            [] => return None,
+            [x, y, z] => DVec3::new(x, y, z).try_normalize(),
+            _ => None,
+        };
+        if direction.is_none() {
+            let problem =
+                Problem::new(&field, format!("{given:?} is no direction"), "Give three numbers, not all 0: x, y, z.");
+            self.problems.push(problem.of_field(&field));
+        }
+        direction
     }
 
     fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Key>) -> (Reference, StaticModel) {

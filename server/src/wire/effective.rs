@@ -15,6 +15,13 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         scale_min: prop.scale_min.or(Some(from_proto::PROP_SCALE)),
         scale_max: prop.scale_max.or(Some(from_proto::PROP_SCALE)),
         tilt_max: prop.tilt_max.or(Some(from_proto::PROP_TILT_MAX)),
+        scale_skew: prop.scale_skew.or(Some(from_proto::PROP_SCALE_SKEW)),
+        up: prop.up.clone(),
+        turns: match prop.turns() {
+            proto::Turns::Unspecified => proto::Turns::Any,
+            given => given,
+        }
+        .into(),
     };
     let scenery = |model: &proto::StaticModel| proto::StaticModel {
         path: model.path.clone(),

@@ -5,7 +5,7 @@ use crate::wire::proto;
 use cairn_core::input::observer::{Progress, Stage, State};
 use cairn_core::input::params::{
     Accuracy, ContactSelection, Control, ControlMode, FillMethod, FrictionCone, FrictionModel, FrictionReserve, Glue,
-    GlueMode, Neighbours, Params, Physics, ReleaseOrder, Spread, Switch, Time,
+    GlueMode, Layout, Neighbours, Params, Physics, ReleaseOrder, SortBy, Spread, Switch, Time,
 };
 use cairn_core::prepare::effects::Effect;
 use cairn_core::prepare::estimate::Estimate;
@@ -216,9 +216,28 @@ fn fill(params: &Params) -> proto::Fill {
         method: match fill.method {
             FillMethod::Insert => proto::FillMethod::Insert,
             FillMethod::Pour => proto::FillMethod::Pour,
+            FillMethod::Stack => proto::FillMethod::Stack,
             FillMethod::Off => proto::FillMethod::Off,
         }
         .into(),
+        order: Some(fill.order),
+        surface: Some(fill.surface),
+        layout: match fill.mixture.layout {
+            Layout::Mixed => proto::Layout::Mixed,
+            Layout::Bands => proto::Layout::Bands,
+            Layout::Gradient => proto::Layout::Gradient,
+            Layout::Clusters => proto::Layout::Clusters,
+        }
+        .into(),
+        sort_by: match fill.mixture.sort_by {
+            SortBy::Size => proto::SortBy::Size,
+            SortBy::Mass => proto::SortBy::Mass,
+            SortBy::Name => proto::SortBy::Name,
+        }
+        .into(),
+        descending: Some(fill.mixture.descending),
+        gaps: Some(fill.gaps),
+        shake: Some(fill.shake),
         friction: Some(fill.friction),
         count: fill.count.map(signed),
         max_bodies: Some(signed(fill.max_bodies)),

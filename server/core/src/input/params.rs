@@ -140,6 +140,17 @@ pub struct Base {
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Fill {
     pub method: FillMethod,
+    /// How tidily props lie, from 0 (as they fall) to 1 (stacked): how many lie on their largest flat side, and how little they are
+    /// turned and shifted against the pile's axes.
+    pub order: f64,
+    /// What the surface is like, from 0 (loose: some stick out, up to the middle) over 0.5 (natural) to 1 (cast: many lie flush).
+    pub surface: f64,
+    /// Which of several props goes where.
+    pub mixture: Mixture,
+    /// Small props come last, into the gaps of the large ones.
+    pub gaps: bool,
+    /// The filled container is shaken for this long, natural times, 0 to 100; 0: not at all.
+    pub shake: f64,
     /// Friction between props while filling, 0 to 2: it decides the density (0 packs densest).
     pub friction: f64,
     /// Number of bodies wanted; `None` fills until full.
@@ -171,12 +182,43 @@ pub struct Fill {
     pub wall_tolerance: f64,
 }
 
+/// Which of several props goes where in a fill.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Mixture {
+    pub layout: Layout,
+    pub sort_by: SortBy,
+    /// The largest, heaviest or last in the alphabet is below.
+    pub descending: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Layout {
+    /// Everything everywhere.
+    Mixed,
+    /// One above the other, each as high as its share of the volume.
+    Bands,
+    /// Bands that run into each other.
+    Gradient,
+    /// Each kind in nests of its own.
+    Clusters,
+}
+
+/// What decides on the order of bands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum SortBy {
+    Size,
+    Mass,
+    Name,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum FillMethod {
     /// Grown at free places inside the closed container.
     Insert,
     /// Dropped through the opening (Cho et al. 2007).
     Pour,
+    /// Laid down one by one, each as low as it can lie.
+    Stack,
     /// Not at all: the control mesh only says where the control acts.
     Off,
 }

@@ -45,6 +45,27 @@ pub struct Prop {
     pub scale: [f64; 2],
     /// Largest angle between its up axis and the world's when it is drawn, degrees, 0 to 180. 180: any rotation.
     pub tilt_max: f64,
+    /// How sizes spread between the two, -1 to 1: mostly large ones, evenly, mostly small ones.
+    pub scale_skew: f64,
+    pub stance: Stance,
+}
+
+/// How a prop stands where it is laid with care.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Stance {
+    /// Which of its directions is up; `None`: the one in which it lies flattest.
+    pub up: Option<DVec3>,
+    pub turns: Turns,
+}
+
+/// The turns about its up axis that a prop may have against the pile's axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub enum Turns {
+    #[default]
+    Any,
+    /// By 0, 90, 180 or 270 degrees.
+    Quarter,
+    None,
 }
 
 /// A piece of scenery.
@@ -56,6 +77,16 @@ pub struct StaticModel {
     /// Where it is over time, rising; empty: it stands still as placed. Still, too, before the first and after the last.
     pub keys: Vec<Key>,
 }
+
+impl Prop {
+    /// A number drawn evenly from 0 to 1 is raised to this power before it becomes a scale.
+    pub fn scale_power(&self) -> f64 {
+        libm::pow(SKEW, self.scale_skew)
+    }
+}
+
+/// The power for a skew of 1: the median is then at 1/16 of the range.
+const SKEW: f64 = 4.0;
 
 impl StaticModel {
     /// Where it never is below, m.

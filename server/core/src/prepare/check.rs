@@ -223,6 +223,7 @@ fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<Problem>) {
         ("scale_min", lo, [1e-6, 1e6]),
         ("scale_max", hi, [1e-6, 1e6]),
         ("tilt_max", prop.tilt_max, [0.0, 180.0]),
+        ("scale_skew", prop.scale_skew, [-1.0, 1.0]),
     ] {
         range(&format!("props.{i}.{field}"), name, value, bounds, problems);
     }

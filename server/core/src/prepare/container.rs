@@ -68,7 +68,11 @@ impl Container {
         let (region, distance) = grid(mesh, length);
         let (low, high) = solid.bounds();
         let remeshed = !topology.is_watertight() || topology.components > 1 && region.overlaps(TOUCH);
-        let walls = if remeshed { surface(&distance) } else { inward(&solid, region.was_inside_out()) };
+        let walls = if remeshed {
+            surface(&distance, REMESH_INSET * distance.spacing())
+        } else {
+            inward(&solid, region.was_inside_out())
+        };
         let base = low.y.max(ground / length);
         Container {
             walls,
@@ -83,9 +87,15 @@ impl Container {
         }
     }
 
-    /// The walls, closed.
-    pub fn closed(&self) -> Walls {
-        simplify::run(self.walls.clone(), self.tolerance)
+    /// The walls, closed, and `outside` of where they are.
+    pub fn closed(&self, outside: f64) -> Walls {
+        let walls = if outside > 0.0 { surface(&self.distance, -outside) } else { self.walls.clone() };
+        simplify::run(walls, self.tolerance)
+    }
+
+    /// Triangles facing inward; closed.
+    pub fn walls(&self) -> &TriMesh {
+        &self.walls
     }
 
     /// Whether all points lie inside, up to `slack`.
@@ -128,10 +138,9 @@ fn inward(solid: &TriMesh, inside_out: bool) -> TriMesh {
     TriMesh { points: solid.points.clone(), triangles }
 }
 
-/// The surface of the distance grid (naive surface nets), facing inward.
-fn surface(distance: &DistanceGrid) -> TriMesh {
+/// The surface of the distance grid (naive surface nets), so far inside, facing inward.
+fn surface(distance: &DistanceGrid, inset: f64) -> TriMesh {
     let (origin, size, values) = distance.nodes();
-    let inset = REMESH_INSET * distance.spacing();
     let field: Vec<f32> = values.iter().map(|&v| (v + inset) as f32).collect();
     let shape = RuntimeShape::<u32, 3>::new(size.map(|n| n as u32));
     debug_assert_eq!(shape.size() as usize, field.len());

@@ -42,7 +42,7 @@ impl Room {
         let total: f64 = scene.props.iter().map(|p| p.weight).sum();
         let (mut volume, mut features) = (0.0, Weights::default());
         for (prop, size) in scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0) {
-            volume += prop.weight / total * size.volume * mean_cube(prop.scale);
+            volume += prop.weight / total * size.volume * mean_cube(prop);
             for (sum, feature) in features.iter_mut().zip(self.features(prop, size)) {
                 *sum += prop.weight / total * feature;
             }
@@ -64,7 +64,10 @@ pub fn expected_bodies(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill, 
     (fitting.min(fill.max_bodies as f64) as usize).min(fill.count.unwrap_or(u32::MAX) as usize).max(1)
 }
 
-/// Mean of s^3 for s even between the two.
-fn mean_cube([lo, hi]: [f64; 2]) -> f64 {
-    (lo + hi) * (lo * lo + hi * hi) / 4.0
+/// Mean of s^3 for the scales of a prop: lo + (hi - lo) u^k, u even between 0 and 1.
+fn mean_cube(prop: &Prop) -> f64 {
+    let ([lo, hi], k) = (prop.scale, prop.scale_power());
+    let range = hi - lo;
+    let term = |n: i32, times: f64| times * lo.powi(3 - n) * range.powi(n) / (f64::from(n) * k + 1.0);
+    term(0, 1.0) + term(1, 3.0) + term(2, 3.0) + term(3, 1.0)
 }

@@ -1,7 +1,7 @@
 //! Measures the pile, and says what a person should know.
 
 use super::inputs::{Figures, Inputs};
-use super::{Name, Report, contacts, counts, glue, motion, shape, warnings};
+use super::{Name, Report, contacts, counts, glue, motion, order, shape, warnings};
 use crate::error::Error;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::prepare::effects::{Count, EffectName, bill};
@@ -39,6 +39,9 @@ pub fn report(
             told.extend(warnings::fill(inputs, filled, first));
         }
         told.extend(first.caveats());
+    }
+    if resolved.is_on(EffectName::ShapeFigures) {
+        measures.extend(order::figures(&sim.pile.world, shapes));
     }
     if let Some((_, filled)) = filled {
         measures.insert("pocket_fraction", Some(filled.pockets));

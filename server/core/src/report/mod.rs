@@ -9,6 +9,7 @@ mod glue;
 pub mod inputs;
 pub mod make;
 mod motion;
+mod order;
 mod shape;
 mod warnings;
 

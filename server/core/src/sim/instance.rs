@@ -1,9 +1,10 @@
 //! Props, scaled and posed: those that are there, and how new ones are drawn.
 
 use crate::geometry::pose::Pose;
-use crate::input::scene::Prop;
+use crate::input::scene::{Prop, Turns};
 use glam::{DQuat, DVec3};
 use rand::{Rng, RngExt};
+use std::f64::consts::FRAC_PI_2;
 
 /// A prop, scaled and posed.
 #[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
@@ -26,23 +27,30 @@ pub fn draw(props: &[Prop], among: impl Iterator<Item = usize> + Clone, rng: &mu
     // Rounding may leave a rest: it belongs to the last one that can be drawn.
     let prop = chosen.or_else(|| among.filter(|&i| props[i].weight > 0.0).last()).unwrap_or(0);
     let [lo, hi] = props[prop].scale;
-    let scale = lo + (hi - lo) * rng.random::<f64>();
-    (prop, scale, random_rotation(props[prop].tilt_max, rng))
+    let scale = lo + (hi - lo) * libm::pow(rng.random::<f64>(), props[prop].scale_power());
+    (prop, scale, random_rotation(&props[prop], rng))
 }
 
 /// Uniform over the rotations that tilt the up axis by at most so many degrees; over all of them for 180 (Shoemake 1992).
-fn random_rotation(tilt_max: f64, rng: &mut impl Rng) -> DQuat {
+fn random_rotation(prop: &Prop, rng: &mut impl Rng) -> DQuat {
+    let tilt_max = prop.tilt_max;
     let (u, v, w): (f64, f64, f64) = (rng.random(), rng.random(), rng.random());
     let (v, w) = (v * std::f64::consts::TAU, w * std::f64::consts::TAU);
     if tilt_max < 180.0 {
         // Even on the cap of directions: its area grows with the height.
         let height = 1.0 - u * (1.0 - libm::cos(tilt_max.to_radians()));
         let axis = DVec3::new(libm::cos(v), 0.0, libm::sin(v));
-        let (half_tilt, half_turn) = (libm::acos(height.clamp(-1.0, 1.0)) / 2.0, w / 2.0);
+        let turn = match prop.stance.turns {
+            Turns::Any => w,
+            Turns::Quarter => (w / FRAC_PI_2).floor() * FRAC_PI_2,
+            Turns::None => 0.0,
+        };
+        let (half_tilt, half_turn) = (libm::acos(height.clamp(-1.0, 1.0)) / 2.0, turn / 2.0);
         let tilt = axis * libm::sin(half_tilt);
         let tilt = DQuat::from_xyzw(tilt.x, tilt.y, tilt.z, libm::cos(half_tilt));
         let turn = DQuat::from_xyzw(0.0, libm::sin(half_turn), 0.0, libm::cos(half_turn));
-        return (tilt * turn).normalize();
+        let upright = prop.stance.up.map_or(DQuat::IDENTITY, |up| DQuat::from_rotation_arc(up, DVec3::Y));
+        return (tilt * turn * upright).normalize();
     }
     let (a, b) = ((1.0 - u).sqrt(), u.sqrt());
     DQuat::from_xyzw(a * libm::sin(v), a * libm::cos(v), b * libm::sin(w), b * libm::cos(w)).normalize()

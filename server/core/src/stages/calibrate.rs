@@ -54,5 +54,7 @@ fn cube() -> Prop {
         restitution: 0.0,
         scale: [1.0; 2],
         tilt_max: 180.0,
+        scale_skew: 0.0,
+        stance: Default::default(),
     }
 }

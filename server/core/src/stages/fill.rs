@@ -1,8 +1,11 @@
 //! Filling the container with props (Cho et al. 2007; paper, 4.1).
 
 mod insert;
+mod mixture;
 mod pockets;
 mod pour;
+mod shake;
+mod stack;
 
 use crate::error::Error;
 use crate::geometry::pose::Pose;
@@ -11,11 +14,12 @@ use crate::input::params::{FillMethod, Params};
 use crate::input::scene::Scene;
 use crate::prepare::container::Container;
 use crate::prepare::packing::{Room, expected_bodies};
-use crate::prepare::shape::{Shape, Size, Solid};
+use crate::prepare::shape::{Shape, Size, corners};
 use crate::sim::instance::{self, Instance};
 use crate::sim::policy::Policy;
 use crate::world::{BodyId, Counters, Insertion, Role, Side, Touch, Units, World, WorldBody};
 use glam::{DQuat, DVec3};
+use mixture::Mixture;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use std::collections::BTreeMap;
@@ -30,6 +34,8 @@ pub struct Filled {
     pub depenetration_steps: u64,
     /// Whether the container was full, rather than a limit reached.
     pub full: bool,
+    /// Whether shaking the container did it good; `None`: it was not shaken.
+    pub shaken: Option<bool>,
     /// Share of the container's volume that no body is near.
     pub pockets: f64,
     /// Triangles that simplification took from the walls, and how far it moved them, in d.
@@ -57,6 +63,9 @@ pub(crate) struct Filling<'a> {
     pub removed: Removed,
     /// Bodies that the container is expected to take.
     pub expected: usize,
+    /// The props that are drawn now.
+    among: Vec<usize>,
+    mixture: Option<Mixture>,
     /// Bodies simulated so far, times natural times.
     work: f64,
     /// Frames shown; `None` where none are to be.
@@ -72,6 +81,12 @@ const USUAL_END: f64 = 0.9;
 const CLEANUP_ROUNDS: usize = 4;
 /// Settling after each of them, natural times.
 const CLEANUP_SETTLE: f64 = 0.5;
+
+/// The walls of a loose surface are this far outside of the control mesh, d; half of the grid's margin.
+const LOOSENED: f64 = 0.15;
+
+/// Props smaller than this share of the largest fill its gaps.
+const SMALL: f64 = 0.5;
 
 /// Places for so many times the expected bodies are before the walls.
 const ROOM: usize = 2;
@@ -95,11 +110,12 @@ pub fn run(
 ) -> Result<Filled, Error> {
     let mut filling = Filling::new(scene, shapes, params, units, container);
     filling.place_given()?;
+    filling.mixture = Mixture::new(&mut filling);
     let poured = match params.fill.method {
         FillMethod::Pour => Some(pour::run(&mut filling, observer)?),
-        FillMethod::Insert | FillMethod::Off => None,
+        FillMethod::Insert | FillMethod::Stack | FillMethod::Off => None,
     };
-    let closed = container.closed();
+    let closed = container.closed(LOOSENED * (1.0 - 2.0 * params.fill.surface).max(0.0));
     let room = ROOM * filling.expected.min(params.fill.max_bodies as usize);
     let (walls, floor) = filling.world.add_behind(room, |world| {
         let walls = world.add_container(&closed.mesh, 0.0);
@@ -111,7 +127,7 @@ pub fn run(
         Some(full) => full,
         None => {
             let surplus = params.fill.count.map_or(0.0, |n| SURPLUS * f64::from(n)) as usize;
-            insert::run(&mut filling, wanted.saturating_add(surplus), observer)?
+            filling.fill_up(wanted.saturating_add(surplus), observer)?
         }
     };
     filling.use_real_friction();
@@ -124,11 +140,12 @@ pub fn run(
         if full || poured.is_some() || !missing(&filling) {
             break;
         }
-        insert::run(&mut filling, wanted, observer)?;
+        filling.fill_up(wanted, observer)?;
         filling.use_real_friction();
         filling.settle(params.fill.settle, observer)?;
         filling.clean_up(observer)?;
     }
+    let shaken = if params.fill.shake > 0.0 { Some(shake::run(&mut filling, observer)?) } else { None };
     filling.cut_to(wanted);
     // Parted bodies need the room that the walls do not leave them.
     filling.world.remove_wall(walls);
@@ -143,6 +160,7 @@ pub fn run(
         steps,
         depenetration_steps,
         full,
+        shaken,
         pockets,
         wall_triangles_saved: closed.saved,
         wall_deviation: closed.deviation,
@@ -193,6 +211,8 @@ impl<'a> Filling<'a> {
             rng: Pcg64Mcg::seed_from_u64(params.seed),
             removed: Removed::default(),
             expected,
+            among: (0..scene.props.len()).collect(),
+            mixture: None,
             work: 0.0,
             shown: Some(0),
         }
@@ -208,6 +228,43 @@ impl<'a> Filling<'a> {
         Ok(())
     }
 
+    /// Fills the closed container until it is full, which is returned, or until there are `limit` bodies.
+    fn fill_up(&mut self, limit: usize, observer: &mut dyn Observer) -> Result<bool, Error> {
+        let mut full = false;
+        for among in self.turns() {
+            self.among = among;
+            full = match self.params.fill.method {
+                FillMethod::Stack => stack::run(self, limit, observer)?,
+                _ => insert::run(self, limit, observer)?,
+            };
+        }
+        Ok(full)
+    }
+
+    /// Which props come first, and which then: where small ones are to fill the gaps of large ones, those come last.
+    fn turns(&self) -> Vec<Vec<usize>> {
+        let diameter = |i: usize| self.shapes[i].size.diameter * self.scene.props[i].scale[1];
+        let drawn = || (0..self.scene.props.len()).filter(|&i| self.scene.props[i].weight > 0.0);
+        let largest = drawn().map(diameter).fold(0.0, f64::max);
+        let (small, large): (Vec<_>, Vec<_>) = drawn().partition(|&i| diameter(i) < SMALL * largest);
+        if self.params.fill.gaps && !small.is_empty() { vec![large, small] } else { vec![drawn().collect()] }
+    }
+
+    /// Nodes of the container's distance grid that are inside.
+    fn inside(&self) -> Vec<DVec3> {
+        let grid = &self.container.distance;
+        let (origin, size, values) = grid.nodes();
+        let place =
+            |i: usize| DVec3::new((i % size[0]) as f64, (i / size[0] % size[1]) as f64, (i / size[0] / size[1]) as f64);
+        let inside = values.iter().enumerate().filter(|(_, distance)| **distance <= 0.0);
+        inside.map(|(i, _)| origin + grid.spacing() * place(i)).collect()
+    }
+
+    /// Whether the mixture lets a prop be here.
+    fn may_be(&mut self, prop: usize, p: DVec3) -> bool {
+        self.mixture.as_ref().is_none_or(|mixture| mixture.allows(prop, p, &mut self.rng))
+    }
+
     /// The bodies that were filled in, rising.
     pub fn loose(&self) -> impl Iterator<Item = BodyId> + '_ {
         self.world.present().filter(|&id| self.world.bodies()[id].role != Role::Pinned)
@@ -215,7 +272,7 @@ impl<'a> Filling<'a> {
 
     /// A prop by weight, a scale from its range and an orientation from its own.
     pub fn draw(&mut self) -> (usize, f64, DQuat) {
-        instance::draw(&self.scene.props, 0..self.scene.props.len(), &mut self.rng)
+        instance::draw(&self.scene.props, self.among.iter().copied(), &mut self.rng)
     }
 
     pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
@@ -309,7 +366,8 @@ impl<'a> Filling<'a> {
     fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         for round in 0.. {
             self.remove_escaped();
-            let out = self.loose().filter(|&id| self.protrusion(id) > self.params.fill.protrusion).collect::<Vec<_>>();
+            let most = self.params.fill.protrusion + LOOSENED * (1.0 - 2.0 * self.params.fill.surface).max(0.0);
+            let out = self.loose().filter(|&id| self.protrusion(id) > most).collect::<Vec<_>>();
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));
             let pairs = self.overlapping(self.params.fill.overlap);
@@ -361,21 +419,5 @@ impl<'a> Filling<'a> {
             pairs.retain(|&(a, b)| a != worst && b != worst);
         }
         removed
-    }
-}
-
-/// The corners of a shape at a pose, `scale` engine units per metre of the prop.
-pub fn corners<'a>(shape: &'a Shape, scale: f64, pose: &Pose) -> Box<dyn Iterator<Item = DVec3> + 'a> {
-    let pose = *pose;
-    match &shape.solid {
-        Solid::Box(b) => Box::new((0..8).map(move |i| {
-            let sign = DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2 & 1)) * 2.0 - 1.0;
-            pose.transform_point((b.center + b.rotation * (b.half * sign)) * scale)
-        })),
-        Solid::Ball { center, radius } => Box::new((0..6).map(move |i| {
-            let axis = DVec3::AXES[i / 2] * if i % 2 == 0 { *radius } else { -*radius };
-            pose.transform_point(*center * scale) + axis * scale
-        })),
-        Solid::Convex(parts) => Box::new(parts.iter().flatten().map(move |&p| pose.transform_point(p * scale))),
     }
 }

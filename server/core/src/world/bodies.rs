@@ -58,6 +58,15 @@ impl World {
         Ok(id)
     }
 
+    /// Puts a body back to where it was, at rest.
+    pub fn put_back(&mut self, id: BodyId, pose: &pose::Pose) {
+        if let Some(rigid) = self.engine.bodies.get_mut(self.bodies[id].handle) {
+            rigid.set_position(to_engine(pose), true);
+            rigid.set_linvel(Vector::ZERO, false);
+            rigid.set_angvel(Vector::ZERO, false);
+        }
+    }
+
     /// Gives a body another mass than its volume's, kg, distributed as before.
     pub fn set_mass(&mut self, id: BodyId, shape: &Shape, kg: f64) {
         let body = &mut self.bodies[id];

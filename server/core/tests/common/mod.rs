@@ -52,6 +52,8 @@ pub fn scene(control: TriMesh, prop: TriMesh) -> Scene {
             restitution: 0.0,
             scale: [1.0, 1.0],
             tilt_max: 180.0,
+            scale_skew: 0.0,
+            stance: Default::default(),
         }],
         ..Scene::default()
     }

@@ -9,9 +9,10 @@ use crate::wire::proto;
 use cairn_core::input::observer::{Progress, Stage};
 use cairn_core::input::params::{
     Accuracy, ContactSelection, Control, ControlMode, ControlSwitches, Figures, Fill, FillMethod, FrictionCone,
-    FrictionModel, FrictionReserve, Glue, GlueMode, Hold, Neighbours, Output, Params, Physics, PhysicsSwitches,
-    Release, ReleaseOrder, Spread, Switch, Time,
+    FrictionModel, FrictionReserve, Glue, GlueMode, Hold, Layout, Neighbours, Output, Params, Physics, PhysicsSwitches,
+    Release, ReleaseOrder, SortBy, Spread, Switch, Time,
 };
+use cairn_core::input::scene::Turns;
 
 /// The values of a prop that are not set.
 pub const PROP_WEIGHT: f64 = 1.0;
@@ -19,6 +20,7 @@ pub const PROP_DENSITY: f64 = 1000.0;
 pub const PROP_RESTITUTION: f64 = 0.0;
 pub const PROP_SCALE: f64 = 1.0;
 pub const PROP_TILT_MAX: f64 = 180.0;
+pub const PROP_SCALE_SKEW: f64 = 0.0;
 /// Friction of props and scenery: the paper's (Table 1).
 pub const FRICTION: f64 = 0.7;
 
@@ -129,13 +131,47 @@ fn physics(physics: &mut Physics, given: &proto::Physics, counts: &mut Counts) {
     set(&mut physics.max_parts, given.max_parts.map(|n| counts.natural("physics.max_parts", n)));
 }
 
+/// The turns that a prop may have; any where nothing is said.
+pub fn turns(given: proto::Turns) -> Turns {
+    match given {
+        proto::Turns::Unspecified | proto::Turns::Any => Turns::Any,
+        proto::Turns::Quarter => Turns::Quarter,
+        proto::Turns::None => Turns::None,
+    }
+}
+
 fn fill(fill: &mut Fill, given: &proto::Fill, counts: &mut Counts) {
     match given.method() {
         proto::FillMethod::Unspecified => {}
         proto::FillMethod::Insert => fill.method = FillMethod::Insert,
         proto::FillMethod::Pour => fill.method = FillMethod::Pour,
+        proto::FillMethod::Stack => fill.method = FillMethod::Stack,
         proto::FillMethod::Off => fill.method = FillMethod::Off,
     }
+    set(&mut fill.order, given.order);
+    // One of the two says it: what is stacked is tidy, and what is to be tidy is stacked.
+    match (given.method(), given.order) {
+        (proto::FillMethod::Stack, None) => fill.order = 1.0,
+        (proto::FillMethod::Unspecified, Some(order)) if order > 0.0 => fill.method = FillMethod::Stack,
+        _ => {}
+    }
+    set(&mut fill.surface, given.surface);
+    match given.layout() {
+        proto::Layout::Unspecified => {}
+        proto::Layout::Mixed => fill.mixture.layout = Layout::Mixed,
+        proto::Layout::Bands => fill.mixture.layout = Layout::Bands,
+        proto::Layout::Gradient => fill.mixture.layout = Layout::Gradient,
+        proto::Layout::Clusters => fill.mixture.layout = Layout::Clusters,
+    }
+    match given.sort_by() {
+        proto::SortBy::Unspecified => {}
+        proto::SortBy::Size => fill.mixture.sort_by = SortBy::Size,
+        proto::SortBy::Mass => fill.mixture.sort_by = SortBy::Mass,
+        proto::SortBy::Name => fill.mixture.sort_by = SortBy::Name,
+    }
+    set(&mut fill.mixture.descending, given.descending);
+    set(&mut fill.gaps, given.gaps);
+    set(&mut fill.shake, given.shake);
     set(&mut fill.friction, given.friction);
     set(&mut fill.count, given.count.map(|n| Some(counts.natural("fill.count", n))));
     set(&mut fill.max_bodies, given.max_bodies.map(|n| counts.natural("fill.max_bodies", n)));

@@ -31,6 +31,11 @@ impl Params {
             base: Base { height: 0.02 },
             fill: Fill {
                 method: FillMethod::Insert,
+                order: 0.0,
+                surface: 1.0,
+                mixture: Mixture { layout: Layout::Mixed, sort_by: SortBy::Size, descending: false },
+                gaps: false,
+                shake: 0.0,
                 friction: 0.0,
                 count: None,
                 max_bodies: 20_000,
@@ -177,7 +182,7 @@ impl Params {
             contact_frequency: FILL_FREQUENCY,
             ..self.physics.clone()
         };
-        if self.fill.method == FillMethod::Insert {
+        if self.fill.method != FillMethod::Pour {
             physics.step = Time::Natural(self.fill.step.max(physics.step.seconds(natural_time) / natural_time));
             if physics.switches.continuous_collision == Switch::Auto {
                 physics.switches.continuous_collision = Switch::Off;

@@ -116,6 +116,7 @@ impl Reasons<'_> {
             _ if self.scene.control.is_none() => "there is no control mesh",
             FillMethod::Insert => "props grow at free places inside the closed container",
             FillMethod::Pour => "props are dropped through the container's opening",
+            FillMethod::Stack => "props are laid down one by one, each as low as it can lie",
             FillMethod::Off => "switched off by the scene",
         }
     }

@@ -5,10 +5,12 @@
 
 mod choose;
 mod convex;
+mod corners;
 mod fit;
 mod hull;
 mod mass;
 mod nature;
+mod nest;
 mod outline;
 mod round;
 mod size;
@@ -26,6 +28,7 @@ use rapier3d::prelude::{MassProperties, SharedShape};
 use std::sync::OnceLock;
 
 pub use convex::hull_mesh;
+pub use corners::corners;
 pub use fit::OrientedBox;
 pub use hull::Hull;
 pub use nature::{Nature, natures};

@@ -1,10 +1,11 @@
 //! The `insert` fill: props are put at free places inside the closed container at a fraction of their size and grow
 //! there, while upward gravity packs them. Denser and more even than a pour, and it reaches under overhangs.
 
-use super::{Filling, corners};
+use super::Filling;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;
+use crate::prepare::shape::corners;
 use crate::world::BodyId;
 use glam::{DQuat, DVec3};
 use rand::RngExt;
@@ -39,7 +40,7 @@ const LEAST_SEEDS: usize = 20;
 pub fn run(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> Result<bool, Error> {
     let fill = filling.params.fill.clone();
     let deep = fill.overlap.max(GROWING_OVERLAP);
-    let inside = inside(filling);
+    let inside = filling.inside();
     // Share of the expected bodies that a round asks for.
     let mut share = fill.round;
     // Share of the last round's seeds that were kept.
@@ -85,16 +86,6 @@ pub fn run(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> 
     Ok(false)
 }
 
-/// Nodes of the container's distance grid that are inside.
-fn inside(filling: &Filling) -> Vec<DVec3> {
-    let grid = &filling.container.distance;
-    let (origin, size, values) = grid.nodes();
-    let place =
-        |i: usize| DVec3::new((i % size[0]) as f64, (i / size[0] % size[1]) as f64, (i / size[0] / size[1]) as f64);
-    let inside = values.iter().enumerate().filter(|(_, distance)| **distance <= 0.0);
-    inside.map(|(i, _)| origin + grid.spacing() * place(i)).collect()
-}
-
 /// Puts up to `wanted` seeds at free places. Each comes with its full scale.
 fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(BodyId, f64)>, Error> {
     filling.world.zero_step();
@@ -107,6 +98,9 @@ fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(
         let (prop, scale, rotation) = filling.draw();
         let size = SEED_SCALE * scale / filling.world.units.length;
         let Some(pose) = place(filling, prop, size, rotation, inside) else { continue };
+        if !filling.may_be(prop, pose.translation) {
+            continue;
+        }
         if filling
             .container
             .contains(corners(&filling.shapes[prop], size, &pose), 0.1 * filling.shapes[prop].thickness() * size)
@@ -120,14 +114,15 @@ fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(
     Ok(seeds)
 }
 
-/// A random place inside. Half of the props are laid flat against the wall, where gaps show and where others would not
-/// fit; the rest are pushed inward until they clear it.
+/// A random place inside. Of a cast surface, half of the props are laid flat against the wall, where gaps show and where others would
+/// not fit; the rest are pushed inward until they clear it.
 fn place(filling: &mut Filling, prop: usize, size: f64, rotation: DQuat, inside: &[DVec3]) -> Option<Pose> {
     let node = *inside.get(filling.rng.random_range(0..inside.len().max(1)))?;
     let distance = &filling.container.distance;
     let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
     // A prop that must stand upright cannot be laid against a wall.
-    let flat = filling.rng.random_bool(WALL_SHARE) && filling.scene.props[prop].tilt_max >= 180.0;
+    let flat = filling.rng.random_bool(WALL_SHARE * filling.params.fill.surface)
+        && filling.scene.props[prop].tilt_max >= 180.0;
     let mut p = node + (share - 0.5) * distance.spacing();
     if distance.signed_distance(p) > 0.0 {
         return None;
@@ -153,7 +148,7 @@ fn place(filling: &mut Filling, prop: usize, size: f64, rotation: DQuat, inside:
     Some(Pose { translation: p, rotation })
 }
 
-/// Share of the places tried that are flat against the wall.
+/// Share of the places tried that are flat against the wall, where the surface is as cast.
 const WALL_SHARE: f64 = 0.5;
 
 /// Lets the seeds grow to their full scale while everything moves.

@@ -1,0 +1,40 @@
+//! Shaking: gravity leans to one side after the other, so that wedged props find a lower place.
+
+use super::{Filling, pockets};
+use crate::error::Error;
+use crate::geometry::pose::Pose;
+use crate::input::observer::Observer;
+use crate::world::BodyId;
+use glam::DVec3;
+
+/// Gravity leans to a side for this long, natural times.
+const SWING: f64 = 0.5;
+/// Tangent of the angle by which it leans.
+const LEAN: f64 = 0.35;
+/// After it, the pile settles this long.
+const SETTLE: f64 = 1.0;
+/// The shape suffers where pockets grow by more than this share of the volume.
+const WORSE: f64 = 0.005;
+/// Directions, one after the other, X and Z.
+const SIDES: [[f64; 2]; 4] = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+
+/// Shakes the filled container for `fill.shake`. Returns whether the pile is better for it; else it lies as before.
+pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
+    let before: Vec<(BodyId, Pose)> = filling.loose().map(|id| (id, filling.world.pose(id))).collect();
+    let pockets_before = pockets::fraction(filling);
+    let swings = (filling.params.fill.shake / SWING).ceil() as usize;
+    for side in (0..swings).map(|swing| SIDES[swing % SIDES.len()]) {
+        filling.world.set_gravity(DVec3::new(LEAN * side[0], -1.0, LEAN * side[1]));
+        filling.settle(SWING.min(filling.params.fill.shake), observer)?;
+    }
+    filling.world.set_gravity_up(false);
+    filling.settle(SETTLE, observer)?;
+    let lost = before.iter().any(|&(id, _)| !filling.world.is_present(id));
+    if lost || pockets::fraction(filling) <= pockets_before + WORSE {
+        return Ok(true);
+    }
+    for (id, pose) in before {
+        filling.world.put_back(id, &pose);
+    }
+    Ok(false)
+}
