@@ -169,6 +169,9 @@ pub struct Fill {
     /// The walls of a control mesh that is finer than the props need may be this far from it, relative to d, 0 to 0.5;
     /// 0: they are as they were modelled. Default 0.02.
     pub wall_tolerance: f64,
+    /// Props lie no deeper below the control mesh's surface than this, relative to d, 0.05 to 1000: further in stands a core that
+    /// is not seen. `None`: props everywhere.
+    pub shell: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

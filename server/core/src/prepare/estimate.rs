@@ -126,7 +126,8 @@ impl Workload {
         let [parts, corners, slenderness] = mean;
         let step_rate = natural_time / params.physics.step.seconds(natural_time);
         let container = checked.control.as_ref().filter(|_| scene.is_filled(params));
-        let (room, packing) = container.map_or(Default::default(), |c| plan::room(c).load(scene, &checked.sizes));
+        let (room, packing) =
+            container.map_or(Default::default(), |c| plan::room(c, checked.core.as_ref()).load(scene, &checked.sizes));
         Workload {
             bodies: (filled + scene.added_bodies()) as f64,
             filled: filled as f64,

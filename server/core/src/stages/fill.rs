@@ -14,7 +14,7 @@ use crate::prepare::packing::{Room, expected_bodies};
 use crate::prepare::shape::{Shape, Size, Solid};
 use crate::sim::instance::{self, Instance};
 use crate::sim::policy::Policy;
-use crate::world::{BodyId, Counters, Insertion, Role, Side, Touch, Units, World, WorldBody};
+use crate::world::{BodyId, Counters, Insertion, Role, Side, Touch, Units, WallId, World, WorldBody};
 use glam::{DQuat, DVec3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -101,11 +101,12 @@ pub fn run(
     };
     let closed = container.closed();
     let room = ROOM * filling.expected.min(params.fill.max_bodies as usize);
-    let (walls, floor) = filling.world.add_behind(room, |world| {
+    let (walls, core, floor) = filling.world.add_behind(room, |world| {
         let walls = world.add_container(&closed.mesh, 0.0);
-        (walls, world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0))
+        let core = add_core(world, container);
+        (walls, core, world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0))
     });
-    let walls = walls.map_err(Error::Internal)?;
+    let (walls, core) = (walls.map_err(Error::Internal)?, core?);
     let wanted = params.fill.count.unwrap_or(u32::MAX).min(params.fill.max_bodies) as usize;
     let full = match poured {
         Some(full) => full,
@@ -133,6 +134,7 @@ pub fn run(
     // Parted bodies need the room that the walls do not leave them.
     filling.world.remove_wall(walls);
     let depenetration_steps = filling.depenetrate(observer)?;
+    core.into_iter().for_each(|core| filling.world.remove_wall(core));
     filling.world.remove_wall(floor);
     let bodies = filling.loose().map(|id| filling.placed(id)).collect();
     let pockets = pockets::fraction(&filling);
@@ -148,6 +150,11 @@ pub fn run(
         wall_deviation: closed.deviation,
         counters,
     })
+}
+
+/// The core, where there is one.
+fn add_core(world: &mut World, container: &Container) -> Result<Option<WallId>, Error> {
+    container.core.as_ref().map(|mesh| world.add_container(mesh, 0.0)).transpose().map_err(Error::Internal)
 }
 
 /// Pours the props through the opening and leaves them as they fell, upside down: no settling, no clean-up.

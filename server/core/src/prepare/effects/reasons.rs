@@ -26,6 +26,7 @@ impl Reasons<'_> {
             }),
             EffectName::Decomposition => self.decomposition(),
             EffectName::Fill => self.fill().into(),
+            EffectName::Core => self.core(),
             EffectName::WallSimplification => self.walls(),
             EffectName::Depenetration => self.depenetration(),
             EffectName::TurnOver if self.resolved.is_on(name) => "the container is filled upside down".into(),
@@ -117,6 +118,17 @@ impl Reasons<'_> {
             FillMethod::Insert => "props grow at free places inside the closed container",
             FillMethod::Pour => "props are dropped through the container's opening",
             FillMethod::Off => "switched off by the scene",
+        }
+    }
+
+    fn core(&self) -> String {
+        match self.params.fill.shell {
+            _ if self.scene.control.is_none() => "there is no control mesh".into(),
+            None => "props fill all of the control mesh".into(),
+            Some(shell) if self.resolved.is_on(EffectName::Core) => {
+                format!("props lie no deeper than {shell} d below the control mesh's surface")
+            }
+            Some(shell) => format!("no place of the control mesh is deeper than {shell} d"),
         }
     }
 
