@@ -209,6 +209,7 @@ def settling(context, collection, added=0, over=(), region=""):
         ground_height=_ground(collection, settings) * exporter.metres,
     )
     told.glue.mode = v1.GLUE_MODE_NATURAL
+    shape = _add_core(v1, told, exporter, collection, recipe)
     told.output.fps = context.scene.render.fps / context.scene.render.fps_base
     for prop, item in zip(props, _items(recipe, len(props))):
         told.props.append(request.prop_message(v1, prop.model.uri, item))
@@ -224,7 +225,7 @@ def settling(context, collection, added=0, over=(), region=""):
             told.emitters.add(rate=RATE, count=added, mesh=places.uri)
         else:
             _add_above(told, placed, added, over, largest, exporter.metres)
-    models = [*(prop.model for prop in props), *(model for _, model in statics), *filter(None, [places])]
+    models = [*(prop.model for prop in props), *(model for _, model in statics), *filter(None, [places, shape])]
     assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
     names = {prop.model.uri: prop.source.name for prop in props}
     names.update((model.uri, source.name) for source, model in statics)
@@ -240,6 +241,23 @@ def _items(recipe, count):
     items = [item for item in settings["props"] if item["object"]] if settings["prop_source"] == "LIST" else []
     items += [settings["prop_common"]] * (count - len(items))
     return [SimpleNamespace(**item) for item in items[:count]]
+
+
+def _add_core(v1, told, exporter, collection, recipe):
+    """What stands in a pile that is a shell: the server makes it of the shape, which it does not fill again."""
+    fill = recipe["settings"].get("fill", {})
+    if not fill.get("use_shell"):
+        return None
+    control = collection.cairn.control
+    shape = exporter.region(control) if control else None
+    if shape is None:
+        raise Fault("The shape is not in the file any more, and the core that the pile lies on is made of it.")
+    told.control_mesh.path = shape.uri
+    told.fill.method = v1.FILL_METHOD_OFF
+    told.fill.shell = float(f"{fill['shell']:.7g}")
+    # What is dropped onto the pile is outside of its shape.
+    told.effects.region = told.report.shape = v1.SWITCH_OFF
+    return shape
 
 
 def _ground(collection, settings):
