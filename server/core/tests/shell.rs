@@ -47,7 +47,7 @@ fn a_core_keeps_its_distance_from_the_surface_and_goes_down_to_the_ground() {
     let control = closed(&cone(2.0, 2.0));
     let (shell, d) = (0.5, 0.5);
     let core = Core::new(&control, 0.0, 0.04, shell, d).unwrap();
-    assert!(inspect(&core.mesh).is_watertight() && core.mesh.signed_volume() > 0.0, "closed, facing outward");
+    assert!(core.is_convex && core.mesh.signed_volume() > 0.0, "closed, facing outward");
     let region = Region::new(&control.mesh);
     let (low, high) = core.mesh.bounds();
     assert!(low.y < 0.0, "nothing gets under it: {low}");
@@ -73,6 +73,29 @@ fn the_core_of_a_ball_hangs_in_its_middle() {
     let near = |a: f64, b: f64| (a - b).abs() < 0.05;
     assert!(near(low.y, 0.4) && near(high.y, 1.6) && near(high.x, 0.6), "{low} {high}");
     assert!(Core::new(&control, 0.0, 0.04, 1.1, 0.3).is_none(), "no place is so deep");
+}
+
+#[test]
+fn the_core_of_a_shape_with_a_notch_has_one_too() {
+    let shape = |points: &[(f64, f64)]| {
+        let n = points.len() as u32;
+        let at = |z: f64| points.iter().map(move |&(x, y)| DVec3::new(x, y, z));
+        // The outline is a star, seen from its first corner.
+        let ends = (1..n - 1).flat_map(|k| [[0, k, k + 1], [n, n + k + 1, n + k]]);
+        let sides = (0..n).flat_map(|k| {
+            let next = (k + 1) % n;
+            [[k, n + k, next], [next, n + k, n + next]]
+        });
+        closed(&TriMesh { points: at(0.0).chain(at(2.0)).collect(), triangles: ends.chain(sides).collect() })
+    };
+    // An L.
+    let notched = shape(&[(0.0, 0.0), (0.0, 3.0), (1.5, 3.0), (1.5, 1.5), (3.0, 1.5), (3.0, 0.0)]);
+    let core = Core::new(&notched, 0.0, 0.04, 0.4, 0.3).unwrap();
+    assert!(!core.is_convex && inspect(&core.mesh).is_watertight() && core.mesh.signed_volume() > 0.0);
+    let region = Region::new(&notched.mesh);
+    let depth = core.mesh.points.iter().map(|&p| -region.signed_distance(p));
+    let above = core.mesh.points.iter().zip(depth).filter(|(p, _)| p.y > 0.4);
+    assert!(above.clone().count() > 10 && above.into_iter().all(|(_, depth)| depth > 0.35));
 }
 
 fn draft(shell: Option<f64>) -> Params {

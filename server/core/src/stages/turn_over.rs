@@ -95,7 +95,7 @@ fn world(inputs: &Inputs) -> Result<World, Error> {
         world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;
     }
     if let Some(core) = inputs.core {
-        world.add_core(&core.mesh, params.ground_friction).map_err(Error::Internal)?;
+        world.add_core(&core.mesh, core.is_convex, params.ground_friction).map_err(Error::Internal)?;
     }
     Ok(world)
 }

@@ -82,8 +82,13 @@ impl World {
     }
 
     /// The core of a pile, closed and seen from outside: what has sunk into it is pushed out. The mesh is in SI.
-    pub fn add_core(&mut self, mesh: &TriMesh, friction: f64) -> Result<(), String> {
-        self.add_mesh(mesh, self.units.length, friction, ONE_SIDED, SCENERY).map(|_| ())
+    pub fn add_core(&mut self, mesh: &TriMesh, is_convex: bool, friction: f64) -> Result<(), String> {
+        let points: Vec<Vector> = mesh.points.iter().map(|&p| (p / self.units.length).as_vec3()).collect();
+        match ColliderBuilder::convex_hull(&points).filter(|_| is_convex) {
+            Some(hull) => self.engine.insert_collider(hull.friction(friction as f32).user_data(SCENERY), None),
+            None => self.add_mesh(mesh, self.units.length, friction, ONE_SIDED, SCENERY)?,
+        };
+        Ok(())
     }
 
     /// Geometry that moves, from its pose at the beginning on; SI.

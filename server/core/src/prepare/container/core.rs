@@ -4,6 +4,7 @@ use super::{MAX_GRID_NODES, simplify, surface, without_base};
 use crate::geometry::Closed;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::region::{DistanceGrid, Region};
+use crate::prepare::shape::hull_mesh;
 
 /// What props lie on instead of others. SI.
 #[derive(Clone, Debug)]
@@ -13,6 +14,8 @@ pub struct Core {
     /// What it takes of the control mesh's volume, m^3, and the surface that props meet, m^2.
     pub volume: f64,
     pub area: f64,
+    /// It is its own convex hull.
+    pub is_convex: bool,
 }
 
 /// Lengths in d. Nodes of the grid that the core is found on are this far apart: it need not be exact, as nobody sees it.
@@ -20,6 +23,8 @@ const SPACING: f64 = 0.2;
 const MAX_NODES: usize = MAX_GRID_NODES / 8;
 /// Its surface may be made coarser by this much.
 const TOLERANCE: f64 = 0.05;
+/// Its convex hull stands for it where that takes less than this times its volume: on a mesh, some props never come to rest.
+const CONVEX: f64 = 1.03;
 /// It reaches so deep into the ground.
 const DEPTH: f64 = 0.5;
 
@@ -38,7 +43,12 @@ impl Core {
         let area = area.map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum();
         let mut mesh = simplify::run(fine, TOLERANCE * diameter).mesh;
         mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        Some(Core { volume: volume(&distance, shell, base), area, mesh })
+        let hull = hull_mesh(&mesh.points);
+        let is_convex = (1.0..CONVEX).contains(&(hull.signed_volume() / mesh.signed_volume()));
+        if is_convex {
+            mesh = hull;
+        }
+        Some(Core { volume: volume(&distance, shell, base), area, mesh, is_convex })
     }
 }
 
