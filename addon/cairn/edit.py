@@ -29,15 +29,18 @@ RATE = 12.0
 
 def still_copy(scene, collection):
     """A pile of objects without animation, as the given one ends: that one is hidden, and stays."""
-    frame = scene.frame_current
-    scene.frame_set(timing.end_of(collection))
+    frame, end = scene.frame_current, timing.end_of(collection)
+    # To another frame and back takes as long as all else: after a bake, it is this one.
+    if frame != end:
+        scene.frame_set(end)
     made = bpy.data.collections.new(f"{collection.name} Edited")
     for body in collection.objects:
         copy = body.copy()
         copy.animation_data_clear()
         copy.matrix_world = body.matrix_world
         made.objects.link(copy)
-    scene.frame_set(frame)
+    if frame != end:
+        scene.frame_set(frame)
     scene.collection.children.link(made)
     for prop in collection.cairn.bl_rna.properties:
         if not prop.is_readonly and prop.identifier not in ("name", "rna_type") and not prop.identifier[:6] == "timing":
@@ -93,9 +96,7 @@ class Placed:
         moved = {body.cairn.number for body, is_changed in zip(self.objects, self.changed) if is_changed}
         self.partners = _partners(collection)
         self.lost = moved | (set(before) - here)
-        self.gone = [
-            self._reaching(*_pose(state)) for number, state in before.items() if number in moved or number not in here
-        ]
+        self.gone = [state for number, state in before.items() if number in moved or number not in here]
 
     def _is_changed(self, body, state):
         if state is None or state[0] != body.cairn.prop:
@@ -128,7 +129,11 @@ class Placed:
         index = {body.cairn.number: n for n, body in enumerate(self.objects)}
         glued = {index[other] for number in self.lost for other in self.partners.get(number, ()) if other in index}
         free = [is_changed or n in glued for n, is_changed in enumerate(self.changed)]
-        waiting = [(tree, None) for tree in self.gone] + [(None, n) for n in range(len(trees)) if free[n]]
+        gone = []
+        for state in self.gone:
+            gone.append(self._reaching(*_pose(state)))
+            yield
+        waiting = [(tree, None) for tree in gone] + [(None, n) for n in range(len(trees)) if free[n]]
         while waiting:
             found, own = waiting.pop()
             tree, bottom, top = found or self._reaching(*poses[own])
@@ -217,6 +222,7 @@ def settling(context, collection, added=0, over=(), region=""):
         told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     for body, is_free in zip(placed.objects, free):
         weighing.place(told, _state(body), exporter.metres, kept=not is_free)
+        yield
     places = None
     if added:
         largest = max(size * prop.scale_max for size, prop in zip(placed.sizes, told.props))

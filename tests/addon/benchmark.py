@@ -164,14 +164,15 @@ def rigid_bodies(bodies):
 
 
 def turns():
-    """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step, the rest as a whole."""
+    """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step, buttons by what the
+    add-on does when they are pressed. What Blender does besides, to draw the scene anew, is not in it."""
     empty()
     settings = scene()
     settings.accuracy = "DRAFT"
     # A prop of many triangles beside the stick, as artists have them.
     bpy.ops.mesh.primitive_uv_sphere_add(segments=300, ring_count=150, radius=0.1, location=(8, 0, 0))
     settings.prop_collection.objects.link(bpy.context.object)
-    from cairn import edit, fingerprint, job, preview, request, result, states
+    from cairn import edit, edit_operators, fingerprint, job, pile_operators, preview, request, result, states, timing
 
     told = {}
 
@@ -180,6 +181,12 @@ def turns():
         value = do()
         told[name] = max(told.get(name, 0.0), time.thread_time() - began)
         return value
+
+    def pressed(name, operator, press):
+        execute = operator.execute
+        operator.execute = lambda self, context: whole(name, lambda: execute(self, context))
+        assert press() == {"FINISHED"}
+        operator.execute = execute
 
     def sliced(name, generator):
         try:
@@ -192,8 +199,7 @@ def turns():
     drawn = sliced("the preview's props are made", preview.drawn(taken.props))
     sliced("the scene is read in passing", request.taking(bpy.context, passive=True))
     whole("whether the scene has changed", lambda: fingerprint.of(bpy.context.scene))
-    whole("Bake, all of it, waited for", bpy.ops.cairn.bake)
-    del told["Bake, all of it, waited for"]
+    bpy.ops.cairn.bake()
     pile = result.chosen(bpy.context)
     from cairn import preferences, running
 
@@ -209,19 +215,24 @@ def turns():
     shown = preview.Preview(drawn, taken.recipe["metres"], is_shown=False)
     whole("a frame of the preview", lambda: shown.update(again.latest))
     whole("Colour by State", lambda: states.show(True))
-    whole("a frame with colours", lambda: bpy.context.scene.frame_set(40))
+    bpy.context.scene.frame_current = 40
+    whole("a frame with colours", lambda: states.refresh(bpy.context.scene))
     whole("colours off", lambda: states.show(False))
-    whole("Edit Pile", bpy.ops.cairn.edit_pile)
+    bpy.context.scene.frame_set(timing.end_of(pile))
+    pressed("Edit Pile", edit_operators.CAIRN_OT_edit_pile, bpy.ops.cairn.edit_pile)
+    bpy.ops.cairn.delete()
+    bpy.context.scene.frame_set(1)
+    pressed("Edit Pile, in another frame than the last", edit_operators.CAIRN_OT_edit_pile, bpy.ops.cairn.edit_pile)
     edited = result.chosen(bpy.context)
     select = sorted(edited.objects, key=lambda body: body.location.z)
     for other in bpy.context.view_layer.objects:
         other.select_set(False)
     for body in select[-60:]:
         body.select_set(True)
-    whole("Replace 60", lambda: bpy.ops.cairn.replace_bodies(prop="0"))
+    pressed("Replace 60", edit_operators.CAIRN_OT_replace_bodies, lambda: bpy.ops.cairn.replace_bodies(prop="0"))
     for body in select[:200]:
         body.select_set(True)
-    whole("Remove 200", bpy.ops.cairn.remove_bodies)
+    pressed("Remove 200", edit_operators.CAIRN_OT_remove_bodies, bpy.ops.cairn.remove_bodies)
     changed, objects, free = sliced("what was disturbed is found", edit.settling(bpy.context, edited))
     again = job.Job(preferences.server(bpy.context), changed.spec, changed.contents, changed.problems)
     again.start()
@@ -231,7 +242,7 @@ def turns():
     sliced(
         "what has settled is taken", edit.applied(bpy.context, edited, objects, free, motion, changed.recipe, {})
     )
-    whole("Delete", bpy.ops.cairn.delete)
+    pressed("Delete", pile_operators.CAIRN_OT_delete, bpy.ops.cairn.delete)
     preferences.stop_server()
     print(f"{bodies} bodies")
     for name, seconds in sorted(told.items(), key=lambda row: -row[1]):
