@@ -29,15 +29,18 @@ RATE = 12.0
 
 def still_copy(scene, collection):
     """A pile of objects without animation, as the given one ends: that one is hidden, and stays."""
-    frame = scene.frame_current
-    scene.frame_set(timing.end_of(collection))
+    frame, end = scene.frame_current, timing.end_of(collection)
+    # To another frame and back takes as long as all else: after a bake, it is this one.
+    if frame != end:
+        scene.frame_set(end)
     made = bpy.data.collections.new(f"{collection.name} Edited")
     for body in collection.objects:
         copy = body.copy()
         copy.animation_data_clear()
         copy.matrix_world = body.matrix_world
         made.objects.link(copy)
-    scene.frame_set(frame)
+    if frame != end:
+        scene.frame_set(frame)
     scene.collection.children.link(made)
     for prop in collection.cairn.bl_rna.properties:
         if not prop.is_readonly and prop.identifier not in ("name", "rna_type") and not prop.identifier[:6] == "timing":
@@ -93,9 +96,7 @@ class Placed:
         moved = {body.cairn.number for body, is_changed in zip(self.objects, self.changed) if is_changed}
         self.partners = _partners(collection)
         self.lost = moved | (set(before) - here)
-        self.gone = [
-            self._reaching(*_pose(state)) for number, state in before.items() if number in moved or number not in here
-        ]
+        self.gone = [state for number, state in before.items() if number in moved or number not in here]
 
     def _is_changed(self, body, state):
         if state is None or state[0] != body.cairn.prop:
@@ -128,7 +129,11 @@ class Placed:
         index = {body.cairn.number: n for n, body in enumerate(self.objects)}
         glued = {index[other] for number in self.lost for other in self.partners.get(number, ()) if other in index}
         free = [is_changed or n in glued for n, is_changed in enumerate(self.changed)]
-        waiting = [(tree, None) for tree in self.gone] + [(None, n) for n in range(len(trees)) if free[n]]
+        gone = []
+        for state in self.gone:
+            gone.append(self._reaching(*_pose(state)))
+            yield
+        waiting = [(tree, None) for tree in gone] + [(None, n) for n in range(len(trees)) if free[n]]
         while waiting:
             found, own = waiting.pop()
             tree, bottom, top = found or self._reaching(*poses[own])
@@ -209,6 +214,7 @@ def settling(context, collection, added=0, over=(), region=""):
         ground_height=_ground(collection, settings) * exporter.metres,
     )
     told.glue.mode = v1.GLUE_MODE_NATURAL
+    shape = _add_core(v1, told, exporter, collection, recipe)
     told.output.fps = context.scene.render.fps / context.scene.render.fps_base
     for prop, item in zip(props, _items(recipe, len(props))):
         told.props.append(request.prop_message(v1, prop.model.uri, item))
@@ -216,6 +222,7 @@ def settling(context, collection, added=0, over=(), region=""):
         told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     for body, is_free in zip(placed.objects, free):
         weighing.place(told, _state(body), exporter.metres, kept=not is_free)
+        yield
     places = None
     if added:
         largest = max(size * prop.scale_max for size, prop in zip(placed.sizes, told.props))
@@ -224,7 +231,7 @@ def settling(context, collection, added=0, over=(), region=""):
             told.emitters.add(rate=RATE, count=added, mesh=places.uri)
         else:
             _add_above(told, placed, added, over, largest, exporter.metres)
-    models = [*(prop.model for prop in props), *(model for _, model in statics), *filter(None, [places])]
+    models = [*(prop.model for prop in props), *(model for _, model in statics), *filter(None, [places, shape])]
     assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
     names = {prop.model.uri: prop.source.name for prop in props}
     names.update((model.uri, source.name) for source, model in statics)
@@ -240,6 +247,23 @@ def _items(recipe, count):
     items = [item for item in settings["props"] if item["object"]] if settings["prop_source"] == "LIST" else []
     items += [settings["prop_common"]] * (count - len(items))
     return [SimpleNamespace(**item) for item in items[:count]]
+
+
+def _add_core(v1, told, exporter, collection, recipe):
+    """What stands in a pile that is a shell: the server makes it of the shape, which it does not fill again."""
+    fill = recipe["settings"].get("fill", {})
+    if not fill.get("use_shell"):
+        return None
+    control = collection.cairn.control
+    shape = exporter.region(control) if control else None
+    if shape is None:
+        raise Fault("The shape is not in the file any more, and the core that the pile lies on is made of it.")
+    told.control_mesh.path = shape.uri
+    told.fill.method = v1.FILL_METHOD_OFF
+    told.fill.shell = float(f"{fill['shell']:.7g}")
+    # What is dropped onto the pile is outside of its shape.
+    told.effects.region = told.report.shape = v1.SWITCH_OFF
+    return shape
 
 
 def _ground(collection, settings):

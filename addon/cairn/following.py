@@ -244,6 +244,8 @@ class Follows:
 
 def wait_for(bake):
     """Waits to the end of a bake and prints how it goes."""
+    # Nobody sees the pile as it forms.
+    bake.job.has_fill = False
     bake.start()
     shown, line, stage = 0.0, "", ""
     try:

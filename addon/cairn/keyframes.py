@@ -35,12 +35,17 @@ def write(body, name, frames, positions, rotations, hidden):
     `hidden`: None, or frames and whether it is hidden from then on."""
     action = bpy.data.actions.new(name)
     curves = _curves_of(action, body)
+    linear = LINEAR.repeat(len(frames))
+    coordinates = np.empty((len(frames), 2), np.float32)
+    coordinates[:, 0] = frames
     for path, values in (("location", positions), ("rotation_quaternion", rotations)):
         for index in range(values.shape[1]):
-            _key(curves.new(path, index), frames, values[:, index], LINEAR)
+            coordinates[:, 1] = values[:, index]
+            _key(curves.new(path, index), coordinates, linear)
     if hidden is not None:
+        coordinates = np.stack(hidden, axis=1).astype(np.float32)
         for path in ("hide_viewport", "hide_render"):
-            _key(curves.new(path, 0), *hidden, CONSTANT)
+            _key(curves.new(path, 0), coordinates, CONSTANT.repeat(len(coordinates)))
 
 
 def retime(action, before, after):
@@ -78,14 +83,12 @@ def _all_curves(action):
     return [curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves]
 
 
-def _key(curve, frames, values, interpolation):
-    count = len(frames)
+def _key(curve, coordinates, interpolation):
+    """Keys of a curve: frames and values, [k, 2], and how it goes on from each, [k]."""
     points = curve.keyframe_points
-    points.add(count)
-    coordinates = np.empty(2 * count, np.float32)
-    coordinates[::2], coordinates[1::2] = frames, values
-    points.foreach_set("co", coordinates)
-    points.foreach_set("interpolation", interpolation.repeat(count))
+    points.add(len(coordinates))
+    points.foreach_set("co", coordinates.ravel())
+    points.foreach_set("interpolation", interpolation)
     curve.update()
 
 

@@ -92,9 +92,9 @@ def effect_of(settings):
     lines = [f"Likely to keep {kept} of it"] if high > 0 else []
     if settings.kept_shape == "NATURAL":
         return [*lines, "No glue: what overhangs falls"]
-    dots = known["dots"].get(settings.accuracy, 0.0)
     if settings.kept_shape == "TACKY":
-        return [*lines, f"About {math.ceil(dots)} dots" if dots >= 1 else "What would need stronger glue falls"]
+        return [*lines, "What would need stronger glue falls"]
+    dots = known["dots"].get(settings.accuracy, 0.0)
     # The plan's own range.
     return [*lines, f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
 

@@ -7,6 +7,10 @@ from .panels import Pile, draw_field, draw_optional
 from .schema import GROUPS, fields_of, knows
 
 
+# What has its place elsewhere.
+DRAWN = {("Fill", "count"), ("Fill", "shell")}
+
+
 class _Parameters(Pile):
     """Parameters of some of the schema's groups."""
 
@@ -23,7 +27,7 @@ class _Parameters(Pile):
         for message in self.messages:
             group = getattr(context.scene.cairn, GROUPS[message], None)
             for field in fields_of(message) if group else ():
-                if (message, field["name"]) != ("Fill", "count"):
+                if (message, field["name"]) not in DRAWN:
                     draw_field(layout, group, field)
 
     def draw_more(self, layout, settings):
@@ -52,6 +56,14 @@ class CAIRN_PT_material(_Parameters, Panel):
 class CAIRN_PT_fill(_Parameters, Panel):
     bl_label = "Fill"
     messages = ("Fill", "Base")
+
+    def draw_more(self, layout, settings):
+        if not knows("Fill", "shell"):
+            return
+        layout.prop(settings.fill, "use_shell")
+        depth = layout.row()
+        depth.active = settings.fill.use_shell
+        depth.prop(settings.fill, "shell", text="Depth in Props")
 
 
 class CAIRN_PT_release(_Parameters, Panel):

@@ -22,6 +22,9 @@ GROUPS = {
     "Effects": "effects",
     "Figures": "report",
 }
+# Fields whose name alone does not say what they do, and what a value that the accuracy leaves open begins with.
+TITLES = {"shell": "Only Near the Surface"}
+FIRST = {"shell": 1.0}
 
 
 def knows(message, field=None):
@@ -47,7 +50,7 @@ def _default(field, kind, otherwise):
     try:
         return kind(field["default"])
     except (TypeError, ValueError):
-        return max(otherwise, kind(field.get("min") or 0))
+        return FIRST.get(field["name"]) or max(otherwise, kind(field.get("min") or 0))
 
 
 def _property(field):
@@ -69,7 +72,7 @@ def items_of(field):
 
 
 def title(name):
-    return name.replace("_", " ").title()
+    return TITLES.get(name) or name.replace("_", " ").title()
 
 
 def _only_one(message, field):

@@ -3,11 +3,13 @@
     blender --background --factory-startup --python tests/addon/benchmark.py              writing of results
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake      609 sticks, both ways
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake ours     the first of them alone
-    blender --factory-startup --python tests/addon/benchmark.py -- window                 how long Blender is kept busy
+    blender --background --factory-startup --python tests/addon/benchmark.py -- turns     how long each thing keeps Blender busy
+    blender --factory-startup --python tests/addon/benchmark.py -- window                 the same of the bake, in a window
 
 A Python with bpy does for all but the last. CPU seconds of processes and their children; wall seconds where told.
 """
 
+import json
 import os
 import resource
 import statistics
@@ -161,6 +163,92 @@ def rigid_bodies(bodies):
     return cpu() - began, time.perf_counter() - wall
 
 
+def turns():
+    """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step, buttons by what the
+    add-on does when they are pressed. What Blender does besides, to draw the scene anew, is not in it."""
+    empty()
+    settings = scene()
+    settings.accuracy = "DRAFT"
+    # A prop of many triangles beside the stick, as artists have them.
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=300, ring_count=150, radius=0.1, location=(8, 0, 0))
+    settings.prop_collection.objects.link(bpy.context.object)
+    from cairn import edit, edit_operators, fingerprint, job, pile_operators, preview, request, result, states, timing
+
+    told = {}
+
+    def whole(name, do):
+        began = time.thread_time()
+        value = do()
+        told[name] = max(told.get(name, 0.0), time.thread_time() - began)
+        return value
+
+    def pressed(name, operator, press):
+        execute = operator.execute
+        operator.execute = lambda self, context: whole(name, lambda: execute(self, context))
+        assert press() == {"FINISHED"}
+        operator.execute = execute
+
+    def sliced(name, generator):
+        try:
+            while True:
+                whole(name, lambda: next(generator))
+        except StopIteration as end:
+            return end.value
+
+    taken = sliced("the scene is read for a bake", request.taking(bpy.context))
+    drawn = sliced("the preview's props are made", preview.drawn(taken.props))
+    sliced("the scene is read in passing", request.taking(bpy.context, passive=True))
+    whole("whether the scene has changed", lambda: fingerprint.of(bpy.context.scene))
+    bpy.ops.cairn.bake()
+    pile = result.chosen(bpy.context)
+    from cairn import preferences, running
+
+    bodies = len(pile.objects)
+    again = job.Job(preferences.server(bpy.context), taken.spec, taken.contents, taken.problems)
+    again.start()
+    while again.news.empty() or again.news.get()[0] not in ("done", "failed"):
+        time.sleep(0.01)
+    motion = again.recording.motion()
+    sliced("the pile is made", result.build(bpy.context, motion, taken.recipe, {}))
+    pile = result.chosen(bpy.context)
+    pile.cairn.report = json.dumps({"measures": {"prop_diameter": 1.0}, "body_count": bodies})
+    shown = preview.Preview(drawn, taken.recipe["metres"], is_shown=False)
+    whole("a frame of the preview", lambda: shown.update(again.latest))
+    whole("Colour by State", lambda: states.show(True))
+    bpy.context.scene.frame_current = 40
+    whole("a frame with colours", lambda: states.refresh(bpy.context.scene))
+    whole("colours off", lambda: states.show(False))
+    bpy.context.scene.frame_set(timing.end_of(pile))
+    pressed("Edit Pile", edit_operators.CAIRN_OT_edit_pile, bpy.ops.cairn.edit_pile)
+    bpy.ops.cairn.delete()
+    bpy.context.scene.frame_set(1)
+    pressed("Edit Pile, in another frame than the last", edit_operators.CAIRN_OT_edit_pile, bpy.ops.cairn.edit_pile)
+    edited = result.chosen(bpy.context)
+    select = sorted(edited.objects, key=lambda body: body.location.z)
+    for other in bpy.context.view_layer.objects:
+        other.select_set(False)
+    for body in select[-60:]:
+        body.select_set(True)
+    pressed("Replace 60", edit_operators.CAIRN_OT_replace_bodies, lambda: bpy.ops.cairn.replace_bodies(prop="0"))
+    for body in select[:200]:
+        body.select_set(True)
+    pressed("Remove 200", edit_operators.CAIRN_OT_remove_bodies, bpy.ops.cairn.remove_bodies)
+    changed, objects, free = sliced("what was disturbed is found", edit.settling(bpy.context, edited))
+    again = job.Job(preferences.server(bpy.context), changed.spec, changed.contents, changed.problems)
+    again.start()
+    while again.news.empty() or again.news.get()[0] not in ("done", "failed"):
+        time.sleep(0.01)
+    motion = again.recording.motion()
+    sliced(
+        "what has settled is taken", edit.applied(bpy.context, edited, objects, free, motion, changed.recipe, {})
+    )
+    pressed("Delete", pile_operators.CAIRN_OT_delete, bpy.ops.cairn.delete)
+    preferences.stop_server()
+    print(f"{bodies} bodies")
+    for name, seconds in sorted(told.items(), key=lambda row: -row[1]):
+        print(f"{seconds * 1000:6.0f} ms  {name}")
+
+
 def window():
     """The button, pressed in a window: how long each of the operator's turns takes."""
     settings = scene()
@@ -214,4 +302,4 @@ def window():
 chosen = sys.argv[sys.argv.index("--") + 1] if "--" in sys.argv else "writing"
 print(f"Blender {bpy.app.version_string}", flush=True)
 enable()
-{"writing": writing, "bake": bake, "window": window}[chosen]()
+{"writing": writing, "bake": bake, "turns": turns, "window": window}[chosen]()

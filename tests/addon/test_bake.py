@@ -173,9 +173,11 @@ def test_what_glue_does_is_told_before_the_bake(desk, addon):
         told[shape] = addon("running").plan["kept"]["STANDARD"]
         lines = panels.effect_of(desk.settings)
         assert len(lines) == 2 and lines[0].startswith("Likely to keep ") and "%" in lines[0], lines
+        # With a bound of their strength, how many dots there will be is not known.
+        assert ("dots" in lines[1]) == (shape == "AS_MODELLED"), lines
     # The highest of ten: less glue keeps less.
     assert told["NATURAL"][1] < told["TACKY"][1] <= told["AS_MODELLED"][1]
-    assert told["NATURAL"][0] < 0.5 < told["AS_MODELLED"][0] and "dots of glue" in lines[1]
+    assert told["NATURAL"][0] < 0.5 < told["AS_MODELLED"][0]
 
 
 def test_without_a_ground_there_is_something_to_fall_on(desk, addon):

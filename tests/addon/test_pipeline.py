@@ -210,3 +210,37 @@ def test_other_programs_get_the_motion(desk, form, tmp_path):
         if form == "usd":
             assert body["asset"] == "stick_a"
     assert not names
+
+
+def test_a_pile_of_which_only_the_surface_is_made_of_props(desk, addon):
+    desk.add_stick("Twig", (0.2, 0.08, 0.07))
+    full = len(desk.bake(kept_shape="NATURAL").objects)
+    assert not desk.request.spec.scene.fill.HasField("shell")
+    desk.settings.fill.use_shell, desk.settings.fill.shell = True, 0.6
+    shell = desk.bake()
+    assert abs(desk.request.spec.scene.fill.shell - 0.6) < 1e-6
+    assert len(shell.objects) < 0.9 * full
+    # Well inside the core: half of the heap's width less 0.14 m and a prop's reach.
+    middle = [body.name for body in shell.objects if body.location.xy.length < 0.15 and body.location.z < 0.25]
+    assert not middle, "nothing lies in the core"
+    # When a pile is edited, the core is still there.
+    assert bpy.ops.cairn.edit_pile() == {"FINISHED"}
+    edited = addon("result").chosen(bpy.context)
+    lowest = sorted(edited.objects, key=lambda body: body.location.z)[:3]
+    for body in bpy.context.view_layer.objects:
+        body.select_set(body in lowest)
+    assert bpy.ops.cairn.remove_bodies() == {"FINISHED"}
+    taken, *_ = finish(addon("edit").settling(bpy.context, edited))
+    scene = taken.spec.scene
+    assert scene.control_mesh.path and abs(scene.fill.shell - 0.6) < 1e-6
+    assert bpy.ops.cairn.settle() == {"FINISHED"}
+    assert addon("wording").said("fill.shell: 0.1 is").startswith("“Only Near the Surface” in the panel Fill")
+
+
+def finish(generator):
+    """What a generator gives in the end."""
+    while True:
+        try:
+            next(generator)
+        except StopIteration as end:
+            return end.value

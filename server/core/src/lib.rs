@@ -113,6 +113,7 @@ impl FullContainer {
             units: self.units,
             bodies: self.filled.as_ref().map_or(&[][..], |(_, filled)| &filled.bodies),
             ground: self.checked.ground,
+            core: self.checked.core.as_ref(),
             region: self.region(),
         })
     }
@@ -145,6 +146,10 @@ pub fn fill_container(
     let simplifies = resolved.is_on(EffectName::WallSimplification);
     let tolerance = if simplifies { params.fill.wall_tolerance } else { 0.0 };
     let container = filled_mesh.map(|closed| Container::new(closed, units.length, checked.ground, tolerance));
+    let container = match &checked.core {
+        Some(core) => container.map(|container| container.around(core, units.length)),
+        None => container,
+    };
     let own = if container.is_some() { checked.region.as_ref() } else { checked.region.as_ref().or(checked.target()) };
     let region = own.map(|mesh| grid(&mesh.mesh, units.length).1);
     clock.lap(Stage::Shape, observer);
@@ -262,6 +267,7 @@ impl Released<'_> {
             shapes: &full.shapes,
             target: full.checked.target().map(|target| &target.mesh),
             filled: full.filled.as_ref(),
+            core: full.checked.core.as_ref(),
             held: self.held,
             glued: self.glued.as_ref(),
             pile: &self.pile,

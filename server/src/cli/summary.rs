@@ -16,7 +16,8 @@ pub fn lines(
     let count = |n: usize, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
     let mut lines = vec![format!("{}, {}", count(bodies, "body", "bodies"), count(frames, "frame", "frames"))];
     if let Some(fill) = measure("fill_fraction") {
-        lines[0] += &format!(", {} of the control mesh's volume", percent(fill));
+        let filled = if counted("core_triangles") > 0 { "the shell's volume" } else { "the control mesh's volume" };
+        lines[0] += &format!(", {} of {filled}", percent(fill));
     }
     if let (Some(start), Some(kept)) = (measure("shape_iou_start"), measure("kept_shape")) {
         lines.push(format!(

@@ -250,6 +250,7 @@ fn fill(params: &Params) -> proto::Fill {
         overlap: Some(fill.overlap),
         residual_overlap: Some(fill.residual_overlap),
         wall_tolerance: Some(fill.wall_tolerance),
+        shell: fill.shell,
     }
 }
 

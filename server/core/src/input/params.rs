@@ -4,10 +4,12 @@
 //! a prop's thickness where said so; times called *natural* are in units of `t = sqrt(d / g)`. A pile
 //! of 1 cm props and one of 1 m props therefore take the same steps (Hsu & Keyser 2012, Table 1, holds for one size).
 
+mod fill;
 mod presets;
 mod ranges;
 mod switches;
 
+pub use fill::{Fill, FillMethod, Layout, Mixture, SortBy};
 pub use switches::{ControlSwitches, PhysicsSwitches, Switch};
 
 /// The parameters of a bake. [`Params::new`] gives an accuracy preset's; every field may be changed.
@@ -135,92 +137,6 @@ pub struct Base {
     /// Faces within this height above the ground count as the base, as a share of the control mesh's height,
     /// 0.001 to 0.5. Default 0.02.
     pub height: f64,
-}
-
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Fill {
-    pub method: FillMethod,
-    /// How tidily props lie, from 0 (as they fall) to 1 (stacked): how many lie on their largest flat side, and how little they are
-    /// turned and shifted against the pile's axes.
-    pub order: f64,
-    /// What the surface is like, from 0 (loose: some stick out, up to the middle) over 0.5 (natural) to 1 (cast: many lie flush).
-    pub surface: f64,
-    /// Which of several props goes where.
-    pub mixture: Mixture,
-    /// Small props come last, into the gaps of the large ones.
-    pub gaps: bool,
-    /// The filled container is shaken for this long, natural times, 0 to 100; 0: not at all.
-    pub shake: f64,
-    /// Friction between props while filling, 0 to 2: it decides the density (0 packs densest).
-    pub friction: f64,
-    /// Number of bodies wanted; `None` fills until full.
-    pub count: Option<u32>,
-    /// Upper bound on bodies, 1 to 100000. Reaching it is told.
-    pub max_bodies: u32,
-    /// Step of an `insert` fill, natural times, 0.001 to 0.2; never shorter than that of the bake.
-    pub step: f64,
-    /// An `insert` fill adds at most this share of the expected bodies in a round, 0.01 to 1. Smaller rounds take longer, and the
-    /// pile stands better by itself: what comes few at a time finds its place on what lies there.
-    pub round: f64,
-    /// A round (`insert`) or a batch (`pour`) that adds less than this share of the bodies means full.
-    pub full_below: f64,
-    /// A prop of an `insert` fill grows to its full size in this time, natural times, 0.05 to 10. In less of it, props make less room
-    /// for each other: more overlap, or are taken out again.
-    pub growth: f64,
-    /// Settling in the closed container after the last prop, natural times.
-    pub settle: f64,
-    /// A body may stick out of the control mesh by this much, relative to d; beyond it is removed. Parting what overlaps adds
-    /// about as much as that overlapped.
-    pub protrusion: f64,
-    /// A body may overlap another by this share of the thinner one's thickness; beyond it is removed.
-    pub overlap: f64,
-    /// After the fill, bodies that overlap are parted until 95 of 100 touching pairs overlap by at most this share of the thinner
-    /// one's thickness, 0.0005 to 1; 1: they stay as they are.
-    pub residual_overlap: f64,
-    /// The walls of a control mesh that is finer than the props need may be this far from it, relative to d, 0 to 0.5;
-    /// 0: they are as they were modelled. Default 0.02.
-    pub wall_tolerance: f64,
-}
-
-/// Which of several props goes where in a fill.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Mixture {
-    pub layout: Layout,
-    pub sort_by: SortBy,
-    /// The largest, heaviest or last in the alphabet is below.
-    pub descending: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum Layout {
-    /// Everything everywhere.
-    Mixed,
-    /// One above the other, each as high as its share of the volume.
-    Bands,
-    /// Bands that run into each other.
-    Gradient,
-    /// Each kind in nests of its own.
-    Clusters,
-}
-
-/// What decides on the order of bands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum SortBy {
-    Size,
-    Mass,
-    Name,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum FillMethod {
-    /// Grown at free places inside the closed container.
-    Insert,
-    /// Dropped through the opening (Cho et al. 2007).
-    Pour,
-    /// Laid down one by one, each as low as it can lie.
-    Stack,
-    /// Not at all: the control mesh only says where the control acts.
-    Off,
 }
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

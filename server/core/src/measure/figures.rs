@@ -54,10 +54,11 @@ impl Gauge<'_> {
         ratio(bodies.iter().map(|b| b.1).sum(), bodies.iter().map(|b| b.0).sum())
     }
 
-    /// Volume of the bodies' parts inside the control mesh / its volume. Overlapping bodies count twice.
+    /// Volume of the bodies' parts inside the control mesh / its volume, without that of a core. Overlapping bodies count twice.
     pub fn fill_fraction(&self, pile: &Instances) -> f64 {
         let inside: Vec<f64> = pile.bodies.par_iter().map(|b| self.volume(b) * self.share_inside(b)).collect();
-        ratio(inside.iter().sum(), self.region.volume())
+        let core = self.core.as_ref().map_or(0.0, |core| core.count() as f64 * self.lattice.cell.powi(3));
+        ratio(inside.iter().sum(), self.region.volume() - core)
     }
 
     /// 95th percentile of the height of the bodies' volume above the control mesh's base / its height.
@@ -69,6 +70,9 @@ impl Gauge<'_> {
             samples.iter().map(move |&p| (placed(b, p).y - lo.y, weight))
         });
         let mut heights: Vec<(f64, f64)> = heights.collect();
+        let cell = self.lattice.cell;
+        let layers = self.core.iter().flat_map(|core| core.layers());
+        heights.extend(layers.map(|(height, cells)| (height * cell, cells as f64 * cell.powi(3))));
         heights.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let mut left = HEIGHT_SHARE * heights.iter().map(|h| h.1).sum::<f64>();
         let reached = heights.iter().find(|h| {

@@ -47,6 +47,8 @@ pub struct Gauge<'a> {
     pub(super) control_cells: Block,
     pub(super) solid_iou: f64,
     pub(super) solid_height: f64,
+    /// Cells of the control mesh that a core takes, where there is one: they belong to every pile.
+    pub(super) core: Option<Block>,
 }
 
 impl<'a> Gauge<'a> {
@@ -90,9 +92,21 @@ impl<'a> Gauge<'a> {
             solid_height: layer_height(&control_cells, HEIGHT_SHARE) * lattice.cell,
             control_cells,
             solid_iou: 0.0,
+            core: None,
         };
         gauge.solid_iou = gauge.iou(gauge.control_cells.clone(), 0.0);
         gauge
+    }
+
+    /// The same for piles around a core, which counts as a part of them.
+    pub fn around(mut self, core: &TriMesh) -> Gauge<'a> {
+        let region = Region::new(core);
+        let mut cells = self.control_cells.clone();
+        let lattice = self.lattice;
+        cells.rows_mut(|at, row| region.mark_row(lattice.centre(at), lattice.cell, row));
+        cells.keep_common(&self.control_cells);
+        self.core = Some(cells);
+        self
     }
 
     /// d, metres: the median diameter of the bodies that the gauge was made for.
@@ -143,15 +157,10 @@ fn control_grid(region: &Region, wanted_cell: f64, closing: f64) -> (Lattice, Bl
 
 /// The height, in cells above lattice height 0, below which a share of the full cells lies; within a layer linearly.
 fn layer_height(block: &Block, share: f64) -> f64 {
-    let [nx, ny, _] = block.size;
-    let mut layers = vec![0usize; ny];
-    for (i, row) in block.cells.chunks(nx).enumerate() {
-        layers[i % ny] += row.iter().filter(|&&c| c != 0).count();
-    }
-    let mut left = share * layers.iter().sum::<usize>() as f64;
-    for (y, &count) in layers.iter().enumerate() {
+    let mut left = share * block.count() as f64;
+    for (middle, count) in block.layers() {
         if left <= count as f64 && count > 0 {
-            return (block.lo[1] + y as i64) as f64 + left / count as f64;
+            return middle - 0.5 + left / count as f64;
         }
         left -= count as f64;
     }

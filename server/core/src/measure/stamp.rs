@@ -16,7 +16,8 @@ impl Gauge<'_> {
     /// Volume IoU of the closed pile and the control mesh.
     pub fn shape_iou(&self, pile: &Instances) -> ShapeIou {
         let boxes: Vec<CellBox> = pile.bodies.iter().map(|b| self.body_box(b)).collect();
-        let (clip, block) = self.pile_grid(&boxes);
+        let with_core: Vec<CellBox> = boxes.iter().copied().chain(self.core_box()).collect();
+        let (clip, block) = self.pile_grid(&with_core);
         let is_beyond = |b: &CellBox| (0..3).any(|a| b[0][a] < clip[0][a] || b[1][a] > clip[1][a]);
         let beyond: Vec<_> = boxes.iter().zip(pile.bodies).filter(|(b, _)| is_beyond(b)).map(|(_, b)| b).collect();
         let lost = beyond.iter().map(|body| {
@@ -28,7 +29,8 @@ impl Gauge<'_> {
             self.volume(body) * ratio(samples.iter().filter(|p| outside(p)).count() as f64, samples.len() as f64)
         });
         let lost: f64 = lost.sum();
-        let stamped = self.stamp(pile, &boxes, clip, block);
+        let mut stamped = self.stamp(pile, &boxes, clip, block);
+        self.core.iter().for_each(|core| stamped.add(core));
         ShapeIou {
             value: self.iou(stamped, lost),
             solid: self.solid_iou,
@@ -64,6 +66,11 @@ impl Gauge<'_> {
             }
             margin = margin * 4 / 5;
         }
+    }
+
+    /// The cells that the core may take.
+    fn core_box(&self) -> Option<CellBox> {
+        self.core.as_ref().map(|_| self.cells_of(self.region.bounds()))
     }
 
     /// Fills the cells of `block` within `clip` whose centres are in a body; `boxes` are the bodies'.

@@ -70,6 +70,30 @@ impl Block {
         self.cells.par_iter().enumerate().filter(|(i, c)| **c != 0 && other.get(at(*i))).count()
     }
 
+    /// Empties what is empty in a block of the same cells.
+    pub fn keep_common(&mut self, other: &Block) {
+        self.cells.iter_mut().zip(&other.cells).for_each(|(cell, other)| *cell &= other);
+    }
+
+    /// Fills what is full in the other block.
+    pub fn add(&mut self, other: &Block) {
+        self.rows_mut(|[x, y, z], row| {
+            let full = |i: usize| other.get([x + i as i64, y, z]);
+            row.iter_mut().enumerate().for_each(|(i, cell)| *cell |= u8::from(full(i)));
+        });
+    }
+
+    /// The layers along Y, each with its middle, in cells, and how many of its cells are full.
+    pub fn layers(&self) -> impl Iterator<Item = (f64, usize)> {
+        let [nx, ny, _] = self.size;
+        let mut counts = vec![0usize; ny];
+        for (i, row) in self.cells.chunks(nx.max(1)).enumerate() {
+            counts[i % ny] += row.iter().filter(|&&c| c != 0).count();
+        }
+        let low = self.lo[1];
+        counts.into_iter().enumerate().map(move |(i, count)| ((low + i as i64) as f64 + 0.5, count))
+    }
+
     /// Dilates by a ball of `radius` cells, then erodes by it: fills gaps narrower than the ball. The full cells must
     /// keep that far from the block's border.
     pub fn close(&mut self, radius: f64) {

@@ -3,6 +3,7 @@
 
 mod added;
 mod narrow;
+mod shell;
 
 use crate::error::Problem;
 use crate::geometry::Closed;
@@ -10,6 +11,7 @@ use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::{self, WELD_TOLERANCE};
 use crate::input::params::Params;
 use crate::input::scene::{Model, Prop, Scene};
+use crate::prepare::container::core::Core;
 use crate::prepare::extremes;
 use crate::prepare::shape::Size;
 
@@ -24,6 +26,8 @@ pub struct Checked {
     pub control: Option<Closed>,
     /// The mesh that says where the control acts, where it is not the control mesh.
     pub region: Option<Closed>,
+    /// What stands in the pile, where only its surface is made of props.
+    pub core: Option<Core>,
     /// One per prop.
     pub sizes: Vec<Size>,
     /// How common each prop is: its share among the drawn ones or, where none is drawn, among those placed.
@@ -78,6 +82,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
     }
     if problems.is_empty() {
         room(scene, params, control.as_ref(), &sizes, (&mut problems, &mut warnings));
+        problems.extend(shell::too_thin(scene, params, &sizes));
     }
     if !problems.is_empty() {
         return Err(problems);
@@ -93,10 +98,12 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
     }
     let shares = added::shares(scene, params);
     let diameter = median_diameter(scene, &sizes, &shares);
+    let core =
+        control.as_ref().and_then(|control| shell::core(scene, params, control, ground, diameter, &mut warnings));
     warnings.extend(added::energy_warnings(scene, params, ground, diameter));
     let mass = |i: usize| sizes[i].volume * scene.props[i].density;
     warnings.extend(extremes::warnings(scene, params, |i| sizes[i].diameter, mass));
-    Ok(Checked { diameter, ground, control, region, sizes, shares, warnings })
+    Ok(Checked { diameter, ground, control, region, core, sizes, shares, warnings })
 }
 
 /// A closed mesh as it will be used: welded, its parts facing outward. What was repaired is a warning.

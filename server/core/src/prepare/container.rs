@@ -2,8 +2,10 @@
 //!
 //! The mesh stays upright while it is filled under upward gravity: turning over is then a change of sign.
 
+pub mod core;
 mod simplify;
 
+use self::core::Core;
 use crate::geometry::Closed;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::region::{DistanceGrid, Region};
@@ -29,6 +31,8 @@ pub struct Container {
     pub high: DVec3,
     /// The walls are a surface around the union of the mesh's parts, not the mesh itself.
     pub remeshed: bool,
+    /// The surface of the core, where there is one: closed, facing outward.
+    pub core: Option<TriMesh>,
 }
 
 /// Bound on the distance grid, for memory.
@@ -84,7 +88,17 @@ impl Container {
             low,
             high,
             remeshed,
+            core: None,
         }
+    }
+
+    /// Props find no room in the core.
+    pub fn around(mut self, core: &Core, length: f64) -> Container {
+        self.distance.cut_out(&grid(&core.mesh, length).1);
+        self.volume -= core.volume / length.powi(3);
+        self.area += core.area / length.powi(2);
+        self.core = Some(core.mesh.scaled(1.0 / length));
+        self
     }
 
     /// The walls, closed, and `outside` of where they are.
@@ -93,9 +107,11 @@ impl Container {
         simplify::run(walls, self.tolerance)
     }
 
-    /// Triangles facing inward; closed.
-    pub fn walls(&self) -> &TriMesh {
-        &self.walls
+    /// Triangles facing inward, and those of the core outward; closed.
+    pub fn bounds(&self) -> TriMesh {
+        let mut all = self.walls.clone();
+        self.core.iter().for_each(|core| all.append(core));
+        all
     }
 
     /// Whether all points lie inside, up to `slack`.
@@ -103,26 +119,31 @@ impl Container {
         points.all(|p| p.y >= self.base - slack && self.distance.signed_distance(p) <= slack)
     }
 
-    /// The walls with an opening where the base was, and a collar below it: faces within `cut` above the base go, and
-    /// the rim that they leave is drawn down by `collar`.
+    /// The walls with an opening where the base was, and a collar below it.
     pub fn opened(&self, cut: f64, collar: f64) -> Walls {
-        let below = |v: u32| self.walls.points[v as usize].y <= self.base + cut;
-        let (removed, kept): (Vec<[u32; 3]>, Vec<[u32; 3]>) =
-            self.walls.triangles.iter().partition(|t| t.iter().all(|&v| below(v)));
-        let edges = |t: &[u32; 3]| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])];
-        let inner: std::collections::BTreeSet<(u32, u32)> = removed.iter().flat_map(edges).collect();
-        let mut open = TriMesh { points: self.walls.points.clone(), triangles: kept };
-        for (a, b) in inner.iter().copied().filter(|&(a, b)| !inner.contains(&(b, a))) {
-            // The removed face ran from a to b; the collar takes its place and faces the same side as the wall above.
-            let n = open.points.len() as u32;
-            for v in [a, b] {
-                let p = open.points[v as usize];
-                open.points.push(DVec3::new(p.x, self.base - collar, p.z));
-            }
-            open.triangles.extend([[a, b, n + 1], [a, n + 1, n]]);
-        }
-        simplify::run(open, self.tolerance)
+        simplify::run(without_base(&self.walls, self.base, cut, collar).0, self.tolerance)
     }
+}
+
+/// A mesh with an opening where its base was, and a collar below it: faces within `cut` above the base go, and the rim that they
+/// leave is drawn down by `collar`. And the faces that went.
+fn without_base(mesh: &TriMesh, base: f64, cut: f64, collar: f64) -> (TriMesh, Vec<[u32; 3]>) {
+    let below = |v: u32| mesh.points[v as usize].y <= base + cut;
+    let (removed, kept): (Vec<[u32; 3]>, Vec<[u32; 3]>) =
+        mesh.triangles.iter().partition(|t| t.iter().all(|&v| below(v)));
+    let edges = |t: &[u32; 3]| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])];
+    let inner: std::collections::BTreeSet<(u32, u32)> = removed.iter().flat_map(edges).collect();
+    let mut open = TriMesh { points: mesh.points.clone(), triangles: kept };
+    for (a, b) in inner.iter().copied().filter(|&(a, b)| !inner.contains(&(b, a))) {
+        // The removed face ran from a to b; the collar takes its place and faces the same side as the wall above.
+        let n = open.points.len() as u32;
+        for v in [a, b] {
+            let p = open.points[v as usize];
+            open.points.push(DVec3::new(p.x, base - collar, p.z));
+        }
+        open.triangles.extend([[a, b, n + 1], [a, n + 1, n]]);
+    }
+    (open, removed)
 }
 
 /// The inside of a mesh in SI, and the distance to its surface, in engine units.
@@ -138,7 +159,7 @@ fn inward(solid: &TriMesh, inside_out: bool) -> TriMesh {
     TriMesh { points: solid.points.clone(), triangles }
 }
 
-/// The surface of the distance grid (naive surface nets), so far inside, facing inward.
+/// What lies this far inside the surface of the distance grid (naive surface nets), facing inward.
 fn surface(distance: &DistanceGrid, inset: f64) -> TriMesh {
     let (origin, size, values) = distance.nodes();
     let field: Vec<f32> = values.iter().map(|&v| (v + inset) as f32).collect();

@@ -25,7 +25,8 @@ pub struct Estimate {
     pub fill_seconds: f64,
     /// CPU seconds of placing glue and of the proof; 0 where nothing is glued.
     pub glue_seconds: f64,
-    /// Dots of glue, more or less: shapes that hang over need several times as many as shapes that stand almost by themselves.
+    /// Dots of glue, more or less: shapes that hang over need several times as many as shapes that stand almost by themselves. 0 where
+    /// nothing is glued, and where the strength is bounded: there bakes differ too much to tell.
     pub glue_dots: f64,
     /// Expected `kept_shape`, with the glue that is set: of ten bakes, five are below the second, and eight between the first and the
     /// third. `None` without a fill, and where the control holds the pile to the end.
@@ -126,7 +127,8 @@ impl Workload {
         let [parts, corners, slenderness] = mean;
         let step_rate = natural_time / params.physics.step.seconds(natural_time);
         let container = checked.control.as_ref().filter(|_| scene.is_filled(params));
-        let (room, packing) = container.map_or(Default::default(), |c| plan::room(c).load(scene, &checked.sizes));
+        let (room, packing) =
+            container.map_or(Default::default(), |c| plan::room(c, checked.core.as_ref()).load(scene, &checked.sizes));
         Workload {
             bodies: (filled + scene.added_bodies()) as f64,
             filled: filled as f64,
@@ -189,7 +191,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], m
     // What the control holds to the end keeps its shape, glued or not.
     let held = params.control.mode != ControlMode::Off && params.control.stand == Switch::Off;
     let bound = params.glue_bound(scene.is_filled(params));
-    let (dots, kept) = model::kept(bound);
+    let kept = model::kept(bound);
     let rounds = if params.accuracy == Accuracy::Draft { model::DRAFT_DOTS } else { 1.0 };
     let all: f64 = checked.shares.iter().sum();
     let thickness = shapes.iter().zip(&scene.props).zip(&checked.shares).map(thickness).sum::<f64>() / all;
@@ -199,7 +201,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], m
         cpu_seconds: fill_seconds + glue_seconds + release_seconds + rest,
         fill_seconds,
         glue_seconds,
-        glue_dots: rounds * dots * model::DOTS_PER_BODY * workload.bodies,
+        glue_dots: if bound.is_infinite() { rounds * model::DOTS_PER_BODY * workload.bodies } else { 0.0 },
         kept_shape: (scene.is_filled(params) && !held).then_some(kept),
         release_seconds,
         factor: model::FACTOR,

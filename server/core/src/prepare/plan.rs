@@ -5,6 +5,7 @@ use crate::input::observer::Stage;
 use crate::input::params::Params;
 use crate::input::scene::Scene;
 use crate::prepare::check::Checked;
+use crate::prepare::container::core::Core;
 use crate::prepare::effects::{self, Effect, EffectName, Resolved};
 use crate::prepare::packing::{Room, expected_bodies};
 use crate::prepare::shape::Nature;
@@ -71,12 +72,15 @@ const MISSING: f64 = 0.55;
 pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &Checked) -> usize {
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
     let full = 1.0 - MISSING * (params.fill.full_below - USUAL_FULL_BELOW).max(0.0);
-    filled.map_or(0, |control| expected_bodies(scene, &checked.sizes, &room(control), &params.fill, full))
+    filled.map_or(0, |control| {
+        expected_bodies(scene, &checked.sizes, &room(control, checked.core.as_ref()), &params.fill, full)
+    })
 }
 
 /// What is to be filled.
-pub(crate) fn room(control: &Closed) -> Room {
-    Room { volume: control.volume, area: control.topology.area }
+pub(crate) fn room(control: &Closed, core: Option<&Core>) -> Room {
+    let (volume, area) = core.map_or((0.0, 0.0), |core| (core.volume, core.area));
+    Room { volume: control.volume - volume, area: control.topology.area + area }
 }
 
 /// Steps of release and hold, as far as they can be foretold.

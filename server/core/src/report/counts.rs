@@ -45,6 +45,7 @@ pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<C
         (Count::Unjammed, tally.unjammed),
         (Count::Shaken, tally.shaken),
         (Count::Frames, if pile.recorder.keeps() { pile.recorder.frames.len() as u64 } else { 0 }),
+        (Count::CoreTriangles, inputs.core.map_or(0, |core| core.mesh.triangles.len() as u64)),
         (Count::WallTrianglesSaved, filled.map_or(0, |filled| filled.wall_triangles_saved as u64)),
         (Count::PropsAsPrimitives, of_kind(|outline| matches!(outline, Outline::Box | Outline::Ball))),
         (Count::PropsSplit, of_kind(|outline| matches!(outline, Outline::Parts))),

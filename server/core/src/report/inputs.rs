@@ -6,6 +6,7 @@ use crate::geometry::pose::Pose;
 use crate::input::params::Params;
 use crate::input::scene::Scene;
 use crate::prepare::container::Container;
+use crate::prepare::container::core::Core;
 use crate::prepare::effects::Resolved;
 use crate::prepare::plan::Plan;
 use crate::prepare::shape::Shape;
@@ -27,6 +28,8 @@ pub struct Inputs<'a> {
     /// The shape that the pile is to have, welded and facing outward.
     pub target: Option<&'a TriMesh>,
     pub filled: Option<&'a (Container, Filled)>,
+    /// What stands in the pile, where it is a shell.
+    pub core: Option<&'a Core>,
     pub held: HoldOutcome,
     /// `None`: nothing is glued.
     pub glued: Option<&'a Glued>,

@@ -66,6 +66,10 @@ pub fn figures(inputs: &Inputs, target: &TriMesh, pile: &Pile, observer: &mut dy
         |bodies: Vec<(usize, f64, Pose)>| -> Vec<_> { bodies.into_iter().filter(|b| made_of.contains(&b.0)).collect() };
     let (held, after) = (only(held), only(after));
     let gauge = Gauge::new(target, &region, &pile_of(&props, if start.is_empty() { &after } else { &start }));
+    let gauge = match inputs.core {
+        Some(core) => gauge.around(&core.mesh),
+        None => gauge,
+    };
     let mut measured = Measured::nothing();
     let first = (!start.is_empty()).then(|| measured.measure(&gauge, &pile_of(&props, &start)));
     observe(observer, &progress(0.4))?;

@@ -1,5 +1,6 @@
 //! Filling the container with props (Cho et al. 2007; paper, 4.1).
 
+mod filling;
 mod insert;
 mod mixture;
 mod pockets;
@@ -8,21 +9,16 @@ mod shake;
 mod stack;
 
 use crate::error::Error;
-use crate::geometry::pose::Pose;
-use crate::input::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
-use crate::input::params::{FillMethod, Params};
+use crate::input::observer::Observer;
+use crate::input::params::{FillMethod, Layout, Params};
 use crate::input::scene::Scene;
 use crate::prepare::container::Container;
-use crate::prepare::packing::{Room, expected_bodies};
-use crate::prepare::shape::{Shape, Size, corners};
-use crate::sim::instance::{self, Instance};
-use crate::sim::policy::Policy;
-use crate::world::{BodyId, Counters, Insertion, Role, Side, Touch, Units, World, WorldBody};
-use glam::{DQuat, DVec3};
+use crate::prepare::shape::Shape;
+use crate::sim::instance::Instance;
+use crate::world::{Counters, Units, WallId, World};
+use filling::Filling;
+use glam::DVec3;
 use mixture::Mixture;
-use rand::SeedableRng;
-use rand_pcg::Pcg64Mcg;
-use std::collections::BTreeMap;
 
 /// A full container. Plain data: a release starts from it as often as one likes.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -52,47 +48,8 @@ pub struct Removed {
     pub escaped: usize,
 }
 
-/// What a fill works with.
-pub(crate) struct Filling<'a> {
-    pub scene: &'a Scene,
-    pub shapes: &'a [Shape],
-    pub params: &'a Params,
-    pub container: &'a Container,
-    pub world: World,
-    pub rng: Pcg64Mcg,
-    pub removed: Removed,
-    /// Bodies that the container is expected to take.
-    pub expected: usize,
-    /// The props that are drawn now.
-    among: Vec<usize>,
-    mixture: Option<Mixture>,
-    /// Bodies simulated so far, times natural times.
-    work: f64,
-    /// Frames shown; `None` where none are to be.
-    shown: Option<usize>,
-}
-
-/// Natural times for which the bodies of a fill are usually simulated, times the expected bodies.
-const USUAL_WORK: f64 = 15.0;
-/// Progress when the usual work is done; the rest is for fills that take longer.
-const USUAL_END: f64 = 0.9;
-
-/// Rounds of removing what sticks out or overlaps and settling again.
-const CLEANUP_ROUNDS: usize = 4;
-/// Settling after each of them, natural times.
-const CLEANUP_SETTLE: f64 = 0.5;
-
-/// The walls of a loose surface are this far outside of the control mesh, d; half of the grid's margin.
-const LOOSENED: f64 = 0.15;
-
-/// Props smaller than this share of the largest fill its gaps.
-const SMALL: f64 = 0.5;
-
 /// Places for so many times the expected bodies are before the walls.
 const ROOM: usize = 2;
-
-/// Steps of depenetration at most: what has not come apart by then is locked in.
-const MOST_DEPENETRATION: u64 = 60;
 
 /// A fill of a wanted number of bodies has more by this share before the clean-up, which takes about as many.
 const SURPLUS: f64 = 0.02;
@@ -110,24 +67,25 @@ pub fn run(
 ) -> Result<Filled, Error> {
     let mut filling = Filling::new(scene, shapes, params, units, container);
     filling.place_given()?;
-    filling.mixture = Mixture::new(&mut filling);
+    filling.mixture = mixture(&mut filling);
     let poured = match params.fill.method {
         FillMethod::Pour => Some(pour::run(&mut filling, observer)?),
         FillMethod::Insert | FillMethod::Stack | FillMethod::Off => None,
     };
-    let closed = container.closed(LOOSENED * (1.0 - 2.0 * params.fill.surface).max(0.0));
+    let closed = container.closed(params.fill.loosened());
     let room = ROOM * filling.expected.min(params.fill.max_bodies as usize);
-    let (walls, floor) = filling.world.add_behind(room, |world| {
+    let (walls, core, floor) = filling.world.add_behind(room, |world| {
         let walls = world.add_container(&closed.mesh, 0.0);
-        (walls, world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0))
+        let core = add_core(world, container);
+        (walls, core, world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0))
     });
-    let walls = walls.map_err(Error::Internal)?;
+    let (walls, core) = (walls.map_err(Error::Internal)?, core?);
     let wanted = params.fill.count.unwrap_or(u32::MAX).min(params.fill.max_bodies) as usize;
     let full = match poured {
         Some(full) => full,
         None => {
             let surplus = params.fill.count.map_or(0.0, |n| SURPLUS * f64::from(n)) as usize;
-            filling.fill_up(wanted.saturating_add(surplus), observer)?
+            fill_up(&mut filling, wanted.saturating_add(surplus), observer)?
         }
     };
     filling.use_real_friction();
@@ -140,7 +98,7 @@ pub fn run(
         if full || poured.is_some() || !missing(&filling) {
             break;
         }
-        filling.fill_up(wanted, observer)?;
+        fill_up(&mut filling, wanted, observer)?;
         filling.use_real_friction();
         filling.settle(params.fill.settle, observer)?;
         filling.clean_up(observer)?;
@@ -150,6 +108,7 @@ pub fn run(
     // Parted bodies need the room that the walls do not leave them.
     filling.world.remove_wall(walls);
     let depenetration_steps = filling.depenetrate(observer)?;
+    core.into_iter().for_each(|core| filling.world.remove_wall(core));
     filling.world.remove_wall(floor);
     let bodies = filling.loose().map(|id| filling.placed(id)).collect();
     let pockets = pockets::fraction(&filling);
@@ -168,6 +127,47 @@ pub fn run(
     })
 }
 
+/// Fills the closed container until it is full, which is returned, or until there are `limit` bodies.
+fn fill_up(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> Result<bool, Error> {
+    let mut full = false;
+    for among in turns(filling) {
+        filling.among = among;
+        full = match filling.params.fill.method {
+            FillMethod::Stack => stack::run(filling, limit, observer)?,
+            _ => insert::run(filling, limit, observer)?,
+        };
+    }
+    Ok(full)
+}
+
+/// Props smaller than this share of the largest fill its gaps.
+const SMALL: f64 = 0.5;
+
+/// Which props come first, and which then: where small ones are to fill the gaps of large ones, those come last.
+fn turns(filling: &Filling) -> Vec<Vec<usize>> {
+    let diameter = |i: usize| filling.shapes[i].size.diameter * filling.scene.props[i].scale[1];
+    let drawn = || (0..filling.scene.props.len()).filter(|&i| filling.scene.props[i].weight > 0.0);
+    let largest = drawn().map(diameter).fold(0.0, f64::max);
+    let (small, large): (Vec<_>, Vec<_>) = drawn().partition(|&i| diameter(i) < SMALL * largest);
+    if filling.params.fill.gaps && !small.is_empty() { vec![large, small] } else { vec![drawn().collect()] }
+}
+
+/// Where each of several props goes, if that is asked for.
+fn mixture(filling: &mut Filling) -> Option<Mixture> {
+    let (scene, fill, container) = (filling.scene, &filling.params.fill, filling.container);
+    if fill.mixture.layout == Layout::Mixed {
+        return None;
+    }
+    let heights = [container.base, container.high.y];
+    let inside = filling.inside();
+    Mixture::new(scene, filling.shapes, &fill.mixture, &inside, heights, filling.expected, &mut filling.rng)
+}
+
+/// The core, where there is one.
+fn add_core(world: &mut World, container: &Container) -> Result<Option<WallId>, Error> {
+    container.core.as_ref().map(|mesh| world.add_container(mesh, 0.0)).transpose().map_err(Error::Internal)
+}
+
 /// Pours the props through the opening and leaves them as they fell, upside down: no settling, no clean-up.
 pub(crate) fn pour_only(
     scene: &Scene,
@@ -181,243 +181,4 @@ pub(crate) fn pour_only(
     filling.shown = None;
     pour::run(&mut filling, observer)?;
     Ok(filling.world.present().map(|id| filling.placed(id)).collect())
-}
-
-impl<'a> Filling<'a> {
-    /// An empty world under upward gravity.
-    fn new(
-        scene: &'a Scene,
-        shapes: &'a [Shape],
-        params: &'a Params,
-        units: Units,
-        container: &'a Container,
-    ) -> Filling<'a> {
-        let thickness =
-            (shapes.iter().zip(&scene.props)).filter(|(_, p)| p.weight > 0.0).map(|(s, p)| s.thickness() * p.scale[0]);
-        let thickness = thickness.fold(f64::INFINITY, f64::min);
-        let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
-        let room =
-            Room { volume: container.volume * units.length.powi(3), area: container.area * units.length.powi(2) };
-        let expected = expected_bodies(scene, &sizes, &room, &params.fill, 1.0);
-        let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
-        let mut world = World::new(units, &params.fill_physics(units.time), thickness / units.length, compounds);
-        world.set_gravity_up(true);
-        Filling {
-            scene,
-            shapes,
-            params,
-            container,
-            world,
-            rng: Pcg64Mcg::seed_from_u64(params.seed),
-            removed: Removed::default(),
-            expected,
-            among: (0..scene.props.len()).collect(),
-            mixture: None,
-            work: 0.0,
-            shown: Some(0),
-        }
-    }
-
-    /// Puts the bodies placed by hand where they belong: the rest is filled around them.
-    fn place_given(&mut self) -> Result<(), Error> {
-        for given in self.scene.bodies.iter().filter(|body| body.is_stacked()) {
-            let pose = self.shapes[given.prop].body_pose(&given.pose, given.scale);
-            let id = self.insert(given.prop, given.scale, self.world.units.pose_to_engine(&pose))?;
-            Policy::pin(&mut self.world, id);
-        }
-        Ok(())
-    }
-
-    /// Fills the closed container until it is full, which is returned, or until there are `limit` bodies.
-    fn fill_up(&mut self, limit: usize, observer: &mut dyn Observer) -> Result<bool, Error> {
-        let mut full = false;
-        for among in self.turns() {
-            self.among = among;
-            full = match self.params.fill.method {
-                FillMethod::Stack => stack::run(self, limit, observer)?,
-                _ => insert::run(self, limit, observer)?,
-            };
-        }
-        Ok(full)
-    }
-
-    /// Which props come first, and which then: where small ones are to fill the gaps of large ones, those come last.
-    fn turns(&self) -> Vec<Vec<usize>> {
-        let diameter = |i: usize| self.shapes[i].size.diameter * self.scene.props[i].scale[1];
-        let drawn = || (0..self.scene.props.len()).filter(|&i| self.scene.props[i].weight > 0.0);
-        let largest = drawn().map(diameter).fold(0.0, f64::max);
-        let (small, large): (Vec<_>, Vec<_>) = drawn().partition(|&i| diameter(i) < SMALL * largest);
-        if self.params.fill.gaps && !small.is_empty() { vec![large, small] } else { vec![drawn().collect()] }
-    }
-
-    /// Nodes of the container's distance grid that are inside.
-    fn inside(&self) -> Vec<DVec3> {
-        let grid = &self.container.distance;
-        let (origin, size, values) = grid.nodes();
-        let place =
-            |i: usize| DVec3::new((i % size[0]) as f64, (i / size[0] % size[1]) as f64, (i / size[0] / size[1]) as f64);
-        let inside = values.iter().enumerate().filter(|(_, distance)| **distance <= 0.0);
-        inside.map(|(i, _)| origin + grid.spacing() * place(i)).collect()
-    }
-
-    /// Whether the mixture lets a prop be here.
-    fn may_be(&mut self, prop: usize, p: DVec3) -> bool {
-        self.mixture.as_ref().is_none_or(|mixture| mixture.allows(prop, p, &mut self.rng))
-    }
-
-    /// The bodies that were filled in, rising.
-    pub fn loose(&self) -> impl Iterator<Item = BodyId> + '_ {
-        self.world.present().filter(|&id| self.world.bodies()[id].role != Role::Pinned)
-    }
-
-    /// A prop by weight, a scale from its range and an orientation from its own.
-    pub fn draw(&mut self) -> (usize, f64, DQuat) {
-        instance::draw(&self.scene.props, self.among.iter().copied(), &mut self.rng)
-    }
-
-    pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
-        let body = Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
-        self.world.insert(&self.shapes[prop], &body).map_err(Error::Internal)
-    }
-
-    /// Ends the friction of the fill.
-    fn use_real_friction(&mut self) {
-        for id in self.loose().collect::<Vec<_>>() {
-            let friction = self.scene.props[self.world.bodies()[id].prop].friction;
-            self.world.set_friction(id, friction);
-        }
-    }
-
-    /// Simulates for a while, natural times.
-    pub fn settle(&mut self, time: f64, observer: &mut dyn Observer) -> Result<(), Error> {
-        let steps = (time / self.world.step_length()).ceil() as usize;
-        for _ in 0..steps {
-            self.world.step();
-            self.show(observer);
-            self.tell(observer)?;
-        }
-        Ok(())
-    }
-
-    /// Shows the bodies at the frame rate, at the end of the step that a frame falls into.
-    fn show(&mut self, observer: &mut dyn Observer) {
-        let Some(number) = self.shown.filter(|_| observer.wants_frames()) else { return };
-        let units = self.world.units;
-        let time = self.world.steps as f64 * self.world.step_length() * units.time;
-        if time * self.params.output.fps < number as f64 {
-            return;
-        }
-        let shown = |(id, body): (BodyId, &WorldBody)| {
-            let pose = || self.shapes[body.prop].prop_pose(&units.pose_to_si(&self.world.pose(id)), body.scale);
-            (body.role != Role::Gone).then(|| Shown {
-                prop: body.prop,
-                scale: body.scale,
-                pose: pose(),
-                state: State::Free,
-            })
-        };
-        let bodies: Vec<Option<Shown>> = self.world.bodies().iter().enumerate().map(shown).collect();
-        observer.frame(&Frame { stage: Stage::Fill, number, time, bodies: &bodies });
-        self.shown = Some(number + 1);
-    }
-
-    pub fn tell(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
-        let bodies = self.loose().count();
-        self.work += bodies as f64 * self.world.step_length();
-        let share = self.work / (USUAL_WORK * self.expected as f64);
-        let beyond = (1.0 - USUAL_END) * (1.0 - 1.0 / share.max(1.0));
-        let fraction = (USUAL_END * share.min(1.0) + beyond).min(0.99);
-        let progress = Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
-        observe(observer, &progress)
-    }
-
-    fn placed(&self, id: BodyId) -> Instance {
-        let body = &self.world.bodies()[id];
-        Instance { prop: body.prop, scale: body.scale, pose: self.world.pose(id) }
-    }
-
-    /// How far the farthest corner of a body is outside the container, engine units.
-    pub fn protrusion(&self, id: BodyId) -> f64 {
-        let placed = self.placed(id);
-        corners(&self.shapes[placed.prop], placed.scale / self.world.units.length, &placed.pose)
-            .map(|p| self.container.distance.signed_distance(p).max(self.container.base - p.y))
-            .fold(0.0, f64::max)
-    }
-
-    /// Takes out the newest bodies beyond `limit`.
-    fn cut_to(&mut self, limit: usize) {
-        for id in self.loose().skip(limit).collect::<Vec<_>>() {
-            self.world.remove(id);
-        }
-    }
-
-    /// Takes out what left the container.
-    pub fn remove_escaped(&mut self) {
-        for id in self.loose().collect::<Vec<_>>() {
-            let center = self.world.pose(id).translation;
-            if !(self.container.distance.signed_distance(center) <= 0.0 && center.y > self.container.base) {
-                self.world.remove(id);
-                self.removed.escaped += 1;
-            }
-        }
-    }
-
-    /// Takes out what sticks out or overlaps, until nothing does.
-    fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
-        for round in 0.. {
-            self.remove_escaped();
-            let most = self.params.fill.protrusion + LOOSENED * (1.0 - 2.0 * self.params.fill.surface).max(0.0);
-            let out = self.loose().filter(|&id| self.protrusion(id) > most).collect::<Vec<_>>();
-            self.removed.sticking_out += out.len();
-            out.iter().for_each(|&id| self.world.remove(id));
-            let pairs = self.overlapping(self.params.fill.overlap);
-            let overlapping = self.separate(pairs, 0);
-            self.removed.overlapping += overlapping;
-            if (out.is_empty() && overlapping == 0) || round == CLEANUP_ROUNDS {
-                break;
-            }
-            self.settle(CLEANUP_SETTLE, observer)?;
-        }
-        Ok(())
-    }
-
-    /// Parts what still overlaps. Returns the steps that this took.
-    fn depenetrate(&mut self, observer: &mut dyn Observer) -> Result<u64, Error> {
-        let residual = self.params.fill.residual_overlap;
-        if residual >= 1.0 {
-            return Ok(0);
-        }
-        let (bodies, fraction) = (self.loose().count(), 0.99);
-        let progress = Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0 };
-        let going = |step| observe(observer, &progress).map(|()| step < MOST_DEPENETRATION);
-        self.world.depenetrate(residual, going)
-    }
-
-    /// Pairs that overlap by more than `limit` of the thinner one's thickness, rising; the lower number first.
-    pub fn overlapping(&mut self, limit: f64) -> Vec<(BodyId, BodyId)> {
-        self.world.zero_step();
-        let too_deep = |t: &Touch| match t.b {
-            Side::Body(b) => (t.depth() > limit * self.world.pair_thickness(t)).then_some((t.a, b)),
-            _ => None,
-        };
-        self.world.touches(0.0).iter().filter_map(too_deep).collect()
-    }
-
-    /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how many.
-    pub fn separate(&mut self, mut pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
-        let mut removed = 0;
-        while !pairs.is_empty() {
-            let mut count = BTreeMap::<BodyId, usize>::new();
-            for &(a, b) in &pairs {
-                for id in [a, b].into_iter().filter(|&id| id >= first && self.world.bodies()[id].role != Role::Pinned) {
-                    *count.entry(id).or_default() += 1;
-                }
-            }
-            let Some((&worst, _)) = count.iter().max_by_key(|&(&id, &n)| (n, id)) else { break };
-            self.world.remove(worst);
-            removed += 1;
-            pairs.retain(|&(a, b)| a != worst && b != worst);
-        }
-        removed
-    }
 }

@@ -4,6 +4,7 @@ use crate::error::Error;
 use crate::geometry::region::DistanceGrid;
 use crate::input::params::{Params, Switch};
 use crate::input::scene::Scene;
+use crate::prepare::container::core::Core;
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::prepare::shape::Shape;
 use crate::sim::control::Control;
@@ -26,6 +27,8 @@ pub struct Inputs<'a, 'r> {
     pub bodies: &'r [Instance],
     /// Height of the ground, m.
     pub ground: f64,
+    /// What stands in the pile.
+    pub core: Option<&'a Core>,
     /// Where the control acts, engine units; `None`: everywhere.
     pub region: Option<&'a DistanceGrid>,
 }
@@ -66,7 +69,12 @@ pub fn run<'a>(inputs: &Inputs<'a, '_>) -> Result<Simulation<'a>, Error> {
 /// A pile on a tip or a round foot may have room below it for no prop: it is set down on the ground.
 fn set_down(pile: &mut Pile, filled: usize, inputs: &Inputs) {
     let gap = pile.world.lowest(0..filled) - inputs.ground / inputs.units.length;
-    if !(inputs.params.ground && inputs.scene.statics.is_empty() && gap > 0.0 && gap.is_finite()) {
+    if !(inputs.params.ground
+        && inputs.scene.statics.is_empty()
+        && inputs.core.is_none()
+        && gap > 0.0
+        && gap.is_finite())
+    {
         return;
     }
     for id in 0..filled {
@@ -85,6 +93,9 @@ fn world(inputs: &Inputs) -> Result<World, Error> {
     }
     for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {
         world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;
+    }
+    if let Some(core) = inputs.core {
+        world.add_core(&core.mesh, core.is_convex, params.ground_friction).map_err(Error::Internal)?;
     }
     Ok(world)
 }

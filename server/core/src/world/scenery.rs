@@ -32,9 +32,7 @@ impl World {
 
     /// Walls that keep bodies in: a mesh whose triangles face where the bodies are. Engine units.
     pub fn add_container(&mut self, mesh: &TriMesh, friction: f64) -> Result<WallId, String> {
-        let flags =
-            TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES | TriMeshFlags::DELETE_DEGENERATE_TRIANGLES;
-        self.add_mesh(mesh, 1.0, friction, flags, CONTAINER).map(WallId)
+        self.add_mesh(mesh, 1.0, friction, ONE_SIDED, CONTAINER).map(WallId)
     }
 
     /// Adds what all bodies are near to, in the engine's order behind `bodies` of them. The engine finds a pair by a walk along all
@@ -83,6 +81,16 @@ impl World {
         self.add_mesh(mesh, self.units.length, friction, FLAGS, SCENERY).map(|_| ())
     }
 
+    /// The core of a pile, closed and seen from outside: what has sunk into it is pushed out. The mesh is in SI.
+    pub fn add_core(&mut self, mesh: &TriMesh, is_convex: bool, friction: f64) -> Result<(), String> {
+        let points: Vec<Vector> = mesh.points.iter().map(|&p| (p / self.units.length).as_vec3()).collect();
+        match ColliderBuilder::convex_hull(&points).filter(|_| is_convex) {
+            Some(hull) => self.engine.insert_collider(hull.friction(friction as f32).user_data(SCENERY), None),
+            None => self.add_mesh(mesh, self.units.length, friction, ONE_SIDED, SCENERY)?,
+        };
+        Ok(())
+    }
+
     /// Geometry that moves, from its pose at the beginning on; SI.
     pub fn add_moving_scenery(&mut self, mesh: &TriMesh, friction: f64, pose: &Pose) -> Result<MovingId, String> {
         let id = self.moving.len();
@@ -127,3 +135,5 @@ impl World {
 }
 
 const FLAGS: TriMeshFlags = TriMeshFlags::FIX_INTERNAL_EDGES_TWO_SIDED.union(TriMeshFlags::DELETE_DEGENERATE_TRIANGLES);
+const ONE_SIDED: TriMeshFlags =
+    TriMeshFlags::ORIENTED.union(TriMeshFlags::FIX_INTERNAL_EDGES).union(TriMeshFlags::DELETE_DEGENERATE_TRIANGLES);

@@ -184,6 +184,7 @@ fn fill(fill: &mut Fill, given: &proto::Fill, counts: &mut Counts) {
     set(&mut fill.overlap, given.overlap);
     set(&mut fill.residual_overlap, given.residual_overlap);
     set(&mut fill.wall_tolerance, given.wall_tolerance);
+    set(&mut fill.shell, given.shell.map(Some));
 }
 
 fn release(release: &mut Release, given: &proto::Release) {

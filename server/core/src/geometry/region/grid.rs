@@ -49,6 +49,16 @@ impl DistanceGrid {
         DistanceGrid { origin, spacing: h, size, values, capped: h > spacing }
     }
 
+    /// Takes out what is inside `other`, which is around the same place: there it is outside, too.
+    pub fn cut_out(&mut self, other: &DistanceGrid) {
+        let [nx, ny, _] = self.size;
+        let (origin, spacing) = (self.origin, self.spacing);
+        self.values.par_iter_mut().enumerate().for_each(|(i, value)| {
+            let node = DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / nx / ny) as f64);
+            *value = value.max(-other.signed_distance(origin + node * spacing));
+        });
+    }
+
     /// The first node, the nodes along X, Y, Z, and the values, shape `[z][y][x]`, metres.
     pub fn nodes(&self) -> (DVec3, [usize; 3], &[f64]) {
         (self.origin, self.size, &self.values)

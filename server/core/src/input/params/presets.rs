@@ -48,6 +48,7 @@ impl Params {
                 overlap: 0.15,
                 residual_overlap: 0.012,
                 wall_tolerance: 0.02,
+                shell: None,
             },
             release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0, order: ReleaseOrder::BottomUp },
             glue: Glue {

@@ -40,6 +40,7 @@ impl Params {
             ("fill.overlap", self.fill.overlap, 0.01, 1.0),
             ("fill.residual_overlap", self.fill.residual_overlap, 0.0005, 1.0),
             ("fill.wall_tolerance", self.fill.wall_tolerance, 0.0, 0.5),
+            ("fill.shell", self.fill.shell.unwrap_or(1.0), 0.05, 1000.0),
             ("release.layer", self.release.layer, 0.01, 1000.0),
             ("release.interval", time(self.release.interval), 0.0, 1000.0),
             ("release.damping", self.release.damping, 0.0, 100.0),

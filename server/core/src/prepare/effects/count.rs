@@ -19,6 +19,7 @@ pub enum Count {
     Candidates,
     CcdBodySteps,
     ControlCycles,
+    CoreTriangles,
     DepenetrationSteps,
     FillBodySteps,
     FillPairSteps,

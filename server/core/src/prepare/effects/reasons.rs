@@ -26,6 +26,7 @@ impl Reasons<'_> {
             }),
             EffectName::Decomposition => self.decomposition(),
             EffectName::Fill => self.fill().into(),
+            EffectName::Core => self.core(),
             EffectName::WallSimplification => self.walls(),
             EffectName::Depenetration => self.depenetration(),
             EffectName::TurnOver if self.resolved.is_on(name) => "the container is filled upside down".into(),
@@ -118,6 +119,17 @@ impl Reasons<'_> {
             FillMethod::Pour => "props are dropped through the container's opening",
             FillMethod::Stack => "props are laid down one by one, each as low as it can lie",
             FillMethod::Off => "switched off by the scene",
+        }
+    }
+
+    fn core(&self) -> String {
+        match self.params.fill.shell {
+            _ if self.scene.control.is_none() => "there is no control mesh".into(),
+            None => "props fill all of the control mesh".into(),
+            Some(shell) if self.resolved.is_on(EffectName::Core) => {
+                format!("props lie no deeper than {shell} d below the control mesh's surface")
+            }
+            Some(shell) => format!("no place of the control mesh is deeper than {shell} d"),
         }
     }
 

@@ -81,6 +81,7 @@ impl Case<'_> {
             EffectName::Primitives => natures.iter().any(|n| matches!(n.outline, Outline::Box | Outline::Ball)),
             EffectName::Decomposition => natures.iter().any(|n| n.outline == Outline::Parts),
             EffectName::Fill | EffectName::TurnOver => fill,
+            EffectName::Core => checked.core.is_some(),
             EffectName::Depenetration => fill && params.fill.residual_overlap < 1.0,
             EffectName::WallSimplification => {
                 let closed = checked.control.as_ref().filter(|_| fill && params.fill.wall_tolerance > 0.0);
@@ -158,6 +159,7 @@ impl Case<'_> {
             EffectName::Frames => params.output.keeps_frames,
             // These have parameters of their own, or follow from the scene alone.
             EffectName::Fill
+            | EffectName::Core
             | EffectName::WallSimplification
             | EffectName::Depenetration
             | EffectName::TurnOver

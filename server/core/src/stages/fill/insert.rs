@@ -1,7 +1,7 @@
 //! The `insert` fill: props are put at free places inside the closed container at a fraction of their size and grow
 //! there, while upward gravity packs them. Denser and more even than a pour, and it reaches under overhangs.
 
-use super::Filling;
+use super::filling::Filling;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;

@@ -1,9 +1,11 @@
 //! Which of several props goes where: in bands, along a gradient or in clusters.
 
-use super::Filling;
-use crate::input::params::{Layout, SortBy};
+use crate::input::params::{Layout, Mixture as Wanted, SortBy};
+use crate::input::scene::Scene;
+use crate::prepare::shape::Shape;
+use crate::sim::instance;
 use glam::DVec3;
-use rand::RngExt;
+use rand::{Rng, RngExt};
 
 /// Bodies in a cluster.
 const CLUSTER: usize = 15;
@@ -26,19 +28,24 @@ pub struct Mixture {
 }
 
 impl Mixture {
-    /// `None` where everything may be everywhere.
-    pub fn new(filling: &mut Filling) -> Option<Mixture> {
-        let mixture = filling.params.fill.mixture;
-        let drawn: Vec<usize> =
-            (0..filling.scene.props.len()).filter(|&i| filling.scene.props[i].weight > 0.0).collect();
-        if mixture.layout == Layout::Mixed || drawn.len() < 2 {
+    /// `inside`: points spread evenly over the container's inside; `heights`: of its base and its top; `expected`: the bodies that it
+    /// takes. `None` where only one prop is drawn.
+    pub fn new(
+        scene: &Scene,
+        shapes: &[Shape],
+        wanted: &Wanted,
+        inside: &[DVec3],
+        [bottom, top]: [f64; 2],
+        expected: usize,
+        rng: &mut impl Rng,
+    ) -> Option<Mixture> {
+        let drawn: Vec<usize> = (0..scene.props.len()).filter(|&i| scene.props[i].weight > 0.0).collect();
+        if drawn.len() < 2 {
             return None;
         }
-        let inside = filling.inside();
-        let (bottom, top) = (filling.container.base, filling.container.high.y);
         let height = (top - bottom).max(f64::MIN_POSITIVE);
         let mut below = vec![0.0; HEIGHTS];
-        for p in &inside {
+        for p in inside {
             let at = ((p.y - bottom) / height * HEIGHTS as f64).clamp(0.0, HEIGHTS as f64 - 1.0);
             below[at as usize] += 1.0 / inside.len() as f64;
         }
@@ -47,18 +54,25 @@ impl Mixture {
             sum += *share;
             *share = sum;
         });
-        let clusters = if mixture.layout == Layout::Clusters && !inside.is_empty() {
-            let count = filling.expected.div_ceil(CLUSTER);
-            let place = |filling: &mut Filling| inside[filling.rng.random_range(0..inside.len())];
-            (0..count).map(|_| (place(filling), filling.draw().0)).collect()
-        } else {
-            Vec::new()
+        let mut cluster = || {
+            let whose = instance::draw(&scene.props, drawn.iter().copied(), rng).0;
+            (inside[rng.random_range(0..inside.len())], whose)
         };
-        Some(Mixture { layout: mixture.layout, bands: bands(filling, drawn), below, bottom, height, clusters })
+        let clustered = wanted.layout == Layout::Clusters && !inside.is_empty();
+        let count = if clustered { expected.div_ceil(CLUSTER) } else { 0 };
+        let clusters = (0..count).map(|_| cluster()).collect();
+        Some(Mixture {
+            layout: wanted.layout,
+            bands: bands(scene, shapes, wanted, drawn),
+            below,
+            bottom,
+            height,
+            clusters,
+        })
     }
 
     /// Whether this prop may be here.
-    pub fn allows(&self, prop: usize, p: DVec3, rng: &mut impl RngExt) -> bool {
+    pub fn allows(&self, prop: usize, p: DVec3, rng: &mut impl Rng) -> bool {
         if self.layout == Layout::Clusters {
             let near =
                 |a: &&(DVec3, usize), b: &&(DVec3, usize)| p.distance_squared(a.0).total_cmp(&p.distance_squared(b.0));
@@ -76,16 +90,15 @@ impl Mixture {
 }
 
 /// The bands of these props, in the order that is asked for.
-fn bands(filling: &Filling, mut drawn: Vec<usize>) -> Vec<[f64; 2]> {
-    let (props, shapes) = (&filling.scene.props, filling.shapes);
+fn bands(scene: &Scene, shapes: &[Shape], wanted: &Wanted, mut drawn: Vec<usize>) -> Vec<[f64; 2]> {
+    let props = &scene.props;
     let scale = |i: usize| (props[i].scale[0] + props[i].scale[1]) / 2.0;
-    let mixture = filling.params.fill.mixture;
-    drawn.sort_by(|&a, &b| match mixture.sort_by {
+    drawn.sort_by(|&a, &b| match wanted.sort_by {
         SortBy::Size => (shapes[a].size.diameter * scale(a)).total_cmp(&(shapes[b].size.diameter * scale(b))),
         SortBy::Mass => (shapes[a].mass * scale(a).powi(3)).total_cmp(&(shapes[b].mass * scale(b).powi(3))),
         SortBy::Name => props[a].model.name.cmp(&props[b].model.name),
     });
-    if mixture.descending {
+    if wanted.descending {
         drawn.reverse();
     }
     let volume = |i: usize| props[i].weight * shapes[i].size.hull_volume * scale(i).powi(3);

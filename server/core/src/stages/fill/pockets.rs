@@ -1,7 +1,7 @@
 //! Pockets: parts of the control mesh that the fill did not reach, since they are narrow, or since a pour cannot get under an
 //! overhang.
 
-use super::Filling;
+use super::filling::Filling;
 use glam::DVec3;
 
 /// Distance between the points that are looked at, d.

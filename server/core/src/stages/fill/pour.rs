@@ -1,7 +1,7 @@
 //! The `pour` fill of the paper: props are dropped, batch by batch, through the opening of the upside-down container
 //! (Cho et al. 2007). It leaves voids and cannot reach under overhangs; `insert` does both better.
 
-use super::Filling;
+use super::filling::Filling;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;
@@ -28,6 +28,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
     let height = filling.container.high.y - filling.container.base;
     let walls = filling.container.opened(filling.params.base.height * height, COLLAR);
     let walls = filling.world.add_container(&walls.mesh, 0.0).map_err(Error::Internal)?;
+    let core = super::add_core(&mut filling.world, filling.container)?;
     let bottom = DVec3::new(0.0, filling.container.base - COLLAR, 0.0);
     let floor = filling.world.add_wall(bottom, DVec3::Y, 0.0);
     let limit = fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize;
@@ -50,6 +51,7 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
         }
     }
     filling.world.remove_wall(walls);
+    core.into_iter().for_each(|core| filling.world.remove_wall(core));
     filling.world.remove_wall(floor);
     Ok(full)
 }

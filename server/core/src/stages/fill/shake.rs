@@ -1,6 +1,7 @@
 //! Shaking: gravity leans to one side after the other, so that wedged props find a lower place.
 
-use super::{Filling, pockets};
+use super::filling::Filling;
+use super::pockets;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;

@@ -4,7 +4,7 @@
 mod field;
 mod rest;
 
-use super::Filling;
+use super::filling::Filling;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::geometry::rectangle::smallest_rectangle;
@@ -140,7 +140,8 @@ fn sphere() -> impl Iterator<Item = DVec3> {
 /// An empty height field of the container, in cells into which the props fit.
 fn field_of(filling: &Filling, props: &[Layable]) -> Field {
     let container = filling.container;
-    let outline: Vec<DVec2> = container.walls().points.iter().map(|p| DVec2::new(p.x, p.z)).collect();
+    let walls = container.bounds();
+    let outline: Vec<DVec2> = walls.points.iter().map(|p| DVec2::new(p.x, p.z)).collect();
     let (turn, extent) = smallest_rectangle(&outline);
     let mut edges: Vec<(f64, f64)> = Vec::new();
     for ((prop, layable), shape) in filling.scene.props.iter().zip(props).zip(filling.shapes) {
@@ -163,7 +164,7 @@ fn field_of(filling: &Filling, props: &[Layable]) -> Field {
         (0..=CELLS_TRIED).map(|i| shortest * (CELL.0 + (CELL.1 - CELL.0) * f64::from(i) / f64::from(CELLS_TRIED)));
     let best = tried.reduce(|best, cell| if price(cell) < price(best) { cell } else { best }).unwrap_or(shortest);
     let least = ((extent.x * extent.y) / MAX_CELLS).sqrt();
-    Field::new(container.walls(), container.base, DQuat::from_rotation_y(turn), best.max(least), LEEWAY)
+    Field::new(&walls, container.base, DQuat::from_rotation_y(turn), best.max(least), LEEWAY)
 }
 
 /// What is laid may reach through the container's ceiling by this much, d: it is pushed back.

@@ -1,0 +1,71 @@
+//! The core of a pile that is a shell of props: what lies deeper inside the control mesh than they do. It is not seen, and stands still.
+
+use super::{MAX_GRID_NODES, simplify, surface, without_base};
+use crate::geometry::Closed;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::region::{DistanceGrid, Region};
+use crate::prepare::shape::hull_mesh;
+
+/// What props lie on instead of others. SI.
+#[derive(Clone, Debug)]
+pub struct Core {
+    /// Closed, facing outward. Where the control mesh has its base, it reaches into the ground.
+    pub mesh: TriMesh,
+    /// What it takes of the control mesh's volume, m^3, and the surface that props meet, m^2.
+    pub volume: f64,
+    pub area: f64,
+    /// It is its own convex hull.
+    pub is_convex: bool,
+}
+
+/// Lengths in d. Nodes of the grid that the core is found on are this far apart: it need not be exact, as nobody sees it.
+const SPACING: f64 = 0.2;
+const MAX_NODES: usize = MAX_GRID_NODES / 8;
+/// Its surface may be made coarser by this much.
+const TOLERANCE: f64 = 0.05;
+/// Its convex hull stands for it where that takes less than this times its volume: on a mesh, some props never come to rest.
+const CONVEX: f64 = 1.03;
+/// It reaches so deep into the ground.
+const DEPTH: f64 = 0.5;
+
+impl Core {
+    /// What lies deeper inside `control` than `shell` (m), with a base up to `cut` above the ground at `ground`. `diameter`: d, m.
+    /// `None`: nothing does.
+    pub fn new(control: &Closed, ground: f64, cut: f64, shell: f64, diameter: f64) -> Option<Core> {
+        let base = control.mesh.bounds().0.y.max(ground);
+        let lengthened = lengthened(&control.mesh, base, cut, shell + DEPTH * diameter);
+        let distance = DistanceGrid::new(&Region::new(&lengthened), SPACING * diameter, MAX_NODES);
+        let fine = surface(&distance, shell);
+        if fine.triangles.is_empty() {
+            return None;
+        }
+        let area = (0..fine.triangles.len()).map(|i| fine.corners(i)).filter(|[a, b, c]| a.y + b.y + c.y > 3.0 * base);
+        let area = area.map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum();
+        let mut mesh = simplify::run(fine, TOLERANCE * diameter).mesh;
+        mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        let hull = hull_mesh(&mesh.points);
+        let is_convex = (1.0..CONVEX).contains(&(hull.signed_volume() / mesh.signed_volume()));
+        if is_convex {
+            mesh = hull;
+        }
+        Some(Core { volume: volume(&distance, shell, base), area, mesh, is_convex })
+    }
+}
+
+/// The mesh with its base drawn down by `depth`, so that no place is near the base.
+fn lengthened(mesh: &TriMesh, base: f64, cut: f64, depth: f64) -> TriMesh {
+    let (mut whole, bottom) = without_base(mesh, base, cut, depth);
+    let first = whole.points.len() as u32;
+    whole.points.extend(mesh.points.iter().map(|p| p.with_y(base - depth)));
+    whole.triangles.extend(bottom.iter().map(|t| t.map(|v| first + v)));
+    whole
+}
+
+/// Volume above `base` of what lies deeper than `shell`.
+fn volume(distance: &DistanceGrid, shell: f64, base: f64) -> f64 {
+    let (origin, [nx, ny, _], values) = distance.nodes();
+    let spacing = distance.spacing();
+    let height = |i: usize| origin.y + (i / nx % ny) as f64 * spacing;
+    let deep = values.iter().enumerate().filter(|&(i, &value)| value <= -shell && height(i) > base);
+    deep.count() as f64 * spacing.powi(3)
+}
