@@ -7,6 +7,7 @@ mod glb;
 mod glue;
 mod hierarchy;
 mod images;
+mod sources;
 mod table;
 mod tracks;
 

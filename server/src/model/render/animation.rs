@@ -1,6 +1,6 @@
 //! The first animation of a file, evaluated at a moment.
 
-use super::local::{Local, unit};
+use crate::model::local::{Local, unit};
 use crate::model::accessor;
 use crate::model::document::{Document, DocumentError};
 use glam::{DQuat, DVec4};
