@@ -1,10 +1,10 @@
 //! Where every node of a file stands at a moment of its animation.
 
 use super::animation;
-use crate::model::instances::instances;
-use crate::model::local::{Local, unit};
 use crate::model::document::{Document, DocumentError, reference, references};
-use glam::{DAffine3, DMat4, DQuat, DVec3};
+use crate::model::instances::instances;
+use crate::model::local::{self, Local};
+use glam::{DAffine3, DMat4};
 use serde_json::{Map, Value};
 
 const PILE: &str = "pile";
@@ -77,18 +77,8 @@ fn locals(document: &Document, seconds: f64) -> Result<Vec<DAffine3>, DocumentEr
     let mut matrices = Vec::with_capacity(count);
     for index in 0..count {
         let node = document.get("nodes", index)?;
-        let array = |key: &str| -> Option<Vec<f64>> {
-            let items = node.get(key)?.as_array()?;
-            items.iter().map(|v| v.as_f64().filter(|v| v.is_finite())).collect()
-        };
-        let vector = |key: &str| array(key).and_then(|v| <[f64; 3]>::try_from(v).ok()).map(DVec3::from);
-        let rotation = array("rotation").and_then(|v| <[f64; 4]>::try_from(v).ok()).map(DQuat::from_array);
-        matrices.push(array("matrix").and_then(|v| <[f64; 16]>::try_from(v).ok()));
-        parts.push(Local {
-            translation: vector("translation").unwrap_or(DVec3::ZERO),
-            rotation: rotation.map_or(DQuat::IDENTITY, unit),
-            scale: vector("scale").unwrap_or(DVec3::ONE),
-        });
+        matrices.push(local::matrix(node));
+        parts.push(Local::of(node));
     }
     animation::apply(document, seconds, &mut parts)?;
     let pose = |(matrix, local): (Option<[f64; 16]>, Local)| match matrix {
