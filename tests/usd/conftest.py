@@ -21,10 +21,18 @@ output.frames = 40
 """
 
 
+GLUED = """
+control_mesh = "{assets}/letter-t.glb"
+accuracy = "draft"
+props = [{{ path = "{assets}/stick.glb", scale_min = 1.8, scale_max = 1.8 }}]
+output.frames = 2
+"""
+
+
 class Bake:
-    def __init__(self, folder, scene):
+    def __init__(self, folder, scene, endings=(*LAYERS, "glb", "json")):
         self.folder = folder
-        for ending in [*LAYERS, "glb", "json"]:
+        for ending in endings:
             self.cairn("bake", scene, "-o", f"pile.{ending}", "--quiet", "--report", f"{ending}.report")
         self.table = json.loads((folder / "pile.json").read_text())
         self.report = json.loads((folder / "usdc.report").read_text())
@@ -46,7 +54,7 @@ class Bake:
 
 @pytest.fixture(scope="session")
 def mixed(tmp_path_factory):
-    """Props of several meshes with a picture, of compressed meshes, and scenery that is drawn four times; with glue."""
+    """Props of several meshes with a picture, of compressed meshes, and scenery that is drawn four times."""
     return Bake(tmp_path_factory.mktemp("mixed"), ROOT / "tests/viewers/scene.toml")
 
 
@@ -56,6 +64,15 @@ def late(tmp_path_factory):
     scene = folder / "late.toml"
     scene.write_text(LATE.format(assets=ROOT / "examples/assets"))
     return Bake(folder, scene)
+
+
+@pytest.fixture(scope="session")
+def glued(tmp_path_factory):
+    """A letter T, whose arms hang on glue."""
+    folder = tmp_path_factory.mktemp("glued")
+    scene = folder / "letter.toml"
+    scene.write_text(GLUED.format(assets=ROOT / "examples/assets"))
+    return Bake(folder, scene, ["usdc", "json"])
 
 
 @pytest.fixture(params=["mixed", "late"])

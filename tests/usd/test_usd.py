@@ -1,15 +1,15 @@
 """What USD's own library says of Cairn's results."""
 
-import hashlib
 import json
 import pathlib
+import re
 import zipfile
 
 import numpy as np
 import pytest
-from conftest import CAIRN, LAYERS, ROOT
+from conftest import LAYERS
 from glb import Glb, matrix
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils, UsdValidation, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdValidation
 
 BODIES = "/Pile/Bodies"
 
@@ -31,15 +31,22 @@ def places(stage, frame, base=None):
     return np.array([np.array(place) for place in found])
 
 
+def faults(stage):
+    """What usdchecker finds."""
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert len(validators) > 20
+    return [fault.GetErrorAsString() for fault in UsdValidation.ValidationContext(validators).Validate(stage)]
+
+
 @pytest.mark.parametrize("ending", LAYERS)
 def test_the_checkers_find_no_fault(bake, ending):
-    checker = UsdUtils.ComplianceChecker(arkit=False, skipARKitRootLayerCheck=True)
-    checker.CheckCompliance(bake.path(ending))
-    assert not checker.GetErrors() + checker.GetFailedChecks() + checker.GetWarnings()
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert len(validators) > 10
-    found = UsdValidation.ValidationContext(validators).Validate(opened(bake, ending))
-    assert not [fault.GetErrorAsString() for fault in found]
+    stage = opened(bake, ending)
+    assert not faults(stage)
+    # They do look: an input of a wrong type is found.
+    (surface, *_) = [prim for prim in stage.Traverse() if prim.GetName() == "Surface"]
+    surface.RemoveProperty("inputs:metallic")
+    UsdShade.Shader(surface).CreateInput("metallic", Sdf.ValueTypeNames.String)
+    assert any("metallic" in fault for fault in faults(stage))
 
 
 @pytest.mark.parametrize("ending", LAYERS)
@@ -60,8 +67,9 @@ def test_what_the_stage_states(bake, ending):
 
 
 def test_text_crate_and_package_say_the_same(bake):
-    texts = [Usd.Stage.Open(bake.path(ending)).GetRootLayer().ExportToString() for ending in LAYERS]
-    # They are results of their own requests, each with its own hash.
+    texts = [Sdf.Layer.FindOrOpen(bake.path(ending)).ExportToString() for ending in LAYERS]
+    # They are results of their own requests, each with its own hash; and text has no zero below zero.
+    texts = [re.sub(r"-0(?=[,)\]])", "0", text) for text in texts]
     told = [[line for line in text.splitlines() if "request_blake3" not in line] for text in texts]
     assert told[0] == told[1] == told[2] and len(told[0]) > 500
     # Older programs refuse what states a newer version than theirs.
@@ -158,7 +166,10 @@ def test_props_keep_their_looks(mixed, ending):
     assert picture.startswith((b"\x89PNG", b"\xff\xd8\xff"))
     coordinates = UsdGeom.PrimvarsAPI(tub).GetPrimvar("st")
     assert coordinates.GetInterpolation() == "vertex" and len(coordinates.Get()) == len(tub.GetPointsAttr().Get())
-    reader = UsdShade.Shader(texture.GetInput("st").GetConnectedSources()[0][0].source.GetPrim())
+    # The picture is laid on twice as densely.
+    transform = UsdShade.Shader(texture.GetInput("st").GetConnectedSources()[0][0].source.GetPrim())
+    assert transform.GetIdAttr().Get() == "UsdTransform2d" and transform.GetInput("scale").Get() == Gf.Vec2f(2)
+    reader = UsdShade.Shader(transform.GetInput("in").GetConnectedSources()[0][0].source.GetPrim())
     assert reader.GetInput("varname").Get() == "st"
 
 
@@ -176,11 +187,15 @@ def test_every_mesh_is_whole(bake):
         assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
 
 
-def test_glue_is_told(mixed):
-    stage, told = opened(mixed), mixed.table["glue"]
+def test_glue_is_told(glued):
+    stage, told = opened(glued), glued.table["glue"]
+    assert len(told["dots"]) > 5
+    assert not faults(stage)
     dots = UsdGeom.Points(stage.GetPrimAtPath("/Pile/Glue"))
     assert dots.ComputePurpose() == "guide"
-    assert len(dots.GetPointsAttr().Get() or []) == len(told["dots"])
+    assert np.abs(np.array(dots.GetPointsAttr().Get()) - [dot["point"] for dot in told["dots"]]).max() < 1e-5
+    pairs = [tuple(-1 if body is None else body for body in dot["bodies"]) for dot in told["dots"]]
+    assert [tuple(pair) for pair in UsdGeom.PrimvarsAPI(dots).GetPrimvar("cairn:bodies").Get()] == pairs
     anchored = UsdGeom.PrimvarsAPI(bodies(stage)).GetPrimvar("cairn:anchored").Get()
     assert [body for body, value in enumerate(anchored) if value] == told["anchored"]
 

@@ -129,6 +129,10 @@ impl Layer {
     /// Adds a relationship.
     pub fn relationship(&mut self, prim: &Path, name: &str, targets: &[Path]) {
         let path = self.property(prim, name, SpecType::Relationship);
+        // Text says so by itself.
+        if self.encoding == Encoding::Crate {
+            self.set(&path, FieldKey::Variability, Value::Variability(Variability::Uniform));
+        }
         self.set(&path, FieldKey::TargetPaths, Value::PathListOp(ListOp::explicit(targets.iter().cloned())));
     }
 
