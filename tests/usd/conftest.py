@@ -15,9 +15,12 @@ LATE = """
 region = "{assets}/heap.glb"
 accuracy = "draft"
 props = ["{assets}/banana.glb"]
-statics = [{{ path = "{assets}/cart.glb", keyframes = [{{}}, {{ frame = 20, position = [0.5, 0.0, 0.0], rotation = [0.0, 0.1, 0.0, 1.0] }}] }}]
 emitters = [{{ mesh = "{assets}/heap.glb", rate = 20, count = 20 }}]
 output.frames = 40
+
+[[statics]]
+path = "{assets}/cart.glb"
+keyframes = [{{}}, {{ frame = 20, position = [0.5, 0.0, 0.0], rotation = [0.0, 0.1, 0.0, 1.0] }}]
 """
 
 

@@ -34,7 +34,11 @@ class Glb:
         """{node: (translation, rotation x y z w, scale)} at a frame, which is a key or between two equal ones."""
         found = {}
         for index, node in enumerate(self.json["nodes"]):
-            place = (node.get("translation", [0, 0, 0]), node.get("rotation", [0, 0, 0, 1]), node.get("scale", [1, 1, 1]))
+            place = (
+                node.get("translation", [0, 0, 0]),
+                node.get("rotation", [0, 0, 0, 1]),
+                node.get("scale", [1, 1, 1]),
+            )
             found[index] = [np.array(part, float) for part in place]
         for animation in self.json.get("animations", []):
             for channel in animation["channels"]:
