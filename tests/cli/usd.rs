@@ -1,17 +1,9 @@
 //! USD as a result: with its pictures, again, verified, in batches.
 
 use crate::desk::Desk;
-use std::path::Path;
 
-const SCENE: &str = "--control cone.glb --prop banana.glb --accuracy draft --set fill.count=6 --frames 12";
-
-/// A desk with a prop that has a picture.
-fn desk() -> Desk {
-    let desk = Desk::new();
-    let banana = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets/banana.glb");
-    std::fs::copy(banana, desk.path("banana.glb")).unwrap();
-    desk
-}
+/// The stick has a picture.
+const SCENE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=6 --frames 12";
 
 fn bytes(desk: &Desk, name: &str) -> Vec<u8> {
     std::fs::read(desk.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
@@ -19,7 +11,7 @@ fn bytes(desk: &Desk, name: &str) -> Vec<u8> {
 
 #[test]
 fn the_same_bytes_in_every_process_and_again_from_the_result() {
-    let desk = desk();
+    let desk = Desk::new();
     for ending in ["usda", "usdc", "usdz"] {
         for (name, threads) in [("one", 1), ("two", 2)] {
             desk.line(&format!("bake {SCENE} -o {name}.{ending} -q --threads {threads}")).ok();
@@ -37,7 +29,7 @@ fn the_same_bytes_in_every_process_and_again_from_the_result() {
 
 #[test]
 fn what_is_not_as_it_was_written_differs() {
-    let desk = desk();
+    let desk = Desk::new();
     desk.line(&format!("bake {SCENE} -o pile.usdc -q")).ok();
     let picture = desk.path("textures").read_dir().unwrap().next().unwrap().unwrap().path();
     std::fs::remove_file(&picture).unwrap();
@@ -52,7 +44,7 @@ fn what_is_not_as_it_was_written_differs() {
 
 #[test]
 fn pictures_need_a_folder_beside_the_result() {
-    let desk = desk();
+    let desk = Desk::new();
     let before = desk.files();
     desk.line(&format!("bake {SCENE} -o - --format usdc")).fails(2, &["files beside it", "--format usdz"]);
     desk.line(&format!("bake {SCENE} -o pile.usda --server 127.0.0.1:1")).fails(2, &["one file", ".usdz"]);
@@ -67,7 +59,7 @@ fn pictures_need_a_folder_beside_the_result() {
 
 #[test]
 fn a_batch_shares_its_pictures_and_knows_what_is_finished() {
-    let desk = desk();
+    let desk = Desk::new();
     let batch = format!("batch {SCENE} --seeds 1..2 -o out/{{seed}}.usdc --progress none");
     desk.line(&batch).ok();
     let names = |folder: &str| desk.path(folder).read_dir().unwrap().count();

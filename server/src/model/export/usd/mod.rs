@@ -28,8 +28,7 @@ use super::hierarchy::Frame;
 use super::{Encoded, ExportError, ExportScene, ORIGIN};
 use cairn_core::report::OF_A_RUN;
 use cairn_core::report::bake::BakedPile;
-use layer::Encoding;
-use layer::{Layer, short_name};
+use layer::{Encoding, Layer, short_name};
 use model::Stage;
 use openusd::sdf::{FieldKey, Path, Value};
 use openusd::tf::Token;
@@ -53,9 +52,9 @@ pub fn encode_crate(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, Ex
 pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
     let Encoded { bytes, beside } = encode_crate(bake, scene)?;
     let mut package = ArchiveWriter::new(Cursor::new(Vec::new()));
-    let files = std::iter::once(("pile.usdc", &bytes)).chain(beside.iter().map(|(name, bytes)| (name.as_str(), bytes)));
-    let packed = |(name, bytes): (&str, &Vec<u8>)| package.add_layer(name, bytes);
-    let packed = files.map(packed).collect::<Result<(), _>>();
+    let mut files =
+        std::iter::once(("pile.usdc", &bytes)).chain(beside.iter().map(|(name, file)| (name.as_str(), file)));
+    let packed = files.try_for_each(|(name, file)| package.add_layer(name, file));
     let bytes = packed.and_then(|()| package.finish()).map_err(|error| ExportError::Io(Error::other(error)))?;
     Ok(Encoded { bytes: bytes.into_inner(), beside: BTreeMap::new() })
 }

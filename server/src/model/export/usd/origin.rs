@@ -60,8 +60,8 @@ pub fn read(bytes: &[u8]) -> Option<serde_json::Value> {
     }
     // The crate's readers trust what they read: a damaged file makes them panic.
     let read = || -> Option<serde_json::Value> {
-        let layer: Box<dyn AbstractData> = if bytes.starts_with(CRATE) {
-            Box::new(CrateData::open(Cursor::new(bytes.to_vec()), true).ok()?)
+        let layer: Box<dyn AbstractData + '_> = if bytes.starts_with(CRATE) {
+            Box::new(CrateData::open(Cursor::new(bytes), true).ok()?)
         } else if bytes.starts_with(ZIP) {
             usdz::Archive::from_reader(Cursor::new(bytes)).ok()?.read_first_layer().ok()?
         } else {
