@@ -72,6 +72,45 @@ pub fn encode(data: &Data) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Whether the sizes that a file tells fit into it. The crate takes memory for as much as it is told, before it looks.
+pub fn is_sound(bytes: &[u8]) -> bool {
+    /// Of each section how many numbers it begins with, and how many compressed blocks follow, each behind its size.
+    const SECTIONS: [(&[u8], usize, usize); 6] = [
+        (b"TOKENS", 2, 1),
+        (b"STRINGS", 1, 0),
+        (b"FIELDS", 1, 2),
+        (b"FIELDSETS", 1, 1),
+        (b"PATHS", 2, 3),
+        (b"SPECS", 1, 3),
+    ];
+    /// What one byte may tell of at most: four numbers of two bits each, compressed 255 times.
+    const MOST: usize = 4 * 255;
+    let word = |at: usize| -> Option<usize> {
+        let word: [u8; 8] = bytes.get(at..at.checked_add(8)?)?.try_into().ok()?;
+        usize::try_from(u64::from_le_bytes(word)).ok().filter(|word| word / MOST <= bytes.len())
+    };
+    let section = |entry: usize| -> Option<()> {
+        let name = bytes.get(entry..entry + ENTRY_NAME)?.split(|byte| *byte == 0).next()?;
+        let (start, size) = (word(entry + ENTRY_NAME)?, word(entry + ENTRY_NAME + 8)?);
+        let end = (start + size <= bytes.len()).then_some(start + size)?;
+        let Some((_, numbers, blocks)) = SECTIONS.iter().find(|(known, ..)| *known == name) else { return Some(()) };
+        let mut at = start;
+        for _ in 0..*numbers {
+            (word(at)? <= MOST * size).then_some(())?;
+            at += 8;
+        }
+        for _ in 0..*blocks {
+            at += 8 + word(at)?;
+        }
+        (at <= end).then_some(())
+    };
+    let contents = || -> Option<()> {
+        let contents = word(CONTENTS_AT)?;
+        (0..word(contents)?.min(bytes.len())).try_for_each(|number| section(contents + 8 + ENTRY * number))
+    };
+    contents().is_some()
+}
+
 /// A list as it stands in the file where it is not compressed: how many, and each.
 fn plain(list: &Value) -> Result<Vec<u8>> {
     let (count, numbers): (usize, Vec<u8>) = match list {

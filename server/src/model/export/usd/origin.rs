@@ -4,6 +4,7 @@
 //! lists of groups.
 
 use super::super::{ExportError, ORIGIN};
+use super::binary;
 use super::layer::Layer;
 use openusd::sdf::{AbstractData, FieldKey, Path, Value};
 use openusd::usdc::CrateData;
@@ -58,9 +59,9 @@ pub fn read(bytes: &[u8]) -> Option<serde_json::Value> {
         let layer = usda::parse(std::str::from_utf8(&bytes[..end]).ok()?).ok()?;
         return told(&layer, |text| text.replace("\\\\", "\\"));
     }
-    // The crate's readers trust what they read: a damaged file makes them panic.
+    // The crate's readers trust what they read: some damaged files make them panic.
     let read = || -> Option<serde_json::Value> {
-        let layer: Box<dyn AbstractData + '_> = if bytes.starts_with(CRATE) {
+        let layer: Box<dyn AbstractData + '_> = if bytes.starts_with(CRATE) && binary::is_sound(bytes) {
             Box::new(CrateData::open(Cursor::new(bytes), true).ok()?)
         } else if bytes.starts_with(ZIP) {
             usdz::Archive::from_reader(Cursor::new(bytes)).ok()?.read_first_layer().ok()?
