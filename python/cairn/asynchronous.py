@@ -20,7 +20,12 @@ from .wire.messages import v1
 from .wire.recording import Motion, Recording, Snapshot
 
 Event = Accepted | Progress | Snapshot | Summary
-FORMATS = {"glb": v1.OUTPUT_FORMAT_GLB, "json": v1.OUTPUT_FORMAT_JSON, "csv": v1.OUTPUT_FORMAT_CSV}
+FORMATS = {
+    "glb": v1.OUTPUT_FORMAT_GLB,
+    "usdz": v1.OUTPUT_FORMAT_USDZ,
+    "json": v1.OUTPUT_FORMAT_JSON,
+    "csv": v1.OUTPUT_FORMAT_CSV,
+}
 
 
 class AsyncClient:
@@ -71,7 +76,7 @@ class AsyncClient:
     ) -> AsyncBake:
         """Asks for a bake, which begins with the first event that is asked for.
 
-        `has_fill`: whether the fill's frames are told, too. `format`: of the result's file: glb, json or csv.
+        `has_fill`: whether the fill's frames are told, too. `format`: of the result’s file: glb, usdz, json or csv.
         `labels`: names and values to find the bake by. `priority`: -100 to 100; above 0 for operators.
         """
         if format not in FORMATS:

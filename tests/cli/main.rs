@@ -14,3 +14,4 @@ mod readme;
 mod scenes;
 mod study;
 mod tools;
+mod usd;

@@ -10,8 +10,8 @@ fn places_where_no_file_can_be() {
     std::fs::create_dir(desk.path("folder.glb")).unwrap();
     let before = desk.files();
     for (output, told) in [
-        ("pile.fbx", ".glb, .json or .csv"),
-        ("pile", ".glb, .json or .csv"),
+        ("pile.fbx", ".glb, .usdc, .usda, .usdz, .json or .csv"),
+        ("pile", ".json or .csv"),
         ("folder.glb", "folder.glb"),
         ("gone/pile.glb", "gone"),
         ("stick.glb", "the scene reads this file"),

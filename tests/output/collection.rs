@@ -3,9 +3,10 @@
 //! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_DATA`, or `../shared/data` beside the workspace; without one,
 //! the example assets.
 
+use crate::files::encode;
 use crate::files::pile_of;
 use cairn::files;
-use cairn::model::export::{ExportScene, Format, SourceModel, encode};
+use cairn::model::export::{ExportScene, Format, SourceModel};
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::geometry::pose::Pose;
 use glam::{DQuat, DVec3};
@@ -49,7 +50,7 @@ fn what_can_be_read_can_be_written() {
             continue;
         }
         let model = SourceModel { name: "prop", file: &name, bytes: &bytes, node: None, resolve: &resolve };
-        let scene = ExportScene { props: vec![model], scenery: vec![model], origin: None };
+        let scene = ExportScene { props: vec![model], scenery: vec![model], ..Default::default() };
         let result = encode(Format::Glb, &pile, &scene).unwrap_or_else(|error| panic!("{name}: {error}"));
         std::fs::write(results.join(format!("{}.glb", name.replace(['/', '\\'], "_"))), result).unwrap();
         written += 1;

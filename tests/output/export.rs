@@ -1,9 +1,10 @@
 //! Bakes written as `.glb` and read back by an independent, validating reader.
 
+use crate::files::encode;
 use crate::files::{self, no_files, pile_of, textured_cube, tumbling};
 use crate::reader::{drawn_matrix, json_of, pose_error, read_valid, world_matrix, world_matrix_of_path};
 use cairn::model::export::Format::{Csv, Glb, Json};
-use cairn::model::export::{ExportError, ExportScene, SourceModel, encode, write};
+use cairn::model::export::{ExportError, ExportScene, SourceModel, write};
 use glam::{DMat4, DVec3};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -15,7 +16,7 @@ fn prop<'a>(name: &'a str, bytes: &'a [u8], node: Option<&'a str>) -> SourceMode
 #[test]
 fn world_matrices_follow_the_poses() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], ..Default::default() };
     let pile = pile_of(&[(0, 1.0), (0, 0.5), (0, 2.0)], tumbling(3, 50));
     let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     for frame in [0, 1, 17, 48, 49] {
@@ -33,7 +34,7 @@ fn world_matrices_follow_the_poses() {
 #[test]
 fn constant_tracks_are_absent_and_waiting_is_cheap() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], ..Default::default() };
     let mut frames = tumbling(3, 40);
     for frame in 0..40 {
         frames[frame][0] = frames[0][0]; // never moves
@@ -62,7 +63,7 @@ fn constant_tracks_are_absent_and_waiting_is_cheap() {
 #[test]
 fn no_frame_and_one_frame_make_a_still() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], ..Default::default() };
     for frames in [0, 1] {
         let pile = pile_of(&[(0, 1.0), (0, 3.0)], tumbling(2, frames));
         let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
@@ -79,7 +80,7 @@ fn no_frame_and_one_frame_make_a_still() {
 #[test]
 fn embedded_textures_and_material_extensions_survive() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], ..Default::default() };
     let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     let file = read_valid(&bytes);
     let image = file.document.images().next().unwrap();
@@ -100,7 +101,7 @@ fn embedded_textures_and_material_extensions_survive() {
 #[test]
 fn hierarchies_are_rebuilt_below_each_body() {
     let kit = files::kit();
-    let scene = ExportScene { props: vec![prop("kit", &kit, None)], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![prop("kit", &kit, None)], scenery: vec![], ..Default::default() };
     let pile = pile_of(&[(0, 1.5), (0, 1.0)], tumbling(2, 3));
     let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     assert_eq!(file.document.meshes().count(), 1);
@@ -119,7 +120,7 @@ fn hierarchies_are_rebuilt_below_each_body() {
 fn a_chosen_node_keeps_its_rotation_and_scale_and_loses_its_place() {
     let kit = files::kit();
     let props = vec![prop("mirrored", &kit, Some("Mirrored")), prop("wheel", &kit, Some("Wheel"))];
-    let scene = ExportScene { props, scenery: vec![], origin: None };
+    let scene = ExportScene { props, scenery: vec![], ..Default::default() };
     let pile = pile_of(&[(0, 1.0), (1, 2.0)], tumbling(2, 3));
     let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
     assert_eq!(file.document.meshes().count(), 1, "two props of one file share what they share");
@@ -137,7 +138,7 @@ fn a_chosen_node_keeps_its_rotation_and_scale_and_loses_its_place() {
 fn scenery_keeps_its_hierarchy_and_place() {
     let (cube, kit) = (textured_cube(), files::kit());
     let scenery = vec![prop("yard", &kit, None), prop("wheel", &kit, Some("Wheel"))];
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery, origin: None };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery, ..Default::default() };
     let file = read_valid(&encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 3)), &scene).unwrap());
     let tops: Vec<_> = file.document.default_scene().unwrap().nodes().map(|n| n.name().unwrap().to_string()).collect();
     assert_eq!(tops, ["pile", "scenery"]);
@@ -154,11 +155,11 @@ fn scenery_keeps_its_hierarchy_and_place() {
 fn the_same_file_twice_is_stored_once() {
     let cube = textured_cube();
     let copy = cube.clone();
-    let single = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
+    let single = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], ..Default::default() };
     let double = ExportScene {
         props: vec![prop("cube", &cube, None), prop("copy", &copy, None)],
         scenery: vec![],
-        origin: None,
+        ..Default::default()
     };
     let frames = tumbling(2, 2);
     let one = read_valid(&encode(Glb, &pile_of(&[(0, 1.0), (0, 1.0)], frames.clone()), &single).unwrap());
@@ -172,7 +173,7 @@ fn external_buffers_are_embedded_and_missing_images_stay() {
     let (gltf, bin) = files::separate();
     let resolve = |uri: &str| if uri == "cube.bin" { Ok(bin.clone()) } else { Err(format!("{uri} is missing")) };
     let model = SourceModel { name: "cube", file: "cube.gltf", bytes: &gltf, node: None, resolve: &resolve };
-    let scene = ExportScene { props: vec![model], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![model], scenery: vec![], ..Default::default() };
     let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     let json = json_of(&bytes);
     assert_eq!(json["buffers"].as_array().unwrap().len(), 1);
@@ -182,7 +183,7 @@ fn external_buffers_are_embedded_and_missing_images_stay() {
 
     let reachable = |uri: &str| Ok(if uri == "cube.bin" { bin.clone() } else { files::PNG.to_vec() });
     let model = SourceModel { resolve: &reachable, ..model };
-    let scene = ExportScene { props: vec![model], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![model], scenery: vec![], ..Default::default() };
     let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     assert_eq!(json_of(&bytes)["images"][0]["mimeType"], "image/png");
     read_valid(&bytes);
@@ -197,7 +198,7 @@ fn viewed(name: &str) -> Vec<u8> {
 fn compressed_sources_become_plain() {
     let pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
     let written = |bytes: &[u8]| {
-        encode(Glb, &pile, &ExportScene { props: vec![prop("it", bytes, None)], scenery: vec![], origin: None })
+        encode(Glb, &pile, &ExportScene { props: vec![prop("it", bytes, None)], scenery: vec![], ..Default::default() })
     };
     for name in ["draco.gltf", "meshopt.gltf"] {
         let source = viewed(name);
@@ -223,7 +224,8 @@ fn a_scene_can_be_chosen_by_name() {
     let nodes = source["scenes"][0]["nodes"].clone();
     source["scenes"] = json!([{ "nodes": [] }, { "name": "Shelf", "nodes": nodes }]);
     let (source, pile) = (source.to_string(), pile_of(&[(0, 1.0)], tumbling(1, 2)));
-    let scene = |name| ExportScene { props: vec![prop("it", source.as_bytes(), name)], scenery: vec![], origin: None };
+    let scene =
+        |name| ExportScene { props: vec![prop("it", source.as_bytes(), name)], scenery: vec![], ..Default::default() };
     assert!(encode(Glb, &pile, &scene(Some("Shelf"))).is_ok());
     assert!(encode(Glb, &pile, &scene(Some("Shelves"))).is_err());
     assert!(encode(Glb, &pile, &scene(None)).is_err(), "the default scene is empty");
@@ -232,7 +234,7 @@ fn a_scene_can_be_chosen_by_name() {
 #[test]
 fn tables_hold_every_pose() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], ..Default::default() };
     let pile = pile_of(&[(0, 1.0), (0, 0.5)], tumbling(2, 4));
     let table: Value = serde_json::from_slice(&encode(Json, &pile, &scene).unwrap()).unwrap();
     assert_eq!(table["fps"], 24.0);
@@ -253,7 +255,7 @@ fn tables_hold_every_pose() {
 #[test]
 fn writing_is_all_or_nothing() {
     let cube = textured_cube();
-    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], ..Default::default() };
     let pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
     let folder = tempfile::tempdir().unwrap();
     let entries = || std::fs::read_dir(folder.path()).unwrap().count();
@@ -265,7 +267,7 @@ fn writing_is_all_or_nothing() {
     assert_eq!(entries(), 1);
 
     let broken =
-        ExportScene { props: vec![prop("cube", &cube[..cube.len() - 1], None)], scenery: vec![], origin: None };
+        ExportScene { props: vec![prop("cube", &cube[..cube.len() - 1], None)], scenery: vec![], ..Default::default() };
     assert!(matches!(write(&path, &pile, &broken), Err(ExportError::Source { .. })));
     assert_eq!(std::fs::read(&path).unwrap(), encode(Glb, &pile, &scene).unwrap(), "the old result stays");
     assert_eq!(entries(), 1);
@@ -284,7 +286,7 @@ fn hostile_sources_are_errors() {
     let good = files::kit_json();
     let refuse = |json: Value| {
         let bytes = json.to_string().into_bytes();
-        let scene = ExportScene { props: vec![prop("bad", &bytes, None)], scenery: vec![], origin: None };
+        let scene = ExportScene { props: vec![prop("bad", &bytes, None)], scenery: vec![], ..Default::default() };
         assert!(matches!(encode(Glb, &pile, &scene), Err(ExportError::Source { .. })), "{json}");
     };
     for (pointer, value) in [
@@ -307,7 +309,7 @@ fn hostile_sources_are_errors() {
         refuse(json);
     }
     for bytes in [&b""[..], b"glTF", b"glTF\x02\0\0\0\xff\xff\xff\xff", b"[]", b"{\"nodes\": 3"] {
-        let scene = ExportScene { props: vec![prop("bad", bytes, None)], scenery: vec![], origin: None };
+        let scene = ExportScene { props: vec![prop("bad", bytes, None)], scenery: vec![], ..Default::default() };
         assert!(matches!(encode(Glb, &pile, &scene), Err(ExportError::Source { .. })), "{bytes:?}");
     }
 }

@@ -2,6 +2,7 @@
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
+use cairn::model::export::{ExportError, ExportScene, Format};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::{BakedBody, BakedPile};
 use glam::{DMat4, DQuat, DVec3};
@@ -150,4 +151,9 @@ pub fn kit_nodes() -> Vec<(&'static [&'static str], DMat4)> {
     let arm = DMat4::from_cols_array(&[0., 2., 0., 0., -2., 0., 0., 0., 0., 0., 1., 0., 4., 5., 6., 1.]);
     let mirrored = DMat4::from_translation(DVec3::X * 7.0) * DMat4::from_scale(DVec3::new(-1.0, 1.0, 3.0));
     vec![(&["Root", "Wheel"], root * wheel), (&["Root", "Arm", "Mirrored"], root * arm * mirrored)]
+}
+
+/// The bytes of a result's own file.
+pub fn encode(format: Format, pile: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+    cairn::model::export::encode(format, pile, scene).map(|encoded| encoded.bytes)
 }

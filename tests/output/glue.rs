@@ -1,10 +1,11 @@
 //! What results tell of the glue.
 
+use crate::files::encode;
 use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
 use crate::reader::{json_of, read_valid, world_matrix};
 use cairn::job::Job;
 use cairn::job::reuse::Cache;
-use cairn::model::export::{ExportScene, Format, SourceModel, encode};
+use cairn::model::export::{ExportScene, Format, SourceModel};
 use cairn::scene_file::SceneTree;
 use cairn_core::input::observer::{Frame, Observer, Progress};
 use cairn_core::report::bake::{Bake, BakedPile};
@@ -62,7 +63,7 @@ fn extras_are_merged() {
     let (cube, kit, with_text) = (textured_cube(), kit(), with_text.to_string().into_bytes());
     let prop = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files };
     let props = [&cube, &kit, &with_extras, &with_text].map(|bytes| prop(bytes)).to_vec();
-    let scene = ExportScene { props, scenery: vec![], origin: None };
+    let scene = ExportScene { props, scenery: vec![], ..Default::default() };
     let bodies = [0, 1, 2, 2, 3, 3, 0].map(|prop| (prop, 1.0));
     let mut pile = pile_of(&bodies, tumbling(bodies.len(), 3));
     let plain = json_of(&encode(Format::Glb, &pile, &scene).unwrap());
@@ -121,7 +122,7 @@ fn letter() -> (Bake, Vec<u8>) {
     tree.put("accuracy", json!("ACCURACY_DRAFT"));
     let job = Job::read(&tree.to_message()).unwrap();
     let done = job.run(Format::Glb, "pile.glb", &mut Cache::none(), &mut Patient).unwrap();
-    (done.bake, done.result)
+    (done.bake, done.result.bytes)
 }
 
 #[test]

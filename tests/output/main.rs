@@ -6,3 +6,4 @@ mod files;
 mod glue;
 mod reader;
 mod render;
+mod usd;

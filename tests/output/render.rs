@@ -1,8 +1,9 @@
 //! Pictures of results.
 
+use crate::files::encode;
 use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
 use crate::glue::dot;
-use cairn::model::export::{ExportScene, Format, SourceModel, encode};
+use cairn::model::export::{ExportScene, Format, SourceModel};
 use cairn::model::render::{Model, Moment, RenderError, Settings, render};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::Glue;
@@ -20,7 +21,7 @@ fn picture(bytes: &[u8], settings: Settings) -> Result<RgbImage, RenderError> {
 fn baked(frames: Vec<Vec<Pose>>) -> Vec<u8> {
     let (cube, kit) = (textured_cube(), kit());
     let model = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files };
-    let scene = ExportScene { props: vec![model(&cube), model(&kit)], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![model(&cube), model(&kit)], scenery: vec![], ..Default::default() };
     encode(Format::Glb, &pile_of(&[(0, 1.0), (1, 0.2), (0, 2.0)], frames), &scene).unwrap()
 }
 
@@ -160,7 +161,7 @@ fn glued(moves: f64) -> Vec<u8> {
         clusters: vec![vec![0, 1]],
         anchored: vec![],
     });
-    encode(Format::Glb, &pile, &ExportScene { props: vec![prop], scenery: vec![], origin: None }).unwrap()
+    encode(Format::Glb, &pile, &ExportScene { props: vec![prop], scenery: vec![], ..Default::default() }).unwrap()
 }
 
 const SHOWN: Settings = Settings { glue: true, size: [480, 180], azimuth: 0.0, elevation: 5.0, ..SMALL };
@@ -190,7 +191,7 @@ fn dots_are_shown() {
 fn a_pile_without_glue_is_refused() {
     let cube = textured_cube();
     let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files };
-    let scene = ExportScene { props: vec![prop], scenery: vec![], origin: None };
+    let scene = ExportScene { props: vec![prop], scenery: vec![], ..Default::default() };
     let plain = encode(Format::Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     for bytes in [&plain, &kit()] {
         let refused = picture(bytes, SHOWN).unwrap_err().to_string();

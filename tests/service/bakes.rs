@@ -57,6 +57,28 @@ async fn a_plan_simulates_nothing() {
 }
 
 #[tokio::test]
+async fn usd_comes_in_one_file() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let mut wanted = short(1);
+    for format in [OutputFormat::Usda, OutputFormat::Usdc] {
+        wanted.set_format(format);
+        let told = connection.service.plan_bake(PlanBakeRequest { spec: Some(wanted.clone()) }).await.unwrap_err();
+        let details = assert_fault(&told, Code::InvalidArgument, "REQUEST_INVALID");
+        assert_eq!(fields(&details), ["spec.format"]);
+    }
+    wanted.set_format(OutputFormat::Usdz);
+    let stream = connection.service.bake(request(wanted)).await.unwrap().into_inner();
+    let (told, end) = events(stream).await;
+    end.unwrap();
+    let result = download(&mut connection, &accepted_id(&told), Artifact::Result.into()).await;
+    let Some(Kind::Summary(summary)) = &told.last().unwrap().kind else { panic!("the summary last") };
+    assert_eq!(sha256(&result), summary.result_sha256);
+    let origin = cairn::model::export::origin(&result).unwrap();
+    assert_eq!(origin["result_blake3"], summary.result_blake3.as_str());
+}
+
+#[tokio::test]
 async fn a_bake_tells_its_events_in_order_and_leaves_its_result() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;

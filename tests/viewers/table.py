@@ -28,7 +28,7 @@ def matrix(table, frame, body):
     ]
 
 
-def compare(program, table, poses):
+def compare(program, table, poses, tolerance=TOLERANCE):
     """Ends the program unless `poses`, {(frame, body): rows}, are those of the table."""
     worst = 0.0
     for frame in frames(table):
@@ -36,8 +36,8 @@ def compare(program, table, poses):
             expected, found = matrix(table, frame, body), poses[frame, body]
             worst = max(worst, *(abs(found[r][c] - expected[r][c]) for r in range(4) for c in range(4)))
     print(f"{program}: {len(table['bodies'])} bodies at frames {frames(table)} within {worst:.1e}")
-    if not worst <= TOLERANCE:
-        raise SystemExit(f"{program}: more than {TOLERANCE}")
+    if not worst <= tolerance:
+        raise SystemExit(f"{program}: more than {tolerance}")
     moved = max(
         abs(a - b)
         for body in range(len(table["bodies"]))

@@ -47,8 +47,7 @@ impl Assets {
     pub fn asked(&mut self, variant: &Variant) -> Result<Asked, Vec<Problem>> {
         let scene = variant.tree.to_message();
         let params = from_proto::params(&scene)?;
-        let format = variant.output.extension().and_then(|ending| Format::named(ending.to_str()?));
-        let format = format.expect("the matrix gives names that tell it");
+        let format = Format::of(&variant.output).expect("the matrix gives names that tell it");
         let assets = self.of(&scene)?;
         let fill = fill_hash(&scene, &params, &assets);
         let models = model_files(&scene);

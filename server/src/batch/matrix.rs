@@ -218,7 +218,7 @@ fn fill_in(template: &str, names: &BTreeMap<String, String>) -> Result<String, P
         rest = behind;
     }
     path.push_str(rest);
-    match Path::new(&path).extension().and_then(|ending| Format::named(ending.to_str()?)) {
+    match Format::of(Path::new(&path)) {
         Some(_) => Ok(path),
         None => {
             let what = "cannot tell the format from the name";

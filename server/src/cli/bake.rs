@@ -7,7 +7,7 @@ use super::remote::{self, Access, Asked, Wanted};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, summary, tell};
 use crate::job::{self, Job, Outcome, machine};
-use crate::model::export::{self, Format};
+use crate::model::export::{self, Encoded, Format};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use anstyle::AnsiColor;
@@ -24,17 +24,19 @@ Examples:
   cairn bake pile.toml -o pile.glb --server farm:50151 --token-file token --label shot=a010
 
 The first frame is the pile right after turning over. A result appears complete or not at all, as soon as the pile is
-done; then its figures are found, and the report is written. Ctrl-C before that leaves nothing behind.")]
+done; then its figures are found, and the report is written. USD holds the figures, too, and waits for them. Ctrl-C before a result
+is there leaves nothing behind.")]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
-    /// Result: .glb (animation), .json or .csv (tables of transforms); - is the standard output
+    /// Result: .glb, .usdc, .usda or .usdz (animations), .json or .csv (tables of transforms); - is the standard output. The pictures of
+    /// a .usdc or .usda are in the folder `textures` beside it
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 
     /// What the result is, where its name does not tell [default: the name's ending; glb for -]
-    #[arg(long, value_parser = ["glb", "json", "csv"])]
+    #[arg(long, value_parser = Format::NAMES)]
     format: Option<String>,
 
     /// Also write how good the pile is and how it was made, as JSON
@@ -77,6 +79,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None if output::is_stdout(&args.output) => Format::Glb,
         None => export::check_destination(&args.output)?,
     };
+    if format.has_files_beside() {
+        output::check_beside(&args.output, args.server.is_some())?;
+    }
     if args.progress == Mode::Openjd && output::is_stdout(&args.output) {
         let what = "the progress goes to the standard output, too";
         return Err(Failure::Usage(vec![Problem::new("--progress openjd", what, "Name a file for the result.")]));
@@ -104,7 +109,7 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     let mut reporter = Reporter::new(mode);
     // The result does not wait for its figures.
     let mut written = None;
-    let mut write = |result: &[u8]| {
+    let mut write = |result: &Encoded| {
         let outcome = output::write_before_report(&args.output, result, args.report.as_deref());
         let next = if outcome.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
         written = Some(outcome);

@@ -2,6 +2,7 @@
 
 use super::{Failure, interrupt};
 use crate::files::{self, Staged};
+use crate::model::export::{BESIDE, Encoded};
 use crate::problem::Problem;
 use crate::trouble;
 use std::fs::File;
@@ -69,6 +70,26 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Whether a result can have files beside it: it is a file, and theirs have a folder.
+pub fn check_beside(output: &Path, is_remote: bool) -> Result<(), Failure> {
+    let usage = |place: &Path, what: &str, remedy: &str| {
+        Err(Failure::Usage(vec![Problem::new(place.display().to_string(), what, remedy)]))
+    };
+    if is_remote {
+        let what = "its pictures would be in files beside it, and a server gives one file";
+        return usage(output, what, "End it in .usdz: that holds all.");
+    }
+    if !matches!(Way::to(output), Way::File(_)) {
+        let what = "its pictures would be in files beside it, and this is no file";
+        return usage(output, what, "Use --format usdz: that holds all.");
+    }
+    let folder = files::folder_of(output).join(BESIDE);
+    if folder.exists() && !folder.is_dir() {
+        return usage(&folder, "no folder, and the result's pictures would be in it", "Rename it, or write elsewhere.");
+    }
+    Ok(())
+}
+
 /// Writes a file, complete or not at all; or into what the path leads to.
 pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
     let written = match Way::to(path) {
@@ -88,13 +109,15 @@ fn write_through(way: Way, path: &Path, content: &[u8]) -> std::io::Result<()> {
     trouble::write("stream-write", &mut stream, content)
 }
 
-/// Writes a result whose report is still to come. One that is there tells of another result, and goes.
-pub fn write_before_report(output: &Path, result: &[u8], report: Option<&Path>) -> Result<(), Failure> {
+/// Writes a result whose report is still to come. One that is there tells of another result, and goes. What the result names beside it
+/// is there before it.
+pub fn write_before_report(output: &Path, result: &Encoded, report: Option<&Path>) -> Result<(), Failure> {
     let _complete = interrupt::shield();
     if interrupt::asked() {
         return Err(Failure::Cancelled);
     }
-    write(output, result)?;
+    result.write_beside(output).map_err(|error| Failure::write(&files::folder_of(output).join(BESIDE), error))?;
+    write(output, &result.bytes)?;
     let Some((path, Way::File(old))) = report.map(|path| (path, Way::to(path))) else { return Ok(()) };
     match std::fs::remove_file(old) {
         Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::write(path, error)),

@@ -2,6 +2,7 @@
 
 use super::Failure;
 use crate::job::again;
+use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use serde_json::{Value, json};
@@ -10,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct SceneArgs {
-    /// Scene file (.toml or .json); `cairn scene` writes one. Or a result (.glb): the scene that it was baked of. The flags below
+    /// Scene file (.toml or .json); `cairn scene` writes one. Or a result (.glb, .usdc, .usda, .usdz): the scene that it was baked of. The flags below
     /// override it
     pub scene: Option<PathBuf>,
 
@@ -55,7 +56,7 @@ pub struct SceneArgs {
 
 /// Whether a path names a result, rather than a scene file.
 pub fn is_result(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("glb"))
+    Format::of(path).is_some_and(Format::tells_origin)
 }
 
 impl SceneArgs {

@@ -6,7 +6,7 @@ use super::{Failure, interrupt, print};
 use crate::files;
 use crate::job::reuse::Cache;
 use crate::job::{Job, Outcome, again, machine};
-use crate::model::export::Format;
+use crate::model::export::{Encoded, Format};
 use crate::problem::Problem;
 use crate::wire::proto::Versions;
 use crate::wire::versions::versions;
@@ -25,7 +25,7 @@ Examples:
 
 Exit code 0: all are the same; 1: one is not.")]
 pub struct Args {
-    /// Results: .glb
+    /// Results: .glb, .usdc, .usda, .usdz
     #[arg(required = true, value_name = "RESULT")]
     results: Vec<PathBuf>,
 
@@ -82,14 +82,20 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
     let job = Job::read_within(&tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
     let job = job.relative_to(tree.folder());
     let mut reporter = Reporter::new(args.progress);
-    let done = job.run(Format::Glb, &path.display().to_string(), &mut Cache::none(), &mut reporter);
+    let format = Format::of(path).filter(|format| format.tells_origin()).unwrap_or(Format::Glb);
+    let done = job.run(format, &path.display().to_string(), &mut Cache::none(), &mut reporter);
     reporter.finish(done.is_ok());
     let Outcome { result, hash, .. } = done?;
-    if result == before {
-        return Ok(None);
+    let Encoded { bytes, beside } = result;
+    if bytes == before {
+        let is_there = |(name, bytes): &(&String, &Vec<u8>)| {
+            std::fs::read(files::folder_of(path).join(name)).is_ok_and(|there| there == **bytes)
+        };
+        let wrong = beside.iter().find(|file| !is_there(file));
+        return Ok(wrong.map(|(name, _)| format!("DIFFERS: {name} beside it is not there, or not as it was written")));
     }
     let motion =
         if hash.to_hex().as_str() == origin.result_blake3 { "the motion is the same" } else { "the motion differs" };
-    let at = result.iter().zip(&before).position(|(a, b)| a != b).unwrap_or(result.len().min(before.len()));
+    let at = bytes.iter().zip(&before).position(|(a, b)| a != b).unwrap_or(bytes.len().min(before.len()));
     Ok(Some(format!("DIFFERS from byte {at} on; by its hash, {motion}")))
 }

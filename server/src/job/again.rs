@@ -1,8 +1,7 @@
 //! A result as the scene that it was baked of.
 
 use crate::files;
-use crate::model::document::Document;
-use crate::model::export::ORIGIN;
+use crate::model::export::{self, Format};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
@@ -29,8 +28,7 @@ pub struct Asset {
 
 /// What a result's bytes tell, where they do.
 pub fn origin(result: &[u8]) -> Option<Origin> {
-    let document = Document::parse(result, &|_| Err(String::new())).ok()?;
-    Origin::deserialize(document.json().get("asset")?.get("extras")?.get(ORIGIN)?).ok()
+    Origin::deserialize(export::origin(result)?).ok()
 }
 
 /// The scene of a result, its files found again by their names and hashes: below `assets`; where that is not given, below the
@@ -39,7 +37,10 @@ pub fn scene(path: &Path, assets: Option<&Path>) -> Result<SceneTree, Vec<Proble
     let one = |what: &str, remedy: &str| vec![Problem::new(path.display().to_string(), what, remedy)];
     let bytes = files::read(path).map_err(|problem| vec![problem])?;
     let Some(origin) = origin(&bytes) else {
-        return Err(one("a mesh, not a scene file", "Give it by --control, --prop or --static."));
+        return Err(match Format::of(path) {
+            Some(Format::Glb) => one("a mesh, not a scene file", "Give it by --control, --prop or --static."),
+            _ => one("it does not tell what it was baked of", "Name a result as Cairn wrote it, or a scene file."),
+        });
     };
     let folder = find(&origin.assets, &places(path, assets)).map_err(|asset| {
         let what = format!("its file {} is not here with the content that it was baked of", asset.uri);

@@ -11,7 +11,7 @@ pub mod reuse;
 mod run;
 mod sources;
 
-use crate::model::export::{ExportScene, Format, SourceModel};
+use crate::model::export::{ExportScene, Format, Measures, SourceModel};
 use crate::wire::proto::{self, BakeSpec};
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
@@ -86,9 +86,9 @@ impl Job {
     }
 
     /// The models in their original files, and what the result tells of where it comes from.
-    pub fn export_scene<'a>(&'a self, origin: &'a Value) -> ExportScene<'a> {
+    pub fn export_scene<'a>(&'a self, origin: &'a Value, measures: Option<&'a Measures>) -> ExportScene<'a> {
         let (props, scenery) = (self.sources(&self.props), self.sources(&self.statics));
-        ExportScene { props, scenery, origin: Some(origin) }
+        ExportScene { props, scenery, origin: Some(origin), measures }
     }
 
     fn sources<'a>(&'a self, references: &'a [Reference]) -> Vec<SourceModel<'a>> {

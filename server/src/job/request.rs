@@ -62,5 +62,8 @@ pub fn output_format(format: Format) -> OutputFormat {
         Format::Glb => OutputFormat::Glb,
         Format::Json => OutputFormat::Json,
         Format::Csv => OutputFormat::Csv,
+        Format::Usda => OutputFormat::Usda,
+        Format::Usdc => OutputFormat::Usdc,
+        Format::Usdz => OutputFormat::Usdz,
     }
 }

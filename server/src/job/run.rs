@@ -4,7 +4,7 @@ use super::Job;
 use super::report::{self, Made, Spent};
 use super::request;
 use super::reuse::Cache;
-use crate::model::export::{self, ExportError, Format};
+use crate::model::export::{self, Encoded, ExportError, Format, Measures};
 use crate::scene_file::SceneTree;
 use crate::trouble;
 use cairn_core::input::observer::Observer;
@@ -15,7 +15,7 @@ use std::ops::ControlFlow;
 pub struct Outcome {
     pub bake: Bake,
     /// In the format asked for.
-    pub result: Vec<u8>,
+    pub result: Encoded,
     /// JSON.
     pub report: String,
     /// See [`report::result_hash`].
@@ -47,7 +47,7 @@ impl Job {
         self.run_and_deliver(format, output, cache, observer, &mut |_| ControlFlow::Continue(()))
     }
 
-    /// The same. `deliver` gets the result's file as soon as there is one: figures take their time, and do not change it. Its
+    /// The same. `deliver` gets the result as soon as there is one: figures take their time, and most formats do not tell them. Its
     /// `Break` cancels the bake.
     pub fn run_and_deliver(
         &self,
@@ -55,15 +55,15 @@ impl Job {
         output: &str,
         cache: &mut Cache,
         observer: &mut dyn Observer,
-        deliver: &mut dyn FnMut(&[u8]) -> ControlFlow<()>,
+        deliver: &mut dyn FnMut(&Encoded) -> ControlFlow<()>,
     ) -> Result<Outcome, Error> {
         let request = self.request(format);
         let mut encode_seconds = 0.0;
-        let mut delivered = |pile: &BakedPile| {
+        let mut delivered = |pile: &BakedPile, measures: Option<&Measures>| {
             let begin = self.meter.seconds();
             let hash = report::result_hash(pile);
             let origin = request::origin(&request, hash);
-            let result = export::encode(format, pile, &self.export_scene(&origin))?;
+            let result = export::encode(format, pile, &self.export_scene(&origin, measures))?;
             encode_seconds = self.meter.seconds() - begin;
             match deliver(&result) {
                 ControlFlow::Continue(()) => Ok((result, hash)),
@@ -77,16 +77,20 @@ impl Job {
         let (bake, (result, hash)) = match known {
             Some(mut bake) => {
                 bake.report.recall();
-                let files = delivered(&bake.pile)?;
+                let files = delivered(&bake.pile, Some(&bake.report.measures))?;
                 (bake, files)
             }
             None => {
                 let full = cairn_core::fill_container(scene, params, cache, observer)?;
                 let released = cairn_core::release_pile(scene, params, &full, observer)?;
-                let files = delivered(&released.pile())?;
                 // Figures never cost a result that is there.
+                let early = (!format.tells_measures()).then(|| delivered(&released.pile(), None)).transpose()?;
                 trouble::at("measure").ok();
                 let bake = released.measured(observer)?;
+                let files = match early {
+                    Some(files) => files,
+                    None => delivered(&bake.pile, Some(&bake.report.measures))?,
+                };
                 if may_recall {
                     cache.keep_bake(scene, params, &bake);
                 }
@@ -96,7 +100,8 @@ impl Job {
         let seconds = self.began.elapsed().as_secs_f64();
         let spent = Spent { read: self.read_seconds, encode: encode_seconds, cpu: self.meter.seconds(), wall: seconds };
         let scene = SceneTree::from_message(&self.effective);
-        let made = Made { request: request::hash(&request), result: hash, output: blake3::hash(&result), name: output };
+        let made =
+            Made { request: request::hash(&request), result: hash, output: blake3::hash(&result.bytes), name: output };
         let report = format!("{:#}\n", report::json(&bake, &made, &scene, &self.notes, &spent));
         Ok(Outcome { bake, result, report, hash, seconds })
     }

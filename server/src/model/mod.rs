@@ -7,4 +7,7 @@ mod decompress;
 pub mod decompress;
 pub mod document;
 pub mod export;
+mod instances;
+mod local;
+mod primitive;
 pub mod render;

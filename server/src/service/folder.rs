@@ -16,5 +16,11 @@ pub fn result_name(format: OutputFormat) -> &'static str {
         OutputFormat::Unspecified | OutputFormat::Glb => "result.glb",
         OutputFormat::Json => "result.json",
         OutputFormat::Csv => "result.csv",
+        OutputFormat::Usda => "result.usda",
+        OutputFormat::Usdc => "result.usdc",
+        OutputFormat::Usdz => "result.usdz",
     }
 }
+
+/// The formats that a bake over the service may have: a result is one file.
+pub const FORMATS: [OutputFormat; 4] = [OutputFormat::Glb, OutputFormat::Json, OutputFormat::Csv, OutputFormat::Usdz];

@@ -12,10 +12,10 @@
 
 use crate::files::{remove_unfinished, sync_folder, write_atomically};
 use crate::service::config::Config;
-use crate::service::folder::{ASSETS, EVENTS, REPORT, SPEC, result_name};
+use crate::service::folder::{ASSETS, EVENTS, FORMATS, REPORT, SPEC, result_name};
 use crate::trouble;
 use crate::wire::digest::hex;
-use crate::wire::proto::{BakeSpec, BakeState, BakeStatus, OutputFormat};
+use crate::wire::proto::{BakeSpec, BakeState, BakeStatus};
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File, TryLockError};
@@ -135,10 +135,9 @@ impl Store {
         }
         let folder = self.folder(&status.bake_id);
         let has = |name: &str, bytes: i64| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() as i64 == bytes);
-        let formats = [OutputFormat::Glb, OutputFormat::Json, OutputFormat::Csv];
         if !has(EVENTS, status.event_bytes) {
             Some("its events are cut off or gone".into())
-        } else if !formats.iter().any(|format| has(result_name(*format), result_bytes)) {
+        } else if !FORMATS.iter().any(|format| has(result_name(*format), result_bytes)) {
             Some("its result is cut off or gone".into())
         } else {
             None
@@ -178,7 +177,7 @@ impl Store {
         let _ = fs::remove_dir_all(folder.join(ASSETS));
         remove_unfinished(&folder);
         if status.state() != BakeState::Succeeded {
-            let results = [OutputFormat::Glb, OutputFormat::Json, OutputFormat::Csv].map(result_name);
+            let results = FORMATS.map(result_name);
             for name in results.into_iter().chain([REPORT]) {
                 let _ = fs::remove_file(folder.join(name));
             }

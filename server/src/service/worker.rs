@@ -147,7 +147,7 @@ pub fn bake(folder: &Path, cache: &mut Cache) -> Result<(), Error> {
     }
     let done = done?;
     files::write_atomically(&folder.join(REPORT), done.report.as_bytes())?;
-    files::write_atomically(&path, &done.result)?;
+    files::write_atomically(&path, &done.result.bytes)?;
     let summary = summary(&done, &job.notes);
     watcher.log.append(Kind::Summary(summary.clone()))?;
     tell(News::Logged(watcher.log.sync()?));
@@ -219,8 +219,8 @@ fn summary(done: &Outcome, notes: &[String]) -> proto::Summary {
             .collect(),
         warnings: notes.iter().chain(&report.warnings).cloned().collect(),
         result_blake3: done.hash.to_hex().to_string(),
-        result_bytes: to_proto::signed(done.result.len()),
-        result_sha256: hex(&Sha256::digest(&done.result)),
+        result_bytes: to_proto::signed(done.result.bytes.len()),
+        result_sha256: hex(&Sha256::digest(&done.result.bytes)),
         cpu_seconds: machine::cpu_seconds(),
         report_sha256: hex(&Sha256::digest(&done.report)),
         peak_memory_bytes: to_proto::signed(machine::peak_memory().unwrap_or(0)),

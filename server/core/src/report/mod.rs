@@ -27,6 +27,9 @@ use std::collections::BTreeMap;
 /// The name of a figure.
 pub type Name = Cow<'static, str>;
 
+/// Figures that are made of times, so that they differ from run to run.
+pub const OF_A_RUN: [&str; 2] = ["control_overhead", "analysis_us_per_body"];
+
 /// What a bake tells of itself.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Report {

@@ -62,7 +62,7 @@ impl Output {
 /// A source file that is being copied from; remembers where everything went, so that nothing is copied twice.
 pub struct Source<'a> {
     pub document: Document,
-    resolve: &'a Resolver<'a>,
+    pub resolve: &'a Resolver<'a>,
     copied: BTreeMap<(&'static str, usize), usize>,
 }
 

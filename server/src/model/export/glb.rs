@@ -18,12 +18,13 @@
 //! A body that appears later has scale 0 until then, by keys that do not blend: glTF's own way to hide a node, which every
 //! player and importer follows. Moving scenery is moved by the same animation.
 
-use super::copy::{Output, Source};
-use super::hierarchy::{Branch, Frame, INSTANCING, branch};
+use super::copy::Output;
+use super::hierarchy::{Branch, Frame};
+use super::sources::Sources;
 use super::tracks::{self, Track};
-use super::{ExportError, ExportScene, ORIGIN, SourceModel, glue};
-use crate::model::decompress;
+use super::{ExportError, ExportScene, ORIGIN, glue};
 use crate::model::document::DocumentError;
+use crate::model::instances::INSTANCING;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::BakedPile;
 use serde_json::{Map, Value, json};
@@ -61,8 +62,7 @@ struct File<'a> {
     out: Output,
     /// Nodes whose final content is known later than their place.
     nodes: BTreeMap<usize, Value>,
-    /// Each distinct source file once.
-    sources: Vec<(&'a SourceModel<'a>, Source<'a>)>,
+    sources: Sources<'a>,
 }
 
 impl<'a> File<'a> {
@@ -74,7 +74,7 @@ impl<'a> File<'a> {
         for (i, body) in bake.bodies.iter().enumerate() {
             let model = &scene.props[body.prop];
             if let std::collections::btree_map::Entry::Vacant(slot) = props.entry(body.prop) {
-                slot.insert(self.open(model, Frame::Origin)?);
+                slot.insert(self.sources.open(model, Frame::Origin)?);
             }
             let (source, branch) = &props[&body.prop];
             let at = pile + 1 + i;
@@ -116,7 +116,7 @@ impl<'a> File<'a> {
     ) -> Result<Option<usize>, ExportError> {
         let mut children = Vec::new();
         for (i, model) in scene.scenery.iter().enumerate() {
-            let (source, branch) = self.open(model, Frame::World)?;
+            let (source, branch) = self.sources.open(model, Frame::World)?;
             let nodes = self.place(source, &branch).map_err(|error| ExportError::source(model, error))?;
             let mut node = json!({ "name": model.name, "children": nodes });
             let first = bake.scenery.get(i).and_then(|poses| poses.first()).copied();
@@ -134,26 +134,6 @@ impl<'a> File<'a> {
         Ok(Some(self.out.push("nodes", json!({ "name": "scenery", "children": children }))))
     }
 
-    /// The source file of a model, parsed once however often it is used, and the part of it that is wanted.
-    fn open(&mut self, model: &'a SourceModel, frame: Frame) -> Result<(usize, Branch), ExportError> {
-        let wrap = |error| ExportError::source(model, error);
-        let same = |(other, source): &(&SourceModel, Source)| {
-            other.bytes == model.bytes && (other.file == model.file || source.document.is_self_contained())
-        };
-        let known = self.sources.iter().position(same);
-        let index = match known {
-            Some(index) => index,
-            None => {
-                let document = decompress::open(model.bytes, model.resolve).map_err(wrap)?;
-                self.sources.push((model, Source::new(document, model.resolve)));
-                self.sources.len() - 1
-            }
-        };
-        let document = &self.sources[index].1.document;
-        let chosen = model.node.map(|name| document.part(name)).transpose().map_err(wrap)?;
-        Ok((index, branch(document, chosen, frame).map_err(wrap)?))
-    }
-
     /// A node's members with everything it refers to copied.
     fn node(
         &mut self,
@@ -161,7 +141,7 @@ impl<'a> File<'a> {
         mut json: Map<String, Value>,
         mesh: Option<usize>,
     ) -> Result<Map<String, Value>, DocumentError> {
-        let source = &mut self.sources[source].1;
+        let source = self.sources.get(source);
         if let Some(mesh) = mesh {
             json.insert("mesh".into(), json!(source.mesh(mesh, &mut self.out)?));
         }

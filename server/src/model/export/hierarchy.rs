@@ -2,6 +2,7 @@
 
 use super::glue;
 use crate::model::document::{Document, DocumentError, Part, reference, references};
+use crate::model::instances::INSTANCING;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 
@@ -151,9 +152,6 @@ fn kept(source: &Map<String, Value>) -> Map<String, Value> {
     }
     json
 }
-
-/// Draws a node's mesh many times; its attributes are accessors.
-pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 /// A node's transform without the members that say nothing.
 fn transform_of(source: &Map<String, Value>) -> Map<String, Value> {

@@ -1,4 +1,4 @@
-//! Writers of a finished bake: an animated `.glb`, and tables as `.json` and `.csv`.
+//! Writers of a finished bake: an animated `.glb`, USD, and tables as `.json` and `.csv`.
 //!
 //! The same bake and sources give the same bytes. A file appears complete or not at all.
 
@@ -7,15 +7,20 @@ mod glb;
 mod glue;
 mod hierarchy;
 mod images;
+mod sources;
 mod table;
 mod tracks;
+mod usd;
 
 use crate::files::{folder_of, write_atomically};
-use crate::model::document::{DocumentError, Resolver};
+use crate::model::document::{Document, DocumentError, Resolver};
+use cairn_core::report::Name;
 use cairn_core::report::bake::BakedPile;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What a bake's bodies look like.
+#[derive(Default)]
 pub struct ExportScene<'a> {
     /// In the order of the scene's props: `Body::prop` is an index into this.
     pub props: Vec<SourceModel<'a>>,
@@ -23,7 +28,41 @@ pub struct ExportScene<'a> {
     pub scenery: Vec<SourceModel<'a>>,
     /// What the result tells of where it comes from.
     pub origin: Option<&'a serde_json::Value>,
+    /// The figures of the pile, for formats that tell them.
+    pub measures: Option<&'a Measures>,
 }
+
+/// As the report has them.
+pub type Measures = BTreeMap<Name, Option<f64>>;
+
+/// A result.
+pub struct Encoded {
+    pub bytes: Vec<u8>,
+    /// Files that it names, by their paths from its folder. Results in one folder may share them: equal names have equal content.
+    pub beside: BTreeMap<String, Vec<u8>>,
+}
+
+impl Encoded {
+    fn alone(bytes: Vec<u8>) -> Encoded {
+        Encoded { bytes, beside: BTreeMap::new() }
+    }
+
+    /// Writes what is to be beside a result of that path. What is there already stays.
+    pub fn write_beside(&self, path: &Path) -> std::io::Result<()> {
+        for (name, bytes) in &self.beside {
+            let path = folder_of(path).join(name);
+            if std::fs::read(&path).is_ok_and(|there| there == *bytes) {
+                continue;
+            }
+            std::fs::create_dir_all(folder_of(&path))?;
+            write_atomically(&path, bytes)?;
+        }
+        Ok(())
+    }
+}
+
+/// The folder of the files beside results.
+pub const BESIDE: &str = usd::FOLDER;
 
 /// Below which key a result tells where it comes from.
 pub const ORIGIN: &str = "cairn";
@@ -50,11 +89,16 @@ pub enum Format {
     Glb,
     Json,
     Csv,
+    Usda,
+    Usdc,
+    Usdz,
 }
 
 impl Format {
     /// For messages.
-    pub const ENDINGS: &str = ".glb, .json or .csv";
+    pub const ENDINGS: &str = ".glb, .usdc, .usda, .usdz, .json or .csv";
+    /// As they are named on the command line.
+    pub const NAMES: [&str; 6] = ["glb", "usdc", "usda", "usdz", "json", "csv"];
 
     /// The format of a file name's ending.
     pub fn named(ending: &str) -> Option<Format> {
@@ -62,15 +106,38 @@ impl Format {
             "glb" => Some(Format::Glb),
             "json" => Some(Format::Json),
             "csv" => Some(Format::Csv),
+            "usda" => Some(Format::Usda),
+            "usdc" => Some(Format::Usdc),
+            "usdz" => Some(Format::Usdz),
             _ => None,
         }
+    }
+
+    /// The format of a file's name.
+    pub fn of(path: &Path) -> Option<Format> {
+        Format::named(path.extension()?.to_str()?)
+    }
+
+    /// Whether it tells where it comes from, and is no scene file by its ending.
+    pub fn tells_origin(self) -> bool {
+        !matches!(self, Format::Json | Format::Csv)
+    }
+
+    /// Whether a result may have files beside it, so that it must be a file itself.
+    pub fn has_files_beside(self) -> bool {
+        matches!(self, Format::Usda | Format::Usdc)
+    }
+
+    /// Whether it tells the figures of the pile, so that it is written after these are found.
+    pub fn tells_measures(self) -> bool {
+        matches!(self, Format::Usda | Format::Usdc | Format::Usdz)
     }
 }
 
 /// Why a bake was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    #[error("{}: cannot tell the format from the name; end it in .glb, .json or .csv", .0.display())]
+    #[error("{}: cannot tell the format from the name; end it in {}", .0.display(), Format::ENDINGS)]
     UnknownFormat(PathBuf),
     #[error("{}: is a directory; name a file in it", .0.display())]
     IsDirectory(PathBuf),
@@ -98,8 +165,7 @@ impl ExportError {
 
 /// The format that a path asks for, and whether a file can appear there. To be asked before a long bake.
 pub fn check_destination(path: &Path) -> Result<Format, ExportError> {
-    let format = path.extension().and_then(|ending| Format::named(ending.to_str()?));
-    let format = format.ok_or_else(|| ExportError::UnknownFormat(path.into()))?;
+    let format = Format::of(path).ok_or_else(|| ExportError::UnknownFormat(path.into()))?;
     if path.is_dir() {
         return Err(ExportError::IsDirectory(path.into()));
     }
@@ -109,16 +175,18 @@ pub fn check_destination(path: &Path) -> Result<Format, ExportError> {
     Ok(format)
 }
 
-/// Writes a bake in the format that the path's extension names. The file is written aside, synced and then moved to
-/// its place, so that an error or a crash leaves nothing half-written.
+/// Writes a bake in the format that the path's extension names. Each file is written aside, synced and then moved to
+/// its place, the result's own last, so that an error or a crash leaves nothing half-written.
 pub fn write(path: &Path, bake: &BakedPile, scene: &ExportScene) -> Result<(), ExportError> {
     let format = check_destination(path)?;
-    let bytes = encode(format, bake, scene)?;
-    write_atomically(path, &bytes).map_err(|error| ExportError::Write { path: path.into(), error })
+    let encoded = encode(format, bake, scene)?;
+    let fail = |error| ExportError::Write { path: path.into(), error };
+    encoded.write_beside(path).map_err(fail)?;
+    write_atomically(path, &encoded.bytes).map_err(fail)
 }
 
-/// The bytes that [`write`] writes.
-pub fn encode(format: Format, bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+/// The files that [`write`] writes.
+pub fn encode(format: Format, bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
     for (frame, poses) in bake.frames.iter().enumerate() {
         assert_eq!(poses.len(), bake.bodies.len(), "every frame has a pose per body");
         if let Some(body) = poses.iter().position(|p| !(p.translation.is_finite() && p.rotation.is_normalized())) {
@@ -126,9 +194,20 @@ pub fn encode(format: Format, bake: &BakedPile, scene: &ExportScene) -> Result<V
         }
     }
     match format {
-        Format::Glb => glb::encode(bake, scene),
-        Format::Json => table::encode_json(bake, scene),
-        Format::Csv => table::encode_csv(bake, scene),
+        Format::Glb => glb::encode(bake, scene).map(Encoded::alone),
+        Format::Json => table::encode_json(bake, scene).map(Encoded::alone),
+        Format::Csv => table::encode_csv(bake, scene).map(Encoded::alone),
+        Format::Usda => usd::encode_text(bake, scene),
+        Format::Usdc => usd::encode_crate(bake, scene),
+        Format::Usdz => usd::encode_package(bake, scene),
+    }
+}
+
+/// What a result tells of where it comes from: a `.glb`, or one of USD's formats.
+pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
+    match Document::parse(result, &|_| Err(String::new())) {
+        Ok(document) => Some(document.json().get("asset")?.get("extras")?.get(ORIGIN)?.clone()),
+        Err(_) => usd::read_origin(result),
     }
 }
 

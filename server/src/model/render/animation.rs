@@ -1,8 +1,8 @@
 //! The first animation of a file, evaluated at a moment.
 
-use super::local::{Local, unit};
 use crate::model::accessor;
 use crate::model::document::{Document, DocumentError};
+use crate::model::local::{Local, unit};
 use glam::{DQuat, DVec4};
 use gltf::animation::{Interpolation, Property};
 use gltf::json::animation as json;

@@ -3,15 +3,14 @@
 use super::Problem;
 use super::nodes::Placed;
 use super::texture::{Material, Picture};
-use crate::model::accessor;
-use crate::model::document::{Document, DocumentError, Resolver, reference};
-use cairn_core::asset::compressed::DRACO;
+use crate::model::document::{Document, Resolver, reference};
+use crate::model::primitive::Primitive;
 use glam::{DAffine3, DQuat, DVec2, DVec3, Vec2, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::triangle::Triangle;
-use serde_json::{Map, Value};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -90,13 +89,15 @@ impl Library {
                 }
             };
             let set = self.materials[material].texture.as_ref().map(|t| t.set);
-            let primitive = Primitive::read(document, index, primitive, set)?;
+            let primitive = Primitive::read(document, index, primitive)?;
+            let coordinates = set.map(|set| primitive.vectors::<2>(&format!("TEXCOORD_{set}"))).transpose()?.flatten();
+            let normals = primitive.vectors::<3>("NORMAL")?;
+            let normal = |i: usize| normals.as_ref().map_or(Vec3::ZERO, |n| DVec3::from(n[i]).as_vec3());
+            let coordinate = |i: usize| coordinates.as_ref().map_or(Vec2::ZERO, |c| DVec2::from(c[i]).as_vec2());
             *budget = budget.checked_sub(primitive.corners.len()).ok_or(Problem::TooLarge)?;
             for &corners in &primitive.corners {
                 triangles.push(corners.map(|i| primitive.points[i]));
-                let normals = primitive.normals.as_ref().map_or([Vec3::ZERO; 3], |n| corners.map(|i| n[i]));
-                let coordinates = primitive.coordinates.as_ref().map_or([Vec2::ZERO; 3], |c| corners.map(|i| c[i]));
-                surfaces.push(Surface { normals, coordinates, material });
+                surfaces.push(Surface { normals: corners.map(normal), coordinates: corners.map(coordinate), material });
             }
         }
         Ok(Mesh::new(triangles, surfaces))
@@ -142,65 +143,4 @@ fn outline(triangles: &[Triangle]) -> Vec<DVec3> {
     points.sort_by(|a, b| a.to_array().partial_cmp(&b.to_array()).unwrap_or(std::cmp::Ordering::Equal));
     points.dedup();
     points
-}
-
-/// Triangles that share their vertices.
-struct Primitive {
-    points: Vec<DVec3>,
-    normals: Option<Vec<Vec3>>,
-    coordinates: Option<Vec<Vec2>>,
-    /// Indices that all three lists have.
-    corners: Vec<[usize; 3]>,
-}
-
-impl Primitive {
-    fn read(
-        document: &Document,
-        mesh: usize,
-        json: &Map<String, Value>,
-        set: Option<usize>,
-    ) -> Result<Primitive, Problem> {
-        let malformed = |problem: &str| DocumentError::malformed("meshes", mesh, problem);
-        if json.get("extensions").is_some_and(|extensions| extensions.get(DRACO).is_some()) {
-            return Err(malformed("has compressed data that cannot be decoded").into());
-        }
-        let attributes = json.get("attributes").and_then(Value::as_object);
-        let attribute = |name: &str| attributes.and_then(|a| reference(a, name));
-        let positions = attribute("POSITION").ok_or_else(|| malformed("has a primitive without positions"))?;
-        let points: Vec<DVec3> = accessor::vectors::<3>(document, positions)?.into_iter().map(DVec3::from).collect();
-        let count = points.len();
-        let normals = match attribute("NORMAL") {
-            Some(a) => {
-                let normals = accessor::vectors::<3>(document, a)?;
-                Some(normals.into_iter().map(|n| DVec3::from(n).as_vec3()).collect::<Vec<_>>())
-            }
-            None => None,
-        };
-        let coordinates = match set.and_then(|set| attribute(&format!("TEXCOORD_{set}"))) {
-            Some(a) => {
-                let coordinates = accessor::vectors::<2>(document, a)?;
-                Some(coordinates.into_iter().map(|c| DVec2::from(c).as_vec2()).collect::<Vec<_>>())
-            }
-            None => None,
-        };
-        let (normals, coordinates) = (normals.filter(|n| n.len() == count), coordinates.filter(|c| c.len() == count));
-        let order: Vec<usize> = match reference(json, "indices") {
-            Some(indices) => accessor::indices(document, indices)?.into_iter().map(|i| i as usize).collect(),
-            None => (0..count).collect(),
-        };
-        if order.iter().any(|&i| i >= count) {
-            return Err(malformed("has an index out of range").into());
-        }
-        let corners = match json.get("mode").and_then(Value::as_u64).unwrap_or(4) {
-            4 => order.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect(),
-            5 => {
-                let strip =
-                    |(i, w): (usize, &[usize])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
-                order.windows(3).enumerate().map(strip).collect()
-            }
-            6 if !order.is_empty() => order[1..].windows(2).map(|w| [order[0], w[0], w[1]]).collect(),
-            _ => Vec::new(),
-        };
-        Ok(Primitive { points, normals, coordinates, corners })
-    }
 }

@@ -4,7 +4,6 @@ mod animation;
 mod camera;
 mod glue;
 mod library;
-mod local;
 mod nodes;
 mod shade;
 mod stage;

@@ -29,6 +29,9 @@ pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
     let mut wrong = |field: String, description: String| problems.push(FieldProblem { field, description });
     if OutputFormat::try_from(spec.format).is_err() {
         wrong("spec.format".into(), format!("there is no format {}; see OutputFormat", spec.format));
+    } else if matches!(spec.format(), OutputFormat::Usda | OutputFormat::Usdc) {
+        let what = "a result of this format may have pictures beside it, and the service gives one file; ask for OUTPUT_FORMAT_USDZ";
+        wrong("spec.format".into(), what.into());
     }
     if spec.assets.len() > MAX_ASSETS {
         wrong("spec.assets".into(), format!("more than {MAX_ASSETS}; pack files into .glb"));

@@ -1,0 +1,42 @@
+//! What room something takes.
+
+use super::layer::vector;
+use glam::{DAffine3, DVec3};
+use openusd::gf;
+
+/// A box along the axes; of nothing at first.
+#[derive(Clone, Copy)]
+pub struct Bounds {
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Bounds { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY }
+    }
+}
+
+impl Bounds {
+    pub fn add(&mut self, point: DVec3) {
+        self.low = self.low.min(point);
+        self.high = self.high.max(point);
+    }
+
+    /// Takes in another box, moved.
+    pub fn join(&mut self, other: &Bounds, by: DAffine3) {
+        if other.low.x > other.high.x {
+            return;
+        }
+        for corner in 0..8 {
+            let pick = |axis: usize| if corner >> axis & 1 == 0 { other.low[axis] } else { other.high[axis] };
+            self.add(by.transform_point3(DVec3::new(pick(0), pick(1), pick(2))));
+        }
+    }
+
+    /// As prims have it.
+    pub fn extent(&self) -> Vec<gf::Vec3f> {
+        let is_empty = self.low.x > self.high.x;
+        if is_empty { vec![gf::Vec3f::from([0.0; 3]); 2] } else { vec![vector(self.low), vector(self.high)] }
+    }
+}

@@ -1,0 +1,186 @@
+//! The bodies of a pile: one `PointInstancer`.
+
+use super::super::hierarchy::Frame;
+use super::super::{ExportError, ExportScene, tracks};
+use super::binary::SHORTEST_COMPRESSED;
+use super::bounds::Bounds;
+use super::layer::{short_name, vector};
+use super::model::Stage;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::report::Glue;
+use cairn_core::report::bake::BakedPile;
+use glam::{DAffine3, DQuat, DVec3};
+use openusd::gf;
+use openusd::sdf::{FieldKey, Path, Value};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Values at moments, by their frames.
+type Samples = Vec<(f64, Value)>;
+
+/// Writes the bodies below the pile's prim.
+pub fn write<'a>(
+    stage: &mut Stage<'a>,
+    pile: &Path,
+    bake: &BakedPile,
+    scene: &'a ExportScene,
+) -> Result<(), ExportError> {
+    let instancer = stage.layer.prim(pile, "Bodies", "PointInstancer");
+    let (prototypes, bounds) = prototypes(stage, &instancer, bake, scene)?;
+    let layer = &mut stage.layer;
+    let targets: Vec<Path> = prototypes.values().map(|(_, prim)| prim.clone()).collect();
+    layer.relationship(&instancer, "prototypes", &targets);
+    let indices: Vec<i32> = bake.bodies.iter().map(|body| prototypes[&body.prop].0 as i32).collect();
+    layer.attribute(&instancer, "int[] protoIndices", indices);
+    layer.attribute(&instancer, "int64[] ids", (0..bake.bodies.len() as i64).collect::<Vec<_>>());
+
+    let frames = told_frames(bake);
+    let at = |values: &dyn Fn(usize) -> Value| -> Samples { frames.iter().map(|&f| (f as f64, values(f))).collect() };
+    let points = |v: Vec<DVec3>| Value::Vec3fVec(v.into_iter().map(vector).collect());
+    let positions = at(&|f| points(bake.frames[f].iter().map(|pose| pose.translation).collect()));
+    layer.animated(&instancer, "point3f[] positions", positions);
+    let rotations = rotations(bake);
+    layer.orientations(&instancer, frames.iter().map(|&f| (f as f64, rotations[f].clone())).collect());
+    layer.animated(&instancer, "float3[] scales", scales(bake));
+    if bake.bodies.iter().any(|body| body.first_frame > 0) {
+        layer.animated(&instancer, "int64[] invisibleIds", invisible(bake));
+    }
+    if bake.frames.len() > 1 {
+        let velocities = at(&|f| points(motion(bake, f, |a, b| b.translation - a.translation)));
+        layer.animated(&instancer, "vector3f[] velocities", velocities);
+        let turns = at(&|f| points(motion(bake, f, |a, b| turn(a.rotation, b.rotation))));
+        layer.animated(&instancer, "vector3f[] angularVelocities", turns);
+    }
+    layer.animated(&instancer, "float3[] extent", at(&|f| Value::Vec3fVec(room(bake, f, &bounds).extent())));
+    if let Some(glue) = &bake.glue {
+        let (clusters, anchored) = held(glue, bake.bodies.len());
+        layer.primvar(&instancer, "int[] primvars:cairn:cluster", "vertex", clusters);
+        layer.primvar(&instancer, "bool[] primvars:cairn:anchored", "vertex", anchored);
+    }
+    Ok(())
+}
+
+/// The props that bodies have, by their numbers: place among the prototypes, and prim. And what room each takes.
+type Prototypes = (BTreeMap<usize, (usize, Path)>, BTreeMap<usize, Bounds>);
+
+fn prototypes<'a>(
+    stage: &mut Stage<'a>,
+    instancer: &Path,
+    bake: &BakedPile,
+    scene: &'a ExportScene,
+) -> Result<Prototypes, ExportError> {
+    let scope = stage.layer.prim(instancer, "Prototypes", "Scope");
+    let (mut prims, mut bounds) = (BTreeMap::new(), BTreeMap::new());
+    let used: BTreeSet<usize> = bake.bodies.iter().map(|body| body.prop).collect();
+    for (place, prop) in used.into_iter().enumerate() {
+        let model = &scene.props[prop];
+        let prim = stage.layer.prim(&scope, short_name(model.name), "Xform");
+        let shown = stage.layer.text(model.name);
+        stage.layer.set(&prim, FieldKey::DisplayName, shown);
+        bounds.insert(prop, stage.model(&prim, model, Frame::Origin)?);
+        prims.insert(prop, (place, prim));
+    }
+    Ok((prims, bounds))
+}
+
+/// The frames that say something: one between two like it does not.
+fn told_frames(bake: &BakedPile) -> Vec<usize> {
+    let frames = &bake.frames;
+    let last = frames.len().saturating_sub(1);
+    let says = |&f: &usize| f == 0 || f == last || frames[f - 1] != frames[f] || frames[f] != frames[f + 1];
+    (0..frames.len()).filter(says).collect()
+}
+
+/// Per frame and body, each in the half space of the one before it.
+fn rotations(bake: &BakedPile) -> Vec<Vec<gf::Quatf>> {
+    let mut rotations = vec![Vec::with_capacity(bake.bodies.len()); bake.frames.len()];
+    for body in 0..bake.bodies.len() {
+        let track = tracks::rotations(bake.frames.iter().map(|poses| poses[body]));
+        for (frame, [x, y, z, w]) in rotations.iter_mut().zip(track) {
+            frame.push(gf::Quatf { w, x, y, z });
+        }
+    }
+    rotations
+}
+
+/// The scales of the bodies: nothing until they appear. The steps are one frame long, in which [`invisible`] hides them.
+fn scales(bake: &BakedPile) -> Samples {
+    let at = |frame: usize| {
+        let scale =
+            |body: &cairn_core::report::bake::BakedBody| if frame < body.first_frame { 0.0 } else { body.scale };
+        Value::Vec3fVec(bake.bodies.iter().map(|body| vector(DVec3::splat(scale(body)))).collect())
+    };
+    let steps = appearances(bake).into_iter().flat_map(|frame| [frame.saturating_sub(1), frame]);
+    steps.collect::<BTreeSet<_>>().into_iter().map(|frame| (frame as f64, at(frame))).collect()
+}
+
+/// The bodies that are not there yet. So few that their list is too short for USD to compress are told several times over, which says
+/// the same: see `binary`.
+fn invisible(bake: &BakedPile) -> Samples {
+    let at = |frame: usize| {
+        let ids = bake.bodies.iter().enumerate().filter(|(_, body)| frame < body.first_frame).map(|(id, _)| id as i64);
+        let ids: Vec<i64> = ids.collect();
+        let count = if ids.is_empty() { 0 } else { ids.len().max(SHORTEST_COMPRESSED) };
+        Value::Int64Vec(ids.into_iter().cycle().take(count).collect())
+    };
+    appearances(bake).into_iter().map(|frame| (frame as f64, at(frame))).collect()
+}
+
+/// Frame 0, and those in which bodies appear.
+fn appearances(bake: &BakedPile) -> BTreeSet<usize> {
+    std::iter::once(0).chain(bake.bodies.iter().map(|body| body.first_frame)).collect()
+}
+
+/// How fast something changes from a frame to the next, per second: USD moves bodies on from a frame by that, so that they arrive
+/// where the next one has them. The last frame goes on as the one before it.
+fn motion(bake: &BakedPile, frame: usize, change: impl Fn(&Pose, &Pose) -> DVec3) -> Vec<DVec3> {
+    let from = frame.min(bake.frames.len() - 2);
+    let pairs = bake.frames[from].iter().zip(&bake.frames[from + 1]);
+    pairs.map(|(a, b)| change(a, b) * bake.fps).collect()
+}
+
+/// The turn from one rotation to another by the short way: its axis, as long as its angle in degrees.
+fn turn(from: DQuat, to: DQuat) -> DVec3 {
+    let turn = (to * from.inverse()).normalize();
+    let (axis, angle) = (if turn.w < 0.0 { -turn } else { turn }).to_axis_angle();
+    axis * angle.to_degrees()
+}
+
+/// The room of all bodies that are there.
+fn room(bake: &BakedPile, frame: usize, bounds: &BTreeMap<usize, Bounds>) -> Bounds {
+    let mut all = Bounds::default();
+    for (body, pose) in bake.bodies.iter().zip(&bake.frames[frame]).filter(|(body, _)| body.first_frame <= frame) {
+        let scale = DVec3::splat(body.scale);
+        let placed = DAffine3::from_scale_rotation_translation(scale, pose.rotation, pose.translation);
+        all.join(&bounds[&body.prop], placed);
+    }
+    all
+}
+
+/// Of each body the number of its cluster, -1 where it has none, and whether it is anchored.
+fn held(glue: &Glue, bodies: usize) -> (Vec<i32>, Vec<bool>) {
+    let (mut clusters, mut anchored) = (vec![-1; bodies], vec![false; bodies]);
+    for (number, members) in glue.clusters.iter().enumerate() {
+        members.iter().for_each(|&body| clusters[body] = number as i32);
+    }
+    glue.anchored.iter().for_each(|&body| anchored[body] = true);
+    (clusters, anchored)
+}
+
+/// Writes a prim that is placed by poses.
+pub fn place(stage: &mut Stage, prim: &Path, poses: &[Pose]) {
+    let moments = |track: Option<Vec<u32>>| track.unwrap_or_else(|| vec![0]);
+    let translations = tracks::translations(poses.iter().copied());
+    let frames = moments(tracks::thin(&translations).map(|track| track.frames));
+    let value = |frame: u32| Value::Vec3d(translations[frame as usize].map(f64::from).into());
+    let samples = frames.into_iter().map(|frame| (f64::from(frame), value(frame))).collect();
+    stage.layer.animated(prim, "double3 xformOp:translate", samples);
+    let rotations = tracks::rotations(poses.iter().copied());
+    let frames = moments(tracks::thin(&rotations).map(|track| track.frames));
+    let value = |frame: u32| {
+        let [x, y, z, w] = rotations[frame as usize];
+        Value::Quatf(gf::Quatf { w, x, y, z })
+    };
+    let samples = frames.into_iter().map(|frame| (f64::from(frame), value(frame))).collect();
+    stage.layer.animated(prim, "quatf xformOp:orient", samples);
+    stage.layer.order(prim, &["xformOp:translate", "xformOp:orient"]);
+}

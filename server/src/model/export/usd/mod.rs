@@ -1,0 +1,117 @@
+//! USD: a layer as text or as a crate, with its pictures beside it; or all in one package.
+//!
+//! The default prim `Pile` has below it:
+//!
+//! - `Bodies`, a `PointInstancer`: `ids` are the bodies' numbers, in all formats the same; `Prototypes` holds the props, each with its
+//!   own materials, so that it can be referred to by itself. A time code is a frame. `velocities` (per second) and
+//!   `angularVelocities` (degrees per second) lead from each frame to the next. Bodies that appear later are among the `invisibleIds`
+//!   until then, and without size for programs that do not look at these.
+//! - `Scenery`, where there is any: each file below a prim of its name. What moves has time samples.
+//! - `Glue`, where bodies may be glued: a point for each dot, where it is at the last frame, with the purpose `guide`. Its primvars
+//!   `cairn:bodies` (the second is -1 for the ground or scenery), `cairn:normal`, `cairn:force`, `cairn:moment` and `cairn:broken` are
+//!   those of the `.glb`; the bodies' primvars `cairn:cluster` (-1: none) and `cairn:anchored`, too.
+//!
+//! Metres, Y up. The figures of the pile are custom data of `Pile`, so that they go where it is referred to; where the result comes
+//! from is custom data of the layer.
+
+mod binary;
+mod bounds;
+mod glue;
+mod instancer;
+mod layer;
+mod material;
+mod model;
+mod origin;
+mod textures;
+
+use super::hierarchy::Frame;
+use super::{Encoded, ExportError, ExportScene, ORIGIN};
+use cairn_core::report::OF_A_RUN;
+use cairn_core::report::bake::BakedPile;
+use layer::{Encoding, Layer, short_name};
+use model::Stage;
+use openusd::sdf::{FieldKey, Path, Value};
+use openusd::tf::Token;
+use openusd::usdz::ArchiveWriter;
+pub use origin::read as read_origin;
+use std::collections::{BTreeMap, HashMap};
+use std::io::{Cursor, Error};
+pub use textures::FOLDER;
+
+/// The `.usda`, and its pictures.
+pub fn encode_text(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+    encode(Encoding::Text, bake, scene)
+}
+
+/// The `.usdc`, and its pictures.
+pub fn encode_crate(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+    encode(Encoding::Crate, bake, scene)
+}
+
+/// The `.usdz`.
+pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+    let Encoded { bytes, beside } = encode_crate(bake, scene)?;
+    let mut package = ArchiveWriter::new(Cursor::new(Vec::new()));
+    let mut files =
+        std::iter::once(("pile.usdc", &bytes)).chain(beside.iter().map(|(name, file)| (name.as_str(), file)));
+    let packed = files.try_for_each(|(name, file)| package.add_layer(name, file));
+    let bytes = packed.and_then(|()| package.finish()).map_err(|error| ExportError::Io(Error::other(error)))?;
+    Ok(Encoded { bytes: bytes.into_inner(), beside: BTreeMap::new() })
+}
+
+fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+    let mut layer = Layer::new(encoding);
+    let root = Path::abs_root();
+    let last = bake.frames.len().saturating_sub(1) as f64;
+    layer.set(&root, FieldKey::DefaultPrim, Token::from("Pile"));
+    layer.set(&root, FieldKey::Documentation, concat!("cairn ", env!("CARGO_PKG_VERSION")).to_owned());
+    layer.set(&root, FieldKey::StartTimeCode, 0.0);
+    layer.set(&root, FieldKey::EndTimeCode, last);
+    layer.set(&root, FieldKey::FramesPerSecond, bake.fps);
+    layer.set(&root, FieldKey::TimeCodesPerSecond, bake.fps);
+    layer.set(&root, "metersPerUnit", 1.0);
+    layer.set(&root, "upAxis", Token::from("Y"));
+    if let Some(origin) = scene.origin {
+        origin::write(&mut layer, origin)?;
+    }
+    let pile = layer.prim(&root, "Pile", "Xform");
+    layer.set(&pile, FieldKey::Kind, Token::from("component"));
+    if let Some(measures) = scene.measures {
+        let told = measures.iter().filter(|(name, _)| !OF_A_RUN.contains(&&***name));
+        let told = told.filter_map(|(name, value)| Some((name.to_string(), Value::Double((*value)?))));
+        let measures = HashMap::from([("measures".to_owned(), Value::Dictionary(told.collect()))]);
+        let data = HashMap::from([(ORIGIN.to_owned(), Value::Dictionary(measures))]);
+        layer.set(&pile, FieldKey::CustomData, Value::Dictionary(data));
+    }
+
+    let mut stage = Stage::new(layer);
+    instancer::write(&mut stage, &pile, bake, scene)?;
+    if !scene.scenery.is_empty() {
+        scenery(&mut stage, &pile, bake, scene)?;
+    }
+    let Stage { mut layer, textures, .. } = stage;
+    if let Some(glue) = &bake.glue {
+        glue::write(&mut layer, &pile, glue);
+    }
+    Ok(Encoded { bytes: layer.encode()?, beside: textures.0 })
+}
+
+/// The static geometry below one prim, each file below a prim of its name.
+fn scenery<'a>(
+    stage: &mut Stage<'a>,
+    pile: &Path,
+    bake: &BakedPile,
+    scene: &'a ExportScene,
+) -> Result<(), ExportError> {
+    let top = stage.layer.prim(pile, "Scenery", "Xform");
+    for (i, model) in scene.scenery.iter().enumerate() {
+        let prim = stage.layer.prim(&top, short_name(model.name), "Xform");
+        let shown = stage.layer.text(model.name);
+        stage.layer.set(&prim, FieldKey::DisplayName, shown);
+        if let Some(poses) = bake.scenery.get(i).filter(|poses| !poses.is_empty()) {
+            instancer::place(stage, &prim, poses);
+        }
+        stage.model(&prim, model, Frame::World)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,222 @@
+//! Models as prims: the nodes of a source, its triangles, and materials beside them.
+
+use super::super::copy::Source;
+use super::super::hierarchy::{Branch, BranchNode, Frame};
+use super::super::sources::Sources;
+use super::super::{ExportError, SourceModel};
+use super::bounds::Bounds;
+use super::layer::{Layer, quaternion, vector};
+use super::material::{self, Materials};
+use super::textures::Textures;
+use crate::model::document::{DocumentError, reference};
+use crate::model::instances::instances;
+use crate::model::local::{self, Local};
+use crate::model::primitive::Primitive;
+use glam::{DAffine3, DMat4, DVec3};
+use openusd::gf;
+use openusd::sdf::Path;
+use openusd::tf::Token;
+use serde_json::Map;
+use std::collections::BTreeMap;
+
+type Object = Map<String, serde_json::Value>;
+
+/// What models are written into, and drawn from.
+pub struct Stage<'a> {
+    pub layer: Layer,
+    pub textures: Textures,
+    sources: Sources<'a>,
+}
+
+impl<'a> Stage<'a> {
+    pub fn new(layer: Layer) -> Stage<'a> {
+        Stage { layer, textures: Textures::default(), sources: Sources::default() }
+    }
+
+    /// Writes a model below a prim that is there, and tells what room it takes in that prim's frame. Its materials are below the prim,
+    /// too, so that it can be referred to by itself.
+    pub fn model(&mut self, at: &Path, model: &'a SourceModel, frame: Frame) -> Result<Bounds, ExportError> {
+        let (source, branch) = self.sources.open(model, frame)?;
+        let source = &*self.sources.get(source);
+        let (layer, textures) = (&mut self.layer, &mut self.textures);
+        let mut writer = Writer { layer, textures, source, top: at, scope: None, materials: BTreeMap::new() };
+        writer.branch(&branch).map_err(|error| ExportError::source(model, error))
+    }
+}
+
+/// Writes one model.
+struct Writer<'w, 'a> {
+    layer: &'w mut Layer,
+    textures: &'w mut Textures,
+    source: &'w Source<'a>,
+    /// The prim that it is below.
+    top: &'w Path,
+    /// The prim of its materials, once there is one.
+    scope: Option<Path>,
+    /// By index, and whether they are tinted; `None` for one that the source does not have.
+    materials: BTreeMap<(usize, bool), Option<Path>>,
+}
+
+impl Writer<'_, '_> {
+    fn branch(&mut self, branch: &Branch) -> Result<Bounds, DocumentError> {
+        let mut bounds = Bounds::default();
+        if let Some(lone) = branch.lone_mesh() {
+            self.meshes(self.top, lone, DAffine3::IDENTITY, &mut bounds)?;
+            return Ok(bounds);
+        }
+        let top = (self.top.clone(), DAffine3::IDENTITY);
+        let mut open: Vec<_> = branch.roots.iter().rev().map(|&root| (root, top.clone())).collect();
+        while let Some((place, (parent, above))) = open.pop() {
+            let node = &branch.nodes[place];
+            let prim = self.layer.prim(&parent, name(&node.json, "Node"), "Xform");
+            let world = above * self.transform(&prim, &node.json);
+            self.meshes(&prim, node, world, &mut bounds)?;
+            open.extend(node.children.iter().rev().map(|&child| (child, (prim.clone(), world))));
+        }
+        Ok(bounds)
+    }
+
+    /// Places a node's prim as the node, and gives the transform.
+    fn transform(&mut self, prim: &Path, node: &Object) -> DAffine3 {
+        let (ops, transform) = match local::matrix(node) {
+            Some(matrix) => {
+                // By rows, and points stand before their matrix: the same sixteen numbers.
+                let op = "xformOp:transform";
+                self.layer.attribute(prim, &format!("matrix4d {op}"), gf::Matrix4d(matrix));
+                (vec![op], DAffine3::from_mat4(DMat4::from_cols_array(&matrix)))
+            }
+            None => {
+                let local = Local::of(node);
+                let ops = ["xformOp:translate", "xformOp:orient", "xformOp:scale"];
+                self.layer.attribute(prim, "double3 xformOp:translate", gf::Vec3d::from(local.translation.to_array()));
+                self.layer.attribute(prim, "quatf xformOp:orient", quaternion(local.rotation));
+                self.layer.attribute(prim, "float3 xformOp:scale", vector(local.scale));
+                (ops.to_vec(), local.affine())
+            }
+        };
+        self.layer.order(prim, &ops);
+        transform
+    }
+
+    /// A node's mesh, as often as the node shows it.
+    fn meshes(
+        &mut self,
+        prim: &Path,
+        node: &BranchNode,
+        world: DAffine3,
+        bounds: &mut Bounds,
+    ) -> Result<(), DocumentError> {
+        let Some(mesh) = node.mesh else { return Ok(()) };
+        let Some(copies) = instances(&self.source.document, &node.json)? else {
+            bounds.join(&self.mesh(prim, mesh)?, world);
+            return Ok(());
+        };
+        let instancer = self.layer.prim(prim, "Copies", "PointInstancer");
+        let prototype = self.layer.prim(&instancer, "Prototype", "Xform");
+        let own = self.mesh(&prototype, mesh)?;
+        let mut all = Bounds::default();
+        copies.iter().for_each(|copy| all.join(&own, copy.affine()));
+        bounds.join(&all, world);
+        let layer = &mut *self.layer;
+        layer.relationship(&instancer, "prototypes", &[prototype]);
+        layer.attribute(&instancer, "int[] protoIndices", vec![0; copies.len()]);
+        let positions: Vec<gf::Vec3f> = copies.iter().map(|copy| vector(copy.translation)).collect();
+        layer.attribute(&instancer, "point3f[] positions", positions);
+        let rotations: Vec<gf::Quatf> = copies.iter().map(|c| quaternion(c.rotation)).collect();
+        layer.orientations(&instancer, vec![(0.0, rotations)]);
+        let scales: Vec<gf::Vec3f> = copies.iter().map(|copy| vector(copy.scale)).collect();
+        layer.attribute(&instancer, "float3[] scales", scales);
+        layer.attribute(&instancer, "float3[] extent", all.extent());
+        Ok(())
+    }
+
+    /// A prim for each of a mesh's primitives that has triangles.
+    fn mesh(&mut self, parent: &Path, index: usize) -> Result<Bounds, DocumentError> {
+        let mut bounds = Bounds::default();
+        let json = self.source.document.get("meshes", index)?;
+        let primitives = json.get("primitives").and_then(serde_json::Value::as_array).map_or(&[][..], Vec::as_slice);
+        for primitive in primitives.iter().filter_map(serde_json::Value::as_object) {
+            let triangles = Primitive::read(&self.source.document, index, primitive)?;
+            if !triangles.corners.is_empty() {
+                let prim = self.layer.prim(parent, name(json, "Mesh"), "Mesh");
+                let own = self.triangles(&prim, &triangles, reference(primitive, "material"));
+                bounds.join(&own, DAffine3::IDENTITY);
+            }
+        }
+        Ok(bounds)
+    }
+
+    fn triangles(&mut self, prim: &Path, triangles: &Primitive, material: Option<usize>) -> Bounds {
+        let json = material.and_then(|index| self.source.document.get("materials", index).ok());
+        let is_double = json.and_then(|json| json.get("doubleSided")).and_then(serde_json::Value::as_bool);
+        let mut bounds = Bounds::default();
+        triangles.points.iter().for_each(|point| bounds.add(*point));
+        let layer = &mut *self.layer;
+        layer.attribute(prim, "uniform token subdivisionScheme", Token::from("none"));
+        layer.attribute(prim, "uniform bool doubleSided", is_double.unwrap_or(false));
+        layer.attribute(prim, "float3[] extent", bounds.extent());
+        layer.attribute(prim, "int[] faceVertexCounts", vec![3; triangles.corners.len()]);
+        let corners: Vec<i32> = triangles.corners.iter().flatten().map(|&i| i as i32).collect();
+        layer.attribute(prim, "int[] faceVertexIndices", corners);
+        let points: Vec<gf::Vec3f> = triangles.points.iter().map(|&point| vector(point)).collect();
+        layer.attribute(prim, "point3f[] points", points);
+        // Of what only adorns, a part that cannot be read is left out.
+        let (normals, of) = match triangles.vectors::<3>("NORMAL") {
+            Ok(Some(normals)) => (normals.into_iter().map(DVec3::from).collect(), "vertex"),
+            // glTF has flat triangles then, other programs would round them off.
+            _ => (flat_normals(triangles), "uniform"),
+        };
+        let normals: Vec<gf::Vec3f> = normals.into_iter().map(vector).collect();
+        layer.primvar(prim, "normal3f[] normals", of, normals);
+        for set in 0.. {
+            let Ok(Some(coordinates)) = triangles.vectors::<2>(&format!("TEXCOORD_{set}")) else { break };
+            let flipped: Vec<gf::Vec2f> =
+                coordinates.into_iter().map(|[u, v]| [u as f32, (1.0 - v) as f32].into()).collect();
+            let name = material::coordinates(set);
+            layer.primvar(prim, &format!("texCoord2f[] primvars:{name}"), "vertex", flipped);
+        }
+        let is_tinted = self.colors(prim, triangles, json);
+        if let Some(material) = material.and_then(|index| self.material(index, is_tinted)) {
+            self.layer.apply(prim, "MaterialBindingAPI");
+            self.layer.relationship(prim, "material:binding", &[material]);
+        }
+        bounds
+    }
+
+    /// The colours of the vertices, times that of the material; whether there are any.
+    fn colors(&mut self, prim: &Path, triangles: &Primitive, material: Option<&Object>) -> bool {
+        let Ok(Some(colors)) = triangles.vectors::<3>("COLOR_0") else { return false };
+        let base = material.map_or([1.0; 4], material::base_color);
+        let tint = DVec3::new(base[0], base[1], base[2]);
+        let colors: Vec<gf::Vec3f> = colors.into_iter().map(|color| vector(DVec3::from(color) * tint)).collect();
+        self.layer.primvar(prim, "color3f[] primvars:displayColor", "vertex", colors);
+        if let Ok(Some(colors)) = triangles.vectors::<4>("COLOR_0") {
+            let opacities: Vec<f32> = colors.into_iter().map(|[.., alpha]| (alpha * base[3]) as f32).collect();
+            self.layer.primvar(prim, "float[] primvars:displayOpacity", "vertex", opacities);
+        }
+        true
+    }
+
+    fn material(&mut self, index: usize, is_tinted: bool) -> Option<Path> {
+        if let Some(known) = self.materials.get(&(index, is_tinted)) {
+            return known.clone();
+        }
+        let scope = self.scope.get_or_insert_with(|| self.layer.prim(self.top, "Materials", "Scope")).clone();
+        let mut materials = Materials { layer: self.layer, textures: self.textures, source: self.source };
+        let written = materials.write(&scope, index, is_tinted);
+        self.materials.insert((index, is_tinted), written.clone());
+        written
+    }
+}
+
+/// Of each triangle; zero where it has no area.
+fn flat_normals(triangles: &Primitive) -> Vec<DVec3> {
+    let point = |i: usize| triangles.points[i];
+    let normal = |&[a, b, c]: &[usize; 3]| (point(b) - point(a)).cross(point(c) - point(a)).normalize_or_zero();
+    triangles.corners.iter().map(normal).collect()
+}
+
+/// What a source calls an entry.
+fn name<'j>(entry: &'j Object, default: &'j str) -> &'j str {
+    entry.get("name").and_then(serde_json::Value::as_str).filter(|name| !name.is_empty()).unwrap_or(default)
+}

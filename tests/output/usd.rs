@@ -1,0 +1,195 @@
+//! Bakes written as USD. That USD's own library reads the same is tested in `tests/usd`.
+
+use crate::files::{self, PNG, kit, no_files, pile_of, textured_cube, tumbling};
+use cairn::model::export::Format::{Glb, Usda, Usdc, Usdz};
+use cairn::model::export::{ExportScene, SourceModel, encode, origin, write};
+use cairn_core::report::bake::BakedPile;
+use cairn_core::report::{Glue, GlueDot};
+use serde_json::json;
+use std::collections::BTreeMap;
+
+fn prop<'a>(name: &'a str, bytes: &'a [u8]) -> SourceModel<'a> {
+    SourceModel { name, file: "file.gltf", bytes, node: None, resolve: &no_files }
+}
+
+/// The text that a bake is written as.
+fn text(pile: &BakedPile, scene: &ExportScene) -> String {
+    String::from_utf8(files::encode(Usda, pile, scene).unwrap()).unwrap()
+}
+
+fn lines<'a>(text: &'a str, with: &'a str) -> Vec<&'a str> {
+    text.lines().map(str::trim).filter(|line| line.contains(with)).collect()
+}
+
+#[test]
+fn bodies_are_instances_of_their_props() {
+    let (cube, kit) = (textured_cube(), kit());
+    let props = vec![prop("unused.glb", &cube), prop("kit/cube.glb", &cube), prop("kit.gltf", &kit)];
+    let scene = ExportScene { props, ..Default::default() };
+    let text = text(&pile_of(&[(2, 1.0), (1, 0.5), (2, 2.0)], tumbling(3, 4)), &scene);
+    assert_eq!(lines(&text, "int[] protoIndices"), ["int[] protoIndices = [1, 0, 1]"]);
+    assert_eq!(lines(&text, "int64[] ids"), ["int64[] ids = [0, 1, 2]"]);
+    let prototypes = "</Pile/Bodies/Prototypes/cube>, </Pile/Bodies/Prototypes/kit>";
+    assert_eq!(lines(&text, "rel prototypes"), [format!("rel prototypes = [{prototypes}]")]);
+    assert_eq!(
+        lines(&text, "float3[] scales"),
+        ["float3[] scales = [(1.0, 1.0, 1.0), (0.5, 0.5, 0.5), (2.0, 2.0, 2.0)]"]
+    );
+    // One mesh of the cube, two of the kit, each with its materials beside it.
+    assert_eq!(lines(&text, "def Mesh ").len(), 3);
+    assert_eq!(lines(&text, "def Material ").len(), 2);
+    for animated in ["positions", "orientations", "orientationsf", "velocities", "extent"] {
+        assert_eq!(lines(&text, &format!(" {animated}.timeSamples")).len(), 1, "{animated}");
+    }
+    // They spin evenly.
+    assert_eq!(lines(&text, "vector3f[] angularVelocities = ").len(), 1);
+    assert_eq!(lines(&text, "displayName = \"kit/cube.glb\"").len(), 1);
+    assert!(!text.contains("Scenery") && !text.contains("Glue"));
+}
+
+#[test]
+fn what_does_not_change_has_no_samples() {
+    let cube = textured_cube();
+    let scene = ExportScene { props: vec![prop("cube.glb", &cube)], ..Default::default() };
+    let mut frames = tumbling(1, 3);
+    let still = frames[2].clone();
+    frames.extend(vec![still; 40]);
+    let moving = text(&pile_of(&[(0, 1.0)], frames), &scene);
+    let at = moving.find("positions.timeSamples").unwrap();
+    let samples = moving[at..].lines().skip(1).take_while(|line| line.trim() != "}").count();
+    // The first three frames, and the last.
+    assert_eq!(samples, 4, "{}", &moving[at..at + 600]);
+    let still = text(&pile_of(&[(0, 1.0)], tumbling(1, 1)), &scene);
+    assert!(!still.contains("timeSamples") && !still.contains("velocities"));
+}
+
+#[test]
+fn bodies_that_appear_later_are_hidden_until_then() {
+    let cube = textured_cube();
+    let scene = ExportScene { props: vec![prop("cube.glb", &cube)], ..Default::default() };
+    let mut pile = pile_of(&[(0, 1.0), (0, 1.0)], tumbling(2, 6));
+    pile.bodies[1].first_frame = 3;
+    let text = text(&pile, &scene);
+    let samples = |name: &str| -> Vec<String> {
+        let rest = &text[text.find(&format!("{name}.timeSamples")).unwrap()..];
+        rest.lines().skip(1).take_while(|line| line.trim() != "}").map(|line| line.trim().to_owned()).collect()
+    };
+    let hidden = vec!["1"; 16].join(", ");
+    assert_eq!(samples("invisibleIds"), [format!("0.0: [{hidden}],"), "3.0: [],".into()]);
+    let [none, all] = ["[(1.0, 1.0, 1.0), (0.0, 0.0, 0.0)],", "[(1.0, 1.0, 1.0), (1.0, 1.0, 1.0)],"];
+    assert_eq!(samples("scales"), [format!("0.0: {none}"), format!("2.0: {none}"), format!("3.0: {all}")]);
+}
+
+#[test]
+fn scenery_stands_below_a_prim_of_its_own() {
+    let (cube, kit) = (textured_cube(), kit());
+    let scene = ExportScene {
+        props: vec![prop("cube.glb", &cube)],
+        scenery: vec![prop("a b/7 walls.gltf", &kit), prop("door.glb", &cube)],
+        ..Default::default()
+    };
+    let mut pile = pile_of(&[(0, 1.0)], tumbling(1, 5));
+    let moving: Vec<_> = tumbling(1, 5).into_iter().map(|poses| poses[0]).collect();
+    pile.scenery = vec![Vec::new(), moving];
+    let text = text(&pile, &scene);
+    let at = |what: &str| text.find(what).unwrap_or_else(|| panic!("{what}"));
+    assert!(at("def Xform \"Scenery\"") < at("def Xform \"_7_walls\"") && at("_7_walls") < at("def Xform \"door\""));
+    assert!(at("xformOp:translate.timeSamples") > at("def Xform \"door\""));
+    assert!(text.contains("displayName = \"a b/7 walls.gltf\""));
+}
+
+#[test]
+fn the_same_bake_gives_the_same_bytes_and_tells_its_origin() {
+    let (cube, kit) = (textured_cube(), kit());
+    let told = json!({
+        "scene": { "name": "it's a \"\\path\"\n'''and\"\"\"", "fill": { "count": 3 } }, "assets": [{ "uri": "a'b.glb", "sha256": "0" }],
+        "versions": { "cairn": "0" }, "request_blake3": "1", "result_blake3": "2",
+    });
+    let measures = BTreeMap::from([("kept_shape".into(), Some(0.5)), ("control_overhead".into(), Some(1.0))]);
+    let scene = ExportScene {
+        props: vec![prop("cube.glb", &cube)],
+        scenery: vec![prop("kit.gltf", &kit)],
+        origin: Some(&told),
+        measures: Some(&measures),
+    };
+    let pile = pile_of(&[(0, 1.0); 20], tumbling(20, 30));
+    for format in [Usda, Usdc, Usdz] {
+        let [one, two] = [0; 2].map(|_| encode(format, &pile, &scene).unwrap());
+        assert_eq!((&one.bytes, &one.beside), (&two.bytes, &two.beside), "{format:?}");
+        assert_eq!(origin(&one.bytes), Some(told.clone()), "{format:?}");
+        assert_eq!(one.beside.len(), usize::from(format != Usdz), "{format:?}");
+    }
+    let text = text(&pile, &scene);
+    assert!(text.contains("double kept_shape = 0.5") && !text.contains("control_overhead"));
+    assert!(origin(b"#usda 1.0\n").is_none() && origin(b"PXR-USDC").is_none() && origin(b"PK\x03\x04").is_none());
+}
+
+#[test]
+fn damaged_files_tell_nothing_and_break_nothing() {
+    let cube = textured_cube();
+    let told = json!({ "scene": {}, "assets": [], "versions": {}, "request_blake3": "1", "result_blake3": "2" });
+    let scene = ExportScene { props: vec![prop("cube.glb", &cube)], origin: Some(&told), ..Default::default() };
+    let pile = pile_of(&[(0, 1.0); 3], tumbling(3, 3));
+    for format in [Glb, Usda, Usdc, Usdz] {
+        let whole = files::encode(format, &pile, &scene).unwrap();
+        for cut in (0..whole.len()).step_by(97) {
+            origin(&whole[..cut]);
+        }
+        // What a crate's tables say of themselves is at its end.
+        let tables = whole.len() - whole.len().min(4000);
+        for at in (tables..whole.len()).step_by(3) {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 0xff;
+            origin(&damaged);
+        }
+    }
+}
+
+#[test]
+fn pictures_are_beside_the_layer_or_in_the_package() {
+    let cube = textured_cube();
+    let scene = ExportScene { props: vec![prop("cube.glb", &cube)], ..Default::default() };
+    let pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["one.usda", "two.usdc", "three.usdz"] {
+        write(&folder.path().join(name), &pile, &scene).unwrap();
+    }
+    let pictures: Vec<_> = folder.path().join("textures").read_dir().unwrap().map(|entry| entry.unwrap()).collect();
+    assert_eq!(pictures.len(), 1, "results in one folder share their pictures");
+    assert_eq!(std::fs::read(pictures[0].path()).unwrap(), PNG);
+    let text = std::fs::read_to_string(folder.path().join("one.usda")).unwrap();
+    let name = pictures[0].file_name().into_string().unwrap();
+    assert_eq!(lines(&text, "inputs:file"), [format!("asset inputs:file = @./textures/{name}@")]);
+    // Each file of a package begins at a multiple of 64 bytes, as it is.
+    let package = std::fs::read(folder.path().join("three.usdz")).unwrap();
+    let find = |what: &[u8]| package.windows(what.len()).position(|window| window == what).unwrap();
+    assert_eq!((find(PNG) % 64, find(b"PXR-USDC") % 64), (0, 0));
+}
+
+#[test]
+fn glue_is_told_as_guides() {
+    let cube = textured_cube();
+    let scene = ExportScene { props: vec![prop("cube.glb", &cube)], ..Default::default() };
+    let mut pile = pile_of(&[(0, 1.0); 3], tumbling(3, 2));
+    let dot = |other| GlueDot {
+        body: 1,
+        other,
+        point: [1.0, 2.0, 3.0],
+        normal: [0.0, 1.0, 0.0],
+        force: [0.0, 5.0, 0.0],
+        moment: [0.0; 3],
+        is_broken: other.is_none(),
+    };
+    let dots = vec![dot(Some(2)), dot(None)];
+    pile.glue = Some(Glue { dots, clusters: vec![vec![1, 2]], anchored: vec![1] });
+    let text = text(&pile, &scene);
+    assert_eq!(lines(&text, "purpose"), ["uniform token purpose = \"guide\""]);
+    for told in [
+        "int2[] primvars:cairn:bodies = [(1, 2), (1, -1)] (",
+        "bool[] primvars:cairn:broken = [false, true] (",
+        "int[] primvars:cairn:cluster = [-1, 0, 0] (",
+        "bool[] primvars:cairn:anchored = [false, true, false] (",
+    ] {
+        assert_eq!(lines(&text, told).len(), 1, "{told}");
+    }
+}
