@@ -96,7 +96,7 @@ class Placed:
         moved = {body.cairn.number for body, is_changed in zip(self.objects, self.changed) if is_changed}
         self.partners = _partners(collection)
         self.lost = moved | (set(before) - here)
-        self.gone = [state for number, state in before.items() if number in moved or number not in here]
+        self.gone = [_pose(state) for number, state in before.items() if number in moved or number not in here]
 
     def _is_changed(self, body, state):
         if state is None or state[0] != body.cairn.prop:
@@ -115,7 +115,8 @@ class Placed:
         world = points * size @ np.array(matrix)[:3, :3].T + np.array(matrix)[:3, 3]
         return BVHTree.FromPolygons(world.tolist(), triangles.tolist()), world.min(axis=0), world.max(axis=0)
 
-    def _reaching(self, prop, matrix, size):
+    def reaching(self, prop, matrix, size):
+        """The same, of all that touches it, too."""
         return self._tree(prop, matrix, size, TOUCH * self.sizes[prop] * size)
 
     def disturbed(self):
@@ -130,13 +131,13 @@ class Placed:
         glued = {index[other] for number in self.lost for other in self.partners.get(number, ()) if other in index}
         free = [is_changed or n in glued for n, is_changed in enumerate(self.changed)]
         gone = []
-        for state in self.gone:
-            gone.append(self._reaching(*_pose(state)))
+        for pose in self.gone:
+            gone.append(self.reaching(*pose))
             yield
         waiting = [(tree, None) for tree in gone] + [(None, n) for n in range(len(trees)) if free[n]]
         while waiting:
             found, own = waiting.pop()
-            tree, bottom, top = found or self._reaching(*poses[own])
+            tree, bottom, top = found or self.reaching(*poses[own])
             near = ((low <= top) & (high >= bottom)).all(axis=1)
             # What lies below does not need it.
             above = (low + high)[:, 2] > (bottom + (top if own is not None else bottom))[2]

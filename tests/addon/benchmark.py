@@ -3,6 +3,7 @@
     blender --background --factory-startup --python tests/addon/benchmark.py              writing of results
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake      609 sticks, both ways
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake ours     the first of them alone
+    blender --background --factory-startup --python tests/addon/benchmark.py -- live      a draft of 150 sticks
     blender --background --factory-startup --python tests/addon/benchmark.py -- turns     how long each thing keeps Blender busy
     blender --factory-startup --python tests/addon/benchmark.py -- window                 the same of the bake, in a window
 
@@ -163,6 +164,38 @@ def rigid_bodies(bodies):
     return cpu() - began, time.perf_counter() - wall
 
 
+def live():
+    """A draft of 150 sticks to its final pose, as Live asks for it."""
+    empty()
+    settings = scene()
+    settings.accuracy, settings.fill.count = "DRAFT", 150
+    from cairn import job, preferences, preview, request
+    from cairn.messages import v1
+
+    began = cpu()
+    taken = request.take(bpy.context, passive=True)
+    drawn = request.finish(preview.drawn(taken.props))
+    request.leave_figures(v1, taken.spec.scene)
+    taken.spec.scene.effects.frames = v1.SWITCH_OFF
+    asked = job.Job(preferences.server(bpy.context), taken.spec, taken.contents, taken.problems, has_fill=False)
+    summary = wait_for(asked)
+    shown = preview.Preview(drawn, taken.recipe["metres"], is_shown=False)
+    shown.update(asked.latest)
+    here = cpu() - began
+    preferences.stop_server()
+    print(f"{summary.body_count} bodies, {here + summary.cpu_seconds:.2f} s CPU, of that {here:.2f} s in Blender")
+
+
+def wait_for(asked):
+    """What a job gives in the end."""
+    asked.start()
+    while True:
+        kind, what = asked.news.get()
+        assert kind != "failed", what
+        if kind == "done":
+            return what
+
+
 def turns():
     """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step, buttons by what the
     add-on does when they are pressed. What Blender does besides, to draw the scene anew, is not in it."""
@@ -205,9 +238,7 @@ def turns():
 
     bodies = len(pile.objects)
     again = job.Job(preferences.server(bpy.context), taken.spec, taken.contents, taken.problems)
-    again.start()
-    while again.news.empty() or again.news.get()[0] not in ("done", "failed"):
-        time.sleep(0.01)
+    wait_for(again)
     motion = again.recording.motion()
     sliced("the pile is made", result.build(bpy.context, motion, taken.recipe, {}))
     pile = result.chosen(bpy.context)
@@ -235,9 +266,7 @@ def turns():
     pressed("Remove 200", edit_operators.CAIRN_OT_remove_bodies, bpy.ops.cairn.remove_bodies)
     changed, objects, free = sliced("what was disturbed is found", edit.settling(bpy.context, edited))
     again = job.Job(preferences.server(bpy.context), changed.spec, changed.contents, changed.problems)
-    again.start()
-    while again.news.empty() or again.news.get()[0] not in ("done", "failed"):
-        time.sleep(0.01)
+    wait_for(again)
     motion = again.recording.motion()
     sliced(
         "what has settled is taken", edit.applied(bpy.context, edited, objects, free, motion, changed.recipe, {})
@@ -302,4 +331,4 @@ def window():
 chosen = sys.argv[sys.argv.index("--") + 1] if "--" in sys.argv else "writing"
 print(f"Blender {bpy.app.version_string}", flush=True)
 enable()
-{"writing": writing, "bake": bake, "turns": turns, "window": window}[chosen]()
+{"writing": writing, "bake": bake, "live": live, "turns": turns, "window": window}[chosen]()

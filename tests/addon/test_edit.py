@@ -214,7 +214,8 @@ def test_what_is_gone_had_its_size(desk, size):
     bpy.ops.cairn.remove_bodies()
     props = request.finish(desk.addon("export").Exporter(bpy.context).props(list(desk.props.objects)))
     placed = edit.Placed(collection, props)
-    ((_, low, high),) = placed.gone
+    (pose,) = placed.gone
+    _, low, high = placed.reaching(*pose)
     # And a little more, for what only touches it.
     assert np.all(high - low > edge) and np.all(high - low < 1.1 * edge)
     free = request.finish(placed.disturbed())
