@@ -4,7 +4,7 @@ import math
 
 from bpy.types import Panel, UIList
 
-from . import action_panel, estimates, preferences, presets, running
+from . import action_panel, arrangement, estimates, preferences, presets, request, running
 from .following import is_running
 from .layouts import wrapped
 from .schema import ACCURACIES, knows
@@ -49,6 +49,7 @@ class CAIRN_PT_pile(Pile, Panel):
             layout.operator("cairn.use_selected", text=f"Use “{active.name}”", icon="EYEDROPPER")
         draw_kept_shape(layout, settings)
         draw_props(layout, context, settings)
+        draw_arrangement(layout, settings)
         layout.separator()
         layout.prop(settings, "colliders")
         layout.row(heading="Ground").prop(settings, "use_ground", text="")
@@ -125,6 +126,32 @@ def draw_props(layout, context, settings):
         value.prop(settings.fill, "count", text="")
     else:
         value.label(text=f"about {count}" if count else "as many as fit")
+
+
+def draw_arrangement(layout, settings):
+    """How props lie: sliders, with what they stand for beside them; and where each of several props goes."""
+    if not knows("Fill", "order"):
+        return
+    chosen = settings.arrangement
+    layout.separator()
+    column = layout.column()
+    column.use_property_split = False
+    column.label(text="How Props Lie")
+    sliders = column.column(align=True)
+    for name in arrangement.WORDS:
+        row = sliders.split(factor=0.6, align=True)
+        row.prop(chosen, name, slider=True)
+        row.label(text=arrangement.word(chosen, name))
+    if len(request.props_of(settings)) < 2:
+        return
+    layout.prop(chosen, "layout")
+    if arrangement.is_sorted(chosen):
+        layout.prop(chosen, "sort_by")
+    switches = layout.column()
+    switches.use_property_split = False
+    if arrangement.is_sorted(chosen):
+        switches.prop(chosen, "descending", text=arrangement.BELOW[chosen.sort_by])
+    switches.prop(chosen, "gaps")
 
 
 def draw_accuracies(layout, settings):

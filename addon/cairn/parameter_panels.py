@@ -48,6 +48,9 @@ class CAIRN_PT_material(_Parameters, Panel):
                 column.prop(item, name)
             if knows("Prop", "tilt_max"):
                 column.prop(item, "tilt")
+            if knows("Prop", "turns"):
+                for name in ("up", "turns", "skew"):
+                    column.prop(item, name)
         column = layout.column(align=True)
         column.label(text="Ground and colliders")
         column.prop(settings, "collider_friction")

@@ -13,6 +13,7 @@ from bpy.props import (
 from bpy.types import PropertyGroup
 
 from . import pile_properties
+from .arrangement import TURNS, UPS, CairnArrangement
 from .pile_properties import CairnAsked, CairnBody, CairnResult, CairnVariant
 from .schema import ACCURACIES, GROUPS, PARAMETERS
 
@@ -44,7 +45,8 @@ class CairnProp(PropertyGroup):
     )
     scale_min: FloatProperty(
         name="Smallest",
-        description="Smallest size, as a factor on the object's own. Each body's size is drawn evenly between the two",
+        description="Smallest size, as a factor on the object's own. Each body's size is drawn between the two: "
+        "evenly, unless Size Skew says otherwise",
         default=1.0,
         min=0.001,
         soft_max=10.0,
@@ -70,12 +72,33 @@ class CairnProp(PropertyGroup):
     )
     tilt: FloatProperty(
         name="Tilt",
-        description="Largest angle between the prop's own Z axis and the vertical when it is put in or dropped, "
-        "degrees; 180 takes all rotations alike",
+        description="Largest angle between the prop's own Z axis, or what Up says, and the vertical when it is put in "
+        "or dropped, degrees; 180 takes all rotations alike",
         default=180.0,
         min=0.0,
         max=180.0,
         precision=0,
+    )
+    up: EnumProperty(
+        name="Up",
+        description="Which of the prop's own directions is up where it is laid with care (Order above 0), and from "
+        "which Tilt counts",
+        items=UPS,
+        default="AUTO",
+    )
+    turns: EnumProperty(
+        name="Turns",
+        description="How the prop may be turned about its up direction where it is laid with care (Order above 0)",
+        items=TURNS,
+        default="ANY",
+    )
+    skew: FloatProperty(
+        name="Size Skew",
+        description="How sizes spread between the smallest and the largest. -1: mostly large ones. 0: all sizes alike. "
+        "1: mostly small ones, and few large ones",
+        default=0.0,
+        min=-1.0,
+        max=1.0,
     )
     restitution: FloatProperty(
         name="Bounce",
@@ -138,6 +161,7 @@ class CairnSettings(PropertyGroup):
         precision=2,
         step=10,
     )
+    arrangement: PointerProperty(type=CairnArrangement)
     prop_source: EnumProperty(
         name="Props",
         description="Where the props come from",
@@ -269,7 +293,7 @@ class CairnSettings(PropertyGroup):
     frame_count: IntProperty(name="Frames", description="Frames after the start frame", default=250, min=0, max=100000)
 
 
-CLASSES = [*PARAMETERS.values(), CairnProp, CairnSettings, *pile_properties.CLASSES]
+CLASSES = [*PARAMETERS.values(), CairnArrangement, CairnProp, CairnSettings, *pile_properties.CLASSES]
 
 
 def register():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from . import placed, pointers
+from . import arrangement, placed, pointers
 from .client import Fault
 from .export import Exporter
 from .prop_collections import members
@@ -208,6 +208,7 @@ def prop_message(v1, uri, item):
     )
     if knows("Prop", "tilt_max") and item.tilt < 180.0:
         prop.tilt_max = round(item.tilt, 6)
+    arrangement.set_prop(v1, prop, item)
     return prop
 
 
@@ -225,6 +226,7 @@ def _set_parameters(v1, told, settings):
                 # As the artist typed it: Blender keeps single precision.
                 value = float(f"{value:.7g}")
             setattr(getattr(told, name), field["name"], value)
+    arrangement.set_fill(v1, told.fill, settings)
     if knows("Glue"):
         _set_glue(v1, told.glue, settings)
     if not settings.use_report:

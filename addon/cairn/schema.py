@@ -8,7 +8,14 @@ from bpy.types import PropertyGroup
 
 FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
 # What the add-on sets itself, from its own properties or from Blender's scene.
-OWN = {("Output", "fps"), ("Output", "frames"), ("Effects", "frames"), ("Glue", "mode"), ("Glue", "strength")}
+OWN = {
+    *(("Fill", name) for name in ("order", "surface", "shake", "layout", "sort_by", "descending", "gaps")),
+    ("Output", "fps"),
+    ("Output", "frames"),
+    ("Effects", "frames"),
+    ("Glue", "mode"),
+    ("Glue", "strength"),
+}
 # Names of groups in the settings, by message: those whose fields have values in the accuracy's preset.
 GROUPS = {
     "Physics": "physics",

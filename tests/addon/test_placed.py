@@ -115,3 +115,64 @@ def test_tilt(placing):
     placing.settings.prop_common.tilt = 20
     placing.bake(output_mode="POSE")
     assert placing.request.spec.scene.props[0].tilt_max == 20
+
+
+def test_how_props_lie(placing):
+    placing.add_stick("Plank", (0.5, 0.14, 0.05))
+    # As long as nothing is set, nothing is told.
+    asked = placing.addon("request").take(bpy.context).spec.scene
+    assert not asked.HasField("fill") and not asked.props[0].turns and not asked.props[0].up
+    chosen, common = placing.settings.arrangement, placing.settings.prop_common
+    set_here = {
+        "order": 0.9,
+        "surface": 0.25,
+        "shake": 2.5,
+        "layout": "BANDS",
+        "sort_by": "MASS",
+        "descending": True,
+        "gaps": True,
+    }
+    for name, value in set_here.items():
+        setattr(chosen, name, value)
+    common.up, common.turns, common.skew = "NEGATIVE_Y", "QUARTER", 0.5
+    made = placing.bake(output_mode="POSE")
+    v1 = placing.addon("messages").v1
+    fill = placing.request.spec.scene.fill
+    assert (fill.order, fill.surface, fill.shake) == (0.9, 0.25, 2.5)
+    assert (fill.layout, fill.sort_by) == (v1.LAYOUT_BANDS, v1.SORT_BY_MASS)
+    assert fill.descending and fill.gaps
+    # Blender's -Y is the server's Z.
+    for prop in placing.request.spec.scene.props:
+        assert list(prop.up) == [0, 0, 1] and prop.turns == v1.TURNS_QUARTER and prop.scale_skew == 0.5
+    # Laid, not thrown: each of them has its Y axis down.
+    turns = np.array([np.array(body.matrix_world)[:3, :3] for body in made.objects])
+    assert (turns[:, 2, 1] < -0.9).mean() > 0.7
+    # A result brings them back.
+    for name in set_here:
+        chosen.property_unset(name)
+    common.up, common.turns, common.skew = "AUTO", "ANY", 0.0
+    assert bpy.ops.cairn.restore_settings(collection=made.name) == {"FINISHED"}
+    for name, value in set_here.items():
+        # Blender keeps single precision.
+        assert getattr(chosen, name) == (pytest.approx(value) if isinstance(value, float) else value), name
+    assert (common.up, common.turns, common.skew) == ("NEGATIVE_Y", "QUARTER", 0.5)
+
+
+@pytest.mark.parametrize(
+    "up, way",
+    [("X", [1, 0, 0]), ("Y", [0, 0, -1]), ("Z", [0, 1, 0]), ("NEGATIVE_X", [-1, 0, 0]), ("NEGATIVE_Z", [0, -1, 0])],
+)
+def test_up_is_told_in_the_servers_axes(placing, up, way):
+    placing.settings.prop_common.up = up
+    assert list(placing.addon("request").take(bpy.context).spec.scene.props[0].up) == way
+
+
+def test_a_stacked_fill_is_as_tidy_as_the_slider_says(placing):
+    settings, take = placing.settings, placing.addon("request").take
+    settings.fill.use_method, settings.fill.method = True, "STACK"
+    fill = take(bpy.context).spec.scene.fill
+    assert fill.HasField("order") and fill.order == 0
+    # What sorts is told only where something is sorted.
+    settings.arrangement.layout, settings.arrangement.descending = "CLUSTERS", True
+    fill = take(bpy.context).spec.scene.fill
+    assert fill.layout and not fill.HasField("descending")

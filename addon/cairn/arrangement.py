@@ -1,0 +1,132 @@
+"""How props lie: what the panel sets of it, and what becomes of that in a request."""
+
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, FloatProperty
+from bpy.types import PropertyGroup
+
+from . import axes
+from .schema import knows
+
+# What the sliders' values stand for: the largest of each.
+WORDS = {
+    "order": ((0.0, "As they fall"), (0.66, "Tidied"), (0.99, "Stacks"), (1.0, "Stacked")),
+    "surface": ((0.25, "Loose"), (0.75, "Natural"), (1.0, "Cast")),
+    "shake": ((0.0, "Not shaken"), (100.0, "Shaken")),
+}
+# A .blend file keeps the numbers.
+UPS = [
+    ("AUTO", "Automatic", "The direction in which it lies flattest; Tilt counts from its Z axis", "NONE", 0),
+    *(
+        (name.replace("-", "NEGATIVE_"), name, f"The prop's own {name} axis is up", "NONE", number)
+        for number, name in enumerate(("X", "Y", "Z", "-X", "-Y", "-Z"), start=1)
+    ),
+]
+TURNS = [
+    ("ANY", "Any", "Any turn: the less order, the larger", "NONE", 1),
+    ("QUARTER", "Quarter Turns", "By 0°, 90°, 180° or 270° against the pile's sides", "NONE", 2),
+    ("NONE", "None", "Always the same way round", "NONE", 3),
+]
+LAYOUTS = [
+    ("MIXED", "Mixed", "Everything everywhere", "NONE", 1),
+    ("BANDS", "Bands", "One above the other, each as high as its share of the volume", "NONE", 2),
+    ("GRADIENT", "Gradient", "Bands that run into each other", "NONE", 3),
+    ("CLUSTERS", "Clusters", "Each kind in nests of its own", "NONE", 4),
+]
+SORTS = [
+    ("SIZE", "Size", "By how large they are", "NONE", 1),
+    ("MASS", "Mass", "By how heavy they are", "NONE", 2),
+    ("NAME", "Name", "By their names, in the order of the alphabet", "NONE", 3),
+]
+# What `descending` puts below.
+BELOW = {"SIZE": "Largest Below", "MASS": "Heaviest Below", "NAME": "Last Name Below"}
+
+
+class CairnArrangement(PropertyGroup):
+    """How props lie, and which of them where."""
+
+    order: FloatProperty(
+        name="Order",
+        description="How tidily props lie. 0: as they fall. 0.4: a heap that somebody tidied; most lie flat, turned "
+        "this way and that. 0.9: stacks that somebody made, not quite straight. 1: stacked; all lie flat and straight, "
+        "long ones crosswise, bowls and plates in each other",
+        default=0.0,
+        min=0.0,
+        max=1.0,
+    )
+    surface: FloatProperty(
+        name="Surface",
+        description="What the pile is like where it touches the shape. 0: loose, as if nothing had been around it; "
+        "some props stick out. 0.5: natural; some lie against the shape, some behind it. 1: cast; many lie flush with "
+        "the shape, as in a mould",
+        default=1.0,
+        min=0.0,
+        max=1.0,
+    )
+    shake: FloatProperty(
+        name="Shake",
+        description="For how long the full shape is shaken, so that wedged props find a lower place, in natural times "
+        "(a prop falls half its own size in one). 0: not at all. 3: to each side once or twice. 10: five times. If the "
+        "pile fills the shape less afterwards, it lies as before",
+        default=0.0,
+        min=0.0,
+        max=100.0,
+        soft_max=10.0,
+        precision=1,
+    )
+    layout: EnumProperty(name="Mixture", description="Where each of several props goes", items=LAYOUTS, default="MIXED")
+    sort_by: EnumProperty(name="Sort By", description="What decides which props are below", items=SORTS, default="SIZE")
+    descending: BoolProperty(
+        name="Largest Below",
+        description="The largest, the heaviest, or the last in the alphabet is below, not the smallest",
+    )
+    gaps: BoolProperty(
+        name="Small Ones Fill Gaps",
+        description="Small props (less than half as large as the largest) come last, into the gaps of the large ones",
+    )
+
+
+def word(chosen, name):
+    """What the value of a slider stands for."""
+    return next(word for most, word in WORDS[name] if getattr(chosen, name) <= most)
+
+
+def is_sorted(chosen):
+    """Whether the mixture has an order from below."""
+    return chosen.layout in {"BANDS", "GRADIENT"}
+
+
+def set_fill(v1, fill, settings):
+    """What is not as it is by default."""
+    if not knows("Fill", "order"):
+        return
+    chosen = settings.arrangement
+    # The method `stack` means full order where none is told.
+    is_stacked = settings.fill.use_method and settings.fill.method == "STACK"
+    for name, is_needed in (("order", is_stacked), ("surface", False), ("shake", False)):
+        value = getattr(chosen, name)
+        if is_needed or value != chosen.bl_rna.properties[name].default:
+            # As the artist typed it: Blender keeps single precision.
+            setattr(fill, name, float(f"{value:.7g}"))
+    if chosen.layout != "MIXED":
+        fill.layout = getattr(v1, f"LAYOUT_{chosen.layout}")
+    if is_sorted(chosen) and chosen.sort_by != "SIZE":
+        fill.sort_by = getattr(v1, f"SORT_BY_{chosen.sort_by}")
+    if is_sorted(chosen) and chosen.descending:
+        fill.descending = True
+    if chosen.gaps:
+        fill.gaps = True
+
+
+def set_prop(v1, prop, item):
+    """What is not as it is by default."""
+    if not knows("Prop", "turns"):
+        return
+    if item.up != "AUTO":
+        way = np.zeros(3)
+        way["XYZ".index(item.up[-1])] = -1.0 if item.up.startswith("NEGATIVE") else 1.0
+        # No -0.
+        prop.up.extend((axes.points_to_server(way) + 0.0).tolist())
+    if item.turns != "ANY":
+        prop.turns = getattr(v1, f"TURNS_{item.turns}")
+    if item.skew != 0.0:
+        prop.scale_skew = round(item.skew, 6)
