@@ -87,7 +87,7 @@ fn fine_walls_become_coarser_within_the_tolerance() {
     let mesh = block(DVec3::ZERO, DVec3::splat(5.0), 40);
     let container = container(&mesh, 0.02);
     assert!(!container.remeshed);
-    let walls = container.closed();
+    let walls = container.closed(0.0);
     assert!(walls.mesh.triangles.len() < 200, "{} of {}", walls.mesh.triangles.len(), mesh.triangles.len());
     assert_eq!(walls.saved, mesh.triangles.len() - walls.mesh.triangles.len());
     assert!(walls.deviation < 1e-6, "flat walls stay where they are: {}", walls.deviation);
@@ -105,7 +105,7 @@ fn the_walls_of_a_union_stay_within_the_tolerance() {
         ball.points.iter_mut().for_each(|p| *p = p.normalize() * 2.0 + DVec3::new(x, 2.0, 0.0));
         ball
     };
-    let union = |tolerance| container(&joined(&[ball(0.0), ball(3.0)]), tolerance).closed();
+    let union = |tolerance| container(&joined(&[ball(0.0), ball(3.0)]), tolerance).closed(0.0);
     let exact = union(0.0);
     let mut before = exact.mesh.triangles.len();
     assert_eq!((exact.saved, exact.deviation), (0, 0.0));

@@ -1,0 +1,159 @@
+//! How props lie: stacked, bonded, crosswise and nested; in bands and clusters; shaken.
+
+mod common;
+
+use cairn_core::bake;
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::input::observer::Silent;
+use cairn_core::input::params::{Accuracy, FillMethod, GlueMode, Layout, Params};
+use cairn_core::input::scene::{Scene, Stance, Turns};
+use cairn_core::report::bake::Bake;
+use common::scene;
+use glam::DVec3;
+
+/// A closed box on the ground with these edges.
+fn block(edges: DVec3) -> TriMesh {
+    let corner = |i: u32| {
+        let share = DVec3::new(f64::from(i & 1) - 0.5, f64::from(i >> 1 & 1), f64::from(i >> 2) - 0.5);
+        edges * share
+    };
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    TriMesh { points: (0..8).map(corner).collect(), triangles }
+}
+
+/// Stacked, with nothing glued.
+fn stacked(order: f64) -> Params {
+    let mut params = Params::new(Accuracy::Preview);
+    params.fill.method = FillMethod::Stack;
+    params.fill.order = order;
+    params.glue.mode = GlueMode::Natural;
+    params
+}
+
+fn baked(scene: &Scene, params: &Params) -> Bake {
+    bake(scene, params, &mut Silent).unwrap()
+}
+
+fn figure(bake: &Bake, name: &str) -> f64 {
+    bake.report.measures[name].unwrap_or_else(|| panic!("{name} is not measured"))
+}
+
+const CUBE: DVec3 = DVec3::splat(0.2);
+const BRICK: DVec3 = DVec3::new(0.24, 0.07, 0.115);
+const PLANK: DVec3 = DVec3::new(1.2, 0.05, 0.2);
+
+#[test]
+fn cubes_fill_a_box_to_the_last_one() {
+    let scene = scene(block(DVec3::new(0.8, 0.6, 0.4)), block(CUBE));
+    let bake = baked(&scene, &stacked(1.0));
+    assert_eq!(bake.report.bodies, 4 * 3 * 2);
+    assert!(figure(&bake, "fill_fraction") > 0.98, "{}", figure(&bake, "fill_fraction"));
+    assert!(figure(&bake, "kept_shape") > 0.99);
+    assert!(figure(&bake, "flat_share") == 1.0 && figure(&bake, "aligned_share") == 1.0);
+}
+
+#[test]
+fn bricks_are_bonded_and_the_wall_stands() {
+    let scene = scene(block(DVec3::new(1.57, 0.7, 0.12)), block(BRICK));
+    let bake = baked(&scene, &stacked(1.0));
+    // Six and a half bricks in a row, ten rows.
+    assert!((58..=65).contains(&bake.report.bodies), "{}", bake.report.bodies);
+    assert!(figure(&bake, "bonded_share") > 0.7, "{}", figure(&bake, "bonded_share"));
+    assert!(figure(&bake, "kept_shape") > 0.95, "{}", figure(&bake, "kept_shape"));
+}
+
+#[test]
+fn planks_lie_crosswise() {
+    let scene = scene(block(DVec3::new(1.25, 0.5, 1.25)), block(PLANK));
+    let bake = baked(&scene, &stacked(1.0));
+    let along = |wanted: bool| {
+        let axis = |pose: &cairn_core::geometry::pose::Pose| (pose.rotation * DVec3::X).x.abs() > 0.9;
+        bake.pile.frames[0].iter().filter(|pose| axis(pose) == wanted).count()
+    };
+    let (one, other) = (along(true), along(false));
+    assert!(one.min(other) * 3 > bake.report.bodies, "{one} along, {other} across");
+    assert!(figure(&bake, "kept_shape") > 0.95, "{}", figure(&bake, "kept_shape"));
+}
+
+#[test]
+fn order_decides_how_many_lie_flat() {
+    let scene = scene(block(DVec3::new(1.0, 0.6, 0.6)), block(BRICK));
+    let flat = [0.0, 0.3, 1.0].map(|order| figure(&baked(&scene, &stacked(order)), "flat_share"));
+    assert!(flat[0] < flat[1] && flat[1] < flat[2] && flat[2] > 0.95, "{flat:?}");
+}
+
+#[test]
+fn what_a_prop_may_do_is_kept() {
+    let mut scene = scene(block(DVec3::new(0.9, 0.6, 0.6)), block(BRICK));
+    // On its end, and never turned.
+    scene.props[0].stance = Stance { up: Some(DVec3::X), turns: Turns::None };
+    let bake = baked(&scene, &stacked(1.0));
+    let upright = bake.pile.frames[0].iter().filter(|pose| (pose.rotation * DVec3::X).y.abs() > 0.95).count();
+    assert!(upright * 10 > bake.report.bodies * 9, "{upright} of {}", bake.report.bodies);
+}
+
+/// Mean height at the start of the bodies of each of two props.
+fn heights(bake: &Bake) -> [f64; 2] {
+    [0, 1].map(|prop| {
+        let all = bake.pile.bodies.iter().zip(&bake.pile.frames[0]).filter(|(body, _)| body.prop == prop);
+        let (sum, count) = all.fold((0.0, 0), |(sum, count), (_, pose)| (sum + pose.translation.y, count + 1));
+        assert!(count > 0, "no body of prop {prop}");
+        sum / f64::from(count)
+    })
+}
+
+#[test]
+fn bands_lie_above_each_other_in_the_order_asked_for() {
+    let mut scene = scene(block(DVec3::new(1.0, 1.0, 1.0)), block(CUBE));
+    let mut large = scene.props[0].clone();
+    large.model.name = "large".into();
+    large.scale = [1.4, 1.4];
+    scene.props[0].weight = 3.0;
+    scene.props.push(large);
+    for method in [FillMethod::Insert, FillMethod::Stack] {
+        for descending in [false, true] {
+            let mut params = stacked(1.0);
+            params.fill.method = method;
+            params.fill.mixture.layout = Layout::Bands;
+            params.fill.mixture.descending = descending;
+            let [small, large] = heights(&baked(&scene, &params));
+            assert_eq!(descending, large < small, "{method:?}: small at {small}, large at {large}");
+        }
+    }
+}
+
+#[test]
+fn small_props_fill_the_gaps_of_large_ones() {
+    let mut scene = scene(block(DVec3::new(1.0, 0.8, 1.0)), block(CUBE));
+    let mut small = scene.props[0].clone();
+    small.model.name = "small".into();
+    small.scale = [0.3, 0.3];
+    scene.props.push(small);
+    let mut params = stacked(1.0);
+    params.fill.method = FillMethod::Insert;
+    let large = |params: &Params| baked(&scene, params).pile.bodies.iter().filter(|body| body.prop == 0).count();
+    let mixed = large(&params);
+    params.fill.gaps = true;
+    let first = large(&params);
+    assert!(first > mixed, "{first} large ones where they come first, {mixed} where both come together");
+}
+
+#[test]
+fn only_a_container_that_is_shaken_takes_the_steps_of_it() {
+    let scene = scene(block(DVec3::new(0.9, 0.6, 0.6)), block(BRICK));
+    let mut params = stacked(0.2);
+    let steps = |params: &Params| baked(&scene, params).report.counts[&cairn_core::prepare::effects::Count::FillSteps];
+    let still = steps(&params);
+    params.fill.shake = 2.0;
+    let shaken = steps(&params);
+    // Two natural times, and one to settle.
+    assert!(shaken >= still + 25, "{still} and {shaken} steps");
+}
+
+#[test]
+fn the_same_seed_stacks_the_same_pile() {
+    let scene = scene(block(DVec3::new(0.9, 0.6, 0.6)), block(BRICK));
+    let [a, b] = [0, 1].map(|_| baked(&scene, &stacked(0.7)).pile.frames);
+    assert_eq!(a, b);
+}
