@@ -28,17 +28,7 @@ fn block(size: DVec3) -> TriMesh {
 
 fn prop(name: &str, mesh: TriMesh) -> Prop {
     let model = Model { name: name.into(), mesh };
-    Prop {
-        model,
-        weight: 1.0,
-        friction: 0.7,
-        density: 500.0,
-        restitution: 0.0,
-        scale: [1.0; 2],
-        tilt_max: 180.0,
-        scale_skew: 0.0,
-        stance: Default::default(),
-    }
+    Prop { model, ..scene(TriMesh::default(), TriMesh::default()).props.remove(0) }
 }
 
 fn at(x: f64, y: f64, z: f64) -> Pose {

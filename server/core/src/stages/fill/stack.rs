@@ -27,8 +27,8 @@ const ROUNDS: usize = 3;
 const CELL: (f64, f64) = (1.0 / 5.0, 1.0 / 12.0);
 /// Bound on the cells of the height field.
 const MAX_CELLS: f64 = 200_000.0;
-/// Props drawn in a row that found no place: then it is full. So many for each kind of prop, and for what is random about one.
-const VAIN: (usize, usize) = (2, 24);
+/// Where a prop of random size or turn found no place so often, there is none for it; one that is always the same is tried once.
+const VAIN: u32 = 24;
 
 /// At this order, every prop lies flat.
 const ALL_FLAT: f64 = 2.0 / 3.0;
@@ -197,10 +197,12 @@ fn least(filling: &Filling) -> f64 {
 fn lay(filling: &mut Filling, props: &[Layable], field: &mut Field, wanted: usize) -> Result<bool, Error> {
     let order = filling.params.fill.order;
     let least = least(filling);
-    let drawn = filling.scene.props.iter().filter(|p| p.weight > 0.0);
-    let random = order < 1.0 || drawn.clone().any(|p| p.scale[0] < p.scale[1]);
-    let patience = VAIN.0 * drawn.count() + if random { VAIN.1 } else { 0 };
-    let (mut laid, mut vain) = (0, 0);
+    let all = filling.among.clone();
+    let random = |i: usize| order < 1.0 || filling.scene.props[i].scale[0] < filling.scene.props[i].scale[1];
+    let patience: Vec<u32> = (0..props.len()).map(|i| if random(i) { VAIN } else { 1 }).collect();
+    // How often each prop was drawn in vain since it last found a place; and whether any did since all were tried.
+    let (mut vain, mut any) = (vec![0; props.len()], false);
+    let mut laid = 0;
     while laid < wanted {
         let (prop, scale, rotation) = filling.draw();
         match find(filling, &props[prop], field, prop, scale, rotation) {
@@ -208,19 +210,25 @@ fn lay(filling: &mut Filling, props: &[Layable], field: &mut Field, wanted: usiz
                 let Laid { prop, scale, pose } = place;
                 let id: BodyId = filling.insert(prop, scale, pose)?;
                 field.put(&footprint, &spot, id, least);
-                (laid, vain) = (laid + 1, 0);
+                (laid, any, vain[prop]) = (laid + 1, true, 0);
             }
             None => {
-                vain += 1;
-                if vain == patience {
-                    if !field.go_on_above() {
-                        return Ok(false);
-                    }
-                    vain = 0;
+                vain[prop] += 1;
+                if vain[prop] >= patience[prop] {
+                    filling.among.retain(|&i| i != prop);
                 }
             }
         }
+        let drawn = |i: &usize| filling.scene.props[*i].weight > 0.0;
+        if !filling.among.iter().any(drawn) {
+            filling.among = all.clone();
+            if !any && !field.go_on_above() {
+                return Ok(false);
+            }
+            (vain, any) = (vec![0; props.len()], false);
+        }
     }
+    filling.among = all;
     Ok(true)
 }
 
