@@ -116,6 +116,8 @@ pub fn shape(bytes: &[u8]) {
         restitution: 0.0,
         scale: [1.0, 1.0],
         tilt_max: 180.0,
+        scale_skew: 0.0,
+        stance: Default::default(),
     };
     let scene =
         Scene { control: Some(Model { name: "control".into(), mesh: cube() }), props: vec![prop], ..Scene::default() };
