@@ -4,8 +4,8 @@
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake      609 sticks, both ways
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake ours     the first of them alone
     blender --background --factory-startup --python tests/addon/benchmark.py -- live      a draft of 150 sticks
-    blender --background --factory-startup --python tests/addon/benchmark.py -- turns     how long each thing keeps Blender busy
-    blender --factory-startup --python tests/addon/benchmark.py -- window                 the same of the bake, in a window
+    blender --background --factory-startup --python tests/addon/benchmark.py -- turns     how long each keeps Blender busy
+    blender --factory-startup --python tests/addon/benchmark.py -- window                 the bake, in a window
 
 A Python with bpy does for all but the last. CPU seconds of processes and their children; wall seconds where told.
 """
@@ -197,8 +197,8 @@ def wait_for(asked):
 
 
 def turns():
-    """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step, buttons by what the
-    add-on does when they are pressed. What Blender does besides, to draw the scene anew, is not in it."""
+    """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step, buttons by
+    what the add-on does when they are pressed. What Blender does besides, to draw the scene anew, is not in it."""
     empty()
     settings = scene()
     settings.accuracy = "DRAFT"
@@ -234,7 +234,7 @@ def turns():
     whole("whether the scene has changed", lambda: fingerprint.of(bpy.context.scene))
     bpy.ops.cairn.bake()
     pile = result.chosen(bpy.context)
-    from cairn import preferences, running
+    from cairn import preferences
 
     bodies = len(pile.objects)
     again = job.Job(preferences.server(bpy.context), taken.spec, taken.contents, taken.problems)
@@ -268,9 +268,7 @@ def turns():
     again = job.Job(preferences.server(bpy.context), changed.spec, changed.contents, changed.problems)
     wait_for(again)
     motion = again.recording.motion()
-    sliced(
-        "what has settled is taken", edit.applied(bpy.context, edited, objects, free, motion, changed.recipe, {})
-    )
+    sliced("what has settled is taken", edit.applied(bpy.context, edited, objects, free, motion, changed.recipe, {}))
     pressed("Delete", pile_operators.CAIRN_OT_delete, bpy.ops.cairn.delete)
     preferences.stop_server()
     print(f"{bodies} bodies")
