@@ -4,7 +4,7 @@
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake      609 sticks, both ways
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake ours     the first of them alone
     blender --background --factory-startup --python tests/addon/benchmark.py -- live      a draft of 150 sticks
-    blender --background --factory-startup --python tests/addon/benchmark.py -- turns     how long each keeps Blender busy
+    blender --background --factory-startup --python tests/addon/benchmark.py -- turns     what keeps Blender busy
     blender --factory-startup --python tests/addon/benchmark.py -- window                 the bake, in a window
 
 A Python with bpy does for all but the last. CPU seconds of processes and their children; wall seconds where told.
@@ -197,8 +197,8 @@ def wait_for(asked):
 
 
 def turns():
-    """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step, buttons by
-    what the add-on does when they are pressed. What Blender does besides, to draw the scene anew, is not in it."""
+    """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step,
+    buttons by what the add-on does when they are pressed. What Blender does besides, to draw the scene anew, is not in it."""
     empty()
     settings = scene()
     settings.accuracy = "DRAFT"

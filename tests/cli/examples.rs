@@ -23,6 +23,10 @@ impl Figures {
         self.0["measures"][name].as_f64().unwrap_or(f64::NAN)
     }
 
+    fn bodies(&self) -> u64 {
+        self.0["bodies"].as_u64().unwrap()
+    }
+
     fn count(&self, name: &str) -> u64 {
         self.0["counts"][name].as_u64().unwrap()
     }
@@ -96,4 +100,43 @@ fn bananas_are_heaped_above_the_rim() {
     assert!(heap.get("silhouette_iou") > 0.8, "{}", heap.get("silhouette_iou"));
     assert!(heap.get("resting_speed_max_rel") < 0.01);
     assert_eq!(heap.get("hanging"), 0.0);
+}
+
+#[test]
+fn a_library_is_stacked_and_stands() {
+    let books = Figures::of("library.toml", "");
+    assert!(books.bodies() >= 150, "{}", books.bodies());
+    assert!(books.get("flat_share") > 0.9, "{}", books.get("flat_share"));
+    assert!(books.get("kept_shape") >= 0.95, "{}", books.get("kept_shape"));
+    let fallen = Figures::of("library.toml", "fill.order=0");
+    assert!(fallen.get("flat_share") < books.get("flat_share") - 0.3, "{}", fallen.get("flat_share"));
+}
+
+#[test]
+fn a_brick_wall_is_bonded_and_stands() {
+    let wall = Figures::of("brick-wall.toml", "accuracy=draft");
+    assert!(wall.bodies() >= 400, "{}", wall.bodies());
+    assert!(wall.get("flat_share") > 0.95, "{}", wall.get("flat_share"));
+    assert!(wall.get("bonded_share") > 0.85, "{}", wall.get("bonded_share"));
+    assert!(wall.get("kept_shape") >= 0.95, "{}", wall.get("kept_shape"));
+}
+
+#[test]
+fn planks_crosswise_make_a_tower() {
+    let tower = Figures::of("woodpile.toml", "accuracy=draft props.1.weight=0 fill.order=1");
+    assert!(tower.bodies() >= 300, "{}", tower.bodies());
+    assert!(tower.get("bonded_share") > 0.9, "{}", tower.get("bonded_share"));
+    assert!(tower.get("kept_shape") >= 0.95, "{}", tower.get("kept_shape"));
+}
+
+#[test]
+fn crockery_and_scrap_come_to_rest() {
+    let crockery = Figures::of("crockery.toml", "accuracy=draft");
+    assert!(crockery.bodies() >= 15, "{}", crockery.bodies());
+    let scrap = Figures::of("scrap.toml", "accuracy=draft");
+    assert!(scrap.bodies() >= 100, "{}", scrap.bodies());
+    assert!(scrap.get("flat_share") < 0.5, "{}", scrap.get("flat_share"));
+    for pile in [crockery, scrap] {
+        assert!(pile.get("resting_speed_max_rel") < 0.02, "{}", pile.get("resting_speed_max_rel"));
+    }
 }

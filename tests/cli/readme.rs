@@ -104,7 +104,7 @@ fn desk_with_examples() -> Desk {
 fn guide() {
     let desk = desk_with_examples();
     let mut tried = 0;
-    for page in ["README.md", "glue.md", "recipes.md", "troubleshooting.md"] {
+    for page in ["README.md", "glue.md", "how-props-lie.md", "recipes.md", "troubleshooting.md"] {
         let blocks = blocks_of(&root().join("examples/guide").join(page));
         for line in blocks.iter().flat_map(|block| block.lines()).filter(|line| !line.is_empty()) {
             let (command, file) = line.split_once(" > ").map_or((line, None), |(command, file)| (command, Some(file)));
@@ -131,7 +131,7 @@ fn guide() {
 fn links_of_the_guide() {
     let folder = root().join("examples/guide");
     let mut found = 0;
-    for page in ["README.md", "glue.md", "recipes.md", "troubleshooting.md"] {
+    for page in ["README.md", "glue.md", "how-props-lie.md", "recipes.md", "troubleshooting.md"] {
         let text = std::fs::read_to_string(folder.join(page)).unwrap();
         for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
             assert!(folder.join(link).is_file(), "{page} leads to {link}");
