@@ -198,7 +198,8 @@ def wait_for(asked):
 
 def turns():
     """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step,
-    buttons by what the add-on does when they are pressed. What Blender does besides, to draw the scene anew, is not in it."""
+    buttons by what the add-on does when they are pressed. What Blender does besides, to draw the scene anew,
+    is not in it."""
     empty()
     settings = scene()
     settings.accuracy = "DRAFT"

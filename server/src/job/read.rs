@@ -189,17 +189,14 @@ impl Reader {
 
     fn up(&mut self, index: usize, given: &[f64]) -> Option<DVec3> {
         let field = format!("props.{index}.up");
-        let direction = match *given {
+        let (what, remedy) = match *given {
             [] => return None,
-            [x, y, z] => DVec3::new(x, y, z).try_normalize(),
-            _ => None,
+            [x, y, z] if [x, y, z].iter().all(|v| v.abs() <= 1.0) => return DVec3::new(x, y, z).try_normalize(),
+            [_, _, _] => (format!("{given:?} is out of range"), "Give numbers from -1 to 1."),
+            _ => (format!("{} numbers are given", given.len()), "Give three: x, y, z."),
         };
-        if direction.is_none() {
-            let problem =
-                Problem::new(&field, format!("{given:?} is no direction"), "Give three numbers, not all 0: x, y, z.");
-            self.problems.push(problem.of_field(&field));
-        }
-        direction
+        self.problems.push(Problem::new(&field, what, remedy).of_field(&field));
+        None
     }
 
     fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Key>) -> (Reference, StaticModel) {

@@ -16,7 +16,7 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         scale_max: prop.scale_max.or(Some(from_proto::PROP_SCALE)),
         tilt_max: prop.tilt_max.or(Some(from_proto::PROP_TILT_MAX)),
         scale_skew: prop.scale_skew.or(Some(from_proto::PROP_SCALE_SKEW)),
-        up: prop.up.clone(),
+        up: if prop.up.is_empty() { vec![0.0; 3] } else { prop.up.clone() },
         turns: match prop.turns() {
             proto::Turns::Unspecified => proto::Turns::Any,
             given => given,

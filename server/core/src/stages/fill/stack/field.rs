@@ -63,7 +63,8 @@ pub struct Spot {
 }
 
 impl Footprint {
-    /// The triangles of a body about its centre of mass, in the pile's axes. `shift`: from where it would lie snug in its cells.
+    /// The triangles of a body about its centre of mass, in the pile's axes. `shift`: from the middle of its cells, as far as they
+    /// have room.
     pub fn new(triangles: &[[DVec3; 3]], cell: f64, shift: DVec2) -> Footprint {
         let points = || triangles.iter().flatten();
         let low = points().fold(DVec3::INFINITY, |a, &p| a.min(p));
@@ -71,10 +72,9 @@ impl Footprint {
         let edges = DVec2::new(high.x - low.x, high.z - low.z) / cell;
         // What reaches so little into another cell that no sample of it is met does not need it.
         let count = (edges - SNUG).ceil().max(DVec2::ONE);
-        let slack = (count - edges).max(DVec2::ZERO) / 2.0 + shift.abs() / cell;
-        let count = count + (shift.abs() / cell).ceil();
+        let slack = (count - edges).max(DVec2::ZERO) / 2.0 * cell;
         let size = [count.x as usize, count.y as usize];
-        let offset = DVec2::new(-low.x, -low.z) + slack * cell + shift.min(DVec2::ZERO);
+        let offset = DVec2::new(-low.x, -low.z) + slack + shift.clamp(-slack, slack);
         let mut low_at = vec![f64::INFINITY; size[0] * size[1]];
         let mut high_at = vec![f64::NEG_INFINITY; size[0] * size[1]];
         for triangle in triangles {
