@@ -299,7 +299,7 @@ impl Field {
 
     /// Goes on above what cannot be filled any more, as the hole of an arch. Returns whether there was more.
     pub fn go_on_above(&mut self) -> bool {
-        (0..self.floor.len()).fold(false, |any, i| self.go_on(i) || any)
+        (0..self.floor.len()).filter(|&i| self.go_on(i)).count() > 0
     }
 }
 
