@@ -30,8 +30,6 @@ pub struct Filled {
     pub depenetration_steps: u64,
     /// Whether the container was full, rather than a limit reached.
     pub full: bool,
-    /// Whether shaking the container did it good; `None`: it was not shaken.
-    pub shaken: Option<bool>,
     /// Share of the container's volume that no body is near.
     pub pockets: f64,
     /// Triangles that simplification took from the walls, and how far it moved them, in d.
@@ -103,7 +101,9 @@ pub fn run(
         filling.settle(params.fill.settle, observer)?;
         filling.clean_up(observer)?;
     }
-    let shaken = if params.fill.shake > 0.0 { Some(shake::run(&mut filling, observer)?) } else { None };
+    if params.fill.shake > 0.0 {
+        shake::run(&mut filling, observer)?;
+    }
     filling.cut_to(wanted);
     // Parted bodies need the room that the walls do not leave them.
     filling.world.remove_wall(walls);
@@ -119,7 +119,6 @@ pub fn run(
         steps,
         depenetration_steps,
         full,
-        shaken,
         pockets,
         wall_triangles_saved: closed.saved,
         wall_deviation: closed.deviation,

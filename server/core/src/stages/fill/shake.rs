@@ -19,8 +19,8 @@ const WORSE: f64 = 0.005;
 /// Directions, one after the other, X and Z.
 const SIDES: [[f64; 2]; 4] = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
 
-/// Shakes the filled container for `fill.shake`. Returns whether the pile is better for it; else it lies as before.
-pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
+/// Shakes the filled container for `fill.shake`. Where the shape is worse for it, the pile lies as before.
+pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<(), Error> {
     let before: Vec<(BodyId, Pose)> = filling.loose().map(|id| (id, filling.world.pose(id))).collect();
     let pockets_before = pockets::fraction(filling);
     let swings = (filling.params.fill.shake / SWING).ceil() as usize;
@@ -32,10 +32,10 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, E
     filling.settle(SETTLE, observer)?;
     let lost = before.iter().any(|&(id, _)| !filling.world.is_present(id));
     if lost || pockets::fraction(filling) <= pockets_before + WORSE {
-        return Ok(true);
+        return Ok(());
     }
     for (id, pose) in before {
         filling.world.put_back(id, &pose);
     }
-    Ok(false)
+    Ok(())
 }

@@ -32,7 +32,7 @@ const VAIN: u32 = 24;
 
 /// At this order, every prop lies flat.
 const ALL_FLAT: f64 = 2.0 / 3.0;
-/// The largest turn of a prop that lies, at order 0: any.
+/// The largest turn of a prop that lies, to either side, at order 0; rad.
 const LARGEST_TURN: f64 = PI / 3.0;
 /// The largest shift of a prop at order 0, as a share of its shorter edge.
 const LARGEST_SHIFT: f64 = 0.3;
