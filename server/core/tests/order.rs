@@ -10,6 +10,7 @@ use cairn_core::input::scene::{Scene, Stance, Turns};
 use cairn_core::report::bake::Bake;
 use common::scene;
 use glam::DVec3;
+use std::f64::consts::TAU;
 
 /// A closed box on the ground with these edges.
 fn block(edges: DVec3) -> TriMesh {
@@ -74,6 +75,40 @@ fn planks_lie_crosswise() {
     let (one, other) = (along(true), along(false));
     assert!(one.min(other) * 3 > bake.report.bodies, "{one} along, {other} across");
     assert!(figure(&bake, "kept_shape") > 0.95, "{}", figure(&bake, "kept_shape"));
+}
+
+/// A dish whose rim is higher on one side by this share: rings of 12 corners, from the middle below, out, in and to the middle above.
+fn dish(radius: f64, height: f64, uneven: f64) -> TriMesh {
+    const N: u32 = 12;
+    let rings = [(0.5, 0.0), (1.0, 1.0), (0.93, 1.0), (0.48, 0.2)];
+    let mut points = vec![DVec3::ZERO, DVec3::Y * 0.2 * height];
+    for (out, up) in rings {
+        points.extend((0..N).map(|i| {
+            let angle = TAU * f64::from(i) / f64::from(N);
+            let up = up * (1.0 + uneven * angle.cos());
+            DVec3::new(out * radius * angle.cos(), up * height, out * radius * angle.sin())
+        }));
+    }
+    let at = |ring: u32, i: u32| 2 + ring * N + i % N;
+    let mut triangles = Vec::new();
+    for i in 0..N {
+        triangles.extend([[0, at(0, i), at(0, i + 1)], [1, at(3, i + 1), at(3, i)]]);
+        let side = |ring: u32| {
+            [[at(ring, i), at(ring + 1, i), at(ring, i + 1)], [at(ring, i + 1), at(ring + 1, i), at(ring + 1, i + 1)]]
+        };
+        triangles.extend((0..3).flat_map(side));
+    }
+    TriMesh { points, triangles }
+}
+
+/// Each leans a little; the next one is turned so that the column stands.
+#[test]
+fn uneven_dishes_stand_in_a_column() {
+    let scene = scene(block(DVec3::new(0.3, 1.2, 0.3)), dish(0.13, 0.05, 0.02));
+    let bake = baked(&scene, &stacked(1.0));
+    assert!(bake.report.bodies > 25, "{}", bake.report.bodies);
+    assert!(figure(&bake, "kept_shape") > 0.97, "{}", figure(&bake, "kept_shape"));
+    assert!(figure(&bake, "flat_share") == 1.0, "{}", figure(&bake, "flat_share"));
 }
 
 #[test]

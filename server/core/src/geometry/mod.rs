@@ -4,6 +4,7 @@ pub mod closed;
 pub mod contact;
 pub mod mesh;
 pub mod pose;
+pub mod raster;
 pub mod rectangle;
 pub mod region;
 pub mod topology;

@@ -32,6 +32,7 @@ pub use corners::corners;
 pub use fit::OrientedBox;
 pub use hull::Hull;
 pub use nature::{Nature, natures};
+pub use nest::Seat;
 pub use outline::Outline;
 pub use size::Size;
 

@@ -10,7 +10,7 @@ use crate::geometry::pose::Pose;
 use crate::geometry::rectangle::smallest_rectangle;
 use crate::input::observer::Observer;
 use crate::input::scene::{Prop, Turns};
-use crate::prepare::shape::{Shape, Solid, corners, hull_mesh};
+use crate::prepare::shape::{Seat, Shape, Solid, corners, hull_mesh};
 use crate::world::BodyId;
 use field::{Field, Footprint, Spot};
 use glam::{DQuat, DVec2, DVec3};
@@ -64,8 +64,8 @@ struct Layable {
     /// About the centre of mass, at scale 1.
     triangles: Vec<[DVec3; 3]>,
     rest: Option<Rest>,
-    /// Cups, bowls and plates go into each other.
-    nests: bool,
+    /// How it goes into another one, turn by turn: cups, bowls and plates do.
+    seats: Vec<Seat>,
 }
 
 /// What was laid down, and how.
@@ -114,15 +114,23 @@ fn layable(shape: &Shape, prop: &Prop) -> Layable {
     let triangles = meshes.flat_map(|mesh| (0..mesh.triangles.len()).map(|i| mesh.corners(i)).collect::<Vec<_>>());
     let up = prop.stance.up.or((prop.tilt_max < 90.0).then_some(DVec3::Y));
     let rest = up.map_or_else(|| flattest(shape), |up| Some(upright(shape, up)));
-    let nests = rest.is_some_and(|rest| shape.nesting(rest.up, 0.0, rest.height) < NESTED * rest.height);
-    Layable { triangles: triangles.map(|t| t.map(|p| p * unit)).collect(), rest, nests }
+    let turns = |rest: &Rest| match prop.stance.turns {
+        Turns::None => 1,
+        _ if rest.edges.x >= ROUND * rest.edges.y => 2,
+        Turns::Quarter => 4,
+        Turns::Any => TURNS,
+    };
+    let mut seats = rest.map_or_else(Vec::new, |rest| shape.seats(rest.up, turns(&rest)));
+    seats.retain(|seat| rest.is_some_and(|rest| seat.pitch < NESTED * rest.height));
+    Layable { triangles: triangles.map(|t| t.map(|p| p * unit)).collect(), rest, seats }
 }
 
 /// A prop nests if one on another is less high than this share of two.
 const NESTED: f64 = 0.9;
 
-/// A prop not longer than so many times its width is as good as round.
+/// A prop not longer than so many times its width is as good as round, and is tried in another one in so many turns.
 const ROUND: f64 = 1.1;
+const TURNS: usize = 24;
 /// Cosine of the angle up to which what another one is put into stands straight.
 const STRAIGHT: f64 = 0.98;
 
@@ -259,7 +267,8 @@ fn find(
         None => (field.turn * rotation, false, DVec2::ZERO),
     };
     let thickness = filling.shapes[prop].thickness() * size;
-    let nested = lies.filter(|_| layable.nests).and_then(|rest| nest(filling, layable, field, (prop, scale), &rest));
+    let nested =
+        lies.filter(|_| !layable.seats.is_empty()).and_then(|rest| nest(filling, layable, field, (prop, scale), &rest));
     let mut best: Option<(f64, Footprint, Spot, DQuat)> = None;
     let ways: &[bool] = if turns == Turns::None { &[false] } else { &[false, true] };
     for &across in ways {
@@ -283,7 +292,9 @@ fn find(
                 };
                 let layer = ((spot.height - filling.container.base) / footprint.height + 0.5).floor();
                 let odd = layer.rem_euclid(2.0) >= 1.0;
-                let beside = || spot.on.is_some_and(|(id, _)| layable.nests && filling.world.bodies()[id].prop == prop);
+                let beside = || {
+                    spot.on.is_some_and(|(id, _)| !layable.seats.is_empty() && filling.world.bodies()[id].prop == prop)
+                };
                 if !spot.stable && order >= FIRM || lies.is_some() && beside() {
                     continue;
                 }
@@ -345,17 +356,20 @@ fn nest(
     carriers.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     for (_, id) in carriers {
         let below = filling.world.pose(id);
-        // Where two are not quite round, one leans on the other: turned at random, a stack does not lean as a whole.
-        let turn = if rest.edges.x < ROUND * rest.edges.y { TAU * filling.rng.random::<f64>() } else { 0.0 };
-        let turned = below.rotation * DQuat::from_axis_angle(rest.up, turn);
-        let rotation = (DQuat::from_rotation_arc(turned * rest.up, DVec3::Y) * turned).normalize();
-        let translation =
-            below.translation + DVec3::Y * filling.shapes[prop].nesting(rest.up, turn, rest.height) * size;
-        let triangles: Vec<_> =
-            layable.triangles.iter().map(|t| t.map(|p| field.turn * (rotation * (p * size)))).collect();
-        let footprint = Footprint::new(&triangles, field.cell, DVec2::ZERO);
-        if let Some(spot) = field.lay_at(&footprint, translation).filter(|_| filling.may_be(prop, translation)) {
-            return Some((Laid { prop, scale, pose: Pose { translation, rotation } }, footprint, spot));
+        // Where one leans on the other, the turn in which it stands straightest, whatever leans below it.
+        let upright = |seat: &Seat| (below.rotation * seat.rotation * rest.up).y;
+        let mut seats: Vec<&Seat> = layable.seats.iter().collect();
+        seats.sort_by(|a, b| upright(b).total_cmp(&upright(a)));
+        for seat in seats {
+            let rotation = (below.rotation * seat.rotation).normalize();
+            let translation = below.translation + DVec3::Y * (seat.pitch * size);
+            // Whether there is room, as if it stood straight.
+            let straight = field.turn * DQuat::from_rotation_arc(rotation * rest.up, DVec3::Y) * rotation;
+            let triangles: Vec<_> = layable.triangles.iter().map(|t| t.map(|p| straight * (p * size))).collect();
+            let footprint = Footprint::new(&triangles, field.cell, DVec2::ZERO);
+            if let Some(spot) = field.lay_at(&footprint, translation).filter(|_| filling.may_be(prop, translation)) {
+                return Some((Laid { prop, scale, pose: Pose { translation, rotation } }, footprint, spot));
+            }
         }
     }
     None

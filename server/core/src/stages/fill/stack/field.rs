@@ -2,6 +2,7 @@
 //! how high it may grow.
 
 use crate::geometry::mesh::TriMesh;
+use crate::geometry::raster::rasterise;
 use crate::world::BodyId;
 use glam::{DQuat, DVec2, DVec3};
 
@@ -78,10 +79,16 @@ impl Footprint {
         let mut low_at = vec![f64::INFINITY; size[0] * size[1]];
         let mut high_at = vec![f64::NEG_INFINITY; size[0] * size[1]];
         for triangle in triangles {
-            rasterise(triangle.map(|p| (DVec2::new(p.x, p.z) + offset, p.y - low.y)), cell, size, |i, _, y| {
-                low_at[i] = low_at[i].min(y);
-                high_at[i] = high_at[i].max(y);
-            });
+            rasterise(
+                triangle.map(|p| (DVec2::new(p.x, p.z) + offset, p.y - low.y)),
+                cell,
+                size,
+                &SAMPLES,
+                |i, _, y| {
+                    low_at[i] = low_at[i].min(y);
+                    high_at[i] = high_at[i].max(y);
+                },
+            );
         }
         let covered = (0..low_at.len()).filter(|&i| low_at[i] <= high_at[i]);
         let cells =
@@ -92,29 +99,6 @@ impl Footprint {
 
 /// Cells by which a body may reach beyond the ones that it is given.
 pub const SNUG: f64 = 0.02;
-
-/// Calls with the index of a cell, that of a sample of it, and a height, wherever the triangle is above or below a sample.
-fn rasterise(triangle: [(DVec2, f64); 3], cell: f64, size: [usize; 2], mut met: impl FnMut(usize, usize, f64)) {
-    let [(a, ya), (b, yb), (c, yc)] = triangle;
-    let area = (b - a).perp_dot(c - a);
-    if area.abs() < 1e-12 * cell * cell {
-        return;
-    }
-    let low = (a.min(b).min(c) / cell).floor().max(DVec2::ZERO);
-    let high = (a.max(b).max(c) / cell).ceil();
-    for z in low.y as usize..(high.y.max(0.0) as usize).min(size[1]) {
-        for x in low.x as usize..(high.x.max(0.0) as usize).min(size[0]) {
-            for sample in 0..SAMPLES.len().pow(2) {
-                let off = DVec2::new(SAMPLES[sample % SAMPLES.len()], SAMPLES[sample / SAMPLES.len()]);
-                let p = (DVec2::new(x as f64, z as f64) + 0.5 + off) * cell;
-                let (v, w) = ((p - a).perp_dot(c - a) / area, (b - a).perp_dot(p - a) / area);
-                if v >= -1e-9 && w >= -1e-9 && v + w <= 1.0 + 1e-9 {
-                    met(z * size[0] + x, sample, ya + v * (yb - ya) + w * (yc - ya));
-                }
-            }
-        }
-    }
-}
 
 impl Field {
     /// The inside of walls that face inward, from `base` up, in cells of this edge, along axes that are turned by `turn`. What is laid
@@ -130,7 +114,7 @@ impl Field {
         for [a, b, c] in corners {
             let enters = if (b - a).cross(c - a).y > 0.0 { 1 } else { -1 };
             let placed = [a, b, c].map(|p| (DVec2::new(p.x, p.z) - origin, p.y));
-            rasterise(placed, cell, size, |cell, sample, y| crossings[cell].push((sample, y, enters)));
+            rasterise(placed, cell, size, &SAMPLES, |cell, sample, y| crossings[cell].push((sample, y, enters)));
         }
         let intervals = crossings.into_iter().map(|crossings| column(crossings, base, leeway)).collect();
         let mut field = Field { turn, origin, cell, size, intervals, floor: vec![], ceiling: vec![], owner: vec![] };
@@ -269,7 +253,7 @@ impl Field {
         let mut tops = std::collections::BTreeMap::<usize, f64>::new();
         for triangle in triangles {
             let placed = triangle.map(|p| (self.cells(p) * cell, p.y));
-            rasterise(placed, cell, size, |i, _, y| {
+            rasterise(placed, cell, size, &SAMPLES, |i, _, y| {
                 let top = tops.entry(i).or_insert(y);
                 *top = top.max(y);
             });
