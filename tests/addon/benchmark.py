@@ -1,7 +1,7 @@
 """What the add-on takes, beside Blender's own rigid bodies. Run by Blender with the add-on unpacked in target/addon:
 
     blender --background --factory-startup --python tests/addon/benchmark.py              writing of results
-    blender --background --factory-startup --python tests/addon/benchmark.py -- writing 5000 200     so many bodies and frames
+    blender --background --factory-startup --python tests/addon/benchmark.py -- writing 5000 200     of that size
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake      609 sticks, both ways
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake ours     the first of them alone
     blender --background --factory-startup --python tests/addon/benchmark.py -- live      a draft of 150 sticks
