@@ -1,7 +1,9 @@
-//! What examples share that look into a pile while it is released.
+//! What examples and benches share: small piles of named scenes, and what looks into a pile while it is released.
+#![allow(dead_code, reason = "each uses a part")]
 
 use anyhow::{Context, anyhow};
 use cairn::job::Job;
+use cairn::problem::Problem;
 use cairn::scene_file::SceneTree;
 use cairn_core::FullContainer;
 use cairn_core::equilibrium::global::{self, Balance, Objective};
@@ -12,6 +14,34 @@ use cairn_core::stages::cache::NoCache;
 use cairn_core::world::World;
 use std::path::Path;
 
+/// Small versions of the scenes of this folder: name, scene file, what is set in it.
+pub const SMALL: [(&str, &str, &[&str]); 5] = [
+    ("sticks", "sticks.toml", &["fill.count=150"]),
+    ("books", "books.toml", &["fill.count=150", "output.frames=120"]),
+    // A few of several hulls each, glued.
+    ("bananas", "ball.toml", &["fill.count=80"]),
+    ("rubble", "guide/rubble.toml", &["fill.count=120"]),
+    ("cards", "cards.toml", &["output.frames=120"]),
+];
+
+/// One of [`SMALL`], read, with further assignments.
+pub fn small(name: &str, set: &[&str]) -> anyhow::Result<Job> {
+    let (_, file, own) = SMALL.iter().find(|(known, ..)| *known == name).context("a name of a small scene")?;
+    let set: Vec<String> = own.iter().chain(set).map(ToString::to_string).collect();
+    read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("examples").join(file), &set)
+}
+
+/// Reads a scene file, with assignments as `--set` takes them.
+fn read(scene: &Path, set: &[String]) -> anyhow::Result<Job> {
+    let told =
+        |problems: Vec<Problem>| anyhow!(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"));
+    let mut tree = SceneTree::load(scene).map_err(told).with_context(|| scene.display().to_string())?;
+    for assignment in set {
+        tree.set(assignment).map_err(told)?;
+    }
+    Job::read(&tree.to_message()).map_err(told)
+}
+
 /// A scene whose container is full: any number of piles may be turned over from it.
 pub struct Full {
     pub job: Job,
@@ -21,14 +51,11 @@ pub struct Full {
 impl Full {
     /// Reads a scene file, with assignments as `--set` takes them, and fills its container if it has one.
     pub fn of(scene: &Path, set: &[String]) -> anyhow::Result<Full> {
-        let told = |problems: Vec<cairn::problem::Problem>| {
-            anyhow!(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))
-        };
-        let mut tree = SceneTree::load(scene).map_err(told).with_context(|| scene.display().to_string())?;
-        for assignment in set {
-            tree.set(assignment).map_err(told)?;
-        }
-        let job = Job::read(&tree.to_message()).map_err(told)?;
+        Full::filled(read(scene, set)?)
+    }
+
+    /// The same of a scene that was read.
+    pub fn filled(job: Job) -> anyhow::Result<Full> {
         let container = cairn_core::fill_container(&job.scene, &job.params, &mut NoCache, &mut Silent)?;
         Ok(Full { job, container })
     }
@@ -40,7 +67,6 @@ impl Full {
 }
 
 /// The best forces over all contacts of a pile. Bodies in the order of [`World::present`], without those that are pinned.
-#[allow(dead_code)]
 pub fn whole(world: &World) -> Option<Balance> {
     global::analyse(&Whole::new(world, REAL_CONTACT).problem(), Objective::default()).ok()
 }

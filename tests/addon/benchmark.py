@@ -1,6 +1,7 @@
 """What the add-on takes, beside Blender's own rigid bodies. Run by Blender with the add-on unpacked in target/addon:
 
     blender --background --factory-startup --python tests/addon/benchmark.py              writing of results
+    blender --background --factory-startup --python tests/addon/benchmark.py -- writing 5000 200     of that size
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake      609 sticks, both ways
     blender --background --factory-startup --python tests/addon/benchmark.py -- bake ours     the first of them alone
     blender --background --factory-startup --python tests/addon/benchmark.py -- live      a draft of 150 sticks
@@ -81,7 +82,12 @@ def motion(bodies, frames):
 
 
 def writing():
-    for mode, bodies in (("ANIMATION", 1000), ("POINTS", 10000)):
+    asked = [int(number) for number in sys.argv[sys.argv.index("--") + 2 :]] if "--" in sys.argv else []
+    sizes = [("ANIMATION", 1000, FRAMES), ("POINTS", 10000, FRAMES)]
+    if asked:
+        bodies, frames = asked
+        sizes = [("AUTO", bodies, frames)]
+    for mode, bodies, frames in sizes:
         times = []
         for _ in range(3):
             empty()
@@ -97,12 +103,12 @@ def writing():
                 "start_frame": 1,
                 "output_mode": mode,
             }
-            made_up = motion(bodies, FRAMES)
+            made_up = motion(bodies, frames)
             began, worked = time.perf_counter(), cpu()
             request.finish(result.build(bpy.context, made_up, recipe, {}))
             times.append((time.perf_counter() - began, cpu() - worked))
         wall, work = (statistics.median(column) for column in zip(*times))
-        print(f"{mode}: {bodies} bodies x {FRAMES} frames, {wall:.2f} s wall, {work:.2f} s CPU", flush=True)
+        print(f"{mode}: {bodies} bodies x {frames} frames, {wall:.2f} s wall, {work:.2f} s CPU", flush=True)
 
 
 def bake():

@@ -5,6 +5,7 @@
 pub mod edges;
 pub mod energy;
 pub mod engines;
+pub mod gltf;
 pub mod hits;
 pub mod inputs;
 pub mod piles;
