@@ -56,7 +56,9 @@ def main():
                 useMaximalCoordinates=True,
             )
         )
-        bullet.changeDynamics(ids[-1], -1, localInertiaDiagonal=shape["inertia"], activationState=sleeping, **surface)
+        # With the inertia alone, pybullet takes the mass for 0.
+        own = {"mass": shape["mass"], "localInertiaDiagonal": shape["inertia"], "activationState": sleeping}
+        bullet.changeDynamics(ids[-1], -1, **own, **surface)
     cpu, seconds = piles.simulate(bullet.stepSimulation, scene, arguments.hz, arguments.limit)
     poses = [bullet.getBasePositionAndOrientation(body) for body in ids]
     piles.write(scene, arguments, "Bullet, by pybullet 3.2.7", cpu, seconds, *zip(*poses))

@@ -12,6 +12,9 @@ from pathlib import Path
 import numpy as np
 
 
+AWAY = 1e30
+
+
 @dataclass
 class Scene:
     gravity: float
@@ -57,8 +60,9 @@ def simulate(step, scene, hz, limit):
 
 
 def write(scene, arguments, engine, cpu, seconds, positions, rotations, **more):
-    """Shape `[body][3]`, `[body][4]`."""
-    placed = zip(scene.bodies, np.asarray(positions, float).tolist(), np.asarray(rotations, float).tolist())
+    """Shape `[body][3]`, `[body][4]`. What an engine no longer knows is far away."""
+    known = [np.nan_to_num(np.asarray(values, float), nan=AWAY, posinf=AWAY) for values in (positions, rotations)]
+    placed = zip(scene.bodies, *(values.tolist() for values in known))
     bodies = [{"shape": body["shape"], "position": at, "rotation": turned} for body, at, turned in placed]
     told = {"engine": engine, "settings": arguments.settings, "cpu": cpu, "seconds": seconds, "bodies": bodies}
     Path(arguments.out).write_text(json.dumps(told | more))
