@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import table
-from entries import BASELINES, CAIRN, OURS, PEERS, PILES, ROOT, TARGET
+from entries import BASELINES, CAIRN, FEW, OURS, PEERS, PILES, ROOT, TARGET
 
 
 def arguments():
@@ -53,8 +53,7 @@ def run(command):
 def pile_of(pile, chosen, folder):
     """The pile right after turning over; made anew where something else is asked for than what is there."""
     path = folder / "scene.json"
-    count = f"fill.count={pile.few if chosen.small else pile.count}"
-    wanted = [count, *chosen.set]
+    wanted = [*pile.set(FEW if chosen.small else None), *chosen.set]
     known = json.loads(path.read_text()) if path.exists() else {}
     if known.get("set") != wanted or known.get("frames") != chosen.frames:
         shutil.rmtree(folder, ignore_errors=True)

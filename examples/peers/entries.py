@@ -16,15 +16,25 @@ class Pile:
     name: str
     file: str
     count: int
-    few: int
-    """Bodies of the small version."""
+    scale: float = 1
+    """Of its props."""
+
+    def set(self, few=None):
+        """Assignments: as many bodies, or few, but so much larger that they fill the same mesh."""
+        if few is None:
+            return [f"fill.count={self.count}"]
+        scale = self.scale * (self.count / few) ** (1 / 3)
+        sizes = [f"props.0.scale_{end}={scale:.3f}" for end in ("min", "max")]
+        return [f"fill.count={few}", *sizes]
 
 
 PILES = [
-    Pile("sticks", "examples/sticks.toml", 609, 60),
-    Pile("books", "examples/books.toml", 879, 60),
-    Pile("bananas", f"{HERE}/bananas.toml", 1008, 60),
+    Pile("sticks", "examples/sticks.toml", 609),
+    Pile("books", "examples/books.toml", 879),
+    Pile("bananas", f"{HERE}/bananas.toml", 1008, 2.25),
 ]
+FEW = 60
+"""Bodies of the small version."""
 
 OURS = ["held", "glued"]
 """What each peer is paired with."""

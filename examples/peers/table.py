@@ -24,12 +24,16 @@ def read(path):
     return json.loads(path.read_text())
 
 
-def spread(values, digits=1, least=""):
+def spread(values, least=""):
     """Median, least and most."""
     if not values:
         return "-"
-    middle = f"{least}{median(values):.{digits}f}"
-    return middle if len(values) == 1 else f"{middle} ({min(values):.{digits}f} to {max(values):.{digits}f})"
+    middle = f"{least}{number(median(values))}"
+    return middle if len(values) == 1 else f"{middle} ({number(min(values))} to {number(max(values))})"
+
+
+def number(value):
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def quality(figures):
@@ -50,7 +54,7 @@ def rows_of(folder):
         runs = pairs[variant]
         against = {other: [a["cpu"] / b["cpu"] for a, b in zip(runs, pairs[other])] for other in OURS}
         figures = next(iter((folder / "round1").glob(f"*/{variant}.figures.json")), folder / "none")
-        ratios = ["1" if other == variant else spread(against[other], 2) for other in OURS]
+        ratios = ["1" if other == variant else spread(against[other]) for other in OURS]
         yield ["**Cairn**", runs[0]["settings"], spread([run["cpu"] for run in runs]), *ratios, *quality(figures)]
     for name in [*BASELINES, *(peer.name for peer in PEERS)]:
         places = [place for place in sorted(folder.glob(f"round*/{name}")) if (place / "peer.json").exists()]
@@ -65,15 +69,15 @@ def rows_of(folder):
         ratios = []
         for variant in OURS:
             held = [read(place / f"{variant}.json")["cpu"] for place in places]
-            ratios.append(spread([run["cpu"] / ours for run, ours in zip(runs, held)], 2, least))
-        cpu = spread([run["cpu"] for run in runs], 1, least)
+            ratios.append(spread([run["cpu"] / ours for run, ours in zip(runs, held)], least))
+        cpu = spread([run["cpu"] for run in runs], least)
         yield [runs[0]["engine"], settings, cpu, *ratios, *quality(places[0] / "peer.figures.json")]
         keyed = [run["keyframes_cpu"] for run in runs if "keyframes_cpu" in run]
         if keyed:
             ratios = []
             for variant in OURS:
                 held = [read(place / f"{variant}.json")["cpu"] for place in places]
-                ratios.append(spread([cpu / ours for cpu, ours in zip(keyed, held)], 2))
+                ratios.append(spread([cpu / ours for cpu, ours in zip(keyed, held)]))
             yield [runs[0]["engine"], "the same, with keyframes", spread(keyed), *ratios, *["-"] * 4]
 
 
@@ -97,7 +101,7 @@ def curves(results):
     times = spread([a / b for a, b in zip(theirs, ours)])
     rows = [
         ["Cairn, whole bake by the add-on, fill and report included", spread(ours), "1"],
-        ["the same without the report", spread(bare), spread([a / b for a, b in zip(bare, ours)], 2)],
+        ["the same without the report", spread(bare), spread([a / b for a, b in zip(bare, ours)])],
         [f"Blender {runs[0]['version']}, from turning over", spread(theirs), times],
     ]
     title = f"## {runs[0]['bodies']} sticks, {runs[0]['frames']} frames, to finished F-curves"
