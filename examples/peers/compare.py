@@ -82,6 +82,10 @@ def theirs(scene, peer, limit, path):
         end = ["--settings", peer.settings, *(() if "blender" in peer.name else ("--limit", str(limit)))]
         run([*peer.command, str(scene), str(part), *peer.options, *end])
 
+    # With other settings, it is another run.
+    if path.exists() and json.loads(path.read_text())["settings"] != peer.settings:
+        path.unlink()
+        path.with_suffix(".figures.json").unlink(missing_ok=True)
     return kept(path, make)
 
 

@@ -78,9 +78,9 @@ PEERS = [
     Peer("mujoco", "240 Hz, else as it comes", python("in_mujoco.py"), options(240, 100)),
     Peer(
         "mujoco-elliptic",
-        "240 Hz, elliptic cones, 20 iterations",
+        "240 Hz, elliptic cones, impratio 10, 20 iterations",
         python("in_mujoco.py"),
-        options(240, 20, "--cone", "elliptic"),
+        options(240, 20, "--cone", "elliptic", "--impratio", "10"),
     ),
     Peer("blender-3.4-10", "24 fps x 10 substeps, 10 iterations (defaults)", DEBIAN, options(240, 10), "blender"),
     Peer("blender-3.4-50", "24 fps x 20 substeps, 50 iterations", DEBIAN, options(480, 50), "blender", False),

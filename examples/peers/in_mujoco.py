@@ -36,7 +36,7 @@ def model_of(scene, arguments):
         )
     return (
         f'<mujoco><option timestep="{1 / arguments.hz:.12g}" gravity="0 {-scene.gravity} 0" '
-        f'iterations="{arguments.iterations}" cone="{arguments.cone}"/>'
+        f'iterations="{arguments.iterations}" cone="{arguments.cone}" impratio="{arguments.impratio}"/>'
         f'<size memory="2G"/><default><geom friction="{scene.friction} 0.005 0.0001"/></default>'
         f"<asset>{''.join(meshes)}</asset><worldbody>"
         # A plane's normal is its Z axis.
@@ -48,6 +48,7 @@ def model_of(scene, arguments):
 def main():
     parser, given = piles.arguments(__doc__)
     parser.add_argument("--cone", default="pyramidal", choices=["pyramidal", "elliptic"])
+    parser.add_argument("--impratio", type=float, default=1, help="stiffness of friction against that of contacts")
     arguments = parser.parse_args(given)
     scene = piles.read(arguments.scene)
     model = mujoco.MjModel.from_xml_string(model_of(scene, arguments))

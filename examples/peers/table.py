@@ -89,7 +89,8 @@ def markdown(head, rows):
 def section(folder, pile):
     scene = read(folder / "scene.json")
     seconds = scene["frames"] / scene["fps"]
-    title = f"## {len(scene['bodies'])} {pile.name}, {seconds:.1f} s"
+    rounds = len(list(folder.glob("round*")))
+    title = f"## {len(scene['bodies'])} {pile.name}, {seconds:.1f} s, rounds: {rounds}"
     return f"{title}\n\n{markdown(HEAD, rows_of(folder))}\n"
 
 
