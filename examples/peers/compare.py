@@ -7,6 +7,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import table
@@ -33,10 +34,11 @@ def machine():
     return {"model": models[0] if models else platform.processor(), "cores": os.cpu_count()}
 
 
-def run(command):
+def run(command, **variables):
     """On one core, with one thread."""
     pinned = ["taskset", "--cpu-list", str(max(os.sched_getaffinity(0)))] if shutil.which("taskset") else []
     environment = {**os.environ, "RAYON_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment |= variables
     done = subprocess.run(
         [*pinned, *command],
         cwd=ROOT,
@@ -153,7 +155,10 @@ def curves(results, rounds):
         path = results / "curves" / f"round{number}.json"
         print(f"F-curves, round {number}", file=sys.stderr, flush=True)
         start = ["blender", "--background", "--factory-startup", "--python"]
-        kept(path, lambda part: run([*start, *script, "--result", str(part)]))
+        # A user's folders of its own, so that nothing is known of an earlier bake.
+        with tempfile.TemporaryDirectory() as home:
+            own = {name: home for name in ("HOME", "XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME")}
+            kept(path, lambda part: run([*start, *script, "--result", str(part)], **own))
 
 
 if __name__ == "__main__":
