@@ -1,0 +1,67 @@
+"""Bullet, by pybullet. It multiplies the two frictions of a pair."""
+
+import tempfile
+from pathlib import Path
+
+import pybullet as bullet
+
+import scene as piles
+
+
+def shape_of(shape, folder, number):
+    """A box, or a compound of hulls: an OBJ file with an object for each is how pybullet takes one."""
+    kind, what = next(iter(shape["solid"].items()))
+    if kind == "box":
+        return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=what)
+    lines, base = [], 1
+    for part, points in enumerate(what):
+        lines.append(f"o part{part}")
+        lines += ["v {} {} {}".format(*point) for point in points]
+        # Only the corners count; every one is in some face.
+        lines += [f"f {base} {base + i} {base + i + 1}" for i in range(1, len(points) - 1)]
+        base += len(points)
+    path = Path(folder, f"{number}.obj")
+    path.write_text("\n".join(lines) + "\n")
+    return bullet.createCollisionShape(bullet.GEOM_MESH, fileName=str(path))
+
+
+def main():
+    parser, given = piles.arguments(__doc__)
+    parser.add_argument("--sleeping", action="store_true", help="bodies at rest fall asleep")
+    arguments = parser.parse_args(given)
+    scene = piles.read(arguments.scene)
+    bullet.connect(bullet.DIRECT)
+    bullet.setGravity(0, -scene.gravity, 0)
+    bullet.setPhysicsEngineParameter(
+        fixedTimeStep=1 / arguments.hz, numSubSteps=0, numSolverIterations=arguments.iterations
+    )
+    surface = {"lateralFriction": scene.friction**0.5, "restitution": 0, "linearDamping": 0, "angularDamping": 0}
+    plane = bullet.createCollisionShape(bullet.GEOM_PLANE, planeNormal=[0, 1, 0])
+    ground = bullet.createMultiBody(0, plane, basePosition=[0, scene.ground, 0], useMaximalCoordinates=True)
+    bullet.changeDynamics(ground, -1, **surface)
+    with tempfile.TemporaryDirectory() as folder:
+        shapes = [shape_of(shape, folder, number) for number, shape in enumerate(scene.shapes)]
+    sleeping = (
+        bullet.ACTIVATION_STATE_ENABLE_SLEEPING if arguments.sleeping else bullet.ACTIVATION_STATE_DISABLE_SLEEPING
+    )
+    ids = []
+    for body in scene.bodies:
+        shape = scene.shapes[body["shape"]]
+        ids.append(
+            bullet.createMultiBody(
+                shape["mass"],
+                shapes[body["shape"]],
+                basePosition=body["position"],
+                baseOrientation=body["rotation"],
+                useMaximalCoordinates=True,
+            )
+        )
+        # With the inertia alone, pybullet takes the mass for 0.
+        own = {"mass": shape["mass"], "localInertiaDiagonal": shape["inertia"], "activationState": sleeping}
+        bullet.changeDynamics(ids[-1], -1, **own, **surface)
+    cpu, seconds = piles.simulate(bullet.stepSimulation, scene, arguments.hz, arguments.limit)
+    poses = [bullet.getBasePositionAndOrientation(body) for body in ids]
+    piles.write(scene, arguments, "Bullet, by pybullet 3.2.7", cpu, seconds, *zip(*poses))
+
+
+main()

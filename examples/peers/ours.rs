@@ -1,0 +1,134 @@
+//! Cairn, and what it has to be better than: the same program with less.
+
+use crate::export::peer_body;
+use crate::format::{PeerRun, PeerScene};
+use crate::pile::{self, Full};
+use anyhow::Context;
+use cairn_core::equilibrium::glue::{GlueDot, Placement};
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::observer::{Observer, Progress, Stage};
+use cairn_core::input::params::{ControlMode, GlueMode, Params, Switch};
+use cairn_core::report::bake::{Bake, BakedBody};
+use cairn_core::sim::glue::{Glue, Sites};
+use cairn_core::stages::{glue, hold, release};
+use clap::ValueEnum;
+use cpu_time::ProcessTime;
+use glam::DVec3;
+use rand::SeedableRng;
+use rand::seq::index;
+use std::ops::ControlFlow;
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Variant {
+    /// The paper's control, nothing glued
+    Held,
+    /// Glued as modelled, without control
+    Glued,
+    /// Physics alone
+    Off,
+    /// Physics alone, with four times the substeps: more CPU time than the control takes
+    OffSubsteps,
+    /// Physics alone, everything damped as strongly as the control damps what is not held
+    OffDamped,
+    /// As many dots of glue as `glued` has, but anywhere
+    Random,
+}
+
+const MORE_SUBSTEPS: u32 = 4;
+
+impl Variant {
+    fn settings(self) -> &'static str {
+        match self {
+            Variant::Held => "held",
+            Variant::Glued => "glued",
+            Variant::Off => "uncontrolled",
+            Variant::OffSubsteps => "uncontrolled, 4 x the substeps",
+            Variant::OffDamped => "uncontrolled, all damped",
+            Variant::Random => "as many dots of glue, at random",
+        }
+    }
+
+    fn params(self, full: &Full, scene: &PeerScene) -> Params {
+        let mut params = full.job.params.clone();
+        params.output.frames = Some(scene.frames);
+        // What rests is still a part of the time.
+        params.hold.least = f64::from(scene.frames) / scene.fps;
+        params.report.shape = Switch::Off;
+        params.report.support = Switch::Off;
+        params.glue.mode = if self == Variant::Glued { GlueMode::AsModelled } else { GlueMode::Natural };
+        if !matches!(self, Variant::Held | Variant::Glued) {
+            params.control.mode = ControlMode::Off;
+        }
+        match self {
+            Variant::OffSubsteps => params.physics.substeps *= MORE_SUBSTEPS,
+            Variant::OffDamped => params.release.damping = params.control.damping,
+            _ => {}
+        }
+        params
+    }
+}
+
+/// The pile from turning over to the last frame.
+pub fn bake(full: &Full, scene: &PeerScene, variant: Variant) -> anyhow::Result<PeerRun> {
+    let params = variant.params(full, scene);
+    let (cpu, poses) = match variant {
+        Variant::Random => at_random(full, scene, &params)?,
+        _ => {
+            let Bake { pile, report } = release(full, &params)?;
+            let spent = [Stage::Glue, Stage::Release, Stage::Hold].iter().filter_map(|stage| report.seconds.get(stage));
+            let shapes = pile::shapes(&full.job)?;
+            let last = pile.frames.last().context("a bake has frames")?;
+            let body = |(b, pose): (&BakedBody, &Pose)| shapes[b.prop].body_pose(pose, b.scale);
+            (spent.sum(), pile.bodies.iter().zip(last).map(body).collect::<Vec<_>>())
+        }
+    };
+    let bodies = scene.bodies.iter().zip(&poses).map(|(b, pose)| peer_body(&scene.shapes, b.shape, pose)).collect();
+    Ok(PeerRun {
+        engine: "Cairn".into(),
+        settings: variant.settings().into(),
+        cpu,
+        keyframes_cpu: None,
+        seconds: f64::from(scene.frames) / scene.fps,
+        bodies,
+    })
+}
+
+fn release(full: &Full, params: &Params) -> anyhow::Result<Bake> {
+    let released = cairn_core::release_pile(&full.job.scene, params, &full.container, &mut Cpu)?;
+    Ok(released.measured(&mut Cpu)?)
+}
+
+/// Dots at random touches, as many as Cairn chooses.
+fn at_random(full: &Full, scene: &PeerScene, params: &Params) -> anyhow::Result<(f64, Vec<Pose>)> {
+    let glued = release(full, &Variant::Glued.params(full, scene))?;
+    let count = glued.pile.glue.map_or(0, |glue| glue.dots.len());
+    let mut sim = full.container.turn_over(&full.job.scene, params)?;
+    let sites = Sites::new(&sim.pile.world, None, true);
+    let touches = sites.problem(DVec3::NEG_Y).touches.len();
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(params.seed);
+    let dot = |touch: usize| GlueDot { touch, force: DVec3::ZERO, moment: DVec3::ZERO };
+    let mut chosen = index::sample(&mut rng, touches, count.min(touches)).into_vec();
+    chosen.sort_unstable();
+    let placement = Placement { dots: chosen.into_iter().map(dot).collect(), ..Placement::default() };
+    let dots = glue::dots(&sites, &placement, false, 0.0, 1.0);
+    sim.pile.glue = Glue::new(dots, false, &mut sim.pile.world, &mut sim.pile.policy);
+    let begin = ProcessTime::now();
+    release::run(&mut sim, params, params.release.order, &mut Cpu)?;
+    hold::run(&mut sim, params, false, &mut Cpu)?;
+    let world = &sim.pile.world;
+    let poses = (0..world.bodies().len()).map(|id| world.units.pose_to_si(&world.pose(id)));
+    Ok((begin.elapsed().as_secs_f64(), poses.collect()))
+}
+
+/// Counts CPU time and cancels nothing.
+struct Cpu;
+
+impl Observer for Cpu {
+    fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn cpu_seconds(&mut self) -> f64 {
+        ProcessTime::now().as_duration().as_secs_f64()
+    }
+}
