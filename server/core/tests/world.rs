@@ -6,7 +6,7 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::prepare::shape::{Outline, Shape, Size, Solid, hull_mesh};
-use cairn_core::world::{Insertion, Side, TouchPoint, Units, World};
+use cairn_core::world::{Claims, Insertion, Side, TouchPoint, Units, World};
 use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
 
@@ -96,7 +96,10 @@ fn whatever_moves_is_found_after_every_step() {
         world.step();
         world.zero_step();
         for id in 0..32 {
-            assert!(!world.is_free(&shape, 1.0, &world.pose(id), &[]), "step {step}: body {id} is not found");
+            assert!(
+                !world.claim(&shape, 1.0, &world.pose(id), &mut Claims::default()),
+                "step {step}: body {id} is not found"
+            );
         }
     }
 }
@@ -277,7 +280,7 @@ fn a_nail_carries_what_would_fall_and_breaks_beyond_its_limit() {
         world.step();
     }
     nail_all(&mut world);
-    world.set_gravity_up(true);
+    world.set_gravity(DVec3::Y);
     for _ in 0..20 {
         world.step();
         assert_eq!(world.break_nails(122.0).0, 0, "two sticks weigh less than the limit");

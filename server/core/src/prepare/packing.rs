@@ -1,7 +1,7 @@
 //! How many props a control mesh takes, told before the fill: a model fitted on finished fills.
 
 use super::shape::Size;
-use crate::input::params::Fill;
+use crate::input::params::{Fill, FillMethod};
 use crate::input::scene::{Prop, Scene};
 
 /// What the packing is a product of powers of; `crowding` is an exponent of e.
@@ -56,10 +56,17 @@ const MOST_CROWDED: f64 = 3.0;
 /// The share of a volume that props fill is between these.
 const RANGE: (f64, f64) = (0.02, 0.9);
 
+/// What stacked boxes fill of a room that is not made for them; other props, as much less as they fill of the boxes around them.
+const STACKED: f64 = 0.85;
+
 /// Bodies that fit, by this share of the packing that fills usually reach, and by the limits given.
 pub fn expected_bodies(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill, share: f64) -> usize {
     let (times, features) = room.load(scene, sizes);
-    let packing = features.iter().zip(PACKING).map(|(f, w)| f * w).sum::<f64>().exp().clamp(RANGE.0, RANGE.1);
+    let mut packing = features.iter().zip(PACKING).map(|(f, w)| f * w).sum::<f64>().exp().clamp(RANGE.0, RANGE.1);
+    if fill.method == FillMethod::Stack {
+        let [_, solidity, boxiness, ..] = features;
+        packing += fill.order * (STACKED * (solidity + boxiness).exp() - packing).max(0.0);
+    }
     let fitting = (share * packing * times).ceil().max(1.0);
     (fitting.min(fill.max_bodies as f64) as usize).min(fill.count.unwrap_or(u32::MAX) as usize).max(1)
 }

@@ -9,7 +9,7 @@ use crate::geometry::pose::Pose;
 use crate::geometry::region::Region;
 use crate::input::params::{Params, Switch};
 use crate::input::scene::{Emitter, Place, PlacedBody, Scene, StaticModel};
-use crate::world::{BodyId, MovingId};
+use crate::world::{BodyId, Claims, MovingId};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -165,9 +165,9 @@ impl<'a> Events<'a> {
         }
         let due = ((self.time - emitter.start) * emitter.rate).floor() + 1.0;
         let wanted = due.min(f64::from(emitter.count)) as u32 - emission.emitted;
+        let mut claims = pile.world.claims(first..pile.instances.len());
         for _ in 0..wanted {
-            let newest: Vec<BodyId> = (first..pile.instances.len()).collect();
-            let Some(body) = emission.find_spot(self.scene, pile, &newest) else {
+            let Some(body) = emission.find_spot(self.scene, pile, &mut claims) else {
                 let since = *emission.blocked.get_or_insert(self.time);
                 if self.time - since > PATIENCE * pile.world.units.time {
                     emission.given_up = true;
@@ -197,7 +197,7 @@ impl Emission<'_> {
     }
 
     /// A body at a spot where nothing is in the way, engine units.
-    fn find_spot(&mut self, scene: &Scene, pile: &Pile, newest: &[BodyId]) -> Option<Instance> {
+    fn find_spot(&mut self, scene: &Scene, pile: &Pile, claims: &mut Claims) -> Option<Instance> {
         for _ in 0..TRIES {
             let (prop, scale, rotation) = instance::draw(&scene.props, scene.emitted(self.emitter), &mut self.rng);
             let at = match (&self.emitter.place, &self.inside) {
@@ -208,7 +208,7 @@ impl Emission<'_> {
                 (Place::Mesh(_), None) => return None,
             };
             let pose = pile.world.units.pose_to_engine(&Pose { translation: at, rotation });
-            if pile.world.is_free(&pile.shapes[prop], scale, &pose, newest) {
+            if pile.world.claim(&pile.shapes[prop], scale, &pose, claims) {
                 return Some(Instance { prop, scale, pose });
             }
         }

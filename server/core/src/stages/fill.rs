@@ -88,7 +88,7 @@ pub fn run(
     };
     filling.use_real_friction();
     // Turned over with the container still around it, the pile closes its gaps under its own weight.
-    filling.world.set_gravity_up(false);
+    filling.pull(DVec3::NEG_Y);
     filling.settle(params.fill.settle, observer)?;
     filling.clean_up(observer)?;
     for _ in 0..REPLACEMENTS {
@@ -132,7 +132,11 @@ fn fill_up(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> 
     for among in turns(filling) {
         filling.among = among;
         full = match filling.params.fill.method {
-            FillMethod::Stack => stack::run(filling, limit, observer)?,
+            FillMethod::Stack => {
+                let full = stack::run(filling, limit, observer)?;
+                // What lies in disorder leaves room for what is thrown in.
+                if filling.params.fill.order < stack::ALL_FLAT { insert::run(filling, limit, observer)? } else { full }
+            }
             _ => insert::run(filling, limit, observer)?,
         };
     }

@@ -7,7 +7,9 @@ use crate::geometry::contact::{self, Bearing};
 use crate::geometry::pose::Pose;
 use crate::prepare::shape::Shape;
 use glam::DVec3;
+use rapier3d::math::Pose as EnginePose;
 use rapier3d::parry::bounding_volume::BoundingVolume;
+use rapier3d::parry::partitioning::Bvh;
 use rapier3d::parry::query::{
     ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher, PersistentQueryDispatcher, intersection_test,
 };
@@ -22,6 +24,20 @@ pub enum Side {
     Scenery,
     /// Scenery that is on its way.
     Moving,
+}
+
+/// Places for bodies that the engine does not know of yet.
+#[derive(Default)]
+pub struct Claims {
+    tree: Bvh,
+    solids: Vec<(EnginePose, SharedShape)>,
+}
+
+impl Claims {
+    fn add(&mut self, at: EnginePose, solid: SharedShape) {
+        self.tree.insert(solid.compute_aabb(&at), self.solids.len() as u32);
+        self.solids.push((at, solid));
+    }
 }
 
 /// Two things that touch.
@@ -245,21 +261,35 @@ impl World {
         }
     }
 
-    /// Whether a shape placed here would overlap a body, scenery or the ground (containers are not asked). The spatial
-    /// index does not know bodies inserted since the last [`World::zero_step`] or step: they are named in `newest`.
-    pub fn is_free(&self, shape: &Shape, scale: f64, pose: &Pose, newest: &[BodyId]) -> bool {
+    /// The places of these bodies, which were inserted since the last [`World::zero_step`] or step: the spatial index does not know them.
+    pub fn claims(&self, newest: impl IntoIterator<Item = BodyId>) -> Claims {
+        let mut claims = Claims::default();
+        for id in newest {
+            let collider = &self.engine.colliders[self.bodies[id].collider];
+            claims.add(*collider.position(), collider.shared_shape().clone());
+        }
+        claims
+    }
+
+    /// Whether a shape placed here would be free of bodies, scenery, the ground (containers are not asked) and places that are
+    /// claimed. Then it is claimed.
+    pub fn claim(&self, shape: &Shape, scale: f64, pose: &Pose, claims: &mut Claims) -> bool {
         let Some((place, solid)) = shape.collider(scale / self.units.length) else { return false };
         let at = to_engine(pose) * place;
         let aabb = solid.compute_aabb(&at);
-        let overlaps = |other: &Collider| {
-            other.user_data != CONTAINER
-                && intersection_test(&at, &*solid, other.position(), other.shape()).is_ok_and(|hit| hit.intersecting)
+        let overlaps = |pose: &EnginePose, other: &dyn rapier3d::parry::shape::Shape| {
+            intersection_test(&at, &*solid, pose, other).is_ok_and(|hit| hit.intersecting)
         };
-        let new_overlap = newest.iter().any(|&id| {
-            let other = &self.engine.colliders[self.bodies[id].collider];
-            other.compute_aabb().intersects(&aabb) && overlaps(other)
+        let claimed = claims.tree.intersect_aabb(&aabb).any(|i| {
+            let (pose, solid) = &claims.solids[i as usize];
+            overlaps(pose, &**solid)
         });
-        !new_overlap && !self.query().intersect_aabb_conservative(aabb).any(|(_, other)| overlaps(other))
+        let is_met = |other: &Collider| other.user_data != CONTAINER && overlaps(other.position(), other.shape());
+        if claimed || self.query().intersect_aabb_conservative(aabb).any(|(_, other)| is_met(other)) {
+            return false;
+        }
+        claims.add(at, solid);
+        true
     }
 
     /// A step of no time: brings the engine's spatial index and its contacts up to date with bodies that were added, moved or

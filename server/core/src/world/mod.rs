@@ -27,7 +27,7 @@ use rapier3d::prelude::*;
 use std::sync::Arc;
 
 pub use clusters::ClusterId;
-pub use contacts::{Side, Touch, TouchPoint};
+pub use contacts::{Claims, Side, Touch, TouchPoint};
 pub use guarded::{Energy, Snapshot};
 pub use hits::Hit;
 use manifold::{Manifolds, SOLVED};
@@ -263,14 +263,9 @@ impl World {
         self.bodies[id].role = Role::Gone;
     }
 
-    /// Gravity is 1 downward, or upward while an upright container is filled as if it stood on its head.
-    pub fn set_gravity_up(&mut self, up: bool) {
-        self.set_gravity(if up { DVec3::Y } else { DVec3::NEG_Y });
-    }
-
-    /// Which way gravity of 1 points.
-    pub fn set_gravity(&mut self, direction: DVec3) {
-        self.engine.gravity = direction.as_vec3();
+    /// Which way gravity points, and how strong it is; 1 downward in a new world.
+    pub fn set_gravity(&mut self, gravity: DVec3) {
+        self.engine.gravity = gravity.as_vec3();
         self.engine.wake_up_all(true);
     }
 

@@ -5,7 +5,7 @@ use super::mixture::Mixture;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
-use crate::input::params::Params;
+use crate::input::params::{FillMethod, Params};
 use crate::input::scene::Scene;
 use crate::prepare::container::Container;
 use crate::prepare::packing::{Room, expected_bodies};
@@ -16,7 +16,7 @@ use crate::world::{BodyId, Insertion, Role, Side, Touch, Units, World, WorldBody
 use glam::{DQuat, DVec3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What a fill works with.
 pub(crate) struct Filling<'a> {
@@ -32,11 +32,18 @@ pub(crate) struct Filling<'a> {
     /// The props that are drawn now.
     pub among: Vec<usize>,
     pub mixture: Option<Mixture>,
+    /// The first body of the last round, if the method knows rounds.
+    pub newest: BodyId,
     /// Bodies simulated so far, times natural times.
     work: f64,
     /// Frames shown; `None` where none are to be.
     pub shown: Option<usize>,
+    /// Share of gravity that pulls.
+    weight: f64,
 }
+
+/// A container this high, in d, is filled under full gravity; a higher one under less, so that what is at its end is not squeezed more.
+const TALL: f64 = 6.0;
 
 /// Natural times for which the bodies of a fill are usually simulated, times the expected bodies.
 const USUAL_WORK: f64 = 15.0;
@@ -50,7 +57,7 @@ const CLEANUP_SETTLE: f64 = 0.5;
 const MOST_DEPENETRATION: u64 = 60;
 
 impl<'a> Filling<'a> {
-    /// An empty world under upward gravity.
+    /// An empty world, under upward gravity.
     pub fn new(
         scene: &'a Scene,
         shapes: &'a [Shape],
@@ -66,9 +73,12 @@ impl<'a> Filling<'a> {
             Room { volume: container.volume * units.length.powi(3), area: container.area * units.length.powi(2) };
         let expected = expected_bodies(scene, &sizes, &room, &params.fill, 1.0);
         let compounds = shapes.iter().any(|s| s.solid.parts() > 1);
-        let mut world = World::new(units, &params.fill_physics(units.time), thickness / units.length, compounds);
-        world.set_gravity_up(true);
-        Filling {
+        let world = World::new(units, &params.fill_physics(units.time), thickness / units.length, compounds);
+        let weight = match params.fill.method {
+            FillMethod::Insert => (TALL / (container.high.y - container.base)).min(1.0),
+            _ => 1.0,
+        };
+        let mut filling = Filling {
             scene,
             shapes,
             params,
@@ -79,9 +89,19 @@ impl<'a> Filling<'a> {
             expected,
             among: (0..scene.props.len()).collect(),
             mixture: None,
+            newest: BodyId::MAX,
             work: 0.0,
             shown: Some(0),
-        }
+            weight,
+        };
+        // An upright container is filled as if it stood on its head.
+        filling.pull(DVec3::Y);
+        filling
+    }
+
+    /// Which way gravity of 1 points.
+    pub fn pull(&mut self, direction: DVec3) {
+        self.world.set_gravity(direction * self.weight);
     }
 
     /// Puts the bodies placed by hand where they belong: the rest is filled around them.
@@ -188,11 +208,16 @@ impl<'a> Filling<'a> {
             .fold(0.0, f64::max)
     }
 
-    /// Takes out the newest bodies beyond `limit`.
+    /// Takes out the newest bodies beyond `limit`. Those of a round are equally new: of them, some from everywhere.
     pub fn cut_to(&mut self, limit: usize) {
-        for id in self.loose().skip(limit).collect::<Vec<_>>() {
-            self.world.remove(id);
-        }
+        let beyond = self.loose().count().saturating_sub(limit);
+        let round: Vec<BodyId> = self.loose().filter(|&id| id >= self.newest).collect();
+        let out: Vec<BodyId> = match beyond {
+            0 => Vec::new(),
+            _ if beyond <= round.len() => (0..beyond).map(|i| round[i * round.len() / beyond]).collect(),
+            _ => self.loose().skip(limit).collect(),
+        };
+        out.into_iter().for_each(|id| self.world.remove(id));
     }
 
     /// Takes out what left the container.
@@ -248,19 +273,26 @@ impl<'a> Filling<'a> {
     }
 
     /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how many.
-    pub fn separate(&mut self, mut pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
+    pub fn separate(&mut self, pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
+        let may_go = |id: BodyId| id >= first && self.world.bodies()[id].role != Role::Pinned;
+        let mut others = BTreeMap::<BodyId, Vec<BodyId>>::new();
+        for (a, b) in pairs.into_iter().flat_map(|(a, b)| [(a, b), (b, a)]) {
+            others.entry(a).or_default().push(b);
+        }
+        let mut count: BTreeMap<BodyId, usize> = others.iter().map(|(&id, others)| (id, others.len())).collect();
+        let mut order: BTreeSet<(usize, BodyId)> =
+            count.iter().filter(|(id, _)| may_go(**id)).map(|(&id, &n)| (n, id)).collect();
         let mut removed = 0;
-        while !pairs.is_empty() {
-            let mut count = BTreeMap::<BodyId, usize>::new();
-            for &(a, b) in &pairs {
-                for id in [a, b].into_iter().filter(|&id| id >= first && self.world.bodies()[id].role != Role::Pinned) {
-                    *count.entry(id).or_default() += 1;
-                }
-            }
-            let Some((&worst, _)) = count.iter().max_by_key(|&(&id, &n)| (n, id)) else { break };
+        while let Some((1.., worst)) = order.pop_last() {
             self.world.remove(worst);
             removed += 1;
-            pairs.retain(|&(a, b)| a != worst && b != worst);
+            for other in others.remove(&worst).unwrap_or_default() {
+                let Some(n) = count.get_mut(&other).filter(|_| others.contains_key(&other)) else { continue };
+                if order.remove(&(*n, other)) {
+                    order.insert((*n - 1, other));
+                }
+                *n -= 1;
+            }
         }
         removed
     }

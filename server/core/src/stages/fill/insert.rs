@@ -6,7 +6,8 @@ use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;
 use crate::prepare::shape::corners;
-use crate::world::BodyId;
+use crate::sim::instance::Instance;
+use crate::world::{BodyId, Claims};
 use glam::{DQuat, DVec3};
 use rand::RngExt;
 use std::collections::BTreeMap;
@@ -57,6 +58,7 @@ pub fn run(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> 
         let missing = ((limit - before) as f64 / keeps.max(LEAST_KEPT)).ceil();
         let wanted = (share * filling.expected as f64).ceil().min(missing) as usize;
         let first = filling.world.bodies().len();
+        filling.newest = first;
         let seeds = plant(filling, wanted, &inside)?;
         if seeds.is_empty() {
             return Ok(true);
@@ -89,8 +91,8 @@ pub fn run(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> 
 /// Puts up to `wanted` seeds at free places. Each comes with its full scale.
 fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(BodyId, f64)>, Error> {
     filling.world.zero_step();
-    let mut seeds: Vec<(BodyId, f64)> = Vec::new();
-    let mut planted = Vec::new();
+    let mut seeds: Vec<Instance> = Vec::new();
+    let mut claims = Claims::default();
     for _ in 0..(wanted * TRIES_PER_PROP).max(LEAST_TRIES) {
         if seeds.len() == wanted {
             break;
@@ -104,15 +106,29 @@ fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(
         if filling
             .container
             .contains(corners(&filling.shapes[prop], size, &pose), 0.1 * filling.shapes[prop].thickness() * size)
-            && filling.world.is_free(&filling.shapes[prop], SEED_SCALE * scale, &pose, &planted)
+            && filling.world.claim(&filling.shapes[prop], SEED_SCALE * scale, &pose, &mut claims)
         {
-            let id = filling.insert(prop, SEED_SCALE * scale, pose)?;
-            planted.push(id);
-            seeds.push((id, scale));
+            seeds.push(Instance { prop, scale, pose });
         }
     }
-    Ok(seeds)
+    // What is near in space is near in memory: large piles spend their time waiting for that.
+    let (low, extent) = (filling.container.low, filling.container.high - filling.container.low);
+    seeds.sort_by_cached_key(|seed| morton((seed.pose.translation - low) / extent));
+    let insert = |seed: Instance| Ok((filling.insert(seed.prop, SEED_SCALE * seed.scale, seed.pose)?, seed.scale));
+    seeds.into_iter().map(insert).collect()
 }
+
+/// Where a point of the unit cube is on the Z-order curve through it (Morton 1966), on which near points are mostly near.
+fn morton(p: DVec3) -> u64 {
+    let spread = |x: f64| {
+        let cell = (x.clamp(0.0, 1.0) * MORTON_CELLS) as u64;
+        (0..MORTON_BITS).map(|bit| (cell >> bit & 1) << (3 * bit)).sum::<u64>()
+    };
+    spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
+}
+
+const MORTON_BITS: u32 = 10;
+const MORTON_CELLS: f64 = ((1 << MORTON_BITS) - 1) as f64;
 
 /// A random place inside. Of a cast surface, half of the props are laid flat against the wall, where gaps show and where others would
 /// not fit; the rest are pushed inward until they clear it.

@@ -5,7 +5,7 @@ use super::filling::Filling;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;
-use crate::world::BodyId;
+use crate::world::{BodyId, Claims};
 use glam::DVec3;
 use rand::RngExt;
 
@@ -66,9 +66,9 @@ fn drop_batch(filling: &mut Filling, most: usize) -> Result<(), Error> {
     filling.world.zero_step();
     let (low, high) = (filling.container.low, filling.container.high);
     let just_inside = 2.0 * filling.params.base.height * (high.y - filling.container.base);
-    let mut placed: Vec<BodyId> = Vec::new();
+    let (mut placed, mut claims) = (0, Claims::default());
     for _ in 0..TRIES {
-        if placed.len() == most {
+        if placed == most {
             break;
         }
         let (prop, scale, rotation) = filling.draw();
@@ -85,8 +85,9 @@ fn drop_batch(filling: &mut Filling, most: usize) -> Result<(), Error> {
         }
         let y = filling.container.base - COLLAR + radius + share.y * (COLLAR - 2.0 * radius).max(0.0);
         let pose = Pose { translation: DVec3::new(at.x, y, at.z), rotation };
-        if filling.world.is_free(&filling.shapes[prop], scale, &pose, &placed) {
-            placed.push(filling.insert(prop, scale, pose)?);
+        if filling.world.claim(&filling.shapes[prop], scale, &pose, &mut claims) {
+            filling.insert(prop, scale, pose)?;
+            placed += 1;
         }
     }
     Ok(())

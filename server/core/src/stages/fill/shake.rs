@@ -25,10 +25,10 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<(), Err
     let pockets_before = pockets::fraction(filling);
     let swings = (filling.params.fill.shake / SWING).ceil() as usize;
     for side in (0..swings).map(|swing| SIDES[swing % SIDES.len()]) {
-        filling.world.set_gravity(DVec3::new(LEAN * side[0], -1.0, LEAN * side[1]));
+        filling.pull(DVec3::new(LEAN * side[0], -1.0, LEAN * side[1]));
         filling.settle(SWING.min(filling.params.fill.shake), observer)?;
     }
-    filling.world.set_gravity_up(false);
+    filling.pull(DVec3::NEG_Y);
     filling.settle(SETTLE, observer)?;
     let lost = before.iter().any(|&(id, _)| !filling.world.is_present(id));
     if lost || pockets::fraction(filling) <= pockets_before + WORSE {

@@ -30,8 +30,8 @@ const MAX_CELLS: f64 = 200_000.0;
 /// Where a prop of random size or turn found no place so often, there is none for it; one that is always the same is tried once.
 const VAIN: u32 = 24;
 
-/// At this order, every prop lies flat.
-const ALL_FLAT: f64 = 2.0 / 3.0;
+/// From this order on, every prop lies flat.
+pub const ALL_FLAT: f64 = 2.0 / 3.0;
 /// The largest turn of a prop that lies, to either side, at order 0; rad.
 const LARGEST_TURN: f64 = PI / 3.0;
 /// The largest shift of a prop at order 0, as a share of its shorter edge.
@@ -77,7 +77,7 @@ struct Laid {
 
 /// Lays props until there is no more room, or until there are `limit` bodies. Returns whether the container is full.
 pub fn run(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> Result<bool, Error> {
-    filling.world.set_gravity_up(false);
+    filling.pull(DVec3::NEG_Y);
     let props: Vec<Layable> = filling.scene.props.iter().zip(filling.shapes).map(|(p, s)| layable(s, p)).collect();
     let mut field = field_of(filling, &props);
     let batch = filling.expected.div_ceil(BATCHES).max(1);
