@@ -39,6 +39,8 @@ pub struct Row {
 
 /// The number of threads of each bake.
 const THREADS: [usize; 2] = [1, 2];
+/// Larger piles take too long to be baked twice: they have one thread.
+const LARGEST_TWICE: usize = 10_000;
 
 pub struct Asked<'a> {
     pub accuracy: &'a str,
@@ -79,7 +81,7 @@ impl Asked<'_> {
         let output = folder.join("pile.glb");
         let mut wall_seconds = BTreeMap::new();
         let mut first = None;
-        for threads in THREADS {
+        for &threads in THREADS.iter().filter(|&&threads| threads == 1 || wanted <= LARGEST_TWICE) {
             let report = folder.join(format!("{threads}.report.json"));
             // A size may take hours: a bake that was finished is not made again.
             if !report.exists() {
