@@ -25,7 +25,7 @@ impl World {
             .additional_mass_properties(shape.mass_properties(body.scale, length, 1.0 / self.units.mass))
             .build();
         let activation = rigid.activation_mut();
-        activation.normalized_linear_threshold = SLEEP_SPEED as f32;
+        activation.normalized_linear_threshold = SLEEP_SPEED as f32 / self.engine.integration_parameters.length_unit;
         activation.time_until_sleep = SLEEP_TIME as f32;
         let collider = ColliderBuilder::new(collider)
             .position(place)

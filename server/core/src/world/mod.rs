@@ -152,6 +152,13 @@ const PREDICTION: f64 = 0.02;
 const USUAL_THICKNESS: f64 = 0.1;
 /// Where the thinnest body is thinner, contacts are predicted up to this many times as far: the rim of a plate that turns over is soon on its other side.
 const FARTHER: f64 = 2.5;
+/// Boxes by which the engine finds pairs are larger than the bodies by this share of the smallest thickness: less, and they are made
+/// anew too often; more, and it keeps pairs that are far apart.
+const BOX_MARGIN: f64 = 0.1;
+/// What the engine (rapier 0.36.1) adds to them itself, in its length unit.
+const ENGINE_MARGIN: f64 = 0.04;
+/// Overlap that is left as it is, d: the engine's own choice for objects of its unit size.
+const ALLOWED_OVERLAP: f64 = 0.005;
 /// Fastest that overlapping bodies are pushed apart; slower than a fall from one diameter, so that nothing bursts.
 const PUSH_OUT_SPEED: f64 = 0.35;
 /// No body may be faster: a fall from 5,000 diameters.
@@ -191,15 +198,18 @@ impl World {
         p.num_solver_iterations = physics.substeps_for(frequency, units.duration(physics.step)) as usize;
         p.contact_softness = softness;
         p.static_contact_softness = softness;
-        p.length_unit = 1.0;
+        // All other lengths are given in d.
+        let unit = (BOX_MARGIN * thickness / ENGINE_MARGIN).min(1.0);
+        p.length_unit = unit as f32;
+        p.normalized_allowed_linear_error = (ALLOWED_OVERLAP / unit) as f32;
         p.warmstart_joints = true;
-        p.normalized_prediction_distance = prediction(thickness) as f32;
-        p.normalized_max_corrective_velocity = PUSH_OUT_SPEED as f32;
-        p.normalized_max_linear_velocity = MAX_SPEED as f32;
+        p.normalized_prediction_distance = (prediction(thickness) / unit) as f32;
+        p.normalized_max_corrective_velocity = (PUSH_OUT_SPEED / unit) as f32;
+        p.normalized_max_linear_velocity = (MAX_SPEED / unit) as f32;
         if physics.switches.continuous_collision == Switch::Off {
             p.max_ccd_substeps = 0;
         }
-        p.normalized_contact_recycle_distance = (RECYCLE_SHARE * thickness).min(MAX_RECYCLE) as f32;
+        p.normalized_contact_recycle_distance = ((RECYCLE_SHARE * thickness).min(MAX_RECYCLE) / unit) as f32;
         // Clustering picks other points of a compound from step to step, which rocks it for ever.
         p.contact_clustering = !compounds;
         p.friction_model = match physics.friction_model {
