@@ -9,7 +9,7 @@ use crate::error::Problem;
 use crate::geometry::Closed;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::{self, WELD_TOLERANCE};
-use crate::input::params::Params;
+use crate::input::params::{FillMethod, Params};
 use crate::input::scene::{Model, Prop, Scene};
 use crate::prepare::container::core::Core;
 use crate::prepare::extremes;
@@ -86,6 +86,10 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
     }
     if !problems.is_empty() {
         return Err(problems);
+    }
+    if params.fill.order > 0.0 && matches!(params.fill.method, FillMethod::Insert | FillMethod::Pour) {
+        let text = "fill.order: only what is stacked lies in order; leave fill.method out, or set it to \"stack\"";
+        warnings.push(text.into());
     }
     let low = control.as_ref().map(|c| c.mesh.bounds().0.y);
     let ground = params.ground_height.or(low).unwrap_or(0.0);

@@ -22,6 +22,7 @@ pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<C
         (Count::FillBodySteps, filled.map_or(0, |filled| filled.counters.awake_body_steps)),
         (Count::FillPairSteps, filled.map_or(0, |filled| filled.counters.pair_steps)),
         (Count::FillStepsRecalled, 0),
+        (Count::ShakeSteps, filled.and_then(|filled| filled.shaken).map_or(0, |shaken| shaken.steps)),
         (Count::DepenetrationSteps, filled.map_or(0, |filled| filled.depenetration_steps)),
         (Count::Steps, pile.step),
         (Count::StepsRecalled, 0),

@@ -55,6 +55,9 @@ pub fn fill(inputs: &Inputs, filled: &Filled, first: &ShapeMeasures) -> Vec<Stri
             if inputs.params.fill.method == FillMethod::Pour { ", or fill.method = \"insert\"," } else { "" }
         ));
     }
+    if filled.shaken.is_some_and(|shaken| shaken.taken_back) {
+        warnings.push("shaking made the shape worse and was taken back; shake for less time, or not at all".into());
+    }
     if !filled.full && inputs.params.fill.count.is_none() {
         warnings.push(format!(
             "the fill stopped at its limit of {} bodies before the control mesh was full; raise fill.max_bodies or use larger props",

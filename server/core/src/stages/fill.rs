@@ -12,7 +12,7 @@ use crate::error::Error;
 use crate::input::observer::Observer;
 use crate::input::params::{FillMethod, Layout, Params};
 use crate::input::scene::Scene;
-use crate::prepare::container::Container;
+use crate::prepare::container::{Container, Walls};
 use crate::prepare::shape::Shape;
 use crate::sim::instance::Instance;
 use crate::world::{Counters, Units, WallId, World};
@@ -32,6 +32,8 @@ pub struct Filled {
     pub full: bool,
     /// Share of the container's volume that no body is near.
     pub pockets: f64,
+    /// `None`: it was not shaken.
+    pub shaken: Option<Shaken>,
     /// Triangles that simplification took from the walls, and how far it moved them, in d.
     pub wall_triangles_saved: usize,
     pub wall_deviation: f64,
@@ -44,6 +46,14 @@ pub struct Removed {
     pub sticking_out: usize,
     pub overlapping: usize,
     pub escaped: usize,
+}
+
+/// What shaking did.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Shaken {
+    pub steps: u64,
+    /// The shape was worse for it: the pile lies as before.
+    pub taken_back: bool,
 }
 
 /// Places for so many times the expected bodies are before the walls.
@@ -70,14 +80,16 @@ pub fn run(
         FillMethod::Pour => Some(pour::run(&mut filling, observer)?),
         FillMethod::Insert | FillMethod::Stack | FillMethod::Off => None,
     };
+    let (share, outside) = params.fill.standing_out();
     let closed = container.closed(params.fill.loosened());
+    let around = (share > 0.0).then(|| container.closed(outside));
     let room = ROOM * filling.expected.min(params.fill.max_bodies as usize);
     let (walls, core, floor) = filling.world.add_behind(room, |world| {
-        let walls = world.add_container(&closed.mesh, 0.0);
+        let walls = add_walls(world, &closed, around.as_ref());
         let core = add_core(world, container);
         (walls, core, world.add_wall(DVec3::new(0.0, container.base, 0.0), DVec3::Y, 0.0))
     });
-    let (walls, core) = (walls.map_err(Error::Internal)?, core?);
+    let (walls, core) = (walls?, core?);
     let wanted = params.fill.count.unwrap_or(u32::MAX).min(params.fill.max_bodies) as usize;
     let full = match poured {
         Some(full) => full,
@@ -101,12 +113,13 @@ pub fn run(
         filling.settle(params.fill.settle, observer)?;
         filling.clean_up(observer)?;
     }
-    if params.fill.shake > 0.0 {
-        shake::run(&mut filling, observer)?;
-    }
+    let shaken = match params.fill.shake > 0.0 {
+        true => Some(shake::run(&mut filling, observer)?),
+        false => None,
+    };
     filling.cut_to(wanted);
     // Parted bodies need the room that the walls do not leave them.
-    filling.world.remove_wall(walls);
+    walls.into_iter().for_each(|wall| filling.world.remove_wall(wall));
     let depenetration_steps = filling.depenetrate(observer)?;
     core.into_iter().for_each(|core| filling.world.remove_wall(core));
     filling.world.remove_wall(floor);
@@ -120,6 +133,7 @@ pub fn run(
         depenetration_steps,
         full,
         pockets,
+        shaken,
         wall_triangles_saved: closed.saved,
         wall_deviation: closed.deviation,
         counters,
@@ -164,6 +178,14 @@ fn mixture(filling: &mut Filling) -> Option<Mixture> {
     let heights = [container.base, container.high.y];
     let inside = filling.inside();
     Mixture::new(scene, filling.shapes, &fill.mixture, &inside, heights, filling.expected, &mut filling.rng)
+}
+
+/// The walls, and those around them for what stands out.
+fn add_walls(world: &mut World, closed: &Walls, around: Option<&Walls>) -> Result<Vec<WallId>, Error> {
+    let walls = world.add_container(&closed.mesh, 0.0).map_err(Error::Internal)?;
+    let around =
+        around.map(|around| world.add_walls_around(&around.mesh, walls).map_err(Error::Internal)).transpose()?;
+    Ok([Some(walls), around].into_iter().flatten().collect())
 }
 
 /// The core, where there is one.

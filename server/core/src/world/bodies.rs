@@ -1,6 +1,7 @@
 //! Bodies: how they come, grow and go, and what may be changed of them.
 
 use super::clusters::kind;
+use super::scenery::{KEPT_IN, LET_OUT};
 use super::{BodyId, FIRST_BODY, Insertion, Role, World, WorldBody, to_engine};
 use crate::geometry::pose;
 use crate::prepare::shape::Shape;
@@ -33,6 +34,7 @@ impl World {
             .friction(body.friction as f32)
             .restitution(body.restitution as f32)
             .active_collision_types(ActiveCollisionTypes::default())
+            .collision_groups(InteractionGroups::new(KEPT_IN, Group::ALL, InteractionTestMode::And))
             .user_data(FIRST_BODY + id as u128);
         let (handle, collider) = self.engine.insert(rigid, collider);
         let place = self.engine.colliders[collider].position_wrt_parent().copied().unwrap_or(Pose::IDENTITY);
@@ -106,6 +108,12 @@ impl World {
         body.radius = shape.radius * size;
         body.thickness = shape.thickness() * size;
         body.face_area = shape.size.extents.x * shape.size.extents.y * size * size;
+    }
+
+    /// Lets a body through the container's walls, up to those around it.
+    pub fn let_out(&mut self, id: BodyId) {
+        let groups = InteractionGroups::new(LET_OUT, Group::ALL, InteractionTestMode::And);
+        self.engine.colliders[self.bodies[id].collider].set_collision_groups(groups);
     }
 
     /// Changes what a body is doing, and all that are glued to it; a body that starts or stops moving does so from rest.

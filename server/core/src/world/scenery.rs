@@ -17,6 +17,10 @@ pub struct Moving {
     pub moves: bool,
 }
 
+/// Bodies that the container's walls keep in, and those that they let out.
+pub const KEPT_IN: Group = Group::GROUP_1;
+pub const LET_OUT: Group = Group::GROUP_2;
+
 /// Index of a piece of moving scenery.
 pub type MovingId = usize;
 
@@ -33,6 +37,16 @@ impl World {
     /// Walls that keep bodies in: a mesh whose triangles face where the bodies are. Engine units.
     pub fn add_container(&mut self, mesh: &TriMesh, friction: f64) -> Result<WallId, String> {
         self.add_mesh(mesh, 1.0, friction, ONE_SIDED, CONTAINER).map(WallId)
+    }
+
+    /// Walls around others: what those let out is kept in by these, and nothing else meets them.
+    pub fn add_walls_around(&mut self, mesh: &TriMesh, walls: WallId) -> Result<WallId, String> {
+        let around = self.add_mesh(mesh, 1.0, 0.0, ONE_SIDED, CONTAINER)?;
+        for (wall, met_by) in [(walls.0, !LET_OUT), (around, LET_OUT)] {
+            let groups = InteractionGroups::new(Group::ALL, met_by, InteractionTestMode::And);
+            self.engine.colliders[wall].set_collision_groups(groups);
+        }
+        Ok(WallId(around))
     }
 
     /// Adds what all bodies are near to, in the engine's order behind `bodies` of them. The engine finds a pair by a walk along all

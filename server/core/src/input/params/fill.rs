@@ -6,13 +6,14 @@ pub struct Fill {
     /// How tidily props lie, from 0 (as they fall) to 1 (stacked): how many lie on their largest flat side, and how little they are
     /// turned and shifted against the pile's axes.
     pub order: f64,
-    /// What the surface is like, from 0 (loose: some stick out, up to the middle) over 0.5 (natural) to 1 (cast: many lie flush).
+    /// What the surface is like, from 0 (loose, as if nothing had been around the pile) over 0.5 (natural: single props stand out or
+    /// back) to 1 (cast: many lie flush).
     pub surface: f64,
     /// Which of several props goes where.
     pub mixture: Mixture,
     /// Small props come last, into the gaps of the large ones.
     pub gaps: bool,
-    /// The filled container is shaken for this long, natural times, 0 to 100; 0: not at all.
+    /// The filled container is shaken for this long, natural times, 0 to 100; 0: not at all. What makes the shape worse is taken back.
     pub shake: f64,
     /// Friction between props while filling, 0 to 2: it decides the density (0 packs densest).
     pub friction: f64,
@@ -48,13 +49,24 @@ pub struct Fill {
     pub shell: Option<f64>,
 }
 
-/// The walls of the loosest surface are this far outside of the control mesh, d; half of the distance grid's margin.
-const LOOSENED: f64 = 0.15;
+/// The walls of the loosest surface, and those around single props that stand out, are this far outside of the control mesh, d; half of
+/// the distance grid's margin.
+const OUTSIDE: f64 = 0.15;
+/// Share of the props that may stand out of the loosest surface.
+const STANDING_OUT: f64 = 0.3;
 
 impl Fill {
     /// How far the container's walls are outside of the control mesh, d.
     pub fn loosened(&self) -> f64 {
-        LOOSENED * (1.0 - 2.0 * self.surface).max(0.0)
+        OUTSIDE * (1.0 - 2.0 * self.surface).max(0.0)
+    }
+
+    /// The share of the props that may stand out of the control mesh, and how far, d.
+    pub fn standing_out(&self) -> (f64, f64) {
+        match self.method {
+            FillMethod::Insert => (STANDING_OUT * (1.0 - self.surface), OUTSIDE),
+            _ => (0.0, self.loosened()),
+        }
     }
 }
 

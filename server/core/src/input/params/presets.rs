@@ -32,7 +32,7 @@ impl Params {
             fill: Fill {
                 method: FillMethod::Insert,
                 order: 0.0,
-                surface: 1.0,
+                surface: 0.5,
                 mixture: Mixture { layout: Layout::Mixed, sort_by: SortBy::Size, descending: false },
                 gaps: false,
                 shake: 0.0,

@@ -52,6 +52,7 @@ pub enum Count {
     RockingLooks,
     RollingBodySteps,
     SceneryPieces,
+    ShakeSteps,
     Shaken,
     ShapesMeasured,
     SpeculativeBodySteps,

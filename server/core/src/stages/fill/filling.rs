@@ -139,6 +139,11 @@ impl<'a> Filling<'a> {
         instance::draw(&self.scene.props, self.among.iter().copied(), &mut self.rng)
     }
 
+    /// A scale and an orientation of this prop.
+    pub fn draw_of(&mut self, prop: usize) -> (usize, f64, DQuat) {
+        instance::draw(&self.scene.props, std::iter::once(prop), &mut self.rng)
+    }
+
     pub fn insert(&mut self, prop: usize, scale: f64, pose: Pose) -> Result<BodyId, Error> {
         let body = Insertion { prop, scale, pose, friction: self.params.fill.friction, restitution: 0.0 };
         self.world.insert(&self.shapes[prop], &body).map_err(Error::Internal)
@@ -222,9 +227,10 @@ impl<'a> Filling<'a> {
 
     /// Takes out what left the container.
     pub fn remove_escaped(&mut self) {
+        let (_, outside) = self.params.fill.standing_out();
         for id in self.loose().collect::<Vec<_>>() {
             let center = self.world.pose(id).translation;
-            if !(self.container.distance.signed_distance(center) <= 0.0 && center.y > self.container.base) {
+            if !(self.container.distance.signed_distance(center) <= outside && center.y > self.container.base) {
                 self.world.remove(id);
                 self.removed.escaped += 1;
             }
@@ -235,7 +241,7 @@ impl<'a> Filling<'a> {
     pub fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         for round in 0.. {
             self.remove_escaped();
-            let most = self.params.fill.protrusion + self.params.fill.loosened();
+            let most = self.params.fill.protrusion + self.params.fill.standing_out().1;
             let out = self.loose().filter(|&id| self.protrusion(id) > most).collect::<Vec<_>>();
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));

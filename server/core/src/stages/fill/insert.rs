@@ -2,6 +2,7 @@
 //! there, while upward gravity packs them. Denser and more even than a pour, and it reaches under overhangs.
 
 use super::filling::Filling;
+use super::stack::ALL_FLAT;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;
@@ -114,7 +115,14 @@ fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(
     // What is near in space is near in memory: large piles spend their time waiting for that.
     let (low, extent) = (filling.container.low, filling.container.high - filling.container.low);
     seeds.sort_by_cached_key(|seed| morton((seed.pose.translation - low) / extent));
-    let insert = |seed: Instance| Ok((filling.insert(seed.prop, SEED_SCALE * seed.scale, seed.pose)?, seed.scale));
+    let (standing_out, _) = filling.params.fill.standing_out();
+    let insert = |seed: Instance| {
+        let id = filling.insert(seed.prop, SEED_SCALE * seed.scale, seed.pose)?;
+        if standing_out > 0.0 && filling.rng.random_bool(standing_out) {
+            filling.world.let_out(id);
+        }
+        Ok((id, seed.scale))
+    };
     seeds.into_iter().map(insert).collect()
 }
 
@@ -136,8 +144,9 @@ fn place(filling: &mut Filling, prop: usize, size: f64, rotation: DQuat, inside:
     let node = *inside.get(filling.rng.random_range(0..inside.len().max(1)))?;
     let distance = &filling.container.distance;
     let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
-    // A prop that must stand upright cannot be laid against a wall.
-    let flat = filling.rng.random_bool(WALL_SHARE * filling.params.fill.surface)
+    // What fills up a stack does not look cast, the less the tidier that is. A prop that must stand upright cannot be laid against a wall.
+    let fill = &filling.params.fill;
+    let flat = filling.rng.random_bool(WALL_SHARE * fill.surface * (1.0 - fill.order / ALL_FLAT).max(0.0))
         && filling.scene.props[prop].tilt_max >= 180.0;
     let mut p = node + (share - 0.5) * distance.spacing();
     if distance.signed_distance(p) > 0.0 {

@@ -1,7 +1,7 @@
 //! Shaking: gravity leans to one side after the other, so that wedged props find a lower place.
 
 use super::filling::Filling;
-use super::pockets;
+use super::{Shaken, pockets};
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;
@@ -20,7 +20,8 @@ const WORSE: f64 = 0.005;
 const SIDES: [[f64; 2]; 4] = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
 
 /// Shakes the filled container for `fill.shake`. Where the shape is worse for it, the pile lies as before.
-pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<(), Error> {
+pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<Shaken, Error> {
+    let first = filling.world.steps;
     let before: Vec<(BodyId, Pose)> = filling.loose().map(|id| (id, filling.world.pose(id))).collect();
     let pockets_before = pockets::fraction(filling);
     let swings = (filling.params.fill.shake / SWING).ceil() as usize;
@@ -31,11 +32,9 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<(), Err
     filling.pull(DVec3::NEG_Y);
     filling.settle(SETTLE, observer)?;
     let lost = before.iter().any(|&(id, _)| !filling.world.is_present(id));
-    if lost || pockets::fraction(filling) <= pockets_before + WORSE {
-        return Ok(());
+    let taken_back = !lost && pockets::fraction(filling) > pockets_before + WORSE;
+    if taken_back {
+        before.iter().for_each(|(id, pose)| filling.world.put_back(*id, pose));
     }
-    for (id, pose) in before {
-        filling.world.put_back(id, &pose);
-    }
-    Ok(())
+    Ok(Shaken { steps: filling.world.steps - first, taken_back })
 }

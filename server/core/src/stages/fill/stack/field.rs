@@ -209,8 +209,16 @@ impl Field {
     }
 
     /// How many fewer of these fit into the row and into the file that run through this place, at its height, when one lies here; and
-    /// how many slots, too narrow for another one, it leaves toward the first cells, or toward the last. `deep`: the body's thickness.
-    pub fn loss(&self, footprint: &Footprint, spot: &Spot, deep: f64, toward_last: bool) -> (usize, usize) {
+    /// how many slots, too narrow for another one, it leaves toward the first cells, or toward the last. `edges`: of the others, in cells.
+    /// `deep`: the body's thickness.
+    pub fn loss(
+        &self,
+        footprint: &Footprint,
+        spot: &Spot,
+        edges: [usize; 2],
+        deep: f64,
+        toward_last: bool,
+    ) -> (usize, usize) {
         let middle = spot.height + footprint.height / 2.0;
         let is_free = |i: &usize| self.floor[*i] < middle && self.ceiling[*i] > middle;
         let carries = |i: &usize| is_free(i) && self.floor[*i] >= spot.height - TOUCHING * deep;
@@ -230,7 +238,7 @@ impl Field {
             };
             let before = room(&mut (0..spot.at[axis]).rev());
             let after = room(&mut (spot.at[axis] + edge..self.size[axis]));
-            let fit = |room: f64| (room / edge as f64 + 1e-9).floor() as usize;
+            let fit = |room: f64| (room / edges[axis] as f64 + 1e-9).floor() as usize;
             let lost = fit(before + edge as f64 + after).saturating_sub(fit(before) + 1 + fit(after));
             let beside = if toward_last { after } else { before };
             (lost, usize::from(beside > 0.0 && fit(beside) == 0))

@@ -1,0 +1,233 @@
+//! Where a prop is laid: on the height field, as low as it can lie, or in another one of its kind.
+
+use super::field::{Field, Footprint, Spot};
+use super::rest::Rest;
+use super::{Filling, Layable};
+use crate::geometry::pose::Pose;
+use crate::input::scene::Turns;
+use crate::prepare::shape::Seat;
+use crate::world::BodyId;
+use glam::{DQuat, DVec2, DVec3};
+use rand::RngExt;
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// From this order on, every prop lies flat.
+pub const ALL_FLAT: f64 = 2.0 / 3.0;
+/// The largest turn of a prop that lies, to either side, at order 0; rad.
+const LARGEST_TURN: f64 = PI / 3.0;
+/// The largest shift of a prop at order 0, as a share of its shorter edge.
+const LARGEST_SHIFT: f64 = 0.3;
+
+/// Props this many times longer than wide lie crosswise on each other; those that leave less than this share of their length at
+/// the end of a row, too, if they are longer than wide at all: pushed to the other end, they would make no bond.
+const LONG: f64 = 2.5;
+const BOND: f64 = 0.2;
+const LONGER: f64 = 1.3;
+/// What lying across costs where the layer lies along, in thicknesses.
+const ACROSS: f64 = 0.8;
+/// What a gap of one thickness below costs.
+const GAP: f64 = 0.3;
+/// What it costs to lie on one body alone, rather than on two by halves.
+const ALONE: f64 = 0.2;
+/// What it costs to leave a slot too narrow for another one.
+const SLOT: f64 = 0.1;
+/// What each prop costs that finds no more room in the same row.
+const LOSS: f64 = 0.3;
+/// What the other end of the pile costs.
+const PUSH: f64 = 0.5;
+/// What it costs not to lie firm.
+const UNSTABLE: f64 = 3.0;
+/// From this order on, nothing is laid where it does not lie firm.
+const FIRM: f64 = 0.5;
+
+/// Cosine of the angle up to which what another one is put into stands straight.
+const STRAIGHT: f64 = 0.98;
+
+/// What was laid down, and how.
+pub struct Laid {
+    pub prop: usize,
+    pub scale: f64,
+    pub pose: Pose,
+}
+
+/// The best place for a prop of this scale. `rotation`: how it would fall.
+pub fn find(
+    filling: &mut Filling,
+    layable: &Layable,
+    field: &Field,
+    (prop, scale): (usize, f64),
+    rotation: DQuat,
+) -> Option<(Laid, Footprint, Spot)> {
+    let order = filling.params.fill.order;
+    let size = scale / filling.world.units.length;
+    let lies = layable.rest.filter(|_| filling.rng.random_bool((order / ALL_FLAT).min(1.0)));
+    let turns = filling.scene.props[prop].stance.turns;
+    let free = if turns == Turns::Any { LARGEST_TURN } else { 0.0 };
+    let half = if turns != Turns::None && filling.rng.random() { PI } else { 0.0 };
+    let mess = if lies.is_some() { 1.0 - order } else { 0.0 };
+    let turn = mess * free * filling.rng.random_range(-1.0..=1.0);
+    let shift = DVec2::new(filling.rng.random_range(-1.0..=1.0), filling.rng.random_range(-1.0..=1.0));
+    let shift = lies.map_or(DVec2::ZERO, |rest| shift * mess * LARGEST_SHIFT * rest.edges.y * size);
+    let nested = lies.filter(|_| layable.nests()).and_then(|rest| nest(filling, layable, field, (prop, scale), &rest));
+    let way = |share: f64| {
+        let turned = |rest: Rest| DQuat::from_rotation_y(half + share * turn) * rest.rotation;
+        let rotation = lies.map_or(field.turn * rotation, turned);
+        let straight = lies.map_or(rotation, |rest| rest.rotation);
+        Way { prop, size, rotation, straight, shift: share * shift, rest: lies }
+    };
+    let straight = lowest(filling, layable, field, &way(0.0), f64::INFINITY);
+    // What lies in disorder takes no more room than it would straight, or lies straighter.
+    let shares = if mess > 0.0 { DISORDERED } else { &[] };
+    let most = straight.as_ref().map_or(f64::INFINITY, |straight| straight.cost + DISORDER);
+    let best = shares.iter().find_map(|&share| lowest(filling, layable, field, &way(share), most)).or(straight);
+    let higher =
+        |nested: &(Laid, Footprint, Spot)| best.as_ref().is_some_and(|best| best.spot.height < nested.2.height);
+    if let Some(nested) = nested.filter(|nested| !higher(nested)) {
+        return Some(nested);
+    }
+    let Found { footprint, spot, rotation, .. } = best?;
+    let rotation = (field.turn.inverse() * rotation).normalize();
+    let pose = Pose { translation: field.center(&footprint, &spot), rotation };
+    Some((Laid { prop, scale, pose }, footprint, spot))
+}
+
+/// Shares of its turn and shift with which a place is sought for what lies in disorder, if it costs hardly more than the best place for
+/// what lies straight.
+const DISORDERED: &[f64] = &[1.0, 0.5];
+const DISORDER: f64 = 0.1;
+
+/// How a prop is laid down.
+struct Way {
+    prop: usize,
+    /// Scale, in engine units.
+    size: f64,
+    rotation: DQuat,
+    /// As if it lay in perfect order.
+    straight: DQuat,
+    shift: DVec2,
+    /// `None`: as it fell.
+    rest: Option<Rest>,
+}
+
+/// A place for a prop.
+struct Found {
+    cost: f64,
+    footprint: Footprint,
+    spot: Spot,
+    rotation: DQuat,
+}
+
+/// The cheapest place for a prop that is laid in this way, along or across, if it costs less than `most`.
+fn lowest(filling: &mut Filling, layable: &Layable, field: &Field, way: &Way, most: f64) -> Option<Found> {
+    let order = filling.params.fill.order;
+    let (base, prop) = (filling.container.base, way.prop);
+    let thickness = filling.shapes[prop].thickness() * way.size;
+    let crosswise = way.rest.is_some_and(|rest| lies_crosswise(&rest, way.size, field.extent()));
+    let ways: &[bool] = if filling.scene.props[prop].stance.turns == Turns::None { &[false] } else { &[false, true] };
+    let mut best: Option<Found> = None;
+    for &across in ways {
+        let quarter = DQuat::from_rotation_y(if across { FRAC_PI_2 } else { 0.0 });
+        let rotation = quarter * way.rotation;
+        let cover = |rotation: DQuat, shift: DVec2| {
+            let triangles: Vec<_> = layable.triangles.iter().map(|t| t.map(|p| rotation * (p * way.size))).collect();
+            Footprint::new(&triangles, field.cell, shift)
+        };
+        let footprint = cover(rotation, way.shift);
+        let edges = if order < 1.0 { cover(quarter * way.straight, DVec2::ZERO).size } else { footprint.size };
+        let Some(last) = rest_of(field.size, footprint.size) else { continue };
+        let mut found: Option<(f64, Spot)> = None;
+        let most = best.as_ref().map_or(most, |best| best.cost);
+        for z in 0..=last[1] {
+            for x in 0..=last[0] {
+                let bound = found.as_ref().map_or(most, |found| found.0);
+                // Nothing below makes up for what is higher than this.
+                let Some(spot) = field.lay(&footprint, [x, z], bound * thickness + base, thickness) else { continue };
+                let layer = ((spot.height - base) / footprint.height + 0.5).floor();
+                let odd = layer.rem_euclid(2.0) >= 1.0;
+                let beside =
+                    || spot.on.is_some_and(|(id, _)| layable.nests() && filling.world.bodies()[id].prop == prop);
+                if !spot.stable && order >= FIRM || way.rest.is_some() && beside() {
+                    continue;
+                }
+                // Odd layers are pushed to the other end: joints do not lie above joints.
+                let share = |at: usize, last: usize| at as f64 / last.max(1) as f64;
+                let (u, v) = (share(x, last[0]), share(z, last[1]));
+                let (u, v) = if odd { (1.0 - u, 1.0 - v) } else { (u, v) };
+                let push = (v + u / (last[1] + 1) as f64) / 2.0;
+                let wrong_way = across != (odd && crosswise);
+                let cost = (spot.height - base) / thickness
+                    + GAP * spot.gap / thickness
+                    + if wrong_way { ACROSS } else { 0.0 }
+                    + spot.on.map_or(0.0, |(_, share)| ALONE * (2.0 * share - 1.0).max(0.0))
+                    + PUSH * push
+                    + if spot.stable { 0.0 } else { UNSTABLE }
+                    + (1.0 - order) * filling.rng.random::<f64>();
+                if cost >= bound || !filling.may_be(prop, field.center(&footprint, &spot)) {
+                    continue;
+                }
+                let (lost, slots) = field.loss(&footprint, &spot, edges, thickness, odd);
+                let cost = cost + LOSS * lost as f64 + SLOT * slots as f64;
+                if cost < bound {
+                    found = Some((cost, spot));
+                }
+            }
+        }
+        if let Some((cost, spot)) = found {
+            best = Some(Found { cost, footprint, spot, rotation });
+        }
+    }
+    best
+}
+
+/// The lowest place in another one of its kind.
+fn nest(
+    filling: &mut Filling,
+    layable: &Layable,
+    field: &Field,
+    (prop, scale): (usize, f64),
+    rest: &Rest,
+) -> Option<(Laid, Footprint, Spot)> {
+    let size = scale / filling.world.units.length;
+    let mut carriers: Vec<(f64, BodyId)> = Vec::new();
+    for id in filling.world.present() {
+        let (body, pose) = (&filling.world.bodies()[id], filling.world.pose(id));
+        let straight = (pose.rotation * rest.up).y > STRAIGHT;
+        if body.prop == prop && straight && field.is_topmost(id, pose.translation) && body.scale >= SMALLER * scale {
+            carriers.push((pose.translation.y, id));
+        }
+    }
+    carriers.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    for (_, id) in carriers {
+        let below = filling.world.pose(id);
+        // Where one leans on the other, the turn in which it stands straightest, whatever leans below it.
+        let upright = |seat: &Seat| (below.rotation * seat.rotation * rest.up).y;
+        let mut seats: Vec<&Seat> = layable.seats.iter().collect();
+        seats.sort_by(|a, b| upright(b).total_cmp(&upright(a)));
+        for seat in seats {
+            let rotation = (below.rotation * seat.rotation).normalize();
+            let translation = below.translation + DVec3::Y * (seat.pitch * size);
+            // Whether there is room, as if it stood straight.
+            let straight = field.turn * DQuat::from_rotation_arc(rotation * rest.up, DVec3::Y) * rotation;
+            let triangles: Vec<_> = layable.triangles.iter().map(|t| t.map(|p| straight * (p * size))).collect();
+            let footprint = Footprint::new(&triangles, field.cell, DVec2::ZERO);
+            if let Some(spot) = field.lay_at(&footprint, translation).filter(|_| filling.may_be(prop, translation)) {
+                return Some((Laid { prop, scale, pose: Pose { translation, rotation } }, footprint, spot));
+            }
+        }
+    }
+    None
+}
+
+/// A prop goes into another one that is at least this much of its size.
+const SMALLER: f64 = 0.98;
+
+fn lies_crosswise(rest: &Rest, size: f64, extent: DVec2) -> bool {
+    let [long, short] = rest.edges.to_array();
+    let left = (extent.x / (long * size)).fract();
+    long >= LONG * short || long >= LONGER * short && left < BOND && long * size <= extent.y
+}
+
+/// The last cells at which a footprint can begin.
+fn rest_of(field: [usize; 2], footprint: [usize; 2]) -> Option<[usize; 2]> {
+    Some([field[0].checked_sub(footprint[0])?, field[1].checked_sub(footprint[1])?])
+}
