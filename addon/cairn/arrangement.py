@@ -56,9 +56,9 @@ class CairnArrangement(PropertyGroup):
     surface: FloatProperty(
         name="Surface",
         description="What the pile is like where it touches the shape. 0: loose, as if nothing had been around it; "
-        "some props stick out. 0.5: natural; some lie against the shape, some behind it. 1: cast; many lie flush with "
+        "many props stick out. 0.5: natural; some lie against the shape, single ones stand out or back. 1: cast; many lie flush with "
         "the shape, as in a mould",
-        default=1.0,
+        default=0.5,
         min=0.0,
         max=1.0,
     )

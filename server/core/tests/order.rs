@@ -4,9 +4,11 @@ mod common;
 
 use cairn_core::bake;
 use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, FillMethod, GlueMode, Layout, Params};
 use cairn_core::input::scene::{Scene, Stance, Turns};
+use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::Bake;
 use common::scene;
 use glam::DVec3;
@@ -69,7 +71,7 @@ fn planks_lie_crosswise() {
     let scene = scene(block(DVec3::new(1.25, 0.5, 1.25)), block(PLANK));
     let bake = baked(&scene, &stacked(1.0));
     let along = |wanted: bool| {
-        let axis = |pose: &cairn_core::geometry::pose::Pose| (pose.rotation * DVec3::X).x.abs() > 0.9;
+        let axis = |pose: &Pose| (pose.rotation * DVec3::X).x.abs() > 0.9;
         bake.pile.frames[0].iter().filter(|pose| axis(pose) == wanted).count()
     };
     let (one, other) = (along(true), along(false));
@@ -178,12 +180,65 @@ fn small_props_fill_the_gaps_of_large_ones() {
 fn only_a_container_that_is_shaken_takes_the_steps_of_it() {
     let scene = scene(block(DVec3::new(0.9, 0.6, 0.6)), block(BRICK));
     let mut params = stacked(0.2);
-    let steps = |params: &Params| baked(&scene, params).report.counts[&cairn_core::prepare::effects::Count::FillSteps];
-    let still = steps(&params);
+    let steps = |params: &Params| {
+        [Count::FillSteps, Count::ShakeSteps].map(|count| baked(&scene, params).report.counts[&count])
+    };
+    let [still, none] = steps(&params);
     params.fill.shake = 2.0;
-    let shaken = steps(&params);
+    let [shaken, shakes] = steps(&params);
     // Two natural times, and one to settle.
-    assert!(shaken >= still + 25, "{still} and {shaken} steps");
+    assert!(none == 0 && shakes >= 25 && shaken == still + shakes, "{still} and {shaken} steps, {shakes} of the shake");
+}
+
+/// How far the bodies of a box stick out of it at the start, d, each.
+fn protrusions(scene: &Scene, params: &Params, edges: DVec3) -> Vec<f64> {
+    let bake = baked(scene, params);
+    let out = |p: DVec3| (p.x.abs() - edges.x / 2.0).max(p.z.abs() - edges.z / 2.0).max(p.y - edges.y);
+    let corners = &scene.props[0].model.mesh.points;
+    let farthest =
+        |pose: &Pose| corners.iter().map(|&p| out(pose.transform_point(p))).fold(f64::NEG_INFINITY, f64::max);
+    bake.pile.frames[0].iter().map(|pose| farthest(pose) / figure(&bake, "prop_diameter")).collect()
+}
+
+#[test]
+fn single_props_stand_out_of_a_natural_surface_and_none_of_a_cast_one() {
+    let edges = DVec3::new(1.2, 0.8, 1.2);
+    let scene = scene(block(edges), block(BRICK));
+    let mut params = stacked(0.0);
+    params.fill.method = FillMethod::Insert;
+    let [natural, cast] = [0.5, 1.0].map(|surface| {
+        params.fill.surface = surface;
+        protrusions(&scene, &params, edges)
+    });
+    let standing_out = |all: &[f64]| all.iter().filter(|&&out| out > 0.1).count();
+    assert!(standing_out(&natural) >= 3, "{} of {}", standing_out(&natural), natural.len());
+    assert!(standing_out(&natural) * 4 < natural.len(), "{} of {}", standing_out(&natural), natural.len());
+    assert!(standing_out(&cast) <= 1, "{} of {}", standing_out(&cast), cast.len());
+    let most = natural.iter().copied().fold(0.0, f64::max);
+    assert!(most < 0.25, "{most}");
+}
+
+#[test]
+fn what_lies_in_disorder_lies_straighter_where_room_is_short() {
+    // Two bricks are as deep as the wall.
+    let scene = scene(block(DVec3::new(1.57, 0.7, 0.245)), block(BRICK));
+    let [loose, tidy] = [0.85, 1.0].map(|order| baked(&scene, &stacked(order)).report.bodies);
+    assert!(loose * 3 > tidy * 2, "{loose} and {tidy}");
+}
+
+#[test]
+fn several_kinds_are_laid_in_layers_as_many_of_each_as_asked_for() {
+    let mut scene = scene(block(DVec3::new(1.25, 1.5, 1.25)), block(PLANK));
+    let mut posts = scene.props[0].clone();
+    posts.model.name = "post".into();
+    posts.model.mesh = block(DVec3::new(1.2, 0.1, 0.1));
+    posts.weight = 0.5;
+    scene.props.push(posts);
+    let bake = baked(&scene, &stacked(1.0));
+    let posts = bake.pile.bodies.iter().filter(|body| body.prop == 1).count() as f64 / bake.report.bodies as f64;
+    assert!((0.2..0.47).contains(&posts), "{posts} of them are posts");
+    assert!(figure(&bake, "fill_fraction") > 0.8, "{}", figure(&bake, "fill_fraction"));
+    assert!(figure(&bake, "kept_shape") > 0.95, "{}", figure(&bake, "kept_shape"));
 }
 
 #[test]

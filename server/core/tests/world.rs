@@ -6,7 +6,7 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::prepare::shape::{Outline, Shape, Size, Solid, hull_mesh};
-use cairn_core::world::{Claims, Insertion, Side, TouchPoint, Units, World};
+use cairn_core::world::{Claims, Insertion, Side, Touch, TouchPoint, Units, World};
 use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
 
@@ -47,6 +47,43 @@ fn nail_all(world: &mut World) -> usize {
         world.drive_nail(t.a, other, t.points[0].point, t.points[0].normal);
     }
     touches.len()
+}
+
+/// Touches of bodies that stay where they are can be taken from before: the answer is the same.
+#[test]
+fn what_has_not_moved_touches_as_before() {
+    let mut world = stack(12);
+    let before = world.touches(0.05);
+    assert!(before.len() >= 12);
+    let moved = 5;
+    let pose = world.pose(moved);
+    world.put(moved, &Pose { translation: pose.translation + DVec3::new(0.3, 0.0, 0.0), ..pose });
+    world.zero_step();
+    let still: Vec<bool> = (0..12).map(|id| id != moved).collect();
+    let told = |touches: Vec<Touch>| touches.iter().map(|t| (t.a, t.b, t.points.len())).collect::<Vec<_>>();
+    assert_eq!(told(world.touches_since(0.05, &before, &still)), told(world.touches(0.05)));
+    // Nothing at all is worked out where nothing has moved: what is handed in comes back.
+    let all = vec![true; 12];
+    let strange: Vec<Touch> = before.into_iter().take(3).collect();
+    assert_eq!(told(world.touches_since(0.05, &strange, &all)), told(strange));
+}
+
+#[test]
+fn no_point_of_a_body_moves_farther_than_the_bound() {
+    let (a, b) = (DQuat::from_rotation_x(0.4), DQuat::from_rotation_z(-2.9) * DQuat::from_rotation_y(0.7));
+    let at = |translation: DVec3, rotation: DQuat| Pose { translation, rotation };
+    for (from, to) in [(a, b), (a, a), (b, -a), (DQuat::IDENTITY, b)] {
+        let (from, to) = (at(DVec3::new(1.0, 2.0, 3.0), from), at(DVec3::new(1.1, 1.8, 3.0), to));
+        let bound = from.moved(&to, 2.0);
+        let way = |p: DVec3| from.transform_point(p).distance(to.transform_point(p));
+        let farthest = (0..500).map(|i| {
+            let (u, v) = (f64::from(i) * 2.399963, 1.0 - f64::from(i) / 250.0);
+            let out = (1.0 - v * v).max(0.0).sqrt();
+            way(2.0 * DVec3::new(out * u.cos(), v, out * u.sin()))
+        });
+        let farthest = farthest.fold(0.0, f64::max);
+        assert!(farthest <= bound + 1e-12 && bound < farthest + 0.5, "{farthest} within {bound}");
+    }
 }
 
 /// The engine by itself lets a face touch by its first four corners only.

@@ -19,6 +19,13 @@ impl Pose {
         self.translation + self.rotation * p
     }
 
+    /// A bound on how far any point within `radius` of the frame's origin is from where it is in the other pose.
+    pub fn moved(&self, other: &Pose, radius: f64) -> f64 {
+        let turned = (self.rotation.inverse() * other.rotation).normalize();
+        // A turn by the angle a moves a point at the radius r by 2 r sin(a / 2).
+        self.translation.distance(other.translation) + 2.0 * radius * turned.xyz().length()
+    }
+
     /// The pose between `self` (at 0) and `other` (at 1), rotating along the shorter arc.
     pub fn interpolate(&self, other: &Pose, s: f64) -> Pose {
         Pose {

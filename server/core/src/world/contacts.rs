@@ -100,22 +100,27 @@ impl World {
     }
 
     /// The same, where `before` was the answer when the bodies marked in `still` (shape `[body]`) stood where they stand
-    /// now: pairs of which neither has moved are taken from there.
+    /// now, or near enough: pairs of which neither has moved are taken from there.
     pub fn touches_since(&self, tolerance: f64, before: &[Touch], still: &[bool]) -> Vec<Touch> {
         let is_still = |id: BodyId| still.get(id).copied().unwrap_or(false);
+        // What a still body meets, where that is still, too.
+        let stays = |side: Side| match side {
+            Side::Body(b) => is_still(b) && self.is_present(b),
+            Side::Ground => true,
+            Side::Scenery => self.moving.is_empty(),
+            Side::Moving => false,
+        };
         let touches_of = |&a: &BodyId| {
             let mut touches = Vec::new();
             for (b, other) in self.near(a, tolerance) {
-                let unmoved = is_still(a) && !matches!(b, Side::Body(b) if !is_still(b));
-                if !unmoved {
+                if !(is_still(a) && stays(b)) {
                     self.touch(a, b, other, tolerance, &mut touches);
                 }
             }
             if is_still(a) {
                 let from = before.partition_point(|t| t.a < a);
                 let mine = before[from..].iter().take_while(|t| t.a == a);
-                let unmoved = |t: &&Touch| !matches!(t.b, Side::Body(b) if !is_still(b) || !self.is_present(b));
-                touches.extend(mine.filter(unmoved).cloned());
+                touches.extend(mine.filter(|t| stays(t.b)).cloned());
                 touches.sort_by_key(|t| t.b);
             }
             touches

@@ -8,6 +8,7 @@ use crate::equilibrium::{
     Spread,
 };
 use crate::geometry::contact;
+use crate::geometry::pose::Pose;
 use crate::input::params::{self, ContactSelection, Control as ControlParams, FrictionCone};
 use crate::world::{BodyId, Role, Side, Touch, World};
 use glam::DVec3;
@@ -15,6 +16,9 @@ use rayon::prelude::*;
 
 /// Bodies that one thread judges in a go.
 const SHARE: usize = 64;
+/// A pair's contacts are taken from the cycle before while no point of either body has moved by more than this share of the gap across
+/// which they may touch.
+const RECYCLED: f64 = 0.1;
 /// Distinct contacts that a candidate needs (paper, 3.3).
 const LEAST_CONTACTS: usize = 3;
 
@@ -31,7 +35,9 @@ pub struct Analysis<'a> {
     /// What touched in the latest cycle.
     pub touches: Vec<Touch>,
     /// Bodies that have not moved since. Shape `[body]`.
-    pub unmoved: Vec<bool>,
+    unmoved: Vec<bool>,
+    /// Where each body was when its touches were last worked out. Shape `[body]`.
+    seen: Vec<Pose>,
 }
 
 impl<'a> Analysis<'a> {
@@ -48,6 +54,7 @@ impl<'a> Analysis<'a> {
             candidates: Vec::new(),
             touches: Vec::new(),
             unmoved: Vec::new(),
+            seen: Vec::new(),
         }
     }
 
@@ -56,6 +63,22 @@ impl<'a> Analysis<'a> {
         if let Some(unmoved) = self.unmoved.get_mut(id) {
             *unmoved = false;
         }
+    }
+
+    /// What touches now. Pairs of bodies that are, up to [`RECYCLED`], where they were are not worked out anew.
+    pub fn touch(&mut self, world: &World) -> Vec<Touch> {
+        let tolerance = self.params.contact_tolerance;
+        let near = |(id, seen): (BodyId, &Pose)| {
+            let body = &world.bodies()[id];
+            world.is_present(id) && seen.moved(&world.pose(id), body.radius) <= RECYCLED * tolerance * body.thickness
+        };
+        let still: Vec<bool> = self.seen.iter().enumerate().map(near).collect();
+        let touches = carrying(world.touches_since(tolerance, &self.touches, &still));
+        self.seen.resize(world.bodies().len(), Pose::IDENTITY);
+        for id in world.present().filter(|&id| !still.get(id).is_some_and(|&still| still)) {
+            self.seen[id] = world.pose(id);
+        }
+        touches
     }
 
     /// At the end of a cycle: takes note of what the verdicts rest on.
@@ -211,7 +234,7 @@ impl Rules {
 }
 
 /// Without the contacts that are too wide to carry: a body held across one would count as hanging, however thick it is.
-pub(super) fn carrying(mut touches: Vec<Touch>) -> Vec<Touch> {
+fn carrying(mut touches: Vec<Touch>) -> Vec<Touch> {
     touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= contact::CARRYING_GAP));
     touches.retain(|t| !t.points.is_empty());
     touches

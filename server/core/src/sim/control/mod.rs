@@ -132,8 +132,7 @@ impl<'a> Control<'a> {
         if support.lifetime() == Lifetime::Cycle {
             support.lift(world, policy);
         }
-        let Analysis { touches: before, unmoved, .. } = &self.analysis;
-        let touches = analysis::carrying(world.touches_since(self.params.contact_tolerance, before, unmoved));
+        let touches = self.analysis.touch(world);
         let barred = self.eligibility.barred(world, &touches);
         self.analysis.judge_all(world, &touches, &barred, &self.eligibility, &mut self.tally);
         let hanging = self.eligibility.hanging(world, &touches, self.params.speed);
