@@ -110,25 +110,30 @@ impl World {
             Side::Scenery => self.moving.is_empty(),
             Side::Moving => false,
         };
+        let moved: Vec<BodyId> = self.present().filter(|&id| !is_still(id) || !self.moving.is_empty()).collect();
         let touches_of = |&a: &BodyId| {
             let mut touches = Vec::new();
-            for (b, other) in self.near(a, tolerance) {
-                if !(is_still(a) && stays(b)) {
-                    self.touch(a, b, other, tolerance, &mut touches);
+            for (side, other) in self.near(a, tolerance) {
+                match side {
+                    // Found from the other one, if that has moved.
+                    Side::Body(_) if is_still(a) => {}
+                    _ if is_still(a) && stays(side) => {}
+                    // A pair of two that have moved is found by the earlier one.
+                    Side::Body(b) if b < a && !is_still(b) => {}
+                    Side::Body(b) if b < a => {
+                        self.touch(b, Side::Body(a), self.bodies[a].collider, tolerance, &mut touches);
+                    }
+                    _ => self.touch(a, side, other, tolerance, &mut touches),
                 }
-            }
-            if is_still(a) {
-                let from = before.partition_point(|t| t.a < a);
-                let mine = before[from..].iter().take_while(|t| t.a == a);
-                touches.extend(mine.filter(|t| stays(t.b)).cloned());
-                touches.sort_by_key(|t| t.b);
             }
             touches
         };
-        let ids: Vec<BodyId> = self.present().collect();
+        let found: Vec<Vec<Touch>> = moved.par_iter().with_min_len(LEAST_SHARE).map(touches_of).collect();
+        let kept = before.iter().filter(|t| is_still(t.a) && self.is_present(t.a) && stays(t.b)).cloned();
+        let mut touches: Vec<Touch> = found.into_iter().flatten().chain(kept).collect();
         // In the order of the bodies, whoever finds them.
-        let touches: Vec<Vec<Touch>> = ids.par_iter().with_min_len(LEAST_SHARE).map(touches_of).collect();
-        touches.into_iter().flatten().collect()
+        touches.sort_by_key(|t| (t.a, t.b));
+        touches
     }
 
     /// Height of the lowest point of these bodies' boxes; infinite where there are none.
@@ -148,7 +153,7 @@ impl World {
         touches
     }
 
-    /// What may be within `tolerance` times its thickness of body `a`, in order; no body before it.
+    /// What may be within `tolerance` times its thickness of body `a`, in order.
     fn near(&self, a: BodyId, tolerance: f64) -> Vec<(Side, ColliderHandle)> {
         let collider = &self.engine.colliders[self.bodies[a].collider];
         let reach = tolerance * self.bodies[a].thickness;
@@ -193,9 +198,9 @@ impl World {
         )
     }
 
-    /// What a collider is to body `a`; `None` for itself, for a body already visited and for a container.
+    /// What a collider is to body `a`; `None` for itself and for a container.
     fn side(&self, a: BodyId, collider: &Collider) -> Option<Side> {
-        self.what(collider).filter(|side| !matches!(side, Side::Body(id) if *id <= a))
+        self.what(collider).filter(|side| !matches!(side, Side::Body(id) if *id == a))
     }
 
     /// The body that a collider is of. `None`, too, for what has been removed since the last step: the engine's contacts
