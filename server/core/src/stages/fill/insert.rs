@@ -92,7 +92,10 @@ pub fn run(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> 
 /// Puts up to `wanted` seeds at free places. Each comes with its full scale.
 fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(BodyId, f64)>, Error> {
     filling.world.zero_step();
-    let mut seeds: Vec<Instance> = Vec::new();
+    // With how far outside the walls it may be.
+    let mut seeds: Vec<(Instance, f64)> = Vec::new();
+    let (standing_out, outside) = filling.params.fill.standing_out();
+    let mut let_out = 0;
     let mut claims = Claims::default();
     for _ in 0..(wanted * TRIES_PER_PROP).max(LEAST_TRIES) {
         if seeds.len() == wanted {
@@ -100,25 +103,28 @@ fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(
         }
         let (prop, scale, rotation) = filling.draw();
         let size = SEED_SCALE * scale / filling.world.units.length;
-        let Some(pose) = place(filling, prop, size, rotation, inside) else { continue };
+        // Out there is room where there is none inside: no more than their share come from there.
+        let is_let_out = (let_out as f64) < standing_out * seeds.len() as f64 && filling.rng.random_bool(standing_out);
+        let outside = if is_let_out { outside } else { 0.0 };
+        let Some(pose) = place(filling, (prop, size), rotation, inside, outside) else { continue };
         if !filling.may_be(prop, pose.translation) {
             continue;
         }
-        if filling
-            .container
-            .contains(corners(&filling.shapes[prop], size, &pose), 0.1 * filling.shapes[prop].thickness() * size)
-            && filling.world.claim(&filling.shapes[prop], SEED_SCALE * scale, &pose, &mut claims)
+        if filling.container.contains(
+            corners(&filling.shapes[prop], size, &pose),
+            0.1 * filling.shapes[prop].thickness() * size + outside,
+        ) && filling.world.claim(&filling.shapes[prop], SEED_SCALE * scale, &pose, &mut claims)
         {
-            seeds.push(Instance { prop, scale, pose });
+            let_out += usize::from(is_let_out);
+            seeds.push((Instance { prop, scale, pose }, outside));
         }
     }
     // What is near in space is near in memory: large piles spend their time waiting for that.
     let (low, extent) = (filling.container.low, filling.container.high - filling.container.low);
-    seeds.sort_by_cached_key(|seed| morton((seed.pose.translation - low) / extent));
-    let (standing_out, _) = filling.params.fill.standing_out();
-    let insert = |seed: Instance| {
+    seeds.sort_by_cached_key(|(seed, _)| morton((seed.pose.translation - low) / extent));
+    let insert = |(seed, outside): (Instance, f64)| {
         let id = filling.insert(seed.prop, SEED_SCALE * seed.scale, seed.pose)?;
-        if standing_out > 0.0 && filling.rng.random_bool(standing_out) {
+        if outside > 0.0 {
             filling.world.let_out(id);
         }
         Ok((id, seed.scale))
@@ -139,8 +145,14 @@ const MORTON_BITS: u32 = 10;
 const MORTON_CELLS: f64 = ((1 << MORTON_BITS) - 1) as f64;
 
 /// A random place inside. Of a cast surface, half of the props are laid flat against the wall, where gaps show and where others would
-/// not fit; the rest are pushed inward until they clear it.
-fn place(filling: &mut Filling, prop: usize, size: f64, rotation: DQuat, inside: &[DVec3]) -> Option<Pose> {
+/// not fit; the rest are pushed inward until they clear it. `outside`: the wall is that much farther out.
+fn place(
+    filling: &mut Filling,
+    (prop, size): (usize, f64),
+    rotation: DQuat,
+    inside: &[DVec3],
+    outside: f64,
+) -> Option<Pose> {
     let node = *inside.get(filling.rng.random_range(0..inside.len().max(1)))?;
     let distance = &filling.container.distance;
     let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
@@ -156,13 +168,13 @@ fn place(filling: &mut Filling, prop: usize, size: f64, rotation: DQuat, inside:
     let least = shape.thickness() * size / 2.0;
     let wanted = if flat { least } else { shape.radius * size };
     for _ in 0..3 {
-        let short = distance.signed_distance(p) + wanted;
+        let short = distance.signed_distance(p) - outside + wanted;
         if !flat && short <= 0.0 {
             break;
         }
         p -= distance.gradient(p).normalize_or_zero() * short;
     }
-    if distance.signed_distance(p) > -0.9 * least || p.y < filling.container.base + 0.9 * least {
+    if distance.signed_distance(p) - outside > -0.9 * least || p.y < filling.container.base + 0.9 * least {
         return None;
     }
     let out = distance.gradient(p).try_normalize();
