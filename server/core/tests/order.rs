@@ -210,7 +210,8 @@ fn single_props_stand_out_of_a_natural_surface_and_none_of_a_cast_one() {
         params.fill.surface = surface;
         protrusions(&scene, &params, edges)
     });
-    let standing_out = |all: &[f64]| all.iter().filter(|&&out| out > 0.1).count();
+    // More than what the fill leaves anyway, and what parting it adds.
+    let standing_out = |all: &[f64]| all.iter().filter(|&&out| out > 0.08).count();
     assert!(standing_out(&natural) >= 3, "{} of {}", standing_out(&natural), natural.len());
     assert!(standing_out(&natural) * 4 < natural.len(), "{} of {}", standing_out(&natural), natural.len());
     assert!(standing_out(&cast) <= 1, "{} of {}", standing_out(&cast), cast.len());

@@ -46,6 +46,8 @@ fn filled_params(engine: Engine, count: u32, hold: f64) -> Params {
     params.output.frames = None;
     params.output.fps = 24.0;
     params.fill.count = Some(count);
+    // The piles of the table have this surface, in all engines.
+    params.fill.surface = 1.0;
     params
 }
 

@@ -77,6 +77,10 @@ pub fn run(
         if sim.pile.step - begin == (ROLLING_ONSET * patience as f64) as u64 {
             sim.pile.policy.set_quiet(Some(ROLLING_DAMPING));
         }
+        match sim.is_left_alone() {
+            true => sim.pile.world.rest_by_regions(),
+            false => sim.pile.world.end_rest(),
+        }
         sim.advance(observer, Stage::Hold, |sim| ((sim.pile.step - begin) as f64 / patience as f64).min(0.99))?;
         (calm, top_speed) =
             if sim.top_speed < REST_SPEED { (calm + 1, top_speed.max(sim.top_speed)) } else { (0, 0.0) };
@@ -87,6 +91,7 @@ pub fn run(
             rest = None;
         }
     }
+    sim.pile.world.end_rest();
     let at_rest = calm >= rest_steps;
     sim.pile.recorder.mark();
     if let Some(n) = params.output.frames {

@@ -49,6 +49,7 @@ pub enum Count {
     RemovedEscaped,
     RemovedOverlapping,
     RemovedStickingOut,
+    RestingBodySteps,
     RockingLooks,
     RollingBodySteps,
     SceneryPieces,
