@@ -212,7 +212,7 @@ fn single_props_stand_out_of_a_natural_surface_and_none_of_a_cast_one() {
     });
     // More than what the fill leaves anyway, and what parting it adds.
     let standing_out = |all: &[f64]| all.iter().filter(|&&out| out > 0.08).count();
-    assert!(standing_out(&natural) >= 3, "{} of {}", standing_out(&natural), natural.len());
+    assert!(standing_out(&natural) >= 2, "{} of {}", standing_out(&natural), natural.len());
     assert!(standing_out(&natural) * 4 < natural.len(), "{} of {}", standing_out(&natural), natural.len());
     assert!(standing_out(&cast) <= 1, "{} of {}", standing_out(&cast), cast.len());
     let most = natural.iter().copied().fold(0.0, f64::max);

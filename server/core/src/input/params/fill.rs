@@ -53,7 +53,7 @@ pub struct Fill {
 /// the distance grid's margin.
 const OUTSIDE: f64 = 0.15;
 /// Share of the props that may stand out of the loosest surface.
-const STANDING_OUT: f64 = 0.2;
+const STANDING_OUT: f64 = 0.1;
 
 impl Fill {
     /// How far the container's walls are outside of the control mesh, d.
