@@ -5,12 +5,13 @@ mod common;
 use cairn_core::bake;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
+use cairn_core::geometry::region::Region;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, FillMethod, GlueMode, Layout, Params};
 use cairn_core::input::scene::{Scene, Stance, Turns};
 use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::Bake;
-use common::scene;
+use common::{cone, scene, stick};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
@@ -190,33 +191,31 @@ fn only_a_container_that_is_shaken_takes_the_steps_of_it() {
     assert!(none == 0 && shakes >= 25 && shaken == still + shakes, "{still} and {shaken} steps, {shakes} of the shake");
 }
 
-/// How far the bodies of a box stick out of it at the start, d, each.
-fn protrusions(scene: &Scene, params: &Params, edges: DVec3) -> Vec<f64> {
+/// How far each body's farthest corner is outside the control mesh at the start, d.
+fn protrusions(scene: &Scene, params: &Params) -> Vec<f64> {
     let bake = baked(scene, params);
-    let out = |p: DVec3| (p.x.abs() - edges.x / 2.0).max(p.z.abs() - edges.z / 2.0).max(p.y - edges.y);
+    let region = Region::new(&scene.control.as_ref().unwrap().mesh);
     let corners = &scene.props[0].model.mesh.points;
-    let farthest =
-        |pose: &Pose| corners.iter().map(|&p| out(pose.transform_point(p))).fold(f64::NEG_INFINITY, f64::max);
-    bake.pile.frames[0].iter().map(|pose| farthest(pose) / figure(&bake, "prop_diameter")).collect()
+    let out = |pose: &Pose| corners.iter().map(|&p| region.signed_distance(pose.transform_point(p)));
+    let farthest = |pose| out(pose).fold(f64::NEG_INFINITY, f64::max) / figure(&bake, "prop_diameter");
+    bake.pile.frames[0].iter().map(farthest).collect()
 }
 
 #[test]
 fn single_props_stand_out_of_a_natural_surface_and_none_of_a_cast_one() {
-    let edges = DVec3::new(1.2, 0.8, 1.2);
-    let scene = scene(block(edges), block(BRICK));
+    let scene = scene(cone(1.1, 1.8), stick());
     let mut params = stacked(0.0);
     params.fill.method = FillMethod::Insert;
     let [natural, cast] = [0.5, 1.0].map(|surface| {
         params.fill.surface = surface;
-        protrusions(&scene, &params, edges)
+        protrusions(&scene, &params)
     });
     // More than what the fill leaves anyway, and what parting it adds.
-    let standing_out = |all: &[f64]| all.iter().filter(|&&out| out > 0.08).count();
-    assert!(standing_out(&natural) >= 2, "{} of {}", standing_out(&natural), natural.len());
-    assert!(standing_out(&natural) * 4 < natural.len(), "{} of {}", standing_out(&natural), natural.len());
-    assert!(standing_out(&cast) <= 1, "{} of {}", standing_out(&cast), cast.len());
+    let standing_out = |all: &[f64]| all.iter().filter(|&&out| out > 0.12).count();
+    let (some, none) = (standing_out(&natural), standing_out(&cast));
+    assert!(some >= none + 3 && some * 4 < natural.len(), "{some} of {}, {none} of {}", natural.len(), cast.len());
     let most = natural.iter().copied().fold(0.0, f64::max);
-    assert!(most < 0.25, "{most}");
+    assert!(most < 0.3, "{most}");
 }
 
 #[test]

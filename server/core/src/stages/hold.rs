@@ -9,6 +9,9 @@ use crate::sim::step::Simulation;
 /// The pile is at rest once every body has been for this long, natural times.
 const REST_TIME: f64 = 1.0;
 
+/// Where anything is faster than this, d per natural time, everything is simulated: it may fall or be thrown onto what rests.
+const CALM: f64 = 0.5;
+
 /// Damping of what still rolls or rattles late in the hold, per natural time: most of its speed is gone after five natural times.
 const ROLLING_DAMPING: f64 = 0.5;
 /// It sets in after this share of the patience, when the shape is long decided.
@@ -77,7 +80,7 @@ pub fn run(
         if sim.pile.step - begin == (ROLLING_ONSET * patience as f64) as u64 {
             sim.pile.policy.set_quiet(Some(ROLLING_DAMPING));
         }
-        match sim.is_left_alone() {
+        match sim.is_left_alone() && sim.top_speed < CALM {
             true => sim.pile.world.rest_by_regions(),
             false => sim.pile.world.end_rest(),
         }
