@@ -41,8 +41,8 @@ fn a_cone_of_sticks_keeps_its_shape_and_comes_to_rest() {
     assert!(figure("resting_speed_max_rel") < 0.01);
     assert_eq!(figure("hanging"), 0.0);
     assert!(figure("unsupported_fraction") <= 0.05);
-    // A prop that lies on the surface may come away from it.
-    assert!(figure("inside_fraction") > 0.98, "inside {}", figure("inside_fraction"));
+    // A twentieth of the props may stand out of a natural surface.
+    assert!(figure("inside_fraction") > 0.95, "inside {}", figure("inside_fraction"));
     assert!(bake.report.counts["candidates"] > 0);
 }
 
