@@ -49,39 +49,6 @@ fn nail_all(world: &mut World) -> usize {
     touches.len()
 }
 
-/// Two stacks, one of which is kept moving: the other one rests meanwhile, and wakes when it is hit.
-#[test]
-fn what_rests_is_not_simulated_until_it_is_hit() {
-    let (mut world, shape, thickness) = world_of(stick());
-    let mut put = |x: f64, height: f64| {
-        let pose = Pose { translation: DVec3::new(x, height * thickness, 0.0), rotation: DQuat::IDENTITY };
-        let body = Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 };
-        world.insert(&shape, &body).unwrap()
-    };
-    let still: Vec<usize> = (0..4).map(|k| put(0.0, f64::from(k) + 0.5)).collect();
-    let moving = put(10.0, 0.5);
-    let rests = |world: &World| still.iter().filter(|&&id| !world.is_awake(id)).count();
-    for _ in 0..400 {
-        world.launch(moving, DVec3::new(0.2, 0.0, 0.0), DVec3::ZERO);
-        world.rest_by_regions();
-        world.step();
-    }
-    assert_eq!(rests(&world), 4);
-    assert!(world.is_awake(moving) && world.counters.resting_body_steps > 400);
-    // Dropped onto the stack.
-    let top = world.pose(still[3]).translation;
-    world.put(moving, &Pose { translation: top + DVec3::Y * 3.0 * thickness, rotation: DQuat::IDENTITY });
-    let mut woken = 0;
-    for _ in 0..60 {
-        world.rest_by_regions();
-        world.step();
-        woken = woken.max(4 - rests(&world));
-    }
-    assert!(woken >= 1, "what is hit wakes");
-    world.end_rest();
-    assert!(still.iter().all(|&id| world.is_awake(id)));
-}
-
 /// Touches of bodies that stay where they are can be taken from before: the answer is the same.
 #[test]
 fn what_has_not_moved_touches_as_before() {

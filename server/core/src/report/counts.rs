@@ -62,7 +62,6 @@ pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<C
         (Count::SpeculativeBodySteps, both(|w| w.speculative_body_steps)),
         (Count::CcdBodySteps, both(|w| w.ccd_body_steps)),
         (Count::RollingBodySteps, world.counters.rolling_body_steps),
-        (Count::RestingBodySteps, world.counters.resting_body_steps),
         (Count::RockingLooks, world.counters.rocking_looks),
         (Count::GuardSteps, sim.guard.actions.steps),
         (Count::RegionTests, tally.region_tests),

@@ -3,14 +3,11 @@
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage};
 use crate::input::params::{Params, Switch};
-use crate::sim::pile::REST_SPEED;
 use crate::sim::step::Simulation;
 
-/// The pile is at rest once every body has been for this long, natural times.
+/// The pile is at rest once all bodies but this share have been for this long, natural times: in a large one, some always rock.
 const REST_TIME: f64 = 1.0;
-
-/// Where anything is faster than this, d per natural time, everything is simulated: it may fall or be thrown onto what rests.
-const CALM: f64 = 0.5;
+const RESTLESS: f64 = 1e-4;
 
 /// Damping of what still rolls or rattles late in the hold, per natural time: most of its speed is gone after five natural times.
 const ROLLING_DAMPING: f64 = 0.5;
@@ -80,13 +77,9 @@ pub fn run(
         if sim.pile.step - begin == (ROLLING_ONSET * patience as f64) as u64 {
             sim.pile.policy.set_quiet(Some(ROLLING_DAMPING));
         }
-        match sim.is_left_alone() && sim.top_speed < CALM {
-            true => sim.pile.world.rest_by_regions(),
-            false => sim.pile.world.end_rest(),
-        }
         sim.advance(observer, Stage::Hold, |sim| ((sim.pile.step - begin) as f64 / patience as f64).min(0.99))?;
-        (calm, top_speed) =
-            if sim.top_speed < REST_SPEED { (calm + 1, top_speed.max(sim.top_speed)) } else { (0, 0.0) };
+        let is_calm = sim.restless as f64 <= RESTLESS * sim.pile.world.present().count() as f64;
+        (calm, top_speed) = if is_calm { (calm + 1, top_speed.max(sim.top_speed)) } else { (0, 0.0) };
         if calm == 1 {
             let steps = (sim.pile.step - 1).saturating_sub(sim.pile.latest_event);
             rest = Some(Rest { steps, frame: sim.pile.recorder.count() });
@@ -94,7 +87,6 @@ pub fn run(
             rest = None;
         }
     }
-    sim.pile.world.end_rest();
     let at_rest = calm >= rest_steps;
     sim.pile.recorder.mark();
     if let Some(n) = params.output.frames {

@@ -9,7 +9,7 @@ use glam::DVec3;
 use rapier3d::prelude::*;
 
 /// An island sleeps when all its bodies have been slower than this for [`SLEEP_TIME`], d per natural time.
-pub(super) const SLEEP_SPEED: f64 = 0.03;
+const SLEEP_SPEED: f64 = 0.03;
 /// See [`SLEEP_SPEED`]; natural times.
 const SLEEP_TIME: f64 = 1.5;
 
@@ -121,7 +121,6 @@ impl World {
         if self.bodies[id].role == role {
             return;
         }
-        self.forget_rest(self.glued_with(id)[0]);
         self.glued_with(id).to_vec().into_iter().for_each(|id| self.bodies[id].role = role);
         let body = &mut self.engine.bodies[self.bodies[id].handle];
         let kind = kind(role);

@@ -74,7 +74,6 @@ impl World {
     /// The bodies of a cluster go on by themselves, as fast as they are.
     pub fn unglue(&mut self, id: ClusterId) {
         let Some(cluster) = self.clusters[id].take() else { return };
-        self.forget_rest(cluster.members[0]);
         for &member in &cluster.members {
             let pose = self.engine_pose(member);
             let (linear, angular) = (self.velocity(member), self.angular_velocity(member));

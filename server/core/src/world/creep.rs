@@ -19,7 +19,7 @@ pub struct Marks {
 }
 
 /// From one look to the next, natural times: less than half of the time after which an island sleeps.
-pub(super) const WINDOW: f64 = 0.7;
+const WINDOW: f64 = 0.7;
 /// A body that has moved by more than this since the last look (its centre, or its rim by turning; d) stays awake. A block
 /// whose slope is a tenth of a degree too steep moves farther by the second look; what has come to rest does not.
 const CREEP: f64 = 0.001;

@@ -15,7 +15,6 @@ mod loads;
 mod manifold;
 mod motion;
 mod nails;
-mod resting;
 mod rolling;
 mod scenery;
 mod units;
@@ -110,8 +109,6 @@ pub struct Counters {
     pub rolling_body_steps: u64,
     /// Looks at a body that moved on the spot, and so was let fall asleep.
     pub rocking_looks: u64,
-    /// Bodies that rested amid resting ones, and were not simulated.
-    pub resting_body_steps: u64,
 }
 
 /// How a body enters the world.
@@ -135,7 +132,6 @@ pub struct World {
     moving: Vec<scenery::Moving>,
     marks: creep::Marks,
     rolling: rolling::Rolling,
-    resting: resting::Resting,
     ccd: Switch,
     /// Steps taken.
     pub steps: u64,
@@ -229,7 +225,6 @@ impl World {
             moving: Vec::new(),
             marks: creep::Marks::default(),
             rolling: rolling::Rolling::new(physics),
-            resting: resting::Resting::default(),
             ccd: physics.switches.continuous_collision,
             steps: 0,
             counters: Counters::default(),
@@ -270,7 +265,6 @@ impl World {
 
     pub fn remove(&mut self, id: BodyId) {
         self.nails.forget(id);
-        self.forget_rest(id);
         // Those that it was glued to go on by themselves.
         if let Some(cluster) = self.bodies[id].cluster {
             self.unglue(cluster);

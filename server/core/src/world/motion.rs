@@ -78,7 +78,7 @@ impl World {
 
     /// Whether the engine simulates the body at present.
     pub fn is_awake(&self, id: BodyId) -> bool {
-        self.bodies[id].role == Role::Free && self.rigid(id).is_dynamic() && !self.rigid(id).is_sleeping()
+        self.bodies[id].role == Role::Free && !self.rigid(id).is_sleeping()
     }
 
     pub fn momentum(&self, id: BodyId) -> Momentum {
@@ -138,7 +138,7 @@ impl World {
         awake(a) || awake(b)
     }
 
-    pub(super) fn rigid(&self, id: BodyId) -> &RigidBody {
+    fn rigid(&self, id: BodyId) -> &RigidBody {
         &self.engine.bodies[self.bodies[id].handle]
     }
 }

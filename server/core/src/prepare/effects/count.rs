@@ -49,7 +49,6 @@ pub enum Count {
     RemovedEscaped,
     RemovedOverlapping,
     RemovedStickingOut,
-    RestingBodySteps,
     RockingLooks,
     RollingBodySteps,
     SceneryPieces,
