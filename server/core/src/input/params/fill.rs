@@ -33,8 +33,8 @@ pub struct Fill {
     pub growth: f64,
     /// Settling in the closed container after the last prop, natural times.
     pub settle: f64,
-    /// A body may stick out of the control mesh by this much, relative to d; beyond it is removed. Parting what overlaps adds
-    /// about as much as that overlapped.
+    /// A body may stick out of the control mesh by this much more than `surface` lets it, relative to d; beyond it is removed. Parting
+    /// what overlaps adds about as much as that overlapped.
     pub protrusion: f64,
     /// A body may overlap another by this share of the thinner one's thickness; beyond it is removed.
     pub overlap: f64,
@@ -64,7 +64,7 @@ impl Fill {
     /// The share of the props that may stand out of the control mesh, and how far, d.
     pub fn standing_out(&self) -> (f64, f64) {
         match self.method {
-            FillMethod::Insert => (STANDING_OUT * (1.0 - self.surface), OUTSIDE),
+            FillMethod::Insert if self.surface < 1.0 => (STANDING_OUT * (1.0 - self.surface), OUTSIDE),
             _ => (0.0, self.loosened()),
         }
     }
