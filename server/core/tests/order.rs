@@ -196,8 +196,9 @@ fn protrusions(scene: &Scene, params: &Params) -> Vec<f64> {
     let bake = baked(scene, params);
     let region = Region::new(&scene.control.as_ref().unwrap().mesh);
     let corners = &scene.props[0].model.mesh.points;
-    let out = |pose: &Pose| corners.iter().map(|&p| region.signed_distance(pose.transform_point(p)));
-    let farthest = |pose| out(pose).fold(f64::NEG_INFINITY, f64::max) / figure(&bake, "prop_diameter");
+    let out = |pose: &Pose, p: &DVec3| region.signed_distance(pose.transform_point(*p));
+    let most = |pose: &Pose| corners.iter().map(|p| out(pose, p)).fold(f64::NEG_INFINITY, f64::max);
+    let farthest = |pose| most(pose) / figure(&bake, "prop_diameter");
     bake.pile.frames[0].iter().map(farthest).collect()
 }
 
