@@ -120,6 +120,7 @@ fn what_hangs_is_what_another_way_finds() {
         let mesh = &scene.props[0].model.mesh;
         // As full as a pile usually is: what lies loosely hangs by a hair.
         let mut params = Params { seed, ..Params::new(Accuracy::Standard) };
+        params.fill.surface = 1.0;
         // Glue would carry what hangs.
         params.glue.mode = GlueMode::Natural;
         let pile = bake(&scene, &params, &mut Silent).unwrap();
