@@ -56,8 +56,8 @@ class CairnArrangement(PropertyGroup):
     surface: FloatProperty(
         name="Surface",
         description="What the pile is like where it touches the shape. 0: loose, as if nothing had been around it; "
-        "many props stick out. 0.5: natural; some lie against the shape, single ones stand out or back. 1: cast; many lie flush with "
-        "the shape, as in a mould",
+        "many props stick out. 0.5: natural; some lie against the shape, single ones stand out or back. 1: cast; many "
+        "lie flush with the shape, as in a mould",
         default=0.5,
         min=0.0,
         max=1.0,
