@@ -80,9 +80,8 @@ pub fn run(
         FillMethod::Pour => Some(pour::run(&mut filling, observer)?),
         FillMethod::Insert | FillMethod::Stack | FillMethod::Off => None,
     };
-    let (share, outside) = params.fill.standing_out();
     let closed = container.closed(params.fill.loosened());
-    let around = (share > 0.0).then(|| container.closed(outside));
+    let around = (params.fill.standing_out() > 0.0).then(|| container.closed(params.fill.outside()));
     let room = ROOM * filling.expected.min(params.fill.max_bodies as usize);
     let (walls, core, floor) = filling.world.add_behind(room, |world| {
         let walls = add_walls(world, &closed, around.as_ref());

@@ -17,12 +17,12 @@ const ROLLING_ONSET: f64 = 0.125;
 /// How the hold ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HoldOutcome {
-    /// Every body came to rest; nothing moves after that.
+    /// All bodies but [`RESTLESS`] of them came to rest; nothing moves after that.
     pub at_rest: bool,
     /// Largest speed of any body since the pile has been calm, or in the last step if it never was; d per natural time.
     pub resting_speed_max: f64,
-    /// Steps from the last release, drop or impact until every body was at rest, and the frame of that; `None` if they
-    /// never were.
+    /// Steps from the last release, drop or impact until the pile was at rest, and the frame of that; `None` if it
+    /// never was.
     pub rest: Option<Rest>,
 }
 
@@ -78,7 +78,7 @@ pub fn run(
             sim.pile.policy.set_quiet(Some(ROLLING_DAMPING));
         }
         sim.advance(observer, Stage::Hold, |sim| ((sim.pile.step - begin) as f64 / patience as f64).min(0.99))?;
-        let is_calm = sim.restless as f64 <= RESTLESS * sim.pile.world.present().count() as f64;
+        let is_calm = sim.restless <= RESTLESS;
         (calm, top_speed) = if is_calm { (calm + 1, top_speed.max(sim.top_speed)) } else { (0, 0.0) };
         if calm == 1 {
             let steps = (sim.pile.step - 1).saturating_sub(sim.pile.latest_event);

@@ -61,12 +61,17 @@ impl Fill {
         OUTSIDE * (1.0 - 2.0 * self.surface).max(0.0)
     }
 
-    /// The share of the props that may stand out of the control mesh, and how far, d.
-    pub fn standing_out(&self) -> (f64, f64) {
+    /// The share of the props that may stand out of the walls.
+    pub fn standing_out(&self) -> f64 {
         match self.method {
-            FillMethod::Insert if self.surface < 1.0 => (STANDING_OUT * (1.0 - self.surface), OUTSIDE),
-            _ => (0.0, self.loosened()),
+            FillMethod::Insert => STANDING_OUT * (1.0 - self.surface),
+            _ => 0.0,
         }
+    }
+
+    /// How far outside of the control mesh some props may be, d.
+    pub fn outside(&self) -> f64 {
+        if self.standing_out() > 0.0 { OUTSIDE } else { self.loosened() }
     }
 }
 

@@ -227,7 +227,7 @@ impl<'a> Filling<'a> {
 
     /// Takes out what left the container.
     pub fn remove_escaped(&mut self) {
-        let (_, outside) = self.params.fill.standing_out();
+        let outside = self.params.fill.outside();
         for id in self.loose().collect::<Vec<_>>() {
             let center = self.world.pose(id).translation;
             if !(self.container.distance.signed_distance(center) <= outside && center.y > self.container.base) {
@@ -241,7 +241,7 @@ impl<'a> Filling<'a> {
     pub fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         for round in 0.. {
             self.remove_escaped();
-            let most = self.params.fill.protrusion + self.params.fill.standing_out().1;
+            let most = self.params.fill.protrusion + self.params.fill.outside();
             let out = self.loose().filter(|&id| self.protrusion(id) > most).collect::<Vec<_>>();
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));

@@ -94,7 +94,7 @@ fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(
     filling.world.zero_step();
     // With how far outside the walls it may be.
     let mut seeds: Vec<(Instance, f64)> = Vec::new();
-    let (standing_out, outside) = filling.params.fill.standing_out();
+    let (standing_out, outside) = (filling.params.fill.standing_out(), filling.params.fill.outside());
     let mut let_out = 0;
     let mut claims = Claims::default();
     for _ in 0..(wanted * TRIES_PER_PROP).max(LEAST_TRIES) {

@@ -15,9 +15,9 @@ use crate::input::scene::{Prop, Turns};
 use crate::prepare::shape::{Seat, Shape, Solid, corners, hull_mesh};
 use crate::world::BodyId;
 use course::{Course, kind};
-use field::Field;
+use field::{Field, Footprint};
 use glam::{DQuat, DVec2, DVec3};
-use place::{Laid, find};
+use place::find;
 use rest::{Rest, flattest, upright};
 use std::f64::consts::{PI, TAU};
 
@@ -47,6 +47,12 @@ struct Layable {
 impl Layable {
     fn nests(&self) -> bool {
         !self.seats.is_empty()
+    }
+
+    /// What it covers seen from above. `size`: its scale, in engine units.
+    fn footprint(&self, rotation: DQuat, size: f64, cell: f64, shift: DVec2) -> Footprint {
+        let triangles: Vec<_> = self.triangles.iter().map(|t| t.map(|p| rotation * (p * size))).collect();
+        Footprint::new(&triangles, cell, shift)
     }
 }
 
@@ -201,11 +207,10 @@ fn lay(
             {
                 *course = None;
             }
-            Some((place, footprint, spot)) => {
+            Some((pose, footprint, spot)) => {
                 if kind.is_some() && course.is_none() {
                     *course = Some(Course { prop, height: spot.height });
                 }
-                let Laid { prop, scale, pose } = place;
                 let id: BodyId = filling.insert(prop, scale, pose)?;
                 field.put(&footprint, &spot, id, least);
                 (laid, any, vain[prop]) = (laid + 1, true, 0);

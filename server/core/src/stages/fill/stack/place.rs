@@ -43,13 +43,6 @@ const FIRM: f64 = 0.5;
 /// Cosine of the angle up to which what another one is put into stands straight.
 const STRAIGHT: f64 = 0.98;
 
-/// What was laid down, and how.
-pub struct Laid {
-    pub prop: usize,
-    pub scale: f64,
-    pub pose: Pose,
-}
-
 /// The best place for a prop of this scale. `rotation`: how it would fall.
 pub fn find(
     filling: &mut Filling,
@@ -57,7 +50,7 @@ pub fn find(
     field: &Field,
     (prop, scale): (usize, f64),
     rotation: DQuat,
-) -> Option<(Laid, Footprint, Spot)> {
+) -> Option<(Pose, Footprint, Spot)> {
     let order = filling.params.fill.order;
     let size = scale / filling.world.units.length;
     let lies = layable.rest.filter(|_| filling.rng.random_bool((order / ALL_FLAT).min(1.0)));
@@ -72,7 +65,7 @@ pub fn find(
     let way = |share: f64| {
         let turned = |rest: Rest| DQuat::from_rotation_y(half + share * turn) * rest.rotation;
         let rotation = lies.map_or(field.turn * rotation, turned);
-        let straight = lies.map_or(rotation, |rest| rest.rotation);
+        let straight = lies.filter(|_| share > 0.0).map(|rest| rest.rotation);
         Way { prop, size, rotation, straight, shift: share * shift, rest: lies }
     };
     let straight = lowest(filling, layable, field, &way(0.0), f64::INFINITY);
@@ -81,14 +74,14 @@ pub fn find(
     let most = straight.as_ref().map_or(f64::INFINITY, |straight| straight.cost + DISORDER);
     let best = shares.iter().find_map(|&share| lowest(filling, layable, field, &way(share), most)).or(straight);
     let higher =
-        |nested: &(Laid, Footprint, Spot)| best.as_ref().is_some_and(|best| best.spot.height < nested.2.height);
+        |nested: &(Pose, Footprint, Spot)| best.as_ref().is_some_and(|best| best.spot.height < nested.2.height);
     if let Some(nested) = nested.filter(|nested| !higher(nested)) {
         return Some(nested);
     }
     let Found { footprint, spot, rotation, .. } = best?;
     let rotation = (field.turn.inverse() * rotation).normalize();
     let pose = Pose { translation: field.center(&footprint, &spot), rotation };
-    Some((Laid { prop, scale, pose }, footprint, spot))
+    Some((pose, footprint, spot))
 }
 
 /// Shares of its turn and shift with which a place is sought for what lies in disorder, if it costs hardly more than the best place for
@@ -102,8 +95,8 @@ struct Way {
     /// Scale, in engine units.
     size: f64,
     rotation: DQuat,
-    /// As if it lay in perfect order.
-    straight: DQuat,
+    /// As if it lay in perfect order; `None` where it does.
+    straight: Option<DQuat>,
     shift: DVec2,
     /// `None`: as it fell.
     rest: Option<Rest>,
@@ -128,12 +121,9 @@ fn lowest(filling: &mut Filling, layable: &Layable, field: &Field, way: &Way, mo
     for &across in ways {
         let quarter = DQuat::from_rotation_y(if across { FRAC_PI_2 } else { 0.0 });
         let rotation = quarter * way.rotation;
-        let cover = |rotation: DQuat, shift: DVec2| {
-            let triangles: Vec<_> = layable.triangles.iter().map(|t| t.map(|p| rotation * (p * way.size))).collect();
-            Footprint::new(&triangles, field.cell, shift)
-        };
-        let footprint = cover(rotation, way.shift);
-        let edges = if order < 1.0 { cover(quarter * way.straight, DVec2::ZERO).size } else { footprint.size };
+        let footprint = layable.footprint(rotation, way.size, field.cell, way.shift);
+        let straight = |turn: DQuat| layable.footprint(quarter * turn, way.size, field.cell, DVec2::ZERO).size;
+        let edges = way.straight.map_or(footprint.size, straight);
         let Some(last) = rest_of(field.size, footprint.size) else { continue };
         let mut found: Option<(f64, Spot)> = None;
         let most = best.as_ref().map_or(most, |best| best.cost);
@@ -186,7 +176,7 @@ fn nest(
     field: &Field,
     (prop, scale): (usize, f64),
     rest: &Rest,
-) -> Option<(Laid, Footprint, Spot)> {
+) -> Option<(Pose, Footprint, Spot)> {
     let size = scale / filling.world.units.length;
     let mut carriers: Vec<(f64, BodyId)> = Vec::new();
     for id in filling.world.present() {
@@ -208,10 +198,9 @@ fn nest(
             let translation = below.translation + DVec3::Y * (seat.pitch * size);
             // Whether there is room, as if it stood straight.
             let straight = field.turn * DQuat::from_rotation_arc(rotation * rest.up, DVec3::Y) * rotation;
-            let triangles: Vec<_> = layable.triangles.iter().map(|t| t.map(|p| straight * (p * size))).collect();
-            let footprint = Footprint::new(&triangles, field.cell, DVec2::ZERO);
+            let footprint = layable.footprint(straight, size, field.cell, DVec2::ZERO);
             if let Some(spot) = field.lay_at(&footprint, translation).filter(|_| filling.may_be(prop, translation)) {
-                return Some((Laid { prop, scale, pose: Pose { translation, rotation } }, footprint, spot));
+                return Some((Pose { translation, rotation }, footprint, spot));
             }
         }
     }
