@@ -1,6 +1,5 @@
 //! A bake's end in a few lines.
 
-use cairn_core::sim::pile::REST_SPEED;
 use std::path::Path;
 
 /// What an artist wants to know, one entry per line. `measure` and `counted` give the report's figures and counts by name.
@@ -27,9 +26,12 @@ pub fn lines(
         ));
     }
     lines.extend(glue(&measure, counted));
-    if let (Some(speed), Some(relative)) = (measure("resting_speed_max"), measure("resting_speed_max_rel")) {
-        let state = if relative < REST_SPEED { "all at rest" } else { "not at rest" };
-        lines.push(format!("{state}: in the last second no point was faster than {:.1} mm/s", speed * 1000.0));
+    if let (Some(speed), Some(moving)) = (measure("resting_speed_max"), measure("moving")) {
+        let state = match moving as usize {
+            0 => "all at rest".to_owned(),
+            some => format!("{} of {} still moving", grouped(some as u64), count(bodies, "body", "bodies")),
+        };
+        lines.push(format!("{state}: in the end no point was faster than {:.1} mm/s", speed * 1000.0));
     }
     lines.push(format!("{} in {seconds:.1} s", output.display()));
     lines

@@ -86,8 +86,10 @@ pub struct Physics {
 
 /// The thickness, in d, that `contact_frequency` is meant for, and the largest factor for thinner bodies.
 const THIN: (f64, f64) = (0.1, 5.0);
-/// A contact spring is stable up to this share of the substeps' rate, and stiff up to it.
-const FREQUENCY_PER_SUBSTEP: f64 = 0.25;
+/// A contact spring is stable up to this share of the substeps' rate.
+const STABLE_PER_SUBSTEP: f64 = 0.25;
+/// A stack of such springs is calm up to this share: beyond it, a tall one bobs for ever and walks, until it falls.
+const CALM_PER_SUBSTEP: f64 = 0.14;
 /// As the range of `substeps`.
 const MOST_SUBSTEPS: u32 = 64;
 
@@ -100,8 +102,17 @@ impl Physics {
 
     /// The substeps that contacts of this frequency need in a step of this length, natural times, and at least `substeps`.
     pub fn substeps_for(&self, frequency: f64, step: f64) -> u32 {
-        self.substeps.max(((frequency * step / FREQUENCY_PER_SUBSTEP).ceil() as u32).min(MOST_SUBSTEPS))
+        self.substeps.max(substeps(frequency * step / STABLE_PER_SUBSTEP))
     }
+
+    /// The same for a pile that is to stand.
+    pub fn calm_substeps_for(&self, frequency: f64, step: f64) -> u32 {
+        self.substeps.max(substeps(frequency * step / CALM_PER_SUBSTEP))
+    }
+}
+
+fn substeps(needed: f64) -> u32 {
+    (needed.ceil() as u32).min(MOST_SUBSTEPS)
 }
 
 /// A duration in one of the two clocks.

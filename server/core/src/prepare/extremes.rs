@@ -87,9 +87,8 @@ pub fn warnings(
 }
 
 /// The engine's settings under which a heavy body does not sink into a light one: contacts as stiff as the ratio of the
-/// masses (up to [`MOST_MASS_RATIO`]) asks, with as many substeps as such contacts need. `thickness` of the thinnest body, in
-/// d: that it is thin stiffens the contacts by itself.
-pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64, natural_time: f64) -> Physics {
+/// masses (up to [`MOST_MASS_RATIO`]) asks. `thickness` of the thinnest body, in d: that it is thin stiffens the contacts by itself.
+pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64) -> Physics {
     let ratio = match physics.switches.stiff_contacts {
         Switch::Auto => ratio.min(MOST_MASS_RATIO),
         Switch::On => MOST_MASS_RATIO,
@@ -100,6 +99,11 @@ pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64, natural_time: f6
     if needed <= given {
         return physics.clone();
     }
-    let substeps = physics.substeps_for(needed, physics.step.seconds(natural_time) / natural_time);
-    Physics { contact_frequency: physics.contact_frequency * needed / given, substeps, ..physics.clone() }
+    Physics { contact_frequency: physics.contact_frequency * needed / given, ..physics.clone() }
+}
+
+/// As many substeps as a pile of such contacts needs to stand calmly. `thickness`: as in [`stiffened`].
+pub fn calmed(physics: &Physics, thickness: f64, natural_time: f64) -> Physics {
+    let step = physics.step.seconds(natural_time) / natural_time;
+    Physics { substeps: physics.calm_substeps_for(physics.stiffness(thickness), step), ..physics.clone() }
 }

@@ -31,6 +31,7 @@ pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<C
         (Count::RemovedEscaped, removed.escaped as u64),
         (Count::BodiesLost, sim.guard.actions.aside.len() as u64),
         (Count::GuardRetries, sim.guard.actions.retries),
+        (Count::GuardCalmed, world.counters.calmed),
         (Count::GuardStiffened, sim.guard.actions.stiffened),
         (Count::ControlCycles, tally.cycles),
         (Count::Analyses, tally.analyses),

@@ -25,6 +25,7 @@ pub fn figures(inputs: &Inputs, pile: &Pile) -> Figures {
     };
     let mut figures = BTreeMap::from([
         ("drift_p95_rel", Some(measure::percentile(&displacements(from, hold_end), 0.95))),
+        ("moving", Some(inputs.held.moving as f64)),
         ("resting_speed_max", Some(inputs.held.resting_speed_max * units.length / units.time)),
         ("resting_speed_max_rel", Some(inputs.held.resting_speed_max)),
         ("kinetic_energy_rel", Some(pile.world.kinetic_energy() / weight.max(f64::MIN_POSITIVE))),

@@ -80,8 +80,8 @@ pub struct Simulation<'a> {
     pub fallen: usize,
     /// Largest speed of any body in the latest step, d per natural time.
     pub top_speed: f64,
-    /// Share of the bodies that were not at rest in it.
-    pub restless: f64,
+    /// Bodies that were not at rest in it.
+    pub moving: usize,
     pub seconds: Seconds,
 }
 
@@ -93,7 +93,7 @@ impl<'a> Simulation<'a> {
         pile.recorder.restart(&pile.world);
         let show = Show::new(&params.output);
         let seconds = Seconds::default();
-        Ok(Simulation { pile, guard, events, show, depth, fallen: 0, top_speed: 0.0, restless: 0.0, seconds })
+        Ok(Simulation { pile, guard, events, show, depth, fallen: 0, top_speed: 0.0, moving: 0, seconds })
     }
 
     /// Whether nothing is to happen any more by itself.
@@ -191,7 +191,7 @@ impl<'a> Simulation<'a> {
         let bodies = world.present().count();
         let released = bodies - world.count(Role::Waiting);
         let at_rest = world.present().filter(|&id| world.speed(id) < REST_SPEED).count();
-        self.restless = (bodies - at_rest) as f64 / bodies.max(1) as f64;
+        self.moving = bodies - at_rest;
         let nails = world.nail_count();
         let fraction = fraction(self).clamp(0.0, 1.0);
         observe(observer, &Progress { stage, fraction, bodies, released, at_rest, nails })

@@ -148,7 +148,7 @@ fn fill_up(filling: &mut Filling, limit: usize, observer: &mut dyn Observer) -> 
             FillMethod::Stack => {
                 let full = stack::run(filling, limit, observer)?;
                 // What lies in disorder leaves room for what is thrown in.
-                if filling.params.fill.order < stack::ALL_FLAT { insert::run(filling, limit, observer)? } else { full }
+                if filling.params.fill.lying() < 1.0 { insert::run(filling, limit, observer)? } else { full }
             }
             _ => insert::run(filling, limit, observer)?,
         };

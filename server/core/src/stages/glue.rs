@@ -36,7 +36,8 @@ pub struct Glued {
     pub apart: usize,
     /// Bodies that the glue is too weak for.
     pub fallen: usize,
-    /// What the certified forces leave unbalanced: sum over the bodies, each by its own weight.
+    /// What the certified forces leave unbalanced: sum over the bodies, each by its own weight; for each thousand of them where
+    /// there are more.
     pub imbalance: f64,
     /// A normal force cost so much, against a dot's as 1.
     pub normal_price: f64,

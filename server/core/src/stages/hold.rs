@@ -5,24 +5,28 @@ use crate::input::observer::{Observer, Stage};
 use crate::input::params::{Params, Switch};
 use crate::sim::step::Simulation;
 
-/// The pile is at rest once all bodies but this share have been for this long, natural times: in a large one, some always rock.
+/// The pile is at rest once all of its bodies have been for this long, natural times.
 const REST_TIME: f64 = 1.0;
-const RESTLESS: f64 = 1e-4;
+/// In a large pile some always rock: where no larger share of its bodies does, they are waited for so many times as long at most.
+const ROCKING: f64 = 1e-4;
+const ROCKING_TIMES: u64 = 4;
 
 /// Damping of what still rolls or rattles late in the hold, per natural time: most of its speed is gone after five natural times.
 const ROLLING_DAMPING: f64 = 0.5;
-/// It sets in after this share of the patience, when the shape is long decided.
+/// It sets in after this share of the patience, or where the rest of the pile is at rest: the shape is long decided.
 const ROLLING_ONSET: f64 = 0.125;
 
 /// How the hold ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HoldOutcome {
-    /// All bodies but [`RESTLESS`] of them came to rest; nothing moves after that.
+    /// All bodies but [`ROCKING`] of them came to rest; nothing moves after that.
     pub at_rest: bool,
-    /// Largest speed of any body since the pile has been calm, or in the last step if it never was; d per natural time.
+    /// Bodies that moved in the last step.
+    pub moving: usize,
+    /// Largest speed of any body since all have been at rest, or in the last step if some moved; d per natural time.
     pub resting_speed_max: f64,
-    /// Steps from the last release, drop or impact until the pile was at rest, and the frame of that; `None` if it
-    /// never was.
+    /// Steps from the last release, drop or impact until all bodies but [`ROCKING`] of them were at rest, and the frame of that;
+    /// `None` if they never were.
     pub rest: Option<Rest>,
 }
 
@@ -31,6 +35,32 @@ pub struct HoldOutcome {
 pub struct Rest {
     pub steps: u64,
     pub frame: usize,
+}
+
+/// For how many steps a pile has been at rest.
+#[derive(Clone, Copy, Default)]
+struct Calm {
+    /// Since more than [`ROCKING`] of the bodies moved.
+    calm: u64,
+    /// Since any moved.
+    still: u64,
+}
+
+impl Calm {
+    fn step(&mut self, moving: usize, bodies: usize) {
+        self.still = if moving == 0 { self.still + 1 } else { 0 };
+        self.calm = if moving as f64 <= ROCKING * bodies as f64 { self.calm + 1 } else { 0 };
+    }
+
+    /// Nothing more is to be waited for. `least`: steps that all bodies have to be at rest.
+    fn is_over(&self, least: u64) -> bool {
+        self.still >= least || self.calm >= ROCKING_TIMES * least
+    }
+
+    /// From now on, only few rock.
+    fn begins_to_rock(&self, least: u64) -> bool {
+        self.calm == least && self.still < least
+    }
 }
 
 /// Steps until rest, patience or the last frame ends it. A pile at rest is not simulated any further: its bodies are
@@ -47,17 +77,17 @@ pub fn run(
     let rest_steps = (REST_TIME / step).ceil() as u64;
     let least_steps = (params.hold.least / sim.pile.world.units.time / step).ceil() as u64;
     let mut begin = sim.pile.step;
-    let (mut calm, mut top_speed) = (0, 0.0f64);
+    let (mut calm, mut top_speed) = (Calm::default(), 0.0f64);
     let mut rest = None;
     let mut to_stand = stands && params.control.until.is_none() && sim.pile.control.is_on();
     loop {
-        let rests = calm >= rest_steps && sim.is_left_alone();
+        let rests = calm.is_over(rest_steps) && sim.is_left_alone();
         if rests && to_stand {
             match params.control.stand {
                 Switch::On => sim.pile.end_control(true),
                 Switch::Auto | Switch::Off => sim.pile.wean(),
             }
-            (to_stand, calm, rest) = (false, 0, None);
+            (to_stand, calm, rest) = (false, Calm::default(), None);
         } else if rests && sim.pile.step - begin >= least_steps {
             break;
         }
@@ -74,25 +104,50 @@ pub fn run(
             }
             begin = sim.pile.latest_event;
         }
-        if sim.pile.step - begin == (ROLLING_ONSET * patience as f64) as u64 {
+        let is_late = sim.pile.step - begin == (ROLLING_ONSET * patience as f64) as u64;
+        if is_late || calm.begins_to_rock(rest_steps) {
             sim.pile.policy.set_quiet(Some(ROLLING_DAMPING));
         }
         sim.advance(observer, Stage::Hold, |sim| ((sim.pile.step - begin) as f64 / patience as f64).min(0.99))?;
-        let is_calm = sim.restless <= RESTLESS;
-        (calm, top_speed) = if is_calm { (calm + 1, top_speed.max(sim.top_speed)) } else { (0, 0.0) };
-        if calm == 1 {
+        calm.step(sim.moving, sim.pile.world.present().count());
+        top_speed = if sim.moving == 0 { top_speed.max(sim.top_speed) } else { 0.0 };
+        if calm.calm == 1 {
             let steps = (sim.pile.step - 1).saturating_sub(sim.pile.latest_event);
             rest = Some(Rest { steps, frame: sim.pile.recorder.count() });
-        } else if calm == 0 {
+        } else if calm.calm == 0 {
             rest = None;
         }
     }
-    let at_rest = calm >= rest_steps;
+    let at_rest = calm.calm >= rest_steps;
     sim.pile.recorder.mark();
     if let Some(n) = params.output.frames {
         sim.pile.recorder.fit(n as usize);
         sim.show(observer, Stage::Hold);
     }
     sim.show_end(observer, Stage::Hold);
-    Ok(HoldOutcome { at_rest, resting_speed_max: top_speed.max(sim.top_speed), rest: rest.filter(|_| at_rest) })
+    let resting_speed_max = top_speed.max(sim.top_speed);
+    Ok(HoldOutcome { at_rest, moving: sim.moving, resting_speed_max, rest: rest.filter(|_| at_rest) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Calm;
+
+    /// Steps until the pile is at rest, where so many bodies move in each step, the last number for ever.
+    fn steps(moving: &[usize], bodies: usize) -> Option<usize> {
+        let mut calm = Calm::default();
+        (0..1000).find(|&step| {
+            calm.step(moving[step.min(moving.len() - 1)], bodies);
+            calm.is_over(10)
+        })
+    }
+
+    #[test]
+    fn few_that_rock_in_a_large_pile_are_not_waited_for_forever() {
+        assert_eq!(steps(&[1, 1, 0], 9_999), Some(11), "ten steps after the last one came to rest");
+        assert_eq!(steps(&[1], 9_999), None, "in a small pile none may rock");
+        assert_eq!(steps(&[1, 0], 10_000), Some(10), "whoever comes to rest is waited for");
+        assert_eq!(steps(&[100, 1], 10_000), Some(40), "whoever rocks on is waited for four times as long");
+        assert_eq!(steps(&[2], 10_000), None);
+    }
 }

@@ -88,6 +88,9 @@ fn set_down(pile: &mut Pile, filled: usize, inputs: &Inputs) {
 fn world(inputs: &Inputs) -> Result<World, Error> {
     let Inputs { scene, params, resolved, units, ground, .. } = inputs;
     let mut world = World::new(*units, &resolved.physics, resolved.thickness, resolved.compounds);
+    if resolved.is_on(EffectName::Guard) {
+        world.watch_bobbing();
+    }
     if params.ground {
         world.add_ground(ground / units.length, params.ground_friction);
     }

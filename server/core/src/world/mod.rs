@@ -4,6 +4,7 @@
 //! median prop; gravity is then 1 and the engine sees the same numbers for a pile of rice as for one of logs.
 //! [`Units`] is the one place of the conversion.
 
+mod bobbing;
 mod bodies;
 mod clusters;
 mod contacts;
@@ -109,6 +110,8 @@ pub struct Counters {
     pub rolling_body_steps: u64,
     /// Looks at a body that moved on the spot, and so was let fall asleep.
     pub rocking_looks: u64,
+    /// Times that a pile that bobbed was given more substeps.
+    pub calmed: u64,
 }
 
 /// How a body enters the world.
@@ -131,6 +134,7 @@ pub struct World {
     clusters: Vec<Option<clusters::Cluster>>,
     moving: Vec<scenery::Moving>,
     marks: creep::Marks,
+    bobbing: bobbing::Bobbing,
     rolling: rolling::Rolling,
     ccd: Switch,
     /// Steps taken.
@@ -224,6 +228,7 @@ impl World {
             clusters: Vec::new(),
             moving: Vec::new(),
             marks: creep::Marks::default(),
+            bobbing: bobbing::Bobbing::default(),
             rolling: rolling::Rolling::new(physics),
             ccd: physics.switches.continuous_collision,
             steps: 0,
@@ -309,6 +314,7 @@ impl World {
         }
         self.resist_rolling();
         self.keep_awake_what_creeps();
+        self.calm_bobbing();
         ids
     }
 }

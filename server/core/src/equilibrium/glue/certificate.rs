@@ -16,7 +16,7 @@ pub struct Balanced {
     /// Where the dots are.
     pub touches: Vec<usize>,
     pub state: State,
-    /// Sum over the bodies of what it leaves unbalanced.
+    /// Sum over the bodies of what it leaves unbalanced, in a large pile for each [`COUNTED`] of them.
     pub imbalance: f64,
     pub by_cone_program: bool,
     pub iterations: u64,
@@ -44,6 +44,8 @@ const SHORT: f64 = 0.1;
 const FEW: usize = 2;
 const FEW_OF: f64 = 0.02;
 const ADDITIONS: usize = 8;
+/// As many bodies as [`BALANCED`] is meant for.
+const COUNTED: f64 = 1000.0;
 /// No force is less movable than one of this size, in weights; nor a dot than one of that size.
 const LEAST_CONTACT: f64 = 1e-4;
 const LEAST_DOT: f64 = 1.0;
@@ -182,11 +184,11 @@ fn correct(program: &Program, from: State, may: &[bool], going: &mut Going) -> R
     Ok(best)
 }
 
-/// Sum over the bodies of what forces leave unbalanced.
+/// Sum over the bodies of what forces leave unbalanced; in a large pile for each [`COUNTED`] of them.
 fn unbalanced(program: &Program, state: &State) -> f64 {
     let mut left = Vec::new();
     program.imbalance(state, &mut left);
-    left.iter().map(|e| e.norm()).sum()
+    left.iter().map(|e| e.norm()).sum::<f64>() / (left.len() as f64 / COUNTED).max(1.0)
 }
 
 /// The body that misses most.

@@ -111,7 +111,8 @@ pub struct Placement {
     pub fallen: Vec<usize>,
     /// Contact forces that balance the rest together with the dots. Shape `[contact]`.
     pub forces: Vec<DVec3>,
-    /// What that leaves unbalanced, by substitution: sum over the bodies that stand, each by its own weight.
+    /// What that leaves unbalanced, by substitution: sum over the bodies that stand, each by its own weight; for each thousand
+    /// of them where there are more.
     pub imbalance: f64,
     /// Clarabel had to balance the chosen dots.
     pub by_cone_program: bool,
@@ -177,7 +178,8 @@ pub fn place_again(
     going: &mut Going,
 ) -> Result<Placement, GlueError> {
     let mut fallen = vec![false; pile.bodies.len()];
-    let (mut iterations, mut rounds) = (0, options.rounds);
+    let most_rounds = if pile.bodies.len() <= LARGE { MOST_ROUNDS } else { ROUNDS_LARGE };
+    let (mut iterations, mut rounds) = (0, options.rounds.clamp(LEAST_ROUNDS, most_rounds));
     let tight_options = GlueOptions { friction_factor: options.friction_factor * TIGHT, ..*options };
     loop {
         let program = Program::new(pile, options, &fallen)?;
@@ -187,8 +189,8 @@ pub fn place_again(
         let chosen = choose(&mut splitting, known, rounds, going)?;
         let balanced = balance(&program, &mut splitting, &chosen, going)?;
         iterations += splitting.iterations + balanced.iterations;
-        if balanced.imbalance > BALANCED && rounds < MOST_ROUNDS {
-            rounds = MOST_ROUNDS;
+        if balanced.imbalance > BALANCED && rounds < most_rounds {
+            rounds = most_rounds;
             continue;
         }
         if options.strength.is_some() && balanced.imbalance > BALANCED {
@@ -227,13 +229,12 @@ fn choose(
     let bodies = splitting.program.target.len();
     // In a small pile, balance says nothing of whether the choice is made.
     let next = if bodies <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
-    let count = rounds.clamp(LEAST_ROUNDS, if bodies <= LARGE { MOST_ROUNDS } else { ROUNDS_LARGE });
-    let left_out = if known.is_empty() { 0 } else { KNOWN.min(count - 1) };
+    let left_out = if known.is_empty() { 0 } else { KNOWN.min(rounds - 1) };
     let mut chosen = Vec::new();
-    for number in left_out..count {
+    for number in left_out..rounds {
         // Spread evenly over all of them.
-        let e = ROUNDS[(number + 1) * (MOST_ROUNDS + 1) / (count + 1) - 1];
-        let near = splitting::NEAR * if number + 1 < count { EARLY_NEAR } else { 1.0 };
+        let e = ROUNDS[(number + 1) * (MOST_ROUNDS + 1) / (rounds + 1) - 1];
+        let near = splitting::NEAR * if number + 1 < rounds { EARLY_NEAR } else { 1.0 };
         weights.reweight(&splitting.state.dots, e);
         weights.price(splitting.program, e);
         // Costs have fallen by e, and balance must not outweigh them.

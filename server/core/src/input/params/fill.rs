@@ -54,6 +54,10 @@ pub struct Fill {
 const OUTSIDE: f64 = 0.15;
 /// Share of the props that may stand out of the loosest surface.
 const STANDING_OUT: f64 = 0.1;
+/// Share of the places tried that are flat against the wall, where the surface is as cast.
+const AT_WALL: f64 = 0.5;
+/// From this order on, every prop of a stack lies flat.
+const ALL_FLAT: f64 = 2.0 / 3.0;
 
 impl Fill {
     /// How far the container's walls are outside of the control mesh, d.
@@ -67,6 +71,18 @@ impl Fill {
             FillMethod::Insert => STANDING_OUT * (1.0 - self.surface),
             _ => 0.0,
         }
+    }
+
+    /// Share of a stack's props that lie on their largest flat side.
+    pub fn lying(&self) -> f64 {
+        (self.order / ALL_FLAT).min(1.0)
+    }
+
+    /// Share of the places tried for props that are thrown in that are flat against the wall: what fills up a stack does not look cast,
+    /// the less the tidier that is.
+    pub fn at_wall(&self) -> f64 {
+        let disorder = if self.method == FillMethod::Stack { 1.0 - self.lying() } else { 1.0 };
+        AT_WALL * self.surface * disorder
     }
 
     /// How far outside of the control mesh some props may be, d.

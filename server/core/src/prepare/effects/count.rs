@@ -33,6 +33,7 @@ pub enum Count {
     GlueIterations,
     GlueLoads,
     GlueProofSteps,
+    GuardCalmed,
     GuardRetries,
     GuardSteps,
     GuardStiffened,

@@ -103,7 +103,7 @@ impl EffectName {
             EffectName::Restitution => (Some("effects.restitution"), &[BouncingBodies]),
             EffectName::RollingResistance => (Some("effects.rolling_resistance"), &[RollingBodySteps]),
             EffectName::StiffContacts => (Some("effects.stiff_contacts"), &[StepsWithStiffContacts]),
-            EffectName::Guard => (Some("effects.guard"), &[GuardSteps, GuardRetries, GuardStiffened]),
+            EffectName::Guard => (Some("effects.guard"), &[GuardSteps, GuardRetries, GuardStiffened, GuardCalmed]),
             EffectName::SameOnAllMachines => (None, &[]),
             EffectName::Control => (Some("control.mode"), &[ControlCycles]),
             EffectName::Analysis => (Some("control.friction_cone"), &[Analyses]),

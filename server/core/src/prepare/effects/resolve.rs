@@ -16,7 +16,7 @@ pub struct Resolved {
     on: BTreeSet<EffectName>,
     /// The user's word, where there is one that counts.
     words: BTreeMap<EffectName, Switch>,
-    /// The engine's settings for release and hold: contacts as stiff as the masses ask for.
+    /// The engine's settings for release and hold: contacts as stiff as the masses ask for, and the substeps that those need.
     pub physics: Physics,
     /// Heaviest body of the pile over the lightest.
     pub mass_ratio: f64,
@@ -34,8 +34,9 @@ impl Resolved {
         let mass_ratio = extremes::mass_ratio(scene, params, |prop| natures[prop].mass);
         let thickness = extremes::least_thickness(scene, params, |prop| natures[prop].thickness) / checked.diameter;
         let natural_time = (checked.diameter / params.gravity).sqrt();
-        let physics = extremes::stiffened(&params.physics, mass_ratio, thickness, natural_time);
-        let case = Case { scene, params, checked, natures, is_stiff: physics != params.physics };
+        let stiffened = extremes::stiffened(&params.physics, mass_ratio, thickness);
+        let physics = extremes::calmed(&stiffened, thickness, natural_time);
+        let case = Case { scene, params, checked, natures, is_stiff: stiffened != params.physics };
         let is_on = |&&name: &&EffectName| case.word(name).is_on(case.calls_for(name));
         let words = EffectName::VARIANTS.iter().map(|&name| (name, case.word(name)));
         Resolved {

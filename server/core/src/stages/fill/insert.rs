@@ -2,7 +2,6 @@
 //! there, while upward gravity packs them. Denser and more even than a pour, and it reaches under overhangs.
 
 use super::filling::Filling;
-use super::stack::ALL_FLAT;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;
@@ -156,10 +155,9 @@ fn place(
     let node = *inside.get(filling.rng.random_range(0..inside.len().max(1)))?;
     let distance = &filling.container.distance;
     let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
-    // What fills up a stack does not look cast, the less the tidier that is. A prop that must stand upright cannot be laid against a wall.
-    let fill = &filling.params.fill;
-    let flat = filling.rng.random_bool(WALL_SHARE * fill.surface * (1.0 - fill.order / ALL_FLAT).max(0.0))
-        && filling.scene.props[prop].tilt_max >= 180.0;
+    // A prop that must stand upright cannot be laid against a wall.
+    let is_free = filling.scene.props[prop].tilt_max >= 180.0;
+    let flat = filling.rng.random_bool(filling.params.fill.at_wall()) && is_free;
     let mut p = node + (share - 0.5) * distance.spacing();
     if distance.signed_distance(p) > 0.0 {
         return None;
@@ -184,9 +182,6 @@ fn place(
     };
     Some(Pose { translation: p, rotation })
 }
-
-/// Share of the places tried that are flat against the wall, where the surface is as cast.
-const WALL_SHARE: f64 = 0.5;
 
 /// Lets the seeds grow to their full scale while everything moves.
 fn grow(filling: &mut Filling, seeds: &[(BodyId, f64)], observer: &mut dyn Observer) -> Result<(), Error> {

@@ -21,8 +21,6 @@ use place::find;
 use rest::{Rest, flattest, upright};
 use std::f64::consts::{PI, TAU};
 
-pub use place::ALL_FLAT;
-
 /// Bodies come in so many batches, each of which settles this long, natural times.
 const BATCHES: usize = 5;
 const BATCH_SETTLE: f64 = 0.3;

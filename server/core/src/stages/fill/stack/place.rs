@@ -11,8 +11,6 @@ use glam::{DQuat, DVec2, DVec3};
 use rand::RngExt;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// From this order on, every prop lies flat.
-pub const ALL_FLAT: f64 = 2.0 / 3.0;
 /// The largest turn of a prop that lies, to either side, at order 0; rad.
 const LARGEST_TURN: f64 = PI / 3.0;
 /// The largest shift of a prop at order 0, as a share of its shorter edge.
@@ -53,7 +51,7 @@ pub fn find(
 ) -> Option<(Pose, Footprint, Spot)> {
     let order = filling.params.fill.order;
     let size = scale / filling.world.units.length;
-    let lies = layable.rest.filter(|_| filling.rng.random_bool((order / ALL_FLAT).min(1.0)));
+    let lies = layable.rest.filter(|_| filling.rng.random_bool(filling.params.fill.lying()));
     let turns = filling.scene.props[prop].stance.turns;
     let free = if turns == Turns::Any { LARGEST_TURN } else { 0.0 };
     let half = if turns != Turns::None && filling.rng.random() { PI } else { 0.0 };
