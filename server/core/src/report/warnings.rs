@@ -76,11 +76,12 @@ fn guard(sim: &Simulation) -> Vec<String> {
     if actions.retries > 0 {
         warnings.push(format!("{} steps gained energy or speed and were taken again in smaller ones", actions.retries));
     }
-    let deep = if actions.stiffened > 0 { sim.guard.still_deep(&sim.pile.world) } else { 0 };
+    let deep = if actions.sinks { sim.guard.still_deep(&sim.pile.world) } else { 0 };
     if deep > 0 {
-        warnings.push(format!(
-            "{deep} pairs of bodies overlap by more than half of the thinner one's thickness in the end, even with stiffer contacts"
-        ));
+        let pairs =
+            if deep == 1 { "1 pair of bodies overlaps".into() } else { format!("{deep} pairs of bodies overlap") };
+        let even = if actions.stiffened > 0 { ", even with stiffer contacts" } else { "" };
+        warnings.push(format!("{pairs} by more than half of the thinner one's thickness in the end{even}"));
     }
     warnings
 }

@@ -16,7 +16,9 @@ pub struct Actions {
     pub steps: u64,
     /// Steps taken again in smaller ones.
     pub retries: u64,
-    /// Times that the contacts were stiffened for a while, because bodies were deep in each other.
+    /// Bodies sank deep into each other.
+    pub sinks: bool,
+    /// Times that the contacts were stiffened for a while, because of that.
     pub stiffened: u64,
     /// Bodies set aside, and why.
     pub aside: Vec<(BodyId, Fault)>,
@@ -70,6 +72,8 @@ const SPIN_FACTOR: f64 = 2.0;
 const DEPTH_PERIOD: u64 = 8;
 /// Bodies are deep in each other beyond this share of the thinner one's thickness.
 const DEEP: f64 = 0.5;
+/// Of so few new pairs, against the bodies, a large pile is not disturbed.
+const FEW_DEEP: f64 = 1e-4;
 /// Where bodies are deep in each other, contacts are so many times as stiff for a while, with as many times the substeps.
 const STIFFER: u32 = 2;
 /// Contacts stay stiffer for so many steps.
@@ -209,10 +213,13 @@ impl Guard {
         let deep: BTreeSet<_> = world.deep_pairs(DEEP).into_iter().collect();
         // A hard fall is over by the next look.
         let stays: BTreeSet<_> = deep.intersection(&self.latest).copied().collect();
-        let is_new = self.step > DEPTH_PERIOD && !stays.is_subset(&self.deep);
+        let new = stays.difference(&self.deep).count();
+        let new = if self.step > DEPTH_PERIOD { new } else { 0 };
+        self.actions.sinks |= new > 0;
+        let are_many = new as f64 > FEW_DEEP * world.bodies().len() as f64;
         self.deep.extend(stays);
         self.latest = deep;
-        if is_new && self.stiff_until.is_none() && self.actions.stiffened < MOST_STIFFENINGS {
+        if are_many && self.stiff_until.is_none() && self.actions.stiffened < MOST_STIFFENINGS {
             self.actions.stiffened += 1;
             self.stiff_until = Some(self.step + STIFF_STEPS);
             world.stiffen(STIFFER);

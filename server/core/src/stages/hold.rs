@@ -9,7 +9,7 @@ use crate::sim::step::Simulation;
 const REST_TIME: f64 = 1.0;
 /// In a large pile some always rock: where no larger share of its bodies does, they are waited for so many times as long at most.
 const ROCKING: f64 = 1e-4;
-const ROCKING_TIMES: u64 = 4;
+const ROCKING_TIMES: u64 = 3;
 
 /// Damping of what still rolls or rattles late in the hold, per natural time: most of its speed is gone after five natural times.
 const ROLLING_DAMPING: f64 = 0.5;
@@ -147,7 +147,7 @@ mod tests {
         assert_eq!(steps(&[1, 1, 0], 9_999), Some(11), "ten steps after the last one came to rest");
         assert_eq!(steps(&[1], 9_999), None, "in a small pile none may rock");
         assert_eq!(steps(&[1, 0], 10_000), Some(10), "whoever comes to rest is waited for");
-        assert_eq!(steps(&[100, 1], 10_000), Some(40), "whoever rocks on is waited for four times as long");
+        assert_eq!(steps(&[100, 1], 10_000), Some(30), "whoever rocks on is waited for three times as long");
         assert_eq!(steps(&[2], 10_000), None);
     }
 }
