@@ -57,6 +57,6 @@ fn panel(
             .label(kind.name())
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
     }
-    chart.configure_series_labels().position(SeriesLabelPosition::UpperRight).label_font((FONT, 15)).draw()?;
+    chart.configure_series_labels().position(SeriesLabelPosition::LowerLeft).label_font((FONT, 15)).draw()?;
     Ok(())
 }
