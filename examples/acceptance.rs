@@ -127,17 +127,7 @@ fn median(reports: &[Report], value: impl Fn(&Report) -> f64) -> f64 {
 }
 
 fn scene(control: &str, prop: &str) -> Result<Scene, String> {
-    let stick = Prop {
-        model: model(prop)?,
-        weight: 1.0,
-        friction: 0.7,
-        density: 500.0,
-        restitution: 0.0,
-        scale: [1.0; 2],
-        tilt_max: 180.0,
-        scale_skew: 0.0,
-        stance: Default::default(),
-    };
+    let stick = Prop { density: 500.0, ..Prop::new(model(prop)?) };
     Ok(Scene { control: Some(model(control)?), props: vec![stick], ..Scene::default() })
 }
 

@@ -64,17 +64,7 @@ fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
     // Bricks fill about half of the room. An open mesh has none, but is refused by itself.
     let volume = (mesh.signed_volume().abs() * 0.5 / wanted).max(f64::MIN_POSITIVE);
     let edge = (volume / (1.0 * 0.7 * 0.5)).cbrt();
-    let brick = Prop {
-        model: Model { name: "brick".into(), mesh: block(DVec3::new(1.0, 0.7, 0.5) * edge) },
-        weight: 1.0,
-        friction: 0.7,
-        density: 1000.0,
-        restitution: 0.0,
-        scale: [1.0; 2],
-        tilt_max: 180.0,
-        scale_skew: 0.0,
-        stance: Default::default(),
-    };
+    let brick = Prop::new(Model { name: "brick".into(), mesh: block(DVec3::new(1.0, 0.7, 0.5) * edge) });
     let control = Some(Model { name: name.into(), mesh });
     let scene = Scene { control, props: vec![brick], ..Scene::default() };
     let mut params = Params::new(Accuracy::Draft);

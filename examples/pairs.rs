@@ -231,17 +231,7 @@ fn pair<'a>(
     };
     let room = volume(&control.mesh);
     let mut scale = (PACKING * room / WANTED / volume(&prop_model.mesh)).cbrt();
-    let prop = Prop {
-        model: prop_model,
-        weight: 1.0,
-        friction: 0.7,
-        density: 1000.0,
-        restitution: 0.0,
-        scale: [scale; 2],
-        tilt_max: 180.0,
-        scale_skew: 0.0,
-        stance: Default::default(),
-    };
+    let prop = Prop { scale: [scale; 2], ..Prop::new(prop_model) };
     let mut scene = Scene { control: Some(control), props: vec![prop], ..Scene::default() };
     let mut params = Params::new(Accuracy::Standard);
     params.fill.max_bodies = TRIAL_LIMIT;

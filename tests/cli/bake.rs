@@ -45,6 +45,21 @@ fn the_report_tells_what_made_the_result() {
     assert_ne!(report(&desk, "-o pile.glb --seed 6")["result_blake3"], first["result_blake3"]);
 }
 
+/// Upside down, few props lie at the end of the container: turned over, they have far to fall before they lie on the ground. Left in
+/// the air, 95 % of them reach up to 0.76 of the shape's height.
+#[test]
+fn a_container_that_is_not_full_leaves_no_pile_in_the_air() {
+    let desk = Desk::new();
+    std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cone.glb"), desk.path("cone.glb")).unwrap();
+    let scene = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=150 --set glue.mode=natural";
+    desk.line(&format!("bake {scene} -o pile.json --report report.json")).ok();
+    let report: Value = serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap();
+    let figure = |name: &str| report["measures"][name].as_f64().unwrap();
+    assert_eq!(report["bodies"], 150);
+    assert!(figure("height_p95_rel_start") < 0.4, "{}", figure("height_p95_rel_start"));
+    assert!(figure("drift_p95_rel") < 0.5, "{}", figure("drift_p95_rel"));
+}
+
 #[test]
 fn the_number_of_threads_changes_nothing() {
     let desk = Desk::new();

@@ -30,17 +30,7 @@ fn cubes(bodies: Vec<PlacedBody>) -> Scene {
     let stick = stick();
     let points = stick.points.iter().map(|p| p / DVec3::new(0.25, 0.03, 0.03) * 0.1).collect();
     let model = Model { name: "cube".into(), mesh: TriMesh { points, ..stick } };
-    let prop = Prop {
-        model,
-        weight: 1.0,
-        friction: 0.7,
-        density: 500.0,
-        restitution: 0.0,
-        scale: [1.0; 2],
-        tilt_max: 180.0,
-        scale_skew: 0.0,
-        stance: Default::default(),
-    };
+    let prop = Prop { density: 500.0, ..Prop::new(model) };
     Scene { props: vec![prop], bodies, ..Scene::default() }
 }
 

@@ -11,7 +11,7 @@ use crate::wire::{proto, to_proto};
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::input::scene::{Key, Model, Place, Prop, Scene, Stance, StaticModel};
+use cairn_core::input::scene::{FRICTION, Key, Model, Place, Prop, Scene, Stance, StaticModel};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -173,16 +173,17 @@ impl Reader {
 
     fn prop(&mut self, index: usize, prop: &proto::Prop) -> (Reference, Prop) {
         let (reference, model) = self.model(&format!("props.{index}"), &prop.path);
+        let default = Prop::new(model);
         let prop = Prop {
-            model,
-            weight: prop.weight.unwrap_or(from_proto::PROP_WEIGHT),
-            friction: prop.friction.unwrap_or(from_proto::FRICTION),
-            density: prop.density.unwrap_or(from_proto::PROP_DENSITY),
-            restitution: prop.restitution.unwrap_or(from_proto::PROP_RESTITUTION),
-            scale: [prop.scale_min, prop.scale_max].map(|scale| scale.unwrap_or(from_proto::PROP_SCALE)),
-            tilt_max: prop.tilt_max.unwrap_or(from_proto::PROP_TILT_MAX),
-            scale_skew: prop.scale_skew.unwrap_or(from_proto::PROP_SCALE_SKEW),
+            weight: prop.weight.unwrap_or(default.weight),
+            friction: prop.friction.unwrap_or(default.friction),
+            density: prop.density.unwrap_or(default.density),
+            restitution: prop.restitution.unwrap_or(default.restitution),
+            scale: [prop.scale_min.unwrap_or(default.scale[0]), prop.scale_max.unwrap_or(default.scale[1])],
+            tilt_max: prop.tilt_max.unwrap_or(default.tilt_max),
+            scale_skew: prop.scale_skew.unwrap_or(default.scale_skew),
             stance: Stance { up: self.up(index, &prop.up), turns: from_proto::turns(prop.turns()) },
+            ..default
         };
         (reference, prop)
     }
@@ -201,6 +202,6 @@ impl Reader {
 
     fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Key>) -> (Reference, StaticModel) {
         let (reference, model) = self.model(&format!("statics.{index}"), &given.path);
-        (reference, StaticModel { model, friction: given.friction.unwrap_or(from_proto::FRICTION), keys })
+        (reference, StaticModel { model, friction: given.friction.unwrap_or(FRICTION), keys })
     }
 }

@@ -108,17 +108,7 @@ pub fn shape(bytes: &[u8]) {
     let corner = |byte: &u8| u32::from(*byte) % count as u32;
     let triangles = corners.chunks_exact(3).take(MOST_TRIANGLES).map(|each| [0, 1, 2].map(|i| corner(&each[i])));
     let Some(mesh) = read(&points, &triangles.collect::<Vec<_>>()) else { return };
-    let prop = Prop {
-        model: Model { name: "prop".into(), mesh },
-        weight: 1.0,
-        friction: 0.7,
-        density: 1000.0,
-        restitution: 0.0,
-        scale: [1.0, 1.0],
-        tilt_max: 180.0,
-        scale_skew: 0.0,
-        stance: Default::default(),
-    };
+    let prop = Prop::new(Model { name: "prop".into(), mesh });
     let scene =
         Scene { control: Some(Model { name: "control".into(), mesh: cube() }), props: vec![prop], ..Scene::default() };
     let params = Params::new(Accuracy::Draft);

@@ -66,17 +66,7 @@ pub fn cylinder(radius: f64, height: f64) -> TriMesh {
 
 pub fn prop(name: &str, mesh: TriMesh, friction: f64) -> Prop {
     let model = Model { name: name.into(), mesh };
-    Prop {
-        model,
-        weight: 1.0,
-        friction,
-        density: 1000.0,
-        restitution: 0.0,
-        scale: [1.0; 2],
-        tilt_max: 180.0,
-        scale_skew: 0.0,
-        stance: Default::default(),
-    }
+    Prop { friction, ..Prop::new(model) }
 }
 
 pub fn at(x: f64, y: f64, z: f64) -> Pose {

@@ -22,7 +22,7 @@ pub struct Scene {
 }
 
 /// A named mesh.
-#[derive(Clone, Debug, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Model {
     /// What messages call it: the file, and the node if one was chosen (`kit.glb#Brick`).
     pub name: String,
@@ -79,12 +79,29 @@ pub struct StaticModel {
 }
 
 impl Prop {
+    /// A prop of 1000 kg/m^3 that does not bounce, in its own size, at any rotation, with the paper's friction (Table 1).
+    pub fn new(model: Model) -> Prop {
+        Prop {
+            model,
+            weight: 1.0,
+            friction: FRICTION,
+            density: 1000.0,
+            restitution: 0.0,
+            scale: [1.0; 2],
+            tilt_max: 180.0,
+            scale_skew: 0.0,
+            stance: Stance::default(),
+        }
+    }
+
     /// A number drawn evenly from 0 to 1 is raised to this power before it becomes a scale.
     pub fn scale_power(&self) -> f64 {
         libm::pow(SKEW, self.scale_skew)
     }
 }
 
+/// Of props and scenery where none is given.
+pub const FRICTION: f64 = 0.7;
 /// The power for a skew of 1: the median is then at 1/16 of the range.
 const SKEW: f64 = 4.0;
 

@@ -62,7 +62,7 @@ const ROOM: usize = 2;
 /// A fill of a wanted number of bodies has more by this share before the clean-up, which takes about as many.
 const SURPLUS: f64 = 0.02;
 /// What it takes beyond that is replaced so many times.
-const REPLACEMENTS: usize = 3;
+const REPLACEMENTS: usize = 5;
 
 /// Fills the container and lets the props settle in it.
 pub fn run(
@@ -100,7 +100,11 @@ pub fn run(
     filling.use_real_friction();
     // Turned over with the container still around it, the pile closes its gaps under its own weight.
     filling.pull(DVec3::NEG_Y);
-    filling.settle(params.fill.settle, observer)?;
+    if full {
+        filling.settle(params.fill.settle, observer)?
+    } else {
+        filling.land(observer)?
+    }
     filling.clean_up(observer)?;
     for _ in 0..REPLACEMENTS {
         let missing = |filling: &Filling| params.fill.count.is_some_and(|n| filling.loose().count() < n as usize);
@@ -109,7 +113,7 @@ pub fn run(
         }
         fill_up(&mut filling, wanted, observer)?;
         filling.use_real_friction();
-        filling.settle(params.fill.settle, observer)?;
+        filling.land(observer)?;
         filling.clean_up(observer)?;
     }
     let shaken = match params.fill.shake > 0.0 {

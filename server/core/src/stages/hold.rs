@@ -11,10 +11,15 @@ const REST_TIME: f64 = 1.0;
 const ROCKING: f64 = 1e-4;
 const ROCKING_TIMES: u64 = 3;
 
-/// Damping of what still rolls or rattles late in the hold, per natural time: most of its speed is gone after five natural times.
+/// Damping of what still rolls or rattles late in the hold, per natural time. Most of its speed is gone after so many natural times; where
+/// some go on even so, the damping doubles, up to the last one: what it lets fall still falls faster than what counts as at rest.
 const ROLLING_DAMPING: f64 = 0.5;
-/// It sets in after this share of the patience, or where the rest of the pile is at rest: the shape is long decided.
+const ROLLING_TIMES: f64 = 5.0;
+const MOST_ROLLING_DAMPING: f64 = 16.0;
+/// It sets in after this share of the patience, or where no larger share of the bodies has moved for a natural time: the shape is long
+/// decided.
 const ROLLING_ONSET: f64 = 0.125;
+const ROLLING: f64 = 1e-3;
 
 /// How the hold ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,14 +47,18 @@ pub struct Rest {
 struct Calm {
     /// Since more than [`ROCKING`] of the bodies moved.
     calm: u64,
+    /// Since more than [`ROLLING`] of them moved.
+    decided: u64,
     /// Since any moved.
     still: u64,
 }
 
 impl Calm {
     fn step(&mut self, moving: usize, bodies: usize) {
-        self.still = if moving == 0 { self.still + 1 } else { 0 };
-        self.calm = if moving as f64 <= ROCKING * bodies as f64 { self.calm + 1 } else { 0 };
+        let at_most = |share: f64| moving as f64 <= share * bodies as f64;
+        for (steps, share) in [(&mut self.still, 0.0), (&mut self.calm, ROCKING), (&mut self.decided, ROLLING)] {
+            *steps = if at_most(share) { *steps + 1 } else { 0 };
+        }
     }
 
     /// Nothing more is to be waited for. `least`: steps that all bodies have to be at rest.
@@ -57,10 +66,16 @@ impl Calm {
         self.still >= least || self.calm >= ROCKING_TIMES * least
     }
 
-    /// From now on, only few rock.
-    fn begins_to_rock(&self, least: u64) -> bool {
-        self.calm == least && self.still < least
+    /// Only few still move.
+    fn is_decided(&self, least: u64) -> bool {
+        self.decided >= least && self.still < self.decided
     }
+}
+
+/// Damping of all so many natural times after it has set in.
+fn rolling_damping(times: f64) -> f64 {
+    let doublings = (times / ROLLING_TIMES) as i32;
+    (ROLLING_DAMPING * 2f64.powi(doublings)).min(MOST_ROLLING_DAMPING)
 }
 
 /// Steps until rest, patience or the last frame ends it. A pile at rest is not simulated any further: its bodies are
@@ -78,7 +93,7 @@ pub fn run(
     let least_steps = (params.hold.least / sim.pile.world.units.time / step).ceil() as u64;
     let mut begin = sim.pile.step;
     let (mut calm, mut top_speed) = (Calm::default(), 0.0f64);
-    let mut rest = None;
+    let (mut rest, mut rolls_since) = (None, None);
     let mut to_stand = stands && params.control.until.is_none() && sim.pile.control.is_on();
     loop {
         let rests = calm.is_over(rest_steps) && sim.is_left_alone();
@@ -99,14 +114,20 @@ pub fn run(
             break;
         }
         if sim.pile.latest_event > begin {
-            if sim.pile.step - begin > (ROLLING_ONSET * patience as f64) as u64 {
+            if rolls_since.take().is_some() {
                 sim.pile.policy.set_quiet(None);
             }
             begin = sim.pile.latest_event;
         }
-        let is_late = sim.pile.step - begin == (ROLLING_ONSET * patience as f64) as u64;
-        if is_late || calm.begins_to_rock(rest_steps) {
-            sim.pile.policy.set_quiet(Some(ROLLING_DAMPING));
+        let is_late = sim.pile.step - begin >= (ROLLING_ONSET * patience as f64) as u64;
+        if is_late || calm.is_decided(rest_steps) && sim.is_left_alone() {
+            rolls_since.get_or_insert(sim.pile.step);
+        }
+        if let Some(since) = rolls_since {
+            let damping = Some(rolling_damping((sim.pile.step - since) as f64 * step));
+            if sim.pile.policy.quiet() != damping {
+                sim.pile.policy.set_quiet(damping);
+            }
         }
         sim.advance(observer, Stage::Hold, |sim| ((sim.pile.step - begin) as f64 / patience as f64).min(0.99))?;
         calm.step(sim.moving, sim.pile.world.present().count());
@@ -131,7 +152,8 @@ pub fn run(
 
 #[cfg(test)]
 mod tests {
-    use super::Calm;
+    use super::{Calm, MOST_ROLLING_DAMPING, rolling_damping};
+    use crate::sim::pile::REST_SPEED;
 
     /// Steps until the pile is at rest, where so many bodies move in each step, the last number for ever.
     fn steps(moving: &[usize], bodies: usize) -> Option<usize> {
@@ -149,5 +171,13 @@ mod tests {
         assert_eq!(steps(&[1, 0], 10_000), Some(10), "whoever comes to rest is waited for");
         assert_eq!(steps(&[100, 1], 10_000), Some(30), "whoever rocks on is waited for three times as long");
         assert_eq!(steps(&[2], 10_000), None);
+    }
+
+    #[test]
+    fn what_rolls_on_is_damped_more_and_more() {
+        assert_eq!([0.0, 4.9, 5.0, 12.0].map(rolling_damping), [0.5, 0.5, 1.0, 2.0]);
+        assert_eq!(rolling_damping(f64::from(u16::MAX)), MOST_ROLLING_DAMPING);
+        let falling = 1.0 / MOST_ROLLING_DAMPING;
+        assert!(falling > 2.0 * REST_SPEED, "what falls as slowly as that is not at rest");
     }
 }

@@ -44,17 +44,7 @@ pub fn scene(control: TriMesh, prop: TriMesh) -> Scene {
     let model = |name: &str, mesh| Model { name: name.into(), mesh };
     Scene {
         control: Some(model("control", control)),
-        props: vec![Prop {
-            model: model("stick", prop),
-            weight: 1.0,
-            friction: 0.7,
-            density: 500.0,
-            restitution: 0.0,
-            scale: [1.0, 1.0],
-            tilt_max: 180.0,
-            scale_skew: 0.0,
-            stance: Default::default(),
-        }],
+        props: vec![Prop { density: 500.0, ..Prop::new(model("stick", prop)) }],
         ..Scene::default()
     }
 }

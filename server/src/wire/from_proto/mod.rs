@@ -14,16 +14,6 @@ use cairn_core::input::params::{
 };
 use cairn_core::input::scene::Turns;
 
-/// The values of a prop that are not set.
-pub const PROP_WEIGHT: f64 = 1.0;
-pub const PROP_DENSITY: f64 = 1000.0;
-pub const PROP_RESTITUTION: f64 = 0.0;
-pub const PROP_SCALE: f64 = 1.0;
-pub const PROP_TILT_MAX: f64 = 180.0;
-pub const PROP_SCALE_SKEW: f64 = 0.0;
-/// Friction of props and scenery: the paper's (Table 1).
-pub const FRICTION: f64 = 0.7;
-
 /// The parameters of a scene.
 pub fn params(scene: &proto::Scene) -> Result<Params, Vec<Problem>> {
     let (params, problems) = params_and_problems(scene);

@@ -53,6 +53,12 @@ const USUAL_END: f64 = 0.9;
 const CLEANUP_ROUNDS: usize = 4;
 /// Settling after each of them, natural times.
 const CLEANUP_SETTLE: f64 = 0.5;
+/// The pile as a whole falls if its mean speed downward is more than this, d per natural time under full gravity (what closes gaps is
+/// slower), and at least this share of what it has been.
+const FALLING: f64 = 0.1;
+const FALLING_ON: f64 = 0.1;
+/// It is let fall for so many times as long at most as it would take through all of the container.
+const LANDING: f64 = 1.5;
 /// Steps of depenetration at most: what has not come apart by then is locked in.
 const MOST_DEPENETRATION: u64 = 60;
 
@@ -166,6 +172,35 @@ impl<'a> Filling<'a> {
             self.tell(observer)?;
         }
         Ok(())
+    }
+
+    /// Settles, also from the fall of what does not fill the container: it goes on for as long at most as a fall through all of it takes.
+    pub fn land(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
+        let height = self.container.high.y - self.container.base;
+        let mut left = LANDING * (2.0 * height / self.weight).sqrt();
+        // What has just risen must not rise on.
+        for id in self.loose().collect::<Vec<_>>() {
+            self.world.launch(id, DVec3::ZERO, DVec3::ZERO);
+        }
+        self.settle(self.params.fill.settle, observer)?;
+        let mut speed = self.falling_speed();
+        if speed <= FALLING * self.weight {
+            return Ok(());
+        }
+        let mut top_speed = speed;
+        while left > 0.0 && speed > FALLING_ON * top_speed {
+            self.settle(self.world.step_length(), observer)?;
+            left -= self.world.step_length();
+            speed = self.falling_speed();
+            top_speed = top_speed.max(speed);
+        }
+        self.settle(self.params.fill.settle, observer)
+    }
+
+    /// Mean speed downward, d per natural time.
+    fn falling_speed(&self) -> f64 {
+        let speeds = || self.loose().map(|id| -self.world.velocity(id).y);
+        speeds().sum::<f64>() / speeds().count().max(1) as f64
     }
 
     /// Shows the bodies at the frame rate, at the end of the step that a frame falls into.
