@@ -9,6 +9,10 @@ const SCENE: &str = "--control cone.glb --prop stick.glb:2 --prop brick.glb#Bric
 
 fn report(desk: &Desk, args: &str) -> Value {
     desk.line(&format!("bake {SCENE} --report report.json {args}")).ok();
+    last_report(desk)
+}
+
+fn last_report(desk: &Desk) -> Value {
     serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap()
 }
 
@@ -39,7 +43,7 @@ fn the_report_tells_what_made_the_result() {
     // Its scene is a scene file that gives the same again.
     desk.write("again.json", first["scene"].to_string());
     desk.line("bake again.json -o again.glb --report report.json").ok();
-    let again: Value = serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap();
+    let again = last_report(&desk);
     assert_eq!(again["result_blake3"], first["result_blake3"]);
     assert_eq!(std::fs::read(desk.path("again.glb")).unwrap(), std::fs::read(desk.path("pile.glb")).unwrap());
     assert_ne!(report(&desk, "-o pile.glb --seed 6")["result_blake3"], first["result_blake3"]);
@@ -53,7 +57,7 @@ fn a_container_that_is_not_full_leaves_no_pile_in_the_air() {
     std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cone.glb"), desk.path("cone.glb")).unwrap();
     let scene = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=150 --set glue.mode=natural";
     desk.line(&format!("bake {scene} -o pile.json --report report.json")).ok();
-    let report: Value = serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap();
+    let report = last_report(&desk);
     let figure = |name: &str| report["measures"][name].as_f64().unwrap();
     assert_eq!(report["bodies"], 150);
     assert!(figure("height_p95_rel_start") < 0.4, "{}", figure("height_p95_rel_start"));
