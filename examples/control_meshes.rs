@@ -39,10 +39,11 @@ fn main() {
     std::panic::set_hook(Box::new(|_| {}));
     for (name, watertight) in collection::of_kind(&text, "control") {
         let found = catch_unwind(AssertUnwindSafe(|| fate(&folder, name, args.bodies)));
-        let fate = found.unwrap_or_else(|_| Fate { kind: "panic", told: String::new(), figures: " | | | ".into() });
+        let fate = found.unwrap_or_else(|_| Fate { kind: "panic", message: String::new(), figures: " | | | ".into() });
         *tally.entry((watertight == "yes", fate.kind)).or_default() += 1;
-        let told = if fate.told.is_empty() { fate.kind.to_owned() } else { format!("{}: {}", fate.kind, fate.told) };
-        println!("| {name} | {watertight} | {} | {} |", told.replace('|', " "), fate.figures);
+        let message =
+            if fate.message.is_empty() { fate.kind.to_owned() } else { format!("{}: {}", fate.kind, fate.message) };
+        println!("| {name} | {watertight} | {} | {} |", message.replace('|', " "), fate.figures);
     }
     for ((watertight, kind), count) in tally {
         println!("\n{}: {count} {kind}", if watertight { "watertight" } else { "others" });
@@ -51,15 +52,16 @@ fn main() {
 
 struct Fate {
     kind: &'static str,
-    told: String,
+    message: String,
     figures: String,
 }
 
 fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
-    let refused = |told: String| Fate { kind: "refused", told: told.replace('\n', "; "), figures: " | | | ".into() };
+    let refused =
+        |message: String| Fate { kind: "refused", message: message.replace('\n', "; "), figures: " | | | ".into() };
     let mesh = match collection::model(folder, name) {
         Ok(model) => model.mesh,
-        Err(told) => return refused(told),
+        Err(message) => return refused(message),
     };
     // Bricks fill about half of the room. An open mesh has none, but is refused by itself.
     let volume = (mesh.signed_volume().abs() * 0.5 / wanted).max(f64::MIN_POSITIVE);
@@ -77,8 +79,9 @@ fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
             let report = &bake.report;
             let measure = |name: &str| report.measures.get(name).copied().flatten().unwrap_or(f64::NAN);
             let own = |w: &&String| w.starts_with(name) && !w.contains("underside") && !w.contains("filled inside");
-            let told: Vec<&str> = report.plan.warnings.iter().filter(own).map(|w| w[name.len() + 2..].trim()).collect();
-            let kind = match &told[..] {
+            let message: Vec<&str> =
+                report.plan.warnings.iter().filter(own).map(|w| w[name.len() + 2..].trim()).collect();
+            let kind = match &message[..] {
                 [] => "filled",
                 all if all.iter().all(|w| w.contains("stays empty")) => "filled in part",
                 _ => "repaired and filled",
@@ -86,13 +89,13 @@ fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
             let lost = report.counts["bodies_lost"] + report.counts["removed_escaped"];
             let (fill, pockets) = (measure("fill_fraction"), measure("pocket_fraction"));
             let figures = format!("{} | {fill:.2} | {pockets:.2} | {lost}", bake.pile.bodies.len());
-            Fate { kind, told: told.join("; "), figures }
+            Fate { kind, message: message.join("; "), figures }
         }
         Err(Error::Invalid(problems)) => {
-            let told: Vec<String> = problems.iter().map(|p| p.text.replace(&format!("{name}: "), "")).collect();
-            refused(told.join("; "))
+            let message: Vec<String> = problems.iter().map(|p| p.text.replace(&format!("{name}: "), "")).collect();
+            refused(message.join("; "))
         }
-        Err(other) => Fate { kind: "failed", told: other.to_string(), figures: " | | | ".into() },
+        Err(other) => Fate { kind: "failed", message: other.to_string(), figures: " | | | ".into() },
     }
 }
 

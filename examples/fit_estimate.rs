@@ -1,10 +1,10 @@
-//! Fits the model behind the estimate of a bake's CPU time, and tells how far it is from what it was fitted to:
+//! Fits the model behind the estimate of a bake's CPU time, and prints how far it is from what it was fitted to:
 //! `cargo run --release --example fit_estimate -- runs.jsonl...`.
 //!
 //! The runs are those of `cairn cost` and of the example `pairs`. Least squares of the logarithms, each file with the same
 //! weight, slightly regularised since single parameters vary in few files; printed as the constants of
 //! `server/core/src/prepare/estimate/model.rs`. The cost is taken to grow as the number of bodies: a file has about one number, so
-//! that an exponent could not be told from what else distinguishes the files.
+//! that an exponent could not be separated from what else distinguishes the files.
 
 use anyhow::{Context, ensure};
 use cairn::cost::Record;
@@ -148,7 +148,7 @@ fn predict(law: &Weights, record: &Record) -> f64 {
 
 /// Features that nothing gets cheaper by: their exponents are kept from being negative, which few or noisy runs would make
 /// them.
-const DEARER: [&str; 7] = ["corners", "parts", "walls", "times", "step_rate", "substeps", "coulomb"];
+const RAISES_COST: [&str; 7] = ["corners", "parts", "walls", "times", "step_rate", "substeps", "coulomb"];
 
 /// What a stage of the law took.
 fn seconds(record: &Record, stages: &[&str]) -> f64 {
@@ -164,7 +164,7 @@ fn fit_all(runs: &[&Run]) -> Vec<Weights> {
     LAWS.iter().map(|(_, stages)| fit(runs, stages)).collect()
 }
 
-/// Tells how far laws are from these runs.
+/// Prints how far laws are from these runs.
 fn tell_far<'r>(of: &str, laws: &[Weights], runs: impl Iterator<Item = &'r Run>) {
     let far = |Run { record, .. }: &Run| {
         let stages = LAWS.iter().zip(laws).filter(|((_, stages), _)| seconds(record, stages) > 0.0);
@@ -192,7 +192,7 @@ fn fit(runs: &[&Run], stages: &[&str]) -> Weights {
         let normal = a.transpose() * &a + DMatrix::identity(columns.len(), columns.len()) * RIDGE;
         let found = normal.cholesky().expect("a ridge makes it positive definite").solve(&(a.transpose() * b));
         let weights = columns.iter().zip(found.iter());
-        let wrong = weights.clone().filter(|(i, w)| DEARER.contains(&FEATURES[**i]) && **w < 0.0);
+        let wrong = weights.clone().filter(|(i, w)| RAISES_COST.contains(&FEATURES[**i]) && **w < 0.0);
         match wrong.min_by(|a, b| a.1.total_cmp(b.1)).map(|(&i, _)| i) {
             Some(negative) => columns.retain(|&i| i != negative),
             None => {

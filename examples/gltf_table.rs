@@ -3,10 +3,10 @@
 //!     cargo run --release --example gltf_table [-- FOLDER]
 //!
 //! The collection is FOLDER, or `CAIRN_DATA`, or `../shared/data` beside the workspace; without one, the example assets.
-//! Columns: file, `read`, `refused`, `panicked` or `hung`, triangles, what was told. Each file is read in a process of its own,
-//! and the greatest memory of all is told. Then a file of 100 MB, made here, is read in the same way. Ends with 1 if a file panicked,
+//! Columns: file, `read`, `refused`, `panicked` or `hung`, triangles, the message. Each file is read in a process of its own,
+//! and the greatest memory of all is printed. Then a file of 100 MB, made here, is read in the same way. Ends with 1 if a file panicked,
 //! hung for a minute, or took more than 100 MB of memory beyond its own size, or if the large file took more than 300 MB. Its time is
-//! told, not judged.
+//! printed, not judged.
 
 use anyhow::{Context, ensure};
 use cairn::files;
@@ -80,34 +80,34 @@ fn read(path: &Path, name: &str) -> anyhow::Result<Result<asset::Asset, Vec<asse
 struct Row {
     outcome: String,
     triangles: String,
-    told: String,
-    /// Of the process that read it, at most, bytes; `None` where the system does not tell.
+    message: String,
+    /// Of the process that read it, at most, bytes; `None` where the system does not report it.
     memory: Option<u64>,
 }
 
 impl Row {
     fn read(path: &Path, name: &str) -> anyhow::Result<Row> {
-        let (outcome, triangles, told) = match read(path, name)? {
+        let (outcome, triangles, message) = match read(path, name)? {
             Ok(asset) => ("read", asset.mesh.triangles.len().to_string(), asset.notes.join("; ")),
             Err(problems) => {
                 let more =
                     if problems.len() > 1 { format!(" (and {} more)", problems.len() - 1) } else { String::new() };
-                let told = problems.first().context("refused without a reason")?.to_string();
-                ("refused", String::new(), told.trim_start_matches(&format!("{name}: ")).to_owned() + &more)
+                let message = problems.first().context("refused without a reason")?.to_string();
+                ("refused", String::new(), message.trim_start_matches(&format!("{name}: ")).to_owned() + &more)
             }
         };
-        Ok(Row { outcome: outcome.into(), triangles, told, memory: machine::peak_memory() })
+        Ok(Row { outcome: outcome.into(), triangles, message, memory: machine::peak_memory() })
     }
 
     /// The same, by a process of its own: whatever becomes of it.
     fn read_apart(path: &Path, name: &str) -> anyhow::Result<Row> {
-        let ended = |outcome: &str, told: String| {
-            Ok(Row { outcome: outcome.into(), triangles: String::new(), told, memory: None })
+        let ended = |outcome: &str, message: String| {
+            Ok(Row { outcome: outcome.into(), triangles: String::new(), message, memory: None })
         };
         let mut command = Command::new(std::env::current_exe()?);
         command.arg("--row").arg(path).arg(name).stdout(Stdio::piped()).stderr(Stdio::piped());
         let (mut child, began) = (command.spawn()?, Instant::now());
-        // What it tells fits into its pipes.
+        // Its output fits into its pipes.
         while child.try_wait()?.is_none() {
             if began.elapsed() > PATIENCE {
                 child.kill()?;
@@ -136,8 +136,8 @@ fn table(folder: &Path) -> anyhow::Result<()> {
     let mut greatest = (0, String::new());
     for path in &paths {
         let name = path.strip_prefix(folder)?.display().to_string();
-        let Row { outcome, triangles, told, memory } = Row::read_apart(path, &name)?;
-        println!("{name}\t{outcome}\t{triangles}\t{told}");
+        let Row { outcome, triangles, message, memory } = Row::read_apart(path, &name)?;
+        println!("{name}\t{outcome}\t{triangles}\t{message}");
         panicked += usize::from(outcome == "panicked");
         hung += usize::from(outcome == "hung");
         greedy +=
@@ -165,8 +165,8 @@ fn large() -> anyhow::Result<()> {
     let path = folder.path().join("large.glb");
     std::fs::write(&path, hills())?;
     let output = Command::new(std::env::current_exe()?).arg("--read").arg(&path).output()?;
-    let told = String::from_utf8_lossy(&output.stdout);
-    print!("{told}");
+    let message = String::from_utf8_lossy(&output.stdout);
+    print!("{message}");
     ensure!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     Ok(())
 }
@@ -177,7 +177,7 @@ fn read_alone(path: &Path) -> anyhow::Result<()> {
     let seconds = format!("{:.2} s ({:.2} s of CPU)", began.elapsed().as_secs_f64(), machine::cpu_seconds() - cpu);
     let (triangles, size) = (asset.mesh.triangles.len(), path.metadata()?.len() as f64 / 1e6);
     let Some(memory) = machine::peak_memory() else {
-        println!("{size:.0} MB, {triangles} triangles: {seconds}; this system does not tell the memory");
+        println!("{size:.0} MB, {triangles} triangles: {seconds}; this system does not report the memory");
         return Ok(());
     };
     println!("{size:.0} MB, {triangles} triangles: {seconds}, {:.0} MB of memory", memory as f64 / 1e6);

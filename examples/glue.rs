@@ -1,5 +1,5 @@
 //! What holds a pile: nothing, as few dots as Cairn finds, those that Clarabel finds, as many at random, all that could be, and dots of
-//! bounded strength. Each pile is let go, awake, for 20 natural times.
+//! bounded strength. Each pile is released, awake, for 20 characteristic times.
 //!
 //!     cargo run --release --example glue -- examples/sticks.toml --set fill.count=200 --strength 1,3,10,30
 
@@ -50,7 +50,7 @@ const NORMAL_PRICE: f64 = 0.02;
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     println!(
-        "| scene | glue | bodies | touches | dots | largest force | imbalance | fallen | CPU s | moved | kept, let go |"
+        "| scene | glue | bodies | touches | dots | largest force | imbalance | fallen | CPU s | moved | kept, released |"
     );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for scene in &args.scenes {
@@ -69,12 +69,12 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     let control = &full.job.scene.control.as_ref().context("the scene fills no control mesh")?.mesh;
     let ruler = Ruler::new(control, full.job.scene.props.iter().map(|prop| prop.model.mesh.clone()).collect());
     let name = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let tell = |glue: &str, placed: &Placement, seconds: f64| -> anyhow::Result<()> {
+    let print_row = |glue: &str, placed: &Placement, seconds: f64| -> anyhow::Result<()> {
         let loose: Vec<BodyId> =
             placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
         let dots = dots(&sites, placed, false, 0.0, 1.0);
         let freed = let_go(full.turn_over()?, &dots, &loose, DVec3::NEG_Y, true, &mut |_| Ok(()))?;
-        let poses = freed.poses.context("it was let go to its end")?;
+        let poses = freed.poses.context("it was released to its end")?;
         println!(
             "| {name} | {glue} | {} | {} | {} | {:.1} | {:.1e} | {} | {seconds:.2} | {:.3} | {:.3} |",
             sites.ids.len(),
@@ -93,23 +93,23 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
         Placement { dots: touches.into_iter().map(dot).collect(), imbalance: f64::NAN, ..Placement::default() }
     };
     let mut going = || ControlFlow::Continue(());
-    tell("none", &at(Vec::new()), 0.0)?;
+    print_row("none", &at(Vec::new()), 0.0)?;
     let begin = ThreadTime::now();
     let least = glue::place(&problem, &options(None), &mut going)?;
-    tell("as few as Cairn finds", &least, begin.elapsed().as_secs_f64())?;
+    print_row("as few as Cairn finds", &least, begin.elapsed().as_secs_f64())?;
     if sites.ids.len() <= args.oracle {
         let begin = ThreadTime::now();
         let placed = oracle::place(&problem, &options(None), &mut going)?;
-        tell("as few as Clarabel finds", &placed, begin.elapsed().as_secs_f64())?;
+        print_row("as few as Clarabel finds", &placed, begin.elapsed().as_secs_f64())?;
     }
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(full.job.params.seed);
     let chance = index::sample(&mut rng, problem.touches.len(), least.dots.len()).into_vec();
-    tell("as many at random", &at(BTreeSet::from_iter(chance).into_iter().collect()), 0.0)?;
-    tell("every touch", &at((0..problem.touches.len()).collect()), 0.0)?;
+    print_row("as many at random", &at(BTreeSet::from_iter(chance).into_iter().collect()), 0.0)?;
+    print_row("every touch", &at((0..problem.touches.len()).collect()), 0.0)?;
     for &strength in &args.strength {
         let begin = ThreadTime::now();
         let placed = glue::place(&problem, &options(Some(strength)), &mut going)?;
-        tell(&format!("at most {strength} weights"), &placed, begin.elapsed().as_secs_f64())?;
+        print_row(&format!("at most {strength} weights"), &placed, begin.elapsed().as_secs_f64())?;
     }
     Ok(())
 }

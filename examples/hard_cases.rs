@@ -57,7 +57,7 @@ fn cell(row: &Row, engine: Engine, extent: Extent, judged: bool) -> String {
         (false, Some(why)) => format!("**fails**, as is known ({why})"),
         (false, None) => "**fails**".into(),
     };
-    format!("{verdict}: {}", outcome.told)
+    format!("{verdict}: {}", outcome.summary)
 }
 
 /// Sticks that fall into a heap and come to rest: the same steps by the world alone and under the guard, in turn.

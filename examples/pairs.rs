@@ -38,7 +38,7 @@ const FEWEST: usize = 150;
 const MOST: usize = 300;
 /// Sizes tried for one pair.
 const ATTEMPTS: usize = 8;
-/// More bodies than this tell no more about the size than that it is too small.
+/// More bodies than this say no more about the size than that it is too small.
 const TRIAL_LIMIT: u32 = 400;
 /// Share of the volume that props usually fill.
 const PACKING: f64 = 0.42;
@@ -88,7 +88,7 @@ fn main() -> anyhow::Result<()> {
     let mut runs = arguments.runs.map(|folder| Ledger::open(&folder)).transpose().map_err(|e| anyhow!("{e}"))?;
     let machine = calibrate(machine::cpu_seconds)?;
     let only = arguments.only.unwrap_or(0..usize::MAX);
-    let mut tell = |line: &str| -> anyhow::Result<()> {
+    let mut print_row = |line: &str| -> anyhow::Result<()> {
         println!("{line}");
         if let Some(file) = &mut out {
             writeln!(file, "{line}")?;
@@ -96,7 +96,7 @@ fn main() -> anyhow::Result<()> {
         }
         Ok(())
     };
-    tell(HEADER)?;
+    print_row(HEADER)?;
     let mut tally = BTreeMap::<&str, usize>::new();
     let mut poured = BTreeMap::<&str, Option<f64>>::new();
     for (i, (prop, control)) in drawn.iter().enumerate().filter(|(i, _)| only.contains(i)) {
@@ -111,10 +111,10 @@ fn main() -> anyhow::Result<()> {
         let kind = row.verdict.split(':').next().unwrap_or_default().to_owned();
         *tally.entry(["pass", "refused", "fail"].into_iter().find(|k| *k == kind).unwrap_or("fail")).or_default() += 1;
         let seconds = start.elapsed().as_secs_f64();
-        tell(&format!("| {i} | {prop} | {control} {}| {} ({seconds:.0} s) |", row.cells, row.verdict))?;
+        print_row(&format!("| {i} | {prop} | {control} {}| {} ({seconds:.0} s) |", row.cells, row.verdict))?;
     }
     let count = |kind| tally.get(kind).copied().unwrap_or(0);
-    tell(&format!("\n{} pass, {} refused, {} fail", count("pass"), count("refused"), count("fail")))
+    print_row(&format!("\n{} pass, {} refused, {} fail", count("pass"), count("refused"), count("fail")))
 }
 
 /// Watertight props and control meshes, by name.

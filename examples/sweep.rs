@@ -1,4 +1,4 @@
-//! The stability sweep: bakes random small scenes and tells which invariants were violated:
+//! The stability sweep: bakes random small scenes and prints which invariants were violated:
 //! `cargo run --release --example sweep -- --count 1000 --seed 1 [--only 17] [--out FOLDER]`.
 //!
 //! A failure shrinks to the simplest scene that still fails, which is written as a scene file for `cairn bake`.
@@ -59,9 +59,9 @@ fn main() -> std::io::Result<()> {
                 }
             }
             Ok(Verdict::Refused(_)) => refused += 1,
-            Err(told) => {
+            Err(violation) => {
                 violated += 1;
-                println!("scene {number}: {told}");
+                println!("scene {number}: {violation}");
                 let smallest = shrunk(&mut tree);
                 let path = sweep::file::write(&smallest, &args.out.join(format!("{}-{number}", args.seed)))?;
                 println!("    {}: {:?}", path.display(), smallest);

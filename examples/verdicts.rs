@@ -61,7 +61,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Cycles compared: as many as a bake of this pile needs, from the moment that all bodies are let go.
+/// Cycles compared: as many as a bake of this pile needs, from the moment that all bodies are released.
 const CYCLES: u32 = 60;
 
 #[derive(Default)]

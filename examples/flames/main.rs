@@ -1,5 +1,5 @@
 //! Where a bake's time goes: a flame graph for each small scene, from samples of the running bake, and what README.md beside this file
-//! tells of them.
+//! describes them.
 //!
 //!     cargo run --release --example flames
 
@@ -54,23 +54,23 @@ fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     cairn::job::machine::use_threads(1)?;
     std::fs::create_dir_all(&args.out)?;
-    let mut told = String::new();
+    let mut text = String::new();
     for (name, file, set) in piles::SMALL {
         let (stacks, bake) = sampled(name, args.samples)?;
         std::fs::write(args.out.join(format!("{name}.svg")), drawn(name, &stacks)?)?;
         let set: String = set.iter().map(|assignment| format!(" --set {assignment}")).collect();
         let _ = writeln!(
-            told,
+            text,
             "**{name}**, {} bodies (`examples/{file}{set}`), {} samples:",
             bake.report.bodies,
             count(&stacks)
         );
-        let _ = writeln!(told, "{}.", shares(stages(&stacks)));
-        let _ = writeln!(told, "By function, without what it calls: {}.\n", shares(leaves(&stacks)));
-        let _ = writeln!(told, "![]({name}.svg)\n");
+        let _ = writeln!(text, "{}.", shares(stages(&stacks)));
+        let _ = writeln!(text, "By function, without what it calls: {}.\n", shares(leaves(&stacks)));
+        let _ = writeln!(text, "![]({name}.svg)\n");
     }
-    print!("{told}");
-    into_page(&args.out.join("README.md"), &told)
+    print!("{text}");
+    into_page(&args.out.join("README.md"), &text)
 }
 
 fn count(stacks: &Stacks) -> usize {
@@ -150,7 +150,7 @@ fn drawn(name: &str, stacks: &Stacks) -> anyhow::Result<Vec<u8>> {
 }
 
 /// Puts the text between the two marks of the page.
-fn into_page(page: &Path, told: &str) -> anyhow::Result<()> {
+fn into_page(page: &Path, text: &str) -> anyhow::Result<()> {
     const MARKS: [&str; 2] = ["<!-- made by the command above -->\n", "<!-- end -->\n"];
     let Ok(text) = std::fs::read_to_string(page) else { return Ok(()) };
     let (head, rest) = text.split_once(MARKS[0]).context("the page has no mark")?;
@@ -158,5 +158,5 @@ fn into_page(page: &Path, told: &str) -> anyhow::Result<()> {
     let date = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
     let machine = cairn::job::machine::name();
     let head = format!("{head}{}{}, Cairn {}, {machine}.\n\n", MARKS[0], &date[..10], env!("CARGO_PKG_VERSION"));
-    Ok(std::fs::write(page, format!("{head}{told}{}{tail}", MARKS[1]))?)
+    Ok(std::fs::write(page, format!("{head}{text}{}{tail}", MARKS[1]))?)
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 const CARRIERS: [&str; 11] =
     ["core", "std", "alloc", "rayon", "rayon-core", "rayon_core", "glam", "libm", "smallvec", "nalgebra", "simba"];
 
-/// A function by its name and file; `None` for what only hands on. What was inlined has a name without its path: the file tells
+/// A function by its name and file; `None` for what only hands on. What was inlined has a name without its path: the file names
 /// the module.
 pub fn short(name: &str, file: Option<&Path>) -> Option<String> {
     let name = unqualified(name);

@@ -2,7 +2,7 @@
 //!
 //!     cargo run --release --example growth -- --to 1000
 //!
-//! Goes on where it ended: what is measured stays in target/growth. README.md beside this file tells the rest.
+//! Goes on where it ended: what is measured stays in target/growth. README.md beside this file describes the rest.
 
 #[path = "../../tests/hard/rows/gltf.rs"]
 mod gltf;

@@ -132,7 +132,7 @@ fn into_blender(blender: &Path, bodies: u64, frames: u64) -> anyhow::Result<f64>
         command.args(["--background", "--factory-startup", "--python"]);
     }
     let output = command.arg(script).args(["--", "writing", &bodies.to_string(), &frames.to_string()]).output()?;
-    let told = String::from_utf8_lossy(&output.stdout);
-    let seconds = told.lines().find_map(|line| line.strip_suffix(" s CPU")?.rsplit(' ').next()?.parse().ok());
-    seconds.with_context(|| format!("{told}{}", String::from_utf8_lossy(&output.stderr)))
+    let report = String::from_utf8_lossy(&output.stdout);
+    let seconds = report.lines().find_map(|line| line.strip_suffix(" s CPU")?.rsplit(' ').next()?.parse().ok());
+    seconds.with_context(|| format!("{report}{}", String::from_utf8_lossy(&output.stderr)))
 }

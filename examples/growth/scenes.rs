@@ -88,7 +88,7 @@ fn stones() -> Vec<TriMesh> {
 
 /// Writes a scene for which the plan expects so many bodies into the folder; returns the scene file.
 pub fn write(kind: Kind, wanted: f64, accuracy: &str, set: &[String], folder: &Path) -> anyhow::Result<PathBuf> {
-    let told =
+    let invalid =
         |problems: Vec<Problem>| anyhow!(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"));
     std::fs::create_dir_all(folder)?;
     let folder = folder.canonicalize()?;
@@ -102,9 +102,9 @@ pub fn write(kind: Kind, wanted: f64, accuracy: &str, set: &[String], folder: &P
     // The mesh decides how many there are, not the bound.
     let own = [format!("accuracy={accuracy}"), "fill.max_bodies=100000".to_owned()];
     for assignment in own.iter().chain(set) {
-        tree.set(assignment).map_err(told)?;
+        tree.set(assignment).map_err(invalid)?;
     }
-    let job = Job::read(&tree.to_message()).map_err(told)?;
+    let job = Job::read(&tree.to_message()).map_err(invalid)?;
     let mut scene = job.scene;
     let control = scene.control.as_ref().context("a cone")?.mesh.clone();
     let mut factor = 1.0;

@@ -6,7 +6,7 @@ use std::fmt::Write;
 /// In the order of the bake.
 const STAGES: [&str; 8] = ["read", "shape", "fill", "glue", "release", "hold", "measure", "encode"];
 const MIB: f64 = 1024.0 * 1024.0;
-/// Growth is told from piles of so many bodies on: smaller ones are nearly all surface.
+/// Growth is computed from piles of so many bodies on: smaller ones are nearly all surface.
 const FROM: usize = 1_000;
 
 impl Row {

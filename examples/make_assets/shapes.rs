@@ -127,7 +127,7 @@ pub fn heap([half_x, half_z]: [f64; 2], base: f64, height: f64) -> Asset {
     asset
 }
 
-/// A ramp that winds once around the axis between two radii, rising from one height to another, with upright sides.
+/// A ramp that winds once around the axis between two radii, climbing from one height to another, with upright sides.
 pub fn spiral(inner: f64, outer: f64, [low, high]: [f64; 2]) -> Asset {
     const SIDES: usize = 72;
     // Open by a wedge, so that its beginning and its end do not touch.

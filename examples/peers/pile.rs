@@ -22,14 +22,14 @@ pub struct Full {
 
 /// Reads a scene file. What comes later than the pile is left out.
 pub fn read(file: &Path, set: &[String]) -> anyhow::Result<Job> {
-    let told = |problems: Vec<cairn::problem::Problem>| {
+    let invalid = |problems: Vec<cairn::problem::Problem>| {
         anyhow!(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))
     };
-    let mut tree = SceneTree::load(file).map_err(told).with_context(|| file.display().to_string())?;
+    let mut tree = SceneTree::load(file).map_err(invalid).with_context(|| file.display().to_string())?;
     for assignment in set {
-        tree.set(assignment).map_err(told)?;
+        tree.set(assignment).map_err(invalid)?;
     }
-    let mut job = Job::read(&tree.to_message()).map_err(told)?;
+    let mut job = Job::read(&tree.to_message()).map_err(invalid)?;
     job.scene.bodies.retain(PlacedBody::is_stacked);
     job.scene.emitters.clear();
     Ok(job)

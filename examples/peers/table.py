@@ -39,10 +39,10 @@ def number(value):
 def quality(figures):
     if not figures.exists():
         return ["-"] * 4
-    told = read(figures)
-    lost = f" ({told['lost']} lost)" if told["lost"] else ""
-    shape = "-" if told["kept_shape"] is None else f"{told['kept_shape']:.3f}{lost}"
-    return [shape, f"{told['kept_p95']:.2f}", f"{told['penetration_mean']:.4f}", f"{told['penetration_max']:.3f}"]
+    report = read(figures)
+    lost = f" ({report['lost']} lost)" if report["lost"] else ""
+    shape = "-" if report["kept_shape"] is None else f"{report['kept_shape']:.3f}{lost}"
+    return [shape, f"{report['kept_p95']:.2f}", f"{report['penetration_mean']:.4f}", f"{report['penetration_max']:.3f}"]
 
 
 def rows_of(folder):

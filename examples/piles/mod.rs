@@ -33,13 +33,13 @@ pub fn small(name: &str, set: &[&str]) -> anyhow::Result<Job> {
 
 /// Reads a scene file, with assignments as `--set` takes them.
 fn read(scene: &Path, set: &[String]) -> anyhow::Result<Job> {
-    let told =
+    let invalid =
         |problems: Vec<Problem>| anyhow!(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"));
-    let mut tree = SceneTree::load(scene).map_err(told).with_context(|| scene.display().to_string())?;
+    let mut tree = SceneTree::load(scene).map_err(invalid).with_context(|| scene.display().to_string())?;
     for assignment in set {
-        tree.set(assignment).map_err(told)?;
+        tree.set(assignment).map_err(invalid)?;
     }
-    Job::read(&tree.to_message()).map_err(told)
+    Job::read(&tree.to_message()).map_err(invalid)
 }
 
 /// A scene whose container is full: any number of piles may be turned over from it.

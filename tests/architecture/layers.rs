@@ -48,19 +48,23 @@ fn height(layers: &[&[&str]], path: &ModulePath) -> Option<usize> {
     layers.iter().position(|layer| layer.contains(&top.as_str()))
 }
 
-fn told(code: &Crate, import: &Import) -> String {
+fn location(code: &Crate, import: &Import) -> String {
     format!("{}: `{}`", code.file(&import.from).display(), import.text)
 }
 
-/// Every import from a layer to one above it; what a module names of another one more than once is told once.
+/// Every import from a layer to one above it; what a module names of another one more than once is listed once.
 fn upward(code: &Crate, layers: &[&[&str]]) -> Vec<String> {
     let layer = |path: &ModulePath| path.first().cloned().unwrap_or_else(|| name(path));
     let mut up = BTreeMap::new();
     for import in code.imports() {
         let (from, to) = (height(layers, &import.from), height(layers, &import.to));
         if from.zip(to).is_some_and(|(from, to)| to > from) {
-            let text =
-                format!("{} leads up from layer {} to {}", told(code, &import), layer(&import.from), layer(&import.to));
+            let text = format!(
+                "{} leads up from layer {} to {}",
+                location(code, &import),
+                layer(&import.from),
+                layer(&import.to)
+            );
             // The whole path says more than a name that a `use` made short.
             let is_whole = import.text.starts_with("crate::") || import.text.starts_with("super::");
             let known = up.entry((import.from, import.to)).or_insert_with(|| text.clone());
@@ -96,7 +100,7 @@ fn circles(code: &Crate) -> Vec<String> {
             let ways = (0..circle.len()).map(|k| {
                 let (from, to) = (&circle[k], &circle[(k + 1) % circle.len()]);
                 let import = &steps[&(from.clone(), to.clone())];
-                format!("{} -> {} ({})", name(from), name(to), told(code, import))
+                format!("{} -> {} ({})", name(from), name(to), location(code, import))
             });
             found.push(ways.collect::<Vec<_>>().join(", "));
         }

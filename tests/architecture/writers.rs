@@ -1,4 +1,4 @@
-//! How a body is treated has one writer: whoever has a reason tells the policy.
+//! How a body is treated has one writer: a stage with a reason calls the policy.
 
 use crate::{files, read};
 use std::path::Path;
@@ -34,7 +34,11 @@ fn role_damping_and_friction_have_one_writer() {
     assert!(!calls(&read(WRITER)).is_empty(), "{WRITER} writes");
     for path in files("server/core/src", ".rs").iter().filter(|path| !path.starts_with("server/core/src/world")) {
         let calls = calls(&read(path));
-        assert!(path == Path::new(WRITER) || calls.is_empty(), "{} calls {calls:?}: tell {WRITER}", path.display());
+        assert!(
+            path == Path::new(WRITER) || calls.is_empty(),
+            "{} calls {calls:?}: call {WRITER} instead",
+            path.display()
+        );
     }
 }
 

@@ -16,7 +16,7 @@ fn run(target: &Target, input: &[u8]) {
         let path =
             folder.join(format!("{:08x}", input.iter().fold(5381_u32, |h, b| h.wrapping_mul(33) ^ u32::from(*b))));
         std::fs::write(&path, input).unwrap();
-        panic!("{}: {} breaks a promise; once mended, put it into tests/fuzz/found/{0}", target.name, path.display());
+        panic!("{}: {} breaks a promise; once fixed, put it into tests/fuzz/found/{0}", target.name, path.display());
     }
 }
 

@@ -63,16 +63,16 @@ fn scene(bytes: &[u8]) {
     let tree = match SceneTree::read(name, text) {
         Ok(tree) => tree,
         Err(problems) => {
-            assert!(!problems.is_empty(), "it is refused, and nothing is told");
+            assert!(!problems.is_empty(), "it is refused, and nothing is reported");
             problems.iter().for_each(|problem| assert!(!problem.to_string().is_empty()));
             return;
         }
     };
     let message = tree.to_message();
     let (params, problems) = from_proto::params_and_problems(&message);
-    let mut told = params.problems().into_iter().map(|problem| problem.to_string()).collect::<Vec<_>>();
-    told.extend(problems.iter().map(ToString::to_string));
-    assert!(told.iter().all(|text| !text.is_empty()));
+    let mut texts = params.problems().into_iter().map(|problem| problem.to_string()).collect::<Vec<_>>();
+    texts.extend(problems.iter().map(ToString::to_string));
+    assert!(texts.iter().all(|text| !text.is_empty()));
     let again = SceneTree::from_message(&message);
     assert!(again.problems().is_empty(), "a message of a scene file has no unknown names");
     assert_eq!(again.to_message().encode_to_vec(), message.encode_to_vec(), "message, tree, message");

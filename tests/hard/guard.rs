@@ -168,12 +168,12 @@ fn what_the_guard_does_is_told() {
     let pose = |k: usize| at(0.04 * (k % 3) as f64, 0.05 + 0.04 * (k / 3) as f64, 0.0);
     let mut squeezed = placed(prop("cube", block(DVec3::splat(0.1)), 0.5), (0..12).map(pose));
     squeezed.bodies[11].mass = Some(1000.0);
-    let told = |scene: &Scene, guard: Switch| {
+    let warnings = |scene: &Scene, guard: Switch| {
         let report = bake(scene, &long_steps(guard, 20.0), &mut Silent).unwrap().report;
         let is_told = report.warnings.iter().any(|text| text.contains("taken again in smaller ones"));
         (report.counts["guard_retries"] > 0, is_told, report.counts["guard_steps"] > 0)
     };
-    assert_eq!(told(&squeezed, Switch::Auto), (true, true, true));
-    assert_eq!(told(&squeezed, Switch::Off), (false, false, false));
-    assert_eq!(told(&stacks(), Switch::Auto), (false, false, true));
+    assert_eq!(warnings(&squeezed, Switch::Auto), (true, true, true));
+    assert_eq!(warnings(&squeezed, Switch::Off), (false, false, false));
+    assert_eq!(warnings(&stacks(), Switch::Auto), (false, false, true));
 }

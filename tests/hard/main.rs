@@ -1,4 +1,4 @@
-//! The hard cases: what breaks simulators must not break this one. `README.md` beside this file tells the figures; the
+//! The hard cases: what breaks simulators must not break this one. `README.md` beside this file describes the figures; the
 //! rows whose verdict is one of statics (boundary, units, duplicate, collinear, arch, wedge, and the verdicts of slope and overhang) are
 //! tests of the analysis in `server/core/tests/equilibrium/`.
 //!
@@ -21,12 +21,14 @@ fn check(name: &str, extent: Extent) {
     let row: &Row = rows::of(name);
     for &engine in row.judged {
         let outcome = (row.run)(engine, extent);
-        println!("{name}, {engine:?}: {}", outcome.told);
+        println!("{name}, {engine:?}: {}", outcome.summary);
         match row.miss(engine, extent) {
             None => {
-                assert!(outcome.passed, "{name}, {engine:?}: {}; it passes when: {}", outcome.told, row.passes_when)
+                assert!(outcome.passed, "{name}, {engine:?}: {}; it passes when: {}", outcome.summary, row.passes_when)
             }
-            Some(why) => assert!(!outcome.passed, "{name} passes now ({}): it was to fail, since {why}", outcome.told),
+            Some(why) => {
+                assert!(!outcome.passed, "{name} passes now ({}): it was to fail, since {why}", outcome.summary)
+            }
         }
     }
 }

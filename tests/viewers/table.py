@@ -1,4 +1,4 @@
-"""The poses that a result's table tells, as matrices."""
+"""The poses that a result's table holds, as matrices."""
 
 import json
 

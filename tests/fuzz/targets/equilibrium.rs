@@ -100,8 +100,8 @@ fn balances(contacts: &[LocalContact], forces: &[DVec3], residual: f64, law: Fri
         assert!(n >= -room && t <= most + room, "touch {contact:?} with force {f}: {n} {t} {most}");
     }
     let left = (force.length_squared() + torque.length_squared()).sqrt();
-    let told = residual.max(STABLE_RESIDUAL).max(FORCE_ROUNDING * sum);
-    assert!(left <= told + ROUNDING * sum, "{left} is left, {residual} is told, of {sum}");
+    let reported = residual.max(STABLE_RESIDUAL).max(FORCE_ROUNDING * sum);
+    assert!(left <= reported + ROUNDING * sum, "{left} is left, {residual} is reported, of {sum}");
 }
 
 /// No force of a touch does work with the certificate: neither its normal part alone nor with the friction that helps most.

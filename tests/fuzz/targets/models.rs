@@ -23,7 +23,7 @@ pub fn reading(bytes: &[u8]) {
         match asset::read(&source) {
             Ok(asset) => assert_mesh(&asset.mesh),
             Err(problems) => {
-                assert!(!problems.is_empty(), "it is refused, and nothing is told");
+                assert!(!problems.is_empty(), "it is refused, and nothing is reported");
                 for problem in problems {
                     assert!(!matches!(problem.what, ProblemKind::Internal { .. }), "{problem}");
                 }
@@ -115,7 +115,7 @@ pub fn shape(bytes: &[u8]) {
     let checked = match check::run(&scene, &params) {
         Ok(checked) => checked,
         Err(problems) => {
-            assert!(!problems.is_empty(), "it is refused, and nothing is told");
+            assert!(!problems.is_empty(), "it is refused, and nothing is reported");
             return;
         }
     };

@@ -65,12 +65,12 @@ pub fn overhang(engine: Engine, _: Extent) -> Outcome {
     ])
 }
 
-/// How far a low block slides in 4 s on a slope of this angle, rising toward an azimuth, in d.
+/// How far a low block slides in 4 s on a slope of this angle, climbing toward an azimuth, in d.
 fn slide(engine: Engine, friction: f64, angle: f64, azimuth: f64) -> f64 {
     let turn = DQuat::from_rotation_y(azimuth) * DQuat::from_rotation_z(angle);
     let base = DVec3::Y * 60.0;
     let slab = block(DVec3::new(60.0, 1.0, 60.0)).transformed(&DAffine3::from_rotation_translation(turn, base));
-    // It is turned against the slope, so that no side of the engine's friction pyramid lies along the fall.
+    // It is turned against the slope, so that no side of the engine's friction pyramid is aligned with the fall.
     let translation = base + turn * (DVec3::Y * 0.55);
     let pose = Pose { translation, rotation: turn * DQuat::from_rotation_y(azimuth) };
     let mut scene = placed(prop("block", block(DVec3::new(0.4, 0.1, 0.4)), friction), [pose]);
@@ -91,8 +91,8 @@ pub fn slope(engine: Engine, _: Extent) -> Outcome {
             }
             slips = slips.min(slide(engine, mu, limit + margin, azimuth));
         }
-        let told = format!("mu {mu}: {sticks:.4} d below, {slips:.3} d above");
-        (told, sticks < 0.01 && slips > 0.02)
+        let summary = format!("mu {mu}: {sticks:.4} d below, {slips:.3} d above");
+        (summary, sticks < 0.01 && slips > 0.02)
     };
     all([0.0, 0.05, 0.7, 1.0, 1.5].map(part))
 }

@@ -40,7 +40,7 @@ pub fn spin(engine: Engine, _: Extent) -> Outcome {
     )
 }
 
-/// Gravity is what scales the natural time: a world without it steps in seconds.
+/// Gravity is what scales the characteristic time: a world without it steps in seconds.
 pub fn zero_g(engine: Engine, _: Extent) -> Outcome {
     growth(
         engine,

@@ -42,12 +42,12 @@ pub fn projectile(engine: Engine, _: Extent) -> Outcome {
             nearest = nearest.min(nearest_pass(&motion, begin));
         }
     }
-    let told = if engine == Engine::Cairn { format!("; {let_go} bodies let go by blows") } else { String::new() };
+    let summary = if engine == Engine::Cairn { format!("; {let_go} bodies released by blows") } else { String::new() };
     let passes =
         if nearest.is_finite() { format!("{:.0} % of an edge", 100.0 * nearest / EDGE) } else { "none".into() };
     all([
         (format!("nearest pass by a cube: {passes}"), nearest > 0.9 * EDGE),
-        (format!("energy changes by {:+.1} % at most{told}", 100.0 * gain), gain < 0.02),
+        (format!("energy changes by {:+.1} % at most{summary}", 100.0 * gain), gain < 0.02),
         (format!("{lost} lost in {cases}"), lost == 0),
     ])
 }

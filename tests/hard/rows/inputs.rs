@@ -35,8 +35,8 @@ pub fn degenerate_mesh(engine: Engine, _: Extent) -> Outcome {
         let params = params(engine, 0.2);
         match check::run(&scene, &params) {
             Err(problems) => {
-                let told = problems.iter().any(|p| p.text.contains(name));
-                (format!("{name}: refused by name"), told)
+                let summary = problems.iter().any(|p| p.text.contains(name));
+                (format!("{name}: refused by name"), summary)
             }
             Ok(_) => {
                 let motion = baked(&scene, &params);
@@ -77,8 +77,8 @@ pub fn bad_container(engine: Engine, _: Extent) -> Outcome {
         params.release.order = ReleaseOrder::BottomUp;
         match cairn_core::bake(&scene, &params, &mut cairn_core::input::observer::Silent) {
             Err(Error::Invalid(problems)) => {
-                let told = problems.iter().any(|p| p.text.contains("open"));
-                (format!("{name}: refused, {}", if told { "as open" } else { "without a reason" }), told)
+                let summary = problems.iter().any(|p| p.text.contains("open"));
+                (format!("{name}: refused, {}", if summary { "as open" } else { "without a reason" }), summary)
             }
             Err(other) => (format!("{name}: {other}"), false),
             Ok(bake) => {

@@ -27,14 +27,14 @@ pub enum Extent {
 /// What a case came to.
 pub struct Outcome {
     /// The figures that decide.
-    pub told: String,
+    pub summary: String,
     pub passed: bool,
 }
 
 /// Of several parts: all must pass.
 pub fn all(parts: impl IntoIterator<Item = (String, bool)>) -> Outcome {
-    let (told, passed): (Vec<String>, Vec<bool>) = parts.into_iter().unzip();
-    Outcome { told: told.join("; "), passed: passed.into_iter().all(|p| p) }
+    let (summary, passed): (Vec<String>, Vec<bool>) = parts.into_iter().unzip();
+    Outcome { summary: summary.join("; "), passed: passed.into_iter().all(|p| p) }
 }
 
 pub struct Row {
@@ -108,7 +108,7 @@ pub const ROWS: &[Row] = &[
     row("heaviest_on_light", "the same at 10000:1: sinks < 1 %", stacks::heaviest_on_light, BOTH, ALL).missed(&[Miss {
         engine: Uncontrolled,
         extent: Extent::Short,
-        why: "no contact of the engine carries so much: it sinks through, and only the plan's warning tells",
+        why: "no contact of the engine carries so much: it sinks through, and only the plan's warning says so",
     }]),
     row(
         "heaviest_is_told",

@@ -132,7 +132,7 @@ pub fn many(engine: Engine, extent: Extent) -> Outcome {
     all(counts.iter().map(part).collect::<Vec<_>>())
 }
 
-/// Largest resident memory of this process so far, KiB; `None` where the system does not tell.
+/// Largest resident memory of this process so far, KiB; `None` where the system does not report it.
 fn peak_memory() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix("kB")?.trim().parse().ok())

@@ -89,9 +89,9 @@ pub fn heaviest_on_light(engine: Engine, _: Extent) -> Outcome {
 }
 
 pub fn heaviest_is_told(engine: Engine, _: Extent) -> Outcome {
-    let told = |ratio: f64| sag(engine, ratio).1;
-    let (light, heavy) = (told(10.0), told(1e4));
-    let word = |told: bool| if told { "a warning" } else { "none" };
+    let summary = |ratio: f64| sag(engine, ratio).1;
+    let (light, heavy) = (summary(10.0), summary(1e4));
+    let word = |summary: bool| if summary { "a warning" } else { "none" };
     all([(format!("10:1: {}", word(light)), !light), (format!("10000:1: {}", word(heavy)), heavy)])
 }
 

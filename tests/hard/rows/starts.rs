@@ -59,9 +59,9 @@ pub fn nan_inside(engine: Engine, _: Extent) -> Outcome {
     let (sound, broken) = (stacks_of_five(engine, None), stacks_of_five(engine, Some(2)));
     let same = sound.poses[5..] == broken.poses[5..];
     let finite = broken.poses.iter().all(|p| p.translation.is_finite());
-    let told = if broken.lost == [2] { "body 2 is set aside by name" } else { "the wrong bodies are set aside" };
+    let summary = if broken.lost == [2] { "body 2 is set aside by name" } else { "the wrong bodies are set aside" };
     all([
-        (told.into(), broken.lost == [2] && sound.lost.is_empty()),
+        (summary.into(), broken.lost == [2] && sound.lost.is_empty()),
         (format!("the other stack is {}", if same { "bit-identical" } else { "changed" }), same),
         (format!("all others are {}", if finite { "finite" } else { "broken" }), finite),
     ])

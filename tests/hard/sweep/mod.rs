@@ -63,7 +63,7 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     let checked = check::run(&scene, &params).map_err(|e| format!("{e:?}"))?;
     let shapes = shape::run(&scene, &params, &checked.sizes, &mut Silent).map_err(|e| e.to_string())?;
     let (d, g) = (checked.diameter, params.gravity);
-    let must = |holds: bool, told: String| if holds { Ok(()) } else { Err(told) };
+    let must = |holds: bool, violation: String| if holds { Ok(()) } else { Err(violation) };
     let finite = |p: &cairn_core::geometry::pose::Pose| p.translation.is_finite() && p.rotation.is_finite();
     must(bake.pile.frames.iter().flatten().all(finite), "a pose is not finite".into())?;
 
@@ -93,7 +93,7 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     // A light body is squeezed out from under a heavy one like a pip, faster than by any fall.
     let limit = if heavy > SQUEEZING * light { 4.0 } else { 2.0 } * (2.0 * g * highest).sqrt();
     let all: f64 = (0..bodies).map(mass).sum();
-    // By heights: what is pushed out of another body moves without momentum, so that frames do not tell kinetic energy. It is
+    // By heights: what is pushed out of another body moves without momentum, so that frames do not give the kinetic energy. It is
     // bounded by the speeds; the guard in the bake weighs all of it.
     let energy = |frame: &[cairn_core::geometry::pose::Pose]| {
         (0..bodies).map(|k| mass(k) * g * (center(frame, k).y - checked.ground)).sum::<f64>()

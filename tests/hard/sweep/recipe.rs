@@ -275,7 +275,7 @@ impl Recipe {
         params.control.mode = self.mode;
         params.fill.count = self.control.as_ref().map(|target| target.count);
         params.release.order = if self.at_once { ReleaseOrder::AtOnce } else { ReleaseOrder::BottomUp };
-        // Some 20 natural times, in frames of a half.
+        // Some 20 characteristic times, in frames of a half.
         let seconds = 20.0 * (self.size / params.gravity).sqrt();
         params.output.fps = (40.0 / seconds).clamp(1.0, 1000.0);
         params.output.frames = Some((seconds * params.output.fps).ceil().max(4.0) as u32);
