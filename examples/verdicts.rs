@@ -25,7 +25,7 @@ fn main() -> anyhow::Result<()> {
     let mut tally = Tally::default();
     let mut last = Vec::new();
     for id in sim.pile.world.present().collect::<Vec<_>>() {
-        sim.pile.let_go(id);
+        sim.pile.release(id);
     }
     for _ in 0..CYCLES * params.control.period {
         if sim.pile.control.is_due(sim.pile.step) {

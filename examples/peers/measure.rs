@@ -14,7 +14,7 @@ use cairn_core::input::scene::PlacedBody;
 use cairn_core::measure::{Gauge, Instances, Overlap, Penetration, kept_shape, penetration};
 use cairn_core::sim::whole::REAL_CONTACT;
 use cairn_core::stages::cache::NoCache;
-use cairn_core::world::Touch;
+use cairn_core::world::ContactPair;
 use serde::Serialize;
 
 #[derive(Serialize)]
@@ -69,6 +69,6 @@ fn overlaps(job: &mut Job, ground: f64, bodies: &[(usize, f64, Pose)]) -> anyhow
     let container = cairn_core::fill_container(&job.scene, &job.params, &mut NoCache, &mut Silent)?;
     let sim = container.turn_over(&job.scene, &job.params)?;
     let world = &sim.pile.world;
-    let overlap = |t: &Touch| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
-    Ok(penetration(&world.touches(REAL_CONTACT).iter().map(overlap).collect::<Vec<_>>()))
+    let overlap = |t: &ContactPair| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
+    Ok(penetration(&world.contact_pairs(REAL_CONTACT).iter().map(overlap).collect::<Vec<_>>()))
 }

@@ -72,7 +72,7 @@ fn fill(group: &mut Group, full: &Full) {
 fn moved(full: &Full, steps: u32) -> Simulation<'_> {
     let mut sim = full.turn_over().expect("it can be turned over");
     for id in sim.pile.world.present().collect::<Vec<_>>() {
-        sim.pile.let_go(id);
+        sim.pile.release(id);
     }
     advance(&mut sim, steps);
     sim
@@ -90,7 +90,7 @@ fn standing(group: &mut Group, full: &Full) {
     let sim = moved(full, 3 * period);
     let world = &sim.pile.world;
     group.throughput(Throughput::Elements(world.present().count() as u64));
-    group.bench_function("contacts", |b| b.iter(|| world.touches(black_box(REAL_CONTACT))));
+    group.bench_function("contacts", |b| b.iter(|| world.contact_pairs(black_box(REAL_CONTACT))));
     let problems = sim.pile.control.local_problems(world);
     group.bench_function("local", |b| {
         let mut analyser = Analyser::new();

@@ -8,7 +8,7 @@ use cairn_core::input::params::{Params, Switch, Time};
 use cairn_core::input::scene::{Key, Model, Scene, StaticModel};
 use cairn_core::prepare::effects::Resolved;
 use cairn_core::prepare::{check, shape};
-use cairn_core::sim::guard::{Fault, Guard};
+use cairn_core::sim::guard::{AsideReason, Guard};
 use cairn_core::sim::pile::Pile;
 use cairn_core::stages::cache::NoCache;
 use cairn_core::world::{Insertion, Role, Units, World};
@@ -41,7 +41,7 @@ fn run(scene: &Scene, params: &Params, steps: u64, fault: impl Fn(&mut Pile, u64
     let full = cairn_core::fill_container(scene, params, &mut NoCache, &mut Silent)?;
     let mut sim = full.turn_over(scene, params)?;
     let all: Vec<usize> = sim.pile.world.present().collect();
-    all.into_iter().for_each(|id| sim.pile.let_go(id));
+    all.into_iter().for_each(|id| sim.pile.release(id));
     for step in 0..steps {
         fault(&mut sim.pile, step);
         sim.advance(&mut Silent, Stage::Hold, |_| 0.0)?;
@@ -54,7 +54,7 @@ fn run(scene: &Scene, params: &Params, steps: u64, fault: impl Fn(&mut Pile, u64
 
 #[derive(Debug)]
 struct Outcome {
-    aside: Vec<(usize, Fault)>,
+    aside: Vec<(usize, AsideReason)>,
     retries: u64,
     stiffened: u64,
     fastest: f64,
@@ -82,7 +82,7 @@ fn what_is_no_number_is_set_aside() {
             launch(pile, 2, DVec3::splat(f64::NAN));
         }
     });
-    assert_eq!(found.unwrap().aside, [(2, Fault::NotFinite)]);
+    assert_eq!(found.unwrap().aside, [(2, AsideReason::NotFinite)]);
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn what_is_too_fast_is_tried_again_and_set_aside() {
         }
     });
     let found = found.unwrap();
-    assert_eq!(found.aside, [(4, Fault::TooFast)]);
+    assert_eq!(found.aside, [(4, AsideReason::TooFast)]);
     assert!(found.retries > 0 && found.fastest < 1.0, "{found:?}");
 }
 
@@ -110,7 +110,7 @@ fn what_falls_through_the_ground_is_set_aside() {
     let natures: Vec<_> = shapes.iter().map(|shape| shape.nature()).collect();
     let mut guard = Guard::new(&scene, &Resolved::new(&scene, &params, &checked, &natures), units, 0.0);
     (0..60).for_each(|_| guard.step(&mut world).unwrap());
-    assert_eq!(guard.actions.aside, [(0, Fault::BelowGround)]);
+    assert_eq!(guard.actions.aside, [(0, AsideReason::BelowGround)]);
     assert!(!world.is_present(0));
 }
 

@@ -104,7 +104,7 @@ fn told(scene: &Scene, params: &Params, poses: &[Pose]) -> usize {
     }
     // What waits does not move; the engine has seen it after a step.
     world.step();
-    let touches = world.touches(0.2);
+    let touches = world.contact_pairs(0.2);
     let contacts: Vec<Bearing> = touches.iter().flat_map(|t| t.bearings(&world)).collect();
     contact::hanging(&vec![true; poses.len()], &contacts, 1.0).len()
 }

@@ -164,7 +164,7 @@ fn whatever_is_held_was_certified_in_its_latest_cycle() {
     let full = cairn_core::fill_container(&scene, &params, &mut NoCache, &mut Silent).unwrap();
     let mut sim = full.turn_over(&scene, &params).unwrap();
     for id in sim.pile.world.present().collect::<Vec<_>>() {
-        sim.pile.let_go(id);
+        sim.pile.release(id);
     }
     let mut held_ever = 0;
     for _ in 0..200 {

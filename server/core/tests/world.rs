@@ -6,7 +6,7 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::prepare::shape::{Outline, Shape, Size, Solid, hull_mesh};
-use cairn_core::world::{Claims, Insertion, Side, Touch, TouchPoint, Units, World};
+use cairn_core::world::{Claims, ContactPair, ContactPoint, Insertion, PairSide, Units, World};
 use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
 
@@ -38,10 +38,10 @@ fn stack(count: usize) -> World {
 }
 
 fn nail_all(world: &mut World) -> usize {
-    let touches = world.touches(0.05);
+    let touches = world.contact_pairs(0.05);
     for t in &touches {
         let other = match t.b {
-            cairn_core::world::Side::Body(b) => Some(b),
+            cairn_core::world::PairSide::Body(b) => Some(b),
             _ => None,
         };
         world.drive_nail(t.a, other, t.points[0].point, t.points[0].normal);
@@ -53,19 +53,19 @@ fn nail_all(world: &mut World) -> usize {
 #[test]
 fn what_has_not_moved_touches_as_before() {
     let mut world = stack(12);
-    let before = world.touches(0.05);
+    let before = world.contact_pairs(0.05);
     assert!(before.len() >= 12);
     let moved = 5;
     let pose = world.pose(moved);
     world.put(moved, &Pose { translation: pose.translation + DVec3::new(0.3, 0.0, 0.0), ..pose });
     world.zero_step();
     let still: Vec<bool> = (0..12).map(|id| id != moved).collect();
-    let told = |touches: Vec<Touch>| touches.iter().map(|t| (t.a, t.b, t.points.len())).collect::<Vec<_>>();
-    assert_eq!(told(world.touches_since(0.05, &before, &still)), told(world.touches(0.05)));
+    let told = |touches: Vec<ContactPair>| touches.iter().map(|t| (t.a, t.b, t.points.len())).collect::<Vec<_>>();
+    assert_eq!(told(world.contact_pairs_since(0.05, &before, &still)), told(world.contact_pairs(0.05)));
     // Nothing at all is worked out where nothing has moved: what is handed in comes back.
     let all = vec![true; 12];
-    let strange: Vec<Touch> = before.into_iter().take(3).collect();
-    assert_eq!(told(world.touches_since(0.05, &strange, &all)), told(strange));
+    let strange: Vec<ContactPair> = before.into_iter().take(3).collect();
+    assert_eq!(told(world.contact_pairs_since(0.05, &strange, &all)), told(strange));
 }
 
 #[test]
@@ -166,7 +166,7 @@ fn deep_share(plate: TriMesh) -> f64 {
         world.step();
     }
     world.zero_step();
-    let touches = world.touches(0.0);
+    let touches = world.contact_pairs(0.0);
     assert!(touches.len() > 80);
     touches.iter().filter(|t| t.depth() > 0.5 * thickness).count() as f64 / touches.len() as f64
 }
@@ -182,9 +182,9 @@ fn plates_of_several_parts_do_not_end_in_one_another() {
 fn discs_touch_wherever_they_overlap() {
     for shift in [0.0, 0.3, 0.6, 0.9] {
         let (world, _) = discs(2, shift);
-        let touches = world.touches(0.05);
-        let pair = touches.iter().find(|t| (t.a, t.b) == (0, Side::Body(1))).expect("they touch");
-        let spread = |of: fn(&TouchPoint) -> f64| {
+        let touches = world.contact_pairs(0.05);
+        let pair = touches.iter().find(|t| (t.a, t.b) == (0, PairSide::Body(1))).expect("they touch");
+        let spread = |of: fn(&ContactPoint) -> f64| {
             let all = || pair.points.iter().map(of);
             all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min)
         };
@@ -230,15 +230,16 @@ fn a_plate_lies_on_the_ridge_of_a_gentle_roof() {
             world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
         }
         world.zero_step();
-        let touches = world.touches(0.05);
-        let pair = touches.iter().find(|t| t.b == Side::Body(1)).unwrap_or_else(|| panic!("{turn} {gap}: {touches:?}"));
+        let touches = world.contact_pairs(0.05);
+        let pair =
+            touches.iter().find(|t| t.b == PairSide::Body(1)).unwrap_or_else(|| panic!("{turn} {gap}: {touches:?}"));
         // Beside the ridge, the gap grows by its slope.
-        let expected = |p: &TouchPoint| gap + p.point.x.abs() * ridge;
+        let expected = |p: &ContactPoint| gap + p.point.x.abs() * ridge;
         for p in &pair.points {
             assert!((p.gap - expected(p)).abs() < 2e-5 && p.normal.y < -0.9999, "{turn} {gap}: {p:?}");
         }
         for end in [-0.5, 0.5] {
-            let ends = |p: &&TouchPoint| (p.point - DVec3::Z * end / world.units.length).with_y(0.0).length() < 1e-3;
+            let ends = |p: &&ContactPoint| (p.point - DVec3::Z * end / world.units.length).with_y(0.0).length() < 1e-3;
             assert!(pair.points.iter().any(|p| ends(&p)), "{turn} {gap}: {:?}", pair.points);
         }
     }
@@ -265,7 +266,7 @@ fn a_tilted_stone_touches_the_ground_by_its_lowest_corner() {
         let pose = Pose { translation: DVec3::new(0.0, -lowest, 0.0), rotation };
         world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
         world.zero_step();
-        let touches = world.touches(0.05);
+        let touches = world.contact_pairs(0.05);
         let nearest = touches.iter().flat_map(|t| &t.points).map(|p| p.gap).fold(f64::INFINITY, f64::min);
         assert!(nearest.abs() < 1e-5, "orientation {k}: nearest at {nearest}");
     }

@@ -80,11 +80,11 @@ fn stacks_of_five(engine: Engine, broken: Option<usize>) -> Ends {
     let mut sim = full.turn_over(&scene, &params).expect("a pile");
     for step in 0..60 {
         if let (20, Some(id)) = (step, broken) {
-            sim.pile.let_go(id);
+            sim.pile.release(id);
             sim.pile.world.launch(id, DVec3::splat(f64::NAN), DVec3::ZERO);
         }
         if step == 0 {
-            (0..10).for_each(|id| sim.pile.let_go(id));
+            (0..10).for_each(|id| sim.pile.release(id));
         }
         sim.advance(&mut Silent, Stage::Hold, |_| 0.0).expect("nobody cancels");
     }

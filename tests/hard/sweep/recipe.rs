@@ -7,7 +7,7 @@ use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
 use cairn_core::input::scene::{Model, PlacedBody, Prop, Scene};
 use cairn_core::prepare::{check, shape};
-use cairn_core::world::{Insertion, Side, Touch, Units, World};
+use cairn_core::world::{ContactPair, Insertion, PairSide, Units, World};
 use glam::{DAffine3, DQuat, DVec3};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
@@ -199,7 +199,7 @@ impl Target {
 pub const MOST_OVERLAP: f64 = 0.5;
 
 /// The contacts of the bodies placed by hand, and the world that they are in.
-fn overlaps(scene: &Scene, params: &Params) -> (World, Vec<Touch>) {
+fn overlaps(scene: &Scene, params: &Params) -> (World, Vec<ContactPair>) {
     let checked = check::run(scene, params).expect("a sound recipe");
     let shapes = shape::run(scene, params, &checked.sizes, &mut Silent).expect("props with volume");
     let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
@@ -211,7 +211,7 @@ fn overlaps(scene: &Scene, params: &Params) -> (World, Vec<Touch>) {
         world.insert(&shapes[given.prop], &body).expect("props with volume");
     }
     world.zero_step();
-    let touches = world.touches(0.0);
+    let touches = world.contact_pairs(0.0);
     (world, touches)
 }
 
@@ -220,7 +220,7 @@ fn thinned(scene: Scene, params: &Params) -> Scene {
     let (world, touches) = overlaps(&scene, params);
     let mut out = BTreeSet::new();
     for touch in touches.iter().filter(|t| t.depth() > MOST_OVERLAP * world.pair_thickness(t)) {
-        let last = if let Side::Body(b) = touch.b { b } else { touch.a };
+        let last = if let PairSide::Body(b) = touch.b { b } else { touch.a };
         if !out.contains(&touch.a) {
             out.insert(last);
         }
@@ -236,8 +236,8 @@ pub fn overlap_moment(scene: &Scene, params: &Params) -> f64 {
     }
     let (world, touches) = overlaps(scene, params);
     let mass = |id: usize| scene.bodies[id].mass.unwrap_or(0.0);
-    let moment = |t: &Touch| {
-        let other = if let Side::Body(b) = t.b { mass(b) } else { 0.0 };
+    let moment = |t: &ContactPair| {
+        let other = if let PairSide::Body(b) = t.b { mass(b) } else { 0.0 };
         t.depth() * world.units.length * (mass(t.a) + other)
     };
     touches.iter().map(moment).sum()

@@ -7,7 +7,7 @@ use crate::geometry::contact::{self, Bearing};
 use crate::measure::{self, Overlap};
 use crate::sim::pile::REST_SPEED;
 use crate::sim::whole::{REAL_CONTACT, Whole};
-use crate::world::{BodyId, Touch, World};
+use crate::world::{BodyId, ContactPair, World};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
@@ -18,7 +18,7 @@ const UNBALANCED: f64 = 0.1;
 pub fn figures(world: &World) -> Figures {
     // `hanging` counts contacts up to d/200, which may be more than the thickness tolerance of thin props.
     let thinnest = world.present().map(|id| world.bodies()[id].thickness).fold(f64::INFINITY, f64::min);
-    let touches = world.touches(REAL_CONTACT.max(contact::CARRYING_GAP / thinnest));
+    let touches = world.contact_pairs(REAL_CONTACT.max(contact::CARRYING_GAP / thinnest));
     let mut contacts: Vec<Bearing> = touches.iter().flat_map(|t| t.bearings(world)).collect();
     contacts.extend(world.glue_bearings());
     let is_movable = |id: BodyId| world.is_present(id) && !world.bodies()[id].role.stands();
@@ -26,7 +26,7 @@ pub fn figures(world: &World) -> Figures {
         (0..world.bodies().len()).map(|id| is_movable(id) && world.speed(id) < REST_SPEED).collect();
     // Engine units: d is 1.
     let hanging = contact::hanging(&at_rest, &contacts, 1.0).len();
-    let overlap = |t: &Touch| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
+    let overlap = |t: &ContactPair| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
     let penetration = measure::penetration(&touches.iter().map(overlap).collect::<Vec<_>>());
     BTreeMap::from([
         ("hanging", Some(hanging as f64)),

@@ -4,19 +4,19 @@ use super::inputs::Inputs;
 use crate::prepare::effects::{Count, EffectName};
 use crate::prepare::shape::Outline;
 use crate::sim::step::Simulation;
-use crate::world::Counters;
+use crate::world::WorldCounters;
 use std::collections::BTreeMap;
 
 /// All counts. `freed_steps`: of the further simulation that tells what stands by itself.
 pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<Count, u64> {
     let (scene, pile) = (inputs.scene, &sim.pile);
     let filled = inputs.filled.map(|(_, filled)| filled);
-    let (tally, done, world) = (pile.control.tally(), pile.done, &pile.world);
+    let (tally, done, world) = (pile.control.counters(), pile.done, &pile.world);
     let glue = pile.glue.tally;
     let of_kind = |is: fn(&Outline) -> bool| pile.shapes.iter().filter(|s| is(&s.solid.outline())).count() as u64;
     let steps_if = |on: bool| if on { pile.step } else { 0 };
     let removed = filled.map(|filled| filled.removed).unwrap_or_default();
-    let both = |of: fn(&Counters) -> u64| of(&world.counters) + filled.map_or(0, |filled| of(&filled.counters));
+    let both = |of: fn(&WorldCounters) -> u64| of(&world.counters) + filled.map_or(0, |filled| of(&filled.counters));
     BTreeMap::from([
         (Count::FillSteps, filled.map_or(0, |filled| filled.steps)),
         (Count::FillBodySteps, filled.map_or(0, |filled| filled.counters.awake_body_steps)),

@@ -60,7 +60,7 @@ const FALLEN: f64 = 0.25;
 
 /// What the control did, and what it cost.
 pub fn control(sim: &Simulation) -> Figures {
-    let tally = sim.pile.control.tally();
+    let tally = sim.pile.control.counters();
     let ratio = |a: f64, b: f64| (b > 0.0).then_some(a / b);
     BTreeMap::from([
         ("nails_peak", Some(tally.nails_peak as f64)),

@@ -5,7 +5,7 @@ use crate::geometry::pose::Pose;
 use crate::geometry::rectangle::{convex_hull, smallest_rectangle};
 use crate::prepare::shape::{Shape, corners};
 use crate::sim::whole::REAL_CONTACT;
-use crate::world::{BodyId, Side, World};
+use crate::world::{BodyId, PairSide, World};
 use glam::DVec2;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::FRAC_PI_2;
@@ -37,9 +37,9 @@ pub fn figures(world: &World, shapes: &[Shape]) -> Figures {
         })
         .collect();
     let (mut pairs, mut aligned) = (0, 0);
-    let mut below: BTreeMap<BodyId, BTreeSet<Side>> = BTreeMap::new();
-    for touch in world.touches(REAL_CONTACT) {
-        if let Side::Body(b) = touch.b
+    let mut below: BTreeMap<BodyId, BTreeSet<PairSide>> = BTreeMap::new();
+    for touch in world.contact_pairs(REAL_CONTACT) {
+        if let PairSide::Body(b) = touch.b
             && let (Some(one), Some(other)) = (directions.get(&touch.a), directions.get(&b))
         {
             let apart = (one - other).rem_euclid(FRAC_PI_2);
@@ -48,12 +48,12 @@ pub fn figures(world: &World, shapes: &[Shape]) -> Figures {
         }
         let up = touch.points.iter().map(|p| p.normal.y).sum::<f64>() / touch.points.len().max(1) as f64;
         match touch.b {
-            Side::Body(b) if up < -UPWARD => below.entry(b).or_default().insert(Side::Body(touch.a)),
+            PairSide::Body(b) if up < -UPWARD => below.entry(b).or_default().insert(PairSide::Body(touch.a)),
             side if up > UPWARD => below.entry(touch.a).or_default().insert(side),
             _ => false,
         };
     }
-    let on_others = || below.values().filter(|below| below.iter().all(|side| matches!(side, Side::Body(_))));
+    let on_others = || below.values().filter(|below| below.iter().all(|side| matches!(side, PairSide::Body(_))));
     let share = |some: usize, all: usize| (all > 0).then(|| some as f64 / all as f64);
     BTreeMap::from([
         ("flat_share", share(bodies.iter().filter(flat).count(), bodies.len())),

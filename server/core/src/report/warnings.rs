@@ -71,7 +71,7 @@ pub fn fill(inputs: &Inputs, filled: &Filled, first: &ShapeMeasures) -> Vec<Stri
 fn guard(sim: &Simulation) -> Vec<String> {
     let name = |id: BodyId| format!("{id} ({})", sim.pile.scene.props[sim.pile.instances[id].prop].model.name);
     let actions = &sim.guard.actions;
-    let mut warnings = guard::told(&actions.aside, name);
+    let mut warnings = guard::describe_aside(&actions.aside, name);
     warnings.iter_mut().for_each(|text| text.push_str(" and were set aside"));
     if actions.retries > 0 {
         warnings.push(format!("{} steps gained energy or speed and were taken again in smaller ones", actions.retries));

@@ -126,7 +126,7 @@ impl<'a> Events<'a> {
         self.pinned.retain(|k| k.0 > self.time);
         for id in due {
             pile.disturb();
-            pile.let_go(id);
+            pile.release(id);
         }
         if let Some((_, gently)) = self.until.filter(|until| until.0 <= self.time) {
             self.until = None;

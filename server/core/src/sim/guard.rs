@@ -21,26 +21,26 @@ pub struct Actions {
     /// Times that the contacts were stiffened for a while, because of that.
     pub stiffened: u64,
     /// Bodies set aside, and why.
-    pub aside: Vec<(BodyId, Fault)>,
+    pub aside: Vec<(BodyId, AsideReason)>,
 }
 
 /// Why a body was set aside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Fault {
+pub enum AsideReason {
     NotFinite,
     TooFast,
     BelowGround,
 }
 
-impl Fault {
-    pub const ALL: [Fault; 3] = [Fault::NotFinite, Fault::TooFast, Fault::BelowGround];
+impl AsideReason {
+    pub const ALL: [AsideReason; 3] = [AsideReason::NotFinite, AsideReason::TooFast, AsideReason::BelowGround];
 
     /// What is said of the bodies.
-    pub fn told(self) -> &'static str {
+    pub fn description(self) -> &'static str {
         match self {
-            Fault::NotFinite => "became numerically unstable",
-            Fault::TooFast => "became faster than anything in the scene could make them",
-            Fault::BelowGround => "fell through the ground",
+            AsideReason::NotFinite => "became numerically unstable",
+            AsideReason::TooFast => "became faster than anything in the scene could make them",
+            AsideReason::BelowGround => "fell through the ground",
         }
     }
 }
@@ -156,9 +156,9 @@ impl Guard {
         } else if weighed {
             self.in_a_row = 0;
         }
-        let unstable = lost.iter().map(|&id| (id, Fault::NotFinite));
-        let faults: Vec<(BodyId, Fault)> = unstable.chain(self.faults(world)).collect();
-        faults.iter().filter(|f| f.1 != Fault::NotFinite).for_each(|f| world.remove(f.0));
+        let unstable = lost.iter().map(|&id| (id, AsideReason::NotFinite));
+        let faults: Vec<(BodyId, AsideReason)> = unstable.chain(self.faults(world)).collect();
+        faults.iter().filter(|f| f.1 != AsideReason::NotFinite).for_each(|f| world.remove(f.0));
         self.actions.aside.extend(&faults);
         self.look_for_overlaps(world);
         self.step += 1;
@@ -168,7 +168,7 @@ impl Guard {
     /// A step that nobody watches: only what the engine itself gives up is set aside.
     fn unwatched(&mut self, world: &mut World) {
         let lost = world.step();
-        self.actions.aside.extend(lost.into_iter().map(|id| (id, Fault::NotFinite)));
+        self.actions.aside.extend(lost.into_iter().map(|id| (id, AsideReason::NotFinite)));
     }
 
     /// Takes note of the bodies that came since the last step. Returns whether any did.
@@ -193,11 +193,11 @@ impl Guard {
     }
 
     /// Bodies that are where, or as fast as, none can be.
-    fn faults(&self, world: &World) -> Vec<(BodyId, Fault)> {
+    fn faults(&self, world: &World) -> Vec<(BodyId, AsideReason)> {
         let most = self.most_speed();
         // What is placed below the ground is on its way up.
         let astray = world.astray(most, SPIN_FACTOR * most, self.ground, PUSH_OUT);
-        let fault = |(id, too_fast)| (id, if too_fast { Fault::TooFast } else { Fault::BelowGround });
+        let fault = |(id, too_fast)| (id, if too_fast { AsideReason::TooFast } else { AsideReason::BelowGround });
         astray.into_iter().map(fault).collect()
     }
 
@@ -234,7 +234,7 @@ impl Guard {
         let text = format!(
             "the simulation does not stay stable: {}; raise physics.substeps, make physics.step shorter, or bring the bodies' sizes and \
              masses nearer to each other",
-            told(&self.actions.aside, |id| id.to_string()).join("; ")
+            describe_aside(&self.actions.aside, |id| id.to_string()).join("; ")
         );
         Err(Error::Invalid(vec![Problem::new("physics.substeps", text)]))
     }
@@ -248,17 +248,17 @@ impl Guard {
 }
 
 /// A sentence for each reason for which bodies were set aside.
-pub fn told(aside: &[(BodyId, Fault)], name: impl Fn(BodyId) -> String) -> Vec<String> {
+pub fn describe_aside(aside: &[(BodyId, AsideReason)], name: impl Fn(BodyId) -> String) -> Vec<String> {
     /// So many are named.
     const NAMED: usize = 8;
-    let sentence = |fault: Fault| {
+    let sentence = |fault: AsideReason| {
         let all: Vec<BodyId> = aside.iter().filter(|a| a.1 == fault).map(|a| a.0).collect();
         let names: Vec<String> = all.iter().take(NAMED).map(|&id| name(id)).collect();
         let more = if all.len() > NAMED { ", ..." } else { "" };
         let count = all.len();
-        (count > 0).then(|| format!("bodies {}{more} ({count} in all) {}", names.join(", "), fault.told()))
+        (count > 0).then(|| format!("bodies {}{more} ({count} in all) {}", names.join(", "), fault.description()))
     };
-    Fault::ALL.into_iter().filter_map(sentence).collect()
+    AsideReason::ALL.into_iter().filter_map(sentence).collect()
 }
 
 /// Fastest that any point of moving scenery gets, m/s.

@@ -109,7 +109,7 @@ impl<'a> Pile<'a> {
     }
 
     /// A waiting or pinned body is let go.
-    pub fn let_go(&mut self, id: BodyId) {
+    pub fn release(&mut self, id: BodyId) {
         self.control.release(id);
         self.policy.release(&mut self.world, id);
     }
@@ -121,7 +121,7 @@ impl<'a> Pile<'a> {
     }
 
     /// The pile rests, and is let go gently: it is to stand by itself, and only then is it done.
-    pub fn wean(&mut self) {
+    pub fn release_gently(&mut self) {
         self.latest_event = self.step;
         self.stop_holding(true);
     }

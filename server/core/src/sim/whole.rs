@@ -2,7 +2,7 @@
 
 use crate::equilibrium::global::{GlobalBody, GlobalContact, GlobalProblem};
 use crate::equilibrium::glue::{self, GlueError, GlueProblem, GlueTouch};
-use crate::world::{BodyId, Side, Touch, World};
+use crate::world::{BodyId, ContactPair, PairSide, World};
 use glam::DVec3;
 use std::ops::ControlFlow;
 
@@ -34,7 +34,7 @@ impl Whole {
         let index = |id: BodyId| ids.binary_search(&id).ok();
         let mut all: Vec<GlobalContact> = Vec::new();
         let mut touches = Vec::new();
-        for touch in &world.touches(gap) {
+        for touch in &world.contact_pairs(gap) {
             let from = all.len();
             all.extend(contacts(touch, &index).into_iter().flatten());
             touches.extend(all.get(from).map(|&GlobalContact { body, other, point, .. }| GlueTouch {
@@ -69,12 +69,12 @@ impl Whole {
 
 /// The contacts of a touch; `None` between two things that do not move. `index`: of a body that may.
 pub fn contacts(
-    touch: &Touch,
+    touch: &ContactPair,
     index: &impl Fn(BodyId) -> Option<usize>,
 ) -> Option<impl Iterator<Item = GlobalContact>> {
     let other = match touch.b {
-        Side::Body(b) => index(b),
-        Side::Ground | Side::Scenery | Side::Moving => None,
+        PairSide::Body(b) => index(b),
+        PairSide::Ground | PairSide::Scenery | PairSide::Moving => None,
     };
     // Normals point into the first of the pair.
     let (body, other, side) = match (index(touch.a), other) {
@@ -83,7 +83,7 @@ pub fn contacts(
         (None, None) => return None,
     };
     let friction = touch.friction;
-    let contact = move |p: &crate::world::TouchPoint| GlobalContact {
+    let contact = move |p: &crate::world::ContactPoint| GlobalContact {
         body,
         other,
         point: p.point,

@@ -15,7 +15,7 @@ use crate::input::scene::Scene;
 use crate::prepare::container::{Container, Walls};
 use crate::prepare::shape::Shape;
 use crate::sim::instance::Instance;
-use crate::world::{Counters, Units, WallId, World};
+use crate::world::{Units, WallId, World, WorldCounters};
 use filling::Filling;
 use glam::DVec3;
 use mixture::Mixture;
@@ -37,7 +37,7 @@ pub struct Filled {
     /// Triangles that simplification took from the walls, and how far it moved them, in d.
     pub wall_triangles_saved: usize,
     pub wall_deviation: f64,
-    pub counters: Counters,
+    pub counters: WorldCounters,
 }
 
 /// Bodies that the fill took out again, by reason.

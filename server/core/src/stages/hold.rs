@@ -100,7 +100,7 @@ pub fn run(
         if rests && to_stand {
             match params.control.stand {
                 Switch::On => sim.pile.end_control(true),
-                Switch::Auto | Switch::Off => sim.pile.wean(),
+                Switch::Auto | Switch::Off => sim.pile.release_gently(),
             }
             (to_stand, calm, rest) = (false, Calm::default(), None);
         } else if rests && sim.pile.step - begin >= least_steps {

@@ -111,7 +111,7 @@ impl World {
     }
 
     /// Lets a body through the container's walls, up to those around it.
-    pub fn let_out(&mut self, id: BodyId) {
+    pub fn allow_outside(&mut self, id: BodyId) {
         let groups = InteractionGroups::new(LET_OUT, Group::ALL, InteractionTestMode::And);
         self.engine.colliders[self.bodies[id].collider].set_collision_groups(groups);
     }

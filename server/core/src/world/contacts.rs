@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 /// What a body touches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Side {
+pub enum PairSide {
     Body(BodyId),
     Ground,
     Scenery,
@@ -42,18 +42,18 @@ impl Claims {
 
 /// Two things that touch.
 #[derive(Clone, Debug)]
-pub struct Touch {
+pub struct ContactPair {
     pub a: BodyId,
     /// A body behind `a` in the order, or what stands still.
-    pub b: Side,
+    pub b: PairSide,
     /// Friction coefficient of the pair: the mean of both.
     pub friction: f64,
-    pub points: Vec<TouchPoint>,
+    pub points: Vec<ContactPoint>,
 }
 
 /// One point of a contact, engine units.
 #[derive(Clone, Copy, Debug)]
-pub struct TouchPoint {
+pub struct ContactPoint {
     /// Halfway between the two surfaces.
     pub point: DVec3,
     /// Unit, into `a`.
@@ -62,7 +62,7 @@ pub struct TouchPoint {
     pub gap: f64,
 }
 
-impl Touch {
+impl ContactPair {
     /// Largest overlap of the pair, 0 where there is none.
     pub fn depth(&self) -> f64 {
         self.points.iter().map(|p| -p.gap).fold(0.0, f64::max)
@@ -76,8 +76,8 @@ impl Touch {
         };
         let a = side(self.a);
         let b = match self.b {
-            Side::Body(id) => side(id),
-            Side::Ground | Side::Scenery | Side::Moving => contact::End::Fixed,
+            PairSide::Body(id) => side(id),
+            PairSide::Ground | PairSide::Scenery | PairSide::Moving => contact::End::Fixed,
         };
         self.points.iter().map(move |p| Bearing { a, b, normal: p.normal, gap: p.gap })
     }
@@ -95,20 +95,20 @@ const LEAST_SHARE: usize = 64;
 impl World {
     /// Pairs with a gap of at most `tolerance` times the thinner one's thickness, in order of `(a, b)`. Exact: from the
     /// poses, not from the engine's memory. Walls of a container are not told.
-    pub fn touches(&self, tolerance: f64) -> Vec<Touch> {
-        self.touches_since(tolerance, &[], &[])
+    pub fn contact_pairs(&self, tolerance: f64) -> Vec<ContactPair> {
+        self.contact_pairs_since(tolerance, &[], &[])
     }
 
     /// The same, where `before` was the answer when the bodies marked in `still` (shape `[body]`) stood where they stand
     /// now, or near enough: pairs of which neither has moved are taken from there.
-    pub fn touches_since(&self, tolerance: f64, before: &[Touch], still: &[bool]) -> Vec<Touch> {
+    pub fn contact_pairs_since(&self, tolerance: f64, before: &[ContactPair], still: &[bool]) -> Vec<ContactPair> {
         let is_still = |id: BodyId| still.get(id).copied().unwrap_or(false);
         // What a still body meets, where that is still, too.
-        let stays = |side: Side| match side {
-            Side::Body(b) => is_still(b) && self.is_present(b),
-            Side::Ground => true,
-            Side::Scenery => self.moving.is_empty(),
-            Side::Moving => false,
+        let stays = |side: PairSide| match side {
+            PairSide::Body(b) => is_still(b) && self.is_present(b),
+            PairSide::Ground => true,
+            PairSide::Scenery => self.moving.is_empty(),
+            PairSide::Moving => false,
         };
         let moved: Vec<BodyId> = self.present().filter(|&id| !is_still(id) || !self.moving.is_empty()).collect();
         let touches_of = |&a: &BodyId| {
@@ -116,21 +116,21 @@ impl World {
             for (side, other) in self.near(a, tolerance) {
                 match side {
                     // Found from the other one, if that has moved.
-                    Side::Body(_) if is_still(a) => {}
+                    PairSide::Body(_) if is_still(a) => {}
                     _ if is_still(a) && stays(side) => {}
                     // A pair of two that have moved is found by the earlier one.
-                    Side::Body(b) if b < a && !is_still(b) => {}
-                    Side::Body(b) if b < a => {
-                        self.touch(b, Side::Body(a), self.bodies[a].collider, tolerance, &mut touches);
+                    PairSide::Body(b) if b < a && !is_still(b) => {}
+                    PairSide::Body(b) if b < a => {
+                        self.touch(b, PairSide::Body(a), self.bodies[a].collider, tolerance, &mut touches);
                     }
                     _ => self.touch(a, side, other, tolerance, &mut touches),
                 }
             }
             touches
         };
-        let found: Vec<Vec<Touch>> = moved.par_iter().with_min_len(LEAST_SHARE).map(touches_of).collect();
+        let found: Vec<Vec<ContactPair>> = moved.par_iter().with_min_len(LEAST_SHARE).map(touches_of).collect();
         let kept = before.iter().filter(|t| is_still(t.a) && self.is_present(t.a) && stays(t.b)).cloned();
-        let mut touches: Vec<Touch> = found.into_iter().flatten().chain(kept).collect();
+        let mut touches: Vec<ContactPair> = found.into_iter().flatten().chain(kept).collect();
         // In the order of the bodies, whoever finds them.
         touches.sort_by_key(|t| (t.a, t.b));
         touches
@@ -143,22 +143,22 @@ impl World {
     }
 
     /// Bodies with a gap of at most `tolerance` times their thickness to the ground or to scenery that stands still, in order.
-    pub fn near_what_stands(&self, tolerance: f64) -> Vec<Touch> {
+    pub fn static_contact_pairs(&self, tolerance: f64) -> Vec<ContactPair> {
         let mut touches = Vec::new();
         for a in self.present() {
             let near = self.near(a, tolerance).into_iter();
-            near.filter(|(side, _)| matches!(side, Side::Ground | Side::Scenery))
+            near.filter(|(side, _)| matches!(side, PairSide::Ground | PairSide::Scenery))
                 .for_each(|(b, other)| self.touch(a, b, other, tolerance, &mut touches));
         }
         touches
     }
 
     /// What may be within `tolerance` times its thickness of body `a`, in order.
-    fn near(&self, a: BodyId, tolerance: f64) -> Vec<(Side, ColliderHandle)> {
+    fn near(&self, a: BodyId, tolerance: f64) -> Vec<(PairSide, ColliderHandle)> {
         let collider = &self.engine.colliders[self.bodies[a].collider];
         let reach = tolerance * self.bodies[a].thickness;
         let aabb = collider.compute_aabb().loosened((reach + STALE_INDEX) as f32);
-        let mut near: Vec<(Side, ColliderHandle)> =
+        let mut near: Vec<(PairSide, ColliderHandle)> =
             self.query().intersect_aabb_conservative(aabb).filter_map(|(h, c)| Some((self.side(a, c)?, h))).collect();
         near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
         near
@@ -178,14 +178,14 @@ impl World {
     }
 
     /// Thickness of the thinner one of a pair.
-    pub fn pair_thickness(&self, touch: &Touch) -> f64 {
+    pub fn pair_thickness(&self, touch: &ContactPair) -> f64 {
         self.thinner(touch.a, touch.b)
     }
 
-    fn thinner(&self, a: BodyId, b: Side) -> f64 {
+    fn thinner(&self, a: BodyId, b: PairSide) -> f64 {
         match b {
-            Side::Body(b) => self.bodies[a].thickness.min(self.bodies[b].thickness),
-            Side::Ground | Side::Scenery | Side::Moving => self.bodies[a].thickness,
+            PairSide::Body(b) => self.bodies[a].thickness.min(self.bodies[b].thickness),
+            PairSide::Ground | PairSide::Scenery | PairSide::Moving => self.bodies[a].thickness,
         }
     }
 
@@ -199,8 +199,8 @@ impl World {
     }
 
     /// What a collider is to body `a`; `None` for itself and for a container.
-    fn side(&self, a: BodyId, collider: &Collider) -> Option<Side> {
-        self.what(collider).filter(|side| !matches!(side, Side::Body(id) if *id == a))
+    fn side(&self, a: BodyId, collider: &Collider) -> Option<PairSide> {
+        self.what(collider).filter(|side| !matches!(side, PairSide::Body(id) if *id == a))
     }
 
     /// The body that a collider is of. `None`, too, for what has been removed since the last step: the engine's contacts
@@ -211,20 +211,20 @@ impl World {
     }
 
     /// What a collider is; `None` for a container.
-    pub(super) fn what(&self, collider: &Collider) -> Option<Side> {
+    pub(super) fn what(&self, collider: &Collider) -> Option<PairSide> {
         match collider.user_data {
             CONTAINER => None,
-            GROUND => Some(Side::Ground),
+            GROUND => Some(PairSide::Ground),
             data if data >= FIRST_MOVING => {
                 let moves = self.moving[(data - FIRST_MOVING) as usize].moves;
-                Some(if moves { Side::Moving } else { Side::Scenery })
+                Some(if moves { PairSide::Moving } else { PairSide::Scenery })
             }
-            data if data >= FIRST_BODY => Some(Side::Body((data - FIRST_BODY) as usize)),
-            _ => Some(Side::Scenery),
+            data if data >= FIRST_BODY => Some(PairSide::Body((data - FIRST_BODY) as usize)),
+            _ => Some(PairSide::Scenery),
         }
     }
 
-    fn touch(&self, a: BodyId, b: Side, other: ColliderHandle, tolerance: f64, out: &mut Vec<Touch>) {
+    fn touch(&self, a: BodyId, b: PairSide, other: ColliderHandle, tolerance: f64, out: &mut Vec<ContactPair>) {
         let (first, second) = (&self.engine.colliders[self.bodies[a].collider], &self.engine.colliders[other]);
         let limit = tolerance * self.thinner(a, b);
         let pos12 = first.position().inv_mul(second.position());
@@ -257,17 +257,17 @@ impl World {
                 let finite = p1.is_finite() && p2.is_finite() && normal.is_finite() && normal.length_squared() > 0.25;
                 if gap <= limit && finite {
                     let point = (p1.as_dvec3() + p2.as_dvec3()) / 2.0;
-                    points.push(TouchPoint { point, normal: normal.as_dvec3().normalize(), gap });
+                    points.push(ContactPoint { point, normal: normal.as_dvec3().normalize(), gap });
                 }
             }
         }
         if !points.is_empty() {
             let theirs = match b {
-                Side::Body(b) => self.bodies[b].friction,
-                Side::Ground | Side::Scenery | Side::Moving => second.friction() as f64,
+                PairSide::Body(b) => self.bodies[b].friction,
+                PairSide::Ground | PairSide::Scenery | PairSide::Moving => second.friction() as f64,
             };
             let friction = (self.bodies[a].friction + theirs) / 2.0;
-            out.push(Touch { a, b, friction, points });
+            out.push(ContactPair { a, b, friction, points });
         }
     }
 

@@ -1,6 +1,6 @@
 //! Depenetration: what overlaps is parted by position.
 
-use super::{BodyId, Side, World};
+use super::{BodyId, PairSide, World};
 use glam::DVec3;
 use rapier3d::prelude::*;
 
@@ -63,8 +63,8 @@ impl World {
     }
 
     fn overlaps_by_more_than(&self, residual: f64) -> bool {
-        let touches = self.touches(0.0);
-        let pairs = touches.iter().filter(|touch| matches!(touch.b, Side::Body(_)));
+        let touches = self.contact_pairs(0.0);
+        let pairs = touches.iter().filter(|touch| matches!(touch.b, PairSide::Body(_)));
         let depths: Vec<f64> = pairs.map(|touch| touch.depth() / self.pair_thickness(touch)).collect();
         let deeper = depths.iter().filter(|&&depth| depth > residual).count();
         deeper as f64 > DEEPER * depths.len() as f64 || depths.iter().any(|&depth| depth > DEEPEST * residual)

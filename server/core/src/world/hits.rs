@@ -1,14 +1,14 @@
 //! Who is about to hit whom: what is held must be free before it is hit, or it would stop the other like a wall.
 
 use super::contacts::STALE_INDEX;
-use super::{BodyId, Role, Side, World};
+use super::{BodyId, PairSide, Role, World};
 use glam::DVec3;
 use rapier3d::parry::query;
 use rapier3d::prelude::*;
 
 /// A free body that will touch a held one within the next steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit {
+pub struct ComingHit {
     pub hitter: BodyId,
     pub frozen: BodyId,
     /// Of their approach, engine units.
@@ -22,7 +22,7 @@ const NEAR_MOVING: f64 = 0.05;
 
 impl World {
     /// The coming hits on held bodies that are faster than `least`, in order of hitter and held.
-    pub fn hits_ahead(&self, least: f64) -> Vec<Hit> {
+    pub fn hits_ahead(&self, least: f64) -> Vec<ComingHit> {
         let mut hits = Vec::new();
         let fast = |&id: &BodyId| self.bodies[id].role == Role::Free && self.speed(id) > least;
         for hitter in self.present().filter(fast) {
@@ -31,7 +31,7 @@ impl World {
             near.sort_unstable();
             for frozen in near {
                 if let Some(speed) = self.approach(hitter, frozen, reach).filter(|&speed| speed > least) {
-                    hits.push(Hit { hitter, frozen, speed });
+                    hits.push(ComingHit { hitter, frozen, speed });
                 }
             }
         }
@@ -60,7 +60,7 @@ impl World {
     fn frozen_around(&self, collider: ColliderHandle, distance: f64) -> Vec<BodyId> {
         let aabb = self.engine.colliders[collider].compute_aabb().loosened(distance as f32);
         let frozen = |(_, other): (ColliderHandle, &Collider)| match self.what(other) {
-            Some(Side::Body(id)) if self.bodies[id].role == Role::Frozen => Some(id),
+            Some(PairSide::Body(id)) if self.bodies[id].role == Role::Frozen => Some(id),
             _ => None,
         };
         self.query().intersect_aabb_conservative(aabb).filter_map(frozen).collect()

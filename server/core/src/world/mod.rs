@@ -28,9 +28,9 @@ use rapier3d::prelude::*;
 use std::sync::Arc;
 
 pub use clusters::ClusterId;
-pub use contacts::{Claims, Side, Touch, TouchPoint};
+pub use contacts::{Claims, ContactPair, ContactPoint, PairSide};
 pub use guarded::{Energy, Snapshot};
-pub use hits::Hit;
+pub use hits::ComingHit;
 use manifold::{Manifolds, SOLVED};
 pub use motion::{FrictionExcess, Momentum};
 pub use nails::NailId;
@@ -97,7 +97,7 @@ pub struct WorldBody {
 
 /// What effects have done so far: bodies, summed over the steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Counters {
+pub struct WorldCounters {
     /// Bodies that the engine moved.
     pub awake_body_steps: u64,
     /// Pairs of near boxes that the engine kept.
@@ -139,7 +139,7 @@ pub struct World {
     ccd: Switch,
     /// Steps taken.
     pub steps: u64,
-    pub counters: Counters,
+    pub counters: WorldCounters,
 }
 
 /// Colliders tell what they are by their user data: these, or [`FIRST_BODY`] plus a body's index.
@@ -232,7 +232,7 @@ impl World {
             rolling: rolling::Rolling::new(physics),
             ccd: physics.switches.continuous_collision,
             steps: 0,
-            counters: Counters::default(),
+            counters: WorldCounters::default(),
         }
     }
 

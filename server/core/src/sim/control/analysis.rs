@@ -2,7 +2,7 @@
 //! where nothing has changed.
 
 use super::eligibility::Eligibility;
-use super::tally::{BodyProblem, Tally};
+use super::tally::{BodyProblem, ControlCounters};
 use crate::equilibrium::{
     Analyser, Candidacy, CandidateRules, FrictionLaw, FrictionReserve, LocalContact, LocalProblem, Options, Solver,
     Spread,
@@ -10,7 +10,7 @@ use crate::equilibrium::{
 use crate::geometry::contact;
 use crate::geometry::pose::Pose;
 use crate::input::params::{self, ContactSelection, Control as ControlParams, FrictionCone};
-use crate::world::{BodyId, Role, Side, Touch, World};
+use crate::world::{BodyId, ContactPair, PairSide, Role, World};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -33,7 +33,7 @@ pub struct Analysis<'a> {
     /// Passed the latest analysis and candidate rules. Shape `[body]`.
     pub candidates: Vec<bool>,
     /// What touched in the latest cycle.
-    pub touches: Vec<Touch>,
+    pub touches: Vec<ContactPair>,
     /// Bodies that have not moved since. Shape `[body]`.
     unmoved: Vec<bool>,
     /// Where each body was when its touches were last worked out. Shape `[body]`.
@@ -66,14 +66,14 @@ impl<'a> Analysis<'a> {
     }
 
     /// What touches now. Pairs of bodies that are, up to [`RECYCLED`], where they were are not worked out anew.
-    pub fn touch(&mut self, world: &World) -> Vec<Touch> {
+    pub fn touch(&mut self, world: &World) -> Vec<ContactPair> {
         let tolerance = self.params.contact_tolerance;
         let near = |(id, seen): (BodyId, &Pose)| {
             let body = &world.bodies()[id];
             world.is_present(id) && seen.moved(&world.pose(id), body.radius) <= RECYCLED * tolerance * body.thickness
         };
         let still: Vec<bool> = self.seen.iter().enumerate().map(near).collect();
-        let touches = carrying(world.touches_since(tolerance, &self.touches, &still));
+        let touches = carrying(world.contact_pairs_since(tolerance, &self.touches, &still));
         self.seen.resize(world.bodies().len(), Pose::IDENTITY);
         for id in world.present().filter(|&id| !still.get(id).is_some_and(|&still| still)) {
             self.seen[id] = world.pose(id);
@@ -82,7 +82,7 @@ impl<'a> Analysis<'a> {
     }
 
     /// At the end of a cycle: takes note of what the verdicts rest on.
-    pub fn note(&mut self, world: &World, touches: Vec<Touch>) {
+    pub fn note(&mut self, world: &World, touches: Vec<ContactPair>) {
         self.touches = touches;
         if self.keeps_verdicts {
             let stands = |role: Role| matches!(role, Role::Frozen | Role::Waiting | Role::Pinned);
@@ -92,19 +92,19 @@ impl<'a> Analysis<'a> {
 
     /// Bodies that are frozen and touch nothing that moved, appeared or began to carry since their last verdict: it still holds.
     /// Shape `[body]`.
-    fn unchanged(&self, world: &World, touches: &[Touch]) -> Vec<bool> {
+    fn unchanged(&self, world: &World, touches: &[ContactPair]) -> Vec<bool> {
         let unmoved = |id: BodyId| self.unmoved.get(id).copied().unwrap_or(false);
         let frozen = |id: BodyId| unmoved(id) && world.bodies()[id].role == Role::Frozen;
         let mut unchanged: Vec<bool> = (0..world.bodies().len()).map(frozen).collect();
         for t in touches {
-            if let Side::Body(b) = t.b {
+            if let PairSide::Body(b) = t.b {
                 unchanged[t.a] &= unmoved(b);
                 unchanged[b] &= unmoved(t.a);
             }
         }
         for t in &self.touches {
             // What has gone away carried, too.
-            if let Side::Body(b) = t.b {
+            if let PairSide::Body(b) = t.b {
                 unchanged[t.a] &= unmoved(b) && world.is_present(b);
                 unchanged[b] &= unmoved(t.a) && world.is_present(t.a);
             }
@@ -116,10 +116,10 @@ impl<'a> Analysis<'a> {
     pub fn judge_all(
         &mut self,
         world: &World,
-        touches: &[Touch],
+        touches: &[ContactPair],
         barred: &[bool],
         eligibility: &Eligibility,
-        tally: &mut Tally,
+        tally: &mut ControlCounters,
     ) {
         let unchanged = self.unchanged(world, touches);
         let contacts = contacts(world, touches, self.params.selection);
@@ -204,7 +204,7 @@ impl<'a> Analysis<'a> {
     /// The local problems that a cycle would now pose, of all released bodies with contacts: for tools that compare
     /// solvers on real piles.
     pub fn problems(&self, world: &World) -> Vec<BodyProblem> {
-        let touches = carrying(world.touches(self.params.contact_tolerance));
+        let touches = carrying(world.contact_pairs(self.params.contact_tolerance));
         let contacts = contacts(world, &touches, self.params.selection).into_iter().enumerate();
         let released = |id: BodyId| matches!(world.bodies()[id].role, Role::Free | Role::Frozen);
         contacts
@@ -234,20 +234,20 @@ impl Rules {
 }
 
 /// Without the contacts that are too wide to carry: a body held across one would count as hanging, however thick it is.
-fn carrying(mut touches: Vec<Touch>) -> Vec<Touch> {
+fn carrying(mut touches: Vec<ContactPair>) -> Vec<ContactPair> {
     touches.iter_mut().for_each(|t| t.points.retain(|p| p.gap <= contact::CARRYING_GAP));
     touches.retain(|t| !t.points.is_empty());
     touches
 }
 
 /// The selected contacts of each body (paper, 3.2). Shape `[body][contact]`, engine units.
-fn contacts(world: &World, touches: &[Touch], selection: ContactSelection) -> Vec<Vec<LocalContact>> {
+fn contacts(world: &World, touches: &[ContactPair], selection: ContactSelection) -> Vec<Vec<LocalContact>> {
     let mut contacts = vec![Vec::new(); world.bodies().len()];
-    let supports = |side: Side| match side {
+    let supports = |side: PairSide| match side {
         // A body that waits may be touched, but supports nothing: it will be gone from there.
-        Side::Body(id) => world.bodies()[id].role != Role::Waiting,
-        Side::Ground | Side::Scenery => true,
-        Side::Moving => false,
+        PairSide::Body(id) => world.bodies()[id].role != Role::Waiting,
+        PairSide::Ground | PairSide::Scenery => true,
+        PairSide::Moving => false,
     };
     let selected = |normal: DVec3| selection == ContactSelection::All || normal.y > 0.0;
     for t in touches {
@@ -255,8 +255,8 @@ fn contacts(world: &World, touches: &[Touch], selection: ContactSelection) -> Ve
             if supports(t.b) && selected(p.normal) {
                 contacts[t.a].push(LocalContact { point: p.point, normal: p.normal, friction: t.friction });
             }
-            if let Side::Body(b) = t.b
-                && supports(Side::Body(t.a))
+            if let PairSide::Body(b) = t.b
+                && supports(PairSide::Body(t.a))
                 && selected(-p.normal)
             {
                 contacts[b].push(LocalContact { point: p.point, normal: -p.normal, friction: t.friction });

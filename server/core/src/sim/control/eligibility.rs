@@ -3,7 +3,7 @@
 
 use crate::geometry::contact;
 use crate::geometry::region::DistanceGrid;
-use crate::world::{BodyId, Role, Side, Touch, World};
+use crate::world::{BodyId, ContactPair, PairSide, Role, World};
 use std::cell::Cell;
 use std::collections::BTreeSet;
 
@@ -52,7 +52,7 @@ impl<'a> Eligibility<'a> {
     }
 
     /// Bodies that may not be held now, whatever their contacts say. Shape `[body]`; empty where there are none.
-    pub fn barred(&mut self, world: &World, touches: &[Touch]) -> Vec<bool> {
+    pub fn barred(&mut self, world: &World, touches: &[ContactPair]) -> Vec<bool> {
         let mut barred = carried(world, touches);
         let sunk = overlapping(world, touches, DEEP);
         if self.placed.is_empty() && sunk.is_empty() {
@@ -71,9 +71,9 @@ impl<'a> Eligibility<'a> {
 
     /// Bodies slower than `speed` that no chain of contacts from below joins to the ground, rising. They are jammed between their
     /// sides, as no pile that fell into place would have it: the fill squeezed them in there.
-    pub fn hanging(&self, world: &World, touches: &[Touch], speed: f64) -> Vec<BodyId> {
+    pub fn hanging(&self, world: &World, touches: &[ContactPair], speed: f64) -> Vec<BodyId> {
         let waits = |id: BodyId| world.bodies()[id].role == Role::Waiting;
-        let released = |t: &&Touch| !waits(t.a) && !matches!(t.b, Side::Body(b) if waits(b));
+        let released = |t: &&ContactPair| !waits(t.a) && !matches!(t.b, PairSide::Body(b) if waits(b));
         let contacts: Vec<_> = touches.iter().filter(released).flat_map(|t| t.bearings(world)).collect();
         let slow = |id: BodyId| {
             let free = world.bodies()[id].role == Role::Free && world.speed(id) < speed;
@@ -85,11 +85,11 @@ impl<'a> Eligibility<'a> {
     }
 
     /// Dropped bodies that touch nothing.
-    pub fn flying(&self, touches: &[Touch]) -> BTreeSet<BodyId> {
+    pub fn flying(&self, touches: &[ContactPair]) -> BTreeSet<BodyId> {
         let mut flying = self.dropped.clone();
         for t in touches {
             flying.remove(&t.a);
-            if let Side::Body(b) = t.b {
+            if let PairSide::Body(b) = t.b {
                 flying.remove(&b);
             }
         }
@@ -104,13 +104,13 @@ pub fn is_inside(region: &DistanceGrid, world: &World, id: BodyId) -> bool {
 
 /// Bodies that moving scenery carries or pushes, directly or through others: they move with it. Shape `[body]`; empty
 /// where none moves.
-fn carried(world: &World, touches: &[Touch]) -> Vec<bool> {
+fn carried(world: &World, touches: &[ContactPair]) -> Vec<bool> {
     if !world.scenery_moves() {
         return Vec::new();
     }
     let mut carried = vec![false; world.bodies().len()];
     let joined = joined(world, touches);
-    let mut front: Vec<BodyId> = touches.iter().filter(|t| t.b == Side::Moving).map(|t| t.a).collect();
+    let mut front: Vec<BodyId> = touches.iter().filter(|t| t.b == PairSide::Moving).map(|t| t.a).collect();
     while let Some(id) = front.pop() {
         if !std::mem::replace(&mut carried[id], true) {
             front.extend(&joined[id]);
@@ -120,16 +120,16 @@ fn carried(world: &World, touches: &[Touch]) -> Vec<bool> {
 }
 
 /// Bodies deeper in something else than this share of the thinner one's thickness.
-fn overlapping(world: &World, touches: &[Touch], share: f64) -> BTreeSet<BodyId> {
+fn overlapping(world: &World, touches: &[ContactPair], share: f64) -> BTreeSet<BodyId> {
     let deep = touches.iter().filter(|t| t.depth() > share * world.pair_thickness(t));
-    deep.flat_map(|t| [Some(t.a), if let Side::Body(b) = t.b { Some(b) } else { None }]).flatten().collect()
+    deep.flat_map(|t| [Some(t.a), if let PairSide::Body(b) = t.b { Some(b) } else { None }]).flatten().collect()
 }
 
 /// The bodies that each body touches. Shape `[body]`, each in order of the touches.
-pub fn joined(world: &World, touches: &[Touch]) -> Vec<Vec<BodyId>> {
+pub fn joined(world: &World, touches: &[ContactPair]) -> Vec<Vec<BodyId>> {
     let mut joined = vec![Vec::new(); world.bodies().len()];
     for t in touches {
-        if let Side::Body(b) = t.b {
+        if let PairSide::Body(b) = t.b {
             joined[t.a].push(b);
             joined[b].push(t.a);
         }

@@ -7,7 +7,7 @@
 
 use super::eligibility::joined;
 use crate::sim::policy::Policy;
-use crate::world::{BodyId, Hit, Role, Touch, World};
+use crate::world::{BodyId, ComingHit, ContactPair, Role, World};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// A blow that leaves a body slower than this, in d per natural time, does not let it go: a fall over an eighth of d is
@@ -40,11 +40,12 @@ impl Impact {
     }
 
     /// Lets go what is about to be hit. `touches`: of the latest cycle, which has this number. Returns whom.
-    pub fn look(&mut self, world: &mut World, policy: &mut Policy, touches: &[Touch], cycle: u64) -> Vec<BodyId> {
+    pub fn look(&mut self, world: &mut World, policy: &mut Policy, touches: &[ContactPair], cycle: u64) -> Vec<BodyId> {
         self.looks += 1;
         let mass = |id: BodyId| world.bodies()[id].mass;
-        let is_blow = |hit: &Hit| mass(hit.hitter) * hit.speed > LEAST_BLOW * (mass(hit.hitter) + mass(hit.frozen));
-        let blows: Vec<Hit> = world.hits_ahead(LEAST_BLOW).into_iter().filter(is_blow).collect();
+        let is_blow =
+            |hit: &ComingHit| mass(hit.hitter) * hit.speed > LEAST_BLOW * (mass(hit.hitter) + mass(hit.frozen));
+        let blows: Vec<ComingHit> = world.hits_ahead(LEAST_BLOW).into_iter().filter(is_blow).collect();
         let mut freed = Vec::new();
         if !blows.is_empty() {
             let joined = joined(world, touches);

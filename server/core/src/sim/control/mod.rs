@@ -11,13 +11,13 @@ pub mod support;
 mod tally;
 
 pub use eligibility::is_inside;
-pub use tally::{BodyProblem, Tally};
+pub use tally::{BodyProblem, ControlCounters};
 
 use super::policy::Policy;
 use crate::geometry::region::DistanceGrid;
 use crate::input::params::Control as ControlParams;
 use crate::prepare::effects::{EffectName, Resolved};
-use crate::world::{BodyId, Role, Touch, World};
+use crate::world::{BodyId, ContactPair, Role, World};
 use analysis::Analysis;
 use eligibility::Eligibility;
 use impact::Impact;
@@ -41,7 +41,7 @@ pub struct Control<'a> {
     impact: Impact,
     /// `None`: the control is off.
     support: Option<Box<dyn Support>>,
-    tally: Tally,
+    tally: ControlCounters,
     /// It has ended for good.
     ended: bool,
 }
@@ -65,7 +65,7 @@ impl<'a> Control<'a> {
             eligibility: Eligibility::new(region.filter(|_| resolved.is_on(EffectName::Region))),
             impact: Impact::new(f64::from(params.period) * step_length),
             support: support::of(params, seed).filter(|_| resolved.is_on(EffectName::Control)),
-            tally: Tally::default(),
+            tally: ControlCounters::default(),
             ended: false,
         }
     }
@@ -100,8 +100,8 @@ impl<'a> Control<'a> {
     }
 
     /// What it has done so far.
-    pub fn tally(&self) -> Tally {
-        Tally {
+    pub fn counters(&self) -> ControlCounters {
+        ControlCounters {
             region_tests: self.eligibility.region_tests(),
             impact_looks: self.impact.looks,
             shaken: self.impact.count,
@@ -172,7 +172,7 @@ impl<'a> Control<'a> {
 
     /// Slow bodies that are not candidates lose speed, so that near contacts close gently and rest can be candidates;
     /// a falling body falls.
-    fn damp(&self, world: &World, policy: &mut Policy, touches: &[Touch]) {
+    fn damp(&self, world: &World, policy: &mut Policy, touches: &[ContactPair]) {
         if self.params.damping == 0.0 {
             return;
         }

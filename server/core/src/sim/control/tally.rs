@@ -6,7 +6,7 @@ use glam::DVec3;
 
 /// What the control has done so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Tally {
+pub struct ControlCounters {
     pub cycles: u64,
     /// Local analyses.
     pub analyses: u64,

@@ -6,7 +6,7 @@ use crate::equilibrium::glue::{GlueProblem, GlueTouch, Placement};
 use crate::geometry::region::DistanceGrid;
 use crate::sim::control;
 use crate::sim::whole::{self, REAL_CONTACT};
-use crate::world::{BodyId, Role, Side, Touch, World};
+use crate::world::{BodyId, ContactPair, PairSide, Role, World};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
@@ -27,7 +27,7 @@ pub struct Sites {
     /// Bodies that no chain of touches joins to the ground, rising: no glue holds them.
     pub apart: Vec<BodyId>,
     /// What each touch is between: a body, and another or what stands still. Shape `[touch]`.
-    pub between: Vec<(BodyId, Side)>,
+    pub between: Vec<(BodyId, PairSide)>,
     /// Normal of each touch, into its body. Shape `[touch]`.
     pub normals: Vec<DVec3>,
     /// Friction of each touch, and how far its contact points are from their middle; `None`: a peg. Shape `[touch]`.
@@ -51,20 +51,20 @@ impl Sites {
         let is_inside = |id: BodyId| region.is_none_or(|region| control::is_inside(region, world, id));
         let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && is_inside(id);
         let inside: Vec<bool> = (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
-        let mut touches = world.touches(REAL_CONTACT);
-        touches.retain(|touch| touch.b != Side::Moving);
+        let mut touches = world.contact_pairs(REAL_CONTACT);
+        touches.retain(|touch| touch.b != PairSide::Moving);
         let carrying = touches.len();
         if anchors {
-            add_new(&mut touches, world.near_what_stands(PEG));
+            add_new(&mut touches, world.static_contact_pairs(PEG));
         }
         let mut joined = joined_by(world, &inside, &touches);
         let is_apart = |joined: &[bool], id: BodyId| inside[id] && !joined[id];
         if anchors && (0..inside.len()).any(|id| is_apart(&joined, id)) {
-            let bridges = |touch: &Touch| match touch.b {
-                Side::Body(b) => is_apart(&joined, touch.a) || is_apart(&joined, b),
+            let bridges = |touch: &ContactPair| match touch.b {
+                PairSide::Body(b) => is_apart(&joined, touch.a) || is_apart(&joined, b),
                 _ => false,
             };
-            let mut near = world.touches(PEG);
+            let mut near = world.contact_pairs(PEG);
             near.retain(bridges);
             add_new(&mut touches, near);
             joined = joined_by(world, &inside, &touches);
@@ -96,7 +96,7 @@ impl Sites {
         for (k, touch) in touches.iter().enumerate() {
             // What is neither in the pile nor stands still carries nothing here.
             let stands = |id: BodyId| joined[id] || pinned(id);
-            if stands(touch.a) && !matches!(touch.b, Side::Body(b) if !stands(b)) {
+            if stands(touch.a) && !matches!(touch.b, PairSide::Body(b) if !stands(b)) {
                 sites.add(touch, touch.depth() / world.pair_thickness(touch), k < carrying, k >= pegs, anchors);
             }
         }
@@ -187,14 +187,15 @@ impl Sites {
         dot
     }
 
-    fn add(&mut self, touch: &Touch, depth: f64, carries: bool, bridges: bool, anchors: bool) {
+    fn add(&mut self, touch: &ContactPair, depth: f64, carries: bool, bridges: bool, anchors: bool) {
         let index = |id: BodyId| self.ids.binary_search(&id).ok();
         let Some(mut contacts) = whole::contacts(touch, &index).map(|all| all.collect::<Vec<_>>()) else { return };
         let Some(&GlobalContact { body, other, .. }) = contacts.first() else { return };
         let count = contacts.len() as f64;
         let center = contacts.iter().map(|c| c.point).sum::<DVec3>() / count;
         let normal = contacts.iter().map(|c| c.normal).sum::<DVec3>().normalize_or(DVec3::Y);
-        let ends = if self.ids[body] == touch.a { (touch.a, touch.b) } else { (self.ids[body], Side::Body(touch.a)) };
+        let ends =
+            if self.ids[body] == touch.a { (touch.a, touch.b) } else { (self.ids[body], PairSide::Body(touch.a)) };
         let far = contacts.iter().map(|c| c.point.distance(center)).sum::<f64>() / count;
         self.patches.push(carries.then_some((touch.friction, far)));
         self.gaps.push(if bridges { narrowest(touch) } else { 0.0 });
@@ -221,22 +222,22 @@ impl Sites {
 }
 
 /// Adds bridges from what is joined to what is not, and marks what they join.
-fn bridge(world: &World, inside: &[bool], touches: &mut Vec<Touch>, joined: &mut Vec<bool>) {
+fn bridge(world: &World, inside: &[bool], touches: &mut Vec<ContactPair>, joined: &mut Vec<bool>) {
     let is_apart = |joined: &[bool], id: BodyId| inside[id] && !joined[id];
     for reach in BRIDGES {
         if !(0..inside.len()).any(|id| is_apart(joined, id)) {
             return;
         }
-        let mut near = world.touches(reach);
+        let mut near = world.contact_pairs(reach);
         near.retain(|touch| narrowest(touch) <= WIDEST);
         // What is joined by one bridge may carry the next.
         loop {
-            let joins = |touch: &&Touch| match touch.b {
-                Side::Body(b) => is_apart(joined, touch.a) && joined[b] || is_apart(joined, b) && joined[touch.a],
-                Side::Ground | Side::Scenery => is_apart(joined, touch.a),
-                Side::Moving => false,
+            let joins = |touch: &&ContactPair| match touch.b {
+                PairSide::Body(b) => is_apart(joined, touch.a) && joined[b] || is_apart(joined, b) && joined[touch.a],
+                PairSide::Ground | PairSide::Scenery => is_apart(joined, touch.a),
+                PairSide::Moving => false,
             };
-            let bridges: Vec<Touch> = near.iter().filter(joins).cloned().collect();
+            let bridges: Vec<ContactPair> = near.iter().filter(joins).cloned().collect();
             if bridges.is_empty() {
                 break;
             }
@@ -246,13 +247,13 @@ fn bridge(world: &World, inside: &[bool], touches: &mut Vec<Touch>, joined: &mut
     }
 }
 
-fn narrowest(touch: &Touch) -> f64 {
+fn narrowest(touch: &ContactPair) -> f64 {
     touch.points.iter().map(|p| p.gap).fold(f64::INFINITY, f64::min)
 }
 
 /// Adds those of pairs that are not among them yet.
-fn add_new(touches: &mut Vec<Touch>, near: Vec<Touch>) {
-    let known: BTreeSet<(BodyId, Side)> = touches.iter().map(|touch| (touch.a, touch.b)).collect();
+fn add_new(touches: &mut Vec<ContactPair>, near: Vec<ContactPair>) {
+    let known: BTreeSet<(BodyId, PairSide)> = touches.iter().map(|touch| (touch.a, touch.b)).collect();
     touches.extend(near.into_iter().filter(|touch| !known.contains(&(touch.a, touch.b))));
 }
 
@@ -292,20 +293,20 @@ fn few(contacts: Vec<GlobalContact>) -> Vec<GlobalContact> {
 }
 
 /// Bodies that chains of touches join to what stands still. Shape `[body]`.
-fn joined_by(world: &World, inside: &[bool], touches: &[Touch]) -> Vec<bool> {
+fn joined_by(world: &World, inside: &[bool], touches: &[ContactPair]) -> Vec<bool> {
     let mut beside = vec![Vec::new(); inside.len()];
     let mut front = Vec::new();
     let is_pinned = |id: BodyId| world.is_present(id) && world.bodies()[id].role == Role::Pinned;
     for touch in touches {
         match touch.b {
-            Side::Body(b) if is_pinned(b) => front.push(touch.a),
-            Side::Body(b) if is_pinned(touch.a) => front.push(b),
-            Side::Body(b) => {
+            PairSide::Body(b) if is_pinned(b) => front.push(touch.a),
+            PairSide::Body(b) if is_pinned(touch.a) => front.push(b),
+            PairSide::Body(b) => {
                 beside[touch.a].push(b);
                 beside[b].push(touch.a);
             }
-            Side::Ground | Side::Scenery => front.push(touch.a),
-            Side::Moving => {}
+            PairSide::Ground | PairSide::Scenery => front.push(touch.a),
+            PairSide::Moving => {}
         }
     }
     let mut joined = vec![false; inside.len()];

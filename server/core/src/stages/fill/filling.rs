@@ -12,7 +12,7 @@ use crate::prepare::packing::{Room, expected_bodies};
 use crate::prepare::shape::{Shape, Size, corners};
 use crate::sim::instance::{self, Instance};
 use crate::sim::policy::Policy;
-use crate::world::{BodyId, Insertion, Role, Side, Touch, Units, World, WorldBody};
+use crate::world::{BodyId, ContactPair, Insertion, PairSide, Role, Units, World, WorldBody};
 use glam::{DQuat, DVec3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -306,11 +306,11 @@ impl<'a> Filling<'a> {
     /// Pairs that overlap by more than `limit` of the thinner one's thickness, rising; the lower number first.
     pub fn overlapping(&mut self, limit: f64) -> Vec<(BodyId, BodyId)> {
         self.world.zero_step();
-        let too_deep = |t: &Touch| match t.b {
-            Side::Body(b) => (t.depth() > limit * self.world.pair_thickness(t)).then_some((t.a, b)),
+        let too_deep = |t: &ContactPair| match t.b {
+            PairSide::Body(b) => (t.depth() > limit * self.world.pair_thickness(t)).then_some((t.a, b)),
             _ => None,
         };
-        self.world.touches(0.0).iter().filter_map(too_deep).collect()
+        self.world.contact_pairs(0.0).iter().filter_map(too_deep).collect()
     }
 
     /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how many.

@@ -124,7 +124,7 @@ fn plant(filling: &mut Filling, wanted: usize, inside: &[DVec3]) -> Result<Vec<(
     let insert = |(seed, outside): (Instance, f64)| {
         let id = filling.insert(seed.prop, SEED_SCALE * seed.scale, seed.pose)?;
         if outside > 0.0 {
-            filling.world.let_out(id);
+            filling.world.allow_outside(id);
         }
         Ok((id, seed.scale))
     };

@@ -9,7 +9,7 @@ use crate::input::observer::{Observer, observe};
 use crate::input::params::{Params, Switch};
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::sim::glue::{Dot, Sites};
-use crate::world::{BodyId, Side};
+use crate::world::{BodyId, PairSide};
 use glam::DVec3;
 use std::collections::BTreeSet;
 use std::ops::{ControlFlow, Range};
@@ -248,7 +248,7 @@ pub fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit
         let chosen = |touch: usize| placement.dots.iter().any(|d| d.touch == touch);
         let stands = |touch: usize| placement.fallen.binary_search(&pile.touches[touch].body).is_err();
         let feet = (0..pile.touches.len()).filter(|&t| {
-            let is_foot = matches!(sites.between[t].1, Side::Ground | Side::Scenery) && sites.is_real(t);
+            let is_foot = matches!(sites.between[t].1, PairSide::Ground | PairSide::Scenery) && sites.is_real(t);
             is_foot && !chosen(t) && stands(t)
         });
         dots.extend(feet.map(|touch| dot(touch, DVec3::ZERO, DVec3::ZERO)));
@@ -258,10 +258,10 @@ pub fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit
 
 /// More dots, so that each of these bodies is one solid with all that it touches: they hold against what no statics knows.
 fn fastening(sites: &Sites, dots: &[Dot], moving: &BTreeSet<BodyId>, limit: f64) -> Vec<Dot> {
-    let moves = |side: Side| matches!(side, Side::Body(id) if moving.contains(&id));
+    let moves = |side: PairSide| matches!(side, PairSide::Body(id) if moving.contains(&id));
     joining(sites, dots, limit, |touch| {
         let (a, b) = sites.between[touch];
-        moves(Side::Body(a)) || moves(b)
+        moves(PairSide::Body(a)) || moves(b)
     })
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Lifetime, Support, Verdicts, supportable};
 use crate::input::params::{Control as ControlParams, Neighbours};
-use crate::sim::control::tally::Tally;
+use crate::sim::control::tally::ControlCounters;
 use crate::sim::policy::Policy;
 use crate::world::{BodyId, Role, World};
 use std::collections::BTreeMap;
@@ -65,7 +65,7 @@ impl Support for Freeze {
         }
     }
 
-    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, tally: &mut Tally) {
+    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, tally: &mut ControlCounters) {
         self.cycle = verdicts.cycle;
         for (id, freeze) in self.choose(verdicts).into_iter().enumerate() {
             match world.bodies()[id].role {
@@ -82,7 +82,7 @@ impl Support for Freeze {
         limit: f64,
         world: &mut World,
         policy: &mut Policy,
-        tally: &mut Tally,
+        tally: &mut ControlCounters,
     ) -> Vec<BodyId> {
         let broken = world.overloaded(limit);
         for &id in &broken {

@@ -3,17 +3,17 @@
 mod freeze;
 mod nails;
 
-use super::tally::Tally;
+use super::tally::ControlCounters;
 use crate::input::params::{Control as ControlParams, ControlMode, Neighbours};
 use crate::sim::policy::Policy;
-use crate::world::{BodyId, Side, Touch, World};
+use crate::world::{BodyId, ContactPair, PairSide, World};
 use std::collections::BTreeMap;
 
 /// The verdicts of a cycle, as supports see them.
 pub struct Verdicts<'v> {
     /// Number of the cycle.
     pub cycle: u64,
-    pub touches: &'v [Touch],
+    pub touches: &'v [ContactPair],
     /// Passed the analysis and the candidate rules. Shape `[body]`.
     pub candidates: &'v [bool],
     /// Bodies let go for a hit, and the first cycle that may hold them again.
@@ -38,7 +38,7 @@ pub trait Support {
     fn lift(&mut self, world: &mut World, policy: &mut Policy);
 
     /// Chooses what to hold, and holds it.
-    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, tally: &mut Tally);
+    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, tally: &mut ControlCounters);
 
     /// Lets go what carries more than `limit`, in weights of what it holds. Returns the bodies that may move again.
     fn break_overloaded(
@@ -46,7 +46,7 @@ pub trait Support {
         limit: f64,
         world: &mut World,
         policy: &mut Policy,
-        tally: &mut Tally,
+        tally: &mut ControlCounters,
     ) -> Vec<BodyId>;
 
     /// Whether it holds each body now. Shape `[body]`.
@@ -75,7 +75,7 @@ fn supportable(rule: Neighbours, verdicts: &Verdicts) -> Vec<bool> {
     }
     // Everything that a body touches must be a candidate, too (S_c a subset of C).
     for t in verdicts.touches {
-        if let Side::Body(b) = t.b {
+        if let PairSide::Body(b) = t.b {
             for (x, y) in [(t.a, b), (b, t.a)] {
                 may[x] &= verdicts.candidates[y];
             }

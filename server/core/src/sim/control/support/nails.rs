@@ -2,9 +2,9 @@
 
 use super::{Lifetime, Support, Verdicts, supportable};
 use crate::input::params::{Control as ControlParams, Neighbours};
-use crate::sim::control::tally::Tally;
+use crate::sim::control::tally::ControlCounters;
 use crate::sim::policy::Policy;
-use crate::world::{BodyId, Side, TouchPoint, World};
+use crate::world::{BodyId, ContactPoint, PairSide, World};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -18,7 +18,7 @@ pub struct Nails {
 struct Nail {
     a: BodyId,
     b: Option<BodyId>,
-    at: TouchPoint,
+    at: ContactPoint,
 }
 
 impl Nails {
@@ -38,9 +38,9 @@ impl Nails {
         let mut chosen = Vec::new();
         for t in verdicts.touches {
             let (nailed, b) = match t.b {
-                Side::Body(b) => (candidates[t.a] && candidates[b] && (closed[t.a] || closed[b]), Some(b)),
-                Side::Ground | Side::Scenery => (closed[t.a], None),
-                Side::Moving => continue,
+                PairSide::Body(b) => (candidates[t.a] && candidates[b] && (closed[t.a] || closed[b]), Some(b)),
+                PairSide::Ground | PairSide::Scenery => (closed[t.a], None),
+                PairSide::Moving => continue,
             };
             let has_room = |id: BodyId| driven[id] < self.most_per_body;
             if nailed && has_room(t.a) && b.is_none_or(has_room) {
@@ -61,7 +61,7 @@ impl Support for Nails {
         world.pull_all_nails();
     }
 
-    fn place(&mut self, verdicts: &Verdicts, world: &mut World, _: &mut Policy, tally: &mut Tally) {
+    fn place(&mut self, verdicts: &Verdicts, world: &mut World, _: &mut Policy, tally: &mut ControlCounters) {
         for nail in self.choose(verdicts) {
             world.drive_nail(nail.a, nail.b, nail.at.point, nail.at.normal);
             tally.nails_driven += 1;
@@ -69,7 +69,13 @@ impl Support for Nails {
         tally.nails_peak = tally.nails_peak.max(world.nail_count() as u64);
     }
 
-    fn break_overloaded(&mut self, limit: f64, world: &mut World, _: &mut Policy, tally: &mut Tally) -> Vec<BodyId> {
+    fn break_overloaded(
+        &mut self,
+        limit: f64,
+        world: &mut World,
+        _: &mut Policy,
+        tally: &mut ControlCounters,
+    ) -> Vec<BodyId> {
         let (broken, load) = world.break_nails(limit);
         tally.nails_broken += broken as u64;
         tally.nail_load_max = tally.nail_load_max.max(load);
