@@ -8,7 +8,7 @@
 
 use anyhow::{Context, ensure};
 use cairn::cost::Record;
-use cairn_core::prepare::estimate::{FEATURES, Weights};
+use cairn_core::prepare::estimate::{CostExponents, FEATURES};
 use cairn_core::prepare::packing;
 use cairn_core::stages::calibrate::calibrate;
 use clap::Parser;
@@ -62,7 +62,7 @@ fn main() -> anyhow::Result<()> {
     let laws = fit_all(&runs.iter().collect::<Vec<_>>());
     for ((name, _), law) in LAWS.iter().zip(&laws) {
         let numbers: Vec<String> = law.iter().map(|w| format!("{w:.3}")).collect();
-        println!("/// Of {}.\npub const {name}: Weights = [{}];", FEATURES.join(", "), numbers.join(", "));
+        println!("/// Of {}.\npub const {name}: CostExponents = [{}];", FEATURES.join(", "), numbers.join(", "));
     }
     let filled: Vec<&Record> = runs.iter().map(|run| &run.record).filter(|r| r.workload.room > 0.0).collect();
     let reached = |r: &Record| (r.bodies as f64 / r.workload.room).ln();
@@ -92,9 +92,9 @@ fn main() -> anyhow::Result<()> {
     for (number, path) in paths.iter().enumerate() {
         let of = |own: bool| runs.iter().filter(move |run| (run.of == number) == own);
         let others: Vec<&Run> = of(false).collect();
-        tell_far(&format!("{}, by its own law", path.display()), &laws, of(true));
+        print_error(&format!("{}, by its own law", path.display()), &laws, of(true));
         if !others.is_empty() {
-            tell_far(&format!("{}, by the law of the other files", path.display()), &fit_all(&others), of(true));
+            print_error(&format!("{}, by the law of the other files", path.display()), &fit_all(&others), of(true));
         }
     }
     Ok(())
@@ -142,7 +142,7 @@ fn tell_kept(records: &[Record]) {
     }
 }
 
-fn predict(law: &Weights, record: &Record) -> f64 {
+fn predict(law: &CostExponents, record: &Record) -> f64 {
     record.workload.features().iter().zip(law).map(|(f, w)| f * w).sum::<f64>().exp()
 }
 
@@ -160,12 +160,12 @@ fn care(record: &Record, stages: &[&str]) -> f64 {
     if stages.contains(&"fill") { record.workload.fill_care } else { 1.0 }
 }
 
-fn fit_all(runs: &[&Run]) -> Vec<Weights> {
+fn fit_all(runs: &[&Run]) -> Vec<CostExponents> {
     LAWS.iter().map(|(_, stages)| fit(runs, stages)).collect()
 }
 
 /// Prints how far laws are from these runs.
-fn tell_far<'r>(of: &str, laws: &[Weights], runs: impl Iterator<Item = &'r Run>) {
+fn print_error<'r>(of: &str, laws: &[CostExponents], runs: impl Iterator<Item = &'r Run>) {
     let far = |Run { record, .. }: &Run| {
         let stages = LAWS.iter().zip(laws).filter(|((_, stages), _)| seconds(record, stages) > 0.0);
         let expected: f64 = stages.map(|((_, stages), law)| care(record, stages) * predict(law, record)).sum();
@@ -179,7 +179,7 @@ fn tell_far<'r>(of: &str, laws: &[Weights], runs: impl Iterator<Item = &'r Run>)
 }
 
 /// Weighted least squares of the logarithm of the seconds, where there are any.
-fn fit(runs: &[&Run], stages: &[&str]) -> Weights {
+fn fit(runs: &[&Run], stages: &[&str]) -> CostExponents {
     let used: Vec<&&Run> = runs.iter().filter(|run| seconds(&run.record, stages) > 0.0).collect();
     let mut columns: Vec<usize> = (0..FEATURES.len()).filter(|&i| FEATURES[i] != "bodies").collect();
     loop {

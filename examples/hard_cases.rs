@@ -81,8 +81,8 @@ fn guard_cost() {
         }
         world
     };
-    let natures: Vec<_> = shapes.iter().map(|shape| shape.nature()).collect();
-    let resolved = cairn_core::prepare::effects::Resolved::new(&scene, &params, &checked, &natures);
+    let summaries: Vec<_> = shapes.iter().map(|shape| shape.summary()).collect();
+    let resolved = cairn_core::prepare::effects::Resolved::new(&scene, &params, &checked, &summaries);
     let mut ratios = Vec::new();
     for _ in 0..ROUNDS {
         let (mut plain, mut guarded, mut guard) = (world(), world(), Guard::new(&scene, &resolved, units, 0.0));

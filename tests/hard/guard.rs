@@ -107,8 +107,8 @@ fn what_falls_through_the_ground_is_set_aside() {
     let mut world = World::new(units, &params.physics, 0.5, false);
     let pose = Pose { translation: DVec3::Y, ..Pose::IDENTITY };
     world.insert(&shapes[0], &Insertion { prop: 0, scale: 1.0, pose, friction: 0.5, restitution: 0.0 }).unwrap();
-    let natures: Vec<_> = shapes.iter().map(|shape| shape.nature()).collect();
-    let mut guard = Guard::new(&scene, &Resolved::new(&scene, &params, &checked, &natures), units, 0.0);
+    let summaries: Vec<_> = shapes.iter().map(|shape| shape.summary()).collect();
+    let mut guard = Guard::new(&scene, &Resolved::new(&scene, &params, &checked, &summaries), units, 0.0);
     (0..60).for_each(|_| guard.step(&mut world).unwrap());
     assert_eq!(guard.actions.aside, [(0, AsideReason::BelowGround)]);
     assert!(!world.is_present(0));

@@ -9,7 +9,7 @@ use cairn::model::export::{ExportScene, Format, SourceModel};
 use cairn::scene_file::SceneTree;
 use cairn_core::input::observer::{Frame, Observer, Progress};
 use cairn_core::report::bake::{Bake, BakedPile};
-use cairn_core::report::{Glue, GlueDot};
+use cairn_core::report::{BakedGlue, BakedGlueDot};
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -21,7 +21,7 @@ fn extras(node: &gltf::Node) -> Option<Value> {
 }
 
 /// What the extras of the node `pile` have to say.
-fn told(glue: &Glue) -> Value {
+fn told(glue: &BakedGlue) -> Value {
     let dots: Vec<Value> = (glue.dots.iter())
         .map(|dot| {
             json!({
@@ -49,8 +49,8 @@ fn tells_its_glue(pile: &BakedPile, bytes: &[u8]) {
     }
 }
 
-pub fn dot(body: usize, other: Option<usize>, point: [f64; 3], force: f64, is_broken: bool) -> GlueDot {
-    GlueDot { body, other, point, normal: [0.0, 1.0, 0.0], force: [0.0, force, 0.0], moment: [0.0; 3], is_broken }
+pub fn dot(body: usize, other: Option<usize>, point: [f64; 3], force: f64, is_broken: bool) -> BakedGlueDot {
+    BakedGlueDot { body, other, point, normal: [0.0, 1.0, 0.0], force: [0.0, force, 0.0], moment: [0.0; 3], is_broken }
 }
 
 #[test]
@@ -76,7 +76,7 @@ fn extras_are_merged() {
     let table = encode(Format::Json, &pile, &scene).unwrap();
     assert_eq!(serde_json::from_slice::<Value>(&table).unwrap().get("glue"), None);
 
-    pile.glue = Some(Glue {
+    pile.glue = Some(BakedGlue {
         dots: vec![
             dot(0, Some(1), [1.0, 2.0, 3.0], 2.5, false),
             dot(2, Some(1), [0.5; 3], 1.0, false),

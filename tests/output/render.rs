@@ -6,7 +6,7 @@ use crate::glue::dot;
 use cairn::model::export::{ExportScene, Format, SourceModel};
 use cairn::model::render::{Model, Moment, RenderError, Settings, render};
 use cairn_core::geometry::pose::Pose;
-use cairn_core::report::Glue;
+use cairn_core::report::BakedGlue;
 use glam::{DQuat, DVec3};
 use image::RgbImage;
 use serde_json::{Value, json};
@@ -156,7 +156,7 @@ fn glued(moves: f64) -> Vec<u8> {
     let at = |x: f64| Pose { translation: DVec3::X * x, rotation: DQuat::IDENTITY };
     let frames = [moves, 0.0].map(|by| [-4.0, 0.0, 4.0].map(|x| at(x + by)).to_vec()).to_vec();
     let mut pile = pile_of(&[(0, 1.0); 3], frames);
-    pile.glue = Some(Glue {
+    pile.glue = Some(BakedGlue {
         dots: vec![dot(0, Some(1), [-2.0, 0.0, 0.0], 1.0, false)],
         clusters: vec![vec![0, 1]],
         anchored: vec![],

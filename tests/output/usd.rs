@@ -4,7 +4,7 @@ use crate::files::{self, PNG, kit, no_files, pile_of, textured_cube, tumbling};
 use cairn::model::export::Format::{Glb, Usda, Usdc, Usdz};
 use cairn::model::export::{ExportScene, SourceModel, encode, origin, write};
 use cairn_core::report::bake::BakedPile;
-use cairn_core::report::{Glue, GlueDot};
+use cairn_core::report::{BakedGlue, BakedGlueDot};
 use serde_json::json;
 use std::collections::BTreeMap;
 
@@ -171,7 +171,7 @@ fn glue_is_told_as_guides() {
     let cube = textured_cube();
     let scene = ExportScene { props: vec![prop("cube.glb", &cube)], ..Default::default() };
     let mut pile = pile_of(&[(0, 1.0); 3], tumbling(3, 2));
-    let dot = |other| GlueDot {
+    let dot = |other| BakedGlueDot {
         body: 1,
         other,
         point: [1.0, 2.0, 3.0],
@@ -181,7 +181,7 @@ fn glue_is_told_as_guides() {
         is_broken: other.is_none(),
     };
     let dots = vec![dot(Some(2)), dot(None)];
-    pile.glue = Some(Glue { dots, clusters: vec![vec![1, 2]], anchored: vec![1] });
+    pile.glue = Some(BakedGlue { dots, clusters: vec![vec![1, 2]], anchored: vec![1] });
     let text = text(&pile, &scene);
     assert_eq!(lines(&text, "purpose"), ["uniform token purpose = \"guide\""]);
     for told in [

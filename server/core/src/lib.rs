@@ -22,12 +22,12 @@ use geometry::region::DistanceGrid;
 use input::observer::{Observer, Silent, Stage};
 use input::params::{Params, ReleaseOrder};
 use input::scene::{Scene, StaticModel};
-use prepare::check::{self, Checked};
+use prepare::check::{self, CheckedScene};
 use prepare::container::{Container, grid};
 use prepare::effects::{EffectName, Resolved};
 use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
-use prepare::shape::{self, Nature, Shape};
+use prepare::shape::{self, Shape, ShapeSummary};
 use report::bake::{Bake, BakedPile, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
@@ -42,9 +42,9 @@ use world::Units;
 /// Checks the scene and tells what would be simulated; simulates nothing.
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    let natures = shape::natures(scene, params, &checked.sizes)?;
-    let resolved = Resolved::new(scene, params, &checked, &natures);
-    Ok(plan::of(scene, params, &checked, &natures, &resolved))
+    let summaries = shape::summaries(scene, params, &checked.sizes)?;
+    let resolved = Resolved::new(scene, params, &checked, &summaries);
+    Ok(plan::of(scene, params, &checked, &summaries, &resolved))
 }
 
 /// The numbers that decide what a bake of the scene costs. Makes the collision shapes, and simulates nothing.
@@ -81,7 +81,7 @@ pub fn bake_with(
 
 /// A full container, ready to be turned over; any number of releases may start from it.
 pub struct FullContainer {
-    checked: Checked,
+    checked: CheckedScene,
     shapes: Vec<Shape>,
     units: Units,
     filled: Option<(Container, Filled)>,
@@ -95,7 +95,7 @@ pub struct FullContainer {
 impl FullContainer {
     /// The pile right after turning over, for tools that look into a release.
     pub fn turn_over<'a>(&'a self, scene: &'a Scene, params: &'a Params) -> Result<Simulation<'a>, Error> {
-        let resolved = Resolved::new(scene, params, &self.checked, &natures(&self.shapes));
+        let resolved = Resolved::new(scene, params, &self.checked, &summaries(&self.shapes));
         self.turn_over_as(scene, params, &resolved)
     }
 
@@ -140,7 +140,7 @@ pub fn fill_container(
         Some(cached) => cached.shapes.clone(),
         None => shape::run(scene, params, &checked.sizes, observer)?,
     };
-    let resolved = Resolved::new(scene, params, &checked, &natures(&shapes));
+    let resolved = Resolved::new(scene, params, &checked, &summaries(&shapes));
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
     let filled_mesh = checked.control.as_ref().filter(|_| resolved.is_on(EffectName::Fill));
     let simplifies = resolved.is_on(EffectName::WallSimplification);
@@ -205,9 +205,9 @@ pub fn release_pile<'a>(
     full: &'a FullContainer,
     observer: &mut dyn Observer,
 ) -> Result<Released<'a>, Error> {
-    let natures = natures(&full.shapes);
-    let resolved = Resolved::new(scene, params, &full.checked, &natures);
-    let plan = plan::of(scene, params, &full.checked, &natures, &resolved);
+    let summaries = summaries(&full.shapes);
+    let resolved = Resolved::new(scene, params, &full.checked, &summaries);
+    let plan = plan::of(scene, params, &full.checked, &summaries, &resolved);
     let mut clock = full.clock.clone();
     clock.skip(observer);
 
@@ -240,7 +240,7 @@ pub fn release_pile<'a>(
     let keeps = sim.pile.recorder.keeps();
     let count = if keeps { frames.len() } else { sim.pile.recorder.count() + 1 };
     let scenery = scenery_frames(scene, fps, count);
-    let glue = glued.as_ref().map(|_| report::glue_of(&sim));
+    let glue = glued.as_ref().map(|_| report::baked_glue(&sim));
     let pile = BakedPile { fps, bodies, frames, scenery, glue };
     Ok(Released { scene, params, full, resolved, plan, sim, glued, held, pile, clock })
 }
@@ -259,7 +259,7 @@ impl Released<'_> {
         let full = self.full;
         let mut clock = self.clock;
         clock.skip(observer);
-        let inputs = report::inputs::Inputs {
+        let inputs = report::inputs::ReportInputs {
             scene: self.scene,
             params: self.params,
             plan: &self.plan,
@@ -283,8 +283,8 @@ impl Released<'_> {
     }
 }
 
-fn natures(shapes: &[Shape]) -> Vec<Nature> {
-    shapes.iter().map(Shape::nature).collect()
+fn summaries(shapes: &[Shape]) -> Vec<ShapeSummary> {
+    shapes.iter().map(Shape::summary).collect()
 }
 
 /// Where the moving scenery is. Shape `[static][frame]`, empty for a static one that stands still.

@@ -9,7 +9,7 @@ use cairn_core::input::observer::{Observer, Progress, Silent};
 use cairn_core::input::params::{Accuracy, ControlMode, FillMethod, GlueMode, Params, Switch};
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::shape::hull_mesh;
-use cairn_core::report::OF_A_RUN;
+use cairn_core::report::TIMED_FIGURES;
 use cairn_core::stages::cache::NoCache;
 use cairn_core::world::Role;
 use common::{cone, scene, stick};
@@ -60,7 +60,7 @@ fn the_same_request_gives_the_same_bits_for_any_number_of_threads() {
     // Times differ; figures made of them are left out.
     let timeless = |b: &cairn_core::report::bake::Bake| {
         let mut m = b.report.measures.clone();
-        m.retain(|name, _| !OF_A_RUN.contains(&&**name));
+        m.retain(|name, _| !TIMED_FIGURES.contains(&&**name));
         m
     };
     let one = run(1);

@@ -5,7 +5,7 @@ mod common;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::prepare::shape::{Outline, Shape, Size, Solid, hull_mesh};
+use cairn_core::prepare::shape::{Shape, ShapeKind, Size, Solid, hull_mesh};
 use cairn_core::world::{Claims, ContactPair, ContactPoint, Insertion, PairSide, Units, World};
 use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
@@ -90,7 +90,7 @@ fn no_point_of_a_body_moves_farther_than_the_bound() {
 #[test]
 fn a_disc_of_many_corners_lies_flat() {
     let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
-    assert_eq!(shape.report.kind, Outline::Hull);
+    assert_eq!(shape.report.kind, ShapeKind::Hull);
     assert!(shape.report.deviation_rel < 0.02, "{}", shape.report.deviation_rel);
     for k in 0..4 {
         let translation = DVec3::new(2.0 * f64::from(k), 0.6, 0.0);

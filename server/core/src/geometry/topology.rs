@@ -61,7 +61,7 @@ pub fn inspect(mesh: &TriMesh) -> Topology {
     let mesh = weld(mesh, 0.0);
     let edges = Edges::new(&mesh.triangles);
     let mut topology = Topology { triangles: mesh.triangles.len(), ..Topology::default() };
-    let mut parts = Parts::new(mesh.triangles.len());
+    let mut parts = DisjointSets::new(mesh.triangles.len());
     let mut odd = 0;
     for edge in edges.iter() {
         match edge {
@@ -175,11 +175,11 @@ impl Edges {
 }
 
 /// Disjoint sets of triangles, or of whatever else is numbered.
-pub(crate) struct Parts(Vec<u32>);
+pub(crate) struct DisjointSets(Vec<u32>);
 
-impl Parts {
-    pub(crate) fn new(count: usize) -> Parts {
-        Parts((0..count as u32).collect())
+impl DisjointSets {
+    pub(crate) fn new(count: usize) -> DisjointSets {
+        DisjointSets((0..count as u32).collect())
     }
 
     pub(crate) fn find(&mut self, mut i: usize) -> usize {

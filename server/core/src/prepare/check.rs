@@ -17,7 +17,7 @@ use crate::prepare::shape::Size;
 
 /// What checking found out.
 #[derive(Clone, Debug)]
-pub struct Checked {
+pub struct CheckedScene {
     /// d: the median prop diameter (bounding sphere, scaled, by weight), m.
     pub diameter: f64,
     /// Height of the ground, m.
@@ -35,7 +35,7 @@ pub struct Checked {
     pub warnings: Vec<String>,
 }
 
-impl Checked {
+impl CheckedScene {
     /// The shape that the pile is measured against.
     pub fn target(&self) -> Option<&Closed> {
         self.control.as_ref().or(self.region.as_ref())
@@ -43,7 +43,7 @@ impl Checked {
 }
 
 /// Checks scene and parameters.
-pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
+pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<Problem>> {
     let mut problems = params.problems();
     let mut warnings = Vec::new();
     let told = (&mut problems, &mut warnings);
@@ -107,7 +107,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<Checked, Vec<Problem>> {
     warnings.extend(added::energy_warnings(scene, params, ground, diameter));
     let mass = |i: usize| sizes[i].volume * scene.props[i].density;
     warnings.extend(extremes::warnings(scene, params, |i| sizes[i].diameter, mass));
-    Ok(Checked { diameter, ground, control, region, core, sizes, shares, warnings })
+    Ok(CheckedScene { diameter, ground, control, region, core, sizes, shares, warnings })
 }
 
 /// A closed mesh as it will be used: welded, its parts facing outward. What was repaired is a warning.

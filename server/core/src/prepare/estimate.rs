@@ -9,7 +9,7 @@ pub use model::CALIBRATION_SECONDS;
 
 use crate::input::params::{Accuracy, ControlMode, FrictionModel, Params, Switch};
 use crate::input::scene::{Prop, Scene};
-use crate::prepare::check::Checked;
+use crate::prepare::check::CheckedScene;
 use crate::prepare::effects::EffectName;
 use crate::prepare::shape::Shape;
 use crate::prepare::{packing, plan};
@@ -108,11 +108,11 @@ fn usual() -> f64 {
 pub const FEATURES: [&str; 10] =
     ["1", "bodies", "corners", "parts", "slenderness", "walls", "times", "step_rate", "substeps", "coulomb"];
 /// An exponent for each of the features.
-pub type Weights = [f64; FEATURES.len()];
+pub type CostExponents = [f64; FEATURES.len()];
 
 impl Workload {
     /// Of a checked scene, with its collision shapes: how many parts a prop needs is known only once it has been split.
-    pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape]) -> Workload {
+    pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shape]) -> Workload {
         let natural_time = (checked.diameter / params.gravity).sqrt();
         let filled = plan::filled_bodies(scene, params, checked);
         let mut mean = [0.0; 3];
@@ -148,7 +148,7 @@ impl Workload {
     }
 
     /// Logarithms of the numbers, in the order of [`FEATURES`].
-    pub fn features(&self) -> Weights {
+    pub fn features(&self) -> CostExponents {
         [
             1.0,
             self.bodies.ln(),
@@ -167,7 +167,7 @@ impl Workload {
     /// fitted on.
     pub fn stage_seconds(&self) -> [f64; 4] {
         let features = self.features();
-        let law = |weights: &Weights| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
+        let law = |weights: &CostExponents| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
         let fill = if self.filled > 0.0 { law(&model::FILL) * self.fill_care } else { 0.0 };
         let glue = if self.glued { law(&model::GLUE) } else { 0.0 };
         let release = law(&model::RELEASE_AND_HOLD) * if self.glued { model::GLUED_RELEASE } else { 1.0 };
@@ -181,7 +181,7 @@ impl Workload {
 }
 
 /// The estimate for a checked scene. `machine`: from `stages::calibrate`.
-pub fn of(scene: &Scene, params: &Params, checked: &Checked, shapes: &[Shape], machine: f64) -> Estimate {
+pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shape], machine: f64) -> Estimate {
     let [penetration_mean_rel, imbalance, shape_error] = model::errors(params.accuracy);
     let workload = Workload::of(scene, params, checked, shapes);
     let [fill_seconds, glue_seconds, release_seconds, rest] = workload.stage_seconds().map(|seconds| machine * seconds);

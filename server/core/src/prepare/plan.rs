@@ -4,11 +4,11 @@ use crate::geometry::Closed;
 use crate::input::observer::Stage;
 use crate::input::params::Params;
 use crate::input::scene::Scene;
-use crate::prepare::check::Checked;
+use crate::prepare::check::CheckedScene;
 use crate::prepare::container::core::Core;
 use crate::prepare::effects::{self, Effect, EffectName, Resolved};
 use crate::prepare::packing::{Room, expected_bodies};
-use crate::prepare::shape::Nature;
+use crate::prepare::shape::ShapeSummary;
 
 /// The stages that a bake will run and the effects that are switched on, each with its reason.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -32,8 +32,14 @@ const USUAL_FILL_STEPS: usize = 150;
 /// Natural times from the last release to rest, usually.
 const USUAL_HOLD: f64 = 8.0;
 
-/// The plan of a checked scene. `natures`: one per prop.
-pub fn of(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature], resolved: &Resolved) -> Plan {
+/// The plan of a checked scene. `summaries`: one per prop.
+pub fn of(
+    scene: &Scene,
+    params: &Params,
+    checked: &CheckedScene,
+    summaries: &[ShapeSummary],
+    resolved: &Resolved,
+) -> Plan {
     let natural_time = (checked.diameter / params.gravity).sqrt();
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
     let fill_bodies = filled_bodies(scene, params, checked);
@@ -59,7 +65,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature],
         .into_iter()
         .flatten()
         .collect(),
-        effects: effects::all(scene, params, checked, natures, resolved),
+        effects: effects::all(scene, params, checked, summaries, resolved),
         warnings: checked.warnings.iter().cloned().chain(limited).collect(),
     }
 }
@@ -69,7 +75,7 @@ const USUAL_FULL_BELOW: f64 = 0.04;
 const MISSING: f64 = 0.55;
 
 /// Bodies that the fill will place. One that ends sooner leaves more gaps.
-pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &Checked) -> usize {
+pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedScene) -> usize {
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
     let full = 1.0 - MISSING * (params.fill.full_below - USUAL_FULL_BELOW).max(0.0);
     filled.map_or(0, |control| {
@@ -84,7 +90,7 @@ pub(crate) fn room(control: &Closed, core: Option<&Core>) -> Room {
 }
 
 /// Steps of release and hold, as far as they can be foretold.
-pub(crate) fn release_steps(scene: &Scene, params: &Params, checked: &Checked) -> f64 {
+pub(crate) fn release_steps(scene: &Scene, params: &Params, checked: &CheckedScene) -> f64 {
     let natural_time = (checked.diameter / params.gravity).sqrt();
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
     let height = filled.map_or(0.0, |control| {

@@ -24,7 +24,7 @@ pub struct BakedPile {
     /// Shape `[static][frame]`: from where the file places it to the world; empty for one that stands still.
     pub scenery: Vec<Vec<Pose>>,
     /// What is glued; `None` where nothing may be.
-    pub glue: Option<Glue>,
+    pub glue: Option<BakedGlue>,
 }
 
 impl BakedPile {
@@ -43,8 +43,8 @@ impl BakedPile {
 
 /// The glue of a finished pile, SI, where its bodies are at the last frame: so that others can simulate it further.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Glue {
-    pub dots: Vec<GlueDot>,
+pub struct BakedGlue {
+    pub dots: Vec<BakedGlueDot>,
     /// Bodies that move as one, by their indices, rising: joined by dots that hold.
     pub clusters: Vec<Vec<usize>>,
     /// Bodies that dots join to the ground or to scenery, directly or through others, rising.
@@ -53,7 +53,7 @@ pub struct Glue {
 
 /// A glued touch.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct GlueDot {
+pub struct BakedGlueDot {
     pub body: usize,
     /// The other body; `None`: the ground or scenery.
     pub other: Option<usize>,

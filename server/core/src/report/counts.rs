@@ -1,19 +1,19 @@
 //! What was done, counted.
 
-use super::inputs::Inputs;
+use super::inputs::ReportInputs;
 use crate::prepare::effects::{Count, EffectName};
-use crate::prepare::shape::Outline;
+use crate::prepare::shape::ShapeKind;
 use crate::sim::step::Simulation;
 use crate::world::WorldCounters;
 use std::collections::BTreeMap;
 
 /// All counts. `freed_steps`: of the further simulation that tells what stands by itself.
-pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<Count, u64> {
+pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<Count, u64> {
     let (scene, pile) = (inputs.scene, &sim.pile);
     let filled = inputs.filled.map(|(_, filled)| filled);
     let (tally, done, world) = (pile.control.counters(), pile.done, &pile.world);
     let glue = pile.glue.tally;
-    let of_kind = |is: fn(&Outline) -> bool| pile.shapes.iter().filter(|s| is(&s.solid.outline())).count() as u64;
+    let of_kind = |is: fn(&ShapeKind) -> bool| pile.shapes.iter().filter(|s| is(&s.solid.kind())).count() as u64;
     let steps_if = |on: bool| if on { pile.step } else { 0 };
     let removed = filled.map(|filled| filled.removed).unwrap_or_default();
     let both = |of: fn(&WorldCounters) -> u64| of(&world.counters) + filled.map_or(0, |filled| of(&filled.counters));
@@ -49,8 +49,8 @@ pub fn counts(inputs: &Inputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<C
         (Count::Frames, if pile.recorder.keeps() { pile.recorder.frames.len() as u64 } else { 0 }),
         (Count::CoreTriangles, inputs.core.map_or(0, |core| core.mesh.triangles.len() as u64)),
         (Count::WallTrianglesSaved, filled.map_or(0, |filled| filled.wall_triangles_saved as u64)),
-        (Count::PropsAsPrimitives, of_kind(|outline| matches!(outline, Outline::Box | Outline::Ball))),
-        (Count::PropsSplit, of_kind(|outline| matches!(outline, Outline::Parts))),
+        (Count::PropsAsPrimitives, of_kind(|kind| matches!(kind, ShapeKind::Box | ShapeKind::Ball))),
+        (Count::PropsSplit, of_kind(|kind| matches!(kind, ShapeKind::Parts))),
         (Count::ReleaseLayers, done.layers),
         (Count::SceneryPieces, scene.statics.len() as u64),
         (Count::BodiesPlaced, scene.bodies.len() as u64),

@@ -1,7 +1,7 @@
 //! Figures of the glue, and what a person should know of it.
 
-use super::bake::{Glue, GlueDot};
-use super::inputs::{Figures, Inputs};
+use super::bake::{BakedGlue, BakedGlueDot};
+use super::inputs::{Figures, ReportInputs};
 use crate::measure;
 use crate::sim::glue::Dot;
 use crate::sim::step::Simulation;
@@ -10,13 +10,13 @@ use crate::world::{BodyId, Role};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The glue as it is at the end.
-pub fn told(sim: &Simulation) -> Glue {
+pub fn baked(sim: &Simulation) -> BakedGlue {
     let (world, glue) = (&sim.pile.world, &sim.pile.glue);
     let units = world.units;
     let force = units.mass * units.length / (units.time * units.time);
     let dot = |dot: &Dot| {
         let (turn, point) = glue.place_of(dot, world);
-        GlueDot {
+        BakedGlueDot {
             body: dot.a,
             other: dot.b,
             point: (point * units.length).to_array(),
@@ -26,7 +26,7 @@ pub fn told(sim: &Simulation) -> Glue {
             is_broken: dot.is_broken,
         }
     };
-    Glue {
+    BakedGlue {
         dots: glue.dots.iter().map(dot).collect(),
         clusters: glue.clusters().filter(|members| members.len() > 1).map(<[BodyId]>::to_vec).collect(),
         anchored: (0..world.bodies().len()).filter(|&id| world.bodies()[id].role == Role::Anchored).collect(),
@@ -64,7 +64,7 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
 }
 
 /// What could not be glued, and what does not stand for all the glue.
-pub fn warnings(inputs: &Inputs, glued: &Glued) -> Vec<String> {
+pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
     let bodies = |n: usize| if n == 1 { "1 body".to_owned() } else { format!("{n} bodies") };
     let mut warnings = Vec::new();
     if glued.apart > 0 {

@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 pub type Figures = BTreeMap<&'static str, Option<f64>>;
 
 /// What a report is made of.
-pub struct Inputs<'a> {
+pub struct ReportInputs<'a> {
     pub scene: &'a Scene,
     pub params: &'a Params,
     pub plan: &'a Plan,
@@ -39,7 +39,7 @@ pub struct Inputs<'a> {
     pub ground: f64,
 }
 
-impl Inputs<'_> {
+impl ReportInputs<'_> {
     /// The bodies that a frame has, as the measures take them: prop, scale and pose.
     pub fn placed(&self, number: usize) -> Vec<(usize, f64, Pose)> {
         let there = self.pile.bodies.iter().zip(&self.pile.frames[number]).filter(|(b, _)| b.first_frame <= number);

@@ -1,6 +1,6 @@
 //! Measures the pile, and says what a person should know.
 
-use super::inputs::{Figures, Inputs};
+use super::inputs::{Figures, ReportInputs};
 use super::{Name, Report, contacts, counts, glue, motion, order, shape, warnings};
 use crate::error::Error;
 use crate::input::observer::{Observer, Progress, Stage, observe};
@@ -11,12 +11,12 @@ use std::collections::BTreeMap;
 
 /// The report. `spent`: CPU seconds by stage so far, of which its own are the rest.
 pub fn report(
-    inputs: &Inputs,
+    inputs: &ReportInputs,
     sim: &mut Simulation,
     mut spent: super::clock::Clock,
     observer: &mut dyn Observer,
 ) -> Result<Report, Error> {
-    let Inputs { scene, params, shapes, filled, resolved, .. } = *inputs;
+    let ReportInputs { scene, params, shapes, filled, resolved, .. } = *inputs;
     let bodies = inputs.pile.bodies.len();
     let progress =
         |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };

@@ -13,8 +13,8 @@ mod order;
 mod shape;
 mod warnings;
 
-pub use bake::{Glue, GlueDot};
-pub use glue::told as glue_of;
+pub use bake::{BakedGlue, BakedGlueDot};
+pub use glue::baked as baked_glue;
 
 use crate::input::observer::Stage;
 use crate::input::params::Params;
@@ -28,7 +28,7 @@ use std::collections::BTreeMap;
 pub type Name = Cow<'static, str>;
 
 /// Figures that are made of times, so that they differ from run to run.
-pub const OF_A_RUN: [&str; 2] = ["control_overhead", "analysis_us_per_body"];
+pub const TIMED_FIGURES: [&str; 2] = ["control_overhead", "analysis_us_per_body"];
 
 /// What a bake tells of itself.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]

@@ -1,6 +1,6 @@
 //! Figures of motion and control, and what limits the accuracy.
 
-use super::inputs::{Figures, Inputs};
+use super::inputs::{Figures, ReportInputs};
 use crate::geometry::pose::Pose;
 use crate::input::params::ControlMode;
 use crate::input::scene::PlacedBody;
@@ -11,7 +11,7 @@ use crate::world::World;
 use std::collections::BTreeMap;
 
 /// How the bodies moved.
-pub fn figures(inputs: &Inputs, pile: &Pile) -> Figures {
+pub fn figures(inputs: &ReportInputs, pile: &Pile) -> Figures {
     let units = pile.world.units;
     let count = pile.instances.len() as f64;
     // In engine units m g d is the mass.
@@ -75,7 +75,7 @@ pub fn control(sim: &Simulation) -> Figures {
 /// Lengths by which a pile may differ from the true one, in d, by the parameter that lessens each: how far the collision
 /// shapes are from the meshes, how far contacts sink in, the gap across which bodies may be held, and how far a body falls
 /// within a step.
-pub fn error_sources(inputs: &Inputs, world: &World, measures: &Figures) -> BTreeMap<&'static str, f64> {
+pub fn error_sources(inputs: &ReportInputs, world: &World, measures: &Figures) -> BTreeMap<&'static str, f64> {
     let mut thickness: Vec<f64> = world.present().map(|id| world.bodies()[id].thickness).collect();
     thickness.sort_by(f64::total_cmp);
     let thickness = thickness.get(thickness.len() / 2).copied().unwrap_or(0.0);

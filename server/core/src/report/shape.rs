@@ -1,6 +1,6 @@
 //! Figures of the pile's shape against the control mesh.
 
-use super::inputs::{Figures, Inputs};
+use super::inputs::{Figures, ReportInputs};
 use crate::error::Error;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
@@ -51,7 +51,12 @@ impl Measured {
 
 /// Figures of the end of the hold under their names; those right after turning over with `_start` behind; where
 /// something disturbed the hold, those of the last frame with `_after` behind.
-pub fn figures(inputs: &Inputs, target: &TriMesh, pile: &Pile, observer: &mut dyn Observer) -> Result<Measured, Error> {
+pub fn figures(
+    inputs: &ReportInputs,
+    target: &TriMesh,
+    pile: &Pile,
+    observer: &mut dyn Observer,
+) -> Result<Measured, Error> {
     let bodies = inputs.pile.bodies.len();
     let progress =
         |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };

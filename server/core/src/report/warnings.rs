@@ -1,6 +1,6 @@
 //! Sentences for a person: what was removed, left empty, not at rest.
 
-use super::inputs::{Figures, Inputs};
+use super::inputs::{Figures, ReportInputs};
 use crate::input::params::FillMethod;
 use crate::measure::ShapeMeasures;
 use crate::prepare::container::Container;
@@ -16,7 +16,7 @@ const MOST_POCKETS: f64 = 0.02;
 const POOR_FILL: f64 = 0.2;
 
 /// What the container had to become, and what left it.
-pub fn container(inputs: &Inputs, container: &Container, filled: &Filled) -> Vec<String> {
+pub fn container(inputs: &ReportInputs, container: &Container, filled: &Filled) -> Vec<String> {
     let mut warnings = Vec::new();
     if container.remeshed {
         let spacing = container.distance.spacing() * inputs.plan.prop_diameter;
@@ -40,7 +40,7 @@ pub fn container(inputs: &Inputs, container: &Container, filled: &Filled) -> Vec
 }
 
 /// How full it is.
-pub fn fill(inputs: &Inputs, filled: &Filled, first: &ShapeMeasures) -> Vec<String> {
+pub fn fill(inputs: &ReportInputs, filled: &Filled, first: &ShapeMeasures) -> Vec<String> {
     let mut warnings = Vec::new();
     if filled.full && first.fill_fraction < POOR_FILL {
         warnings.push(format!(

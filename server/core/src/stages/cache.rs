@@ -5,7 +5,7 @@
 use crate::input::observer::{Frame, Observer, Progress, Shown, Stage};
 use crate::input::params::{Base, Fill, Params, Physics};
 use crate::input::scene::{Model, PlacedBody, Prop, Scene};
-use crate::prepare::check::Checked;
+use crate::prepare::check::CheckedScene;
 use crate::prepare::shape::Shape;
 use crate::stages::fill::Filled;
 use std::ops::ControlFlow;
@@ -30,7 +30,12 @@ pub struct FillInputs<'a> {
 }
 
 impl<'a> FillInputs<'a> {
-    pub(crate) fn new(scene: &'a Scene, params: &'a Params, checked: &'a Checked, with_frames: bool) -> FillInputs<'a> {
+    pub(crate) fn new(
+        scene: &'a Scene,
+        params: &'a Params,
+        checked: &'a CheckedScene,
+        with_frames: bool,
+    ) -> FillInputs<'a> {
         FillInputs {
             control: &scene.control,
             props: &scene.props,

@@ -1,14 +1,14 @@
 //! The glue of a pile, as results tell it: SI, where the bodies are at the last frame.
 
-use cairn_core::report::{Glue, GlueDot};
+use cairn_core::report::{BakedGlue, BakedGlueDot};
 use serde_json::{Map, Value, json};
 
 /// Below this name, a node's extras have what Cairn tells of it.
 pub const KEY: &str = "cairn";
 
 /// All of it.
-pub fn whole(glue: &Glue) -> Value {
-    let dot = |dot: &GlueDot| {
+pub fn whole(glue: &BakedGlue) -> Value {
+    let dot = |dot: &BakedGlueDot| {
         json!({
             "bodies": [dot.body, dot.other], "point": dot.point, "normal": dot.normal, "force": dot.force,
             "moment": dot.moment, "broken": dot.is_broken,
@@ -19,7 +19,7 @@ pub fn whole(glue: &Glue) -> Value {
 }
 
 /// What it does to each of so many bodies; `None` where it holds none.
-pub fn of_bodies(glue: Option<&Glue>, bodies: usize) -> Vec<Option<Value>> {
+pub fn of_bodies(glue: Option<&BakedGlue>, bodies: usize) -> Vec<Option<Value>> {
     let mut told = vec![None; bodies];
     let Some(glue) = glue else { return told };
     let clusters = glue.clusters.iter().enumerate().flat_map(|(k, members)| members.iter().map(move |&id| (id, k)));

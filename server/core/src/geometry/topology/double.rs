@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::{Edges, Parts, Repair};
+use super::{DisjointSets, Edges, Repair};
 use crate::geometry::mesh::TriMesh;
 
 /// Takes away triangles that share all three corners with another, whichever way they face, where that leaves the
@@ -28,7 +28,7 @@ pub(super) fn drop_doubles(mesh: &mut TriMesh, repair: &mut Repair) {
     }
 
     // Parts of the surface, and patches of doubled triangles in them.
-    let (mut parts, mut patches) = (Parts::new(mesh.triangles.len()), Parts::new(mesh.triangles.len()));
+    let (mut parts, mut patches) = (DisjointSets::new(mesh.triangles.len()), DisjointSets::new(mesh.triangles.len()));
     for edge in edges.iter() {
         edge.iter().for_each(|side| parts.join(edge[0].face as usize, side.face as usize));
         let mut here = edge.iter().map(|side| side.face as usize).filter(|&f| doubled[f]);

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::double::drop_doubles;
-use super::{Edges, Parts, Repair, area, drop_flat, weld};
+use super::{DisjointSets, Edges, Repair, area, drop_flat, weld};
 use crate::geometry::mesh::TriMesh;
 
 /// Volume, relative to the cube of a part's own diagonal, below which it encloses nothing that could tell in from out.
@@ -115,7 +115,7 @@ struct Part {
 }
 
 fn parts(mesh: &TriMesh, edges: &Edges) -> Vec<Part> {
-    let mut sets = Parts::new(mesh.triangles.len());
+    let mut sets = DisjointSets::new(mesh.triangles.len());
     for edge in edges.iter() {
         edge.iter().for_each(|side| sets.join(edge[0].face as usize, side.face as usize));
     }

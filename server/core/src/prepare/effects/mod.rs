@@ -15,8 +15,8 @@ pub use resolve::Resolved;
 
 use crate::input::params::{Params, Switch};
 use crate::input::scene::Scene;
-use crate::prepare::check::Checked;
-use crate::prepare::shape::Nature;
+use crate::prepare::check::CheckedScene;
+use crate::prepare::shape::ShapeSummary;
 use reasons::Reasons;
 use strum::VariantArray;
 
@@ -148,9 +148,15 @@ pub struct Effect {
     pub counters: Vec<Count>,
 }
 
-/// All effects of a checked scene, as they were resolved. `natures`: one per prop.
-pub fn all(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature], resolved: &Resolved) -> Vec<Effect> {
-    let reasons = Reasons { scene, params, checked, natures, resolved };
+/// All effects of a checked scene, as they were resolved. `summaries`: one per prop.
+pub fn all(
+    scene: &Scene,
+    params: &Params,
+    checked: &CheckedScene,
+    summaries: &[ShapeSummary],
+    resolved: &Resolved,
+) -> Vec<Effect> {
+    let reasons = Reasons { scene, params, checked, summaries, resolved };
     let effect = |&name: &EffectName| {
         let (switch, counters) = name.row();
         let field = switch.unwrap_or_default();

@@ -3,17 +3,17 @@
 use super::{EffectName, Resolved};
 use crate::input::params::{ControlMode, FillMethod, FrictionCone, FrictionModel, GlueMode, Params, ReleaseOrder};
 use crate::input::scene::Scene;
-use crate::prepare::check::Checked;
+use crate::prepare::check::CheckedScene;
 use crate::prepare::container;
-use crate::prepare::shape::{Nature, Outline};
+use crate::prepare::shape::{ShapeKind, ShapeSummary};
 
 /// What the sentences tell of.
 pub struct Reasons<'a> {
     pub scene: &'a Scene,
     pub params: &'a Params,
-    pub checked: &'a Checked,
+    pub checked: &'a CheckedScene,
     /// One per prop.
-    pub natures: &'a [Nature],
+    pub summaries: &'a [ShapeSummary],
     pub resolved: &'a Resolved,
 }
 
@@ -22,7 +22,7 @@ impl Reasons<'_> {
     pub fn of(&self, name: EffectName) -> String {
         match name {
             EffectName::Primitives => self.listed_props("box or ball: ", "no prop is a box or a ball", |i| {
-                matches!(self.natures[i].outline, Outline::Box | Outline::Ball)
+                matches!(self.summaries[i].kind, ShapeKind::Box | ShapeKind::Ball)
             }),
             EffectName::Decomposition => self.decomposition(),
             EffectName::Fill => self.fill().into(),
@@ -106,7 +106,7 @@ impl Reasons<'_> {
     }
 
     fn decomposition(&self) -> String {
-        let split = |i: usize| self.natures[i].outline == Outline::Parts;
+        let split = |i: usize| self.summaries[i].kind == ShapeKind::Parts;
         let most = format!("; at most {} parts each", self.params.physics.max_parts);
         let some = self.listed_props("nonconvex: ", "", split);
         if some.is_empty() { "one convex shape is near enough to each prop".into() } else { some + &most }

@@ -3,10 +3,10 @@
 use super::EffectName;
 use crate::input::params::{Accuracy, ControlMode, FrictionModel, Params, Physics, ReleaseOrder, Switch};
 use crate::input::scene::Scene;
-use crate::prepare::check::Checked;
+use crate::prepare::check::CheckedScene;
 use crate::prepare::container;
 use crate::prepare::extremes;
-use crate::prepare::shape::{Nature, Outline};
+use crate::prepare::shape::{ShapeKind, ShapeSummary};
 use std::collections::{BTreeMap, BTreeSet};
 use strum::VariantArray;
 
@@ -29,14 +29,14 @@ pub struct Resolved {
 }
 
 impl Resolved {
-    /// `natures`: one per prop.
-    pub fn new(scene: &Scene, params: &Params, checked: &Checked, natures: &[Nature]) -> Resolved {
-        let mass_ratio = extremes::mass_ratio(scene, params, |prop| natures[prop].mass);
-        let thickness = extremes::least_thickness(scene, params, |prop| natures[prop].thickness) / checked.diameter;
+    /// `summaries`: one per prop.
+    pub fn new(scene: &Scene, params: &Params, checked: &CheckedScene, summaries: &[ShapeSummary]) -> Resolved {
+        let mass_ratio = extremes::mass_ratio(scene, params, |prop| summaries[prop].mass);
+        let thickness = extremes::least_thickness(scene, params, |prop| summaries[prop].thickness) / checked.diameter;
         let natural_time = (checked.diameter / params.gravity).sqrt();
         let stiffened = extremes::stiffened(&params.physics, mass_ratio, thickness);
         let physics = extremes::calmed(&stiffened, thickness, natural_time);
-        let case = Case { scene, params, checked, natures, is_stiff: stiffened != params.physics };
+        let case = Case { scene, params, checked, summaries, is_stiff: stiffened != params.physics };
         let is_on = |&&name: &&EffectName| case.word(name).is_on(case.calls_for(name));
         let words = EffectName::VARIANTS.iter().map(|&name| (name, case.word(name)));
         Resolved {
@@ -46,7 +46,7 @@ impl Resolved {
             mass_ratio,
             thickness,
             glue_bound: params.glue_bound(scene.is_filled(params)),
-            compounds: natures.iter().any(|nature| nature.outline == Outline::Parts),
+            compounds: summaries.iter().any(|summary| summary.kind == ShapeKind::Parts),
         }
     }
 
@@ -64,23 +64,23 @@ impl Resolved {
 struct Case<'a> {
     scene: &'a Scene,
     params: &'a Params,
-    checked: &'a Checked,
-    natures: &'a [Nature],
+    checked: &'a CheckedScene,
+    summaries: &'a [ShapeSummary],
     is_stiff: bool,
 }
 
 impl Case<'_> {
     /// Whether the scene and its parameters call for an effect.
     fn calls_for(&self, name: EffectName) -> bool {
-        let Case { scene, params, checked, natures, is_stiff } = *self;
+        let Case { scene, params, checked, summaries, is_stiff } = *self;
         let glues = self.glues();
         // What is glued stands without being held.
         let is_controlled = params.control.mode != ControlMode::Off && !glues;
         let freezes = is_controlled && params.control.mode == ControlMode::Freeze;
         let fill = scene.is_filled(params);
         match name {
-            EffectName::Primitives => natures.iter().any(|n| matches!(n.outline, Outline::Box | Outline::Ball)),
-            EffectName::Decomposition => natures.iter().any(|n| n.outline == Outline::Parts),
+            EffectName::Primitives => summaries.iter().any(|n| matches!(n.kind, ShapeKind::Box | ShapeKind::Ball)),
+            EffectName::Decomposition => summaries.iter().any(|n| n.kind == ShapeKind::Parts),
             EffectName::Fill | EffectName::TurnOver => fill,
             EffectName::Core => checked.core.is_some(),
             EffectName::Depenetration => fill && params.fill.residual_overlap < 1.0,

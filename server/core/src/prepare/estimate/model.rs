@@ -1,6 +1,6 @@
 //! The fitted numbers. `cargo run --release --example fit_estimate -- RUNS...` prints them.
 
-use super::Weights;
+use super::CostExponents;
 use crate::input::params::Accuracy;
 
 /// CPU seconds of the calibration on the machine that the runs were made on.
@@ -12,9 +12,9 @@ pub const FACTOR: f64 = 2.5;
 pub const CONTROL_SHARE: f64 = 0.36;
 
 /// Exponents of the fill's CPU time: of 1, bodies, corners, parts, slenderness, walls, times, step_rate, substeps, coulomb.
-pub const FILL: Weights = [-7.719, 1.000, 0.000, 0.533, 0.278, 0.070, 0.000, 0.000, 0.083, 0.000];
+pub const FILL: CostExponents = [-7.719, 1.000, 0.000, 0.533, 0.278, 0.070, 0.000, 0.000, 0.083, 0.000];
 /// The same for glue and its proof.
-pub const GLUE: Weights = [-6.871, 1.000, 0.497, 0.143, -0.152, 0.022, 0.204, 0.000, 0.000, 0.000];
+pub const GLUE: CostExponents = [-6.871, 1.000, 0.497, 0.143, -0.152, 0.022, 0.204, 0.000, 0.000, 0.000];
 /// Dots of glue for each body: median over the bakes.
 pub const DOTS_PER_BODY: f64 = 0.45;
 /// How much of that there is at `draft`, which chooses dots in fewer rounds and does not try the pile.
@@ -45,9 +45,9 @@ pub fn kept(strength: f64) -> [f64; 3] {
 }
 
 /// The same for release and hold.
-pub const RELEASE_AND_HOLD: Weights = [-11.217, 1.000, 0.592, 0.193, -0.173, 0.068, 0.784, 0.519, 0.221, 0.080];
+pub const RELEASE_AND_HOLD: CostExponents = [-11.217, 1.000, 0.592, 0.193, -0.173, 0.068, 0.784, 0.519, 0.221, 0.080];
 /// The same for shapes and measures.
-pub const MEASURE: Weights = [-11.317, 1.000, 0.000, 0.916, 0.137, 0.038, 0.261, 0.539, 0.184, 0.531];
+pub const MEASURE: CostExponents = [-11.317, 1.000, 0.000, 0.916, 0.137, 0.038, 0.261, 0.539, 0.184, 0.531];
 /// What release and hold of a glued pile take, against those of one that is held: median over the bakes.
 pub const GLUED_RELEASE: f64 = 0.044;
 

@@ -1,7 +1,7 @@
 //! Which solid a prop is simulated as: the cheapest one that is close enough.
 
 use super::fit::{self, OrientedBox};
-use super::{FLAT_THICKNESS, Outline, Solid, convex, mass};
+use super::{FLAT_THICKNESS, ShapeKind, Solid, convex, mass};
 use crate::geometry::mesh::TriMesh;
 use crate::input::params::{Physics, Switch};
 use glam::DVec3;
@@ -54,10 +54,10 @@ fn primitive(
 }
 
 /// What the solid of a closed mesh will be, without splitting it.
-pub fn outline(mesh: &TriMesh, diameter: f64, physics: &Physics) -> Outline {
+pub fn kind(mesh: &TriMesh, diameter: f64, physics: &Physics) -> ShapeKind {
     match primitive(mesh, &fit::oriented_box(mesh), diameter, true, physics.switches.primitives) {
-        Some((solid, _)) => solid.outline(),
-        None if convex::is_one_hull(mesh, diameter, true, physics) => Outline::Hull,
-        None => Outline::Parts,
+        Some((solid, _)) => solid.kind(),
+        None if convex::is_one_hull(mesh, diameter, true, physics) => ShapeKind::Hull,
+        None => ShapeKind::Parts,
     }
 }

@@ -8,12 +8,12 @@ mod convex;
 mod corners;
 mod fit;
 mod hull;
+mod kind;
 mod mass;
-mod nature;
 mod nest;
-mod outline;
 mod round;
 mod size;
+mod summary;
 
 use crate::error::{Error, Problem};
 use crate::geometry::mesh::TriMesh;
@@ -31,10 +31,10 @@ pub use convex::hull_mesh;
 pub use corners::corners;
 pub use fit::OrientedBox;
 pub use hull::Hull;
-pub use nature::{Nature, natures};
+pub use kind::ShapeKind;
 pub use nest::Seat;
-pub use outline::Outline;
 pub use size::Size;
+pub use summary::{ShapeSummary, summaries};
 
 /// What is wrong with the prop of this index.
 fn fault(index: usize) -> impl Fn(String) -> Error {
@@ -56,7 +56,7 @@ pub fn run(scene: &Scene, params: &Params, sizes: &[Size], observer: &mut dyn Ob
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ShapeFit {
     pub prop: String,
-    pub kind: Outline,
+    pub kind: ShapeKind,
     pub parts: usize,
     /// Largest distance between the mesh and its collision shape, relative to the prop's diameter.
     pub deviation_rel: f64,
@@ -141,7 +141,7 @@ impl Shape {
         let solid = solid.moved(-moments.center);
         let report = ShapeFit {
             prop: prop.model.name.clone(),
-            kind: solid.outline(),
+            kind: solid.kind(),
             parts: solid.parts(),
             deviation_rel: deviation / diameter,
             mass,
@@ -162,9 +162,9 @@ impl Shape {
     }
 
     /// What decides on effects.
-    pub fn nature(&self) -> Nature {
+    pub fn summary(&self) -> ShapeSummary {
         let Shape { solid, mass, .. } = self;
-        Nature { outline: solid.outline(), mass: *mass, thickness: self.thickness() }
+        ShapeSummary { kind: solid.kind(), mass: *mass, thickness: self.thickness() }
     }
 
     /// Smallest extent, m.
@@ -223,12 +223,12 @@ impl Shape {
 }
 
 impl Solid {
-    pub fn outline(&self) -> Outline {
+    pub fn kind(&self) -> ShapeKind {
         match self {
-            Solid::Box(_) => Outline::Box,
-            Solid::Ball { .. } => Outline::Ball,
-            Solid::Convex(parts) if parts.len() == 1 => Outline::Hull,
-            Solid::Convex(_) => Outline::Parts,
+            Solid::Box(_) => ShapeKind::Box,
+            Solid::Ball { .. } => ShapeKind::Ball,
+            Solid::Convex(parts) if parts.len() == 1 => ShapeKind::Hull,
+            Solid::Convex(_) => ShapeKind::Parts,
         }
     }
 

@@ -4,7 +4,7 @@ use super::Glued;
 use super::proof::{IN_PLACES, LEANS, LetGo, Proving, SAGS};
 use crate::equilibrium::glue::{self, GlueDot, GlueError, GlueOptions, Placement};
 use crate::error::Error;
-use crate::geometry::topology::Parts;
+use crate::geometry::topology::DisjointSets;
 use crate::input::observer::{Observer, observe};
 use crate::input::params::{Params, Switch};
 use crate::prepare::effects::{EffectName, Resolved};
@@ -271,7 +271,7 @@ fn joining(sites: &Sites, dots: &[Dot], limit: f64, joins: impl Fn(usize) -> boo
     // All that stands still is one more solid.
     let still = sites.ids.len();
     let index = |id: BodyId| sites.ids.binary_search(&id).unwrap_or(still);
-    let mut solids = Parts::new(still + 1);
+    let mut solids = DisjointSets::new(still + 1);
     for dot in dots {
         solids.join(index(dot.a), dot.b.map_or(still, index));
     }

@@ -2,7 +2,7 @@
 
 use super::bounds::Bounds;
 use super::layer::{Layer, vector};
-use cairn_core::report::{Glue, GlueDot};
+use cairn_core::report::{BakedGlue, BakedGlueDot};
 use glam::DVec3;
 use openusd::gf;
 use openusd::sdf::Path;
@@ -12,9 +12,9 @@ use openusd::tf::Token;
 const WIDTH: f32 = 0.01;
 
 /// Writes the dots below the pile's prim.
-pub fn write(layer: &mut Layer, pile: &Path, glue: &Glue) {
+pub fn write(layer: &mut Layer, pile: &Path, glue: &BakedGlue) {
     let prim = layer.prim(pile, "Glue", "Points");
-    let vectors = |of: fn(&GlueDot) -> [f64; 3]| -> Vec<gf::Vec3f> {
+    let vectors = |of: fn(&BakedGlueDot) -> [f64; 3]| -> Vec<gf::Vec3f> {
         glue.dots.iter().map(|dot| vector(DVec3::from(of(dot)))).collect()
     };
     let points = vectors(|dot| dot.point);
@@ -28,7 +28,7 @@ pub fn write(layer: &mut Layer, pile: &Path, glue: &Glue) {
     layer.attribute(&prim, "float3[] extent", bounds.extent());
     layer.attribute(&prim, "point3f[] points", points);
     layer.primvar(&prim, "float[] widths", "constant", vec![WIDTH]);
-    let bodies = |dot: &GlueDot| gf::Vec2i::from([dot.body as i32, dot.other.map_or(-1, |body| body as i32)]);
+    let bodies = |dot: &BakedGlueDot| gf::Vec2i::from([dot.body as i32, dot.other.map_or(-1, |body| body as i32)]);
     layer.primvar(&prim, "int2[] primvars:cairn:bodies", "vertex", glue.dots.iter().map(bodies).collect::<Vec<_>>());
     layer.primvar(&prim, "normal3f[] primvars:cairn:normal", "vertex", vectors(|dot| dot.normal));
     layer.primvar(&prim, "vector3f[] primvars:cairn:force", "vertex", vectors(|dot| dot.force));

@@ -7,7 +7,7 @@ use super::bounds::Bounds;
 use super::layer::{short_name, vector};
 use super::model::Stage;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::report::Glue;
+use cairn_core::report::BakedGlue;
 use cairn_core::report::bake::BakedPile;
 use glam::{DAffine3, DQuat, DVec3};
 use openusd::gf;
@@ -157,7 +157,7 @@ fn room(bake: &BakedPile, frame: usize, bounds: &BTreeMap<usize, Bounds>) -> Bou
 }
 
 /// Of each body the number of its cluster, -1 where it has none, and whether it is anchored.
-fn held(glue: &Glue, bodies: usize) -> (Vec<i32>, Vec<bool>) {
+fn held(glue: &BakedGlue, bodies: usize) -> (Vec<i32>, Vec<bool>) {
     let (mut clusters, mut anchored) = (vec![-1; bodies], vec![false; bodies]);
     for (number, members) in glue.clusters.iter().enumerate() {
         members.iter().for_each(|&body| clusters[body] = number as i32);

@@ -26,7 +26,7 @@ mod textures;
 
 use super::hierarchy::Frame;
 use super::{Encoded, ExportError, ExportScene, ORIGIN};
-use cairn_core::report::OF_A_RUN;
+use cairn_core::report::TIMED_FIGURES;
 use cairn_core::report::bake::BakedPile;
 use layer::{Encoding, Layer, short_name};
 use model::Stage;
@@ -77,7 +77,7 @@ fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<E
     let pile = layer.prim(&root, "Pile", "Xform");
     layer.set(&pile, FieldKey::Kind, Token::from("component"));
     if let Some(measures) = scene.measures {
-        let told = measures.iter().filter(|(name, _)| !OF_A_RUN.contains(&&***name));
+        let told = measures.iter().filter(|(name, _)| !TIMED_FIGURES.contains(&&***name));
         let told = told.filter_map(|(name, value)| Some((name.to_string(), Value::Double((*value)?))));
         let measures = HashMap::from([("measures".to_owned(), Value::Dictionary(told.collect()))]);
         let data = HashMap::from([(ORIGIN.to_owned(), Value::Dictionary(measures))]);

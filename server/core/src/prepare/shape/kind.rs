@@ -3,7 +3,7 @@
 /// What a prop's collision shape is or will be, as far as that is known without a decomposition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Outline {
+pub enum ShapeKind {
     Box,
     Ball,
     /// One convex shape.
@@ -12,13 +12,13 @@ pub enum Outline {
     Parts,
 }
 
-impl std::fmt::Display for Outline {
+impl std::fmt::Display for ShapeKind {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.write_str(match self {
-            Outline::Box => "box",
-            Outline::Ball => "ball",
-            Outline::Hull => "hull",
-            Outline::Parts => "parts",
+            ShapeKind::Box => "box",
+            ShapeKind::Ball => "ball",
+            ShapeKind::Hull => "hull",
+            ShapeKind::Parts => "parts",
         })
     }
 }
