@@ -123,33 +123,34 @@ OPTIONS = (
 def register():
     properties.register()
     bpy.types.WindowManager.cairn_warnings = BoolProperty(
-        name="Warnings", description="Show what the server says of the scene or of the pile"
+        name="Warnings", description="Show the server's warnings about the scene or the pile"
     )
     bpy.types.WindowManager.cairn_seed_count = IntProperty(
-        name="Seeds", description="How many seeds are tried, from the scene's own on", default=4, min=1, max=32
+        name="Seeds", description="How many seeds to try, starting with the scene's seed", default=4, min=1, max=32
     )
     bpy.types.WindowManager.cairn_add_count = IntProperty(
-        name="Count", description="How many props are dropped on top", default=10, min=1, max=10000
+        name="Count", description="How many props to drop on top", default=10, min=1, max=10000
     )
     bpy.types.WindowManager.cairn_add_region = StringProperty(
         name="Region",
-        description="A vertex group of the shape: props fall where its weights are 0.5 or more. Empty: over the "
-        "selected bodies, or the whole pile",
+        description="Vertex group of the shape: props fall where its weights are 0.5 or more. If empty, props fall "
+        "over the selected bodies, or the whole pile",
     )
     bpy.types.WindowManager.cairn_seed_glue = BoolProperty(
-        name="And Glue",
-        description="Try each seed with several amounts of glue: as chosen below, and with the glue set above",
+        name="Also Vary Glue",
+        description="Try each seed with several amounts of glue: those chosen below, and the glue set above",
     )
     bpy.types.WindowManager.cairn_seed_shapes = EnumProperty(
-        name="Kept Shapes",
-        description="Which of these are tried with each seed",
+        name="Glue Amounts",
+        description="Amounts of glue to try with each seed",
         items=variant_operators.BUDGETS,
         options={"ENUM_FLAG"},
         default={"AS_MODELLED", "NATURAL"},
     )
     bpy.types.WindowManager.cairn_seed_strengths = StringProperty(
         name="Tacky",
-        description="Which strengths of Tacky are tried with each seed, in weights of a typical prop: as in 1, 5, 20",
+        description="Strengths of Tacky to try with each seed, in weights of a typical prop, separated by commas, "
+        "such as 1, 5, 20",
     )
     for cls in CLASSES:
         bpy.utils.register_class(cls)

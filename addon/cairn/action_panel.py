@@ -20,11 +20,11 @@ def draw(layout, context, settings):
     elif bake:
         row.operator("cairn.keep", text=bake.kept_kind(), icon="CHECKMARK")
         row.operator("cairn.discard", text="", icon="X")
-        lines = "Stopped. Keep what there is,", "or restore the scene."
+        lines = "Stopped. Keep this result,", "or restore the scene."
     elif running.left:
         row.operator("cairn.fetch", icon="IMPORT")
         row.operator("cairn.forget", text="", icon="X")
-        lines = "A bake was under way", "when this file was closed."
+        lines = "A bake was running", "when this file was closed."
     else:
         lines = _draw_bake(row, context, settings, not lacking and not problem)
     column = layout.column(align=True)
@@ -40,7 +40,7 @@ def draw(layout, context, settings):
         layout.operator("cairn.preferences", icon="PREFERENCES")
     elif running.problems:
         box = layout.box()
-        box.label(text="This has to be put right first:")
+        box.label(text="Fix These Problems First")
         draw_sentences(box, context, problems())
     elif running.plan:
         draw_folded(layout, context, wording.gathered(running.plan["warnings"], running.names))

@@ -258,7 +258,7 @@ def _add_core(v1, told, exporter, collection, recipe):
     control = collection.cairn.control
     shape = exporter.region(control) if control else None
     if shape is None:
-        raise Fault("The shape is not in the file any more, and the core that the pile lies on is made of it.")
+        raise Fault("The shape is not in the file any more. It is needed to make the core that the pile lies on.")
     told.control_mesh.path = shape.uri
     told.fill.method = v1.FILL_METHOD_OFF
     told.fill.shell = float(f"{fill['shell']:.7g}")
@@ -294,7 +294,7 @@ def _painted(context, exporter, collection, placed, region, largest):
     """Where props appear: a block above what is painted, and above the bodies there."""
     control = collection.cairn.control
     if control is None:
-        raise Fault("The shape is not in the file any more, and what was painted on it is not, either.")
+        raise Fault("The shape is not in the file any more, and neither is the painted region.")
     edge, corner, found = painted.cells(context, control, region, largest / CELLS)
     low, high = corner - largest, corner + edge * np.array(found.shape) + largest
     bodies = [body.location for body in placed.objects]

@@ -105,7 +105,7 @@ class Exporter:
                 vertices, triangles = joined(meshes, frame.inverted())
                 props.append(Prop(model, source, frame.inverted() @ place, frame, vertices, triangles))
             else:
-                told = f"The prop “{source.name}” has no faces. Take it out of the props, or give it some."
+                told = f"The prop “{source.name}” has no faces. Remove it from the props, or give it faces."
                 self.problems.append(Problem(told, source.name))
             yield
         return props

@@ -26,7 +26,7 @@ def is_running():
 def explain(operator, fault):
     """A popup with what went wrong and what to do about it. The panel keeps it, with buttons."""
     running.problems = list(fault.problems)
-    lines = ["This has to be put right first:", *(wording.said(problem.text) for problem in fault.problems)]
+    lines = ["Fix these problems first:", *(wording.said(problem.text) for problem in fault.problems)]
     operator.report({"ERROR"}, "\n".join(lines) if fault.problems else fault.message)
     return {"CANCELLED"}
 
@@ -40,7 +40,7 @@ def explaining(operator):
         explain(operator, fault)
     except Exception as error:  # noqa: BLE001 an artist gets a sentence, whatever it is
         traceback.print_exc()
-        explain(operator, Fault(f"The add-on has a fault; please report what the console shows: {error}"))
+        explain(operator, Fault(f"The add-on has a fault. Please report the message in the console: {error}"))
 
 
 class start_frame:  # noqa: N801 used as a function
@@ -166,7 +166,7 @@ class Follows:
             context.window_manager.popup_menu(_draw_choice, title="Bake Stopped", icon="QUESTION")
         else:
             running.end()
-            self.report({"INFO"}, "Bake cancelled. The scene is as it was")
+            self.report({"INFO"}, "Bake cancelled. The scene is unchanged")
         return {"CANCELLED"}
 
     def _write(self, context, bake):
@@ -291,7 +291,7 @@ def _is_in_sidebar(context, event):
 
 
 def _draw_question(self, _):
-    self.layout.operator("cairn.stop", text="Stop It", icon="CANCEL")
+    self.layout.operator("cairn.stop", text="Stop", icon="CANCEL")
     self.layout.operator("cairn.go_on", icon="PLAY")
 
 

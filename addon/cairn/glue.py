@@ -133,7 +133,7 @@ class CAIRN_OT_select_dot(Operator):
     bl_options = {"UNDO"}
 
     collection: StringProperty(name="Collection", description="The pile's collection")
-    dot: IntProperty(name="Dot", description="Which dot, from that which carries most on", min=0)
+    dot: IntProperty(name="Dot", description="Index of the dot; the first one carries most", min=0)
 
     def execute(self, context):
         collection = bpy.data.collections.get(self.collection)
@@ -157,8 +157,8 @@ def register():
     # Of this session, not of the file.
     bpy.types.WindowManager.cairn_glue = BoolProperty(
         name="Show Glue",
-        description="Show the dots of glue of this pile, through the bodies: the darker, the more they carry; black "
-        "where they broke",
+        description="Show the dots of glue of this pile through the bodies. Darker dots carry more; black dots are "
+        "broken",
         get=lambda _: is_shown,
         set=lambda _, on: show(on),
     )

@@ -57,7 +57,7 @@ class _Draft:
     def _begin(self, context):
         lacking = request.missing(context.scene.cairn)
         if lacking or self.seen[0] is None:
-            self.tell(context, lacking or "The scene is too large for drafts in passing.")
+            self.tell(context, lacking or "The scene is too large for live drafts.")
             self.hide()
             return
         self.slices = self._steps(context)
@@ -96,7 +96,7 @@ class _Draft:
             if kind == "failed":
                 self.job = None
                 running.problems = what.problems
-                self.tell(context, what.message if not what.problems else "Something is to be put right first.")
+                self.tell(context, what.message if not what.problems else "Fix the problems listed here first.")
                 self.hide()
                 return
             # The figures are not waited for.
@@ -178,8 +178,8 @@ def register():
     # Of this session, not of the file.
     bpy.types.WindowManager.cairn_live = BoolProperty(
         name="Live",
-        description="Show a draft of the pile while you shape: whenever shape, props or settings have changed and "
-        "rest, it is baked anew. Nothing of it is in the file",
+        description="Show a draft of the pile while you shape. It is baked again after each change of shape, props "
+        "or settings, once you pause. The draft is not saved in the file",
         get=lambda _: is_on,
         set=lambda _, on: show(on),
     )

@@ -19,7 +19,7 @@ def cells(context, source, group, size):
     corners, weights = corners[of_paint][:, :, :2], weights[of_paint]
     if not len(corners):
         raise Fault(
-            f"Nothing is painted in the vertex group “{group}” of “{source.name}”. Paint where props shall fall."
+            f"Nothing is painted in the vertex group “{group}” of “{source.name}”. Paint where props should fall."
         )
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     edge = max(size, float((high - low).max()) / MOST_CELLS)

@@ -90,11 +90,11 @@ def effect_of(settings):
     # Of eight bakes of ten; what settles into place is a little more than all of it.
     low, high = (min(100, round(100 * share)) for share in (low, high))
     kept = f"{high} %" if low == high else f"{low} to {high} %"
-    lines = [f"Likely to keep {kept} of it"] if high > 0 else []
+    lines = [f"Likely to keep {kept} of the shape"] if high > 0 else []
     if settings.kept_shape == "NATURAL":
-        return [*lines, "No glue: what overhangs falls"]
+        return [*lines, "No glue: overhanging bodies fall"]
     if settings.kept_shape == "TACKY":
-        return [*lines, "What would need stronger glue falls"]
+        return [*lines, "Bodies that need stronger glue fall"]
     dots = known["dots"].get(settings.accuracy, 0.0)
     # The plan's own range.
     return [*lines, f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
@@ -197,7 +197,7 @@ def reliance():
     """What the expected times are, and how far they may be off."""
     factors = [factor for _, factor in running.plan["estimates"].values()] if running.plan else []
     if not factors:
-        return "Check tells the CPU time" if estimates.is_too_much else ""
+        return "Check shows the CPU time" if estimates.is_too_much else ""
     return f"CPU time ×÷ {max(factors):.2g}, overlap"
 
 

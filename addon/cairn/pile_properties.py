@@ -82,21 +82,23 @@ class CairnResult(PropertyGroup):
     # Frames of the result, and when they are shown: as set, and as the pile has it (JSON).
     frame_count: IntProperty()
     timing_start: IntProperty(
+        subtype="TIME",
         name="Start Frame",
-        description="Frame of the scene at which the pile begins to be held",
+        description="Scene frame at which the hold begins",
         default=1,
         update=_retime,
     )
     timing_hold: IntProperty(
+        subtype="TIME",
         name="Hold",
-        description="For how many frames the pile stands still before it is let go",
+        description="Number of frames for which the pile stands still before it is released",
         min=0,
         max=100000,
         update=_retime,
     )
     timing_speed: FloatProperty(
         name="Speed",
-        description="How fast the collapse plays: 2 is twice as fast as it was simulated, 0.5 slow motion",
+        description="How fast the collapse plays, as a factor: 2 is twice as fast as simulated, 0.5 is slow motion",
         default=1.0,
         min=0.001,
         soft_min=0.1,
@@ -106,8 +108,8 @@ class CairnResult(PropertyGroup):
     )
     timing_ease: FloatProperty(
         name="Ease",
-        description="Above 0 the collapse begins slowly and becomes faster; below 0 it begins fast and becomes slower. "
-        "Its length stays",
+        description="Above 0 the collapse begins slowly and becomes faster; below 0 it begins fast and becomes "
+        "slower. Its length does not change",
         min=-2.0,
         max=2.0,
         update=_retime,
@@ -115,11 +117,11 @@ class CairnResult(PropertyGroup):
     timed: StringProperty()
     display: EnumProperty(
         name="Display",
-        description="How the bodies are shown in the 3D View. Renders are not changed by it",
+        description="How the bodies are shown in the 3D View. Renders do not change",
         items=[
-            ("TEXTURED", "Full", "As they are"),
+            ("TEXTURED", "Full", "With all details"),
             ("SOLID", "Plain", "Without textures"),
-            ("BOUNDS", "Boxes", "As boxes: the quickest"),
+            ("BOUNDS", "Boxes", "As boxes, which is fastest"),
         ],
         update=_display,
     )

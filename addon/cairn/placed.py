@@ -137,8 +137,10 @@ class Extras:
         changes = np.ptp(np.array(sizes), axis=0).max(axis=1)
         for source, change in zip(sources, changes):
             if change > SAME_SCALE:
-                told = f"The collider “{source.name}” changes its size. Only moving and turning is followed: take the "
-                self.exporter.problems.append(Problem(told + "animation of its scale away.", source.name))
+                told = (
+                    f"The collider “{source.name}” changes its size. Only its movement and rotation can be followed: "
+                )
+                self.exporter.problems.append(Problem(told + "remove the animation of its scale.", source.name))
         return np.array(positions), np.array(rotations)
 
 

@@ -23,37 +23,40 @@ class CairnPreferences(bpy.types.AddonPreferences):
 
     server: EnumProperty(
         name="Server",
-        description="Which computer bakes",
+        description="Computer that bakes",
         items=[
             (
                 "LOCAL",
                 "This Computer",
-                "A server on this computer, started when a bake needs it and ended with Blender",
+                "A server on this computer, which starts when a bake needs it and ends with Blender",
             ),
-            ("REMOTE", "Another Computer", "A Cairn server that runs elsewhere"),
+            ("REMOTE", "Another Computer", "A Cairn server on another computer"),
         ],
     )
     program: StringProperty(
         name="Program",
-        description="The program `cairn`. Empty: the add-on's own, or the one on the system's path",
+        description="Path of the program `cairn`. If empty, the add-on's own program, or the one on the system's path",
         subtype="FILE_PATH",
     )
     address: StringProperty(
         name="Address", description="Address of the server, as HOST:PORT; https://HOST:PORT for an encrypted connection"
     )
     token: StringProperty(
-        name="Token", description="The token that the server asks for. Ask those who run it", subtype="PASSWORD"
+        name="Token",
+        description="Token that the server requires. Ask the operator of the server for it",
+        subtype="PASSWORD",
     )
     certificates: StringProperty(
         name="Certificates",
-        description="PEM file of those who sign the server's certificate. Empty: those whom this computer trusts",
+        description="PEM file of the authority that signed the server's certificate. If empty, the authorities that "
+        "this computer trusts",
         subtype="FILE_PATH",
     )
 
     estimates: BoolProperty(
         name="Expected Times",
-        description="Ask the server on this computer what each accuracy is expected to take, whenever the scene has "
-        "changed while the tab is seen. It is started for that. Off: only Check asks",
+        description="Show the expected time of each accuracy. The server on this computer estimates it after each "
+        "change of the scene, while the tab is visible; it starts for that. If off, only Check asks",
         default=True,
     )
 
@@ -100,9 +103,9 @@ def server(context):
         return Server(local=local(), program=find(bpy.path.abspath(preferences.program)))
     address = preferences.address.strip()
     if not address:
-        raise Fault("There is no server's address. Set it in the add-on's preferences, or let this computer bake.")
+        raise Fault("The server's address is missing. Set it in the add-on's preferences, or let this computer bake.")
     if not getattr(bpy.app, "online_access", True) and not _is_here(address):
-        raise Fault("Blender may not go online. Allow it in Preferences, System, Network; or let this computer bake.")
+        raise Fault("Blender may not go online. Allow it in Preferences, System, Network, or let this computer bake.")
     certificates = bpy.path.abspath(preferences.certificates)
     return Server(target=Target(address, preferences.token.strip(), certificates))
 

@@ -75,13 +75,13 @@ def colliders_of(settings):
 def missing(settings):
     """What is to be done before a bake, one sentence; empty if nothing is missing."""
     if settings.control_mesh is None:
-        return "Choose the mesh that the pile shall have the shape of."
+        return "Choose the mesh that the pile fills."
     if settings.control_mesh.type != "MESH":
         return "Choose a mesh as the shape."
     if not props_of(settings):
-        return "Choose the things that the pile is made of: a collection of objects, or some objects in the list."
+        return "Choose the props of the pile: a collection of objects, or some objects in the list."
     if not settings.use_ground and not colliders_of(settings) and not objects_of(settings.keep):
-        return "Everything would fall for ever. Switch the ground on, or choose colliders."
+        return "Everything would fall forever. Switch the ground on, or choose colliders."
     return ""
 
 
@@ -180,7 +180,7 @@ def taking(context, passive=False):
         ],
         "names": names,
         "notes": [
-            f"{model.uri}: it moves, but is taken as it stands at the start frame"
+            f"{model.uri}: it moves, but the bake uses its pose at the start frame"
             for source, model in statics
             if placed.is_animated(source)
         ],

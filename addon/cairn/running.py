@@ -15,7 +15,7 @@ STAGES = {
     "STAGE_SHAPE": "Splitting shapes",
     "STAGE_FILL": "Filling",
     "STAGE_GLUE": "Placing glue",
-    "STAGE_RELEASE": "Letting go",
+    "STAGE_RELEASE": "Releasing",
     "STAGE_HOLD": "Coming to rest",
     "STAGE_MEASURE": "Measuring",
 }
@@ -164,7 +164,7 @@ class Bake:
             return ""
         parts = [f"{progress.body_count} bodies"]
         if 0 < progress.released_count < progress.body_count:
-            parts.append(f"{progress.released_count} let go")
+            parts.append(f"{progress.released_count} released")
         if progress.at_rest_count:
             parts.append(f"{progress.at_rest_count} at rest")
         if progress.nail_count:
@@ -176,7 +176,7 @@ class Bake:
             return ""
         seconds = self.left.told(time.monotonic())
         if seconds is None:
-            return "Time left: not known yet"
+            return "Time left: unknown"
         return f"{duration(seconds)} left in this stage" if seconds >= 1 else ""
 
     def line(self):
@@ -289,7 +289,7 @@ def glue_of(told):
     anchors = round(told["measures"].get("anchored") or 0)
     if anchors:
         dots_hold = "1 dot holds" if anchors == 1 else f"{anchors} dots hold"
-        sentences.append(f"{dots_hold} on to the ground or to scenery.")
+        sentences.append(f"{dots_hold} the pile to the ground or to scenery.")
     broken = counts.get("glue_dots_broken", 0)
     if broken:
         sentences.append(f"{broken} broke.")
@@ -313,7 +313,7 @@ def _collect():
             for collection in bpy.data.collections:
                 if collection.cairn.is_result and collection.cairn.bake_id == made.job.bake_id:
                     if report_of(collection)["frame_count"] != told["frame_count"]:
-                        told["warnings"].append("the server told of its last frames too late; bake again to have them")
+                        told["warnings"].append("the last frames came from the server too late; bake again to get them")
                     collection.cairn.report = json.dumps(told)
                     collection.cairn.result_hash = told["result_hash"]
     for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):

@@ -29,8 +29,20 @@ GROUPS = {
     "Effects": "effects",
     "Figures": "report",
 }
-# Fields whose name alone does not say what they do, and what a value that the accuracy leaves open begins with.
-TITLES = {"shell": "Only Near the Surface"}
+# Labels of fields and values whose name does not say what they do, has no unit, or is not in US English.
+TITLES = {
+    "as_modelled": "As Modeled",
+    "interval_natural": "Interval (Relative)",
+    "interval_seconds": "Interval (s)",
+    "kappa": "Nail Strength (N·s/kg)",
+    "neighbours": "Neighbors",
+    "shell": "Only Near the Surface",
+    "spread_area": "Spread (m²)",
+    "spread_relative": "Spread (Relative)",
+    "step_natural": "Step (Relative)",
+    "step_seconds": "Step (s)",
+}
+# First values of fields that the accuracy leaves open.
 FIRST = {"shell": 1.0}
 
 
@@ -79,7 +91,7 @@ def items_of(field):
 
 
 def title(name):
-    return TITLES.get(name) or name.replace("_", " ").title()
+    return TITLES.get(name.lower()) or name.replace("_", " ").title()
 
 
 def _only_one(message, field):
@@ -102,7 +114,7 @@ def _group(message):
     properties = {}
     for field in fields_of(message):
         properties[field["name"]] = _property(field)
-        about = f"Set {title(field['name'])} here, instead of by the accuracy"
+        about = f"Set {title(field['name'])} here, instead of using the value of the accuracy"
         properties["use_" + field["name"]] = BoolProperty(
             name="Set " + title(field["name"]), description=about, update=_only_one(message, field)
         )

@@ -109,7 +109,7 @@ class LocalServer:
             if running:
                 return running
             told = log.read_text(errors="replace").strip().splitlines()[-8:]
-            raise Fault("The server does not start: " + ("\n".join(told) or f"{program} says nothing."))
+            raise Fault("The server does not start: " + ("\n".join(told) or f"{program} prints nothing."))
         self._write({"address": address, "token": token, "pid": process.pid})
         return Target(address, token)
 

@@ -20,7 +20,7 @@ PATIENCE = 20.0
 
 
 class CAIRN_OT_use_selected(Operator):
-    """Take the active mesh as the shape that the pile shall have"""
+    """Use the active mesh as the shape of the pile"""
 
     bl_idname = "cairn.use_selected"
     bl_label = "Use Active Mesh"
@@ -52,7 +52,7 @@ class CAIRN_OT_add_props(Operator):
             if s.type in request.PLACED and s.parent not in chosen and s not in known
         ]
         if not new:
-            return explain(self, Fault("Select the objects that the pile shall be made of, then press this button."))
+            return explain(self, Fault("Select the objects to use as props, then press this button."))
         settings.prop_source = "LIST"
         for source in new:
             settings.props.add().object = source
@@ -61,7 +61,7 @@ class CAIRN_OT_add_props(Operator):
 
 
 class CAIRN_OT_remove_prop(Operator):
-    """Take the prop off the list. The object stays"""
+    """Remove the prop from the list. The object stays"""
 
     bl_idname = "cairn.remove_prop"
     bl_label = "Remove Prop"
@@ -101,7 +101,7 @@ class _Waits:
 
 
 class CAIRN_OT_check(_Waits, Operator):
-    """Ask the server what a bake would do, and what is wrong with the scene. Nothing is simulated"""
+    """Validate the scene and estimate the bake, without simulating it"""
 
     bl_idname = "cairn.check"
     bl_label = "Check"
@@ -177,7 +177,7 @@ class CAIRN_OT_check(_Waits, Operator):
 
 
 class CAIRN_OT_select(Operator):
-    """Select the object that this is about"""
+    """Select the object that this message is about"""
 
     bl_idname = "cairn.select"
     bl_label = "Select Object"
@@ -199,7 +199,7 @@ class CAIRN_OT_select(Operator):
 
 
 class CAIRN_OT_test_server(_Waits, Operator):
-    """Connect to the server, starting it if it is on this computer, and tell its version"""
+    """Connect to the server, starting it if it is on this computer, and show its version"""
 
     bl_idname = "cairn.test_server"
     bl_label = "Test Server"
@@ -236,7 +236,7 @@ class CAIRN_OT_test_server(_Waits, Operator):
         except concurrent.futures.TimeoutError:
             self.answer.cancel()
             return explain(self, Fault("The server does not answer. Check its address."))
-        self.report({"INFO"}, f"Cairn {told.versions.cairn} answers, with {told.limits.worker_count} bakes at once")
+        self.report({"INFO"}, f"Cairn {told.versions.cairn} answers. It runs {told.limits.worker_count} bakes at once")
         return {"FINISHED"}
 
 
@@ -252,7 +252,7 @@ class CAIRN_OT_preferences(Operator):
 
 
 class CAIRN_OT_clear_parameters(Operator):
-    """Leave all parameters of this group to the accuracy"""
+    """Reset all parameters of this group to the values of the accuracy"""
 
     bl_idname = "cairn.clear_parameters"
     bl_label = "Reset"
@@ -260,7 +260,7 @@ class CAIRN_OT_clear_parameters(Operator):
 
     group: EnumProperty(
         name="Group",
-        description="Which parameters",
+        description="Group of parameters to reset",
         items=[(name, name.title(), "") for name in GROUPS.values()],
     )
 

@@ -21,7 +21,7 @@ STATES = [
     ("Unstable", (0.84, 0.37, 0.00)),
     ("Candidate", (0.34, 0.71, 0.91)),
     ("Held", (0.00, 0.45, 0.70)),
-    ("Outside the region", (0.94, 0.89, 0.26)),
+    ("Outside the Region", (0.94, 0.89, 0.26)),
     ("Kept", (0.80, 0.47, 0.65)),
     # A light and a dark green: not the palette's own, which is too near to grey for some.
     ("Glued", (0.55, 0.85, 0.67)),
@@ -236,16 +236,16 @@ def register():
         made.icon_pixels_float = [*color, 1.0] * ICON * ICON
     # Of this session, not of the file.
     bpy.types.WindowManager.cairn_states = BoolProperty(
-        name="Colour by State",
-        description="Show what the control makes of each body at the current frame, as colours of the objects in Solid "
-        "shading. Switched off, everything has its own colours again; they are not saved either way",
+        name="Color by State",
+        description="Color each body by its state at the current frame, in Solid shading. When switched off, all "
+        "objects have their own colors again. The colors are never saved",
         get=lambda _: is_shown and not is_by_load,
         set=lambda _, on: show(on),
     )
     bpy.types.WindowManager.cairn_loads = BoolProperty(
-        name="Colour by Load",
-        description="Show what the dots of glue on each body carry, in weights of a typical prop, as colours of the "
-        "objects in Solid shading. Switched off, everything has its own colours again; they are not saved either way",
+        name="Color by Load",
+        description="Color each body by the largest load of its dots of glue, in weights of a typical prop, in "
+        "Solid shading. When switched off, all objects have their own colors again. The colors are never saved",
         get=lambda _: is_by_load,
         set=lambda _, on: show(on, by_load=True),
     )

@@ -184,7 +184,9 @@ def load(context, entry):
     recipe = json.loads(entry.recipe)
     sources = result.sources_of(recipe, pointers.read(entry.pointers))
     if None in sources:
-        raise Fault("Some of its props are not in the file any more. Bring them back, or bake it again.")
+        raise Fault(
+            "Some props of this variant are not in the file any more. Bring them back, or bake the variant again."
+        )
     exporter = export.Exporter(context)
     props = yield from exporter.props(sources)
     drawn = yield from preview.drawn(props)

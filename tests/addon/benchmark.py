@@ -245,7 +245,7 @@ def turns():
     pile.cairn.report = json.dumps({"measures": {"prop_diameter": 1.0}, "body_count": bodies})
     shown = preview.Preview(drawn, taken.recipe["metres"], is_shown=False)
     whole("a frame of the preview", lambda: shown.update(again.latest))
-    whole("Colour by State", lambda: states.show(True))
+    whole("Color by State", lambda: states.show(True))
     bpy.context.scene.frame_current = 40
     whole("a frame with colours", lambda: states.refresh(bpy.context.scene))
     whole("colours off", lambda: states.show(False))

@@ -99,7 +99,7 @@ def test_the_words_for_it(addon):
     assert words(told(0)) == "Nothing is glued."
     assert words(told(1, 0.04)) == "1 dot of glue joins 4% of the bodies."
     assert words(told(24, 0.4, 4.0, 2)) == (
-        "24 dots of glue join 40% of the bodies. 4 dots hold on to the ground or to scenery. 2 broke."
+        "24 dots of glue join 40% of the bodies. 4 dots hold the pile to the ground or to scenery. 2 broke."
     )
 
 

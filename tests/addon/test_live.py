@@ -51,7 +51,7 @@ def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
         return add_frame(recording, frame)
 
     monkeypatch.setattr(addon("recording").Recording, "add_frame", adding)
-    assert turn(lambda: "made of" in live.told())
+    assert turn(lambda: "Choose the props" in live.told())
     desk.add_stick()
     desk.settings.accuracy = "REFERENCE"
     before = all_blocks(), bpy.context.scene.frame_current

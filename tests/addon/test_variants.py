@@ -66,8 +66,8 @@ def test_glue_is_tried_with_each_seed(desk, addon):
     desk.control.scale = (1.0, 0.35, 1.6)
     assert bpy.ops.cairn.try_seeds(count=1, is_with_glue=True) == {"FINISHED"}
     told = {entry.name: entry.told for entry in bpy.context.scene.cairn_variants}
-    assert set(told) == {"Seed 1, As Modelled", "Seed 1, Natural"}
-    assert "dots" in told["Seed 1, As Modelled"] and "no glue" in told["Seed 1, Natural"]
+    assert set(told) == {"Seed 1, As Modeled", "Seed 1, Natural"}
+    assert "dots" in told["Seed 1, As Modeled"] and "no glue" in told["Seed 1, Natural"]
 
 
 def test_strengths_are_tried_on_request(desk, addon):
@@ -148,6 +148,6 @@ def test_a_variant_of_before_is_fetched_in_the_background(desk, addon, tmp_path,
 
 
 def test_what_is_lacking_is_told(desk):
-    with pytest.raises(RuntimeError, match="made of"):
+    with pytest.raises(RuntimeError, match="Choose the props"):
         bpy.ops.cairn.try_seeds()
     assert not bpy.context.scene.cairn_variants
