@@ -199,7 +199,7 @@ def fields(files):
                 (message, field, text(comments, (4, number, 2, index))) for index, field in enumerate(message.field)
             ]
     return {
-        name: [told for message, field, comment in rows if (told := tell(message, field, comment, enums))]
+        name: [entry for message, field, comment in rows if (entry := describe_field(message, field, comment, enums))]
         for name, rows in sorted(messages.items())
     }
 
@@ -215,25 +215,25 @@ def tooltip(comment):
     return comment.removesuffix(".")
 
 
-def tell(message, field, comment, enums):
+def describe_field(message, field, comment, enums):
     kinds = {1: "float", 3: "int", 5: "int", 8: "bool", 14: "enum"}
     if field.label == field.LABEL_REPEATED or field.type not in kinds:
         return None
-    told = {"name": field.name, "kind": kinds[field.type], "description": tooltip(comment)}
+    entry = {"name": field.name, "kind": kinds[field.type], "description": tooltip(comment)}
     if field.type == field.TYPE_ENUM:
-        told["prefix"], meaning, told["items"] = enums[field.type_name]
+        entry["prefix"], meaning, entry["items"] = enums[field.type_name]
         # What a switch is, each field says itself.
         is_said = field.type_name.endswith(".Switch") or comment.startswith(meaning)
-        told["description"] = tooltip(comment if is_said else f"{meaning} {comment}")
+        entry["description"] = tooltip(comment if is_said else f"{meaning} {comment}")
     limits = re.search(r"Range: (?:above )?(-?[\d.]*\d)(?: to (-?[\d.]*\d))?", comment)
     if limits:
-        told["min"] = float(limits[1])
-        told["max"] = float(limits[2]) if limits[2] else None
+        entry["min"] = float(limits[1])
+        entry["max"] = float(limits[2]) if limits[2] else None
     default = re.search(r"Default: (\S+?)[.,;]?(?:\s|$)", comment)
-    told["default"] = default[1] if default else None
+    entry["default"] = default[1] if default else None
     if field.HasField("oneof_index") and not field.proto3_optional:
-        told["choice"] = message.oneof_decl[field.oneof_index].name
-    return told
+        entry["choice"] = message.oneof_decl[field.oneof_index].name
+    return entry
 
 
 def include_server(server, folder):

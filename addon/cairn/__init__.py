@@ -94,7 +94,7 @@ def _after_save(*_):
 
 @persistent
 def _after_undo(*_):
-    # The step may be one of before the colours, or of before they were taken away.
+    # The step may be one of before the colors, or of before they were taken away.
     states.refresh(bpy.context.scene)
 
 

@@ -48,12 +48,12 @@ def draw(layout, context, settings):
 
 def problems():
     """What is wrong with the scene, with the objects that each is about."""
-    told = {}
+    found = {}
     for problem in running.problems:
         about = [problem.about] if problem.about else []
         for text, things in [(problem.text, about)] if about else wording.gathered([problem.text], running.names):
-            told.setdefault(text, []).extend(name for name in things if name not in told.get(text, ()))
-    return list(told.items())
+            found.setdefault(text, []).extend(name for name in things if name not in found.get(text, ()))
+    return list(found.items())
 
 
 def _draw_running(row, bake):
@@ -77,13 +77,13 @@ def _draw_bake(row, context, settings, may_bake):
     buttons.operator("cairn.check", text="", icon="VIEWZOOM")
     row.prop(context.window_manager, "cairn_live", text="", icon="HIDE_OFF" if live.is_on else "HIDE_ON")
     if live.is_on:
-        first, _, second = live.told().partition("\n")
+        first, _, second = live.status().partition("\n")
         return first or "Live", second
     if again is None:
         return "", ""
     place = result.replaced(context.scene, control, {"use_replace": settings.use_replace, "seed": settings.seed})
     if place is None:
         return f"“{again.name}” stays,", "hidden"
-    again, told = place, running.report_of(place)
-    what = "the pile" if told.get("is_whole") else f"the {told.get('body_count', 0)} bodies that were kept"
+    again, report = place, running.report_of(place)
+    what = "the pile" if report.get("is_whole") else f"the {report.get('body_count', 0)} bodies that were kept"
     return f"Replaces {what} in", f"“{again.name}”"

@@ -1,4 +1,4 @@
-"""How props lie: what the panel sets of it, and what becomes of that in a request."""
+"""How props lie: the panel's settings, and their fields in a request."""
 
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
@@ -7,7 +7,7 @@ from bpy.types import PropertyGroup
 from . import axes
 from .schema import knows
 
-# What the sliders' values stand for: the largest of each.
+# Words for the sliders' values, each with the largest value that it is for.
 WORDS = {
     "order": ((0.0, "As They Fall"), (0.66, "Tidied"), (0.99, "Stacks"), (1.0, "Stacked")),
     "surface": ((0.25, "Loose"), (0.75, "Natural"), (1.0, "Cast")),
@@ -92,7 +92,7 @@ class CairnArrangement(PropertyGroup):
 
 
 def word(chosen, name):
-    """What the value of a slider stands for."""
+    """The word for a slider's value."""
     return next(word for most, word in WORDS[name] if getattr(chosen, name) <= most)
 
 
@@ -106,7 +106,7 @@ def set_fill(v1, fill, settings):
     if not knows("Fill", "order"):
         return
     chosen = settings.arrangement
-    # The method `stack` means full order where none is told.
+    # The method `stack` means full order where no order is set.
     is_stacked = settings.fill.use_method and settings.fill.method == "STACK"
     for name, is_needed in (("order", is_stacked), ("surface", False), ("shake", False)):
         value = getattr(chosen, name)

@@ -7,8 +7,8 @@ import numpy as np
 
 from . import axes
 
-# Loads, in weights of a typical prop, from which a dot or a body has the next colour (sRGB), from pale to dark red:
-# told apart by lightness, too.
+# Loads, in weights of a typical prop, from which a dot or a body has the next color (sRGB), from pale to dark red:
+# distinguished by lightness, too.
 LOADS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 COLORS = np.array(
     [
@@ -23,7 +23,7 @@ COLORS = np.array(
 )
 
 
-def told(job, report, metres):
+def remembered(job, report, metres):
     """What a collection remembers of the glue, of a report and the last frame: for each dot the bodies, where it is on
     the first of them (its own axes, Blender's, scene units), the load in weights of a typical prop, whether it broke.
     Those that carry most come first."""
@@ -55,7 +55,7 @@ def told(job, report, metres):
 
 
 def level(load):
-    """Which colour a load has."""
+    """Which color a load has."""
     return int(np.searchsorted(LOADS, load, side="right")) - 1
 
 

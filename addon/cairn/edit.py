@@ -21,7 +21,7 @@ MOVED, TOUCH = 1e-4, 0.03
 TRIANGLES = 80
 # New bodies appear so high above the pile and over so much of its width, in sizes of the largest prop.
 ABOVE, MARGIN = 1.5, 0.25
-# Of what is painted, squares of so many to a side of the largest prop are told apart.
+# A painted region is divided into squares: this many to a side of the largest prop.
 CELLS = 4
 # How fast they come, bodies per second.
 RATE = 12.0
@@ -206,7 +206,7 @@ def settling(context, collection, added=0, over=(), region=""):
         raise Fault("Nothing was changed since the pile settled. Remove, replace, move or add bodies first.")
     statics = yield from exporter.scenery(request.colliders_of(settings))
 
-    told = v1.Scene(
+    scene_message = v1.Scene(
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
         seed=settings.seed,
         gravity=round(settings.gravity, 6),
@@ -214,30 +214,30 @@ def settling(context, collection, added=0, over=(), region=""):
         ground=settings.use_ground,
         ground_height=_ground(collection, settings) * exporter.metres,
     )
-    told.glue.mode = v1.GLUE_MODE_NATURAL
-    shape = _add_core(v1, told, exporter, collection, recipe)
-    told.output.fps = context.scene.render.fps / context.scene.render.fps_base
+    scene_message.glue.mode = v1.GLUE_MODE_NATURAL
+    shape = _add_core(v1, scene_message, exporter, collection, recipe)
+    scene_message.output.fps = context.scene.render.fps / context.scene.render.fps_base
     for prop, item in zip(props, _items(recipe, len(props))):
-        told.props.append(request.prop_message(v1, prop.model.uri, item))
+        scene_message.props.append(request.prop_message(v1, prop.model.uri, item))
     for _, model in statics:
-        told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
+        scene_message.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     for body, is_free in zip(placed.objects, free):
-        weighing.place(told, _state(body), exporter.metres, kept=not is_free)
+        weighing.place(scene_message, _state(body), exporter.metres, kept=not is_free)
         yield
     places = None
     if added:
-        largest = max(size * prop.scale_max for size, prop in zip(placed.sizes, told.props))
+        largest = max(size * prop.scale_max for size, prop in zip(placed.sizes, scene_message.props))
         if region:
             places = _painted(context, exporter, collection, placed, region, largest)
-            told.emitters.add(rate=RATE, count=added, mesh=places.uri)
+            scene_message.emitters.add(rate=RATE, count=added, mesh=places.uri)
         else:
-            _add_above(told, placed, added, over, largest, exporter.metres)
+            _add_above(scene_message, placed, added, over, largest, exporter.metres)
     models = [*(prop.model for prop in props), *(model for _, model in statics), *filter(None, [places, shape])]
     assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
     names = {prop.model.uri: prop.source.name for prop in props}
     names.update((model.uri, source.name) for source, model in statics)
     recipe = {**recipe, "token": uuid.uuid4().hex, "names": names, "notes": [], "output_mode": "POSE"}
-    spec = v1.BakeSpec(scene=told, assets=assets)
+    spec = v1.BakeSpec(scene=scene_message, assets=assets)
     taken = request.Request(spec, exporter.contents, props, recipe, [], found)
     return taken, placed.objects, free
 
@@ -250,7 +250,7 @@ def _items(recipe, count):
     return [SimpleNamespace(**item) for item in items[:count]]
 
 
-def _add_core(v1, told, exporter, collection, recipe):
+def _add_core(v1, scene_message, exporter, collection, recipe):
     """What stands in a pile that is a shell: the server makes it of the shape, which it does not fill again."""
     fill = recipe["settings"].get("fill", {})
     if not fill.get("use_shell"):
@@ -259,11 +259,11 @@ def _add_core(v1, told, exporter, collection, recipe):
     shape = exporter.region(control) if control else None
     if shape is None:
         raise Fault("The shape is not in the file any more. It is needed to make the core that the pile lies on.")
-    told.control_mesh.path = shape.uri
-    told.fill.method = v1.FILL_METHOD_OFF
-    told.fill.shell = float(f"{fill['shell']:.7g}")
+    scene_message.control_mesh.path = shape.uri
+    scene_message.fill.method = v1.FILL_METHOD_OFF
+    scene_message.fill.shell = float(f"{fill['shell']:.7g}")
     # What is dropped onto the pile is outside of its shape.
-    told.effects.region = told.report.shape = v1.SWITCH_OFF
+    scene_message.effects.region = scene_message.report.shape = v1.SWITCH_OFF
     return shape
 
 
@@ -274,7 +274,7 @@ def _ground(collection, settings):
     return min((control.matrix_world @ Vector(corner)).z for corner in control.bound_box)
 
 
-def _add_above(told, placed, count, over, largest, metres):
+def _add_above(scene_message, placed, count, over, largest, metres):
     """Props that fall, from a box above the pile. `largest`: the size of the largest of them."""
     below = [body for body in over if body in placed.objects] or placed.objects
     if below:
@@ -285,7 +285,7 @@ def _add_above(told, placed, count, over, largest, metres):
         low, high, top = np.zeros(3), np.zeros(3), 0.0
     size = np.maximum(high - low + MARGIN * largest, largest) * (1, 1, 0) + (0, 0, largest)
     middle = np.array([*((low + high) / 2)[:2], top + (ABOVE + 0.5) * largest])
-    drops = told.emitters.add(rate=RATE, count=count)
+    drops = scene_message.emitters.add(rate=RATE, count=count)
     drops.center.extend(axes.points_to_server(middle, metres).tolist())
     drops.size.extend(np.abs(axes.points_to_server(size, metres)).tolist())
 
@@ -303,7 +303,7 @@ def _painted(context, exporter, collection, placed, region, largest):
     return exporter.mesh("region", *painted.block(edge, corner, found, bottom, bottom + largest))
 
 
-def applied(context, collection, objects, free, motion, recipe, told):
+def applied(context, collection, objects, free, motion, recipe, record):
     """A generator as `result.build`: bodies that may move are put where they have come to rest, new ones are made."""
     moved = result.BodyMotion(motion, {**recipe, "props": [{**prop, "is_shown": True} for prop in recipe["props"]]})
     found = pointers.read(collection.cairn.pointers)
@@ -330,10 +330,10 @@ def applied(context, collection, objects, free, motion, recipe, told):
     bpy.data.batch_remove(fallen)
     before = running.report_of(collection)
     stay = _dots_that_stay(collection, before.get("dots", ()), loose)
-    note = {**before, **told, "dots": stay, "body_count": len(collection.objects)}
+    note = {**before, **record, "dots": stay, "body_count": len(collection.objects)}
     note["settled"] = {"moved": len(loose), "kept": count - len(loose), "added": max(0, len(moved.props) - count)}
     collection.cairn.report = json.dumps(note)
-    collection.cairn.bake_id = told.get("bake_id", "")
+    collection.cairn.bake_id = record.get("bake_id", "")
     collection.cairn.states = ""
     remember(collection)
     carry(collection)

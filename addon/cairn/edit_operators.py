@@ -133,7 +133,7 @@ class _Settles(Follows):
 
     def make(self, context, bake):
         made = yield from edit.applied(
-            context, self.pile, self.objects, self.free, bake.motion(), bake.recipe, bake.told()
+            context, self.pile, self.objects, self.free, bake.motion(), bake.recipe, bake.record()
         )
         self.weighing.begin(made.cairn.bake_id, edit.settled(made))
         while bpy.app.background and weighing.collect():
@@ -200,7 +200,7 @@ class CAIRN_OT_paint_region(Operator):
         control.hide_set(False)
         control.select_set(True)
         context.view_layer.objects.active = control
-        # The colours are on its faces.
+        # The colors are on its faces.
         control.display_type = "TEXTURED"
         bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
         return {"FINISHED"}
@@ -244,14 +244,14 @@ class CAIRN_PT_edit(Pile, Panel):
             is_painting = context.mode == "PAINT_WEIGHT"
             row.operator("cairn.paint_region", text="", icon="BRUSH_DATA", depress=is_painting)
         layout.operator("cairn.settle", icon="PHYSICS")
-        told = running.report_of(collection)
-        if "settled" in told:
-            settled = told["settled"]
+        report = running.report_of(collection)
+        if "settled" in report:
+            settled = report["settled"]
             wrapped(
                 layout, context, f"{settled['moved']} released, {settled['kept']} untouched, {settled['added']} new"
             )
-            if weighing.said(told):
-                wrapped(layout, context, weighing.said(told))
+            if weighing.said(report):
+                wrapped(layout, context, weighing.said(report))
 
 
 CLASSES = [

@@ -34,10 +34,12 @@ def take(plan, accuracy):
         "step_count": plan.expected_step_count,
         "warnings": list(plan.warnings),
         "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
-        "dots": {names[told.accuracy]: getattr(told, "glue_dots", 0.0) for told in plan.estimates},
-        "kept": {names[told.accuracy]: (told.kept_shape_low, told.kept_shape_high) for told in plan.estimates},
-        "estimates": {names[told.accuracy]: (told.cpu_seconds, told.factor) for told in plan.estimates},
-        "overlaps": {names[told.accuracy]: getattr(told, "overlap", 0.0) for told in plan.estimates},
+        "dots": {names[estimate.accuracy]: getattr(estimate, "glue_dots", 0.0) for estimate in plan.estimates},
+        "kept": {
+            names[estimate.accuracy]: (estimate.kept_shape_low, estimate.kept_shape_high) for estimate in plan.estimates
+        },
+        "estimates": {names[estimate.accuracy]: (estimate.cpu_seconds, estimate.factor) for estimate in plan.estimates},
+        "overlaps": {names[estimate.accuracy]: getattr(estimate, "overlap", 0.0) for estimate in plan.estimates},
     }
 
 
@@ -46,7 +48,7 @@ def shown(context):
     global _seen_at
     _seen_at = time.monotonic()
     chosen = preferences.of(context)
-    # What is sent to another computer is sent on request.
+    # A scene is sent to another computer only on request.
     may_ask = chosen.server == "LOCAL" and chosen.estimates
     if may_ask and not bpy.app.background and not bpy.app.timers.is_registered(_look):
         bpy.app.timers.register(_look, first_interval=TICK)
@@ -111,7 +113,7 @@ def _read_on():
                 running.names = taken.recipe["names"]
                 _answer = job.plan(preferences.server(bpy.context), taken.spec, taken.contents)
         except Fault:
-            # Check and Bake tell of it.
+            # Check and Bake report it.
             running.plan = None
     except (Fault, ReferenceError):
         # The scene has changed on the way.
@@ -121,7 +123,7 @@ def _read_on():
 def _receive(answer):
     try:
         take(answer.result().plan, bpy.context.scene.cairn.accuracy)
-        # What was wrong has been put right.
+        # The problems have been fixed.
         running.problems = []
     except Fault:
         running.plan = None
@@ -129,7 +131,7 @@ def _receive(answer):
 
 
 def stand_aside(scene):
-    """A bake begins: nothing else is to keep the server busy, and what was told of another scene is forgotten."""
+    """A bake begins: nothing else may keep the server busy, and estimates of another scene are dropped."""
     if _asked != fingerprint.of(scene):
         running.plan_is_old = True
     _give_up()

@@ -61,7 +61,7 @@ class Exporter:
         self.passive = passive
         self.metres = metres(context.scene)
         self.contents = {}
-        # What is wrong with the scene: all of it is told at once.
+        # Problems of the scene: all are reported at once.
         self.problems = []
         self.uris = set()
         self.known = {}
@@ -105,8 +105,8 @@ class Exporter:
                 vertices, triangles = joined(meshes, frame.inverted())
                 props.append(Prop(model, source, frame.inverted() @ place, frame, vertices, triangles))
             else:
-                told = f"The prop “{source.name}” has no faces. Remove it from the props, or give it faces."
-                self.problems.append(Problem(told, source.name))
+                message = f"The prop “{source.name}” has no faces. Remove it from the props, or give it faces."
+                self.problems.append(Problem(message, source.name))
             yield
         return props
 

@@ -27,7 +27,7 @@ def of(scene):
     if vertices > MAX_VERTICES:
         return None
     values = request.to_dict(settings)
-    # All of them are told at once, and how it is written costs nothing.
+    # All objects are read at once, and the form of the text costs nothing.
     for name in ("accuracy", "output_mode", "active_prop", "use_replace", "use_prop_collections"):
         values.pop(name)
     return json.dumps([values, parts, scene.unit_settings.scale_length, scene.render.fps])

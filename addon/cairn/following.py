@@ -9,7 +9,7 @@ import bpy
 from . import preview, request, result, running, timing, wording
 from .client import Fault
 
-# How often news are looked at, and how long Blender may be kept from its user at a time, s.
+# How often messages are read, and how long Blender may be kept from its user at a time, s.
 TICK = 0.05
 SLICE = 0.025
 # How long a line stands at least, s: a person reads it, and presses the button beside it.
@@ -33,7 +33,7 @@ def explain(operator, fault):
 
 @contextmanager
 def explaining(operator):
-    """Whatever goes wrong inside is told in a popup; a fault of the add-on's own is printed besides."""
+    """Shows any fault inside in a popup; a fault of the add-on itself is also printed."""
     try:
         yield
     except Fault as fault:
@@ -77,7 +77,7 @@ class Follows:
 
     def make(self, context, bake):
         """A generator: makes the pile of what was baked, and returns its collection."""
-        return result.build(context, bake.motion(), bake.recipe, bake.told())
+        return result.build(context, bake.motion(), bake.recipe, bake.record())
 
     def invoke(self, context, _):
         if bpy.app.background:
@@ -85,7 +85,7 @@ class Follows:
         with explaining(self):
             running.problems = []
             self.slices = self.begin(context)
-            # What is lacking is told at once.
+            # Missing settings are reported at once.
             next(self.slices, None)
             self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
             context.window_manager.modal_handler_add(self)
@@ -117,7 +117,7 @@ class Follows:
         return {"CANCELLED"}
 
     def _is_meant(self, context, event):
-        """Esc ends what runs in the view: not a playback, nor what is under way in another editor."""
+        """Esc ends what runs in the view: not a playback, nor an operation in another editor."""
         region, _ = region_at(context, event)
         return bool(region) and not context.screen.is_animation_playing
 
@@ -261,14 +261,14 @@ def wait_for(bake):
 
 
 def finished(operator, context, collection):
-    told = running.report_of(collection)
-    operator.report({"INFO"}, f"Pile of {told.get('body_count', 0)} bodies in “{collection.name}”")
+    report = running.report_of(collection)
+    operator.report({"INFO"}, f"Pile of {report.get('body_count', 0)} bodies in “{collection.name}”")
     if bpy.app.background:
         # With a window, Blender does so before it draws.
         context.view_layer.update()
         names = running.recipe_of(collection).get("names", {})
-        warnings = [text for text, _ in wording.gathered(told.get("warnings", ()), names)]
-        for sentence in filter(None, (running.glue_of(told), *warnings)):
+        warnings = [text for text, _ in wording.gathered(report.get("warnings", ()), names)]
+        for sentence in filter(None, (running.glue_of(report), *warnings)):
             print(f"Cairn: {sentence}", flush=True)
     return {"FINISHED"}
 

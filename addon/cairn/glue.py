@@ -1,4 +1,4 @@
-"""What holds a pile: its dots of glue, shown where they are, listed with what they carry, and bodies coloured by it."""
+"""What holds a pile: its dots of glue, shown where they are, listed with what they carry, and bodies colored by it."""
 
 import bpy
 import numpy as np
@@ -69,7 +69,7 @@ def _of_points(collection):
 
 
 class _Drawn:
-    """The dots' balls, made anew where something has moved."""
+    """The dots' balls, rebuilt after a body has moved."""
 
     ball = None
     key = batch = None

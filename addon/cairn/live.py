@@ -33,14 +33,14 @@ class _Draft:
         # Of the scene that the draft is of.
         self.of = None
         self.slices = self.job = self.preview = None
-        self.told = ""
+        self.status = ""
 
     def look(self, context):
         """One turn of the timer."""
         if running.bake is not None or context.mode not in MODES:
             self.drop()
             self.hide()
-            self.of, self.told = None, ""
+            self.of, self.status = None, ""
             return
         now = (fingerprint.of(context.scene), self.edits)
         if now != self.seen:
@@ -57,7 +57,7 @@ class _Draft:
     def _begin(self, context):
         lacking = request.missing(context.scene.cairn)
         if lacking or self.seen[0] is None:
-            self.tell(context, lacking or "The scene is too large for live drafts.")
+            self.set_status(context, lacking or "The scene is too large for live drafts.")
             self.hide()
             return
         self.slices = self._steps(context)
@@ -84,19 +84,19 @@ class _Draft:
             server = preferences.server(context)
             self.job = job.Job(server, taken.spec, taken.contents, taken.problems, has_fill=False)
             self.job.start()
-            self.tell(context, "Drafting…")
+            self.set_status(context, "Drafting…")
         except (Fault, ReferenceError):
             # The scene has changed on the way.
             self.slices = None
 
     def _follow(self, context):
         frames, is_done = self.job.recording.frames, False
-        while not self.job.news.empty() and not is_done:
-            kind, what = self.job.news.get()
+        while not self.job.messages.empty() and not is_done:
+            kind, what = self.job.messages.get()
             if kind == "failed":
                 self.job = None
                 running.problems = what.problems
-                self.tell(context, what.message if not what.problems else "Fix the problems listed here first.")
+                self.set_status(context, what.message if not what.problems else "Fix the problems listed here first.")
                 self.hide()
                 return
             # The figures are not waited for.
@@ -113,11 +113,11 @@ class _Draft:
         self.preview.update(snapshot)
         here = snapshot.states[snapshot.present]
         glued = np.isin(here, (v1.BODY_STATE_GLUED, v1.BODY_STATE_ANCHORED)).mean() if len(here) else 0.0
-        self.tell(context, f"Draft of {len(here)} bodies" + (f"\n{glued:.0%} of them glued" if glued else ""))
+        self.set_status(context, f"Draft of {len(here)} bodies" + (f"\n{glued:.0%} of them glued" if glued else ""))
         preview.redraw(context)
 
-    def tell(self, context, text):
-        self.told = text
+    def set_status(self, context, text):
+        self.status = text
         preview.redraw(context, "UI")
 
     def hide(self):
@@ -127,7 +127,7 @@ class _Draft:
             preview.redraw(bpy.context, "WINDOW")
 
     def drop(self):
-        """Ends what is under way."""
+        """Ends the draft that is being made."""
         if self.slices:
             self.slices.close()
             self.slices = None
@@ -136,16 +136,16 @@ class _Draft:
             self.job = None
 
 
-def told():
-    """How the draft goes, in two lines at most; empty while there is nothing to tell."""
-    return _draft.told if _draft else ""
+def status():
+    """How the draft goes, in two lines at most; empty while there is no draft."""
+    return _draft.status if _draft else ""
 
 
 def _look():
     try:
         _draft.look(bpy.context)
     except Fault as fault:
-        _draft.tell(bpy.context, fault.message)
+        _draft.set_status(bpy.context, fault.message)
     return TICK
 
 

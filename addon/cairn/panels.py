@@ -76,11 +76,11 @@ def draw_kept_shape(layout, settings):
         others.prop_enum(settings, "kept_shape", name)
     if settings.kept_shape == "TACKY":
         column.prop(settings, "glue_strength", slider=True)
-    told = column.column(align=True)
-    told.active = not running.plan_is_old
+    lines = column.column(align=True)
+    lines.active = not running.plan_is_old
     # Two lines, so that nothing jumps when they become known.
     for line in (*effect_of(settings), "", "")[:2]:
-        told.label(text=line)
+        lines.label(text=line)
 
 
 def effect_of(settings):
@@ -155,7 +155,7 @@ def draw_arrangement(layout, settings):
 
 
 def draw_accuracies(layout, settings):
-    """Each with what it is expected to cost, as far as the server has told."""
+    """Each accuracy with its expected cost, once the server has estimated it."""
     column = layout.column(align=True)
     column.use_property_split = False
     row = column.split(factor=0.35)
@@ -164,18 +164,18 @@ def draw_accuracies(layout, settings):
     for name, *_ in ACCURACIES:
         row = column.row(align=True)
         row.prop_enum(settings, "accuracy", name)
-        told = row.row()
-        told.active = not running.plan_is_old
-        told.label(text=expected(name))
-        told.label(text=overlap(name))
+        costs = row.row()
+        costs.active = not running.plan_is_old
+        costs.label(text=expected(name))
+        costs.label(text=overlap(name))
 
 
 def expected(accuracy):
     """What a bake of an accuracy takes, in a few signs; empty before it is known."""
-    told = running.plan["estimates"].get(accuracy) if running.plan else None
-    if not told:
+    estimate = running.plan["estimates"].get(accuracy) if running.plan else None
+    if not estimate:
         return ""
-    seconds, unit = max(told[0], 1.0), "s"
+    seconds, unit = max(estimate[0], 1.0), "s"
     for larger in ("min", "h"):
         if seconds >= 60:
             seconds, unit = seconds / 60, larger
@@ -185,12 +185,12 @@ def expected(accuracy):
 
 def overlap(accuracy):
     """By how much props are expected to overlap, as a length; empty before it is known."""
-    told = running.plan.get("overlaps", {}).get(accuracy, 0.0) if running.plan else 0.0
-    if told <= 0:
+    length = running.plan.get("overlaps", {}).get(accuracy, 0.0) if running.plan else 0.0
+    if length <= 0:
         return ""
     units = {"μm": 1e-6, "mm": 1e-3, "cm": 1e-2}
-    unit = "μm" if told < 1e-4 else "mm" if told < 1e-2 else "cm"
-    return f"{float(f'{told / units[unit]:.2g}'):g} {unit}"
+    unit = "μm" if length < 1e-4 else "mm" if length < 1e-2 else "cm"
+    return f"{float(f'{length / units[unit]:.2g}'):g} {unit}"
 
 
 def reliance():

@@ -1,4 +1,4 @@
-"""Bakes that were under way when Blender closed: told of in files of the add-on's, one for each bake, never in the
+"""Bakes that were running when Blender closed: notes in files of the add-on, one for each bake, never in the
 .blend itself."""
 
 import hashlib
@@ -42,9 +42,9 @@ def note(recipe, bake_id):
 
 def _forget_oldest():
     for path in _latest_first(_folder().glob("*.json"))[MOST:]:
-        told = _read(path)
-        if told:
-            shutil.rmtree(request_folder(told["recipe"]), ignore_errors=True)
+        entry = _read(path)
+        if entry:
+            shutil.rmtree(request_folder(entry["recipe"]), ignore_errors=True)
         path.unlink(missing_ok=True)
     # Of files that never got a name.
     for folder in _latest_first((preferences.folder() / "asked").glob("*"))[MOST:]:
@@ -63,7 +63,7 @@ def _age(path):
 
 
 def forget(recipe):
-    """A bake has ended, whatever its file is called now. Others, perhaps another Blender's, are still told of."""
+    """A bake has ended, whatever its file is called now. Notes of others, perhaps another Blender's, stay."""
     if recipe.get("token"):
         shutil.rmtree(request_folder(recipe), ignore_errors=True)
         for path in _folder().glob(f"*-{recipe['token']}.json"):
@@ -71,20 +71,20 @@ def forget(recipe):
 
 
 def of_this_file(besides=""):
-    """Id and recipe of the latest bake of this file that was under way; None if there is none. `besides`: the token of
+    """Id and recipe of the latest bake of this file that was running; None if there is none. `besides`: the token of
     one that does not count."""
     for path in _latest_first(_folder().glob(f"{_key()}*.json")) if bpy.data.filepath else ():
-        told = _read(path)
-        if told and told["recipe"]["token"] != besides:
-            return told
+        entry = _read(path)
+        if entry and entry["recipe"]["token"] != besides:
+            return entry
     return None
 
 
 def give_up():
     """The latest bake of this file is not wanted any more."""
-    told = of_this_file()
-    if told:
-        forget(told["recipe"])
+    entry = of_this_file()
+    if entry:
+        forget(entry["recipe"])
 
 
 def _read(path):

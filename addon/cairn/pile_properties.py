@@ -1,4 +1,4 @@
-"""What the file remembers of bakes: of those under way, of variants, of finished piles and their bodies."""
+"""What the file remembers of bakes: of running ones, of variants, of finished piles and their bodies."""
 
 import bpy
 from bpy.props import (
@@ -22,19 +22,19 @@ class CairnPointer(PropertyGroup):
 
 
 class CairnAsked(PropertyGroup):
-    """What a bake under way is made of, so that a new name does no harm."""
+    """What a running bake is made of, so that a new name does no harm."""
 
     token: StringProperty()
     pointers: CollectionProperty(type=CairnPointer)
 
 
 class CairnVariant(PropertyGroup):
-    """A bake that was tried, kept by the server: its name tells it from the others."""
+    """A bake that was tried, kept by the server: its name is unique."""
 
     bake_id: StringProperty()
     # JSON.
     recipe: StringProperty()
-    # How it went, in a few words; empty before it is done.
+    # The result in a few words; empty before it is done.
     told: StringProperty()
     # What it is made of, whatever that is called now.
     pointers: CollectionProperty(type=CairnPointer)
@@ -48,7 +48,7 @@ class CairnBody(PropertyGroup):
     # Which of the pile's props it is, counted from 0, and its size, as a factor.
     prop: IntProperty()
     size: FloatProperty(default=1.0)
-    # While it is coloured by state: the colour that is its own; of points, whether they were shown.
+    # While it is colored by state: the color that is its own; of points, whether they were shown.
     is_coloured: BoolProperty()
     color: FloatVectorProperty(size=4)
     was_shown: BoolProperty()
@@ -66,7 +66,7 @@ def _display(self, _):
 
 
 class CairnResult(PropertyGroup):
-    """What a collection with a baked pile remembers: enough to bake it again, and to tell how it went."""
+    """What a collection with a baked pile remembers: enough to bake it again, and to show its report."""
 
     is_result: BoolProperty()
     bake_id: StringProperty()

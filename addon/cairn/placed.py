@@ -35,8 +35,8 @@ def moving(context, colliders):
 class Extras:
     """Adds to a scene's message what it has of these, and keeps what the caller has to know of it."""
 
-    def __init__(self, v1, told, exporter, settings):
-        self.v1, self.told, self.exporter, self.settings = v1, told, exporter, settings
+    def __init__(self, v1, scene_message, exporter, settings):
+        self.v1, self.scene_message, self.exporter, self.settings = v1, scene_message, exporter, settings
         self.models, self.names = [], {}
         # Props that only bodies placed by hand have, after those of the fill; and those of them that stay.
         self.props, self.kept = [], []
@@ -58,7 +58,7 @@ class Extras:
         if self.settings.region and knows("Body"):
             model = self.exporter.region(self.settings.region)
             if model:
-                self.told.region.path = self._add(model, self.settings.region)
+                self.scene_message.region.path = self._add(model, self.settings.region)
 
     def add_drops(self):
         settings = self.settings
@@ -67,7 +67,9 @@ class Extras:
             if model is None:
                 return
             place = self._add(model, settings.drop_mesh)
-            drops = self.told.emitters.add(mesh=place, rate=round(settings.drop_rate, 6), count=settings.drop_count)
+            drops = self.scene_message.emitters.add(
+                mesh=place, rate=round(settings.drop_rate, 6), count=settings.drop_count
+            )
             drops.velocity.extend(velocity(settings.drop_velocity))
             drops.start_frame = self._frame(settings.drop_frame)
 
@@ -90,12 +92,14 @@ class Extras:
         """Props that the fill does not draw."""
         props = yield from self.exporter.props(sources)
         for prop in props:
-            self.told.props.add(path=self._add(prop.model, prop.source), weight=0.0)
+            self.scene_message.props.add(path=self._add(prop.model, prop.source), weight=0.0)
         self.props += props
         return props
 
     def _body(self, prop):
-        body = self.told.bodies.add(prop=str(len(self.told.props) - len(self.props) + self.props.index(prop)))
+        body = self.scene_message.bodies.add(
+            prop=str(len(self.scene_message.props) - len(self.props) + self.props.index(prop))
+        )
         location, rotation, _ = prop.frame.decompose()
         self._pose(body, location, rotation)
         return body
@@ -110,7 +114,7 @@ class Extras:
         positions, rotations = yield from self._poses(context, sources)
         keyed = keyframes.needed(positions, rotations)
         for number, prop in enumerate(models):
-            scenery = self.told.statics.add(path=self._add(prop.model, prop.source), friction=friction)
+            scenery = self.scene_message.statics.add(path=self._add(prop.model, prop.source), friction=friction)
             for frame in np.flatnonzero(keyed[:, number]):
                 key = scenery.keyframes.add(frame=float(frame))
                 self._pose(key, positions[frame, number], rotations[frame, number])
@@ -137,10 +141,10 @@ class Extras:
         changes = np.ptp(np.array(sizes), axis=0).max(axis=1)
         for source, change in zip(sources, changes):
             if change > SAME_SCALE:
-                told = (
+                message = (
                     f"The collider “{source.name}” changes its size. Only its movement and rotation can be followed: "
                 )
-                self.exporter.problems.append(Problem(told + "remove the animation of its scale.", source.name))
+                self.exporter.problems.append(Problem(message + "remove the animation of its scale.", source.name))
         return np.array(positions), np.array(rotations)
 
 

@@ -170,7 +170,7 @@ def retime(shown, last, start, hold, speed, ease):
 
 
 def show_states(shown, states, colors, collection):
-    """Shows bodies in their states' colours: instances have that of their instancer, so that each state gets one of its
+    """Shows bodies in their states' colors: instances have that of their instancer, so that each state gets one of its
     own in `collection`, which renders do not see."""
     now = _of(shown, states)
     if now is None:

@@ -24,7 +24,7 @@ COLORS = np.array([[0.80, 0.62, 0.38], [0.47, 0.63, 0.78], [0.70, 0.45, 0.42], [
 
 @dataclass(frozen=True)
 class Drawn:
-    """A prop as it is drawn: outlines from fine to coarse, and its colour."""
+    """A prop as it is drawn: outlines from fine to coarse, and its color."""
 
     outlines: list
     tint: np.ndarray
@@ -52,7 +52,7 @@ class Preview:
         self.snapshot = None
         self.is_by_state = False
         self.arrays = self.batch = None
-        # What is drawn of which bodies decides on the triangles; they are made anew only when that changes.
+        # What is drawn of which bodies decides on the triangles; they are rebuilt only when that changes.
         self.faces_of, self.faces = None, None
         self.handle = is_shown and bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")
 
@@ -70,7 +70,7 @@ class Preview:
         return True
 
     def _vertices(self, snapshot):
-        """Positions [v, 3] and colours [v, 4], prop by prop."""
+        """Positions [v, 3] and colors [v, 4], prop by prop."""
         here = snapshot.present
         props = snapshot.props[here]
         matrices = axes.matrices(
@@ -154,7 +154,7 @@ def shades(normals):
 
 
 def batch_of(vertices, colors, faces):
-    """Triangles to be drawn: vertices [v, 3], colours [v, 4], faces [t, 3]."""
+    """Triangles to be drawn: vertices [v, 3], colors [v, 4], faces [t, 3]."""
     layout = gpu.types.GPUVertFormat()
     for name, size in (("pos", 3), ("color", 4)):
         layout.attr_add(id=name, comp_type="F32", len=size, fetch_mode="FLOAT")

@@ -1,4 +1,4 @@
-"""The panels below the button that tell of a pile: the states of its bodies, and how the bake went."""
+"""The panels below the button that show a pile: the states of its bodies, and how the bake went."""
 
 import numpy as np
 from bpy.types import Panel
@@ -55,7 +55,7 @@ class CAIRN_PT_states(Pile, Panel):
 
 
 def draw_shading(layout, context):
-    """What keeps the colours from being seen."""
+    """What keeps the colors from being seen."""
     shading = context.space_data.shading
     if shading.type != "SOLID":
         layout.prop_enum(shading, "type", "SOLID", text="Colors Need Solid Shading")
@@ -74,26 +74,26 @@ class CAIRN_PT_report(Pile, Panel):
     def draw(self, context):
         layout = self.layout
         collection = result.chosen(context)
-        told = running.report_of(collection)
-        if not told.get("is_whole"):
+        report = running.report_of(collection)
+        if not report.get("is_whole"):
             wrapped(layout, context, "This bake was cancelled. The pile is incomplete.", "INFO")
-        elif any(made.job.bake_id == told["bake_id"] for made in running.measuring):
+        elif any(made.job.bake_id == report["bake_id"] for made in running.measuring):
             layout.label(text="Measuring…", icon="TIME")
         column = layout.column(align=True)
-        frames = told.get("frame_count", 0)
-        draw_figure(column, "Bodies", str(told.get("body_count", 0)))
+        frames = report.get("frame_count", 0)
+        draw_figure(column, "Bodies", str(report.get("body_count", 0)))
         draw_figure(column, "Frames", str(frames))
         for name, title, form in FIGURES:
-            value = told.get("measures", {}).get(name)
+            value = report.get("measures", {}).get(name)
             if value is not None:
                 draw_figure(column, title, form.format(value))
-        if "seconds" in told:
-            draw_figure(column, "Time", running.duration(told["seconds"]))
-        glue = running.glue_of(told)
+        if "seconds" in report:
+            draw_figure(column, "Time", running.duration(report["seconds"]))
+        glue = running.glue_of(report)
         if glue:
             wrapped(layout, context, glue)
         names = running.recipe_of(collection).get("names", {})
-        draw_folded(layout, context, wording.gathered(told.get("warnings", ()), names))
+        draw_folded(layout, context, wording.gathered(report.get("warnings", ()), names))
         if collection.cairn.mode != "POINTS":
             layout.prop(collection.cairn, "display")
         row = layout.row(align=True)

@@ -129,7 +129,7 @@ def taking(context, passive=False):
     moving = [] if passive else placed.moving(context, colliders)
     statics = yield from exporter.scenery([source for source in colliders if source not in moving])
 
-    told = v1.Scene(
+    scene_message = v1.Scene(
         control_mesh=v1.ControlMesh(path=control.uri if control else ""),
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
         seed=settings.seed,
@@ -137,22 +137,22 @@ def taking(context, passive=False):
         ground_friction=round(settings.collider_friction, 6),
     )
     if not settings.use_ground:
-        told.ground = False
+        scene_message.ground = False
     if settings.use_ground_height:
-        told.ground_height = settings.ground_height * exporter.metres
+        scene_message.ground_height = settings.ground_height * exporter.metres
     for prop, (_, item) in zip(props, chosen):
-        told.props.append(prop_message(v1, prop.model.uri, item))
+        scene_message.props.append(prop_message(v1, prop.model.uri, item))
     for _, model in statics:
-        told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
-    extras = placed.Extras(v1, told, exporter, settings)
+        scene_message.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
+    extras = placed.Extras(v1, scene_message, exporter, settings)
     yield from extras.add_moving(context, moving)
     extras.add_region()
     extras.add_drops()
     yield from extras.add_bodies(objects_of(settings.keep), objects_of(settings.impact))
-    _set_parameters(v1, told, settings)
-    told.output.fps = scene.render.fps / scene.render.fps_base
+    _set_parameters(v1, scene_message, settings)
+    scene_message.output.fps = scene.render.fps / scene.render.fps_base
     if settings.use_frame_count:
-        told.output.frames = settings.frame_count
+        scene_message.output.frames = settings.frame_count
 
     models = [*(prop.model for prop in props), *(model for _, model in statics), *extras.models]
     names = {}
@@ -191,7 +191,9 @@ def taking(context, passive=False):
     }
     named = {"control": settings.control_mesh, **{f"props.{n}": prop.source for n, prop in enumerate(props)}}
     named.update(pointers.of(settings, "settings."))
-    return Request(v1.BakeSpec(scene=told, assets=assets), exporter.contents, props, recipe, exporter.problems, named)
+    return Request(
+        v1.BakeSpec(scene=scene_message, assets=assets), exporter.contents, props, recipe, exporter.problems, named
+    )
 
 
 def prop_message(v1, uri, item):
@@ -212,7 +214,7 @@ def prop_message(v1, uri, item):
     return prop
 
 
-def _set_parameters(v1, told, settings):
+def _set_parameters(v1, scene_message, settings):
     """What is set by hand; the rest is the accuracy's."""
     for message, name in GROUPS.items():
         group = getattr(settings, name, None)
@@ -225,18 +227,18 @@ def _set_parameters(v1, told, settings):
             elif field["kind"] == "float":
                 # As the artist typed it: Blender keeps single precision.
                 value = float(f"{value:.7g}")
-            setattr(getattr(told, name), field["name"], value)
-    arrangement.set_fill(v1, told.fill, settings)
+            setattr(getattr(scene_message, name), field["name"], value)
+    arrangement.set_fill(v1, scene_message.fill, settings)
     if knows("Glue"):
-        _set_glue(v1, told.glue, settings)
+        _set_glue(v1, scene_message.glue, settings)
     if not settings.use_report:
-        leave_figures(v1, told)
+        leave_figures(v1, scene_message)
 
 
-def leave_figures(v1, told):
+def leave_figures(v1, scene_message):
     """Nothing is measured of the finished pile."""
     for field in fields_of("Figures"):
-        setattr(told.report, field["name"], v1.SWITCH_OFF)
+        setattr(scene_message.report, field["name"], v1.SWITCH_OFF)
 
 
 def _set_glue(v1, glue, settings):

@@ -84,9 +84,9 @@ def mode_of(recipe, body_count):
     return "POINTS" if body_count > MAX_OBJECTS else "ANIMATION"
 
 
-def build(context, motion, recipe, told):
+def build(context, motion, recipe, record):
     """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing of the
-    pile is in the scene before the end. `told`: what the collection remembers. Returns the collection."""
+    pile is in the scene before the end. `record`: what the collection remembers. Returns the collection."""
     scene, found = pointers.asked(recipe)
     scene = scene or context.scene
     control = found.get("control") or bpy.data.objects.get(recipe["control"])
@@ -123,7 +123,7 @@ def build(context, motion, recipe, told):
     collection = _collection(scene, control, name, recipe.get("settings", {}))
     # Slow for many one by one; and until here nobody has seen them.
     _link(objects, collection)
-    _remember(scene, collection, recipe, told, mode, control)
+    _remember(scene, collection, recipe, record, mode, control)
     pointers.write(collection.cairn.pointers, found)
     prop_collections.refresh(collection, sources)
     pointers.forget(recipe)
@@ -203,7 +203,7 @@ def _collection(scene, control, name, settings):
     return collection
 
 
-def _remember(scene, collection, recipe, told, mode, control):
+def _remember(scene, collection, recipe, record, mode, control):
     note = collection.cairn
     if control and not note.is_result:
         note.control_hide_render, note.control_display_type = control.hide_render, control.display_type
@@ -211,10 +211,10 @@ def _remember(scene, collection, recipe, told, mode, control):
     note.control = control
     note.mode = mode
     note.use_prop_collections = recipe.get("settings", {}).get("use_prop_collections", False)
-    note.bake_id = told.get("bake_id", "")
-    note.result_hash = told.get("result_hash", "")
+    note.bake_id = record.get("bake_id", "")
+    note.result_hash = record.get("result_hash", "")
     note.settings = json.dumps(recipe)
-    note.report = json.dumps(told)
+    note.report = json.dumps(record)
     if control:
         control.hide_render = True
         # The pile stands where the mesh is.

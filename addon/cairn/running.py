@@ -26,7 +26,7 @@ REST = 1e-3
 # How often a bake that only measures is looked at, s.
 TICK = 0.25
 
-# Time left is doubted from this much more than was told, and this many seconds besides.
+# The time left is unknown if a new estimate exceeds the last one by this factor and this many seconds.
 DOUBT = 1.5, 3.0
 
 # The bake that runs or was stopped and waits for a decision; None if there is none.
@@ -35,7 +35,7 @@ bake = None
 plan, plan_is_old = None, False
 # What was found wrong with the scene, for the panel; and the objects' names by what the server calls them.
 problems, names = [], {}
-# A bake of this file that was under way when it was closed.
+# A bake of this file that was running when it was closed.
 left = None
 # Bakes whose pile is there already, while the server still measures it.
 measuring = []
@@ -107,11 +107,11 @@ class Bake:
         return self.job.recording.motion() or Motion.of([self.job.latest])
 
     def poll(self, wait=0.0):
-        """Takes the news. Whether there were any."""
+        """Reads the job's messages. Returns whether there were any."""
         is_new = False
         while not self.end:
             try:
-                kind, what = self.job.news.get(timeout=wait) if wait else self.job.news.get_nowait()
+                kind, what = self.job.messages.get(timeout=wait) if wait else self.job.messages.get_nowait()
             except queue.Empty:
                 break
             is_new, wait = True, 0.0
@@ -174,7 +174,7 @@ class Bake:
     def time_left(self):
         if self.progress is None or self.is_stopping:
             return ""
-        seconds = self.left.told(time.monotonic())
+        seconds = self.left.remaining(time.monotonic())
         if seconds is None:
             return "Time left: unknown"
         return f"{duration(seconds)} left in this stage" if seconds >= 1 else ""
@@ -184,20 +184,20 @@ class Bake:
         if self.written is not None:
             return f"Making the objects, {self.written:.0%}"
         share = f"{self.share():.0%}" if self.progress and not self.is_stopping else ""
-        left = self.time_left() if self.left.told(time.monotonic()) is not None else ""
+        left = self.time_left() if self.left.remaining(time.monotonic()) is not None else ""
         return ", ".join(part for part in (self.stage(), share, self.counts(), left) if part)
 
-    def told(self):
+    def record(self):
         """What the result's collection is to remember: plain values."""
-        told = {"bake_id": self.job.bake_id, "is_whole": self.has_all_frames and self.end != "kept"}
-        told["warnings"] = []
+        record = {"bake_id": self.job.bake_id, "is_whole": self.has_all_frames and self.end != "kept"}
+        record["warnings"] = []
         if self.accepted:
             versions = self.accepted.versions
-            told["versions"] = {"cairn": versions.cairn, "rapier3d": versions.rapier3d, "clarabel": versions.clarabel}
-            told["warnings"] += self.accepted.plan.warnings
+            record["versions"] = {"cairn": versions.cairn, "rapier3d": versions.rapier3d, "clarabel": versions.clarabel}
+            record["warnings"] += self.accepted.plan.warnings
         if self.summary:
             summary = self.summary
-            told.update(
+            record.update(
                 result_hash=summary.result_blake3,
                 body_count=summary.body_count,
                 frame_count=summary.frame_count,
@@ -212,13 +212,13 @@ class Bake:
                 cpu_seconds=round(summary.cpu_seconds, 3),
                 stage_seconds={name: round(value, 3) for name, value in sorted(summary.stage_seconds.items())},
                 seconds=round(time.monotonic() - self.began, 3),
-                dots=dots.told(self.job, self.job.report, self.recipe["metres"]),
+                dots=dots.remembered(self.job, self.job.report, self.recipe["metres"]),
             )
         else:
             bodies = len(self.job.recording.props) if self.frame_count else int(self.job.latest.present.sum())
-            told.update(body_count=bodies, frame_count=self.frame_count)
-        told["warnings"] += self.recipe.get("notes", ())
-        return told
+            record.update(body_count=bodies, frame_count=self.frame_count)
+        record["warnings"] += self.recipe.get("notes", ())
+        return record
 
     def at_rest(self):
         """Share of the bodies that stood in the last frame where they were in the one before."""
@@ -235,7 +235,7 @@ class Bake:
 
 
 class TimeLeft:
-    """What is left of a stage, as a person is told it: it only falls, or it is not known."""
+    """The time left of a stage, as a person sees it: it only falls, or it is unknown."""
 
     def __init__(self):
         self.stage = self.end = None
@@ -253,7 +253,7 @@ class TimeLeft:
             factor, more = DOUBT
             self.is_doubted = seconds > factor * max(self.end - now, 0.0) + more
 
-    def told(self, now):
+    def remaining(self, now):
         """Seconds; None if they are not known."""
         return None if self.end is None or self.is_doubted else max(self.end - now, 0.0)
 
@@ -269,16 +269,16 @@ def duration(seconds):
 def report_of(collection):
     """What a result's collection remembers of its bake."""
     try:
-        told = json.loads(collection.cairn.report)
+        report = json.loads(collection.cairn.report)
     except ValueError:
-        told = {}
-    return told if "measures" in told else _late.get(collection.cairn.bake_id, told)
+        report = {}
+    return report if "measures" in report else _late.get(collection.cairn.bake_id, report)
 
 
-def glue_of(told):
+def glue_of(report):
     """What a pile's report says of its glue, in words; empty if nothing was to be glued."""
-    share = told.get("measures", {}).get("glued_body_fraction")
-    counts = told.get("counts", {})
+    share = report.get("measures", {}).get("glued_body_fraction")
+    counts = report.get("counts", {})
     dots = counts.get("glue_dots", 0)
     if share is None:
         return ""
@@ -286,7 +286,7 @@ def glue_of(told):
         return "Nothing is glued."
     sentences = ["1 dot of glue joins" if dots == 1 else f"{dots} dots of glue join"]
     sentences[0] += f" {share:.0%} of the bodies."
-    anchors = round(told["measures"].get("anchored") or 0)
+    anchors = round(report["measures"].get("anchored") or 0)
     if anchors:
         dots_hold = "1 dot holds" if anchors == 1 else f"{anchors} dots hold"
         sentences.append(f"{dots_hold} the pile to the ground or to scenery.")
@@ -309,13 +309,15 @@ def _collect():
         if made.end:
             measuring.remove(made)
         if made.end == "done":
-            told = _late[made.job.bake_id] = {**made.told(), **_by_hand(made.job.bake_id)}
+            record = _late[made.job.bake_id] = {**made.record(), **_by_hand(made.job.bake_id)}
             for collection in bpy.data.collections:
                 if collection.cairn.is_result and collection.cairn.bake_id == made.job.bake_id:
-                    if report_of(collection)["frame_count"] != told["frame_count"]:
-                        told["warnings"].append("the last frames came from the server too late; bake again to get them")
-                    collection.cairn.report = json.dumps(told)
-                    collection.cairn.result_hash = told["result_hash"]
+                    if report_of(collection)["frame_count"] != record["frame_count"]:
+                        record["warnings"].append(
+                            "the last frames came from the server too late; bake again to get them"
+                        )
+                    collection.cairn.report = json.dumps(record)
+                    collection.cairn.result_hash = record["result_hash"]
     for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
         if area.type == "VIEW_3D":
             area.tag_redraw()

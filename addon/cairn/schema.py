@@ -48,7 +48,7 @@ FIRST = {"shell": 1.0}
 
 def knows(message, field=None):
     """Whether the schema has a message, or a field in it."""
-    return message in FIELDS and (field is None or any(told["name"] == field for told in FIELDS[message]))
+    return message in FIELDS and (field is None or any(known["name"] == field for known in FIELDS[message]))
 
 
 def fields_of(message):

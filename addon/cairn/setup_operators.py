@@ -126,7 +126,7 @@ class CAIRN_OT_check(_Waits, Operator):
             if bpy.app.background:
                 return self.execute(context)
             self.slices = self._ask(context)
-            # What is lacking is told at once.
+            # Missing settings are reported at once.
             self._read()
             return self._wait(context)
         return {"CANCELLED"}
@@ -220,23 +220,23 @@ class CAIRN_OT_test_server(_Waits, Operator):
         if event.type != "TIMER" or not (self.answer.done() or time.monotonic() > self.end):
             return {"PASS_THROUGH"}
         self._leave(context)
-        return self._tell(0.0)
+        return self._show_answer(0.0)
 
     def execute(self, context):
         with explaining(self):
             self._ask(context)
-            return self._tell(PATIENCE)
+            return self._show_answer(PATIENCE)
         return {"CANCELLED"}
 
-    def _tell(self, patience):
+    def _show_answer(self, patience):
         try:
-            told = self.answer.result(patience)
+            info = self.answer.result(patience)
         except Fault as fault:
             return explain(self, fault)
         except concurrent.futures.TimeoutError:
             self.answer.cancel()
             return explain(self, Fault("The server does not answer. Check its address."))
-        self.report({"INFO"}, f"Cairn {told.versions.cairn} answers. It runs {told.limits.worker_count} bakes at once")
+        self.report({"INFO"}, f"Cairn {info.versions.cairn} answers. It runs {info.limits.worker_count} bakes at once")
         return {"FINISHED"}
 
 

@@ -1,4 +1,4 @@
-"""Bodies coloured by what the control made of them, as long as that is switched on. The .blend never has the colours:
+"""Bodies colored by what the control made of them, as long as that is switched on. The .blend never has the colors:
 they are taken away before it is saved, and the handler that follows the frames is not part of it."""
 
 import base64
@@ -13,8 +13,8 @@ from bpy.props import BoolProperty
 
 from . import dots, points, running, timing
 
-# By the number of `BodyState`: what the panel calls it, and its colour (sRGB) from a palette (Okabe and Ito's) that the
-# colour-blind tell apart, too.
+# By the number of `BodyState`: what the panel calls it, and its color (sRGB) from a palette (Okabe and Ito's) that the
+# color-blind can distinguish, too.
 STATES = [
     ("Free", (0.93, 0.93, 0.93)),
     ("Waiting", (0.50, 0.50, 0.50)),
@@ -23,26 +23,26 @@ STATES = [
     ("Held", (0.00, 0.45, 0.70)),
     ("Outside the Region", (0.94, 0.89, 0.26)),
     ("Kept", (0.80, 0.47, 0.65)),
-    # A light and a dark green: not the palette's own, which is too near to grey for some.
+    # A light and a dark green: not the palette's own, which is too near to gray for some.
     ("Glued", (0.55, 0.85, 0.67)),
     ("Anchored", (0.00, 0.35, 0.25)),
 ]
 COLORS = np.array([color for _, color in STATES])
 # Behind them: those of loads.
 ALL_COLORS = np.concatenate([COLORS, dots.COLORS])
-# As Blender keeps colours of objects: linear, in single precision.
+# As Blender keeps colors of objects: linear, in single precision.
 LINEAR = np.where(ALL_COLORS <= 0.04045, ALL_COLORS / 12.92, ((ALL_COLORS + 0.055) / 1.055) ** 2.4)
 LINEAR = np.concatenate([LINEAR, np.ones((len(LINEAR), 1))], axis=1).astype(np.float32)
-# Those that the panel tells of, even if no body has them: the others are rare.
+# States that the panel always lists: the others are rare.
 USUAL = (1, 2, 3, 4)
-# Edge of a colour's icon, in pixels.
+# Edge of a color's icon, in pixels.
 ICON = 16
 
 is_shown = False
 # By what dots of glue carry, instead of by state.
 is_by_load = False
 _icons = None
-# How the 3D Views were coloured before.
+# How the 3D Views were colored before.
 _shadings = {}
 
 
@@ -57,9 +57,9 @@ def packed(states, start_frame):
 
 @functools.lru_cache(maxsize=4)
 def _unpacked(text):
-    told = json.loads(text)
-    states = np.frombuffer(zlib.decompress(base64.b64decode(told["data"])), np.uint8)
-    return told["start"], known(states).reshape(-1, told["frames"])
+    content = json.loads(text)
+    states = np.frombuffer(zlib.decompress(base64.b64decode(content["data"])), np.uint8)
+    return content["start"], known(states).reshape(-1, content["frames"])
 
 
 def known(states):
@@ -68,7 +68,7 @@ def known(states):
 
 
 def at(collection, frame):
-    """What a pile's bodies have the colours of, at a frame of the scene, shape [n]; None if there is nothing."""
+    """What a pile's bodies have the colors of, at a frame of the scene, shape [n]; None if there is nothing."""
     if is_by_load:
         count = count_of(collection)
         levels = dots.loads(collection, running.report_of(collection).get("dots", ()), count)
@@ -101,7 +101,7 @@ def _frame_of(collection, frame, last):
 
 
 def refresh(scene):
-    """The colours as they are to be: those of the states, or the objects' own."""
+    """The colors as they are to be: those of the states, or the objects' own."""
     if not is_shown:
         restore()
         return
@@ -137,13 +137,13 @@ def _color(objects, now):
         if not own.is_coloured:
             own.color, own.is_coloured = body.color, True
         elif np.array_equal(body.color, wanted):
-            # Blender would draw it anew.
+            # Blender would redraw it.
             continue
         body.color = wanted
 
 
 def restore():
-    """Gives everything its own colours back."""
+    """Gives everything its own colors back."""
     colors = np.empty((len(bpy.data.objects), 4), np.float32)
     bpy.data.objects.foreach_get("color", colors.ravel())
     is_of_state = (colors[:, None] == LINEAR).all(axis=2).any(axis=1)
@@ -165,14 +165,14 @@ def restore():
 
 
 def _last(collection):
-    """The states in the last frame; all free where the pile tells of none."""
+    """The states in the last frame; all free where the pile has no states."""
     if collection.cairn.states:
         return _unpacked(collection.cairn.states)[1][:, -1]
     return np.zeros(count_of(collection), np.uint8)
 
 
 def _shade(by_object):
-    """Solid 3D Views show the objects' colours, or what they did before."""
+    """Solid 3D Views show the objects' colors, or what they did before."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             space = area.spaces.active
@@ -204,7 +204,7 @@ def _on_frame(scene, *_):
 
 
 def _follow(on):
-    # Before Blender looks at the frame: it then takes the colours along.
+    # Before Blender looks at the frame: it then takes the colors along.
     handlers = bpy.app.handlers.frame_change_pre
     if on and _on_frame not in handlers:
         handlers.append(_on_frame)
@@ -213,7 +213,7 @@ def _follow(on):
 
 
 def show(on, by_load=False):
-    """Switches the colours on or off."""
+    """Switches the colors on or off."""
     global is_shown, is_by_load
     is_shown, is_by_load = on, on and by_load
     _follow(on)

@@ -1,4 +1,4 @@
-"""The colour that a prop has on average, sRGB: of its material, with the mean of its texture."""
+"""The color that a prop has on average, sRGB: of its material, with the mean of its texture."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ _means = {}
 
 
 def of(source):
-    """The colour of an object's most frequent material, or of what is below it; None if it has none."""
+    """The color of an object's most frequent material, or of what is below it; None if it has none."""
     for member in (source, *source.children_recursive):
         if member.type == "EMPTY" and member.instance_collection:
             inside = (tint for tint in map(of, member.instance_collection.all_objects) if tint is not None)

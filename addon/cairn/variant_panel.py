@@ -22,7 +22,7 @@ class CAIRN_PT_variants(Pile, Panel):
         entries = context.scene.cairn_variants
         row = layout.row(align=True)
         if variants.is_trying():
-            row.label(text=variants.told(), icon="TIME")
+            row.label(text=variants.status(), icon="TIME")
             row.operator("cairn.stop_trying", text="", icon="CANCEL")
         else:
             row.prop(manager, "cairn_seed_count", text="")

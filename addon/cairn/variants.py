@@ -11,7 +11,7 @@ from .client import Fault
 from .following import start_frame
 from .messages import v1
 
-# How often news are looked at, and how long Blender may be kept at a time, s.
+# How often messages are read, and how long Blender may be busy at a time, s.
 TICK = 0.1
 SLICE = 0.015
 # Edge of a thumbnail, pixels.
@@ -72,8 +72,8 @@ class _Trials:
         self.job.start()
 
     def _follow(self):
-        while not self.job.news.empty():
-            kind, what = self.job.news.get()
+        while not self.job.messages.empty():
+            kind, what = self.job.messages.get()
             if kind == "progress":
                 self.progress = what.fraction
             elif kind == "failed":
@@ -94,7 +94,7 @@ class _Trials:
         pointers.write(entry.pointers, self.taken.pointers)
         remember(entry.bake_id, self.job.recording.frames[-1], self.drawn, self.recipe["metres"])
 
-    def told(self):
+    def status(self):
         at = self.count - len(self.wanted)
         return "Reading props" if self.slices else f"{at} of {self.count}: {self.progress:.0%} of its stage"
 
@@ -133,9 +133,9 @@ def is_trying():
     return _trials is not None
 
 
-def told():
+def status():
     """How the trials go, in one line."""
-    return _trials.told() if _trials else ""
+    return _trials.status() if _trials else ""
 
 
 def begin(scene, wanted):
@@ -195,9 +195,9 @@ def load(context, entry):
     kind = ""
     try:
         while kind != "done":
-            # Nothing to do before there are news.
+            # Nothing to do before there are messages.
             yield request.WAITING
-            kind, what = ("", None) if fetched.news.empty() else fetched.news.get()
+            kind, what = ("", None) if fetched.messages.empty() else fetched.messages.get()
             if kind == "failed":
                 raise what
     finally:
@@ -216,7 +216,7 @@ def fetch(context, entry):
 
 
 def is_fetched(entry):
-    """Whether it is under way."""
+    """Whether it is being fetched."""
     return _steps is not None and entry.bake_id == _fetched
 
 

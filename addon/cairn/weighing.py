@@ -16,12 +16,12 @@ TICK = 0.2
 _under_way = []
 
 
-def place(told, state, metres, kept):
+def place(scene_message, state, metres, kept):
     """A body of a scene, by its state: prop, place, rotation, size."""
     prop, *numbers = state
     # Older files have no sizes.
     size = numbers[7] if len(numbers) > 7 else 1.0
-    made = told.bodies.add(prop=str(int(prop)), scale=round(size, 6), kept=kept)
+    made = scene_message.bodies.add(prop=str(int(prop)), scale=round(size, 6), kept=kept)
     made.position.extend(axes.points_to_server(np.array(numbers[:3]), metres).tolist())
     made.rotation.extend(axes.rotations_to_server(np.array(numbers[3:7])).tolist())
 
@@ -30,17 +30,17 @@ def spec_of(taken, states):
     """The request that weighs bodies, among the props and scenery of another request."""
     spec = v1.BakeSpec()
     spec.CopyFrom(taken.spec)
-    told = spec.scene
-    del told.bodies[:]
-    del told.emitters[:]
+    scene_message = spec.scene
+    del scene_message.bodies[:]
+    del scene_message.emitters[:]
     for state in states:
-        place(told, state, taken.recipe["metres"], kept=True)
+        place(scene_message, state, taken.recipe["metres"], kept=True)
     # All that is not needed for it is left out.
-    told.accuracy = v1.ACCURACY_DRAFT
-    told.output.frames = 0
-    told.effects.frames = v1.SWITCH_OFF
-    told.report.shape = told.report.pictures = v1.SWITCH_OFF
-    told.report.support = v1.SWITCH_ON
+    scene_message.accuracy = v1.ACCURACY_DRAFT
+    scene_message.output.frames = 0
+    scene_message.effects.frames = v1.SWITCH_OFF
+    scene_message.report.shape = scene_message.report.pictures = v1.SWITCH_OFF
+    scene_message.report.support = v1.SWITCH_ON
     return spec
 
 
@@ -71,8 +71,8 @@ class Weighing:
     def poll(self):
         """Whether both are known."""
         for asked in self.jobs:
-            while not asked.news.empty():
-                asked.end = asked.news.get()[0]
+            while not asked.messages.empty():
+                asked.end = asked.messages.get()[0]
         return all(asked.end in ("done", "stopped", "failed") for asked in self.jobs)
 
     def standing(self):
@@ -107,14 +107,14 @@ def _collect():
     return TICK if is_more else None
 
 
-def said(told):
+def said(report):
     """In words, of what a report says of the settled pile; empty before it is known."""
-    before, after = told["settled"].get("standing", (None, None))
+    before, after = report["settled"].get("standing", (None, None))
     if before is None or after is None:
         return ""
-    kept = told["settled"]["kept"]
+    kept = report["settled"]["kept"]
     # What dots carry is not counted.
-    alone = " without glue" if told.get("dots") else ""
+    alone = " without glue" if report.get("dots") else ""
     return f"Of the {kept} untouched, {before} were certified to stand{alone} before the edit, {after} are after it"
 
 

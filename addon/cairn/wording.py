@@ -39,8 +39,8 @@ def _parameter(found):
     known = {field["name"] for field in FIELDS.get(MESSAGES[group], [])}
     if name not in known:
         return found[0]
-    told = f"“{title(name)}” in the panel {PANELS[group]}"
-    return told + (f" ({title(value[3:].strip(chr(34)))})" if value else "")
+    words = f"“{title(name)}” in the panel {PANELS[group]}"
+    return words + (f" ({title(value[3:].strip(chr(34)))})" if value else "")
 
 
 def gathered(texts, names):

@@ -39,10 +39,10 @@ def number(value):
 def quality(figures):
     if not figures.exists():
         return ["-"] * 4
-    told = read(figures)
-    lost = f" ({told['lost']} lost)" if told["lost"] else ""
-    shape = "-" if told["kept_shape"] is None else f"{told['kept_shape']:.3f}{lost}"
-    return [shape, f"{told['kept_p95']:.2f}", f"{told['penetration_mean']:.4f}", f"{told['penetration_max']:.3f}"]
+    values = read(figures)
+    lost = f" ({values['lost']} lost)" if values["lost"] else ""
+    shape = "-" if values["kept_shape"] is None else f"{values['kept_shape']:.3f}{lost}"
+    return [shape, f"{values['kept_p95']:.2f}", f"{values['penetration_mean']:.4f}", f"{values['penetration_max']:.3f}"]
 
 
 def rows_of(folder):

@@ -132,10 +132,10 @@ def test_a_bake_ends_at_the_frame_that_the_preview_showed(desk, addon):
 
     class Operator:
         timer = preview = workspace = slices = writer = None
-        told = []
+        reported = []
 
         def report(self, _, text):
-            self.told.append(text)
+            self.reported.append(text)
 
         def _leave(self, *_):
             pass
@@ -151,4 +151,4 @@ def test_a_bake_ends_at_the_frame_that_the_preview_showed(desk, addon):
         assert following.Follows._end(operator, bpy.context, Bake()) == {"FINISHED"}
         assert scene.frame_current == (frame or 20 + len(desk.motion.positions) - 1), mode
         assert frame or scene.frame_current == timing.end_of(operator.made)
-    assert running.bake is None and "Heap Pile" in Operator.told[-1]
+    assert running.bake is None and "Heap Pile" in Operator.reported[-1]
