@@ -62,7 +62,7 @@ CLASSES = [
 
 @persistent
 def _before_load(*_):
-    """Another file is about to be opened. The server bakes on; this file's note says so."""
+    """Runs before another file is opened. The server continues the bake; this file's note says so."""
     live.show(False)
     glue.show(False)
     variants.forget()
@@ -75,7 +75,7 @@ def _before_load(*_):
 @persistent
 def _after_load(*_):
     running.left = pending.of_this_file()
-    # A file that Blender saved by itself.
+    # Blender may have saved this file by itself, with colors.
     states.restore()
 
 
@@ -94,7 +94,7 @@ def _after_save(*_):
 
 @persistent
 def _after_undo(*_):
-    # The step may be one of before the colors, or of before they were taken away.
+    # The undo step may be from before the colors were set, or from before they were removed.
     states.refresh(bpy.context.scene)
 
 

@@ -1,4 +1,4 @@
-"""The button, how the bake goes, and what is wrong: in one place, so that nothing moves under the pointer."""
+"""The button, the bake's progress and the problems, in one place, so that nothing moves under the pointer."""
 
 from . import live, preferences, request, result, running, wording
 from .following import is_running
@@ -28,7 +28,7 @@ def draw(layout, context, settings):
     else:
         lines = _draw_bake(row, context, settings, not lacking and not problem)
     column = layout.column(align=True)
-    # Always two.
+    # Always two lines.
     for line in lines:
         column.label(text=line)
     if is_running():
@@ -47,7 +47,7 @@ def draw(layout, context, settings):
 
 
 def problems():
-    """What is wrong with the scene, with the objects that each is about."""
+    """The problems of the scene, each with the objects that it is about."""
     found = {}
     for problem in running.problems:
         about = [problem.about] if problem.about else []

@@ -37,12 +37,12 @@ SORTS = [
     ("MASS", "Mass", "By mass", "NONE", 2),
     ("NAME", "Name", "By name, in alphabetical order", "NONE", 3),
 ]
-# What `descending` puts below.
+# Labels of `descending`.
 BELOW = {"SIZE": "Largest Below", "MASS": "Heaviest Below", "NAME": "Last Name Below"}
 
 
 class CairnArrangement(PropertyGroup):
-    """How props lie, and which of them where."""
+    """How props lie, and where each kind goes."""
 
     order: FloatProperty(
         subtype="FACTOR",
@@ -102,7 +102,7 @@ def is_sorted(chosen):
 
 
 def set_fill(v1, fill, settings):
-    """What is not as it is by default."""
+    """Sets the fields that differ from their defaults."""
     if not knows("Fill", "order"):
         return
     chosen = settings.arrangement
@@ -124,7 +124,7 @@ def set_fill(v1, fill, settings):
 
 
 def set_prop(v1, prop, item):
-    """What is not as it is by default."""
+    """Sets the fields that differ from their defaults."""
     if not knows("Prop", "turns"):
         return
     if item.up != "AUTO":

@@ -1,5 +1,5 @@
-"""A pile that is worked on by hand: bodies taken out, replaced, moved or added, and what that disturbs settles again.
-All else stays: its objects are not even written to."""
+"""Editing a pile by hand: bodies are removed, replaced, moved or added, and the disturbed bodies settle again. All
+others stay: their objects are not even written to."""
 
 import json
 import uuid
@@ -15,22 +15,22 @@ from .client import Fault
 from .dots import number_of
 from .export import Exporter
 
-# A body was moved by hand from this on, relative to its prop's size; two touch within this.
+# A body counts as moved by hand from this displacement on, relative to its prop's size; within it, two are in contact.
 MOVED, TOUCH = 1e-4, 0.03
-# Triangles of a body, for finding out who touches whom.
+# Triangles of a body, for finding contacts.
 TRIANGLES = 80
-# New bodies appear so high above the pile and over so much of its width, in sizes of the largest prop.
+# Height above the pile at which new bodies appear, and the width of their place, in sizes of the largest prop.
 ABOVE, MARGIN = 1.5, 0.25
 # A painted region is divided into squares: this many to a side of the largest prop.
 CELLS = 4
-# How fast they come, bodies per second.
+# New bodies per second.
 RATE = 12.0
 
 
 def still_copy(scene, collection):
-    """A pile of objects without animation, as the given one ends: that one is hidden, and stays."""
+    """Makes a copy of a pile's final pose, as objects without animation. The pile itself is hidden, and stays."""
     frame, end = scene.frame_current, timing.end_of(collection)
-    # To another frame and back takes as long as all else: after a bake, it is this one.
+    # Changing the frame and back takes as long as everything else; after a bake, the current frame is the right one.
     if frame != end:
         scene.frame_set(end)
     made = bpy.data.collections.new(f"{collection.name} Edited")
@@ -54,17 +54,17 @@ def still_copy(scene, collection):
 
 
 def remember(collection):
-    """The pile has settled as it is now."""
+    """Remembers the poses of the settled pile."""
     collection.cairn.settled = json.dumps({str(body.cairn.number): _state(body) for body in collection.objects})
 
 
 def settled(collection):
-    """The bodies as they settled last, by number."""
+    """The bodies' last settled states, by number."""
     return {int(number): state for number, state in json.loads(collection.cairn.settled).items()}
 
 
 def carry(collection):
-    """The bodies are in their props' collections, where that was wanted, whatever was done to them."""
+    """Links edited bodies to their props' collections again, if the settings say so."""
     sources = result.sources_of(running.recipe_of(collection), pointers.read(collection.cairn.pointers))
     if None not in sources:
         prop_collections.refresh(collection, sources)
@@ -75,24 +75,24 @@ def _state(body):
 
 
 def is_edited(collection):
-    """Whether a pile is one to work on."""
+    """Whether a pile is an editable copy."""
     return bool(collection and collection.cairn.settled)
 
 
 class Placed:
-    """Bodies of a pile as they stand: objects [n], and what they are made of."""
+    """Bodies of a pile at their current poses: objects [n], and their props."""
 
     def __init__(self, collection, props):
         self.objects = [body for body in collection.objects if body.cairn.number]
         self.props = props
-        # Of what the pile was when it settled last: by number, prop, pose and size.
+        # The pile's last settled state, by number: prop, pose and size.
         before = settled(collection)
         here = {body.cairn.number for body in self.objects}
         shapes = [outline.fewer(prop.vertices, prop.triangles, TRIANGLES) for prop in props]
         self.sizes = [float(np.ptp(points, axis=0).max()) for points, _ in shapes]
         self.shapes = shapes
         self.changed = [self._is_changed(body, before.get(body.cairn.number)) for body in self.objects]
-        # Where something was that is not there any more.
+        # Places of removed bodies.
         moved = {body.cairn.number for body, is_changed in zip(self.objects, self.changed) if is_changed}
         self.partners = _partners(collection)
         self.lost = moved | (set(before) - here)
@@ -107,8 +107,8 @@ class Placed:
         return max(abs(a - b) for a, b in zip(now[1:4], state[1:4])) > limit or turn > MOVED
 
     def _tree(self, prop, matrix, size, reach=0.0):
-        """For finding out whether two overlap, with the lowest and the highest corner. `reach`: it is so much larger on
-        all sides: scaled, and each face moved outwards."""
+        """A search tree for overlaps, with the lowest and the highest corner. `reach`: the body is enlarged by this
+        on all sides: scaled, and each face moved outward."""
         points, triangles = self.shapes[prop]
         if reach:
             points, triangles = _grown(points, triangles, reach / size)
@@ -116,12 +116,12 @@ class Placed:
         return BVHTree.FromPolygons(world.tolist(), triangles.tolist()), world.min(axis=0), world.max(axis=0)
 
     def reaching(self, prop, matrix, size):
-        """The same, of all that touches it, too."""
+        """The same for all bodies in contact with it."""
         return self._tree(prop, matrix, size, TOUCH * self.sizes[prop] * size)
 
     def disturbed(self):
-        """A generator: which objects may move, [n]: those that were changed, those that stood on what is gone, and all
-        that stands on them."""
+        """A generator: which objects may move, [n]: changed ones, those that stood on removed ones, and all that
+        stand on these."""
         trees, poses = [], [_pose(_state(body)) for body in self.objects]
         for pose in poses:
             trees.append(self._tree(*pose))
@@ -139,10 +139,10 @@ class Placed:
             found, own = waiting.pop()
             tree, bottom, top = found or self.reaching(*poses[own])
             near = ((low <= top) & (high >= bottom)).all(axis=1)
-            # What lies below does not need it.
+            # Bodies below do not need its support.
             above = (low + high)[:, 2] > (bottom + (top if own is not None else bottom))[2]
             known = self.partners.get(self.objects[own].cairn.number, ()) if own is not None else ()
-            # Glue holds no body that moves: whoever was glued to it is on its own.
+            # Glue does not hold a moving body: bodies that were glued to it may move, too.
             partners = {index[other] for other in known if other in index}
             for number in {*np.flatnonzero(near & above).tolist(), *partners}:
                 touches = number in partners or tree.overlap(trees[number][0])
@@ -154,7 +154,7 @@ class Placed:
 
 
 def _grown(points, triangles, reach):
-    """Triangles that are farther out than those given, by `reach`."""
+    """The triangles, moved outward by `reach`."""
     low, high = points.min(axis=0), points.max(axis=0)
     extent = np.maximum(high - low, 1e-12)
     scaled = (points - (low + high) / 2) * (1 + 2 * reach / extent) + (low + high) / 2
@@ -167,7 +167,7 @@ def _grown(points, triangles, reach):
 
 
 def _partners(collection):
-    """Who is glued to whom, by number."""
+    """The bodies that each body is glued to, by number."""
     found = {}
     for dot in running.report_of(collection).get("dots", ()):
         ends = [number_of(collection, body) for body in (dot["body"], dot["other"])]
@@ -185,9 +185,9 @@ def _pose(state):
 
 
 def settling(context, collection, added=0, over=(), region=""):
-    """A generator: the request to let what was disturbed settle, and objects and whether they may move. `added`: so
-    many props are dropped from above, over those objects, or over the whole pile; or over what is painted on the shape,
-    as the weights of the vertex group `region`."""
+    """A generator: the request that settles the disturbed bodies, the objects, and whether each may move. `added`:
+    how many props are dropped from above, over the given objects or the whole pile, or over the painted vertex
+    group `region` of the shape."""
     from .messages import v1
 
     settings = context.scene.cairn
@@ -243,7 +243,7 @@ def settling(context, collection, added=0, over=(), region=""):
 
 
 def _items(recipe, count):
-    """The settings of each prop, as they were for the bake."""
+    """The settings that each prop had for the bake."""
     settings = recipe["settings"]
     items = [item for item in settings["props"] if item["object"]] if settings["prop_source"] == "LIST" else []
     items += [settings["prop_common"]] * (count - len(items))
@@ -251,7 +251,7 @@ def _items(recipe, count):
 
 
 def _add_core(v1, scene_message, exporter, collection, recipe):
-    """What stands in a pile that is a shell: the server makes it of the shape, which it does not fill again."""
+    """Adds the core of a pile that is a shell: the server makes it from the shape, without filling the shape again."""
     fill = recipe["settings"].get("fill", {})
     if not fill.get("use_shell"):
         return None
@@ -262,7 +262,7 @@ def _add_core(v1, scene_message, exporter, collection, recipe):
     scene_message.control_mesh.path = shape.uri
     scene_message.fill.method = v1.FILL_METHOD_OFF
     scene_message.fill.shell = float(f"{fill['shell']:.7g}")
-    # What is dropped onto the pile is outside of its shape.
+    # Dropped props are outside the pile's shape.
     scene_message.effects.region = scene_message.report.shape = v1.SWITCH_OFF
     return shape
 
@@ -291,7 +291,7 @@ def _add_above(scene_message, placed, count, over, largest, metres):
 
 
 def _painted(context, exporter, collection, placed, region, largest):
-    """Where props appear: a block above what is painted, and above the bodies there."""
+    """A block in which props appear: above the painted region, and above the bodies there."""
     control = collection.cairn.control
     if control is None:
         raise Fault("The shape is not in the file any more, and neither is the painted region.")
@@ -304,7 +304,7 @@ def _painted(context, exporter, collection, placed, region, largest):
 
 
 def applied(context, collection, objects, free, motion, recipe, record):
-    """A generator as `result.build`: bodies that may move are put where they have come to rest, new ones are made."""
+    """A generator like `result.build`: moves the free bodies to their resting poses, and makes new ones."""
     moved = result.BodyMotion(motion, {**recipe, "props": [{**prop, "is_shown": True} for prop in recipe["props"]]})
     found = pointers.read(collection.cairn.pointers)
     sources = result.sources_of(recipe, found)
@@ -312,7 +312,7 @@ def applied(context, collection, objects, free, motion, recipe, record):
     made = parts.make(context, sources, [Matrix(prop["local"]) for prop in recipe["props"]], as_collections=False)
     yield 0.5
     number = max((body.cairn.number for body in objects), default=0)
-    # Nothing is written before this, so that a stop leaves all as it was.
+    # Nothing is written before this, so that a stop changes nothing.
     fallen = []
     for index in range(len(moved.props)):
         is_there = bool(moved.present[-1, index])

@@ -1,4 +1,4 @@
-"""What the buttons do to a pile that is worked on by hand."""
+"""Operators that edit a pile by hand."""
 
 import bpy
 from bpy.props import EnumProperty, IntProperty, StringProperty
@@ -13,7 +13,7 @@ from .layouts import wrapped
 from .panels import Pile
 
 
-# How a vertex group is called that is painted for this.
+# Name of a new vertex group for painting.
 REGION = "Drop Here"
 
 
@@ -70,7 +70,7 @@ class CAIRN_OT_remove_bodies(_Edits, Operator):
 
 
 def _prop_items(_, context):
-    """The pile's props; kept, since Blender does not keep them."""
+    """The pile's props. The list is kept here, because Blender does not keep it."""
     collection = _pile(context) if context else None
     recipe = running.recipe_of(collection) if collection else {"props": []}
     _prop_items.kept = [(str(number), prop["name"], "") for number, prop in enumerate(recipe["props"])]
@@ -200,14 +200,14 @@ class CAIRN_OT_paint_region(Operator):
         control.hide_set(False)
         control.select_set(True)
         context.view_layer.objects.active = control
-        # The colors are on its faces.
+        # The weights' colors are on the faces.
         control.display_type = "TEXTURED"
         bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
         return {"FINISHED"}
 
 
 def end_painting(context):
-    """Whether somebody was painting a region: the shape is wire again."""
+    """Ends the painting of a region and shows the shape as wire again. Returns whether a region was being painted."""
     pile = _pile(context)
     if context.mode != "PAINT_WEIGHT" or pile is None or context.object != pile.cairn.control:
         return False

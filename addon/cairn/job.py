@@ -1,4 +1,4 @@
-"""A bake in the background: a thread that talks to the server, and a queue from which Blender's own thread takes."""
+"""A bake in the background: a thread talks to the server, and Blender's own thread reads a queue."""
 
 import asyncio
 import queue
@@ -11,7 +11,7 @@ from .client import Connection, Fault
 from .messages import v1
 from .recording import Recording
 
-# How long the server may take to hear of a cancelled bake, s.
+# Longest time for the server to receive a cancellation, s.
 FAREWELL = 2.0
 # The name of a kept request's message, beside the models.
 SPEC = "spec"
@@ -40,16 +40,16 @@ class Job:
     # What to bake, and the models' bytes by SHA-256; or the id of a bake that runs or is done.
     spec: object = None
     contents: dict = field(default_factory=dict)
-    # What is wrong with it already. The server is asked for the rest, and nothing is baked.
+    # Known problems. The server is asked for the others, and nothing is baked.
     problems: list = field(default_factory=list)
     bake_id: str = ""
-    # Whether the frames of the fill are sent, for who shows the pile as it forms.
+    # Whether the frames of the fill are sent, to show the pile as it forms.
     has_fill: bool = True
     # A folder where the request waits until the server has taken it; None: nowhere.
     kept: object = None
     messages: queue.SimpleQueue = field(default_factory=queue.SimpleQueue)
     recording: Recording = field(default_factory=Recording)
-    # The bodies as last heard of, for whoever draws them.
+    # The latest bodies, for drawing.
     latest: object = None
     # As the server writes it, once the bake is done.
     report: dict = field(default_factory=dict)
@@ -67,7 +67,7 @@ class Job:
             self._task.cancel()
 
     def detach(self):
-        """Ends only the listening; the server goes on."""
+        """Stops listening only; the server continues the bake."""
         self._detached = True
         self.stop()
 
@@ -134,7 +134,7 @@ class Job:
             async with Connection(await self.server.reach()) as connection:
                 self.report = await connection.report(self.bake_id)
         except Fault:
-            # The pile is there without it.
+            # The pile does not need it.
             pass
         self.messages.put(("done", summary))
 
@@ -174,14 +174,14 @@ async def _ask(server, name, **fields):
 
 
 def ask(server, name, **fields):
-    """One question in the background: a future of its answer, which raises `Fault`."""
+    """One call in the background, as a future of its answer, which raises `Fault`."""
     return asyncio.run_coroutine_threadsafe(_ask(server, name, **fields), _loop())
 
 
 async def _plan(server, spec, contents, problems):
     problems = list(problems)
     if problems and not (spec.scene.control_mesh.path and spec.scene.props):
-        # There is nothing more to ask.
+        # No more calls are needed.
         raise Fault("", problems=problems)
     try:
         async with Connection(await server.reach()) as connection:

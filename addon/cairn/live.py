@@ -1,5 +1,6 @@
-"""A draft while the artist shapes: whenever the scene changes and then rests, the pile is baked as a draft, and its
-final pose is drawn over the view. Nothing of it is in the file. Switched off, there is no timer and no handler."""
+"""A draft while the artist shapes: after each change of the scene, once it stays unchanged, the pile is baked as a
+draft, and its final pose is drawn over the view. The draft is not in the file. When off, there is no timer and no
+handler."""
 
 import time
 
@@ -12,10 +13,10 @@ from . import fingerprint, job, preferences, preview, request, running
 from .client import Fault
 from .messages import v1
 
-# How often the scene is looked at, and how long it has to rest, s.
+# How often the scene is checked, and how long it has to stay unchanged, s.
 TICK = 0.1
 REST = 0.5
-# While it is read: how long at a time, s.
+# Reading: time per slice, s.
 SLICE = 0.01
 MODES = {"OBJECT", "EDIT_MESH", "SCULPT"}
 
@@ -24,19 +25,19 @@ _draft = None
 
 
 class _Draft:
-    """What is known of the scene, and the draft that is made of it or shown."""
+    """The state of the scene, and the draft that is being made or shown."""
 
     def __init__(self):
         self.seen, self.changed_at = None, 0.0
-        # Counts edits that a glance does not show.
+        # Counts edits that the fingerprint does not show.
         self.edits = 0
-        # Of the scene that the draft is of.
+        # The state of the scene that the draft is of.
         self.of = None
         self.slices = self.job = self.preview = None
         self.status = ""
 
     def look(self, context):
-        """One turn of the timer."""
+        """One tick of the timer."""
         if running.bake is not None or context.mode not in MODES:
             self.drop()
             self.hide()
@@ -86,7 +87,7 @@ class _Draft:
             self.job.start()
             self.set_status(context, "Drafting…")
         except (Fault, ReferenceError):
-            # The scene has changed on the way.
+            # The scene has changed meanwhile.
             self.slices = None
 
     def _follow(self, context):
@@ -99,7 +100,7 @@ class _Draft:
                 self.set_status(context, what.message if not what.problems else "Fix the problems listed here first.")
                 self.hide()
                 return
-            # The figures are not waited for.
+            # The draft does not wait for the figures.
             is_done = kind == "done" or (kind == "progress" and what.stage == v1.STAGE_MEASURE)
         if is_done and frames:
             self._show(context, frames[-1])
@@ -137,7 +138,7 @@ class _Draft:
 
 
 def status():
-    """How the draft goes, in two lines at most; empty while there is no draft."""
+    """The draft's progress, in two lines at most; empty while there is no draft."""
     return _draft.status if _draft else ""
 
 
@@ -151,7 +152,7 @@ def _look():
 
 @persistent
 def _on_change(_, graph):
-    """Shapes that are sculpted or edited look the same from afar."""
+    """Counts edits of meshes, which the fingerprint does not see."""
     if any(update.is_updated_geometry for update in graph.updates):
         _draft.edits += 1
 

@@ -1,4 +1,4 @@
-"""What the buttons do to a bake: start, fetch, stop, keep. The same operators run without a window."""
+"""Operators of a bake: start, fetch, stop, keep. They also run without a window."""
 
 from bpy.types import Operator
 
@@ -40,14 +40,14 @@ class CAIRN_OT_fetch(Follows, Operator):
             raise Fault("No bake of this file was running. Press Bake Pile.")
         bake = running.Bake(preferences.server(context))
         bake.resume(note["recipe"], note["bake_id"])
-        # Another Blender may have had one of the same file: that is offered next.
+        # Another Blender may have had a bake of the same file: it is offered next.
         running.bake, running.left = bake, pending.of_this_file(besides=note["recipe"]["token"])
         yield
         return (yield from seen_props(context, note["recipe"]))
 
 
 def seen_props(context, recipe):
-    """A generator: the props of a bake that was asked for before, for the preview; None if they are not there."""
+    """A generator: the props of an earlier bake, for the preview; None if they are missing."""
     from . import result
 
     _, found = pointers.asked(recipe)
@@ -75,7 +75,7 @@ class CAIRN_OT_stop(Operator):
 
 
 class CAIRN_OT_go_on(Operator):
-    """Continue the bake"""
+    """Close this question, and let the bake continue"""
 
     bl_idname = "cairn.go_on"
     bl_label = "Continue"

@@ -75,7 +75,7 @@ def colliders_of(settings):
 def missing(settings):
     """What is to be done before a bake, one sentence; empty if nothing is missing."""
     if settings.control_mesh is None:
-        return "Choose the mesh that the pile fills."
+        return "Choose the mesh that gives the pile its shape."
     if settings.control_mesh.type != "MESH":
         return "Choose a mesh as the shape."
     if not props_of(settings):

@@ -105,7 +105,7 @@ def test_a_server_out_of_reach(desk, module, addon):
     before = set(kept.glob("*"))
     chosen.server = "REMOTE"
     try:
-        assert "no server's address" in refusal()
+        assert "address is missing" in refusal()
         chosen.address = "127.0.0.1"
         assert "HOST:PORT" in refusal()
         chosen.address = "127.0.0.1:1"

@@ -99,9 +99,9 @@ def test_the_final_pose_stays_alone(desk, addon, mode):
     assert not bpy.data.actions and bpy.context.scene.frame_current == 1000
     states = addon("states").at(collection, 5)
     assert (states is None) == (shown is None) and (shown is None or (states == shown).all())
-    with pytest.raises(RuntimeError, match="no pile"):
+    with pytest.raises(RuntimeError, match="no animated pile"):
         bpy.ops.cairn.keep_pose()
-    with pytest.raises(RuntimeError, match="no pile"):
+    with pytest.raises(RuntimeError, match="no animated pile"):
         bpy.ops.cairn.fit_timing()
     # One step back is all of it.
     bpy.ops.ed.undo()
