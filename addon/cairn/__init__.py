@@ -4,7 +4,7 @@ import atexit
 
 import bpy
 from bpy.app.handlers import persistent
-from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty
 
 from . import (
     edit_operators,
@@ -108,16 +108,15 @@ HANDLERS = {
 }
 
 
-# Of this session, not of the file.
-OPTIONS = (
-    "cairn_warnings",
-    "cairn_seed_count",
-    "cairn_seed_glue",
-    "cairn_seed_shapes",
-    "cairn_seed_strengths",
-    "cairn_add_count",
-    "cairn_add_region",
-)
+# Of this session, not of the file: options that the panels show before an operator runs, as the operator has them.
+OPTIONS = {
+    "cairn_seed_count": (variant_operators.CAIRN_OT_try_seeds, "count"),
+    "cairn_seed_glue": (variant_operators.CAIRN_OT_try_seeds, "is_with_glue"),
+    "cairn_seed_shapes": (variant_operators.CAIRN_OT_try_seeds, "kept_shapes"),
+    "cairn_seed_strengths": (variant_operators.CAIRN_OT_try_seeds, "strengths"),
+    "cairn_add_count": (edit_operators.CAIRN_OT_add_on_top, "count"),
+    "cairn_add_region": (edit_operators.CAIRN_OT_add_on_top, "region"),
+}
 
 
 def register():
@@ -125,33 +124,8 @@ def register():
     bpy.types.WindowManager.cairn_warnings = BoolProperty(
         name="Warnings", description="Show the server's warnings about the scene or the pile"
     )
-    bpy.types.WindowManager.cairn_seed_count = IntProperty(
-        name="Seeds", description="How many seeds to try, starting with the scene's seed", default=4, min=1, max=32
-    )
-    bpy.types.WindowManager.cairn_add_count = IntProperty(
-        name="Count", description="How many props to drop on top", default=10, min=1, max=10000
-    )
-    bpy.types.WindowManager.cairn_add_region = StringProperty(
-        name="Region",
-        description="Vertex group of the shape: props fall where its weights are 0.5 or more. If empty, props fall "
-        "over the selected bodies, or the whole pile",
-    )
-    bpy.types.WindowManager.cairn_seed_glue = BoolProperty(
-        name="Also Vary Glue",
-        description="Try each seed with several amounts of glue: those chosen below, and the glue set above",
-    )
-    bpy.types.WindowManager.cairn_seed_shapes = EnumProperty(
-        name="Glue Amounts",
-        description="Amounts of glue to try with each seed",
-        items=variant_operators.BUDGETS,
-        options={"ENUM_FLAG"},
-        default={"AS_MODELLED", "NATURAL"},
-    )
-    bpy.types.WindowManager.cairn_seed_strengths = StringProperty(
-        name="Tacky",
-        description="Strengths of Tacky to try with each seed, in weights of a typical prop, separated by commas, "
-        "such as 1, 5, 20",
-    )
+    for name, (operator, option) in OPTIONS.items():
+        setattr(bpy.types.WindowManager, name, operator.__annotations__[option])
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     states.register()
@@ -174,6 +148,6 @@ def unregister():
         getattr(bpy.app.handlers, name).remove(handler)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
-    for name in OPTIONS:
+    for name in ("cairn_warnings", *OPTIONS):
         delattr(bpy.types.WindowManager, name)
     properties.unregister()

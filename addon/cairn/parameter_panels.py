@@ -1,4 +1,4 @@
-"""The panels below the button, closed at first: parameters, and what is placed by hand."""
+"""The panels below the button, closed at first: parameters, and objects placed by hand."""
 
 from bpy.types import Panel
 
@@ -7,7 +7,7 @@ from .panels import Pile, draw_field, draw_optional
 from .schema import GROUPS, fields_of, knows
 
 
-# What has its place elsewhere.
+# Fields that other panels draw.
 DRAWN = {("Fill", "count"), ("Fill", "shell")}
 
 

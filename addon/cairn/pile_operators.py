@@ -1,4 +1,4 @@
-"""What the buttons do to a pile: delete it; take its settings up again."""
+"""Operators of a pile: delete it, restore its settings."""
 
 import bpy
 from bpy.props import StringProperty
@@ -10,7 +10,7 @@ from .following import explaining, is_running
 
 
 class OfPile:
-    """What operators have in common that do something to a pile: the one that is named, or that of the shape."""
+    """Common part of operators on a pile: the named one, or that of the shape."""
 
     bl_options = {"UNDO"}
 

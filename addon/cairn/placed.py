@@ -1,4 +1,4 @@
-"""What a scene has besides the fill: scenery that moves, a region, bodies that stay, are thrown or drop in."""
+"""Parts of a scene besides the fill: moving scenery, a region, bodies that stay, are thrown or drop in."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from .schema import knows
 
 # A scale that changes by more than this while a collider moves cannot be followed.
 SAME_SCALE = 1e-3
-# Frames that are looked at before Blender may draw.
+# Frames that are read before Blender may draw.
 BATCH = 8
 
 
@@ -24,7 +24,7 @@ def is_animated(source):
 
 
 def moving(context, colliders):
-    """Those colliders that are to be followed."""
+    """The colliders whose motion is followed."""
     if not knows("Keyframe"):
         return []
     view = set(context.view_layer.objects)
@@ -33,12 +33,12 @@ def moving(context, colliders):
 
 
 class Extras:
-    """Adds to a scene's message what it has of these, and keeps what the caller has to know of it."""
+    """Adds these parts to a scene's message, and keeps their data for the caller."""
 
     def __init__(self, v1, scene_message, exporter, settings):
         self.v1, self.scene_message, self.exporter, self.settings = v1, scene_message, exporter, settings
         self.models, self.names = [], {}
-        # Props that only bodies placed by hand have, after those of the fill; and those of them that stay.
+        # Props of bodies placed by hand alone, after those of the fill; and those of bodies that stay.
         self.props, self.kept = [], []
 
     def _add(self, model, source):
@@ -89,7 +89,7 @@ class Extras:
                 body.mass = round(settings.impact_mass, 6)
 
     def _placed(self, sources):
-        """Props that the fill does not draw."""
+        """Props that the fill does not use."""
         props = yield from self.exporter.props(sources)
         for prop in props:
             self.scene_message.props.add(path=self._add(prop.model, prop.source), weight=0.0)
@@ -105,7 +105,7 @@ class Extras:
         return body
 
     def add_moving(self, context, sources):
-        """Colliders with a pose for each frame at which they are not where the frames around have them."""
+        """Moving colliders, with a pose for each frame that interpolation between its neighbors does not give."""
         if not sources:
             return
         friction = round(self.settings.collider_friction, 6)
@@ -126,7 +126,7 @@ class Extras:
         positions, rotations, sizes = [], [], []
         frames = range(settings.start_frame, settings.start_frame + max(last, 0) + 1)
         for first in range(0, len(frames), BATCH):
-            # Between two batches Blender is as it was.
+            # Between two batches, Blender shows its own frame again.
             try:
                 for frame in frames[first : first + BATCH]:
                     scene.frame_set(frame)

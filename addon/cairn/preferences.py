@@ -1,4 +1,4 @@
-"""Where the server is, and how to reach it."""
+"""The server's place, and how to reach it."""
 
 import re
 from pathlib import Path
@@ -78,7 +78,7 @@ class CairnPreferences(bpy.types.AddonPreferences):
         layout.operator("cairn.test_server")
 
 
-# Of an add-on that a script has enabled for itself alone.
+# Defaults, if a script has enabled the add-on for itself alone.
 DEFAULTS = SimpleNamespace(server="LOCAL", program="", address="", token="", certificates="", estimates=True)
 
 
@@ -116,7 +116,7 @@ def _is_here(address):
 
 
 def folder():
-    """Where the add-on may write."""
+    """The folder in which the add-on may write."""
     if hasattr(bpy.utils, "extension_path_user") and __package__.startswith("bl_ext."):
         return Path(bpy.utils.extension_path_user(__package__, create=True))
     return Path(bpy.utils.user_resource("DATAFILES", path="cairn", create=True))

@@ -1,4 +1,4 @@
-"""What the panels set."""
+"""Settings of the panels."""
 
 import bpy
 from bpy.props import (
@@ -27,7 +27,7 @@ def _is_placed(_, source):
 
 
 class CairnProp(PropertyGroup):
-    """One of the things that a pile is made of."""
+    """A prop of the pile."""
 
     object: PointerProperty(
         name="Prop",
@@ -116,7 +116,7 @@ class CairnProp(PropertyGroup):
     )
 
 
-# How much may be glued. A .blend file keeps the numbers.
+# Amounts of glue. A .blend file keeps the numbers.
 KEPT_SHAPES = [
     (
         "AS_MODELLED",
@@ -144,7 +144,7 @@ OUTPUTS = [
 
 
 class CairnSettings(PropertyGroup):
-    """What the next bake does."""
+    """Settings of the next bake."""
 
     control_mesh: PointerProperty(
         name="Shape",

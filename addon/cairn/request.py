@@ -21,7 +21,7 @@ PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
 
 @dataclass
 class Request:
-    """All that a bake needs of Blender. It is taken in one go: the scene may change afterwards."""
+    """All data of Blender that a bake needs. The scene may change afterward."""
 
     spec: object
     # The models' bytes by SHA-256.
@@ -50,13 +50,13 @@ def props_of(settings):
 
 
 def objects_of(collection):
-    """Those at the top of a collection: what is below them belongs to them."""
+    """The top objects of a collection: their children belong to them."""
     inside = dict.fromkeys(members(collection) if collection else ())
     return [source for source in inside if source.parent not in inside and source.type in PLACED]
 
 
 def is_bare(source):
-    """An empty with nothing below it: somebody's marker, not a prop."""
+    """An empty with nothing below it is a marker, not a prop."""
     family = [source, *source.children_recursive]
     return all(member.type == "EMPTY" and member.instance_collection is None for member in family)
 
@@ -73,7 +73,7 @@ def colliders_of(settings):
 
 
 def missing(settings):
-    """What is to be done before a bake, one sentence; empty if nothing is missing."""
+    """What to do before a bake, as one sentence; empty if nothing is missing."""
     if settings.control_mesh is None:
         return "Choose the mesh that gives the pile its shape."
     if settings.control_mesh.type != "MESH":
@@ -86,7 +86,7 @@ def missing(settings):
 
 
 def take(context, passive=False):
-    """The request of a scene as it stands now."""
+    """The request of the current scene."""
     return finish(taking(context, passive))
 
 
@@ -101,7 +101,7 @@ def finish(generator):
 
 
 def advance(generator, seconds, take):
-    """Runs a generator for so long, or until it waits. Whether there is more to do; `take` gets what it returns."""
+    """Runs a generator for some time, or until it waits. Returns whether there is more; `take` gets the result."""
     until = time.monotonic() + seconds
     try:
         while next(generator) is not WAITING and time.monotonic() < until:
@@ -215,7 +215,7 @@ def prop_message(v1, uri, item):
 
 
 def _set_parameters(v1, scene_message, settings):
-    """What is set by hand; the rest is the accuracy's."""
+    """Sets the parameters that are set by hand; the others have the accuracy's values."""
     for message, name in GROUPS.items():
         group = getattr(settings, name, None)
         for field in fields_of(message) if group else ():
@@ -236,13 +236,13 @@ def _set_parameters(v1, scene_message, settings):
 
 
 def leave_figures(v1, scene_message):
-    """Nothing is measured of the finished pile."""
+    """Switches all measures of the finished pile off."""
     for field in fields_of("Figures"):
         setattr(scene_message.report, field["name"], v1.SWITCH_OFF)
 
 
 def _set_glue(v1, glue, settings):
-    """As modelled is what the service does by itself, where there is something to glue."""
+    """As modeled is the service's default where there is something to glue."""
     if settings.kept_shape == "NATURAL":
         glue.mode = v1.GLUE_MODE_NATURAL
     elif settings.kept_shape == "TACKY":

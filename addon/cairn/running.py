@@ -23,7 +23,7 @@ STAGES = {
 # A body that moves less than this from a frame to the next, relative to the median diameter, is at rest.
 REST = 1e-3
 
-# How often a bake that only measures is looked at, s.
+# How often a bake that only measures is polled, s.
 TICK = 0.25
 
 # The time left is unknown if a new estimate exceeds the last one by this factor and this many seconds.
@@ -33,7 +33,7 @@ DOUBT = 1.5, 3.0
 bake = None
 # The latest answer to "Check", for the panel; and whether the scene has changed since.
 plan, plan_is_old = None, False
-# What was found wrong with the scene, for the panel; and the objects' names by what the server calls them.
+# Problems of the scene, for the panel; and the objects' names by the server's names for them.
 problems, names = [], {}
 # A bake of this file that was running when it was closed.
 left = None
@@ -44,7 +44,7 @@ _late = {}
 
 
 class Bake:
-    """A job with what is known of it."""
+    """A job with its progress."""
 
     def __init__(self, server):
         self.recipe = {}
@@ -71,7 +71,7 @@ class Bake:
             pending.note(self.recipe, "")
 
     def resume(self, recipe, bake_id):
-        """What was asked for before: the server has it, or its request is still kept."""
+        """Continues an earlier bake: the server has it, or its request is still kept."""
         self.recipe, self.job.bake_id = recipe, bake_id
         self.job.kept = pending.request_folder(recipe)
 
@@ -80,7 +80,7 @@ class Bake:
             self.job.start()
 
     def stop(self):
-        """Ends at once; the server hears of it in the background."""
+        """Ends at once; the server is informed in the background."""
         self.is_stopping = True
         self.state = "Stopping"
         self.job.stop()
@@ -89,7 +89,7 @@ class Bake:
         pending.forget(self.recipe)
 
     def kept_kind(self):
-        """What there is to be kept, as a button says it; empty if it is nothing."""
+        """The text of the button that keeps the unfinished result; empty if there is none."""
         if self.frame_count:
             return f"Keep the {self.frame_count} Frames"
         latest = self.job.latest
@@ -97,13 +97,13 @@ class Bake:
         return f"Keep the {count} Bodies as They Are" if count else ""
 
     def keep(self):
-        """Takes what there is for the result."""
+        """Uses the unfinished result as the result."""
         self.end, self.is_stopping = "kept", False
         if not self.frame_count:
             self.recipe = {**self.recipe, "output_mode": "POSE"}
 
     def motion(self):
-        """The result; of a bake that was stopped while it filled, the bodies as they were."""
+        """The result; of a bake that was stopped during the fill, the bodies at their place in it."""
         return self.job.recording.motion() or Motion.of([self.job.latest])
 
     def poll(self, wait=0.0):
@@ -158,7 +158,7 @@ class Bake:
         return self.progress.fraction if self.progress else 0.0
 
     def counts(self, most=None):
-        """Bodies, and what they do, as one line of `most` figures."""
+        """Counts of bodies by state, as one line of at most `most` figures."""
         progress = self.progress
         if progress is None or not progress.body_count:
             return ""
@@ -188,7 +188,7 @@ class Bake:
         return ", ".join(part for part in (self.stage(), share, self.counts(), left) if part)
 
     def record(self):
-        """What the result's collection is to remember: plain values."""
+        """Values that the result's collection remembers."""
         record = {"bake_id": self.job.bake_id, "is_whole": self.has_all_frames and self.end != "kept"}
         record["warnings"] = []
         if self.accepted:
@@ -221,7 +221,7 @@ class Bake:
         return record
 
     def at_rest(self):
-        """Share of the bodies that stood in the last frame where they were in the one before."""
+        """Share of the bodies that did not move between the last two frames."""
         frames = self.job.recording.frames[-2:]
         before, after = frames[0], frames[-1]
         count = len(before.props)
@@ -276,7 +276,7 @@ def report_of(collection):
 
 
 def glue_of(report):
-    """What a pile's report says of its glue, in words; empty if nothing was to be glued."""
+    """A summary of a pile's glue; empty if gluing was off."""
     share = report.get("measures", {}).get("glued_body_fraction")
     counts = report.get("counts", {})
     dots = counts.get("glue_dots", 0)
@@ -297,7 +297,7 @@ def glue_of(report):
 
 
 def wait_for_report(made):
-    """The pile of a bake is there, but for the report: that is added when it comes."""
+    """The pile of a bake is made without its report, which is added later."""
     measuring.append(made)
     if not bpy.app.timers.is_registered(_collect):
         bpy.app.timers.register(_collect, first_interval=TICK)
@@ -325,7 +325,7 @@ def _collect():
 
 
 def _by_hand(bake_id):
-    """What the pile of a bake has of the work by hand, which no bake knows of."""
+    """Data of edits by hand in the pile of a bake, which the bake does not have."""
     for collection in bpy.data.collections:
         if collection.cairn.is_result and collection.cairn.bake_id == bake_id and collection.cairn.settled:
             before = report_of(collection)
@@ -334,7 +334,7 @@ def _by_hand(bake_id):
 
 
 def end():
-    """Nothing runs any more, and nothing waits for a decision."""
+    """Ends: no bake runs, and none waits for a decision."""
     global bake
     if bake is not None:
         pointers.forget(bake.recipe)
@@ -342,7 +342,7 @@ def end():
 
 
 def forget_all():
-    """Another file is opened, or the add-on ends: the server bakes on, and nobody listens."""
+    """Called when another file is opened or the add-on ends: the server continues, and nobody listens."""
     global bake, plan, left, problems
     for other in [bake, *measuring]:
         if other is not None:

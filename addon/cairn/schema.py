@@ -1,4 +1,4 @@
-"""The groups of parameters, made of the scene's schema: its comments are their tooltips."""
+"""The groups of parameters, made from the scene's schema. Its comments are their tooltips."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
 from bpy.types import PropertyGroup
 
 FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
-# What the add-on sets itself, from its own properties or from Blender's scene.
+# Fields that the add-on sets itself, from its own properties or from Blender's scene.
 OWN = {
     *(("Fill", name) for name in ("order", "surface", "shake", "layout", "sort_by", "descending", "gaps")),
     ("Output", "fps"),
@@ -124,7 +124,7 @@ def _group(message):
 PARAMETERS = {message: _group(message) for message in GROUPS if message in FIELDS}
 
 
-# From the quickest on; those that the schema has.
+# In ascending order of cost; only those in the schema.
 BY_COST = ("DRAFT", "PREVIEW", "STANDARD", "FINE", "REFERENCE", "PAPER")
 ACCURACIES = sorted(
     items_of(next(field for field in FIELDS["Scene"] if field["name"] == "accuracy")),

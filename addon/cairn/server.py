@@ -19,7 +19,7 @@ NAME = "cairn.exe" if os.name == "nt" else "cairn"
 # How long a server may take to listen, and to end after a second signal, s.
 START = 20.0
 END = 5.0
-# A bake that runs when Blender quits may end within this, s; its result is there when the file is opened again.
+# Longest time for a running bake to finish after Blender quits, s; its result is offered when the file is opened again.
 DRAIN = 3600
 
 
@@ -81,7 +81,7 @@ class LocalServer:
         self.folder.mkdir(parents=True, exist_ok=True)
         token, listen = secrets.token_hex(32), "127.0.0.1:0"
         if hasattr(socket, "AF_UNIX") and os.name != "nt":
-            # Only this user reaches it.
+            # Only this user can reach it.
             listen = f"unix:{tempfile.mkdtemp(prefix='cairn-')}/socket"
         command = [program, "serve", "--listen", listen, "--data", self.folder / "data", "--drain-seconds", str(DRAIN)]
         log = self.folder / "server.log"
@@ -129,7 +129,7 @@ class LocalServer:
         self.is_used = False
 
     def stop_now(self):
-        """Ends a server that is ending already, at once. The next one takes its bakes up again."""
+        """Kills a server that is already ending. The next one resumes its bakes."""
         with self.lock:
             note = self._read_note()
             if not note:
@@ -163,12 +163,12 @@ def _signal(pid):
 
 
 def _first_line(process):
-    """What the server prints once it listens; empty if it ends or says nothing in time."""
+    """The first line of the server's output; empty if it ends or prints nothing in time."""
     timer = threading.Timer(START, process.kill)
     timer.start()
     try:
         return process.stdout.readline().decode(errors="replace").strip()
     finally:
         timer.cancel()
-        # Its end is nobody's child's loss: a server outlives its Blender by the bakes that it has.
+        # Not a child to wait for: a server outlives its Blender until its bakes are done.
         threading.Thread(target=process.wait, daemon=True).start()

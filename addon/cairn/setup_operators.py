@@ -1,4 +1,4 @@
-"""What the buttons do to the settings: choosing props, checking the scene, finding objects, trying the server."""
+"""Operators on the settings: choose props, check the scene, select objects, test the server."""
 
 import concurrent.futures
 import time
@@ -12,8 +12,8 @@ from .client import Fault
 from .following import explain, explaining, is_running, start_frame
 from .schema import GROUPS
 
-# How often an answer of the server is looked for, how long the scene is read at a time, and how long the preferences
-# wait for an answer, s.
+# How often to poll for the server's answer, the time per slice for reading the scene, and how long the preferences wait
+# for an answer, s.
 TICK = 0.05
 SLICE = 0.025
 PATIENCE = 20.0
@@ -79,7 +79,7 @@ class CAIRN_OT_remove_prop(Operator):
 
 
 class _Waits:
-    """What an operator needs that looks for an answer now and then, while Blender goes on."""
+    """Common part of operators that poll for an answer while Blender continues."""
 
     timer = answer = None
 
@@ -140,7 +140,7 @@ class CAIRN_OT_check(_Waits, Operator):
             self.cancel(context)
             return {"CANCELLED"}
         if event.type != "TIMER":
-            # While the scene is read, what the artist did would end up between.
+            # While the scene is read, edits of the artist would fall between its parts.
             return {"RUNNING_MODAL"} if self.slices else {"PASS_THROUGH"}
         with explaining(self):
             if self.slices:

@@ -1,5 +1,5 @@
-"""Bodies colored by what the control made of them, as long as that is switched on. The .blend never has the colors:
-they are taken away before it is saved, and the handler that follows the frames is not part of it."""
+"""Colors bodies by state or by load, while that is switched on. The .blend never has the colors: they are removed
+before it is saved, and the handler that follows the frames is not part of it."""
 
 import base64
 import functools
@@ -13,7 +13,7 @@ from bpy.props import BoolProperty
 
 from . import dots, points, running, timing
 
-# By the number of `BodyState`: what the panel calls it, and its color (sRGB) from a palette (Okabe and Ito's) that the
+# By the number of `BodyState`: its label, and its color (sRGB) from a palette (Okabe and Ito's) that the
 # color-blind can distinguish, too.
 STATES = [
     ("Free", (0.93, 0.93, 0.93)),
@@ -28,7 +28,7 @@ STATES = [
     ("Anchored", (0.00, 0.35, 0.25)),
 ]
 COLORS = np.array([color for _, color in STATES])
-# Behind them: those of loads.
+# After these, the colors of loads.
 ALL_COLORS = np.concatenate([COLORS, dots.COLORS])
 # As Blender keeps colors of objects: linear, in single precision.
 LINEAR = np.where(ALL_COLORS <= 0.04045, ALL_COLORS / 12.92, ((ALL_COLORS + 0.055) / 1.055) ** 2.4)
@@ -39,7 +39,7 @@ USUAL = (1, 2, 3, 4)
 ICON = 16
 
 is_shown = False
-# By what dots of glue carry, instead of by state.
+# By the load of the dots of glue, instead of by state.
 is_by_load = False
 _icons = None
 # How the 3D Views were colored before.
@@ -68,7 +68,7 @@ def known(states):
 
 
 def at(collection, frame):
-    """What a pile's bodies have the colors of, at a frame of the scene, shape [n]; None if there is nothing."""
+    """The states or loads whose colors a pile's bodies have at a scene frame, shape [n]; None if there are none."""
     if is_by_load:
         count = count_of(collection)
         levels = dots.loads(collection, running.report_of(collection).get("dots", ()), count)
@@ -82,7 +82,7 @@ def at(collection, frame):
 
 
 def count_of(collection):
-    """The largest number that a pile's bodies have: where some were taken out by hand, there are fewer."""
+    """The largest body number of a pile, which exceeds the count if bodies were removed by hand."""
     is_points = collection.cairn.mode == "POINTS"
     ends = [
         shown.cairn.number + (len(shown.data.vertices) - 1 if is_points else 0)
@@ -101,7 +101,7 @@ def _frame_of(collection, frame, last):
 
 
 def refresh(scene):
-    """The colors as they are to be: those of the states, or the objects' own."""
+    """Sets the colors: those of the states, or the objects' own."""
     if not is_shown:
         restore()
         return
@@ -118,7 +118,7 @@ def refresh(scene):
 
 
 def _inside(collection):
-    """Where the objects are that show its states."""
+    """The collection of the objects that show a pile's states."""
     for child in collection.children:
         if child.cairn.is_of_state:
             return child
@@ -172,7 +172,7 @@ def _last(collection):
 
 
 def _shade(by_object):
-    """Solid 3D Views show the objects' colors, or what they did before."""
+    """Lets solid 3D Views show the objects' colors, or resets them."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             space = area.spaces.active
@@ -198,13 +198,13 @@ def forget():
 
 @persistent
 def _on_frame(scene, *_):
-    # A render has its own thread, in which no objects are made.
+    # A render has its own thread, in which no objects may be made.
     if not bpy.app.is_job_running("RENDER"):
         refresh(scene)
 
 
 def _follow(on):
-    # Before Blender looks at the frame: it then takes the colors along.
+    # Before Blender evaluates the frame, so that it includes the colors.
     handlers = bpy.app.handlers.frame_change_pre
     if on and _on_frame not in handlers:
         handlers.append(_on_frame)

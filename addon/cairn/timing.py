@@ -19,12 +19,12 @@ def _timing_of(note):
 
 
 def shown(collection):
-    """The times as the pile has them now."""
+    """The current times of the pile."""
     return times(collection.cairn.frame_count, *_timing_of(collection.cairn))
 
 
 def number_at(collection, frame):
-    """Which frame of the result is shown at one of the scene; it may lie between two."""
+    """The frame of the result at a scene frame; it may be fractional."""
     start, hold, speed, ease = _timing_of(collection.cairn)
     last = max(collection.cairn.frame_count - 1, 0)
     share = max(frame - start - hold, 0.0) * speed / max(last, 1)
@@ -32,7 +32,7 @@ def number_at(collection, frame):
 
 
 def set_by_bake(collection, start_frame, frame_count):
-    """A new pile: it plays as it was baked."""
+    """Sets the timing of a new pile, which plays as it was baked."""
     note = collection.cairn
     note.frame_count, note.timed = frame_count, json.dumps([start_frame, 0, 1.0, 0.0])
     # Without their updates.
@@ -40,7 +40,7 @@ def set_by_bake(collection, start_frame, frame_count):
 
 
 def apply(collection):
-    """The pile plays as its settings say."""
+    """Applies the pile's timing settings."""
     note = collection.cairn
     if not note.frame_count or note.mode == "POSE":
         return
@@ -56,7 +56,7 @@ def apply(collection):
 
 
 def keep_end(collection):
-    """Of a pile that plays, the final pose stays alone."""
+    """Keeps only the final pose of an animated pile."""
     end, used = end_of(collection), set()
     for body in collection.objects:
         if collection.cairn.mode == "POINTS":

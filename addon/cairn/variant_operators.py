@@ -1,4 +1,4 @@
-"""What the buttons do to variants: try seeds, look at one, keep one, delete one."""
+"""Operators of variants: try seeds, show one, keep one, delete one."""
 
 import json
 
@@ -82,12 +82,12 @@ class CAIRN_OT_try_seeds(Operator):
 
 
 def strengths_of(text):
-    """Glue strengths as an artist writes them, one after the other."""
+    """Parses glue strengths, separated by commas."""
     try:
         found = [float(word) for word in text.replace(";", " ").replace(", ", " ").replace(",", " ").split()]
     except ValueError:
         found = [-1.0]
-    # Not a number is not above 0, either.
+    # This also excludes not-a-number.
     if not all(0.0 <= strength <= 1e9 for strength in found):
         raise Fault("Write the glue strengths as numbers with commas between them: 1, 5, 20.")
     return found

@@ -1,5 +1,5 @@
-"""Seeds that are tried: baked one after the other, looked at, one of them kept. The server has the results; the file
-remembers which they are."""
+"""Variants: several seeds are baked one after the other, shown, and one is kept. The server has the results; the file
+remembers their ids."""
 
 import json
 import time
@@ -17,19 +17,19 @@ SLICE = 0.015
 # Edge of a thumbnail, pixels.
 THUMBNAIL = 128
 
-# That which is drawn over the view, by its bake; empty if none is.
+# Bake id of the variant that is drawn over the view; empty if none is.
 shown = ""
 _icons = None
 _trials = None
-# A bake that is fetched to be drawn: its id, and what does it, step by step.
+# A bake that is being fetched: its id, and the generator that fetches it.
 _fetched, _steps = "", None
-# Last poses, and the props as they are drawn, of this session: by bake.
+# Last poses, and the props for drawing, of this session, by bake.
 _poses, _drawn = {}, {}
 _preview = None
 
 
 class _Trials:
-    """A list of bakes that is worked off, for a scene."""
+    """A queue of bakes for a scene."""
 
     def __init__(self, scene, wanted):
         self.scene, self.wanted = scene.name, list(wanted)
@@ -106,7 +106,7 @@ class _Trials:
 
 
 def remember(bake_id, snapshot, drawn, metres):
-    """What is known of a bake while Blender runs."""
+    """Keeps a bake's pose and props for this session."""
     _poses[bake_id], _drawn[bake_id] = (snapshot, metres), drawn
     if not bpy.app.background:
         _thumbnail(bake_id)
@@ -134,7 +134,7 @@ def is_trying():
 
 
 def status():
-    """How the trials go, in one line."""
+    """The progress of the trials, in one line."""
     return _trials.status() if _trials else ""
 
 
@@ -148,7 +148,7 @@ def begin(scene, wanted):
 
 
 def finish():
-    """Without a window: to the end, with its faults."""
+    """Without a window: runs all trials, and raises their faults."""
     while _trials and _trials.step():
         if _trials.job:
             time.sleep(request.PAUSE)
@@ -175,12 +175,12 @@ def stop():
 
 
 def is_here(entry):
-    """Whether it can be looked at without asking the server."""
+    """Whether it can be shown without asking the server."""
     return entry.bake_id in _poses
 
 
 def load(context, entry):
-    """A generator: gets a bake of before from the server. It yields `request.WAITING` where there is nothing to do."""
+    """A generator: gets an earlier bake from the server. It yields `request.WAITING` while there is nothing to do."""
     recipe = json.loads(entry.recipe)
     sources = result.sources_of(recipe, pointers.read(entry.pointers))
     if None in sources:
@@ -207,7 +207,7 @@ def load(context, entry):
 
 
 def fetch(context, entry):
-    """Gets a bake of before in the background, and then draws it: instead of that which is fetched already."""
+    """Gets an earlier bake in the background, and then draws it. It replaces one that is being fetched."""
     global _fetched, _steps
     forget_fetched()
     _fetched, _steps = entry.bake_id, load(context, entry)
@@ -226,7 +226,7 @@ def is_at(entry):
 
 
 def fetch_on():
-    """One turn of the timer."""
+    """One tick of the timer."""
     global _steps
     if _steps is None:
         return None
@@ -268,7 +268,7 @@ def show(bake_id):
 
 
 def forget():
-    """Another file is opened, or the add-on ends."""
+    """Called when another file is opened or the add-on ends."""
     global _icons
     stop()
     show("")

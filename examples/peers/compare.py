@@ -1,4 +1,4 @@
-"""Runs Cairn and its peers in turn on the same piles, and writes the table. Called again, it continues where it ended."""
+"""Runs Cairn and its peers in turn on the same piles, and writes the table. Continues where it ended."""
 
 import argparse
 import json

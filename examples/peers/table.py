@@ -114,9 +114,11 @@ def page(results, piles):
     load = ", ".join(f"{part:.1f}" for part in machine["load"])
     about = (
         "# Cairn and its peers, side by side\n\n"
-        "Made by `examples/peers/run` ([how, and what the rows are](README.md)) on "
+        "The same piles in Cairn and in other engines: CPU time, and how well each keeps the pile's shape. "
+        "[How they are measured, and what the rows are](README.md).\n\n"
+        "Made by `examples/peers/run` on "
         f"{machine['model']}, {machine['cores']} cores, one thread each; load of the machine at the end: {load}.\n"
-        "Median of the rounds, least and most in brackets.\n"
+        "Median of the rounds, smallest and largest in brackets.\n"
     )
     parts = [section(results / pile.name, pile) for pile in piles]
     return "\n".join([about, *parts, *curves(results)])
