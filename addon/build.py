@@ -32,6 +32,29 @@ LEFT_OUT = re.compile(
 )
 # Of the Python package's files, those that are the add-on's, too.
 SHARED = ("client.py", "recording.py")
+# Symbols, references and spellings of the schema's comments, and what a tooltip has instead.
+ARTIST = [
+    (r", mu_k ?/ ?mu_s\b", ""),
+    (r" \((?:the paper|[A-Z]\w+ (?:et al\.|and \w+) \d{4})\)", ""),
+    (r"\bEq\. \d+ of the paper, ([^,]+),", r"\1"),
+    (r"\b[Tt]he paper's Eq\. \d+", "The paper's formula"),
+    (r",? ?\(?\bEqs?\. \d+(?:(?:, | and |-)\d+)*\)?", ""),
+    (r"\bmu_k\b", "kinetic friction"),
+    (r"\bmu_s\b", "static friction"),
+    (r"\brelative to d\b", "in prop diameters"),
+    (r"\bin d per\b", "in prop diameters per"),
+    (r"\bin d\b", "in prop diameters"),
+    (r"([\d.]) d\b(?!/)", r"\1 prop diameters"),
+    (r"\bd/(\d+)\b", r"1/\1 of a prop diameter"),
+    (r"\bnatural time", "characteristic time"),
+    (r"(?<!against the )\bcontrol mesh\b", "shape"),
+    (r"\^2", "²"),
+    (r"\^3", "³"),
+    (r"odelled\b", "odeled"),
+    (r"eighbour", "eighbor"),
+    (r"\bmetre", "meter"),
+    (r"olour", "olor"),
+]
 # Fixed, so that the same sources give the same zip.
 ZIP_TIME = (2020, 1, 1, 0, 0, 0)
 
@@ -166,7 +189,7 @@ def fields(files):
         for number, enum in enumerate(file.enum_type):
             prefix = re.sub(r"(?<!^)(?=[A-Z])", "_", enum.name).upper() + "_"
             items = [
-                [value.name.removeprefix(prefix), text(comments, (5, number, 2, index)), value.number]
+                [value.name.removeprefix(prefix), tooltip(text(comments, (5, number, 2, index))), value.number]
                 for index, value in enumerate(enum.value)
                 if value.number
             ]
@@ -176,7 +199,7 @@ def fields(files):
                 (message, field, text(comments, (4, number, 2, index))) for index, field in enumerate(message.field)
             ]
     return {
-        name: [told for message, field, comment in rows if (told := tell(message, field, comment, enums))]
+        name: [entry for message, field, comment in rows if (entry := describe_field(message, field, comment, enums))]
         for name, rows in sorted(messages.items())
     }
 
@@ -185,23 +208,32 @@ def text(comments, path):
     return " ".join(comments.get(path, "").split())
 
 
-def tell(message, field, comment, enums):
+def tooltip(comment):
+    """A comment of the schema as Blender shows it: in an artist's words, US English, without a final full stop."""
+    for pattern, words in ARTIST:
+        comment = re.sub(pattern, words, comment)
+    return comment.removesuffix(".")
+
+
+def describe_field(message, field, comment, enums):
     kinds = {1: "float", 3: "int", 5: "int", 8: "bool", 14: "enum"}
     if field.label == field.LABEL_REPEATED or field.type not in kinds:
         return None
-    told = {"name": field.name, "kind": kinds[field.type], "description": comment}
+    entry = {"name": field.name, "kind": kinds[field.type], "description": tooltip(comment)}
     if field.type == field.TYPE_ENUM:
-        told["prefix"], meaning, told["items"] = enums[field.type_name]
-        told["description"] = f"{meaning} {comment}"
+        entry["prefix"], meaning, entry["items"] = enums[field.type_name]
+        # What a switch is, each field says itself.
+        is_said = field.type_name.endswith(".Switch") or comment.startswith(meaning)
+        entry["description"] = tooltip(comment if is_said else f"{meaning} {comment}")
     limits = re.search(r"Range: (?:above )?(-?[\d.]*\d)(?: to (-?[\d.]*\d))?", comment)
     if limits:
-        told["min"] = float(limits[1])
-        told["max"] = float(limits[2]) if limits[2] else None
+        entry["min"] = float(limits[1])
+        entry["max"] = float(limits[2]) if limits[2] else None
     default = re.search(r"Default: (\S+?)[.,;]?(?:\s|$)", comment)
-    told["default"] = default[1] if default else None
+    entry["default"] = default[1] if default else None
     if field.HasField("oneof_index") and not field.proto3_optional:
-        told["choice"] = message.oneof_decl[field.oneof_index].name
-    return told
+        entry["choice"] = message.oneof_decl[field.oneof_index].name
+    return entry
 
 
 def include_server(server, folder):

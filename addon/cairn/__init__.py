@@ -4,7 +4,7 @@ import atexit
 
 import bpy
 from bpy.app.handlers import persistent
-from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty
 
 from . import (
     edit_operators,
@@ -62,7 +62,7 @@ CLASSES = [
 
 @persistent
 def _before_load(*_):
-    """Another file is about to be opened. The server bakes on; this file's note says so."""
+    """Runs before another file is opened. The server continues the bake; this file's note says so."""
     live.show(False)
     glue.show(False)
     variants.forget()
@@ -75,7 +75,7 @@ def _before_load(*_):
 @persistent
 def _after_load(*_):
     running.left = pending.of_this_file()
-    # A file that Blender saved by itself.
+    # Blender may have saved this file by itself, with colors.
     states.restore()
 
 
@@ -94,7 +94,7 @@ def _after_save(*_):
 
 @persistent
 def _after_undo(*_):
-    # The step may be one of before the colours, or of before they were taken away.
+    # The undo step may be from before the colors were set, or from before they were removed.
     states.refresh(bpy.context.scene)
 
 
@@ -108,49 +108,24 @@ HANDLERS = {
 }
 
 
-# Of this session, not of the file.
-OPTIONS = (
-    "cairn_warnings",
-    "cairn_seed_count",
-    "cairn_seed_glue",
-    "cairn_seed_shapes",
-    "cairn_seed_strengths",
-    "cairn_add_count",
-    "cairn_add_region",
-)
+# Of this session, not of the file: options that the panels show before an operator runs, as the operator has them.
+OPTIONS = {
+    "cairn_seed_count": (variant_operators.CAIRN_OT_try_seeds, "count"),
+    "cairn_seed_glue": (variant_operators.CAIRN_OT_try_seeds, "is_with_glue"),
+    "cairn_seed_shapes": (variant_operators.CAIRN_OT_try_seeds, "kept_shapes"),
+    "cairn_seed_strengths": (variant_operators.CAIRN_OT_try_seeds, "strengths"),
+    "cairn_add_count": (edit_operators.CAIRN_OT_add_on_top, "count"),
+    "cairn_add_region": (edit_operators.CAIRN_OT_add_on_top, "region"),
+}
 
 
 def register():
     properties.register()
     bpy.types.WindowManager.cairn_warnings = BoolProperty(
-        name="Warnings", description="Show what the server says of the scene or of the pile"
+        name="Warnings", description="Show the server's warnings about the scene or the pile"
     )
-    bpy.types.WindowManager.cairn_seed_count = IntProperty(
-        name="Seeds", description="How many seeds are tried, from the scene's own on", default=4, min=1, max=32
-    )
-    bpy.types.WindowManager.cairn_add_count = IntProperty(
-        name="Count", description="How many props are dropped on top", default=10, min=1, max=10000
-    )
-    bpy.types.WindowManager.cairn_add_region = StringProperty(
-        name="Region",
-        description="A vertex group of the shape: props fall where its weights are 0.5 or more. Empty: over the "
-        "selected bodies, or the whole pile",
-    )
-    bpy.types.WindowManager.cairn_seed_glue = BoolProperty(
-        name="And Glue",
-        description="Try each seed with several amounts of glue: as chosen below, and with the glue set above",
-    )
-    bpy.types.WindowManager.cairn_seed_shapes = EnumProperty(
-        name="Kept Shapes",
-        description="Which of these are tried with each seed",
-        items=variant_operators.BUDGETS,
-        options={"ENUM_FLAG"},
-        default={"AS_MODELLED", "NATURAL"},
-    )
-    bpy.types.WindowManager.cairn_seed_strengths = StringProperty(
-        name="Tacky",
-        description="Which strengths of Tacky are tried with each seed, in weights of a typical prop: as in 1, 5, 20",
-    )
+    for name, (operator, option) in OPTIONS.items():
+        setattr(bpy.types.WindowManager, name, operator.__annotations__[option])
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     states.register()
@@ -173,6 +148,6 @@ def unregister():
         getattr(bpy.app.handlers, name).remove(handler)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
-    for name in OPTIONS:
+    for name in ("cairn_warnings", *OPTIONS):
         delattr(bpy.types.WindowManager, name)
     properties.unregister()

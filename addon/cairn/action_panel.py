@@ -1,4 +1,4 @@
-"""The button, how the bake goes, and what is wrong: in one place, so that nothing moves under the pointer."""
+"""The button, the bake's progress and the problems, in one place, so that nothing moves under the pointer."""
 
 from . import live, preferences, request, result, running, wording
 from .following import is_running
@@ -20,15 +20,15 @@ def draw(layout, context, settings):
     elif bake:
         row.operator("cairn.keep", text=bake.kept_kind(), icon="CHECKMARK")
         row.operator("cairn.discard", text="", icon="X")
-        lines = "Stopped. Keep what there is,", "or restore the scene."
+        lines = "Stopped. Keep this result,", "or restore the scene."
     elif running.left:
         row.operator("cairn.fetch", icon="IMPORT")
         row.operator("cairn.forget", text="", icon="X")
-        lines = "A bake was under way", "when this file was closed."
+        lines = "A bake was running", "when this file was closed."
     else:
         lines = _draw_bake(row, context, settings, not lacking and not problem)
     column = layout.column(align=True)
-    # Always two.
+    # Always two lines.
     for line in lines:
         column.label(text=line)
     if is_running():
@@ -40,20 +40,20 @@ def draw(layout, context, settings):
         layout.operator("cairn.preferences", icon="PREFERENCES")
     elif running.problems:
         box = layout.box()
-        box.label(text="This has to be put right first:")
+        box.label(text="Fix These Problems First")
         draw_sentences(box, context, problems())
     elif running.plan:
         draw_folded(layout, context, wording.gathered(running.plan["warnings"], running.names))
 
 
 def problems():
-    """What is wrong with the scene, with the objects that each is about."""
-    told = {}
+    """The problems of the scene, each with the objects that it is about."""
+    found = {}
     for problem in running.problems:
         about = [problem.about] if problem.about else []
         for text, things in [(problem.text, about)] if about else wording.gathered([problem.text], running.names):
-            told.setdefault(text, []).extend(name for name in things if name not in told.get(text, ()))
-    return list(told.items())
+            found.setdefault(text, []).extend(name for name in things if name not in found.get(text, ()))
+    return list(found.items())
 
 
 def _draw_running(row, bake):
@@ -77,13 +77,13 @@ def _draw_bake(row, context, settings, may_bake):
     buttons.operator("cairn.check", text="", icon="VIEWZOOM")
     row.prop(context.window_manager, "cairn_live", text="", icon="HIDE_OFF" if live.is_on else "HIDE_ON")
     if live.is_on:
-        first, _, second = live.told().partition("\n")
+        first, _, second = live.status().partition("\n")
         return first or "Live", second
     if again is None:
         return "", ""
     place = result.replaced(context.scene, control, {"use_replace": settings.use_replace, "seed": settings.seed})
     if place is None:
         return f"“{again.name}” stays,", "hidden"
-    again, told = place, running.report_of(place)
-    what = "the pile" if told.get("is_whole") else f"the {told.get('body_count', 0)} bodies that were kept"
+    again, report = place, running.report_of(place)
+    what = "the pile" if report.get("is_whole") else f"the {report.get('body_count', 0)} bodies that were kept"
     return f"Replaces {what} in", f"“{again.name}”"

@@ -1,4 +1,4 @@
-"""How props lie: what the panel sets of it, and what becomes of that in a request."""
+"""How props lie: the panel's settings, and their fields in a request."""
 
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
@@ -7,86 +7,92 @@ from bpy.types import PropertyGroup
 from . import axes
 from .schema import knows
 
-# What the sliders' values stand for: the largest of each.
+# Words for the sliders' values, each with the largest value that it is for.
 WORDS = {
-    "order": ((0.0, "As they fall"), (0.66, "Tidied"), (0.99, "Stacks"), (1.0, "Stacked")),
+    "order": ((0.0, "As They Fall"), (0.66, "Tidied"), (0.99, "Stacks"), (1.0, "Stacked")),
     "surface": ((0.25, "Loose"), (0.75, "Natural"), (1.0, "Cast")),
-    "shake": ((0.0, "Not shaken"), (100.0, "Shaken")),
+    "shake": ((0.0, "Not Shaken"), (100.0, "Shaken")),
 }
 # A .blend file keeps the numbers.
 UPS = [
-    ("AUTO", "Automatic", "The direction in which it lies flattest; Tilt counts from its Z axis", "NONE", 0),
+    ("AUTO", "Automatic", "The direction in which the prop lies flattest; Tilt is measured from its Z axis", "NONE", 0),
     *(
         (name.replace("-", "NEGATIVE_"), name, f"The prop's own {name} axis is up", "NONE", number)
         for number, name in enumerate(("X", "Y", "Z", "-X", "-Y", "-Z"), start=1)
     ),
 ]
 TURNS = [
-    ("ANY", "Any", "Any turn: the less order, the larger", "NONE", 1),
-    ("QUARTER", "Quarter Turns", "By 0°, 90°, 180° or 270° against the pile's sides", "NONE", 2),
+    ("ANY", "Any", "Any turn: the lower Order is, the larger", "NONE", 1),
+    ("QUARTER", "Quarter Turns", "By 0°, 90°, 180° or 270° relative to the pile's sides", "NONE", 2),
     ("NONE", "None", "Always the same way round", "NONE", 3),
 ]
 LAYOUTS = [
-    ("MIXED", "Mixed", "Everything everywhere", "NONE", 1),
-    ("BANDS", "Bands", "One above the other, each as high as its share of the volume", "NONE", 2),
-    ("GRADIENT", "Gradient", "Bands that run into each other", "NONE", 3),
-    ("CLUSTERS", "Clusters", "Each kind in nests of its own", "NONE", 4),
+    ("MIXED", "Mixed", "All props everywhere", "NONE", 1),
+    ("BANDS", "Bands", "One band per kind, one above the other, each as high as its share of the volume", "NONE", 2),
+    ("GRADIENT", "Gradient", "Bands that blend into each other", "NONE", 3),
+    ("CLUSTERS", "Clusters", "Each kind in its own clusters", "NONE", 4),
 ]
 SORTS = [
-    ("SIZE", "Size", "By how large they are", "NONE", 1),
-    ("MASS", "Mass", "By how heavy they are", "NONE", 2),
-    ("NAME", "Name", "By their names, in the order of the alphabet", "NONE", 3),
+    ("SIZE", "Size", "By size", "NONE", 1),
+    ("MASS", "Mass", "By mass", "NONE", 2),
+    ("NAME", "Name", "By name, in alphabetical order", "NONE", 3),
 ]
-# What `descending` puts below.
+# Labels of `descending`.
 BELOW = {"SIZE": "Largest Below", "MASS": "Heaviest Below", "NAME": "Last Name Below"}
 
 
 class CairnArrangement(PropertyGroup):
-    """How props lie, and which of them where."""
+    """How props lie, and where each kind goes."""
 
     order: FloatProperty(
+        subtype="FACTOR",
         name="Order",
-        description="How tidily props lie. 0: as they fall. 0.4: a heap that somebody tidied; most lie flat, turned "
-        "this way and that. 0.9: stacks that somebody made, not quite straight. 1: stacked; all lie flat and straight, "
-        "long ones crosswise, bowls and plates in each other",
+        description="How tidily props lie. 0: as they fall. 0.4: a tidied heap; most props lie flat, turned in all "
+        "directions. 0.9: stacks, not quite straight. 1: stacked; all props lie flat and straight, long ones "
+        "crosswise, bowls and plates nested",
         default=0.0,
         min=0.0,
         max=1.0,
     )
     surface: FloatProperty(
+        subtype="FACTOR",
         name="Surface",
-        description="What the pile is like where it touches the shape. 0: loose, as if nothing had been around it; "
-        "many props stick out. 0.5: natural; some lie against the shape, single ones stand out or back. 1: cast; many "
-        "lie flush with the shape, as in a mould",
+        description="How the pile meets the surface of the shape. 0: loose, as if no container had been around it; "
+        "many props stick out. 0.5: natural; some props lie against the surface, a few stick out. 1: cast; many "
+        "props lie flush with the surface, as in a mold",
         default=0.5,
         min=0.0,
         max=1.0,
     )
     shake: FloatProperty(
         name="Shake",
-        description="For how long the full shape is shaken, so that wedged props find a lower place, in natural times "
-        "(a prop falls half its own size in one). 0: not at all. 3: to each side once or twice. 10: five times. If the "
-        "pile fills the shape less afterwards, it lies as before",
+        description="How long the full shape is shaken, so that wedged props find a lower place. In one unit of "
+        "time a prop falls half its own size. 0: not at all. 3: to each side once or twice. 10: five times. If the "
+        "pile fills the shape less afterwards, the shaking is undone",
         default=0.0,
         min=0.0,
         max=100.0,
         soft_max=10.0,
         precision=1,
     )
-    layout: EnumProperty(name="Mixture", description="Where each of several props goes", items=LAYOUTS, default="MIXED")
-    sort_by: EnumProperty(name="Sort By", description="What decides which props are below", items=SORTS, default="SIZE")
+    layout: EnumProperty(name="Mixture", description="Where each kind of prop goes", items=LAYOUTS, default="MIXED")
+    sort_by: EnumProperty(
+        name="Sort By", description="Property that decides which props are at the bottom", items=SORTS, default="SIZE"
+    )
     descending: BoolProperty(
         name="Largest Below",
-        description="The largest, the heaviest, or the last in the alphabet is below, not the smallest",
+        description="Put the largest, the heaviest, or the last prop in the alphabet at the bottom, instead of the "
+        "smallest, lightest or first",
     )
     gaps: BoolProperty(
-        name="Small Ones Fill Gaps",
-        description="Small props (less than half as large as the largest) come last, into the gaps of the large ones",
+        name="Small Props Fill Gaps",
+        description="Add small props (less than half as large as the largest) last, into the gaps between the large "
+        "ones",
     )
 
 
 def word(chosen, name):
-    """What the value of a slider stands for."""
+    """The word for a slider's value."""
     return next(word for most, word in WORDS[name] if getattr(chosen, name) <= most)
 
 
@@ -96,11 +102,11 @@ def is_sorted(chosen):
 
 
 def set_fill(v1, fill, settings):
-    """What is not as it is by default."""
+    """Sets the fields that differ from their defaults."""
     if not knows("Fill", "order"):
         return
     chosen = settings.arrangement
-    # The method `stack` means full order where none is told.
+    # The method `stack` means full order where no order is set.
     is_stacked = settings.fill.use_method and settings.fill.method == "STACK"
     for name, is_needed in (("order", is_stacked), ("surface", False), ("shake", False)):
         value = getattr(chosen, name)
@@ -118,7 +124,7 @@ def set_fill(v1, fill, settings):
 
 
 def set_prop(v1, prop, item):
-    """What is not as it is by default."""
+    """Sets the fields that differ from their defaults."""
     if not knows("Prop", "turns"):
         return
     if item.up != "AUTO":

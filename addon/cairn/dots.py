@@ -7,8 +7,8 @@ import numpy as np
 
 from . import axes
 
-# Loads, in weights of a typical prop, from which a dot or a body has the next colour (sRGB), from pale to dark red:
-# told apart by lightness, too.
+# Loads, in weights of a typical prop, from which a dot or a body has the next color (sRGB), from pale to dark red:
+# distinguished by lightness, too.
 LOADS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 COLORS = np.array(
     [
@@ -23,16 +23,16 @@ COLORS = np.array(
 )
 
 
-def told(job, report, metres):
-    """What a collection remembers of the glue, of a report and the last frame: for each dot the bodies, where it is on
-    the first of them (its own axes, Blender's, scene units), the load in weights of a typical prop, whether it broke.
-    Those that carry most come first."""
+def remembered(job, report, metres):
+    """The glue that a collection remembers, from a report and the last frame. For each dot: its bodies, its position
+    on the first of them (in the body's own axes, Blender's, scene units), its load in weights of a typical prop,
+    whether it broke. The largest loads come first."""
     dots = (report.get("glue") or {}).get("dots", ())
     frames = job.recording.frames
     if not dots or not frames:
         return []
     forces = [float(np.linalg.norm(dot["force"])) for dot in dots]
-    # The report has the largest in weights, too.
+    # The report also has the largest load in weights.
     largest = report["measures"].get("glue_force_max") or 0.0
     weight = max(forces) / largest if largest else 1.0
     last, made = frames[-1], []
@@ -55,7 +55,7 @@ def told(job, report, metres):
 
 
 def level(load):
-    """Which colour a load has."""
+    """The color of a load."""
     return int(np.searchsorted(LOADS, load, side="right")) - 1
 
 
@@ -76,7 +76,8 @@ def _left_out(text):
 
 
 def number_of(collection, body):
-    """By which number the pile's objects know a body of the server; None for the ground, and for what is not shown."""
+    """The number that the pile's objects have for a body of the server; None for the ground and for bodies that are
+    not shown."""
     left_out = _left_out(collection.cairn.left_out)
     if body is None or body in left_out:
         return None

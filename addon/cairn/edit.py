@@ -1,5 +1,5 @@
-"""A pile that is worked on by hand: bodies taken out, replaced, moved or added, and what that disturbs settles again.
-All else stays: its objects are not even written to."""
+"""Editing a pile by hand: bodies are removed, replaced, moved or added, and the disturbed bodies settle again. All
+others stay: their objects are not even written to."""
 
 import json
 import uuid
@@ -15,22 +15,22 @@ from .client import Fault
 from .dots import number_of
 from .export import Exporter
 
-# A body was moved by hand from this on, relative to its prop's size; two touch within this.
+# A body counts as moved by hand from this displacement on, relative to its prop's size; within it, two are in contact.
 MOVED, TOUCH = 1e-4, 0.03
-# Triangles of a body, for finding out who touches whom.
+# Triangles of a body, for finding contacts.
 TRIANGLES = 80
-# New bodies appear so high above the pile and over so much of its width, in sizes of the largest prop.
+# Height above the pile at which new bodies appear, and the width of their place, in sizes of the largest prop.
 ABOVE, MARGIN = 1.5, 0.25
-# Of what is painted, squares of so many to a side of the largest prop are told apart.
+# A painted region is divided into squares: this many to a side of the largest prop.
 CELLS = 4
-# How fast they come, bodies per second.
+# New bodies per second.
 RATE = 12.0
 
 
 def still_copy(scene, collection):
-    """A pile of objects without animation, as the given one ends: that one is hidden, and stays."""
+    """Makes a copy of a pile's final pose, as objects without animation. The pile itself is hidden, and stays."""
     frame, end = scene.frame_current, timing.end_of(collection)
-    # To another frame and back takes as long as all else: after a bake, it is this one.
+    # Changing the frame and back takes as long as everything else; after a bake, the current frame is the right one.
     if frame != end:
         scene.frame_set(end)
     made = bpy.data.collections.new(f"{collection.name} Edited")
@@ -54,17 +54,17 @@ def still_copy(scene, collection):
 
 
 def remember(collection):
-    """The pile has settled as it is now."""
+    """Remembers the poses of the settled pile."""
     collection.cairn.settled = json.dumps({str(body.cairn.number): _state(body) for body in collection.objects})
 
 
 def settled(collection):
-    """The bodies as they settled last, by number."""
+    """The bodies' last settled states, by number."""
     return {int(number): state for number, state in json.loads(collection.cairn.settled).items()}
 
 
 def carry(collection):
-    """The bodies are in their props' collections, where that was wanted, whatever was done to them."""
+    """Links edited bodies to their props' collections again, if the settings say so."""
     sources = result.sources_of(running.recipe_of(collection), pointers.read(collection.cairn.pointers))
     if None not in sources:
         prop_collections.refresh(collection, sources)
@@ -75,24 +75,24 @@ def _state(body):
 
 
 def is_edited(collection):
-    """Whether a pile is one to work on."""
+    """Whether a pile is an editable copy."""
     return bool(collection and collection.cairn.settled)
 
 
 class Placed:
-    """Bodies of a pile as they stand: objects [n], and what they are made of."""
+    """Bodies of a pile at their current poses: objects [n], and their props."""
 
     def __init__(self, collection, props):
         self.objects = [body for body in collection.objects if body.cairn.number]
         self.props = props
-        # Of what the pile was when it settled last: by number, prop, pose and size.
+        # The pile's last settled state, by number: prop, pose and size.
         before = settled(collection)
         here = {body.cairn.number for body in self.objects}
         shapes = [outline.fewer(prop.vertices, prop.triangles, TRIANGLES) for prop in props]
         self.sizes = [float(np.ptp(points, axis=0).max()) for points, _ in shapes]
         self.shapes = shapes
         self.changed = [self._is_changed(body, before.get(body.cairn.number)) for body in self.objects]
-        # Where something was that is not there any more.
+        # Places of removed bodies.
         moved = {body.cairn.number for body, is_changed in zip(self.objects, self.changed) if is_changed}
         self.partners = _partners(collection)
         self.lost = moved | (set(before) - here)
@@ -107,8 +107,8 @@ class Placed:
         return max(abs(a - b) for a, b in zip(now[1:4], state[1:4])) > limit or turn > MOVED
 
     def _tree(self, prop, matrix, size, reach=0.0):
-        """For finding out whether two overlap, with the lowest and the highest corner. `reach`: it is so much larger on
-        all sides: scaled, and each face moved outwards."""
+        """A search tree for overlaps, with the lowest and the highest corner. `reach`: the body is enlarged by this
+        on all sides: scaled, and each face moved outward."""
         points, triangles = self.shapes[prop]
         if reach:
             points, triangles = _grown(points, triangles, reach / size)
@@ -116,12 +116,12 @@ class Placed:
         return BVHTree.FromPolygons(world.tolist(), triangles.tolist()), world.min(axis=0), world.max(axis=0)
 
     def reaching(self, prop, matrix, size):
-        """The same, of all that touches it, too."""
+        """The same for all bodies in contact with it."""
         return self._tree(prop, matrix, size, TOUCH * self.sizes[prop] * size)
 
     def disturbed(self):
-        """A generator: which objects may move, [n]: those that were changed, those that stood on what is gone, and all
-        that stands on them."""
+        """A generator: which objects may move, [n]: changed ones, those that stood on removed ones, and all that
+        stand on these."""
         trees, poses = [], [_pose(_state(body)) for body in self.objects]
         for pose in poses:
             trees.append(self._tree(*pose))
@@ -139,10 +139,10 @@ class Placed:
             found, own = waiting.pop()
             tree, bottom, top = found or self.reaching(*poses[own])
             near = ((low <= top) & (high >= bottom)).all(axis=1)
-            # What lies below does not need it.
+            # Bodies below do not need its support.
             above = (low + high)[:, 2] > (bottom + (top if own is not None else bottom))[2]
             known = self.partners.get(self.objects[own].cairn.number, ()) if own is not None else ()
-            # Glue holds no body that moves: whoever was glued to it is on its own.
+            # Glue does not hold a moving body: bodies that were glued to it may move, too.
             partners = {index[other] for other in known if other in index}
             for number in {*np.flatnonzero(near & above).tolist(), *partners}:
                 touches = number in partners or tree.overlap(trees[number][0])
@@ -154,7 +154,7 @@ class Placed:
 
 
 def _grown(points, triangles, reach):
-    """Triangles that are farther out than those given, by `reach`."""
+    """The triangles, moved outward by `reach`."""
     low, high = points.min(axis=0), points.max(axis=0)
     extent = np.maximum(high - low, 1e-12)
     scaled = (points - (low + high) / 2) * (1 + 2 * reach / extent) + (low + high) / 2
@@ -167,7 +167,7 @@ def _grown(points, triangles, reach):
 
 
 def _partners(collection):
-    """Who is glued to whom, by number."""
+    """The bodies that each body is glued to, by number."""
     found = {}
     for dot in running.report_of(collection).get("dots", ()):
         ends = [number_of(collection, body) for body in (dot["body"], dot["other"])]
@@ -185,9 +185,9 @@ def _pose(state):
 
 
 def settling(context, collection, added=0, over=(), region=""):
-    """A generator: the request to let what was disturbed settle, and objects and whether they may move. `added`: so
-    many props are dropped from above, over those objects, or over the whole pile; or over what is painted on the shape,
-    as the weights of the vertex group `region`."""
+    """A generator: the request that settles the disturbed bodies, the objects, and whether each may move. `added`:
+    how many props are dropped from above, over the given objects or the whole pile, or over the painted vertex
+    group `region` of the shape."""
     from .messages import v1
 
     settings = context.scene.cairn
@@ -206,7 +206,7 @@ def settling(context, collection, added=0, over=(), region=""):
         raise Fault("Nothing was changed since the pile settled. Remove, replace, move or add bodies first.")
     statics = yield from exporter.scenery(request.colliders_of(settings))
 
-    told = v1.Scene(
+    scene_message = v1.Scene(
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
         seed=settings.seed,
         gravity=round(settings.gravity, 6),
@@ -214,56 +214,56 @@ def settling(context, collection, added=0, over=(), region=""):
         ground=settings.use_ground,
         ground_height=_ground(collection, settings) * exporter.metres,
     )
-    told.glue.mode = v1.GLUE_MODE_NATURAL
-    shape = _add_core(v1, told, exporter, collection, recipe)
-    told.output.fps = context.scene.render.fps / context.scene.render.fps_base
+    scene_message.glue.mode = v1.GLUE_MODE_NATURAL
+    shape = _add_core(v1, scene_message, exporter, collection, recipe)
+    scene_message.output.fps = context.scene.render.fps / context.scene.render.fps_base
     for prop, item in zip(props, _items(recipe, len(props))):
-        told.props.append(request.prop_message(v1, prop.model.uri, item))
+        scene_message.props.append(request.prop_message(v1, prop.model.uri, item))
     for _, model in statics:
-        told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
+        scene_message.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     for body, is_free in zip(placed.objects, free):
-        weighing.place(told, _state(body), exporter.metres, kept=not is_free)
+        weighing.place(scene_message, _state(body), exporter.metres, kept=not is_free)
         yield
     places = None
     if added:
-        largest = max(size * prop.scale_max for size, prop in zip(placed.sizes, told.props))
+        largest = max(size * prop.scale_max for size, prop in zip(placed.sizes, scene_message.props))
         if region:
             places = _painted(context, exporter, collection, placed, region, largest)
-            told.emitters.add(rate=RATE, count=added, mesh=places.uri)
+            scene_message.emitters.add(rate=RATE, count=added, mesh=places.uri)
         else:
-            _add_above(told, placed, added, over, largest, exporter.metres)
+            _add_above(scene_message, placed, added, over, largest, exporter.metres)
     models = [*(prop.model for prop in props), *(model for _, model in statics), *filter(None, [places, shape])]
     assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
     names = {prop.model.uri: prop.source.name for prop in props}
     names.update((model.uri, source.name) for source, model in statics)
     recipe = {**recipe, "token": uuid.uuid4().hex, "names": names, "notes": [], "output_mode": "POSE"}
-    spec = v1.BakeSpec(scene=told, assets=assets)
+    spec = v1.BakeSpec(scene=scene_message, assets=assets)
     taken = request.Request(spec, exporter.contents, props, recipe, [], found)
     return taken, placed.objects, free
 
 
 def _items(recipe, count):
-    """The settings of each prop, as they were for the bake."""
+    """The settings that each prop had for the bake."""
     settings = recipe["settings"]
     items = [item for item in settings["props"] if item["object"]] if settings["prop_source"] == "LIST" else []
     items += [settings["prop_common"]] * (count - len(items))
     return [SimpleNamespace(**item) for item in items[:count]]
 
 
-def _add_core(v1, told, exporter, collection, recipe):
-    """What stands in a pile that is a shell: the server makes it of the shape, which it does not fill again."""
+def _add_core(v1, scene_message, exporter, collection, recipe):
+    """Adds the core of a pile that is a shell: the server makes it from the shape, without filling the shape again."""
     fill = recipe["settings"].get("fill", {})
     if not fill.get("use_shell"):
         return None
     control = collection.cairn.control
     shape = exporter.region(control) if control else None
     if shape is None:
-        raise Fault("The shape is not in the file any more, and the core that the pile lies on is made of it.")
-    told.control_mesh.path = shape.uri
-    told.fill.method = v1.FILL_METHOD_OFF
-    told.fill.shell = float(f"{fill['shell']:.7g}")
-    # What is dropped onto the pile is outside of its shape.
-    told.effects.region = told.report.shape = v1.SWITCH_OFF
+        raise Fault("The shape is not in the file any more. It is needed to make the core that the pile lies on.")
+    scene_message.control_mesh.path = shape.uri
+    scene_message.fill.method = v1.FILL_METHOD_OFF
+    scene_message.fill.shell = float(f"{fill['shell']:.7g}")
+    # Dropped props are outside the pile's shape.
+    scene_message.effects.region = scene_message.report.shape = v1.SWITCH_OFF
     return shape
 
 
@@ -274,7 +274,7 @@ def _ground(collection, settings):
     return min((control.matrix_world @ Vector(corner)).z for corner in control.bound_box)
 
 
-def _add_above(told, placed, count, over, largest, metres):
+def _add_above(scene_message, placed, count, over, largest, metres):
     """Props that fall, from a box above the pile. `largest`: the size of the largest of them."""
     below = [body for body in over if body in placed.objects] or placed.objects
     if below:
@@ -285,16 +285,16 @@ def _add_above(told, placed, count, over, largest, metres):
         low, high, top = np.zeros(3), np.zeros(3), 0.0
     size = np.maximum(high - low + MARGIN * largest, largest) * (1, 1, 0) + (0, 0, largest)
     middle = np.array([*((low + high) / 2)[:2], top + (ABOVE + 0.5) * largest])
-    drops = told.emitters.add(rate=RATE, count=count)
+    drops = scene_message.emitters.add(rate=RATE, count=count)
     drops.center.extend(axes.points_to_server(middle, metres).tolist())
     drops.size.extend(np.abs(axes.points_to_server(size, metres)).tolist())
 
 
 def _painted(context, exporter, collection, placed, region, largest):
-    """Where props appear: a block above what is painted, and above the bodies there."""
+    """A block in which props appear: above the painted region, and above the bodies there."""
     control = collection.cairn.control
     if control is None:
-        raise Fault("The shape is not in the file any more, and what was painted on it is not, either.")
+        raise Fault("The shape is not in the file any more, and neither is the painted region.")
     edge, corner, found = painted.cells(context, control, region, largest / CELLS)
     low, high = corner - largest, corner + edge * np.array(found.shape) + largest
     bodies = [body.location for body in placed.objects]
@@ -303,8 +303,8 @@ def _painted(context, exporter, collection, placed, region, largest):
     return exporter.mesh("region", *painted.block(edge, corner, found, bottom, bottom + largest))
 
 
-def applied(context, collection, objects, free, motion, recipe, told):
-    """A generator as `result.build`: bodies that may move are put where they have come to rest, new ones are made."""
+def applied(context, collection, objects, free, motion, recipe, record):
+    """A generator like `result.build`: moves the free bodies to their resting poses, and makes new ones."""
     moved = result.BodyMotion(motion, {**recipe, "props": [{**prop, "is_shown": True} for prop in recipe["props"]]})
     found = pointers.read(collection.cairn.pointers)
     sources = result.sources_of(recipe, found)
@@ -312,7 +312,7 @@ def applied(context, collection, objects, free, motion, recipe, told):
     made = parts.make(context, sources, [Matrix(prop["local"]) for prop in recipe["props"]], as_collections=False)
     yield 0.5
     number = max((body.cairn.number for body in objects), default=0)
-    # Nothing is written before this, so that a stop leaves all as it was.
+    # Nothing is written before this, so that a stop changes nothing.
     fallen = []
     for index in range(len(moved.props)):
         is_there = bool(moved.present[-1, index])
@@ -330,10 +330,10 @@ def applied(context, collection, objects, free, motion, recipe, told):
     bpy.data.batch_remove(fallen)
     before = running.report_of(collection)
     stay = _dots_that_stay(collection, before.get("dots", ()), loose)
-    note = {**before, **told, "dots": stay, "body_count": len(collection.objects)}
+    note = {**before, **record, "dots": stay, "body_count": len(collection.objects)}
     note["settled"] = {"moved": len(loose), "kept": count - len(loose), "added": max(0, len(moved.props) - count)}
     collection.cairn.report = json.dumps(note)
-    collection.cairn.bake_id = told.get("bake_id", "")
+    collection.cairn.bake_id = record.get("bake_id", "")
     collection.cairn.states = ""
     remember(collection)
     carry(collection)

@@ -1,4 +1,4 @@
-"""What the buttons do to a pile that is worked on by hand."""
+"""Operators that edit a pile by hand."""
 
 import bpy
 from bpy.props import EnumProperty, IntProperty, StringProperty
@@ -13,7 +13,7 @@ from .layouts import wrapped
 from .panels import Pile
 
 
-# How a vertex group is called that is painted for this.
+# Name of a new vertex group for painting.
 REGION = "Drop Here"
 
 
@@ -35,7 +35,7 @@ class _Edits:
 
 
 class CAIRN_OT_edit_pile(Operator):
-    """Work on this pile by hand: on a copy of its final pose, made of objects. The pile itself stays, hidden"""
+    """Edit a copy of the final pose of this pile by hand. The pile itself stays, hidden"""
 
     bl_idname = "cairn.edit_pile"
     bl_label = "Edit Pile"
@@ -48,14 +48,15 @@ class CAIRN_OT_edit_pile(Operator):
     def execute(self, context):
         collection = result.chosen(context)
         if collection.cairn.mode == "POINTS":
-            text = "Instanced points have no bodies to select. Bake it as Animated Objects or as Final Pose to edit it."
+            text = "Instanced points have no bodies to select. To edit this pile, bake it as Animated Objects or as "
+            "Final Pose."
             return explain(self, Fault(text))
         edit.still_copy(context.scene, collection)
         return {"FINISHED"}
 
 
 class CAIRN_OT_remove_bodies(_Edits, Operator):
-    """Take the selected bodies out of the pile"""
+    """Remove the selected bodies from the pile"""
 
     bl_idname = "cairn.remove_bodies"
     bl_label = "Remove"
@@ -63,13 +64,13 @@ class CAIRN_OT_remove_bodies(_Edits, Operator):
     def execute(self, context):
         chosen = _selected(context, _pile(context))
         if not chosen:
-            return explain(self, Fault("Select the bodies that shall go."))
+            return explain(self, Fault("Select the bodies to remove."))
         bpy.data.batch_remove(chosen)
         return {"FINISHED"}
 
 
 def _prop_items(_, context):
-    """The pile's props; kept, since Blender does not keep them."""
+    """The pile's props. The list is kept here, because Blender does not keep it."""
     collection = _pile(context) if context else None
     recipe = running.recipe_of(collection) if collection else {"props": []}
     _prop_items.kept = [(str(number), prop["name"], "") for number, prop in enumerate(recipe["props"])]
@@ -77,19 +78,19 @@ def _prop_items(_, context):
 
 
 class CAIRN_OT_replace_bodies(_Edits, Operator):
-    """Put another prop in the place of each selected body"""
+    """Replace each selected body by another prop"""
 
     bl_idname = "cairn.replace_bodies"
     bl_label = "Replace"
 
-    prop: EnumProperty(name="By", description="Which of the pile's props", items=_prop_items)
+    prop: EnumProperty(name="By", description="Prop of the pile that replaces the selected bodies", items=_prop_items)
 
     def execute(self, context):
         with explaining(self):
             collection = _pile(context)
             chosen = _selected(context, collection)
             if not chosen:
-                raise Fault("Select the bodies that shall be replaced.")
+                raise Fault("Select the bodies to replace.")
             recipe = running.recipe_of(collection)
             sources = result.sources_of(recipe, pointers.read(collection.cairn.pointers))
             number = int(self.prop)
@@ -132,7 +133,7 @@ class _Settles(Follows):
 
     def make(self, context, bake):
         made = yield from edit.applied(
-            context, self.pile, self.objects, self.free, bake.motion(), bake.recipe, bake.told()
+            context, self.pile, self.objects, self.free, bake.motion(), bake.recipe, bake.record()
         )
         self.weighing.begin(made.cairn.bake_id, edit.settled(made))
         while bpy.app.background and weighing.collect():
@@ -141,25 +142,25 @@ class _Settles(Follows):
 
 
 class CAIRN_OT_settle(_Settles, Operator):
-    """Let what was disturbed come to rest again. All else keeps its pose, to the last bit"""
+    """Simulate the disturbed bodies until they come to rest again. All others keep their exact pose"""
 
     bl_idname = "cairn.settle"
     bl_label = "Settle Again"
 
 
 class CAIRN_OT_add_on_top(_Settles, Operator):
-    """Drop more props from above: over what is painted, if a region is chosen; over the selected bodies; or, with
+    """Drop more props from above: over the painted region, if one is chosen; over the selected bodies; or, with
     neither, over the whole pile"""
 
     bl_idname = "cairn.add_on_top"
     bl_label = "Add on Top"
 
-    count: IntProperty(name="Count", description="How many props are dropped", default=10, min=1, max=10000)
+    count: IntProperty(name="Count", description="How many props to drop", default=10, min=1, max=10000)
 
     region: StringProperty(
         name="Region",
-        description="A vertex group of the shape: props fall where its weights are 0.5 or more. Empty: over the "
-        "selected bodies, or the whole pile",
+        description="Vertex group of the shape: props fall where its weights are 0.5 or more. If empty, props fall "
+        "over the selected bodies, or the whole pile",
     )
 
     @property
@@ -172,7 +173,7 @@ class CAIRN_OT_add_on_top(_Settles, Operator):
 
 
 class CAIRN_OT_paint_region(Operator):
-    """Paint on the shape where more props shall fall: red is where they do. Pressed again, the painting ends"""
+    """Paint on the shape where more props fall: they fall on red. Press again to stop painting"""
 
     bl_idname = "cairn.paint_region"
     bl_label = "Paint Region"
@@ -199,14 +200,14 @@ class CAIRN_OT_paint_region(Operator):
         control.hide_set(False)
         control.select_set(True)
         context.view_layer.objects.active = control
-        # The colours are on its faces.
+        # The weights' colors are on the faces.
         control.display_type = "TEXTURED"
         bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
         return {"FINISHED"}
 
 
 def end_painting(context):
-    """Whether somebody was painting a region: the shape is wire again."""
+    """Ends the painting of a region and shows the shape as wire again. Returns whether a region was being painted."""
     pile = _pile(context)
     if context.mode != "PAINT_WEIGHT" or pile is None or context.object != pile.cairn.control:
         return False
@@ -243,12 +244,14 @@ class CAIRN_PT_edit(Pile, Panel):
             is_painting = context.mode == "PAINT_WEIGHT"
             row.operator("cairn.paint_region", text="", icon="BRUSH_DATA", depress=is_painting)
         layout.operator("cairn.settle", icon="PHYSICS")
-        told = running.report_of(collection)
-        if "settled" in told:
-            settled = told["settled"]
-            wrapped(layout, context, f"{settled['moved']} let go, {settled['kept']} untouched, {settled['added']} new")
-            if weighing.said(told):
-                wrapped(layout, context, weighing.said(told))
+        report = running.report_of(collection)
+        if "settled" in report:
+            settled = report["settled"]
+            wrapped(
+                layout, context, f"{settled['moved']} released, {settled['kept']} untouched, {settled['added']} new"
+            )
+            if weighing.said(report):
+                wrapped(layout, context, weighing.said(report))
 
 
 CLASSES = [

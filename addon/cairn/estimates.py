@@ -1,5 +1,6 @@
-"""What each accuracy is expected to cost. While the tab is seen, the server is asked whenever the scene has changed and
-then was left alone for a moment. The scene is only read, object by object, so that nobody waits for it."""
+"""The expected cost of each accuracy. While the tab is visible, the add-on asks the server after each change of the
+scene, once the scene stays unchanged for a moment. It only reads the scene, object by object, so that Blender
+stays responsive."""
 
 import time
 
@@ -9,23 +10,23 @@ from . import fingerprint, job, preferences, preview, request, running
 from .client import Fault
 from .messages import v1
 
-# How often the scene is looked at, and how long after the tab was last drawn, s.
+# How often the scene is checked, and for how long after the tab was last drawn, s.
 TICK = 0.7
 SEEN = 5.0
-# While it is read: how long at a time, and the pause between, s.
+# Reading: time per slice, and the pause between slices, s.
 SLICE = 0.01
 PAUSE = 0.02
 
 _seen_at = 0.0
 _answer = _slices = None
-# The scene as it was last looked at, and as it was last asked about.
+# The scene at the last check, and at the last request.
 _before = _asked = None
-# There is more of the scene than is read in passing.
+# Whether the scene is too large to be read for estimates.
 is_too_much = False
 
 
 def take(plan, accuracy):
-    """A plan has come: the panel shows it."""
+    """Takes a plan for the panel."""
     running.plan_is_old = False
     names = {number: name[9:] for name, number in vars(v1).items() if name.startswith("ACCURACY_")}
     running.plan = {
@@ -34,32 +35,34 @@ def take(plan, accuracy):
         "step_count": plan.expected_step_count,
         "warnings": list(plan.warnings),
         "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
-        "dots": {names[told.accuracy]: getattr(told, "glue_dots", 0.0) for told in plan.estimates},
-        "kept": {names[told.accuracy]: (told.kept_shape_low, told.kept_shape_high) for told in plan.estimates},
-        "estimates": {names[told.accuracy]: (told.cpu_seconds, told.factor) for told in plan.estimates},
-        "overlaps": {names[told.accuracy]: getattr(told, "overlap", 0.0) for told in plan.estimates},
+        "dots": {names[estimate.accuracy]: getattr(estimate, "glue_dots", 0.0) for estimate in plan.estimates},
+        "kept": {
+            names[estimate.accuracy]: (estimate.kept_shape_low, estimate.kept_shape_high) for estimate in plan.estimates
+        },
+        "estimates": {names[estimate.accuracy]: (estimate.cpu_seconds, estimate.factor) for estimate in plan.estimates},
+        "overlaps": {names[estimate.accuracy]: getattr(estimate, "overlap", 0.0) for estimate in plan.estimates},
     }
 
 
 def shown(context):
-    """The tab is being drawn."""
+    """Called when the tab is drawn."""
     global _seen_at
     _seen_at = time.monotonic()
     chosen = preferences.of(context)
-    # What is sent to another computer is sent on request.
+    # A scene is sent to another computer only on request.
     may_ask = chosen.server == "LOCAL" and chosen.estimates
     if may_ask and not bpy.app.background and not bpy.app.timers.is_registered(_look):
         bpy.app.timers.register(_look, first_interval=TICK)
 
 
 def asked(context):
-    """The button has asked about the scene as it is now."""
+    """Called when the button has asked about the current scene."""
     global _asked
     _asked = fingerprint.of(context.scene)
 
 
 def _look():
-    """Now and then: takes an answer, reads on, or begins to ask."""
+    """The timer: takes an answer, reads the next part, or starts a request."""
     global _before, _asked, _answer, is_too_much
     if time.monotonic() - _seen_at > SEEN and _answer is None:
         return None
@@ -81,7 +84,7 @@ def _look():
     if now != _asked:
         running.plan_is_old = True
         if now is None:
-            # Old figures would stay for good.
+            # Old figures would stay forever.
             running.plan = None
         elif now == _before:
             _asked = now
@@ -111,17 +114,17 @@ def _read_on():
                 running.names = taken.recipe["names"]
                 _answer = job.plan(preferences.server(bpy.context), taken.spec, taken.contents)
         except Fault:
-            # Check and Bake tell of it.
+            # Check and Bake report it.
             running.plan = None
     except (Fault, ReferenceError):
-        # The scene has changed on the way.
+        # The scene has changed meanwhile.
         _slices = None
 
 
 def _receive(answer):
     try:
         take(answer.result().plan, bpy.context.scene.cairn.accuracy)
-        # What was wrong has been put right.
+        # The problems have been fixed.
         running.problems = []
     except Fault:
         running.plan = None
@@ -129,7 +132,8 @@ def _receive(answer):
 
 
 def stand_aside(scene):
-    """A bake begins: nothing else is to keep the server busy, and what was told of another scene is forgotten."""
+    """Called when a bake begins: stops requests that would keep the server busy, and marks estimates of another scene
+    as old."""
     if _asked != fingerprint.of(scene):
         running.plan_is_old = True
     _give_up()
@@ -144,7 +148,7 @@ def _give_up():
 
 
 def forget():
-    """Another file is opened, or the add-on ends."""
+    """Called when another file is opened or the add-on ends."""
     global _before, _asked
     _give_up()
     _before = _asked = None

@@ -11,16 +11,16 @@ from . import axes, client, glb
 from .client import Problem
 
 SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
-# Deviation from a diagonal, relative to the largest entry, from which a matrix counts as sheared: what rounding in
-# Blender's own single precision leaves is less.
+# Deviation from a diagonal, relative to the largest entry, from which a matrix counts as sheared. Rounding in Blender's
+# single precision stays below it.
 SHEAR = 1e-4
 
 
 @dataclass
 class Model:
-    """A mesh as the server gets it."""
+    """A mesh for the server."""
 
-    # What the server's messages call it.
+    # Its name in the server's messages.
     uri: str
     content: bytes
     sha256: str
@@ -28,7 +28,7 @@ class Model:
 
 @dataclass(eq=False)
 class Prop:
-    """A thing that piles are made of, and how its bodies are made of it in Blender."""
+    """A prop, and the data to make its bodies in Blender."""
 
     model: Model
     # The object; with everything below it, if it has children or is an instance of a collection.
@@ -44,24 +44,24 @@ class Prop:
 
 
 def metres(scene):
-    """What one unit of the scene measures."""
+    """Metres per scene unit."""
     units = scene.unit_settings
     return 1.0 if units.system == "NONE" else units.scale_length
 
 
 class Exporter:
-    """Takes models of a scene as it stands, object by object: the generators yield in between, so that Blender stays
-    awake. `passive`: nothing is touched, even where that means to take hidden objects without their modifiers."""
+    """Exports models of the current scene, object by object: the generators yield in between, so that Blender stays
+    responsive. `passive`: nothing is changed, even if hidden objects are then exported without their modifiers."""
 
     def __init__(self, context, passive=False):
-        # What is being edited counts as it is seen.
+        # An object in Edit Mode counts as it is seen.
         for source in context.objects_in_mode_unique_data if context.mode.startswith("EDIT") and not passive else ():
             source.update_from_editmode()
         self.context = context
         self.passive = passive
         self.metres = metres(context.scene)
         self.contents = {}
-        # What is wrong with the scene: all of it is told at once.
+        # Problems of the scene: all are reported at once.
         self.problems = []
         self.uris = set()
         self.known = {}
@@ -76,7 +76,7 @@ class Exporter:
         return None
 
     def mesh(self, name, vertices, triangles):
-        """One that is no object's: in the world, as arrays."""
+        """A mesh without an object: in the world, as arrays."""
         return self._model(name, [Mesh(vertices, triangles, Matrix())], Matrix())
 
     def scenery(self, sources):
@@ -105,13 +105,13 @@ class Exporter:
                 vertices, triangles = joined(meshes, frame.inverted())
                 props.append(Prop(model, source, frame.inverted() @ place, frame, vertices, triangles))
             else:
-                told = f"The prop “{source.name}” has no faces. Take it out of the props, or give it some."
-                self.problems.append(Problem(told, source.name))
+                message = f"The prop “{source.name}” has no faces. Remove it from the props, or give it faces."
+                self.problems.append(Problem(message, source.name))
             yield
         return props
 
     def _model(self, name, meshes, matrix):
-        # Rounding differs from place to place, and the same mesh is to be sent once.
+        # Rounding differs from place to place, but each mesh should be sent once.
         key = tuple((mesh.digest(), _key(matrix @ mesh.matrix)) for mesh in meshes)
         if key not in self.known:
             vertices, triangles = joined(meshes, matrix)
@@ -122,7 +122,7 @@ class Exporter:
         return Model(self._uri(name), self.contents[sha256], sha256)
 
     def _uri(self, name):
-        """A name for the server's messages: the object's, but for signs that mean something in paths."""
+        """A name for the server's messages: the object's, without characters that have a meaning in paths."""
         base = name.translate(str.maketrans("/\\#", "___")).strip(". ") or "object"
         uri, number = base, 1
         while uri in self.uris:
@@ -145,7 +145,7 @@ class Mesh:
 
 
 def joined(meshes, matrix):
-    """Several meshes as one, in the space that `matrix` leads to from the world."""
+    """Several meshes as one, in the space to which `matrix` transforms from the world."""
     vertices, triangles, count = [], [], 0
     for mesh in meshes:
         place = np.array(matrix @ mesh.matrix)
@@ -157,7 +157,7 @@ def joined(meshes, matrix):
 
 
 def is_sheared(matrix):
-    """Whether no location, rotation and scale together give it."""
+    """Whether the matrix is sheared: no location, rotation and scale give it."""
     entries = np.array(matrix)[:3, :3]
     off = entries - np.diag(np.diag(entries))
     return np.abs(off).max() > SHEAR * np.abs(entries).max()
@@ -169,11 +169,9 @@ def _key(matrix):
 
 @contextmanager
 def evaluated(context, sources, passive=False):
-    """Gives a function from an object to its evaluated meshes; with `.matrix(object)`, where it stands.
-
-    Blender does not evaluate what is hidden or outside the view layer, nor for the render: copies in a scene of their
-    own stand in for it. `passive`: there are none, and hidden objects are taken as they are without modifiers.
-    """
+    """Gives a function from an object to its evaluated meshes, with `.matrix(object)` for its place. Blender does not
+    evaluate objects that are hidden or outside the view layer, nor for the render: copies in a separate scene
+    replace them. `passive`: there are no copies, and hidden objects are exported without modifiers."""
     unseen = [source for source in sources if context.view_layer.objects.get(source.name) != source]
     unseen += [source for source in sources if source not in unseen and not source.visible_get()]
     if passive:
@@ -202,7 +200,7 @@ def evaluated(context, sources, passive=False):
 
 
 def has_instances(source):
-    """Whether an object may show instances: looking at all of a large scene's takes long."""
+    """Whether an object may show instances: to check all instances of a large scene takes long."""
     kinds = {modifier.type for modifier in source.modifiers}
     return source.instance_type != "NONE" or not kinds.isdisjoint({"NODES", "PARTICLE_SYSTEM"})
 
@@ -229,10 +227,10 @@ class Geometry:
     def __init__(self, graphs, sources, copies, unseen=()):
         self.graphs = graphs
         self.copies = copies
-        # Of these, what the file has is taken.
+        # Of these, the data in the file is used.
         self.unseen = set(unseen)
         self.known = {}
-        # By object: what it instances, with matrices to the world.
+        # By object: its instances, with matrices to the world.
         self.instances = {copies.get(source, source): [] for source in sources}
         may_instance = any(has_instances(source) for source in sources)
         for graph in graphs if may_instance else ():
@@ -272,7 +270,7 @@ class Geometry:
         return [Mesh(*arrays, matrix) for arrays, matrix in pairs if len(arrays[1])]
 
     def _read(self, shown):
-        # Only meshes are the same for all who share them: how a curve becomes one is the object's.
+        # Only meshes are the same for all objects that share them: the conversion of a curve depends on the object.
         key = shown.data.as_pointer() if shown.type == "MESH" else shown.original
         if key not in self.known:
             self.known[key] = triangles_of(shown)

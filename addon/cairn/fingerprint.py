@@ -1,16 +1,16 @@
-"""What a bake depends on, as far as it is seen at a glance: whether the scene has changed since."""
+"""Detects changes of the scene by properties that are quick to read."""
 
 import json
 
 from . import request
 
-# Of more objects or vertices, reading would be felt: then only the buttons ask.
+# With more objects or vertices, reading would be noticeable: then only the buttons ask.
 MAX_VERTICES = 500_000
 MAX_OBJECTS = 300
 
 
 def of(scene):
-    """A text that changes when the scene does; None if there is too much of it."""
+    """A text that changes with the scene; None if the scene is too large."""
     settings = scene.cairn
     tops = [settings.control_mesh, settings.region, settings.drop_mesh, *request.colliders_of(settings)]
     tops += [source for source, _ in request.props_of(settings)]
@@ -27,7 +27,7 @@ def of(scene):
     if vertices > MAX_VERTICES:
         return None
     values = request.to_dict(settings)
-    # All of them are told at once, and how it is written costs nothing.
+    # All objects are read at once, and the form of the text costs nothing.
     for name in ("accuracy", "output_mode", "active_prop", "use_replace", "use_prop_collections"):
         values.pop(name)
     return json.dumps([values, parts, scene.unit_settings.scale_length, scene.render.fps])

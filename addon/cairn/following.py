@@ -1,4 +1,4 @@
-"""What the operators that bake have in common: following a bake with a window, or waiting for it without one."""
+"""Common part of the operators that bake: following a bake with a window, or waiting for it without one."""
 
 import time
 import traceback
@@ -9,42 +9,42 @@ import bpy
 from . import preview, request, result, running, timing, wording
 from .client import Fault
 
-# How often news are looked at, and how long Blender may be kept from its user at a time, s.
+# How often messages are read, and how long Blender may be busy at a time, s.
 TICK = 0.05
 SLICE = 0.025
-# How long a line stands at least, s: a person reads it, and presses the button beside it.
+# Shortest time that a line is shown, s: long enough to read it, and to press the button beside it.
 READ = 0.25
 # Without a window, how often progress is printed, s.
 PRINT = 2.0
 
 
 def is_running():
-    """Whether a bake runs, or its objects are being made; one that was stopped waits for a decision."""
+    """Whether a bake runs, or its objects are being made. A stopped bake does not count: it waits for a decision."""
     return running.bake is not None and running.bake.end != "stopped"
 
 
 def explain(operator, fault):
-    """A popup with what went wrong and what to do about it. The panel keeps it, with buttons."""
+    """Shows a popup with the fault and its remedy. The panel keeps it, with buttons."""
     running.problems = list(fault.problems)
-    lines = ["This has to be put right first:", *(wording.said(problem.text) for problem in fault.problems)]
+    lines = ["Fix these problems first:", *(wording.said(problem.text) for problem in fault.problems)]
     operator.report({"ERROR"}, "\n".join(lines) if fault.problems else fault.message)
     return {"CANCELLED"}
 
 
 @contextmanager
 def explaining(operator):
-    """Whatever goes wrong inside is told in a popup; a fault of the add-on's own is printed besides."""
+    """Shows any fault inside in a popup; a fault of the add-on itself is also printed."""
     try:
         yield
     except Fault as fault:
         explain(operator, fault)
     except Exception as error:  # noqa: BLE001 an artist gets a sentence, whatever it is
         traceback.print_exc()
-        explain(operator, Fault(f"The add-on has a fault; please report what the console shows: {error}"))
+        explain(operator, Fault(f"The add-on has a fault. Please report the message in the console: {error}"))
 
 
 class start_frame:  # noqa: N801 used as a function
-    """The scene as it stands at the bake's start."""
+    """The scene at the bake's start frame."""
 
     def __init__(self, context):
         self.scene = context.scene
@@ -61,7 +61,7 @@ class start_frame:  # noqa: N801 used as a function
 
 
 class Follows:
-    """From the button to the pile, in three parts: the request is taken, the bake is followed, the objects are made."""
+    """From the button to the pile, in three parts: take the request, follow the bake, make the objects."""
 
     bl_options = {"UNDO"}
     timer = preview = slices = writer = made = workspace = None
@@ -76,8 +76,8 @@ class Follows:
         raise NotImplementedError
 
     def make(self, context, bake):
-        """A generator: makes the pile of what was baked, and returns its collection."""
-        return result.build(context, bake.motion(), bake.recipe, bake.told())
+        """A generator: makes the pile of the bake, and returns its collection."""
+        return result.build(context, bake.motion(), bake.recipe, bake.record())
 
     def invoke(self, context, _):
         if bpy.app.background:
@@ -85,7 +85,7 @@ class Follows:
         with explaining(self):
             running.problems = []
             self.slices = self.begin(context)
-            # What is lacking is told at once.
+            # Missing settings are reported at once.
             next(self.slices, None)
             self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
             context.window_manager.modal_handler_add(self)
@@ -105,7 +105,7 @@ class Follows:
                 context.window_manager.popup_menu(_draw_question, title="Stop the Bake?", icon="QUESTION")
                 return {"RUNNING_MODAL"}
             if event.type != "TIMER":
-                # While the scene is read or objects are made, what the artist did would end up between them.
+                # While the scene is read or objects are made, edits of the artist would fall between them.
                 is_free = self.slices is None and self.writer is None and self.made is None
                 return {"PASS_THROUGH"} if is_free or _is_in_sidebar(context, event) else {"RUNNING_MODAL"}
             try:
@@ -117,7 +117,7 @@ class Follows:
         return {"CANCELLED"}
 
     def _is_meant(self, context, event):
-        """Esc ends what runs in the view: not a playback, nor what is under way in another editor."""
+        """Whether Esc means this bake: not a playback, nor an operation in another editor."""
         region, _ = region_at(context, event)
         return bool(region) and not context.screen.is_animation_playing
 
@@ -166,7 +166,7 @@ class Follows:
             context.window_manager.popup_menu(_draw_choice, title="Bake Stopped", icon="QUESTION")
         else:
             running.end()
-            self.report({"INFO"}, "Bake cancelled. The scene is as it was")
+            self.report({"INFO"}, "Bake cancelled. The scene is unchanged")
         return {"CANCELLED"}
 
     def _write(self, context, bake):
@@ -176,7 +176,7 @@ class Follows:
                 share = next(self.writer)
                 bake.written = share if share is not None else bake.written
         except StopIteration as end:
-            # Blender takes the new objects in before the frame changes: each takes a moment.
+            # Blender adds the new objects before the frame changes: each takes a moment.
             self.writer, self.made = None, end.value
             self._put_away()
         self._show(context, bake)
@@ -193,7 +193,7 @@ class Follows:
         return finished(self, context, self.made)
 
     def _show(self, context, bake):
-        """How it goes, in the status bar and in the panel."""
+        """Shows the progress in the status bar and in the panel."""
         line = bake.line()
         now = time.monotonic()
         if line != self.shown and now > self.shown_at + READ:
@@ -218,7 +218,7 @@ class Follows:
             self.preview = None
 
     def cancel(self, context):
-        """Blender ends the operator: a file is opened, or the window closes. The bake itself goes on."""
+        """Blender ends the operator, because a file is opened or the window closes. The bake itself continues."""
         for generator in (self.slices, self.writer):
             if generator:
                 generator.close()
@@ -243,8 +243,8 @@ class Follows:
 
 
 def wait_for(bake):
-    """Waits to the end of a bake and prints how it goes."""
-    # Nobody sees the pile as it forms.
+    """Waits for the end of a bake and prints its progress."""
+    # Without a window, the forming pile is not shown.
     bake.job.has_fill = False
     bake.start()
     shown, line, stage = 0.0, "", ""
@@ -261,14 +261,14 @@ def wait_for(bake):
 
 
 def finished(operator, context, collection):
-    told = running.report_of(collection)
-    operator.report({"INFO"}, f"Pile of {told.get('body_count', 0)} bodies in “{collection.name}”")
+    report = running.report_of(collection)
+    operator.report({"INFO"}, f"Pile of {report.get('body_count', 0)} bodies in “{collection.name}”")
     if bpy.app.background:
         # With a window, Blender does so before it draws.
         context.view_layer.update()
         names = running.recipe_of(collection).get("names", {})
-        warnings = [text for text, _ in wording.gathered(told.get("warnings", ()), names)]
-        for sentence in filter(None, (running.glue_of(told), *warnings)):
+        warnings = [text for text, _ in wording.gathered(report.get("warnings", ()), names)]
+        for sentence in filter(None, (running.glue_of(report), *warnings)):
             print(f"Cairn: {sentence}", flush=True)
     return {"FINISHED"}
 
@@ -291,7 +291,7 @@ def _is_in_sidebar(context, event):
 
 
 def _draw_question(self, _):
-    self.layout.operator("cairn.stop", text="Stop It", icon="CANCEL")
+    self.layout.operator("cairn.stop", text="Stop", icon="CANCEL")
     self.layout.operator("cairn.go_on", icon="PLAY")
 
 

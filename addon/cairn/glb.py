@@ -1,4 +1,4 @@
-"""Binary glTF of one mesh: what the server needs to know of an object, and no more."""
+"""Binary glTF of one mesh, with only the data that the server needs."""
 
 import json
 import struct

@@ -1,4 +1,4 @@
-"""What holds a pile: its dots of glue, shown where they are, listed with what they carry, and bodies coloured by it."""
+"""The dots of glue of a pile: drawn in their places, listed with their loads, and bodies colored by load."""
 
 import bpy
 import numpy as np
@@ -18,7 +18,7 @@ _handle = None
 
 
 def dots_of(collection):
-    """The dots of a pile, those that carry most first."""
+    """The dots of a pile, the largest loads first."""
     return running.report_of(collection).get("dots", [])
 
 
@@ -28,8 +28,8 @@ def objects_of(collection):
 
 
 def places(collection):
-    """Where the dots are now: shape [n, 3]; what is not there has none. They go along with their bodies, also where
-    those were moved by hand."""
+    """Current positions of the dots: shape [n, 3]; missing bodies have none. Dots move with their bodies, also with
+    those that were moved by hand."""
     where = _of_points(collection) if collection.cairn.mode == "POINTS" else _of_objects(collection)
     found = []
     for dot in dots_of(collection):
@@ -39,7 +39,7 @@ def places(collection):
 
 
 def _of_objects(collection):
-    """A function from a body's number to where it is: a matrix without scale, or None."""
+    """A function from a body's number to its pose: a matrix without scale, or None."""
     objects = objects_of(collection)
 
     def where(number):
@@ -69,7 +69,7 @@ def _of_points(collection):
 
 
 class _Drawn:
-    """The dots' balls, made anew where something has moved."""
+    """The dots' balls, rebuilt after a body has moved."""
 
     ball = None
     key = batch = None
@@ -133,7 +133,7 @@ class CAIRN_OT_select_dot(Operator):
     bl_options = {"UNDO"}
 
     collection: StringProperty(name="Collection", description="The pile's collection")
-    dot: IntProperty(name="Dot", description="Which dot, from that which carries most on", min=0)
+    dot: IntProperty(name="Dot", description="Index of the dot; the first one carries most", min=0)
 
     def execute(self, context):
         collection = bpy.data.collections.get(self.collection)
@@ -157,8 +157,8 @@ def register():
     # Of this session, not of the file.
     bpy.types.WindowManager.cairn_glue = BoolProperty(
         name="Show Glue",
-        description="Show the dots of glue of this pile, through the bodies: the darker, the more they carry; black "
-        "where they broke",
+        description="Show the dots of glue of this pile through the bodies. Darker dots carry more; black dots are "
+        "broken",
         get=lambda _: is_shown,
         set=lambda _, on: show(on),
     )

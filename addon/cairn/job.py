@@ -1,4 +1,4 @@
-"""A bake in the background: a thread that talks to the server, and a queue from which Blender's own thread takes."""
+"""A bake in the background: a thread talks to the server, and Blender's own thread reads a queue."""
 
 import asyncio
 import queue
@@ -11,7 +11,7 @@ from .client import Connection, Fault
 from .messages import v1
 from .recording import Recording
 
-# How long the server may take to hear of a cancelled bake, s.
+# Longest time for the server to receive a cancellation, s.
 FAREWELL = 2.0
 # The name of a kept request's message, beside the models.
 SPEC = "spec"
@@ -33,27 +33,27 @@ class Server:
 
 @dataclass
 class Job:
-    """One bake. `news` holds pairs: `("state", text)`, `("accepted", message)`, `("progress", message)`, and at the
+    """One bake. `messages` has pairs: `("state", text)`, `("accepted", message)`, `("progress", message)`, and at the
     end `("done", summary)`, `("stopped", None)` or `("failed", Fault)`."""
 
     server: Server
     # What to bake, and the models' bytes by SHA-256; or the id of a bake that runs or is done.
     spec: object = None
     contents: dict = field(default_factory=dict)
-    # What is wrong with it already. The server is asked for the rest, and nothing is baked.
+    # Known problems. The server is asked for the others, and nothing is baked.
     problems: list = field(default_factory=list)
     bake_id: str = ""
-    # Whether the frames of the fill are sent, for who shows the pile as it forms.
+    # Whether the frames of the fill are sent, to show the pile as it forms.
     has_fill: bool = True
     # A folder where the request waits until the server has taken it; None: nowhere.
     kept: object = None
-    news: queue.SimpleQueue = field(default_factory=queue.SimpleQueue)
+    messages: queue.SimpleQueue = field(default_factory=queue.SimpleQueue)
     recording: Recording = field(default_factory=Recording)
-    # The bodies as last heard of, for whoever draws them.
+    # The latest bodies, for drawing.
     latest: object = None
     # As the server writes it, once the bake is done.
     report: dict = field(default_factory=dict)
-    # How it ended, for whoever takes no other news.
+    # How it ended, for callers that read no messages.
     end: str = ""
     _task: object = None
     _detached: bool = False
@@ -67,7 +67,7 @@ class Job:
             self._task.cancel()
 
     def detach(self):
-        """Ends only the listening; the server goes on."""
+        """Stops listening only; the server continues the bake."""
         self._detached = True
         self.stop()
 
@@ -75,7 +75,7 @@ class Job:
         try:
             await self._follow()
         except asyncio.CancelledError:
-            self.news.put(("stopped", None))
+            self.messages.put(("stopped", None))
             if not self._detached:
                 self._forget_request()
                 if self.bake_id:
@@ -83,13 +83,13 @@ class Job:
                     asyncio.ensure_future(self._cancel())
             raise
         except Fault as fault:
-            self.news.put(("failed", fault))
+            self.messages.put(("failed", fault))
         except Exception as error:  # noqa: BLE001 whatever it is, the artist gets a sentence
-            self.news.put(("failed", Fault(f"The add-on has a fault: {type(error).__name__}: {error}")))
+            self.messages.put(("failed", Fault(f"The add-on has a fault: {type(error).__name__}: {error}")))
 
     async def _follow(self):
         if self.problems:
-            # All that is wrong is told at once.
+            # All problems are reported at once.
             await _plan(self.server, self.spec, self.contents, self.problems)
         if self.kept and self.spec:
             await asyncio.get_running_loop().run_in_executor(None, self._keep_request)
@@ -107,21 +107,21 @@ class Job:
             await self._follow_once()
 
     async def _follow_once(self):
-        self.news.put(("state", "Connecting"))
+        self.messages.put(("state", "Connecting"))
         if self.spec is None:
             events = client.watch(self.server.reach, self.bake_id, has_fill=self.has_fill)
         else:
-            told = lambda state: self.news.put(("state", state))  # noqa: E731
-            events = client.bake(self.server.reach, self.spec, self.contents, told, self.has_fill)
+            report_state = lambda state: self.messages.put(("state", state))  # noqa: E731
+            events = client.bake(self.server.reach, self.spec, self.contents, report_state, self.has_fill)
         summary = None
         async for event in events:
             kind = event.WhichOneof("kind")
             if kind == "accepted":
                 self.bake_id = event.accepted.bake_id
                 self._forget_request()
-                self.news.put(("accepted", event.accepted))
+                self.messages.put(("accepted", event.accepted))
             elif kind == "progress":
-                self.news.put(("progress", event.progress))
+                self.messages.put(("progress", event.progress))
             elif kind == "body_table":
                 self.recording.add_table(event.body_table)
             elif kind == "frame":
@@ -134,9 +134,9 @@ class Job:
             async with Connection(await self.server.reach()) as connection:
                 self.report = await connection.report(self.bake_id)
         except Fault:
-            # The pile is there without it.
+            # The pile does not need it.
             pass
-        self.news.put(("done", summary))
+        self.messages.put(("done", summary))
 
     def _keep_request(self):
         part = self.kept.with_suffix(".part")
@@ -174,14 +174,14 @@ async def _ask(server, name, **fields):
 
 
 def ask(server, name, **fields):
-    """One question in the background: a future of its answer, which raises `Fault`."""
+    """One call in the background, as a future of its answer, which raises `Fault`."""
     return asyncio.run_coroutine_threadsafe(_ask(server, name, **fields), _loop())
 
 
 async def _plan(server, spec, contents, problems):
     problems = list(problems)
     if problems and not (spec.scene.control_mesh.path and spec.scene.props):
-        # There is nothing more to ask.
+        # No more calls are needed.
         raise Fault("", problems=problems)
     try:
         async with Connection(await server.reach()) as connection:
@@ -198,7 +198,7 @@ async def _plan(server, spec, contents, problems):
 
 
 def plan(server, spec, contents, problems=()):
-    """What a bake would do, as a future. `problems`: what is wrong already; the server's are told with them."""
+    """The plan of a bake, as a future. `problems`: those known already; the server's are reported with them."""
     return asyncio.run_coroutine_threadsafe(_plan(server, spec, contents, problems), _loop())
 
 

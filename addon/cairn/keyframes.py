@@ -10,7 +10,7 @@ HAS_SLOTS = hasattr(bpy.types, "ActionSlot")
 
 
 def continuous(rotations):
-    """Quaternions [f, n, 4] with signs such that none turns the long way round from frame to frame."""
+    """Quaternions [f, n, 4], with signs such that no rotation takes the long path from frame to frame."""
     dots = np.einsum("fnc,fnc->fn", rotations[1:], rotations[:-1])
     signs = np.cumprod(np.where(dots < 0, -1, 1).astype(rotations.dtype), axis=0)
     out = rotations.copy()
@@ -19,8 +19,8 @@ def continuous(rotations):
 
 
 def needed(positions, rotations):
-    """Which frames are to be keyed, shape [f, n]: all but those that stand as both of their neighbours do. Between keys
-    a curve is linear and after the last it is constant, so that nothing is lost."""
+    """Frames that need a key, shape [f, n]: all but those whose pose equals that of both neighbors. Between keys a
+    curve is linear, and after the last it is constant, so that nothing is lost."""
     values = np.concatenate([positions, rotations], axis=2)
     changes = (values[1:] != values[:-1]).any(axis=2)
     keyed = np.zeros(values.shape[:2], bool)
@@ -49,14 +49,14 @@ def write(body, name, frames, positions, rotations, hidden):
 
 
 def retime(action, before, after):
-    """Moves all keys of an action in time: what was at a frame of `before` is then at that of `after`, shape [n]."""
+    """Moves all keys of an action in time, from the frames `before` to the frames `after`, shape [n]."""
     for curve in _all_curves(action):
         points = curve.keyframe_points
         coordinates = np.empty(2 * len(points), np.float32)
         points.foreach_get("co", coordinates)
         frames = coordinates[::2].astype(float)
         moved = np.interp(frames, before, after)
-        # What somebody has keyed outside goes along.
+        # Keys of others outside the range move along.
         moved += np.minimum(frames - before[0], 0) + np.maximum(frames - before[-1], 0)
         coordinates[::2] = moved
         points.foreach_set("co", coordinates)
@@ -64,7 +64,7 @@ def retime(action, before, after):
 
 
 def freeze(body, frame):
-    """An object stays as its action has it at a frame, and has no action any more."""
+    """Sets an object to its action's pose at a frame, and removes the action."""
     for curve in _all_curves(body.animation_data.action):
         name, value = curve.data_path, curve.evaluate(frame)
         if name in body.bl_rna.properties:
@@ -84,7 +84,7 @@ def _all_curves(action):
 
 
 def _key(curve, coordinates, interpolation):
-    """Keys of a curve: frames and values, [k, 2], and how it goes on from each, [k]."""
+    """Keys of a curve: frames and values, [k, 2], and the interpolation after each, [k]."""
     points = curve.keyframe_points
     points.add(len(coordinates))
     points.foreach_set("co", coordinates.ravel())

@@ -1,13 +1,13 @@
-"""What several panels draw."""
+"""Drawing functions of several panels."""
 
 import bpy
 
-# Width of a sign of the interface's font, in pixels at scale 1, on average.
+# Width of a character of the interface's font, in pixels at scale 1, on average.
 SIGN = 6.2
 
 
 def wrapped(layout, context, text, icon="NONE"):
-    """A text in as many lines as the sidebar's width asks for."""
+    """Draws a text in as many lines as the sidebar's width needs."""
     scale = context.preferences.system.ui_scale
     signs = max(16, int((context.region.width / scale - (62 if icon == "NONE" else 84)) / SIGN))
     column = layout.column(align=True)
@@ -24,7 +24,7 @@ def wrapped(layout, context, text, icon="NONE"):
 
 
 def draw_sentences(layout, context, pairs, icon="ERROR"):
-    """Sentences, each with a button for every object that it is about: pairs of a text and the objects' names."""
+    """Draws sentences, each with a button for every object that it is about: pairs of a text and the objects' names."""
     for text, names in pairs:
         column = layout.column(align=True)
         wrapped(column, context, text, icon)

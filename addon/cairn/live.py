@@ -1,5 +1,6 @@
-"""A draft while the artist shapes: whenever the scene changes and then rests, the pile is baked as a draft, and its
-final pose is drawn over the view. Nothing of it is in the file. Switched off, there is no timer and no handler."""
+"""A draft while the artist shapes: after each change of the scene, once it stays unchanged, the pile is baked as a
+draft, and its final pose is drawn over the view. The draft is not in the file. When off, there is no timer and no
+handler."""
 
 import time
 
@@ -12,10 +13,10 @@ from . import fingerprint, job, preferences, preview, request, running
 from .client import Fault
 from .messages import v1
 
-# How often the scene is looked at, and how long it has to rest, s.
+# How often the scene is checked, and how long it has to stay unchanged, s.
 TICK = 0.1
 REST = 0.5
-# While it is read: how long at a time, s.
+# Reading: time per slice, s.
 SLICE = 0.01
 MODES = {"OBJECT", "EDIT_MESH", "SCULPT"}
 
@@ -24,23 +25,23 @@ _draft = None
 
 
 class _Draft:
-    """What is known of the scene, and the draft that is made of it or shown."""
+    """The state of the scene, and the draft that is being made or shown."""
 
     def __init__(self):
         self.seen, self.changed_at = None, 0.0
-        # Counts edits that a glance does not show.
+        # Counts edits that the fingerprint does not show.
         self.edits = 0
-        # Of the scene that the draft is of.
+        # The state of the scene that the draft is of.
         self.of = None
         self.slices = self.job = self.preview = None
-        self.told = ""
+        self.status = ""
 
     def look(self, context):
-        """One turn of the timer."""
+        """One tick of the timer."""
         if running.bake is not None or context.mode not in MODES:
             self.drop()
             self.hide()
-            self.of, self.told = None, ""
+            self.of, self.status = None, ""
             return
         now = (fingerprint.of(context.scene), self.edits)
         if now != self.seen:
@@ -57,7 +58,7 @@ class _Draft:
     def _begin(self, context):
         lacking = request.missing(context.scene.cairn)
         if lacking or self.seen[0] is None:
-            self.tell(context, lacking or "The scene is too large for drafts in passing.")
+            self.set_status(context, lacking or "The scene is too large for live drafts.")
             self.hide()
             return
         self.slices = self._steps(context)
@@ -84,22 +85,22 @@ class _Draft:
             server = preferences.server(context)
             self.job = job.Job(server, taken.spec, taken.contents, taken.problems, has_fill=False)
             self.job.start()
-            self.tell(context, "Drafting…")
+            self.set_status(context, "Drafting…")
         except (Fault, ReferenceError):
-            # The scene has changed on the way.
+            # The scene has changed meanwhile.
             self.slices = None
 
     def _follow(self, context):
         frames, is_done = self.job.recording.frames, False
-        while not self.job.news.empty() and not is_done:
-            kind, what = self.job.news.get()
+        while not self.job.messages.empty() and not is_done:
+            kind, what = self.job.messages.get()
             if kind == "failed":
                 self.job = None
                 running.problems = what.problems
-                self.tell(context, what.message if not what.problems else "Something is to be put right first.")
+                self.set_status(context, what.message if not what.problems else "Fix the problems listed here first.")
                 self.hide()
                 return
-            # The figures are not waited for.
+            # The draft does not wait for the figures.
             is_done = kind == "done" or (kind == "progress" and what.stage == v1.STAGE_MEASURE)
         if is_done and frames:
             self._show(context, frames[-1])
@@ -113,11 +114,11 @@ class _Draft:
         self.preview.update(snapshot)
         here = snapshot.states[snapshot.present]
         glued = np.isin(here, (v1.BODY_STATE_GLUED, v1.BODY_STATE_ANCHORED)).mean() if len(here) else 0.0
-        self.tell(context, f"Draft of {len(here)} bodies" + (f"\n{glued:.0%} of them glued" if glued else ""))
+        self.set_status(context, f"Draft of {len(here)} bodies" + (f"\n{glued:.0%} of them glued" if glued else ""))
         preview.redraw(context)
 
-    def tell(self, context, text):
-        self.told = text
+    def set_status(self, context, text):
+        self.status = text
         preview.redraw(context, "UI")
 
     def hide(self):
@@ -127,7 +128,7 @@ class _Draft:
             preview.redraw(bpy.context, "WINDOW")
 
     def drop(self):
-        """Ends what is under way."""
+        """Ends the draft that is being made."""
         if self.slices:
             self.slices.close()
             self.slices = None
@@ -136,22 +137,22 @@ class _Draft:
             self.job = None
 
 
-def told():
-    """How the draft goes, in two lines at most; empty while there is nothing to tell."""
-    return _draft.told if _draft else ""
+def status():
+    """The draft's progress, in two lines at most; empty while there is no draft."""
+    return _draft.status if _draft else ""
 
 
 def _look():
     try:
         _draft.look(bpy.context)
     except Fault as fault:
-        _draft.tell(bpy.context, fault.message)
+        _draft.set_status(bpy.context, fault.message)
     return TICK
 
 
 @persistent
 def _on_change(_, graph):
-    """Shapes that are sculpted or edited look the same from afar."""
+    """Counts edits of meshes, which the fingerprint does not see."""
     if any(update.is_updated_geometry for update in graph.updates):
         _draft.edits += 1
 
@@ -178,8 +179,8 @@ def register():
     # Of this session, not of the file.
     bpy.types.WindowManager.cairn_live = BoolProperty(
         name="Live",
-        description="Show a draft of the pile while you shape: whenever shape, props or settings have changed and "
-        "rest, it is baked anew. Nothing of it is in the file",
+        description="Show a draft of the pile while you shape. It is baked again after each change of shape, props "
+        "or settings, once you pause. The draft is not saved in the file",
         get=lambda _: is_on,
         set=lambda _, on: show(on),
     )

@@ -1,4 +1,4 @@
-"""What the buttons do to a bake: start, fetch, stop, keep. The same operators run without a window."""
+"""Operators of a bake: start, fetch, stop, keep. They also run without a window."""
 
 from bpy.types import Operator
 
@@ -8,7 +8,7 @@ from .following import Follows, is_running, start_frame
 
 
 class CAIRN_OT_bake(Follows, Operator):
-    """Fill the shape with props, let them go, and make the pile. Baked again, it replaces the pile"""
+    """Fill the shape with props, release them, and make the pile. A new bake replaces the pile"""
 
     bl_idname = "cairn.bake"
     bl_label = "Bake Pile"
@@ -29,7 +29,7 @@ class CAIRN_OT_bake(Follows, Operator):
 
 
 class CAIRN_OT_fetch(Follows, Operator):
-    """Get the result of the bake that was under way when this file was closed, and make the pile"""
+    """Get the result of the bake that was running when this file was closed, and make the pile"""
 
     bl_idname = "cairn.fetch"
     bl_label = "Fetch Result"
@@ -37,17 +37,17 @@ class CAIRN_OT_fetch(Follows, Operator):
     def begin(self, context):
         note = pending.of_this_file()
         if note is None:
-            raise Fault("No bake of this file was under way. Press Bake Pile.")
+            raise Fault("No bake of this file was running. Press Bake Pile.")
         bake = running.Bake(preferences.server(context))
         bake.resume(note["recipe"], note["bake_id"])
-        # Another Blender may have had one of the same file: that is offered next.
+        # Another Blender may have had a bake of the same file: it is offered next.
         running.bake, running.left = bake, pending.of_this_file(besides=note["recipe"]["token"])
         yield
         return (yield from seen_props(context, note["recipe"]))
 
 
 def seen_props(context, recipe):
-    """A generator: the props of a bake that was asked for before, for the preview; None if they are not there."""
+    """A generator: the props of an earlier bake, for the preview; None if they are missing."""
     from . import result
 
     _, found = pointers.asked(recipe)
@@ -60,7 +60,7 @@ def seen_props(context, recipe):
 
 
 class CAIRN_OT_stop(Operator):
-    """End the bake. What there is can be kept. Esc over the 3D View asks, and does the same"""
+    """Stop the bake. You can keep the unfinished result. Esc over the 3D View does the same, after a question"""
 
     bl_idname = "cairn.stop"
     bl_label = "Cancel"
@@ -75,17 +75,17 @@ class CAIRN_OT_stop(Operator):
 
 
 class CAIRN_OT_go_on(Operator):
-    """Let the bake run on, as if nothing had been asked"""
+    """Close this question, and let the bake continue"""
 
     bl_idname = "cairn.go_on"
-    bl_label = "Go On"
+    bl_label = "Continue"
 
     def execute(self, _):
         return {"FINISHED"}
 
 
 class CAIRN_OT_keep(Follows, Operator):
-    """Make the pile of what was baked before it was stopped: its frames, or the bodies where the fill has them"""
+    """Make a pile of the unfinished result: its frames, or the bodies at their place in the fill"""
 
     bl_idname = "cairn.keep"
     bl_label = "Keep"
@@ -100,7 +100,7 @@ class CAIRN_OT_keep(Follows, Operator):
 
 
 class CAIRN_OT_discard(Operator):
-    """Forget what was baked. The scene is as it was before"""
+    """Discard the unfinished result. The scene does not change"""
 
     bl_idname = "cairn.discard"
     bl_label = "Restore the Scene"

@@ -1,4 +1,4 @@
-"""A prop as it is drawn many times: few triangles that keep its outline. Knows nothing of Blender."""
+"""A simple mesh for drawing a prop many times: few triangles that keep its outline. Does not import Blender."""
 
 from dataclasses import dataclass
 
@@ -50,7 +50,7 @@ def clustered(points, triangles, cells):
 
 
 def shaded(points, triangles):
-    """With normals: of the surface, but for sharp edges."""
+    """Adds normals: smooth, except at sharp edges."""
     corners = points[triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sums = np.zeros_like(points)

@@ -1,17 +1,17 @@
-"""Where props are dropped: over what is painted on a mesh, as weights of a vertex group."""
+"""The place where props are dropped: over the painted part of a mesh, given by weights of a vertex group."""
 
 import numpy as np
 
 from . import export
 from .client import Fault
 
-# Weights from here on count as painted, and across how many cells the mesh is looked at, at most.
+# Weight from which a point counts as painted, and the largest number of cells across the mesh.
 PAINTED, MOST_CELLS = 0.5, 64
 
 
 def cells(context, source, group, size):
-    """Squares that lie below or above painted faces, seen from above: the edge of each, its corner next to the origin,
-    and which there are, shape [x, y]. `size`: how large they are to be, scene units."""
+    """Squares that are below or above painted faces, seen from above: the edge length, the corner next to the origin,
+    and which squares exist, shape [x, y]. `size`: the wanted edge length, scene units."""
     if group not in source.vertex_groups:
         raise Fault(f"“{source.name}” has no vertex group “{group}”. Choose another region, or paint one.")
     corners, weights = _triangles(context, source, source.vertex_groups[group].index)
@@ -19,7 +19,7 @@ def cells(context, source, group, size):
     corners, weights = corners[of_paint][:, :, :2], weights[of_paint]
     if not len(corners):
         raise Fault(
-            f"Nothing is painted in the vertex group “{group}” of “{source.name}”. Paint where props shall fall."
+            f"Nothing is painted in the vertex group “{group}” of “{source.name}”. Paint where props should fall."
         )
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     edge = max(size, float((high - low).max()) / MOST_CELLS)
@@ -54,8 +54,8 @@ def _triangles(context, source, index):
 
 
 def _fill(found, triangle, weight):
-    """Those cells whose middle is in a painted part of a triangle [3, 2], and those of its painted corners: nothing is
-    too small."""
+    """Cells whose center is in the painted part of a triangle [3, 2], and the cells of its painted corners, so that
+    no part is too small."""
     for corner in triangle[weight >= PAINTED]:
         found[tuple(np.minimum(corner.astype(int), np.array(found.shape) - 1))] = True
     first = np.floor(triangle.min(axis=0)).astype(int)
@@ -79,7 +79,7 @@ def block(edge, corner, found, bottom, top):
     vertices = np.concatenate([np.column_stack([layer, np.full(len(layer), z)]) for z in (bottom, top)])
     quads, up = [], len(layer)
     is_there = np.pad(found, 1)
-    # Around a cell, against the clock: its corners, and which neighbour lies beyond the edge from each to the next.
+    # The corners of a cell, counterclockwise, and the neighbor beyond the edge from each corner to the next.
     around, beyond = ((0, 0), (1, 0), (1, 1), (0, 1)), ((0, -1), (1, 0), (0, 1), (-1, 0))
     for column, row in np.argwhere(found):
         a, b, c, d = ((column + dx) * (rows + 1) + row + dy for dx, dy in around)

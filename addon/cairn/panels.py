@@ -63,7 +63,7 @@ class CAIRN_PT_pile(Pile, Panel):
 
 
 def draw_kept_shape(layout, settings):
-    """How far the shape is kept: right below it."""
+    """Draws the choice of how far the shape is kept, below the shape."""
     if not knows("Glue"):
         return
     column = layout.column()
@@ -76,27 +76,27 @@ def draw_kept_shape(layout, settings):
         others.prop_enum(settings, "kept_shape", name)
     if settings.kept_shape == "TACKY":
         column.prop(settings, "glue_strength", slider=True)
-    told = column.column(align=True)
-    told.active = not running.plan_is_old
-    # Two lines, so that nothing jumps when they become known.
+    lines = column.column(align=True)
+    lines.active = not running.plan_is_old
+    # Always two lines, so that nothing jumps once they are known.
     for line in (*effect_of(settings), "", "")[:2]:
-        told.label(text=line)
+        lines.label(text=line)
 
 
 def effect_of(settings):
-    """What the choice does to this pile, as far as it is known before the bake: lines."""
+    """The expected effect of the choice on this pile, as lines."""
     known = running.plan or {"dots": {}, "kept": {}}
     low, high = known["kept"].get(settings.accuracy, (0.0, 0.0))
-    # Of eight bakes of ten; what settles into place is a little more than all of it.
+    # The range of eight bakes of ten; a pile that settles into the shape keeps a little more than all of it.
     low, high = (min(100, round(100 * share)) for share in (low, high))
     kept = f"{high} %" if low == high else f"{low} to {high} %"
-    lines = [f"Likely to keep {kept} of it"] if high > 0 else []
+    lines = [f"Likely to keep {kept} of the shape"] if high > 0 else []
     if settings.kept_shape == "NATURAL":
-        return [*lines, "No glue: what overhangs falls"]
+        return [*lines, "No glue: overhanging bodies fall"]
     if settings.kept_shape == "TACKY":
-        return [*lines, "What would need stronger glue falls"]
+        return [*lines, "Bodies that need stronger glue fall"]
     dots = known["dots"].get(settings.accuracy, 0.0)
-    # The plan's own range.
+    # The range that the plan states.
     return [*lines, f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
 
 
@@ -129,7 +129,7 @@ def draw_props(layout, context, settings):
 
 
 def draw_arrangement(layout, settings):
-    """How props lie: sliders, with what they stand for beside them; and where each of several props goes."""
+    """Draws how props lie: sliders with a word beside each, and where each of several props goes."""
     if not knows("Fill", "order"):
         return
     chosen = settings.arrangement
@@ -155,7 +155,7 @@ def draw_arrangement(layout, settings):
 
 
 def draw_accuracies(layout, settings):
-    """Each with what it is expected to cost, as far as the server has told."""
+    """Each accuracy with its expected cost, once the server has estimated it."""
     column = layout.column(align=True)
     column.use_property_split = False
     row = column.split(factor=0.35)
@@ -164,45 +164,45 @@ def draw_accuracies(layout, settings):
     for name, *_ in ACCURACIES:
         row = column.row(align=True)
         row.prop_enum(settings, "accuracy", name)
-        told = row.row()
-        told.active = not running.plan_is_old
-        told.label(text=expected(name))
-        told.label(text=overlap(name))
+        costs = row.row()
+        costs.active = not running.plan_is_old
+        costs.label(text=expected(name))
+        costs.label(text=overlap(name))
 
 
 def expected(accuracy):
-    """What a bake of an accuracy takes, in a few signs; empty before it is known."""
-    told = running.plan["estimates"].get(accuracy) if running.plan else None
-    if not told:
+    """The expected CPU time of an accuracy, as a short text; empty before it is known."""
+    estimate = running.plan["estimates"].get(accuracy) if running.plan else None
+    if not estimate:
         return ""
-    seconds, unit = max(told[0], 1.0), "s"
+    seconds, unit = max(estimate[0], 1.0), "s"
     for larger in ("min", "h"):
         if seconds >= 60:
             seconds, unit = seconds / 60, larger
-    # More than two digits would be a promise.
+    # More than two digits would suggest too much precision.
     return f"~{float(f'{seconds:.2g}'):g} {unit}"
 
 
 def overlap(accuracy):
-    """By how much props are expected to overlap, as a length; empty before it is known."""
-    told = running.plan.get("overlaps", {}).get(accuracy, 0.0) if running.plan else 0.0
-    if told <= 0:
+    """The expected overlap of props, as a length; empty before it is known."""
+    length = running.plan.get("overlaps", {}).get(accuracy, 0.0) if running.plan else 0.0
+    if length <= 0:
         return ""
     units = {"μm": 1e-6, "mm": 1e-3, "cm": 1e-2}
-    unit = "μm" if told < 1e-4 else "mm" if told < 1e-2 else "cm"
-    return f"{float(f'{told / units[unit]:.2g}'):g} {unit}"
+    unit = "μm" if length < 1e-4 else "mm" if length < 1e-2 else "cm"
+    return f"{float(f'{length / units[unit]:.2g}'):g} {unit}"
 
 
 def reliance():
-    """What the expected times are, and how far they may be off."""
+    """A heading for the expected times, with the factor by which they may be wrong."""
     factors = [factor for _, factor in running.plan["estimates"].values()] if running.plan else []
     if not factors:
-        return "Check tells the CPU time" if estimates.is_too_much else ""
+        return "Check shows the CPU time" if estimates.is_too_much else ""
     return f"CPU time ×÷ {max(factors):.2g}, overlap"
 
 
 def draw_switch(layout, group, name, heading):
-    """The tick of a value that may be left unset, and the row for the value, active when it is set."""
+    """Draws the checkbox of an optional value. Returns the row for the value, active when it is set."""
     row = layout.row(heading=heading)
     row.prop(group, "use_" + name, text="")
     value = row.row()
@@ -211,12 +211,12 @@ def draw_switch(layout, group, name, heading):
 
 
 def draw_optional(layout, group, name, heading):
-    """A value that may be left unset."""
+    """Draws an optional value."""
     draw_switch(layout, group, name, heading).prop(group, name, text="")
 
 
 def draw_field(layout, group, field):
-    """A parameter that is the accuracy's unless it is set."""
+    """Draws a parameter that has the accuracy's value unless it is set."""
     name = field["name"]
     row = layout.split(factor=0.5 if field["kind"] == "enum" else 0.62)
     row.use_property_split = False

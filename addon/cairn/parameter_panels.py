@@ -1,4 +1,4 @@
-"""The panels below the button, closed at first: parameters, and what is placed by hand."""
+"""The panels below the button, closed at first: parameters, and objects placed by hand."""
 
 from bpy.types import Panel
 
@@ -7,7 +7,7 @@ from .panels import Pile, draw_field, draw_optional
 from .schema import GROUPS, fields_of, knows
 
 
-# What has its place elsewhere.
+# Fields that other panels draw.
 DRAWN = {("Fill", "count"), ("Fill", "shell")}
 
 
@@ -52,7 +52,7 @@ class CAIRN_PT_material(_Parameters, Panel):
                 for name in ("up", "turns", "skew"):
                     column.prop(item, name)
         column = layout.column(align=True)
-        column.label(text="Ground and colliders")
+        column.label(text="Ground and Colliders")
         column.prop(settings, "collider_friction")
 
 
@@ -66,7 +66,7 @@ class CAIRN_PT_fill(_Parameters, Panel):
         layout.prop(settings.fill, "use_shell")
         depth = layout.row()
         depth.active = settings.fill.use_shell
-        depth.prop(settings.fill, "shell", text="Depth in Props")
+        depth.prop(settings.fill, "shell", text="Depth (Prop Sizes)")
 
 
 class CAIRN_PT_release(_Parameters, Panel):
@@ -149,7 +149,7 @@ class CAIRN_PT_drop(_Parameters, Panel):
         details.active = settings.impact is not None
         for name in ("impact_frame", "impact_velocity"):
             details.prop(settings, name)
-        draw_optional(details, settings, "impact_mass", "Mass")
+        draw_optional(details, settings, "impact_mass", "Mass (kg)")
 
 
 class CAIRN_PT_region(_Parameters, Panel):

@@ -1,4 +1,4 @@
-"""What a body consists of in Blender: the props' own data, shared by all bodies of the same prop."""
+"""The data of a body in Blender: the prop's own data, shared by all bodies of the same prop."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ PLAIN_EMPTY_SIZE = 0.1
 
 @dataclass
 class Part:
-    """How bodies of one prop are made: of data with a scale, or of a collection to be instanced."""
+    """Makes bodies of one prop: from data with a scale, or from a collection to be instanced."""
 
     name: str
     data: bpy.types.ID = None
@@ -20,7 +20,7 @@ class Part:
     # Materials that belong to the source object, not to its data: slot -> material.
     materials: dict = None
     collection: bpy.types.Collection = None
-    # What its bodies take over besides: the prop itself.
+    # The prop itself, from which bodies copy more data.
     source: bpy.types.Object = None
 
     def body(self, name, factor):
@@ -40,10 +40,10 @@ class Part:
 
 
 def carry(source, made):
-    """What a pipeline goes by: pass index and custom properties."""
+    """Copies the data that pipelines use: pass index and custom properties."""
     made.pass_index = source.pass_index
     for name in source.keys():
-        # Those of add-ons are theirs.
+        # Properties of add-ons are not copied.
         if name not in source.bl_rna.properties:
             made[name] = source[name]
 

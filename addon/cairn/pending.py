@@ -1,4 +1,4 @@
-"""Bakes that were under way when Blender closed: told of in files of the add-on's, one for each bake, never in the
+"""Bakes that were running when Blender closed: notes in files of the add-on, one for each bake, never in the
 .blend itself."""
 
 import hashlib
@@ -9,7 +9,7 @@ import bpy
 
 from . import preferences
 
-# Notes and requests that are kept: the latest, since those are what somebody will come back to.
+# Number of notes and requests that are kept: the latest ones.
 MOST = 50
 
 
@@ -18,18 +18,18 @@ def _folder():
 
 
 def _key():
-    """What the notes of this file begin with: a file has several when several Blenders have it open."""
+    """The prefix of this file's notes: a file has several notes if several Blenders have it open."""
     return hashlib.sha256(bpy.data.filepath.encode()).hexdigest()[:32]
 
 
 def request_folder(recipe):
-    """Where a request waits until the server has taken it."""
+    """The folder of a request until the server has accepted it."""
     return preferences.folder() / "asked" / recipe["token"]
 
 
 def note(recipe, bake_id):
-    """A bake of this file was asked for. Its id is empty before the server has taken it. A file without a name cannot
-    be opened again."""
+    """Notes a bake of this file. Its id is empty before the server has accepted it. A file without a name cannot be
+    opened again."""
     _forget_oldest()
     if not bpy.data.filepath:
         return
@@ -42,11 +42,11 @@ def note(recipe, bake_id):
 
 def _forget_oldest():
     for path in _latest_first(_folder().glob("*.json"))[MOST:]:
-        told = _read(path)
-        if told:
-            shutil.rmtree(request_folder(told["recipe"]), ignore_errors=True)
+        entry = _read(path)
+        if entry:
+            shutil.rmtree(request_folder(entry["recipe"]), ignore_errors=True)
         path.unlink(missing_ok=True)
-    # Of files that never got a name.
+    # Requests of files that never got a name.
     for folder in _latest_first((preferences.folder() / "asked").glob("*"))[MOST:]:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -63,7 +63,8 @@ def _age(path):
 
 
 def forget(recipe):
-    """A bake has ended, whatever its file is called now. Others, perhaps another Blender's, are still told of."""
+    """Deletes the note of a bake that has ended, also if its file was renamed. Notes of others, perhaps another
+    Blender's, stay."""
     if recipe.get("token"):
         shutil.rmtree(request_folder(recipe), ignore_errors=True)
         for path in _folder().glob(f"*-{recipe['token']}.json"):
@@ -71,20 +72,20 @@ def forget(recipe):
 
 
 def of_this_file(besides=""):
-    """Id and recipe of the latest bake of this file that was under way; None if there is none. `besides`: the token of
-    one that does not count."""
+    """Id and recipe of the latest running bake of this file; None if there is none. `besides`: the token of a bake to
+    ignore."""
     for path in _latest_first(_folder().glob(f"{_key()}*.json")) if bpy.data.filepath else ():
-        told = _read(path)
-        if told and told["recipe"]["token"] != besides:
-            return told
+        entry = _read(path)
+        if entry and entry["recipe"]["token"] != besides:
+            return entry
     return None
 
 
 def give_up():
-    """The latest bake of this file is not wanted any more."""
-    told = of_this_file()
-    if told:
-        forget(told["recipe"])
+    """Forgets the latest bake of this file."""
+    entry = of_this_file()
+    if entry:
+        forget(entry["recipe"])
 
 
 def _read(path):

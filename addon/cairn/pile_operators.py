@@ -1,4 +1,4 @@
-"""What the buttons do to a pile: delete it; take its settings up again."""
+"""Operators of a pile: delete it, restore its settings."""
 
 import bpy
 from bpy.props import StringProperty
@@ -10,17 +10,17 @@ from .following import explaining, is_running
 
 
 class OfPile:
-    """What operators have in common that do something to a pile: the one that is named, or that of the shape."""
+    """Common part of operators on a pile: the named one, or that of the shape."""
 
     bl_options = {"UNDO"}
 
-    collection: StringProperty(name="Collection", description="The pile's collection. Empty: that of the shape")
+    collection: StringProperty(name="Collection", description="Collection of the pile. If empty, the pile of the shape")
 
     def execute(self, context):
         with explaining(self):
             collection = bpy.data.collections.get(self.collection) if self.collection else result.chosen(context)
             if collection is None or not collection.cairn.is_result:
-                raise Fault("There is no baked pile of this shape. Choose the shape of the one that you mean.")
+                raise Fault("There is no baked pile of this shape. Choose the shape that the pile was baked of.")
             self.change(context, collection)
             return {"FINISHED"}
         return {"CANCELLED"}
@@ -30,7 +30,7 @@ class OfPile:
 
 
 class CAIRN_OT_delete(OfPile, Operator):
-    """Take the pile away, with its animation, and show the shape as it was before the bake"""
+    """Delete the pile with its animation, and show the shape as it was before the bake"""
 
     bl_idname = "cairn.delete"
     bl_label = "Delete Bake"
@@ -44,7 +44,7 @@ class CAIRN_OT_delete(OfPile, Operator):
 
 
 class CAIRN_OT_restore_settings(OfPile, Operator):
-    """Set everything as it was for this pile, seed included: baked again, it gives the same"""
+    """Restore all settings of this pile, including its seed, so that a new bake gives the same pile"""
 
     bl_idname = "cairn.restore_settings"
     bl_label = "Use Its Settings"
@@ -55,10 +55,10 @@ class CAIRN_OT_restore_settings(OfPile, Operator):
 
 
 class CAIRN_OT_forget(Operator):
-    """Do not get the result of the bake that was under way when this file was closed"""
+    """Discard the bake that was running when this file was closed"""
 
     bl_idname = "cairn.forget"
-    bl_label = "Forget It"
+    bl_label = "Discard Bake"
 
     def execute(self, _):
         pending.give_up()

@@ -1,4 +1,4 @@
-"""What the file remembers of bakes: of those under way, of variants, of finished piles and their bodies."""
+"""Data of bakes in the file: of running ones, of variants, of finished piles and their bodies."""
 
 import bpy
 from bpy.props import (
@@ -15,40 +15,40 @@ from bpy.types import PropertyGroup
 
 
 class CairnPointer(PropertyGroup):
-    """Something that a bake was made of. Its name is its key."""
+    """An object or collection that a bake used. Its name is its key."""
 
     object: PointerProperty(type=bpy.types.Object)
     collection: PointerProperty(type=bpy.types.Collection)
 
 
 class CairnAsked(PropertyGroup):
-    """What a bake under way is made of, so that a new name does no harm."""
+    """The objects of a running bake, so that they may be renamed."""
 
     token: StringProperty()
     pointers: CollectionProperty(type=CairnPointer)
 
 
 class CairnVariant(PropertyGroup):
-    """A bake that was tried, kept by the server: its name tells it from the others."""
+    """A bake that was tried, kept by the server: its name is unique."""
 
     bake_id: StringProperty()
     # JSON.
     recipe: StringProperty()
-    # How it went, in a few words; empty before it is done.
+    # The result in a few words; empty before it is done.
     told: StringProperty()
-    # What it is made of, whatever that is called now.
+    # The objects of the variant, also after they were renamed.
     pointers: CollectionProperty(type=CairnPointer)
 
 
 class CairnBody(PropertyGroup):
-    """What an object of a pile remembers."""
+    """Data of an object of a pile."""
 
-    # Which body of the pile it is, counted from 1, or the first of those that it shows; 0: none.
+    # Number of its body in the pile, counted from 1, or of the first body that it shows; 0: none.
     number: IntProperty()
-    # Which of the pile's props it is, counted from 0, and its size, as a factor.
+    # Index of its prop, counted from 0, and its size, as a factor.
     prop: IntProperty()
     size: FloatProperty(default=1.0)
-    # While it is coloured by state: the colour that is its own; of points, whether they were shown.
+    # While it is colored by state: its own color; of points, whether they were shown.
     is_coloured: BoolProperty()
     color: FloatVectorProperty(size=4)
     was_shown: BoolProperty()
@@ -66,7 +66,7 @@ def _display(self, _):
 
 
 class CairnResult(PropertyGroup):
-    """What a collection with a baked pile remembers: enough to bake it again, and to tell how it went."""
+    """Data of a collection with a baked pile: enough to bake it again, and to show its report."""
 
     is_result: BoolProperty()
     bake_id: StringProperty()
@@ -79,24 +79,26 @@ class CairnResult(PropertyGroup):
     states: StringProperty()
     # JSON: the server's bodies that no object shows.
     left_out: StringProperty()
-    # Frames of the result, and when they are shown: as set, and as the pile has it (JSON).
+    # Frames of the result, and their timing: as set, and as applied to the pile (JSON).
     frame_count: IntProperty()
     timing_start: IntProperty(
+        subtype="TIME",
         name="Start Frame",
-        description="Frame of the scene at which the pile begins to be held",
+        description="Scene frame at which the hold begins",
         default=1,
         update=_retime,
     )
     timing_hold: IntProperty(
+        subtype="TIME",
         name="Hold",
-        description="For how many frames the pile stands still before it is let go",
+        description="Number of frames for which the pile stands still before it is released",
         min=0,
         max=100000,
         update=_retime,
     )
     timing_speed: FloatProperty(
         name="Speed",
-        description="How fast the collapse plays: 2 is twice as fast as it was simulated, 0.5 slow motion",
+        description="How fast the collapse plays, as a factor: 2 is twice as fast as simulated, 0.5 is slow motion",
         default=1.0,
         min=0.001,
         soft_min=0.1,
@@ -106,8 +108,8 @@ class CairnResult(PropertyGroup):
     )
     timing_ease: FloatProperty(
         name="Ease",
-        description="Above 0 the collapse begins slowly and becomes faster; below 0 it begins fast and becomes slower. "
-        "Its length stays",
+        description="Above 0 the collapse begins slowly and becomes faster; below 0 it begins fast and becomes "
+        "slower. Its length does not change",
         min=-2.0,
         max=2.0,
         update=_retime,
@@ -115,15 +117,15 @@ class CairnResult(PropertyGroup):
     timed: StringProperty()
     display: EnumProperty(
         name="Display",
-        description="How the bodies are shown in the 3D View. Renders are not changed by it",
+        description="How the bodies are shown in the 3D View. Renders do not change",
         items=[
-            ("TEXTURED", "Full", "As they are"),
+            ("TEXTURED", "Full", "With all details"),
             ("SOLID", "Plain", "Without textures"),
-            ("BOUNDS", "Boxes", "As boxes: the quickest"),
+            ("BOUNDS", "Boxes", "As boxes, which is fastest"),
         ],
         update=_display,
     )
-    # Of a pile that is worked on by hand: its bodies as they settled last (JSON).
+    # Of an edited pile: the last settled states of its bodies (JSON).
     settled: StringProperty()
     # Not a result, but in one, with what shows points by state.
     is_of_state: BoolProperty()
@@ -131,9 +133,9 @@ class CairnResult(PropertyGroup):
     use_prop_collections: BoolProperty()
     of_pile: PointerProperty(type=bpy.types.Collection)
     control: PointerProperty(type=bpy.types.Object)
-    # What the settings and the bodies came from, by the recipe's keys.
+    # The objects of settings and bodies, by the recipe's keys.
     pointers: CollectionProperty(type=CairnPointer)
-    # How the control mesh was shown before.
+    # The control mesh's display before the bake.
     control_hide_render: BoolProperty()
     control_display_type: StringProperty()
 

@@ -1,4 +1,4 @@
-"""What a scene has besides the fill: scenery that moves, a region, bodies that stay, are thrown or drop in."""
+"""Parts of a scene besides the fill: moving scenery, a region, bodies that stay, are thrown or drop in."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from .schema import knows
 
 # A scale that changes by more than this while a collider moves cannot be followed.
 SAME_SCALE = 1e-3
-# Frames that are looked at before Blender may draw.
+# Frames that are read before Blender may draw.
 BATCH = 8
 
 
@@ -24,7 +24,7 @@ def is_animated(source):
 
 
 def moving(context, colliders):
-    """Those colliders that are to be followed."""
+    """The colliders whose motion is followed."""
     if not knows("Keyframe"):
         return []
     view = set(context.view_layer.objects)
@@ -33,12 +33,12 @@ def moving(context, colliders):
 
 
 class Extras:
-    """Adds to a scene's message what it has of these, and keeps what the caller has to know of it."""
+    """Adds these parts to a scene's message, and keeps their data for the caller."""
 
-    def __init__(self, v1, told, exporter, settings):
-        self.v1, self.told, self.exporter, self.settings = v1, told, exporter, settings
+    def __init__(self, v1, scene_message, exporter, settings):
+        self.v1, self.scene_message, self.exporter, self.settings = v1, scene_message, exporter, settings
         self.models, self.names = [], {}
-        # Props that only bodies placed by hand have, after those of the fill; and those of them that stay.
+        # Props of bodies placed by hand alone, after those of the fill; and those of bodies that stay.
         self.props, self.kept = [], []
 
     def _add(self, model, source):
@@ -58,7 +58,7 @@ class Extras:
         if self.settings.region and knows("Body"):
             model = self.exporter.region(self.settings.region)
             if model:
-                self.told.region.path = self._add(model, self.settings.region)
+                self.scene_message.region.path = self._add(model, self.settings.region)
 
     def add_drops(self):
         settings = self.settings
@@ -67,7 +67,9 @@ class Extras:
             if model is None:
                 return
             place = self._add(model, settings.drop_mesh)
-            drops = self.told.emitters.add(mesh=place, rate=round(settings.drop_rate, 6), count=settings.drop_count)
+            drops = self.scene_message.emitters.add(
+                mesh=place, rate=round(settings.drop_rate, 6), count=settings.drop_count
+            )
             drops.velocity.extend(velocity(settings.drop_velocity))
             drops.start_frame = self._frame(settings.drop_frame)
 
@@ -87,21 +89,23 @@ class Extras:
                 body.mass = round(settings.impact_mass, 6)
 
     def _placed(self, sources):
-        """Props that the fill does not draw."""
+        """Props that the fill does not use."""
         props = yield from self.exporter.props(sources)
         for prop in props:
-            self.told.props.add(path=self._add(prop.model, prop.source), weight=0.0)
+            self.scene_message.props.add(path=self._add(prop.model, prop.source), weight=0.0)
         self.props += props
         return props
 
     def _body(self, prop):
-        body = self.told.bodies.add(prop=str(len(self.told.props) - len(self.props) + self.props.index(prop)))
+        body = self.scene_message.bodies.add(
+            prop=str(len(self.scene_message.props) - len(self.props) + self.props.index(prop))
+        )
         location, rotation, _ = prop.frame.decompose()
         self._pose(body, location, rotation)
         return body
 
     def add_moving(self, context, sources):
-        """Colliders with a pose for each frame at which they are not where the frames around have them."""
+        """Moving colliders, with a pose for each frame that interpolation between its neighbors does not give."""
         if not sources:
             return
         friction = round(self.settings.collider_friction, 6)
@@ -110,7 +114,7 @@ class Extras:
         positions, rotations = yield from self._poses(context, sources)
         keyed = keyframes.needed(positions, rotations)
         for number, prop in enumerate(models):
-            scenery = self.told.statics.add(path=self._add(prop.model, prop.source), friction=friction)
+            scenery = self.scene_message.statics.add(path=self._add(prop.model, prop.source), friction=friction)
             for frame in np.flatnonzero(keyed[:, number]):
                 key = scenery.keyframes.add(frame=float(frame))
                 self._pose(key, positions[frame, number], rotations[frame, number])
@@ -122,7 +126,7 @@ class Extras:
         positions, rotations, sizes = [], [], []
         frames = range(settings.start_frame, settings.start_frame + max(last, 0) + 1)
         for first in range(0, len(frames), BATCH):
-            # Between two batches Blender is as it was.
+            # Between two batches, Blender shows its own frame again.
             try:
                 for frame in frames[first : first + BATCH]:
                     scene.frame_set(frame)
@@ -137,8 +141,10 @@ class Extras:
         changes = np.ptp(np.array(sizes), axis=0).max(axis=1)
         for source, change in zip(sources, changes):
             if change > SAME_SCALE:
-                told = f"The collider “{source.name}” changes its size. Only moving and turning is followed: take the "
-                self.exporter.problems.append(Problem(told + "animation of its scale away.", source.name))
+                message = (
+                    f"The collider “{source.name}” changes its size. Only its movement and rotation can be followed: "
+                )
+                self.exporter.problems.append(Problem(message + "remove the animation of its scale.", source.name))
         return np.array(positions), np.array(rotations)
 
 

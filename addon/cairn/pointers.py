@@ -1,4 +1,4 @@
-"""What a bake was made of, found again after it was renamed: pointers, which Blender keeps, under the recipe's keys."""
+"""The objects of a bake, found again after they were renamed: pointers that Blender keeps, by the recipe's keys."""
 
 import bpy
 
@@ -22,7 +22,7 @@ def of(group, path=""):
 
 
 def write(owner, pointers):
-    """Into a collection of `CairnPointer`."""
+    """Writes them into a collection of `CairnPointer`."""
     owner.clear()
     for key, value in pointers.items():
         made = owner.add()
@@ -31,19 +31,19 @@ def write(owner, pointers):
 
 
 def read(owner):
-    """What is still in the file, by key."""
+    """The ones that are still in the file, by key."""
     found = {item.name: item.object or item.collection for item in owner}
     return {key: value for key, value in found.items() if value}
 
 
 def ask(scene, token, pointers):
-    """A bake of a scene begins."""
+    """Called when a bake of a scene begins."""
     scene.cairn_asked.token = token
     write(scene.cairn_asked.pointers, pointers)
 
 
 def asked(recipe):
-    """The scene of a bake that was asked for, and what its recipe names. After an undo there may be neither."""
+    """The scene of a bake, and the objects that its recipe names. After an undo both may be missing."""
     for scene in bpy.data.scenes:
         if scene.cairn_asked.token and scene.cairn_asked.token == recipe.get("token"):
             return scene, read(scene.cairn_asked.pointers)
@@ -51,7 +51,7 @@ def asked(recipe):
 
 
 def forget(recipe):
-    """The bake has ended."""
+    """Called when the bake has ended."""
     for scene in bpy.data.scenes:
         if scene.cairn_asked.token and scene.cairn_asked.token == recipe.get("token"):
             scene.cairn_asked.token = ""

@@ -13,11 +13,11 @@ MAX_ROWS = 1 << 24
 AXES = ("axis_x", "axis_z")
 # A body that is not there has axes of length 0.
 THERE = 0.5
-# Rows that are worked on at once.
+# Rows per batch.
 BLOCK = 1 << 14
-# Names of nodes that are found again: frames since the start; since the body moves; what lies between.
+# Names of nodes that are looked up later: frames since the start; since the body moves; the fraction between rows.
 TIME, SINCE, RETIME = "Time", "Since", "Retime"
-# What the nodes read of each body.
+# Attributes of each body that the nodes read.
 READ = {"first": np.intc, "count": np.intc, "offset": np.intc, "prop": np.intc, "size": np.float32}
 
 
@@ -36,7 +36,7 @@ def write(name, motion, parts_collection, start_frame):
 
 
 def spans(motion):
-    """For each body the first frame that its rows are for, and their number: before and after, it stands still."""
+    """For each body the first frame of its rows, and their number: before and after, the body stands still."""
     changes = motion.present[1:] != motion.present[:-1]
     for values in (motion.positions, motion.rotations):
         # Component by component: many times faster than a sum over the few components of each.
@@ -76,7 +76,7 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
     _attribute(mesh, "count", "INT", "value", count)
     _attribute(mesh, "offset", "INT", "value", np.cumsum(count) - count)
     _attribute(mesh, "prop", "INT", "value", motion.props[part])
-    # For materials, as an attribute of the instancer: that of the last frame.
+    # For materials, as an attribute of the instancer: the state in the last frame.
     _attribute(mesh, "state", "INT", "value", motion.states[-1, part])
     _attribute(mesh, "size", "FLOAT", "value", motion.scales[part])
     shown = bpy.data.objects.new(name, mesh)
@@ -87,7 +87,7 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
 
 
 def keep_end(shown):
-    """Of the table, the last row of each body stays."""
+    """Keeps only the last row of each body in the table."""
     table = _table(shown)
     if table is None:
         return
@@ -109,8 +109,8 @@ def keep_end(shown):
 
 
 def places(shown, number):
-    """A function from one of an object's bodies, counted from 0, to where it is in the object's own space: a matrix
-    without scale; None if it is not there. `number`: the frame of the result, which may lie between two."""
+    """A function from the index of a body, counted from 0, to its pose in the object's own space: a matrix without
+    scale; None if the body is missing. `number`: the frame of the result, which may be fractional."""
     table = _table(shown)
     if table is None:
         return lambda _: None
@@ -145,7 +145,7 @@ def _table(shown):
 
 
 def retime(shown, last, start, hold, speed, ease):
-    """Shows the frames at other times: as `timing.times` has them."""
+    """Shows the frames at the times of `timing.times`."""
     modifier = shown.modifiers.get("Pile")
     group = modifier and modifier.node_group
     time = group and group.nodes.get(TIME)
@@ -170,8 +170,8 @@ def retime(shown, last, start, hold, speed, ease):
 
 
 def show_states(shown, states, colors, collection):
-    """Shows bodies in their states' colours: instances have that of their instancer, so that each state gets one of its
-    own in `collection`, which renders do not see."""
+    """Shows bodies in their states' colors. Instances have the color of their instancer, so that each state gets its
+    own instancer in `collection`, which is not rendered."""
     now = _of(shown, states)
     if now is None:
         return
@@ -195,7 +195,7 @@ def show_states(shown, states, colors, collection):
 
 
 def hide_states(shown, last):
-    """Undoes that, but for what is in the collection. `last`: the states in the last frame."""
+    """Undoes that, except in the collection. `last`: the states in the last frame."""
     own = shown.cairn
     if own.is_coloured:
         own.is_coloured = False
@@ -207,7 +207,7 @@ def hide_states(shown, last):
 
 
 def _of(shown, states):
-    """The states of an object's own bodies; None if it was changed by hand, so that it shows no bodies any more."""
+    """The states of an object's own bodies; None if the object was changed by hand and shows no bodies."""
     count = len(shown.data.vertices) if shown.type == "MESH" else 0
     now = states[shown.cairn.number - 1 :][:count] if shown.cairn.number else ()
     is_whole = "Pile" in shown.modifiers and {*READ, "state"} <= {*shown.data.attributes.keys()}
@@ -238,7 +238,7 @@ def _set(mesh, name, values):
 def axes_of(rotations):
     """The X and the Z axis of quaternions [n, 4], w x y z."""
     along_x, along_z = (np.empty((len(rotations), 3), rotations.dtype) for _ in range(2))
-    # Block by block: what lies between stays in the processor's cache.
+    # Block by block, so that intermediate values stay in the processor's cache.
     for begin in range(0, len(rotations), BLOCK):
         w, x, y, z = rotations[begin : begin + BLOCK].T
         part_x, part_z = along_x[begin : begin + BLOCK].T, along_z[begin : begin + BLOCK].T
@@ -290,7 +290,7 @@ def _nodes(name, table_object, parts_collection, start_frame):
     links, add = tree.group.links, tree.group.nodes.new
     incoming, outgoing = _interface(tree.group)
 
-    # Which rows: the two around the frame, of the body's own.
+    # The two rows of the body around the frame.
     time = tree.math("SUBTRACT", add("GeometryNodeInputSceneTime").outputs["Frame"], float(start_frame))
     time.node.name = TIME
     last = tree.math("SUBTRACT", tree.attribute("count", "INT"), 1.0)

@@ -1,4 +1,4 @@
-"""Where the server is, and how to reach it."""
+"""The server's place, and how to reach it."""
 
 import re
 from pathlib import Path
@@ -23,37 +23,40 @@ class CairnPreferences(bpy.types.AddonPreferences):
 
     server: EnumProperty(
         name="Server",
-        description="Which computer bakes",
+        description="Computer that bakes",
         items=[
             (
                 "LOCAL",
                 "This Computer",
-                "A server on this computer, started when a bake needs it and ended with Blender",
+                "A server on this computer, which starts when a bake needs it and ends with Blender",
             ),
-            ("REMOTE", "Another Computer", "A Cairn server that runs elsewhere"),
+            ("REMOTE", "Another Computer", "A Cairn server on another computer"),
         ],
     )
     program: StringProperty(
         name="Program",
-        description="The program `cairn`. Empty: the add-on's own, or the one on the system's path",
+        description="Path of the program `cairn`. If empty, the add-on's own program, or the one on the system's path",
         subtype="FILE_PATH",
     )
     address: StringProperty(
         name="Address", description="Address of the server, as HOST:PORT; https://HOST:PORT for an encrypted connection"
     )
     token: StringProperty(
-        name="Token", description="The token that the server asks for. Ask those who run it", subtype="PASSWORD"
+        name="Token",
+        description="Token that the server requires. Ask the operator of the server for it",
+        subtype="PASSWORD",
     )
     certificates: StringProperty(
         name="Certificates",
-        description="PEM file of those who sign the server's certificate. Empty: those whom this computer trusts",
+        description="PEM file of the authority that signed the server's certificate. If empty, the authorities that "
+        "this computer trusts",
         subtype="FILE_PATH",
     )
 
     estimates: BoolProperty(
         name="Expected Times",
-        description="Ask the server on this computer what each accuracy is expected to take, whenever the scene has "
-        "changed while the tab is seen. It is started for that. Off: only Check asks",
+        description="Show the expected time of each accuracy. The server on this computer estimates it after each "
+        "change of the scene, while the tab is visible; it starts for that. If off, only Check asks",
         default=True,
     )
 
@@ -75,7 +78,7 @@ class CairnPreferences(bpy.types.AddonPreferences):
         layout.operator("cairn.test_server")
 
 
-# Of an add-on that a script has enabled for itself alone.
+# Defaults, if a script has enabled the add-on for itself alone.
 DEFAULTS = SimpleNamespace(server="LOCAL", program="", address="", token="", certificates="", estimates=True)
 
 
@@ -100,9 +103,9 @@ def server(context):
         return Server(local=local(), program=find(bpy.path.abspath(preferences.program)))
     address = preferences.address.strip()
     if not address:
-        raise Fault("There is no server's address. Set it in the add-on's preferences, or let this computer bake.")
+        raise Fault("The server's address is missing. Set it in the add-on's preferences, or let this computer bake.")
     if not getattr(bpy.app, "online_access", True) and not _is_here(address):
-        raise Fault("Blender may not go online. Allow it in Preferences, System, Network; or let this computer bake.")
+        raise Fault("Blender may not go online. Allow it in Preferences, System, Network, or let this computer bake.")
     certificates = bpy.path.abspath(preferences.certificates)
     return Server(target=Target(address, preferences.token.strip(), certificates))
 
@@ -113,7 +116,7 @@ def _is_here(address):
 
 
 def folder():
-    """Where the add-on may write."""
+    """The folder in which the add-on may write."""
     if hasattr(bpy.utils, "extension_path_user") and __package__.startswith("bl_ext."):
         return Path(bpy.utils.extension_path_user(__package__, create=True))
     return Path(bpy.utils.user_resource("DATAFILES", path="cairn", create=True))

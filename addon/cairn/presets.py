@@ -1,4 +1,4 @@
-"""What the accuracies stand for, as the server tells it."""
+"""The parameters of the accuracies, from the server."""
 
 from . import client
 from .messages import v1
@@ -13,7 +13,7 @@ def text(group, field):
     message = next(name for name in _MESSAGES if getattr(settings, name, None) == group)
     parameters = _parameters(getattr(v1, f"ACCURACY_{settings.accuracy}"))
     if parameters is None:
-        # Before a server has told: these are the standard's.
+        # Before the server has answered: the schema's defaults are the standard's.
         known = field["default"] if settings.accuracy == "STANDARD" else None
         return "–" if known is None else title(known)
     values = getattr(parameters, message)

@@ -1,4 +1,4 @@
-"""The pile as it forms, drawn over the 3D View. Nothing of it is in the .blend or in the undo history."""
+"""The forming pile, drawn over the 3D View. It is not in the .blend or in the undo history."""
 
 from dataclasses import dataclass
 
@@ -12,26 +12,26 @@ from . import axes, outline, states, tints
 # Triangles of one body, from fine to coarse, and those that may be drawn at once: many bodies are drawn coarser.
 BODY_TRIANGLES = (300, 80, 12)
 MAX_TRIANGLES = 190_000
-# Where the light comes from, and what the dark side still has.
+# Direction of the light, and brightness of the dark side.
 LIGHT = np.array([0.4, -0.5, 0.77])
 AMBIENT = 0.35
 # Moves all depths to the nearest twentieth of their range.
 NEAREST = Matrix(((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 0.05, -0.95), (0, 0, 0, 1)))
-# From where small pictures are taken.
+# View direction of thumbnails.
 VIEW = Euler((1.15, 0.0, 0.6))
 COLORS = np.array([[0.80, 0.62, 0.38], [0.47, 0.63, 0.78], [0.70, 0.45, 0.42], [0.55, 0.70, 0.47], [0.68, 0.60, 0.76]])
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A prop as it is drawn: outlines from fine to coarse, and its colour."""
+    """A prop for drawing: outlines from fine to coarse, and its color."""
 
     outlines: list
     tint: np.ndarray
 
 
 def drawn(props):
-    """A generator: what is drawn of props, one after the other."""
+    """A generator: makes the outlines of props, one after the other."""
     made = []
     for number, prop in enumerate(props):
         tint = tints.of(prop.source)
@@ -52,7 +52,7 @@ class Preview:
         self.snapshot = None
         self.is_by_state = False
         self.arrays = self.batch = None
-        # What is drawn of which bodies decides on the triangles; they are made anew only when that changes.
+        # The triangles depend on the outlines and the bodies; they are rebuilt only when those change.
         self.faces_of, self.faces = None, None
         self.handle = is_shown and bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")
 
@@ -62,7 +62,7 @@ class Preview:
             self.handle = None
 
     def update(self, snapshot):
-        """Takes the latest. Whether there is anything new to draw."""
+        """Takes the latest snapshot. Returns whether there is anything new to draw."""
         if snapshot is None or (snapshot is self.snapshot and self.is_by_state == states.is_shown):
             return False
         self.snapshot, self.is_by_state = snapshot, states.is_shown
@@ -70,7 +70,7 @@ class Preview:
         return True
 
     def _vertices(self, snapshot):
-        """Positions [v, 3] and colours [v, 4], prop by prop."""
+        """Positions [v, 3] and colors [v, 4], prop by prop."""
         here = snapshot.present
         props = snapshot.props[here]
         matrices = axes.matrices(
@@ -99,7 +99,7 @@ class Preview:
         return np.concatenate(vertices), np.concatenate(colors)
 
     def _outlines(self, counts):
-        """Those that are fine enough and not too many; and their triangles."""
+        """The finest outlines whose triangles are not too many; and these triangles."""
         for level in range(len(BODY_TRIANGLES)):
             outlines = [prop.outlines[level] for prop in self.props]
             if sum(count * len(shape.triangles) for count, shape in zip(counts, outlines)) <= MAX_TRIANGLES:
@@ -149,12 +149,12 @@ def picture(props, metres, snapshot, size):
 
 
 def shades(normals):
-    """How light a surface is, shape [n, 3] -> [n]."""
+    """The brightness of a surface, shape [n, 3] -> [n]."""
     return AMBIENT + (1 - AMBIENT) * np.clip(normals @ LIGHT, 0, 1)
 
 
 def batch_of(vertices, colors, faces):
-    """Triangles to be drawn: vertices [v, 3], colours [v, 4], faces [t, 3]."""
+    """Triangles to be drawn: vertices [v, 3], colors [v, 4], faces [t, 3]."""
     layout = gpu.types.GPUVertFormat()
     for name, size in (("pos", 3), ("color", 4)):
         layout.attr_add(id=name, comp_type="F32", len=size, fetch_mode="FLOAT")
@@ -166,7 +166,7 @@ def batch_of(vertices, colors, faces):
 
 
 def draw_in_front(batch):
-    """In front of the scene, since the control mesh is around the pile; but in its own order of depth."""
+    """Draws in front of the scene, because the control mesh is around the pile, but with its own depth order."""
     # Blender 4 has the same shader for two and three dimensions.
     shader = gpu.shader.from_builtin("3D_SMOOTH_COLOR" if bpy.app.version < (4, 0, 0) else "SMOOTH_COLOR")
     gpu.state.depth_test_set("LESS_EQUAL")

@@ -1,5 +1,5 @@
-"""Bodies in their props' collections: each of those gets a collection of its own for them, so that thousands of bodies
-do not lie between the props, and a hidden pile is hidden there, too."""
+"""Bodies in their props' collections. Each of these gets its own collection for the bodies, so that thousands of
+bodies are not among the props, and a hidden pile is also hidden there."""
 
 import bpy
 
@@ -25,7 +25,7 @@ def refresh(pile, sources):
 
 
 def _apart(pile):
-    """Those that say what a pile is made of, and nothing of how it is to look; and the scenes' own."""
+    """Collections that only choose the props of a pile, and the scenes' own."""
     found = {key: value for key, value in pointers.read(pile.cairn.pointers).items() if key.startswith("settings.")}
     return {pile, *found.values(), *(scene.collection for scene in bpy.data.scenes)}
 
@@ -39,7 +39,7 @@ def of(pile):
 
 
 def show(pile, on):
-    """Shows or hides a pile, wherever it is."""
+    """Shows or hides a pile in all its collections."""
     for collection in (pile, *of(pile)):
         collection.hide_viewport = collection.hide_render = not on
 
@@ -49,7 +49,7 @@ def remove(pile):
 
 
 def members(collection):
-    """All objects of a collection and of those in it, but for piles' bodies that are there only besides."""
+    """All objects of a collection and of its children, without the bodies of piles that are only linked there."""
     if not any(child.cairn.of_pile for child in collection.children_recursive):
         return list(collection.all_objects)
     found = {}

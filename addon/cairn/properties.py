@@ -1,4 +1,4 @@
-"""What the panels set."""
+"""Settings of the panels."""
 
 import bpy
 from bpy.props import (
@@ -27,17 +27,17 @@ def _is_placed(_, source):
 
 
 class CairnProp(PropertyGroup):
-    """One of the things that a pile is made of."""
+    """A prop of the pile."""
 
     object: PointerProperty(
         name="Prop",
-        description="An object, with everything below it; or an instance of a collection",
+        description="An object with all its children, or an instance of a collection",
         type=bpy.types.Object,
         poll=_is_placed,
     )
     weight: FloatProperty(
         name="Weight",
-        description="How often it is drawn, relative to the other props. 2 is twice as often as 1",
+        description="How often this prop is used, relative to the other props: 2 is twice as often as 1",
         default=1.0,
         min=0.001,
         soft_max=100.0,
@@ -45,8 +45,8 @@ class CairnProp(PropertyGroup):
     )
     scale_min: FloatProperty(
         name="Smallest",
-        description="Smallest size, as a factor on the object's own. Each body's size is drawn between the two: "
-        "evenly, unless Size Skew says otherwise",
+        description="Smallest size, as a factor of the object's own size. The size of each body is random between "
+        "Smallest and Largest; Size Skew shifts it",
         default=1.0,
         min=0.001,
         soft_max=10.0,
@@ -54,26 +54,32 @@ class CairnProp(PropertyGroup):
     )
     scale_max: FloatProperty(
         name="Largest",
-        description="Largest size, as a factor on the object's own",
+        description="Largest size, as a factor of the object's own size",
         default=1.0,
         min=0.001,
         soft_max=10.0,
         precision=2,
     )
     density: FloatProperty(
-        name="Density", description="Density, kg/m³", default=1000.0, min=0.001, max=1e6, soft_max=20000.0, precision=0
+        name="Density (kg/m³)",
+        description="Mass per volume",
+        default=1000.0,
+        min=0.001,
+        max=1e6,
+        soft_max=20000.0,
+        precision=0,
     )
     friction: FloatProperty(
         name="Friction",
-        description="Coulomb friction coefficient, no unit. Two things that touch have the mean of theirs",
+        description="Friction coefficient. A pair in contact has the mean of both",
         default=0.7,
         min=0.0,
         max=2.0,
     )
     tilt: FloatProperty(
-        name="Tilt",
-        description="Largest angle between the prop's own Z axis, or what Up says, and the vertical when it is put in "
-        "or dropped, degrees; 180 takes all rotations alike",
+        name="Tilt (°)",
+        description="Largest angle between the prop's up direction and the vertical when the prop is placed or "
+        "dropped. The up direction is the prop's Z axis, or Up. 180 allows all rotations",
         default=180.0,
         min=0.0,
         max=180.0,
@@ -81,68 +87,68 @@ class CairnProp(PropertyGroup):
     )
     up: EnumProperty(
         name="Up",
-        description="Which of the prop's own directions is up where it is laid with care (Order above 0), and from "
-        "which Tilt counts",
+        description="Axis of the prop that points up where props are laid in order (Order above 0), and from which "
+        "Tilt is measured",
         items=UPS,
         default="AUTO",
     )
     turns: EnumProperty(
         name="Turns",
-        description="How the prop may be turned about its up direction where it is laid with care (Order above 0)",
+        description="Turns about the up direction that are allowed where props are laid in order (Order above 0)",
         items=TURNS,
         default="ANY",
     )
     skew: FloatProperty(
         name="Size Skew",
-        description="How sizes spread between the smallest and the largest. -1: mostly large ones. 0: all sizes alike. "
-        "1: mostly small ones, and few large ones",
+        description="How sizes are distributed between Smallest and Largest. -1: mostly large. 0: all sizes alike. "
+        "1: mostly small, with few large",
         default=0.0,
         min=-1.0,
         max=1.0,
     )
     restitution: FloatProperty(
         name="Bounce",
-        description="How much of the speed of an impact is given back, 0 to 1",
+        subtype="FACTOR",
+        description="Share of the impact speed with which the prop bounces back",
         default=0.0,
         min=0.0,
         max=1.0,
     )
 
 
-# How much may be glued. A .blend file keeps the numbers.
+# Amounts of glue. A .blend file keeps the numbers.
 KEPT_SHAPES = [
     (
         "AS_MODELLED",
-        "As Modelled",
-        "The pile keeps the shape: where friction cannot carry it, as few bodies as possible are glued. Nothing is "
-        "where the fill or the control is off, nor at the accuracy Paper",
+        "As Modeled",
+        "The pile keeps the shape. Where friction cannot carry it, as few bodies as possible are glued. Nothing is "
+        "glued if the fill or the control is off, or at the accuracy Paper",
         "NONE",
         0,
     ),
     (
         "TACKY",
         "Tacky",
-        "Bodies are glued where that needs no more than the strength below; what would need stronger glue falls",
+        "Bodies are glued where no more than the strength below is needed. Bodies that need stronger glue fall",
         "NONE",
         1,
     ),
-    ("NATURAL", "Natural", "Nothing is glued: what friction cannot carry falls", "NONE", 2),
+    ("NATURAL", "Natural", "Nothing is glued. Bodies that friction cannot carry fall", "NONE", 2),
 ]
 OUTPUTS = [
     ("AUTO", "Automatic", "Animated objects up to 2000 bodies, instanced points beyond"),
     ("ANIMATION", "Animated Objects", "One object with keyframes for each body"),
-    ("POSE", "Final Pose", "One object for each body where it ends, without animation"),
+    ("POSE", "Final Pose", "One object for each body at its final pose, without animation"),
     ("POINTS", "Instanced Points", "One object for all bodies: points with Geometry Nodes instances, for large piles"),
 ]
 
 
 class CairnSettings(PropertyGroup):
-    """What the next bake does."""
+    """Settings of the next bake."""
 
     control_mesh: PointerProperty(
         name="Shape",
-        description="The shape that the pile shall have: a closed mesh, standing on the ground. The server calls it "
-        "the control mesh",
+        description="Closed mesh that the pile fills, standing on the ground. The server calls it the control mesh",
         type=bpy.types.Object,
         poll=_is_solid,
     )
@@ -151,8 +157,8 @@ class CairnSettings(PropertyGroup):
     )
     glue_strength: FloatProperty(
         name="Glue Strength",
-        description="The most that a dot of glue carries, in weights of a typical prop: at 5, five such props could "
-        "hang from it. With less glue more of the pile falls, with more of it the shape is kept better",
+        description="Largest load of a dot of glue, in weights of a typical prop: at 5, five such props could hang "
+        "from it. With lower strength more of the pile falls; with higher strength the pile keeps its shape better",
         default=5.0,
         min=0.0,
         max=1e9,
@@ -166,95 +172,108 @@ class CairnSettings(PropertyGroup):
         name="Props",
         description="Where the props come from",
         items=[
-            ("COLLECTION", "Collection", "All objects of a collection; children belong to their parents"),
-            ("LIST", "List", "Objects chosen one by one, with weights and sizes"),
+            ("COLLECTION", "Collection", "All objects of a collection. Children belong to their parents"),
+            ("LIST", "List", "Objects chosen one by one, each with its weight and size"),
         ],
     )
     prop_collection: PointerProperty(
         name="Props",
-        description="The things that the pile is made of: every object in this collection",
+        description="Every object in this collection is a prop of the pile",
         type=bpy.types.Collection,
     )
     # Of all objects of the collection.
     prop_common: PointerProperty(type=CairnProp)
     props: CollectionProperty(type=CairnProp)
-    active_prop: IntProperty(name="Active Prop", description="The prop whose weight and size are shown", default=0)
+    active_prop: IntProperty(name="Active Prop", description="Prop whose weight and size are shown", default=0)
     colliders: PointerProperty(
         name="Colliders",
-        description="Scenery that the bodies collide with, besides the ground: every object in this collection",
+        description="The bodies collide with every object in this collection, besides the ground",
         type=bpy.types.Collection,
     )
     collider_friction: FloatProperty(
         name="Friction",
-        description="Coulomb friction coefficient of the colliders and the ground, no unit",
+        description="Friction coefficient of the colliders and the ground",
         default=0.7,
         min=0.0,
         max=2.0,
     )
     region: PointerProperty(
         name="Region",
-        description="Where the pile is kept in shape, if not in the shape itself: a closed mesh. What is outside moves "
-        "freely",
+        description="Closed mesh inside which the pile keeps its shape, if it is not the shape itself. Bodies "
+        "outside move freely",
         type=bpy.types.Object,
         poll=_is_solid,
     )
     keep: PointerProperty(
         name="Keep",
-        description="Objects that stay exactly as you placed them: the rest is filled around them and may lean on them",
+        description="Objects that stay exactly as you placed them. The pile is filled around them and may lean on them",
         type=bpy.types.Collection,
     )
     impact: PointerProperty(
         name="Projectiles",
-        description="Objects that are thrown into the pile from where they stand. The pile has copies of them: hide "
-        "the objects themselves",
+        description="Objects that are thrown into the pile from their place. The pile has copies of them: hide the "
+        "originals",
         type=bpy.types.Collection,
     )
     impact_frame: IntProperty(
-        name="Frame", description="Frame of the scene at which they are thrown", default=50, min=-100000, max=100000
+        name="Frame",
+        description="Scene frame at which the projectiles are thrown",
+        default=50,
+        subtype="TIME",
+        min=-100000,
+        max=100000,
     )
     impact_velocity: FloatVectorProperty(
-        name="Velocity", description="Their velocity along X, Y and Z, m/s", default=(0.0, 0.0, -10.0), precision=2
+        name="Velocity (m/s)",
+        description="Velocity of the projectiles along X, Y and Z",
+        default=(0.0, 0.0, -10.0),
+        precision=2,
     )
-    use_impact_mass: BoolProperty(name="Set Mass", description="Give their mass, instead of that of their density")
+    use_impact_mass: BoolProperty(
+        name="Set Mass", description="Set the mass of the projectiles, instead of computing it from their density"
+    )
     impact_mass: FloatProperty(
-        name="Mass", description="Mass of each, kg", default=10.0, min=1e-6, soft_max=10000.0, precision=3
+        name="Mass (kg)", description="Mass of each projectile", default=10.0, min=1e-6, soft_max=10000.0, precision=3
     )
     drop_mesh: PointerProperty(
         name="Drop From",
-        description="A closed mesh inside which further props appear, one after the other, and fall",
+        description="Closed mesh inside which more props appear, one after the other, and fall",
         type=bpy.types.Object,
         poll=_is_solid,
     )
     drop_frame: IntProperty(
+        subtype="TIME",
         name="Frame",
-        description="Frame of the scene at which the first one appears",
+        description="Scene frame at which the first dropped prop appears",
         default=50,
         min=-100000,
         max=100000,
     )
-    drop_rate: FloatProperty(name="Rate", description="Props per second", default=10.0, min=0.001, soft_max=1000.0)
-    drop_count: IntProperty(name="Count", description="Props in all", default=100, min=1, max=100000)
+    drop_rate: FloatProperty(
+        name="Rate (1/s)", description="Number of dropped props per second", default=10.0, min=0.001, soft_max=1000.0
+    )
+    drop_count: IntProperty(name="Count", description="Total number of dropped props", default=100, min=1, max=100000)
     drop_velocity: FloatVectorProperty(
-        name="Velocity", description="Velocity along X, Y and Z with which they appear, m/s", precision=2
+        name="Velocity (m/s)", description="Initial velocity of the dropped props along X, Y and Z", precision=2
     )
     use_ground: BoolProperty(
         name="Ground",
-        description="Whether there is a ground plane. Without one, what misses the colliders falls and is set aside",
+        description="Use a ground plane. Without it, bodies that miss the colliders fall and are set aside",
         default=True,
     )
     use_ground_height: BoolProperty(
         name="Set Ground Height",
-        description="Give the ground's height, instead of the shape's lowest point",
+        description="Set the height of the ground, instead of using the shape's lowest point",
     )
     ground_height: FloatProperty(
-        name="Ground Height", description="Height of the ground plane, in scene units", unit="LENGTH", precision=3
+        name="Ground Height", description="Height of the ground plane", unit="LENGTH", precision=3
     )
     gravity: FloatProperty(
-        name="Gravity", description="Acceleration of gravity, downwards, m/s²", default=9.81, min=0.01, max=1000.0
+        name="Gravity (m/s²)", description="Acceleration of gravity, downward", default=9.81, min=0.01, max=1000.0
     )
     accuracy: EnumProperty(
         name="Accuracy",
-        description="How carefully is simulated. Beside each: the CPU time that a bake is expected to take",
+        description="Accuracy of the simulation. The expected CPU time of a bake is beside each",
         items=ACCURACIES,
         default="STANDARD",
     )
@@ -266,31 +285,40 @@ class CairnSettings(PropertyGroup):
     )
     use_replace: BoolProperty(
         name="Replace",
-        description="Put the new pile in the place of that which is shown. Off: a pile of another seed stays, hidden; "
-        "of the same seed, it is replaced",
+        description="Replace the pile that is shown by the new one. If off, a pile of another seed stays, hidden, "
+        "and a pile of the same seed is replaced",
     )
-    output_mode: EnumProperty(name="Output", description="What the pile becomes in Blender", items=OUTPUTS)
+    output_mode: EnumProperty(name="Output", description="Objects that the pile becomes in Blender", items=OUTPUTS)
     use_prop_collections: BoolProperty(
         name="Props' Collections",
-        description="Put each body also into the collections that its prop is in, for light linking, overrides and "
-        "export by collection. Each of them gets a collection of its own for that. Not into the one that the props "
-        "are chosen by, and not for instanced points",
+        description="Link each body also to the collections of its prop, for light linking, overrides and export by "
+        "collection. Each of them gets its own collection for the bodies. The collection that the props are chosen "
+        "by is left out. Not for instanced points",
     )
     use_report: BoolProperty(
         name="Report",
-        description="Measure the pile once it is made: how far it keeps its shape, what friction carries. The "
-        "keyframes never wait for it. Off: the CPU time is saved",
+        description="Measure the finished pile: how well it keeps its shape, and what friction carries. The "
+        "keyframes do not wait for it. Switch off to save CPU time",
         default=True,
     )
     start_frame: IntProperty(
+        subtype="TIME",
         name="Start Frame",
-        description="Frame at which the pile, just filled, begins to be let go. The scene is taken as it stands then",
+        description="Frame at which the release of the filled pile begins. The bake uses the scene as it is at this "
+        "frame",
         default=1,
     )
     use_frame_count: BoolProperty(
-        name="Set Frames", description="Bake a number of frames, instead of until the pile is at rest"
+        name="Set Frames", description="Bake a fixed number of frames, instead of until the pile is at rest"
     )
-    frame_count: IntProperty(name="Frames", description="Frames after the start frame", default=250, min=0, max=100000)
+    frame_count: IntProperty(
+        subtype="TIME",
+        name="Frames",
+        description="Number of frames after the start frame",
+        default=250,
+        min=0,
+        max=100000,
+    )
 
 
 CLASSES = [*PARAMETERS.values(), CairnArrangement, CairnProp, CairnSettings, *pile_properties.CLASSES]

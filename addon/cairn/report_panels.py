@@ -1,4 +1,4 @@
-"""The panels below the button that tell of a pile: the states of its bodies, and how the bake went."""
+"""The panels below the button that show a pile: the states of its bodies, and how the bake went."""
 
 import numpy as np
 from bpy.types import Panel
@@ -9,13 +9,13 @@ from .panels import Pile
 
 # Figures of the report, by their names there: what the panel calls them, what they mean, and how they are shown.
 FIGURES = [
-    ("kept_shape", "Kept shape", "{:.1%}"),
-    ("shape_iou", "Shape overlap", "{:.1%}"),
-    ("at_rest_fraction", "At rest", "{:.1%}"),
+    ("kept_shape", "Kept Shape", "{:.1%}"),
+    ("shape_iou", "Shape Overlap", "{:.1%}"),
+    ("at_rest_fraction", "At Rest", "{:.1%}"),
     ("unsupported_fraction", "Unsupported", "{:.1%}"),
     # Relative to the thinner body.
     ("penetration_max_rel", "Penetration", "{:.1%}"),
-    ("nails_end", "Nails at the end", "{:.0f}"),
+    ("nails_end", "Nails at End", "{:.0f}"),
 ]
 
 # Dots of glue that are listed: those that carry most.
@@ -41,7 +41,7 @@ class CAIRN_PT_states(Pile, Panel):
         else:
             now = states.at(result.chosen(context), context.scene.frame_current)
         if now is None:
-            text = "No bodies yet." if running.bake else "The control was off, or the server does not tell of states."
+            text = "No bodies yet." if running.bake else "The control was off, or the server does not report states."
             wrapped(layout, context, text, "INFO")
             return
         column = layout.column(align=True)
@@ -55,12 +55,12 @@ class CAIRN_PT_states(Pile, Panel):
 
 
 def draw_shading(layout, context):
-    """What keeps the colours from being seen."""
+    """What keeps the colors from being seen."""
     shading = context.space_data.shading
     if shading.type != "SOLID":
-        layout.prop_enum(shading, "type", "SOLID", text="Colours Need Solid Shading")
+        layout.prop_enum(shading, "type", "SOLID", text="Colors Need Solid Shading")
     elif shading.color_type != "OBJECT":
-        layout.prop_enum(shading, "color_type", "OBJECT", text="Show the Objects' Colours")
+        layout.prop_enum(shading, "color_type", "OBJECT", text="Show Object Colors")
 
 
 class CAIRN_PT_report(Pile, Panel):
@@ -74,26 +74,26 @@ class CAIRN_PT_report(Pile, Panel):
     def draw(self, context):
         layout = self.layout
         collection = result.chosen(context)
-        told = running.report_of(collection)
-        if not told.get("is_whole"):
-            wrapped(layout, context, "This bake was cancelled: it is not whole.", "INFO")
-        elif any(made.job.bake_id == told["bake_id"] for made in running.measuring):
-            layout.label(text="Being measured…", icon="TIME")
+        report = running.report_of(collection)
+        if not report.get("is_whole"):
+            wrapped(layout, context, "This bake was cancelled. The pile is incomplete.", "INFO")
+        elif any(made.job.bake_id == report["bake_id"] for made in running.measuring):
+            layout.label(text="Measuring…", icon="TIME")
         column = layout.column(align=True)
-        frames = told.get("frame_count", 0)
-        draw_figure(column, "Bodies", str(told.get("body_count", 0)))
+        frames = report.get("frame_count", 0)
+        draw_figure(column, "Bodies", str(report.get("body_count", 0)))
         draw_figure(column, "Frames", str(frames))
         for name, title, form in FIGURES:
-            value = told.get("measures", {}).get(name)
+            value = report.get("measures", {}).get(name)
             if value is not None:
                 draw_figure(column, title, form.format(value))
-        if "seconds" in told:
-            draw_figure(column, "Time", running.duration(told["seconds"]))
-        glue = running.glue_of(told)
+        if "seconds" in report:
+            draw_figure(column, "Time", running.duration(report["seconds"]))
+        glue = running.glue_of(report)
         if glue:
             wrapped(layout, context, glue)
         names = running.recipe_of(collection).get("names", {})
-        draw_folded(layout, context, wording.gathered(told.get("warnings", ()), names))
+        draw_folded(layout, context, wording.gathered(report.get("warnings", ()), names))
         if collection.cairn.mode != "POINTS":
             layout.prop(collection.cairn, "display")
         row = layout.row(align=True)
@@ -119,7 +119,7 @@ class CAIRN_PT_holds(Pile, Panel):
         layout.prop(manager, "cairn_loads")
         if states.is_by_load:
             draw_shading(layout, context)
-        wrapped(layout, context, "Dots of glue, and what they carry in weights of a typical prop:")
+        wrapped(layout, context, "Load of each dot of glue, in weights of a typical prop:")
         column = layout.column(align=True)
         for number, dot in enumerate(listed[:LISTED]):
             names = [_called(collection, objects, body) for body in (dot["body"], dot["other"])]
@@ -128,7 +128,7 @@ class CAIRN_PT_holds(Pile, Panel):
             button.collection, button.dot = collection.name, number
             row.label(text="broke" if dot["broken"] else _said(dot["load"]))
         if len(listed) > LISTED:
-            layout.label(text=f"and {len(listed) - LISTED} that carry less")
+            layout.label(text=f"and {len(listed) - LISTED} more that carry less")
 
 
 def _said(load):

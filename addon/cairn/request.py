@@ -21,7 +21,7 @@ PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
 
 @dataclass
 class Request:
-    """All that a bake needs of Blender. It is taken in one go: the scene may change afterwards."""
+    """All data of Blender that a bake needs. The scene may change afterward."""
 
     spec: object
     # The models' bytes by SHA-256.
@@ -50,13 +50,13 @@ def props_of(settings):
 
 
 def objects_of(collection):
-    """Those at the top of a collection: what is below them belongs to them."""
+    """The top objects of a collection: their children belong to them."""
     inside = dict.fromkeys(members(collection) if collection else ())
     return [source for source in inside if source.parent not in inside and source.type in PLACED]
 
 
 def is_bare(source):
-    """An empty with nothing below it: somebody's marker, not a prop."""
+    """An empty with nothing below it is a marker, not a prop."""
     family = [source, *source.children_recursive]
     return all(member.type == "EMPTY" and member.instance_collection is None for member in family)
 
@@ -73,20 +73,20 @@ def colliders_of(settings):
 
 
 def missing(settings):
-    """What is to be done before a bake, one sentence; empty if nothing is missing."""
+    """What to do before a bake, as one sentence; empty if nothing is missing."""
     if settings.control_mesh is None:
-        return "Choose the mesh that the pile shall have the shape of."
+        return "Choose the mesh that gives the pile its shape."
     if settings.control_mesh.type != "MESH":
         return "Choose a mesh as the shape."
     if not props_of(settings):
-        return "Choose the things that the pile is made of: a collection of objects, or some objects in the list."
+        return "Choose the props of the pile: a collection of objects, or some objects in the list."
     if not settings.use_ground and not colliders_of(settings) and not objects_of(settings.keep):
-        return "Everything would fall for ever. Switch the ground on, or choose colliders."
+        return "Everything would fall forever. Switch the ground on, or choose colliders."
     return ""
 
 
 def take(context, passive=False):
-    """The request of a scene as it stands now."""
+    """The request of the current scene."""
     return finish(taking(context, passive))
 
 
@@ -101,7 +101,7 @@ def finish(generator):
 
 
 def advance(generator, seconds, take):
-    """Runs a generator for so long, or until it waits. Whether there is more to do; `take` gets what it returns."""
+    """Runs a generator for some time, or until it waits. Returns whether there is more; `take` gets the result."""
     until = time.monotonic() + seconds
     try:
         while next(generator) is not WAITING and time.monotonic() < until:
@@ -129,7 +129,7 @@ def taking(context, passive=False):
     moving = [] if passive else placed.moving(context, colliders)
     statics = yield from exporter.scenery([source for source in colliders if source not in moving])
 
-    told = v1.Scene(
+    scene_message = v1.Scene(
         control_mesh=v1.ControlMesh(path=control.uri if control else ""),
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
         seed=settings.seed,
@@ -137,22 +137,22 @@ def taking(context, passive=False):
         ground_friction=round(settings.collider_friction, 6),
     )
     if not settings.use_ground:
-        told.ground = False
+        scene_message.ground = False
     if settings.use_ground_height:
-        told.ground_height = settings.ground_height * exporter.metres
+        scene_message.ground_height = settings.ground_height * exporter.metres
     for prop, (_, item) in zip(props, chosen):
-        told.props.append(prop_message(v1, prop.model.uri, item))
+        scene_message.props.append(prop_message(v1, prop.model.uri, item))
     for _, model in statics:
-        told.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
-    extras = placed.Extras(v1, told, exporter, settings)
+        scene_message.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
+    extras = placed.Extras(v1, scene_message, exporter, settings)
     yield from extras.add_moving(context, moving)
     extras.add_region()
     extras.add_drops()
     yield from extras.add_bodies(objects_of(settings.keep), objects_of(settings.impact))
-    _set_parameters(v1, told, settings)
-    told.output.fps = scene.render.fps / scene.render.fps_base
+    _set_parameters(v1, scene_message, settings)
+    scene_message.output.fps = scene.render.fps / scene.render.fps_base
     if settings.use_frame_count:
-        told.output.frames = settings.frame_count
+        scene_message.output.frames = settings.frame_count
 
     models = [*(prop.model for prop in props), *(model for _, model in statics), *extras.models]
     names = {}
@@ -180,7 +180,7 @@ def taking(context, passive=False):
         ],
         "names": names,
         "notes": [
-            f"{model.uri}: it moves, but is taken as it stands at the start frame"
+            f"{model.uri}: it moves, but the bake uses its pose at the start frame"
             for source, model in statics
             if placed.is_animated(source)
         ],
@@ -191,7 +191,9 @@ def taking(context, passive=False):
     }
     named = {"control": settings.control_mesh, **{f"props.{n}": prop.source for n, prop in enumerate(props)}}
     named.update(pointers.of(settings, "settings."))
-    return Request(v1.BakeSpec(scene=told, assets=assets), exporter.contents, props, recipe, exporter.problems, named)
+    return Request(
+        v1.BakeSpec(scene=scene_message, assets=assets), exporter.contents, props, recipe, exporter.problems, named
+    )
 
 
 def prop_message(v1, uri, item):
@@ -212,8 +214,8 @@ def prop_message(v1, uri, item):
     return prop
 
 
-def _set_parameters(v1, told, settings):
-    """What is set by hand; the rest is the accuracy's."""
+def _set_parameters(v1, scene_message, settings):
+    """Sets the parameters that are set by hand; the others have the accuracy's values."""
     for message, name in GROUPS.items():
         group = getattr(settings, name, None)
         for field in fields_of(message) if group else ():
@@ -225,22 +227,22 @@ def _set_parameters(v1, told, settings):
             elif field["kind"] == "float":
                 # As the artist typed it: Blender keeps single precision.
                 value = float(f"{value:.7g}")
-            setattr(getattr(told, name), field["name"], value)
-    arrangement.set_fill(v1, told.fill, settings)
+            setattr(getattr(scene_message, name), field["name"], value)
+    arrangement.set_fill(v1, scene_message.fill, settings)
     if knows("Glue"):
-        _set_glue(v1, told.glue, settings)
+        _set_glue(v1, scene_message.glue, settings)
     if not settings.use_report:
-        leave_figures(v1, told)
+        leave_figures(v1, scene_message)
 
 
-def leave_figures(v1, told):
-    """Nothing is measured of the finished pile."""
+def leave_figures(v1, scene_message):
+    """Switches all measures of the finished pile off."""
     for field in fields_of("Figures"):
-        setattr(told.report, field["name"], v1.SWITCH_OFF)
+        setattr(scene_message.report, field["name"], v1.SWITCH_OFF)
 
 
 def _set_glue(v1, glue, settings):
-    """As modelled is what the service does by itself, where there is something to glue."""
+    """As modeled is the service's default where there is something to glue."""
     if settings.kept_shape == "NATURAL":
         glue.mode = v1.GLUE_MODE_NATURAL
     elif settings.kept_shape == "TACKY":

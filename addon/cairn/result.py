@@ -1,4 +1,4 @@
-"""A finished bake -> objects: its own collection, sharing the props' data; and taking it away again."""
+"""Makes objects from a finished bake: a new collection that shares the props' data. Deletes it again."""
 
 import json
 
@@ -33,18 +33,18 @@ class BodyMotion:
 
 
 def piles(scene, control):
-    """The collections with piles of a control mesh in a scene, those that are shown first."""
+    """The collections with piles of a control mesh in a scene, visible ones first."""
     inside = [c for c in scene.collection.children_recursive if c.cairn.is_result and c.cairn.control == control]
     return sorted(inside, key=lambda collection: collection.hide_viewport)
 
 
 def existing(scene, control):
-    """The collection with the pile of a control mesh in a scene, if there is one: that which is shown."""
+    """The collection with the visible pile of a control mesh in a scene, if there is one."""
     return next(iter(piles(scene, control)), None)
 
 
 def replaced(scene, control, settings):
-    """The pile whose place a new one takes; None if all stay. `settings`: as `to_dict` gives them."""
+    """The pile that a new one replaces; None if all stay. `settings`: as `to_dict` gives them."""
     found = piles(scene, control)
     if settings.get("use_replace", True) and found:
         return found[0]
@@ -62,13 +62,13 @@ def seed_of(collection):
 
 
 def show_only(scene, collection):
-    """Of the piles of a control mesh, one is shown."""
+    """Shows one of the piles of a control mesh."""
     for other in piles(scene, collection.cairn.control):
         prop_collections.show(other, other == collection)
 
 
 def chosen(context):
-    """The pile that the panels speak of: that of the control mesh, or that which the active object belongs to."""
+    """The pile that the panels show: that of the control mesh, or that of the active object."""
     control, active = context.scene.cairn.control_mesh, context.object
     found = existing(context.scene, control) if control else None
     if found is None and active:
@@ -84,9 +84,9 @@ def mode_of(recipe, body_count):
     return "POINTS" if body_count > MAX_OBJECTS else "ANIMATION"
 
 
-def build(context, motion, recipe, told):
+def build(context, motion, recipe, record):
     """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing of the
-    pile is in the scene before the end. `told`: what the collection remembers. Returns the collection."""
+    pile is in the scene before the end. `record`: what the collection remembers. Returns the collection."""
     scene, found = pointers.asked(recipe)
     scene = scene or context.scene
     control = found.get("control") or bpy.data.objects.get(recipe["control"])
@@ -123,7 +123,7 @@ def build(context, motion, recipe, told):
     collection = _collection(scene, control, name, recipe.get("settings", {}))
     # Slow for many one by one; and until here nobody has seen them.
     _link(objects, collection)
-    _remember(scene, collection, recipe, told, mode, control)
+    _remember(scene, collection, recipe, record, mode, control)
     pointers.write(collection.cairn.pointers, found)
     prop_collections.refresh(collection, sources)
     pointers.forget(recipe)
@@ -171,7 +171,7 @@ def _body(made, moved, body, mode, start_frame):
 
 
 def still_body(made, moved, body, number):
-    """A body where it is in the last frame."""
+    """Sets a body to its pose in the last frame."""
     shown = _body(made, moved, body, "POSE", 0)
     shown.cairn.number = number
     return shown
@@ -187,7 +187,7 @@ def _numbered(name, made):
 
 
 def _collection(scene, control, name, settings):
-    """The collection of the result, empty: the one that it replaces, or a new one."""
+    """The empty collection of the result: the one that it replaces, or a new one."""
     collection, before = replaced(scene, control, settings), existing(scene, control)
     if collection:
         clear(collection)
@@ -203,7 +203,7 @@ def _collection(scene, control, name, settings):
     return collection
 
 
-def _remember(scene, collection, recipe, told, mode, control):
+def _remember(scene, collection, recipe, record, mode, control):
     note = collection.cairn
     if control and not note.is_result:
         note.control_hide_render, note.control_display_type = control.hide_render, control.display_type
@@ -211,10 +211,10 @@ def _remember(scene, collection, recipe, told, mode, control):
     note.control = control
     note.mode = mode
     note.use_prop_collections = recipe.get("settings", {}).get("use_prop_collections", False)
-    note.bake_id = told.get("bake_id", "")
-    note.result_hash = told.get("result_hash", "")
+    note.bake_id = record.get("bake_id", "")
+    note.result_hash = record.get("result_hash", "")
     note.settings = json.dumps(recipe)
-    note.report = json.dumps(told)
+    note.report = json.dumps(record)
     if control:
         control.hide_render = True
         # The pile stands where the mesh is.
@@ -223,7 +223,7 @@ def _remember(scene, collection, recipe, told, mode, control):
 
 
 def clear(collection):
-    """Takes the bodies away, and what was made for them alone."""
+    """Deletes the bodies, and the data that only they use."""
     states.restore()
     prop_collections.remove(collection)
     before = _made_by(collection)
@@ -235,7 +235,7 @@ def clear(collection):
 
 
 def delete(collection):
-    """Takes a baked pile away, and shows the control mesh as it was."""
+    """Deletes a baked pile, and shows the control mesh as before."""
     note = collection.cairn
     others = [pile for pile in piles(bpy.context.scene, note.control) if pile != collection] if note.control else []
     if others:
@@ -249,7 +249,7 @@ def delete(collection):
 
 
 def _made_by(collection):
-    """Data blocks that the bodies use, in groups to be looked at in this order once the bodies are gone."""
+    """Data blocks that the bodies use, in groups to be checked in this order after the bodies are deleted."""
     actions, groups, meshes, outer, inner, tables = set(), set(), set(), set(), set(), set()
     for body in collection.objects:
         if body.animation_data and body.animation_data.action:

@@ -15,7 +15,7 @@ STAGES = {
     "STAGE_SHAPE": "Splitting shapes",
     "STAGE_FILL": "Filling",
     "STAGE_GLUE": "Placing glue",
-    "STAGE_RELEASE": "Letting go",
+    "STAGE_RELEASE": "Releasing",
     "STAGE_HOLD": "Coming to rest",
     "STAGE_MEASURE": "Measuring",
 }
@@ -23,19 +23,19 @@ STAGES = {
 # A body that moves less than this from a frame to the next, relative to the median diameter, is at rest.
 REST = 1e-3
 
-# How often a bake that only measures is looked at, s.
+# How often a bake that only measures is polled, s.
 TICK = 0.25
 
-# Time left is doubted from this much more than was told, and this many seconds besides.
+# The time left is unknown if a new estimate exceeds the last one by this factor and this many seconds.
 DOUBT = 1.5, 3.0
 
 # The bake that runs or was stopped and waits for a decision; None if there is none.
 bake = None
 # The latest answer to "Check", for the panel; and whether the scene has changed since.
 plan, plan_is_old = None, False
-# What was found wrong with the scene, for the panel; and the objects' names by what the server calls them.
+# Problems of the scene, for the panel; and the objects' names by the server's names for them.
 problems, names = [], {}
-# A bake of this file that was under way when it was closed.
+# A bake of this file that was running when it was closed.
 left = None
 # Bakes whose pile is there already, while the server still measures it.
 measuring = []
@@ -44,7 +44,7 @@ _late = {}
 
 
 class Bake:
-    """A job with what is known of it."""
+    """A job with its progress."""
 
     def __init__(self, server):
         self.recipe = {}
@@ -71,7 +71,7 @@ class Bake:
             pending.note(self.recipe, "")
 
     def resume(self, recipe, bake_id):
-        """What was asked for before: the server has it, or its request is still kept."""
+        """Continues an earlier bake: the server has it, or its request is still kept."""
         self.recipe, self.job.bake_id = recipe, bake_id
         self.job.kept = pending.request_folder(recipe)
 
@@ -80,7 +80,7 @@ class Bake:
             self.job.start()
 
     def stop(self):
-        """Ends at once; the server hears of it in the background."""
+        """Ends at once; the server is informed in the background."""
         self.is_stopping = True
         self.state = "Stopping"
         self.job.stop()
@@ -89,7 +89,7 @@ class Bake:
         pending.forget(self.recipe)
 
     def kept_kind(self):
-        """What there is to be kept, as a button says it; empty if it is nothing."""
+        """The text of the button that keeps the unfinished result; empty if there is none."""
         if self.frame_count:
             return f"Keep the {self.frame_count} Frames"
         latest = self.job.latest
@@ -97,21 +97,21 @@ class Bake:
         return f"Keep the {count} Bodies as They Are" if count else ""
 
     def keep(self):
-        """Takes what there is for the result."""
+        """Uses the unfinished result as the result."""
         self.end, self.is_stopping = "kept", False
         if not self.frame_count:
             self.recipe = {**self.recipe, "output_mode": "POSE"}
 
     def motion(self):
-        """The result; of a bake that was stopped while it filled, the bodies as they were."""
+        """The result; of a bake that was stopped during the fill, the bodies at their place in it."""
         return self.job.recording.motion() or Motion.of([self.job.latest])
 
     def poll(self, wait=0.0):
-        """Takes the news. Whether there were any."""
+        """Reads the job's messages. Returns whether there were any."""
         is_new = False
         while not self.end:
             try:
-                kind, what = self.job.news.get(timeout=wait) if wait else self.job.news.get_nowait()
+                kind, what = self.job.messages.get(timeout=wait) if wait else self.job.messages.get_nowait()
             except queue.Empty:
                 break
             is_new, wait = True, 0.0
@@ -158,13 +158,13 @@ class Bake:
         return self.progress.fraction if self.progress else 0.0
 
     def counts(self, most=None):
-        """Bodies, and what they do, as one line of `most` figures."""
+        """Counts of bodies by state, as one line of at most `most` figures."""
         progress = self.progress
         if progress is None or not progress.body_count:
             return ""
         parts = [f"{progress.body_count} bodies"]
         if 0 < progress.released_count < progress.body_count:
-            parts.append(f"{progress.released_count} let go")
+            parts.append(f"{progress.released_count} released")
         if progress.at_rest_count:
             parts.append(f"{progress.at_rest_count} at rest")
         if progress.nail_count:
@@ -174,9 +174,9 @@ class Bake:
     def time_left(self):
         if self.progress is None or self.is_stopping:
             return ""
-        seconds = self.left.told(time.monotonic())
+        seconds = self.left.remaining(time.monotonic())
         if seconds is None:
-            return "Time left: not known yet"
+            return "Time left: unknown"
         return f"{duration(seconds)} left in this stage" if seconds >= 1 else ""
 
     def line(self):
@@ -184,20 +184,20 @@ class Bake:
         if self.written is not None:
             return f"Making the objects, {self.written:.0%}"
         share = f"{self.share():.0%}" if self.progress and not self.is_stopping else ""
-        left = self.time_left() if self.left.told(time.monotonic()) is not None else ""
+        left = self.time_left() if self.left.remaining(time.monotonic()) is not None else ""
         return ", ".join(part for part in (self.stage(), share, self.counts(), left) if part)
 
-    def told(self):
-        """What the result's collection is to remember: plain values."""
-        told = {"bake_id": self.job.bake_id, "is_whole": self.has_all_frames and self.end != "kept"}
-        told["warnings"] = []
+    def record(self):
+        """Values that the result's collection remembers."""
+        record = {"bake_id": self.job.bake_id, "is_whole": self.has_all_frames and self.end != "kept"}
+        record["warnings"] = []
         if self.accepted:
             versions = self.accepted.versions
-            told["versions"] = {"cairn": versions.cairn, "rapier3d": versions.rapier3d, "clarabel": versions.clarabel}
-            told["warnings"] += self.accepted.plan.warnings
+            record["versions"] = {"cairn": versions.cairn, "rapier3d": versions.rapier3d, "clarabel": versions.clarabel}
+            record["warnings"] += self.accepted.plan.warnings
         if self.summary:
             summary = self.summary
-            told.update(
+            record.update(
                 result_hash=summary.result_blake3,
                 body_count=summary.body_count,
                 frame_count=summary.frame_count,
@@ -212,16 +212,16 @@ class Bake:
                 cpu_seconds=round(summary.cpu_seconds, 3),
                 stage_seconds={name: round(value, 3) for name, value in sorted(summary.stage_seconds.items())},
                 seconds=round(time.monotonic() - self.began, 3),
-                dots=dots.told(self.job, self.job.report, self.recipe["metres"]),
+                dots=dots.remembered(self.job, self.job.report, self.recipe["metres"]),
             )
         else:
             bodies = len(self.job.recording.props) if self.frame_count else int(self.job.latest.present.sum())
-            told.update(body_count=bodies, frame_count=self.frame_count)
-        told["warnings"] += self.recipe.get("notes", ())
-        return told
+            record.update(body_count=bodies, frame_count=self.frame_count)
+        record["warnings"] += self.recipe.get("notes", ())
+        return record
 
     def at_rest(self):
-        """Share of the bodies that stood in the last frame where they were in the one before."""
+        """Share of the bodies that did not move between the last two frames."""
         frames = self.job.recording.frames[-2:]
         before, after = frames[0], frames[-1]
         count = len(before.props)
@@ -235,7 +235,7 @@ class Bake:
 
 
 class TimeLeft:
-    """What is left of a stage, as a person is told it: it only falls, or it is not known."""
+    """The time left of a stage, as a person sees it: it only falls, or it is unknown."""
 
     def __init__(self):
         self.stage = self.end = None
@@ -253,7 +253,7 @@ class TimeLeft:
             factor, more = DOUBT
             self.is_doubted = seconds > factor * max(self.end - now, 0.0) + more
 
-    def told(self, now):
+    def remaining(self, now):
         """Seconds; None if they are not known."""
         return None if self.end is None or self.is_doubted else max(self.end - now, 0.0)
 
@@ -269,16 +269,16 @@ def duration(seconds):
 def report_of(collection):
     """What a result's collection remembers of its bake."""
     try:
-        told = json.loads(collection.cairn.report)
+        report = json.loads(collection.cairn.report)
     except ValueError:
-        told = {}
-    return told if "measures" in told else _late.get(collection.cairn.bake_id, told)
+        report = {}
+    return report if "measures" in report else _late.get(collection.cairn.bake_id, report)
 
 
-def glue_of(told):
-    """What a pile's report says of its glue, in words; empty if nothing was to be glued."""
-    share = told.get("measures", {}).get("glued_body_fraction")
-    counts = told.get("counts", {})
+def glue_of(report):
+    """A summary of a pile's glue; empty if gluing was off."""
+    share = report.get("measures", {}).get("glued_body_fraction")
+    counts = report.get("counts", {})
     dots = counts.get("glue_dots", 0)
     if share is None:
         return ""
@@ -286,10 +286,10 @@ def glue_of(told):
         return "Nothing is glued."
     sentences = ["1 dot of glue joins" if dots == 1 else f"{dots} dots of glue join"]
     sentences[0] += f" {share:.0%} of the bodies."
-    anchors = round(told["measures"].get("anchored") or 0)
+    anchors = round(report["measures"].get("anchored") or 0)
     if anchors:
         dots_hold = "1 dot holds" if anchors == 1 else f"{anchors} dots hold"
-        sentences.append(f"{dots_hold} on to the ground or to scenery.")
+        sentences.append(f"{dots_hold} the pile to the ground or to scenery.")
     broken = counts.get("glue_dots_broken", 0)
     if broken:
         sentences.append(f"{broken} broke.")
@@ -297,7 +297,7 @@ def glue_of(told):
 
 
 def wait_for_report(made):
-    """The pile of a bake is there, but for the report: that is added when it comes."""
+    """The pile of a bake is made without its report, which is added later."""
     measuring.append(made)
     if not bpy.app.timers.is_registered(_collect):
         bpy.app.timers.register(_collect, first_interval=TICK)
@@ -309,13 +309,15 @@ def _collect():
         if made.end:
             measuring.remove(made)
         if made.end == "done":
-            told = _late[made.job.bake_id] = {**made.told(), **_by_hand(made.job.bake_id)}
+            record = _late[made.job.bake_id] = {**made.record(), **_by_hand(made.job.bake_id)}
             for collection in bpy.data.collections:
                 if collection.cairn.is_result and collection.cairn.bake_id == made.job.bake_id:
-                    if report_of(collection)["frame_count"] != told["frame_count"]:
-                        told["warnings"].append("the server told of its last frames too late; bake again to have them")
-                    collection.cairn.report = json.dumps(told)
-                    collection.cairn.result_hash = told["result_hash"]
+                    if report_of(collection)["frame_count"] != record["frame_count"]:
+                        record["warnings"].append(
+                            "the last frames came from the server too late; bake again to get them"
+                        )
+                    collection.cairn.report = json.dumps(record)
+                    collection.cairn.result_hash = record["result_hash"]
     for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
         if area.type == "VIEW_3D":
             area.tag_redraw()
@@ -323,7 +325,7 @@ def _collect():
 
 
 def _by_hand(bake_id):
-    """What the pile of a bake has of the work by hand, which no bake knows of."""
+    """Data of edits by hand in the pile of a bake, which the bake does not have."""
     for collection in bpy.data.collections:
         if collection.cairn.is_result and collection.cairn.bake_id == bake_id and collection.cairn.settled:
             before = report_of(collection)
@@ -332,7 +334,7 @@ def _by_hand(bake_id):
 
 
 def end():
-    """Nothing runs any more, and nothing waits for a decision."""
+    """Ends: no bake runs, and none waits for a decision."""
     global bake
     if bake is not None:
         pointers.forget(bake.recipe)
@@ -340,7 +342,7 @@ def end():
 
 
 def forget_all():
-    """Another file is opened, or the add-on ends: the server bakes on, and nobody listens."""
+    """Called when another file is opened or the add-on ends: the server continues, and nobody listens."""
     global bake, plan, left, problems
     for other in [bake, *measuring]:
         if other is not None:

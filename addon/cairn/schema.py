@@ -1,4 +1,4 @@
-"""The groups of parameters, made of the scene's schema: its comments are their tooltips."""
+"""The groups of parameters, made from the scene's schema. Its comments are their tooltips."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
 from bpy.types import PropertyGroup
 
 FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
-# What the add-on sets itself, from its own properties or from Blender's scene.
+# Fields that the add-on sets itself, from its own properties or from Blender's scene.
 OWN = {
     *(("Fill", name) for name in ("order", "surface", "shake", "layout", "sort_by", "descending", "gaps")),
     ("Output", "fps"),
@@ -29,14 +29,26 @@ GROUPS = {
     "Effects": "effects",
     "Figures": "report",
 }
-# Fields whose name alone does not say what they do, and what a value that the accuracy leaves open begins with.
-TITLES = {"shell": "Only Near the Surface"}
+# Labels of fields and values whose name does not say what they do, has no unit, or is not in US English.
+TITLES = {
+    "as_modelled": "As Modeled",
+    "interval_natural": "Interval (Relative)",
+    "interval_seconds": "Interval (s)",
+    "kappa": "Nail Strength (N·s/kg)",
+    "neighbours": "Neighbors",
+    "shell": "Only Near the Surface",
+    "spread_area": "Spread (m²)",
+    "spread_relative": "Spread (Relative)",
+    "step_natural": "Step (Relative)",
+    "step_seconds": "Step (s)",
+}
+# First values of fields that the accuracy leaves open.
 FIRST = {"shell": 1.0}
 
 
 def knows(message, field=None):
     """Whether the schema has a message, or a field in it."""
-    return message in FIELDS and (field is None or any(told["name"] == field for told in FIELDS[message]))
+    return message in FIELDS and (field is None or any(known["name"] == field for known in FIELDS[message]))
 
 
 def fields_of(message):
@@ -79,7 +91,7 @@ def items_of(field):
 
 
 def title(name):
-    return TITLES.get(name) or name.replace("_", " ").title()
+    return TITLES.get(name.lower()) or name.replace("_", " ").title()
 
 
 def _only_one(message, field):
@@ -102,7 +114,7 @@ def _group(message):
     properties = {}
     for field in fields_of(message):
         properties[field["name"]] = _property(field)
-        about = f"Set {title(field['name'])} here, instead of by the accuracy"
+        about = f"Set {title(field['name'])} here, instead of using the value of the accuracy"
         properties["use_" + field["name"]] = BoolProperty(
             name="Set " + title(field["name"]), description=about, update=_only_one(message, field)
         )
@@ -112,7 +124,7 @@ def _group(message):
 PARAMETERS = {message: _group(message) for message in GROUPS if message in FIELDS}
 
 
-# From the quickest on; those that the schema has.
+# In ascending order of cost; only those in the schema.
 BY_COST = ("DRAFT", "PREVIEW", "STANDARD", "FINE", "REFERENCE", "PAPER")
 ACCURACIES = sorted(
     items_of(next(field for field in FIELDS["Scene"] if field["name"] == "accuracy")),

@@ -16,10 +16,10 @@ from pathlib import Path
 from .client import Fault, Target
 
 NAME = "cairn.exe" if os.name == "nt" else "cairn"
-# How long a server may take to listen, and to end when it is told twice, s.
+# How long a server may take to listen, and to end after a second signal, s.
 START = 20.0
 END = 5.0
-# A bake that runs when Blender quits may end within this, s; its result is there when the file is opened again.
+# Longest time for a running bake to finish after Blender quits, s; its result is offered when the file is opened again.
 DRAIN = 3600
 
 
@@ -56,7 +56,7 @@ class LocalServer:
 
     @property
     def note(self):
-        """Where a running server is told of: address, token, process id."""
+        """The file that describes a running server: address, token, process id."""
         return self.folder / "server.json"
 
     def reach(self, program):
@@ -65,23 +65,23 @@ class LocalServer:
             self.is_used = True
             return self._running() or self._start(program)
 
-    def _told(self):
+    def _read_note(self):
         try:
             return json.loads(self.note.read_text())
         except (OSError, ValueError):
             return None
 
     def _running(self):
-        told = self._told()
-        if not told or not _listens(told["address"]):
+        note = self._read_note()
+        if not note or not _listens(note["address"]):
             return None
-        return Target(told["address"], told["token"])
+        return Target(note["address"], note["token"])
 
     def _start(self, program):
         self.folder.mkdir(parents=True, exist_ok=True)
         token, listen = secrets.token_hex(32), "127.0.0.1:0"
         if hasattr(socket, "AF_UNIX") and os.name != "nt":
-            # Only this user reaches it.
+            # Only this user can reach it.
             listen = f"unix:{tempfile.mkdtemp(prefix='cairn-')}/socket"
         command = [program, "serve", "--listen", listen, "--data", self.folder / "data", "--drain-seconds", str(DRAIN)]
         log = self.folder / "server.log"
@@ -108,36 +108,36 @@ class LocalServer:
             running = self._running()
             if running:
                 return running
-            told = log.read_text(errors="replace").strip().splitlines()[-8:]
-            raise Fault("The server does not start: " + ("\n".join(told) or f"{program} says nothing."))
+            lines = log.read_text(errors="replace").strip().splitlines()[-8:]
+            raise Fault("The server does not start: " + ("\n".join(lines) or f"{program} prints nothing."))
         self._write({"address": address, "token": token, "pid": process.pid})
         return Target(address, token)
 
-    def _write(self, told):
+    def _write(self, note):
         # Readable by this user alone from the beginning, and whole at any time.
         part = self.note.with_suffix(".part")
         part.unlink(missing_ok=True)
         with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-            json.dump(told, file)
+            json.dump(note, file)
         part.replace(self.note)
 
     def stop(self):
         """Asks the server to end, which it does after its last bake."""
-        told = self._told()
-        if self.is_used and told and _listens(told["address"]):
-            _signal(told["pid"])
+        note = self._read_note()
+        if self.is_used and note and _listens(note["address"]):
+            _signal(note["pid"])
         self.is_used = False
 
     def stop_now(self):
-        """Ends a server that is ending already, at once. The next one takes its bakes up again."""
+        """Kills a server that is already ending. The next one resumes its bakes."""
         with self.lock:
-            told = self._told()
-            if not told:
+            note = self._read_note()
+            if not note:
                 return
-            _signal(told["pid"])
+            _signal(note["pid"])
             until = time.monotonic() + END
-            while _listens(told["address"]) and time.monotonic() < until:
-                _signal(told["pid"])
+            while _listens(note["address"]) and time.monotonic() < until:
+                _signal(note["pid"])
                 time.sleep(0.1)
 
 
@@ -163,12 +163,12 @@ def _signal(pid):
 
 
 def _first_line(process):
-    """What the server prints once it listens; empty if it ends or says nothing in time."""
+    """The first line of the server's output; empty if it ends or prints nothing in time."""
     timer = threading.Timer(START, process.kill)
     timer.start()
     try:
         return process.stdout.readline().decode(errors="replace").strip()
     finally:
         timer.cancel()
-        # Its end is nobody's child's loss: a server outlives its Blender by the bakes that it has.
+        # Not a child to wait for: a server outlives its Blender until its bakes are done.
         threading.Thread(target=process.wait, daemon=True).start()

@@ -1,4 +1,4 @@
-"""What the buttons do to the settings: choosing props, checking the scene, finding objects, trying the server."""
+"""Operators on the settings: choose props, check the scene, select objects, test the server."""
 
 import concurrent.futures
 import time
@@ -12,15 +12,15 @@ from .client import Fault
 from .following import explain, explaining, is_running, start_frame
 from .schema import GROUPS
 
-# How often an answer of the server is looked for, how long the scene is read at a time, and how long the preferences
-# wait for an answer, s.
+# How often to poll for the server's answer, the time per slice for reading the scene, and how long the preferences wait
+# for an answer, s.
 TICK = 0.05
 SLICE = 0.025
 PATIENCE = 20.0
 
 
 class CAIRN_OT_use_selected(Operator):
-    """Take the active mesh as the shape that the pile shall have"""
+    """Use the active mesh as the shape of the pile"""
 
     bl_idname = "cairn.use_selected"
     bl_label = "Use Active Mesh"
@@ -52,7 +52,7 @@ class CAIRN_OT_add_props(Operator):
             if s.type in request.PLACED and s.parent not in chosen and s not in known
         ]
         if not new:
-            return explain(self, Fault("Select the objects that the pile shall be made of, then press this button."))
+            return explain(self, Fault("Select the objects to use as props, then press this button."))
         settings.prop_source = "LIST"
         for source in new:
             settings.props.add().object = source
@@ -61,7 +61,7 @@ class CAIRN_OT_add_props(Operator):
 
 
 class CAIRN_OT_remove_prop(Operator):
-    """Take the prop off the list. The object stays"""
+    """Remove the prop from the list. The object stays"""
 
     bl_idname = "cairn.remove_prop"
     bl_label = "Remove Prop"
@@ -79,7 +79,7 @@ class CAIRN_OT_remove_prop(Operator):
 
 
 class _Waits:
-    """What an operator needs that looks for an answer now and then, while Blender goes on."""
+    """Common part of operators that poll for an answer while Blender continues."""
 
     timer = answer = None
 
@@ -101,7 +101,7 @@ class _Waits:
 
 
 class CAIRN_OT_check(_Waits, Operator):
-    """Ask the server what a bake would do, and what is wrong with the scene. Nothing is simulated"""
+    """Validate the scene and estimate the bake, without simulating it"""
 
     bl_idname = "cairn.check"
     bl_label = "Check"
@@ -126,7 +126,7 @@ class CAIRN_OT_check(_Waits, Operator):
             if bpy.app.background:
                 return self.execute(context)
             self.slices = self._ask(context)
-            # What is lacking is told at once.
+            # Missing settings are reported at once.
             self._read()
             return self._wait(context)
         return {"CANCELLED"}
@@ -140,7 +140,7 @@ class CAIRN_OT_check(_Waits, Operator):
             self.cancel(context)
             return {"CANCELLED"}
         if event.type != "TIMER":
-            # While the scene is read, what the artist did would end up between.
+            # While the scene is read, edits of the artist would fall between its parts.
             return {"RUNNING_MODAL"} if self.slices else {"PASS_THROUGH"}
         with explaining(self):
             if self.slices:
@@ -177,7 +177,7 @@ class CAIRN_OT_check(_Waits, Operator):
 
 
 class CAIRN_OT_select(Operator):
-    """Select the object that this is about"""
+    """Select the object that this message is about"""
 
     bl_idname = "cairn.select"
     bl_label = "Select Object"
@@ -199,7 +199,7 @@ class CAIRN_OT_select(Operator):
 
 
 class CAIRN_OT_test_server(_Waits, Operator):
-    """Connect to the server, starting it if it is on this computer, and tell its version"""
+    """Connect to the server, starting it if it is on this computer, and show its version"""
 
     bl_idname = "cairn.test_server"
     bl_label = "Test Server"
@@ -220,23 +220,23 @@ class CAIRN_OT_test_server(_Waits, Operator):
         if event.type != "TIMER" or not (self.answer.done() or time.monotonic() > self.end):
             return {"PASS_THROUGH"}
         self._leave(context)
-        return self._tell(0.0)
+        return self._show_answer(0.0)
 
     def execute(self, context):
         with explaining(self):
             self._ask(context)
-            return self._tell(PATIENCE)
+            return self._show_answer(PATIENCE)
         return {"CANCELLED"}
 
-    def _tell(self, patience):
+    def _show_answer(self, patience):
         try:
-            told = self.answer.result(patience)
+            info = self.answer.result(patience)
         except Fault as fault:
             return explain(self, fault)
         except concurrent.futures.TimeoutError:
             self.answer.cancel()
             return explain(self, Fault("The server does not answer. Check its address."))
-        self.report({"INFO"}, f"Cairn {told.versions.cairn} answers, with {told.limits.worker_count} bakes at once")
+        self.report({"INFO"}, f"Cairn {info.versions.cairn} answers. It runs {info.limits.worker_count} bakes at once")
         return {"FINISHED"}
 
 
@@ -252,7 +252,7 @@ class CAIRN_OT_preferences(Operator):
 
 
 class CAIRN_OT_clear_parameters(Operator):
-    """Leave all parameters of this group to the accuracy"""
+    """Reset all parameters of this group to the values of the accuracy"""
 
     bl_idname = "cairn.clear_parameters"
     bl_label = "Reset"
@@ -260,7 +260,7 @@ class CAIRN_OT_clear_parameters(Operator):
 
     group: EnumProperty(
         name="Group",
-        description="Which parameters",
+        description="Group of parameters to reset",
         items=[(name, name.title(), "") for name in GROUPS.values()],
     )
 

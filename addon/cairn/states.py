@@ -1,5 +1,5 @@
-"""Bodies coloured by what the control made of them, as long as that is switched on. The .blend never has the colours:
-they are taken away before it is saved, and the handler that follows the frames is not part of it."""
+"""Colors bodies by state or by load, while that is switched on. The .blend never has the colors: they are removed
+before it is saved, and the handler that follows the frames is not part of it."""
 
 import base64
 import functools
@@ -13,36 +13,36 @@ from bpy.props import BoolProperty
 
 from . import dots, points, running, timing
 
-# By the number of `BodyState`: what the panel calls it, and its colour (sRGB) from a palette (Okabe and Ito's) that the
-# colour-blind tell apart, too.
+# By the number of `BodyState`: its label, and its color (sRGB) from a palette (Okabe and Ito's) that the
+# color-blind can distinguish, too.
 STATES = [
     ("Free", (0.93, 0.93, 0.93)),
     ("Waiting", (0.50, 0.50, 0.50)),
     ("Unstable", (0.84, 0.37, 0.00)),
     ("Candidate", (0.34, 0.71, 0.91)),
     ("Held", (0.00, 0.45, 0.70)),
-    ("Outside the region", (0.94, 0.89, 0.26)),
+    ("Outside the Region", (0.94, 0.89, 0.26)),
     ("Kept", (0.80, 0.47, 0.65)),
-    # A light and a dark green: not the palette's own, which is too near to grey for some.
+    # A light and a dark green: not the palette's own, which is too near to gray for some.
     ("Glued", (0.55, 0.85, 0.67)),
     ("Anchored", (0.00, 0.35, 0.25)),
 ]
 COLORS = np.array([color for _, color in STATES])
-# Behind them: those of loads.
+# After these, the colors of loads.
 ALL_COLORS = np.concatenate([COLORS, dots.COLORS])
-# As Blender keeps colours of objects: linear, in single precision.
+# As Blender keeps colors of objects: linear, in single precision.
 LINEAR = np.where(ALL_COLORS <= 0.04045, ALL_COLORS / 12.92, ((ALL_COLORS + 0.055) / 1.055) ** 2.4)
 LINEAR = np.concatenate([LINEAR, np.ones((len(LINEAR), 1))], axis=1).astype(np.float32)
-# Those that the panel tells of, even if no body has them: the others are rare.
+# States that the panel always lists: the others are rare.
 USUAL = (1, 2, 3, 4)
-# Edge of a colour's icon, in pixels.
+# Edge of a color's icon, in pixels.
 ICON = 16
 
 is_shown = False
-# By what dots of glue carry, instead of by state.
+# By the load of the dots of glue, instead of by state.
 is_by_load = False
 _icons = None
-# How the 3D Views were coloured before.
+# How the 3D Views were colored before.
 _shadings = {}
 
 
@@ -57,9 +57,9 @@ def packed(states, start_frame):
 
 @functools.lru_cache(maxsize=4)
 def _unpacked(text):
-    told = json.loads(text)
-    states = np.frombuffer(zlib.decompress(base64.b64decode(told["data"])), np.uint8)
-    return told["start"], known(states).reshape(-1, told["frames"])
+    content = json.loads(text)
+    states = np.frombuffer(zlib.decompress(base64.b64decode(content["data"])), np.uint8)
+    return content["start"], known(states).reshape(-1, content["frames"])
 
 
 def known(states):
@@ -68,7 +68,7 @@ def known(states):
 
 
 def at(collection, frame):
-    """What a pile's bodies have the colours of, at a frame of the scene, shape [n]; None if there is nothing."""
+    """The states or loads whose colors a pile's bodies have at a scene frame, shape [n]; None if there are none."""
     if is_by_load:
         count = count_of(collection)
         levels = dots.loads(collection, running.report_of(collection).get("dots", ()), count)
@@ -82,7 +82,7 @@ def at(collection, frame):
 
 
 def count_of(collection):
-    """The largest number that a pile's bodies have: where some were taken out by hand, there are fewer."""
+    """The largest body number of a pile, which exceeds the count if bodies were removed by hand."""
     is_points = collection.cairn.mode == "POINTS"
     ends = [
         shown.cairn.number + (len(shown.data.vertices) - 1 if is_points else 0)
@@ -101,7 +101,7 @@ def _frame_of(collection, frame, last):
 
 
 def refresh(scene):
-    """The colours as they are to be: those of the states, or the objects' own."""
+    """Sets the colors: those of the states, or the objects' own."""
     if not is_shown:
         restore()
         return
@@ -118,7 +118,7 @@ def refresh(scene):
 
 
 def _inside(collection):
-    """Where the objects are that show its states."""
+    """The collection of the objects that show a pile's states."""
     for child in collection.children:
         if child.cairn.is_of_state:
             return child
@@ -137,13 +137,13 @@ def _color(objects, now):
         if not own.is_coloured:
             own.color, own.is_coloured = body.color, True
         elif np.array_equal(body.color, wanted):
-            # Blender would draw it anew.
+            # Blender would redraw it.
             continue
         body.color = wanted
 
 
 def restore():
-    """Gives everything its own colours back."""
+    """Gives everything its own colors back."""
     colors = np.empty((len(bpy.data.objects), 4), np.float32)
     bpy.data.objects.foreach_get("color", colors.ravel())
     is_of_state = (colors[:, None] == LINEAR).all(axis=2).any(axis=1)
@@ -165,14 +165,14 @@ def restore():
 
 
 def _last(collection):
-    """The states in the last frame; all free where the pile tells of none."""
+    """The states in the last frame; all free where the pile has no states."""
     if collection.cairn.states:
         return _unpacked(collection.cairn.states)[1][:, -1]
     return np.zeros(count_of(collection), np.uint8)
 
 
 def _shade(by_object):
-    """Solid 3D Views show the objects' colours, or what they did before."""
+    """Lets solid 3D Views show the objects' colors, or resets them."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             space = area.spaces.active
@@ -198,13 +198,13 @@ def forget():
 
 @persistent
 def _on_frame(scene, *_):
-    # A render has its own thread, in which no objects are made.
+    # A render has its own thread, in which no objects may be made.
     if not bpy.app.is_job_running("RENDER"):
         refresh(scene)
 
 
 def _follow(on):
-    # Before Blender looks at the frame: it then takes the colours along.
+    # Before Blender evaluates the frame, so that it includes the colors.
     handlers = bpy.app.handlers.frame_change_pre
     if on and _on_frame not in handlers:
         handlers.append(_on_frame)
@@ -213,7 +213,7 @@ def _follow(on):
 
 
 def show(on, by_load=False):
-    """Switches the colours on or off."""
+    """Switches the colors on or off."""
     global is_shown, is_by_load
     is_shown, is_by_load = on, on and by_load
     _follow(on)
@@ -236,16 +236,16 @@ def register():
         made.icon_pixels_float = [*color, 1.0] * ICON * ICON
     # Of this session, not of the file.
     bpy.types.WindowManager.cairn_states = BoolProperty(
-        name="Colour by State",
-        description="Show what the control makes of each body at the current frame, as colours of the objects in Solid "
-        "shading. Switched off, everything has its own colours again; they are not saved either way",
+        name="Color by State",
+        description="Color each body by its state at the current frame, in Solid shading. When switched off, all "
+        "objects have their own colors again. The colors are never saved",
         get=lambda _: is_shown and not is_by_load,
         set=lambda _, on: show(on),
     )
     bpy.types.WindowManager.cairn_loads = BoolProperty(
-        name="Colour by Load",
-        description="Show what the dots of glue on each body carry, in weights of a typical prop, as colours of the "
-        "objects in Solid shading. Switched off, everything has its own colours again; they are not saved either way",
+        name="Color by Load",
+        description="Color each body by the largest load of its dots of glue, in weights of a typical prop, in "
+        "Solid shading. When switched off, all objects have their own colors again. The colors are never saved",
         get=lambda _: is_by_load,
         set=lambda _, on: show(on, by_load=True),
     )

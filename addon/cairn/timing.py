@@ -1,4 +1,4 @@
-"""When a baked pile collapses, and how fast: changed after the bake, without another one, as often as one likes."""
+"""When a baked pile collapses, and how fast: changed after the bake, without another one, as often as you like."""
 
 import json
 
@@ -9,30 +9,30 @@ from . import keyframes, points
 
 
 def times(count, start, hold, speed, ease):
-    """At which frame of the scene each frame of the result is shown, shape [count]: rising."""
+    """At which frame of the scene each frame of the result is shown, shape [count], ascending."""
     last = max(count - 1, 1)
     return start + hold + (np.arange(count) / last) ** (0.5**ease) * last / speed
 
 
-def _told(note):
+def _timing_of(note):
     return json.loads(note.timed) if note.timed else [note.timing_start, 0, 1.0, 0.0]
 
 
 def shown(collection):
-    """The times as the pile has them now."""
-    return times(collection.cairn.frame_count, *_told(collection.cairn))
+    """The current times of the pile."""
+    return times(collection.cairn.frame_count, *_timing_of(collection.cairn))
 
 
 def number_at(collection, frame):
-    """Which frame of the result is shown at one of the scene; it may lie between two."""
-    start, hold, speed, ease = _told(collection.cairn)
+    """The frame of the result at a scene frame; it may be fractional."""
+    start, hold, speed, ease = _timing_of(collection.cairn)
     last = max(collection.cairn.frame_count - 1, 0)
     share = max(frame - start - hold, 0.0) * speed / max(last, 1)
     return min(share ** (2.0**ease) * last, last)
 
 
 def set_by_bake(collection, start_frame, frame_count):
-    """A new pile: it plays as it was baked."""
+    """Sets the timing of a new pile, which plays as it was baked."""
     note = collection.cairn
     note.frame_count, note.timed = frame_count, json.dumps([start_frame, 0, 1.0, 0.0])
     # Without their updates.
@@ -40,23 +40,23 @@ def set_by_bake(collection, start_frame, frame_count):
 
 
 def apply(collection):
-    """The pile plays as its settings say."""
+    """Applies the pile's timing settings."""
     note = collection.cairn
     if not note.frame_count or note.mode == "POSE":
         return
     before = shown(collection)
-    told = [note.timing_start, note.timing_hold, note.timing_speed, note.timing_ease]
-    note.timed = json.dumps(told)
+    values = [note.timing_start, note.timing_hold, note.timing_speed, note.timing_ease]
+    note.timed = json.dumps(values)
     after = shown(collection)
     for body in collection.objects:
         if note.mode == "POINTS":
-            points.retime(body, note.frame_count - 1, *told)
+            points.retime(body, note.frame_count - 1, *values)
         elif body.animation_data and body.animation_data.action:
             keyframes.retime(body.animation_data.action, before, after)
 
 
 def keep_end(collection):
-    """Of a pile that plays, the final pose stays alone."""
+    """Keeps only the final pose of an animated pile."""
     end, used = end_of(collection), set()
     for body in collection.objects:
         if collection.cairn.mode == "POINTS":

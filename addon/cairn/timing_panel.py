@@ -9,7 +9,7 @@ from .pile_operators import OfPile
 
 
 class CAIRN_OT_fit_timing(OfPile, Operator):
-    """Let the pile collapse within the scene's range of frames, from its first to its last"""
+    """Set start and speed so that the pile collapses within the scene's frame range"""
 
     bl_idname = "cairn.fit_timing"
     bl_label = "Fit to Scene Range"
@@ -17,7 +17,7 @@ class CAIRN_OT_fit_timing(OfPile, Operator):
     def change(self, context, collection):
         scene, note = context.scene, collection.cairn
         if not note.frame_count:
-            raise Fault("There is no pile of this shape that moves.")
+            raise Fault("There is no animated pile of this shape.")
         room = scene.frame_end - scene.frame_start - note.timing_hold
         if room < 1:
             raise Fault("The scene's range has no room for the hold. Make the hold shorter.")
@@ -26,14 +26,14 @@ class CAIRN_OT_fit_timing(OfPile, Operator):
 
 
 class CAIRN_OT_keep_pose(OfPile, Operator):
-    """Keep only the pose that the pile ends with: its animation is removed, and it is at rest at every frame"""
+    """Keep only the final pose: the pile's animation is removed, and the pile is at rest at every frame"""
 
     bl_idname = "cairn.keep_pose"
     bl_label = "Final Pose Only"
 
     def change(self, context, collection):
         if not collection.cairn.frame_count or collection.cairn.mode == "POSE":
-            raise Fault("There is no pile of this shape that moves.")
+            raise Fault("There is no animated pile of this shape.")
         states.restore()
         timing.keep_end(collection)
         states.refresh(context.scene)
@@ -55,7 +55,7 @@ class CAIRN_PT_timing(Pile, Panel):
         collection = result.chosen(context)
         for name in ("timing_start", "timing_hold", "timing_speed", "timing_ease"):
             layout.prop(collection.cairn, name)
-        layout.label(text=f"At rest from frame {timing.end_of(collection)} on")
+        layout.label(text=f"At Rest from Frame {timing.end_of(collection)}")
         layout.operator("cairn.fit_timing").collection = collection.name
         layout.operator("cairn.keep_pose").collection = collection.name
 

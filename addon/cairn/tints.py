@@ -1,15 +1,15 @@
-"""The colour that a prop has on average, sRGB: of its material, with the mean of its texture."""
+"""The average color of a prop, sRGB: of its material, with the mean of its texture."""
 
 import numpy as np
 
-# Pixels of the largest texture that is read: more would be felt.
+# Pixels of the largest texture that is read: more would be noticeable.
 MOST_PIXELS = 2048 * 2048
 
 _means = {}
 
 
 def of(source):
-    """The colour of an object's most frequent material, or of what is below it; None if it has none."""
+    """The color of the most frequent material of an object or its children; None if there is none."""
     for member in (source, *source.children_recursive):
         if member.type == "EMPTY" and member.instance_collection:
             inside = (tint for tint in map(of, member.instance_collection.all_objects) if tint is not None)

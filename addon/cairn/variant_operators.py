@@ -1,4 +1,4 @@
-"""What the buttons do to variants: try seeds, look at one, keep one, delete one."""
+"""Operators of variants: try seeds, show one, keep one, delete one."""
 
 import json
 
@@ -13,33 +13,35 @@ from .messages import v1
 from .properties import KEPT_SHAPES
 
 
-# How much may be glued, besides what is set in the scene: by the names of the choices there.
+TITLES = {name: title for name, title, *_ in KEPT_SHAPES}
+# Amounts of glue that may be tried besides the scene's own, by the names of the scene's choices.
 BUDGETS = [(name, title, about) for name, title, about, *_ in KEPT_SHAPES if name != "TACKY"]
 
 
 class CAIRN_OT_try_seeds(Operator):
-    """Bake the pile with several seeds, to choose one of them. The scene stays as it is until one is kept"""
+    """Bake the pile with several seeds, to choose one of them. The scene does not change until you keep one"""
 
     bl_idname = "cairn.try_seeds"
     bl_label = "Try Seeds"
 
     count: IntProperty(
-        name="Seeds", description="How many seeds are tried, from the scene's own on", default=4, min=1, max=32
+        name="Seeds", description="How many seeds to try, starting with the scene's seed", default=4, min=1, max=32
     )
     is_with_glue: BoolProperty(
-        name="And Glue",
-        description="Try each seed with several amounts of glue: as chosen here, and with the glue set in the scene",
+        name="Also Vary Glue",
+        description="Try each seed with several amounts of glue: those chosen here, and the glue set in the scene",
     )
     kept_shapes: EnumProperty(
-        name="Kept Shapes",
-        description="Which of these are tried with each seed",
+        name="Glue Amounts",
+        description="Amounts of glue to try with each seed",
         items=BUDGETS,
         options={"ENUM_FLAG"},
         default={"AS_MODELLED", "NATURAL"},
     )
     strengths: StringProperty(
         name="Glue Strengths",
-        description="Which strengths of Tacky are tried with each seed, in weights of a typical prop: as in 1, 5, 20",
+        description="Strengths of Tacky to try with each seed, in weights of a typical prop, separated by commas, "
+        "such as 1, 5, 20",
     )
 
     @classmethod
@@ -67,7 +69,7 @@ class CAIRN_OT_try_seeds(Operator):
             for choice, strength in self._budgets(own) if self.is_with_glue else [own]:
                 name = f"Seed {seed}"
                 if self.is_with_glue:
-                    name += f", {choice.replace('_', ' ').title()}" + (f" {strength:.4g}" if choice == "TACKY" else "")
+                    name += f", {TITLES[choice]}" + (f" {strength:.4g}" if choice == "TACKY" else "")
                 yield name, _changes(seed, choice, strength)
 
     def _budgets(self, own):
@@ -80,12 +82,12 @@ class CAIRN_OT_try_seeds(Operator):
 
 
 def strengths_of(text):
-    """Glue strengths as an artist writes them, one after the other."""
+    """Parses glue strengths, separated by commas."""
     try:
         found = [float(word) for word in text.replace(";", " ").replace(", ", " ").replace(",", " ").split()]
     except ValueError:
         found = [-1.0]
-    # Not a number is not above 0, either.
+    # This also excludes not-a-number.
     if not all(0.0 <= strength <= 1e9 for strength in found):
         raise Fault("Write the glue strengths as numbers with commas between them: 1, 5, 20.")
     return found
@@ -109,7 +111,7 @@ def _changes(seed, choice, strength):
 
 
 class _OfVariant:
-    variant: StringProperty(name="Variant", description="Its name")
+    variant: StringProperty(name="Variant", description="Name of the variant")
 
     def entry(self, context):
         found = context.scene.cairn_variants.get(self.variant)
@@ -119,7 +121,7 @@ class _OfVariant:
 
 
 class CAIRN_OT_show_variant(_OfVariant, Operator):
-    """Draw this variant over the view, in its final pose; once more: do not"""
+    """Draw the final pose of this variant over the view. Press again to hide it"""
 
     bl_idname = "cairn.show_variant"
     bl_label = "Show Variant"
@@ -146,7 +148,7 @@ class CAIRN_OT_next_variant(Operator):
     bl_idname = "cairn.next_variant"
     bl_label = "Flip"
 
-    step: IntProperty(name="Step", description="How many variants on; negative: back", default=1)
+    step: IntProperty(name="Step", description="How many variants to move forward; negative moves back", default=1)
 
     @classmethod
     def poll(cls, context):
@@ -161,7 +163,7 @@ class CAIRN_OT_next_variant(Operator):
 
 
 class CAIRN_OT_keep_variant(_OfVariant, Follows, Operator):
-    """Make the pile of this variant. The others stay in the list"""
+    """Make a pile of this variant. The others stay in the list"""
 
     bl_idname = "cairn.keep_variant"
     bl_label = "Keep Variant"
@@ -178,7 +180,7 @@ class CAIRN_OT_keep_variant(_OfVariant, Follows, Operator):
 
 
 class CAIRN_OT_delete_variant(_OfVariant, Operator):
-    """Take this variant off the list. A pile that was made of it stays"""
+    """Remove this variant from the list. A pile that was made of it stays"""
 
     bl_idname = "cairn.delete_variant"
     bl_label = "Delete Variant"
@@ -197,7 +199,7 @@ class CAIRN_OT_delete_variant(_OfVariant, Operator):
 
 
 class CAIRN_OT_stop_trying(Operator):
-    """Try no more seeds. Those that are done stay"""
+    """Stop trying seeds. Finished variants stay"""
 
     bl_idname = "cairn.stop_trying"
     bl_label = "Stop"
@@ -213,7 +215,7 @@ class CAIRN_OT_stop_trying(Operator):
 
 
 class CAIRN_OT_show_pile(Operator):
-    """Show this pile of the shape, and hide its others"""
+    """Show this pile of the shape, and hide the others"""
 
     bl_idname = "cairn.show_pile"
     bl_label = "Show Pile"

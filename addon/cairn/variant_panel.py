@@ -22,7 +22,7 @@ class CAIRN_PT_variants(Pile, Panel):
         entries = context.scene.cairn_variants
         row = layout.row(align=True)
         if variants.is_trying():
-            row.label(text=variants.told(), icon="TIME")
+            row.label(text=variants.status(), icon="TIME")
             row.operator("cairn.stop_trying", text="", icon="CANCEL")
         else:
             row.prop(manager, "cairn_seed_count", text="")
@@ -66,7 +66,7 @@ class CAIRN_PT_variants(Pile, Panel):
         if len(piles) < 2:
             return
         column = layout.column(align=True)
-        column.label(text="Piles of this shape:")
+        column.label(text="Piles of This Shape")
         for pile in sorted(piles, key=lambda pile: pile.name):
             row = column.row(align=True)
             icon = "HIDE_ON" if pile.hide_viewport else "HIDE_OFF"

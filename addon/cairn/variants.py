@@ -1,5 +1,5 @@
-"""Seeds that are tried: baked one after the other, looked at, one of them kept. The server has the results; the file
-remembers which they are."""
+"""Variants: several seeds are baked one after the other, shown, and one is kept. The server has the results; the file
+remembers their ids."""
 
 import json
 import time
@@ -11,25 +11,25 @@ from .client import Fault
 from .following import start_frame
 from .messages import v1
 
-# How often news are looked at, and how long Blender may be kept at a time, s.
+# How often messages are read, and how long Blender may be busy at a time, s.
 TICK = 0.1
 SLICE = 0.015
 # Edge of a thumbnail, pixels.
 THUMBNAIL = 128
 
-# That which is drawn over the view, by its bake; empty if none is.
+# Bake id of the variant that is drawn over the view; empty if none is.
 shown = ""
 _icons = None
 _trials = None
-# A bake that is fetched to be drawn: its id, and what does it, step by step.
+# A bake that is being fetched: its id, and the generator that fetches it.
 _fetched, _steps = "", None
-# Last poses, and the props as they are drawn, of this session: by bake.
+# Last poses, and the props for drawing, of this session, by bake.
 _poses, _drawn = {}, {}
 _preview = None
 
 
 class _Trials:
-    """A list of bakes that is worked off, for a scene."""
+    """A queue of bakes for a scene."""
 
     def __init__(self, scene, wanted):
         self.scene, self.wanted = scene.name, list(wanted)
@@ -72,8 +72,8 @@ class _Trials:
         self.job.start()
 
     def _follow(self):
-        while not self.job.news.empty():
-            kind, what = self.job.news.get()
+        while not self.job.messages.empty():
+            kind, what = self.job.messages.get()
             if kind == "progress":
                 self.progress = what.fraction
             elif kind == "failed":
@@ -94,7 +94,7 @@ class _Trials:
         pointers.write(entry.pointers, self.taken.pointers)
         remember(entry.bake_id, self.job.recording.frames[-1], self.drawn, self.recipe["metres"])
 
-    def told(self):
+    def status(self):
         at = self.count - len(self.wanted)
         return "Reading props" if self.slices else f"{at} of {self.count}: {self.progress:.0%} of its stage"
 
@@ -106,7 +106,7 @@ class _Trials:
 
 
 def remember(bake_id, snapshot, drawn, metres):
-    """What is known of a bake while Blender runs."""
+    """Keeps a bake's pose and props for this session."""
     _poses[bake_id], _drawn[bake_id] = (snapshot, metres), drawn
     if not bpy.app.background:
         _thumbnail(bake_id)
@@ -133,9 +133,9 @@ def is_trying():
     return _trials is not None
 
 
-def told():
-    """How the trials go, in one line."""
-    return _trials.told() if _trials else ""
+def status():
+    """The progress of the trials, in one line."""
+    return _trials.status() if _trials else ""
 
 
 def begin(scene, wanted):
@@ -148,7 +148,7 @@ def begin(scene, wanted):
 
 
 def finish():
-    """Without a window: to the end, with its faults."""
+    """Without a window: runs all trials, and raises their faults."""
     while _trials and _trials.step():
         if _trials.job:
             time.sleep(request.PAUSE)
@@ -175,16 +175,18 @@ def stop():
 
 
 def is_here(entry):
-    """Whether it can be looked at without asking the server."""
+    """Whether it can be shown without asking the server."""
     return entry.bake_id in _poses
 
 
 def load(context, entry):
-    """A generator: gets a bake of before from the server. It yields `request.WAITING` where there is nothing to do."""
+    """A generator: gets an earlier bake from the server. It yields `request.WAITING` while there is nothing to do."""
     recipe = json.loads(entry.recipe)
     sources = result.sources_of(recipe, pointers.read(entry.pointers))
     if None in sources:
-        raise Fault("Some of its props are not in the file any more. Bring them back, or bake it again.")
+        raise Fault(
+            "Some props of this variant are not in the file any more. Bring them back, or bake the variant again."
+        )
     exporter = export.Exporter(context)
     props = yield from exporter.props(sources)
     drawn = yield from preview.drawn(props)
@@ -193,9 +195,9 @@ def load(context, entry):
     kind = ""
     try:
         while kind != "done":
-            # Nothing to do before there are news.
+            # Nothing to do before there are messages.
             yield request.WAITING
-            kind, what = ("", None) if fetched.news.empty() else fetched.news.get()
+            kind, what = ("", None) if fetched.messages.empty() else fetched.messages.get()
             if kind == "failed":
                 raise what
     finally:
@@ -205,7 +207,7 @@ def load(context, entry):
 
 
 def fetch(context, entry):
-    """Gets a bake of before in the background, and then draws it: instead of that which is fetched already."""
+    """Gets an earlier bake in the background, and then draws it. It replaces one that is being fetched."""
     global _fetched, _steps
     forget_fetched()
     _fetched, _steps = entry.bake_id, load(context, entry)
@@ -214,7 +216,7 @@ def fetch(context, entry):
 
 
 def is_fetched(entry):
-    """Whether it is under way."""
+    """Whether it is being fetched."""
     return _steps is not None and entry.bake_id == _fetched
 
 
@@ -224,7 +226,7 @@ def is_at(entry):
 
 
 def fetch_on():
-    """One turn of the timer."""
+    """One tick of the timer."""
     global _steps
     if _steps is None:
         return None
@@ -266,7 +268,7 @@ def show(bake_id):
 
 
 def forget():
-    """Another file is opened, or the add-on ends."""
+    """Called when another file is opened or the add-on ends."""
     global _icons
     stop()
     show("")

@@ -1,5 +1,5 @@
-"""What keeps its pose while a pile is worked on is certified, before the edit and after it: the server weighs all
-bodies exactly where they stand, without a step of simulation."""
+"""Certifies the untouched bodies of an edited pile, before and after the edit: the server analyzes all bodies at
+their exact poses, without simulation."""
 
 import json
 from dataclasses import dataclass
@@ -10,37 +10,37 @@ import numpy as np
 from . import axes, job, running
 from .messages import v1
 
-# How often an answer is looked for, s.
+# How often to poll for an answer, s.
 TICK = 0.2
 
 _under_way = []
 
 
-def place(told, state, metres, kept):
+def place(scene_message, state, metres, kept):
     """A body of a scene, by its state: prop, place, rotation, size."""
     prop, *numbers = state
     # Older files have no sizes.
     size = numbers[7] if len(numbers) > 7 else 1.0
-    made = told.bodies.add(prop=str(int(prop)), scale=round(size, 6), kept=kept)
+    made = scene_message.bodies.add(prop=str(int(prop)), scale=round(size, 6), kept=kept)
     made.position.extend(axes.points_to_server(np.array(numbers[:3]), metres).tolist())
     made.rotation.extend(axes.rotations_to_server(np.array(numbers[3:7])).tolist())
 
 
 def spec_of(taken, states):
-    """The request that weighs bodies, among the props and scenery of another request."""
+    """A request that analyzes bodies, with the props and scenery of another request."""
     spec = v1.BakeSpec()
     spec.CopyFrom(taken.spec)
-    told = spec.scene
-    del told.bodies[:]
-    del told.emitters[:]
+    scene_message = spec.scene
+    del scene_message.bodies[:]
+    del scene_message.emitters[:]
     for state in states:
-        place(told, state, taken.recipe["metres"], kept=True)
-    # All that is not needed for it is left out.
-    told.accuracy = v1.ACCURACY_DRAFT
-    told.output.frames = 0
-    told.effects.frames = v1.SWITCH_OFF
-    told.report.shape = told.report.pictures = v1.SWITCH_OFF
-    told.report.support = v1.SWITCH_ON
+        place(scene_message, state, taken.recipe["metres"], kept=True)
+    # Everything that is not needed is left out.
+    scene_message.accuracy = v1.ACCURACY_DRAFT
+    scene_message.output.frames = 0
+    scene_message.effects.frames = v1.SWITCH_OFF
+    scene_message.report.shape = scene_message.report.pictures = v1.SWITCH_OFF
+    scene_message.report.support = v1.SWITCH_ON
     return spec
 
 
@@ -57,7 +57,7 @@ class Weighing:
     jobs: tuple = ()
 
     def begin(self, bake_id, after):
-        """`after`: the states by number, once the pile has settled. It is weighed in the background."""
+        """`after`: the states by number, once the pile has settled. The analysis runs in the background."""
         self.bake_id = bake_id
         self.numbers = list(self.before), list(after)
         specs = (spec_of(self.taken, states.values()) for states in (self.before, after))
@@ -71,12 +71,12 @@ class Weighing:
     def poll(self):
         """Whether both are known."""
         for asked in self.jobs:
-            while not asked.news.empty():
-                asked.end = asked.news.get()[0]
+            while not asked.messages.empty():
+                asked.end = asked.messages.get()[0]
         return all(asked.end in ("done", "stopped", "failed") for asked in self.jobs)
 
     def standing(self):
-        """How many of those that stay are certified, before and after; None where that is not known."""
+        """How many untouched bodies are certified, before and after; None if unknown."""
         return [self._standing(*pair) for pair in zip(self.jobs, self.numbers)]
 
     def _standing(self, asked, numbers):
@@ -86,7 +86,7 @@ class Weighing:
 
 
 def collect():
-    """Takes what is known, into the reports of the piles. Whether there is more to come."""
+    """Writes finished analyses into the reports of the piles. Returns whether more are running."""
     for weighing in list(_under_way):
         if not weighing.poll():
             continue
@@ -107,19 +107,19 @@ def _collect():
     return TICK if is_more else None
 
 
-def said(told):
-    """In words, of what a report says of the settled pile; empty before it is known."""
-    before, after = told["settled"].get("standing", (None, None))
+def said(report):
+    """A sentence about the certified bodies of a report; empty before they are known."""
+    before, after = report["settled"].get("standing", (None, None))
     if before is None or after is None:
         return ""
-    kept = told["settled"]["kept"]
-    # What dots carry is not counted.
-    alone = " without glue" if told.get("dots") else ""
+    kept = report["settled"]["kept"]
+    # The analysis does not count the dots.
+    alone = " without glue" if report.get("dots") else ""
     return f"Of the {kept} untouched, {before} were certified to stand{alone} before the edit, {after} are after it"
 
 
 def forget():
-    """Another file is opened, or the add-on ends."""
+    """Called when another file is opened or the add-on ends."""
     for weighing in _under_way:
         for asked in weighing.jobs:
             asked.detach()

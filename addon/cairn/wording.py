@@ -4,7 +4,7 @@ import re
 
 from .schema import FIELDS, GROUPS, title
 
-# Which panel has the parameters of a group.
+# The panel of each group of parameters.
 PANELS = {
     "physics": "Simulation",
     "base": "Fill",
@@ -27,7 +27,7 @@ OTHERS = [
 
 
 def said(text):
-    """One sentence."""
+    """Translates one sentence."""
     text = FIELD.sub(_parameter, text)
     for pattern, words in OTHERS:
         text = pattern.sub(words, text)
@@ -39,13 +39,13 @@ def _parameter(found):
     known = {field["name"] for field in FIELDS.get(MESSAGES[group], [])}
     if name not in known:
         return found[0]
-    told = f"“{title(name)}” in the panel {PANELS[group]}"
-    return told + (f" ({title(value[3:].strip(chr(34)))})" if value else "")
+    words = f"“{title(name)}” in the panel {PANELS[group]}"
+    return words + (f" ({title(value[3:].strip(chr(34)))})" if value else "")
 
 
 def gathered(texts, names):
-    """Sentences, each once. `names`: what the objects are called, by what the server calls them. Those that say the
-    same of several things say it once of all of them. Gives pairs: the sentence, and the things' names."""
+    """Sentences, each once. `names`: the objects' names, by the server's names for them. Equal sentences about
+    several objects become one. Gives pairs: the sentence, and the objects' names."""
     about = {}
     for text in texts:
         thing, colon, rest = text.partition(": ")
@@ -61,7 +61,7 @@ def gathered(texts, names):
 
 
 def _of(things):
-    """The things that a sentence is about, three at most by name."""
+    """The beginning of a sentence about objects, at most three by name."""
     if not things:
         return ""
     shown = ", ".join(f"“{name}”" for name in things[:3])

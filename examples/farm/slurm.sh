@@ -4,14 +4,14 @@
 #     sbatch --array=0-15 examples/farm/slurm.sh SCENE OUT SEEDS EACH
 #     sbatch --array=0-15 examples/farm/slurm.sh examples/sticks.toml piles 0..63 4
 #
-# Where a node fails, or Slurm wants one back, the task runs again elsewhere, and bakes what is not there yet. For the latter, the
-# cluster's slurm.conf has `RequeueExit=75`: that is how Cairn ends when it is told to.
+# If a node fails, or Slurm takes it back, the task runs again elsewhere and bakes the missing results. For the latter case, the
+# cluster's slurm.conf has `RequeueExit=75`: Cairn ends with this code after a signal.
 #SBATCH --job-name=piles
 #SBATCH --cpus-per-task=2
 #SBATCH --mem-per-cpu=2G
 #SBATCH --requeue
 #SBATCH --open-mode=append
-# Slurm tells the task a minute before it ends it; Cairn takes less than two seconds.
+# Slurm signals the task a minute before it ends it; Cairn needs less than two seconds.
 #SBATCH --signal=B:TERM@60
 set -euo pipefail
 scene=$1 out=$2 seeds=$3 each=$4
@@ -19,6 +19,6 @@ first=$((SLURM_ARRAY_TASK_ID * each))
 mkdir -p "$out"
 # Each of the bakes has its share of the memory that Slurm gives to the task.
 export CAIRN_MAX_MEMORY_MIB=${SLURM_MEM_PER_CPU:-$((SLURM_MEM_PER_NODE / SLURM_CPUS_PER_TASK))}
-# In the place of this script, so that the signal comes to it.
+# Replaces this script, so that it gets the signal.
 exec cairn batch "$scene" --seeds "$seeds" --range "$first-$((first + each - 1))" --jobs "$SLURM_CPUS_PER_TASK" \
     -o "$out/{seed}.glb" --progress plain

@@ -39,10 +39,10 @@ def number(value):
 def quality(figures):
     if not figures.exists():
         return ["-"] * 4
-    report = read(figures)
-    lost = f" ({report['lost']} lost)" if report["lost"] else ""
-    shape = "-" if report["kept_shape"] is None else f"{report['kept_shape']:.3f}{lost}"
-    return [shape, f"{report['kept_p95']:.2f}", f"{report['penetration_mean']:.4f}", f"{report['penetration_max']:.3f}"]
+    values = read(figures)
+    lost = f" ({values['lost']} lost)" if values["lost"] else ""
+    shape = "-" if values["kept_shape"] is None else f"{values['kept_shape']:.3f}{lost}"
+    return [shape, f"{values['kept_p95']:.2f}", f"{values['penetration_mean']:.4f}", f"{values['penetration_max']:.3f}"]
 
 
 def rows_of(folder):
@@ -114,9 +114,11 @@ def page(results, piles):
     load = ", ".join(f"{part:.1f}" for part in machine["load"])
     about = (
         "# Cairn and its peers, side by side\n\n"
-        "Made by `examples/peers/run` ([how, and what the rows are](README.md)) on "
+        "The same piles in Cairn and in other engines: CPU time, and how well each keeps the pile's shape. "
+        "[How they are measured, and what the rows are](README.md).\n\n"
+        "Made by `examples/peers/run` on "
         f"{machine['model']}, {machine['cores']} cores, one thread each; load of the machine at the end: {load}.\n"
-        "Median of the rounds, least and most in brackets.\n"
+        "Median of the rounds, smallest and largest in brackets.\n"
     )
     parts = [section(results / pile.name, pile) for pile in piles]
     return "\n".join([about, *parts, *curves(results)])

@@ -1,4 +1,4 @@
-"""Bakes a pile on a server that lives as long as this script, and looks at it by numpy.
+"""Bakes a pile on a server that runs as long as this script, and reads the result with numpy.
 
 python examples/python/bake.py examples/sticks.toml pile.glb
 """
@@ -14,7 +14,7 @@ with cairn.serve() as address:
     motion = bake.result()
     bake.save(output)
 
-# [frame, body]: how far each body has come from where it stood at frame 0, m.
+# [frame, body]: displacement of each body from frame 0, m.
 moved = np.linalg.norm(motion.positions - motion.positions[0], axis=2)
 print(f"{motion.positions.shape[1]} bodies, {len(motion.positions)} frames")
 print(f"the farthest moves {moved.max() * 1000:.0f} mm; the pile is {motion.positions[-1, :, 1].max():.2f} m high")

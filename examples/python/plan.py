@@ -1,4 +1,4 @@
-"""Tells what each accuracy would cost, and shows the pile as it forms.
+"""Prints the expected cost of each accuracy, and shows the pile as it forms.
 
 python examples/python/plan.py examples/assets/cone-small.glb examples/assets/stick.glb
 """

@@ -76,7 +76,7 @@ class AsyncClient:
     ) -> AsyncBake:
         """Asks for a bake, which begins with the first event that is asked for.
 
-        `has_fill`: whether the fill's frames are told, too. `format`: of the result’s file: glb, usdz, json or csv.
+        `has_fill`: whether the fill's frames are sent, too. `format`: of the result’s file: glb, usdz, json or csv.
         `labels`: names and values to find the bake by. `priority`: -100 to 100; above 0 for operators.
         """
         if format not in FORMATS:
@@ -123,9 +123,9 @@ class AsyncBake:
         return self._target.route
 
     def __aiter__(self) -> AsyncIterator[Event]:
-        return self._told()
+        return self._stream()
 
-    async def _told(self) -> AsyncIterator[Event]:
+    async def _stream(self) -> AsyncIterator[Event]:
         async for event in self._events:
             kind = event.WhichOneof("kind")
             if kind == "body_table":

@@ -50,8 +50,8 @@ def read(scene: Scene, /, **settings: Any) -> Request:
         done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL)
         if done.returncode:
             lines = done.stderr.decode(errors="replace").splitlines()
-            told = [line.removeprefix("error: ") for line in lines if line]
-            raise Fault("\n".join(told), "SCENE_INVALID", [Problem(line) for line in told])
+            messages = [line.removeprefix("error: ") for line in lines if line]
+            raise Fault("\n".join(messages), "SCENE_INVALID", [Problem(line) for line in messages])
         spec = BakeSpec.FromString((Path(folder) / "spec").read_bytes())
         return Request(spec, {asset.sha256: (Path(folder) / asset.sha256).read_bytes() for asset in spec.assets})
 

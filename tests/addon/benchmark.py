@@ -9,7 +9,7 @@
     blender --background --factory-startup --python tests/addon/benchmark.py -- turns     what keeps Blender busy
     blender --factory-startup --python tests/addon/benchmark.py -- window                 the bake, in a window
 
-A Python with bpy does for all but the last. CPU seconds of processes and their children; wall seconds where told.
+A Python with bpy does for all but the last. CPU seconds of processes and their children; wall seconds where stated.
 """
 
 import json
@@ -124,12 +124,12 @@ def bake():
     collection = bpy.data.collections["Cone Pile"]
     from cairn import running
 
-    told = running.report_of(collection)
+    report = running.report_of(collection)
     here = cpu() - began
-    ours = here + told["cpu_seconds"]
+    ours = here + report["cpu_seconds"]
     preferences.stop_server()
-    measured = told["stage_seconds"]["measure"]
-    print(f"Cairn: {len(collection.objects)} bodies, {told['frame_count']} frames")
+    measured = report["stage_seconds"]["measure"]
+    print(f"Cairn: {len(collection.objects)} bodies, {report['frame_count']} frames")
     print(
         f"{ours:.1f} s CPU, {wall:.1f} s wall; of the CPU time {here:.1f} s in Blender, {measured:.1f} s for the report"
     )
@@ -139,16 +139,16 @@ def bake():
     for body, pose in zip(bodies, poses):
         body.animation_data_clear()
         body.matrix_world = pose
-    print("of the server's: " + ", ".join(f"{stage} {spent:.1f} s" for stage, spent in told["stage_seconds"].items()))
+    print("of the server's: " + ", ".join(f"{stage} {spent:.1f} s" for stage, spent in report["stage_seconds"].items()))
     if "ours" in sys.argv:
         return
     theirs, seconds = rigid_bodies(bodies)
     print(f"Blender's rigid bodies: {len(bodies)} bodies, {FRAMES} frames, {theirs:.1f} s CPU, {seconds:.1f} s wall")
     print(f"{theirs / (ours - measured):.1f} times less CPU time to the keyframes, {theirs / ours:.1f} with the report")
     if "--result" in sys.argv:
-        told = {"ours": ours, "ours_without_report": ours - measured, "blender": theirs}
-        told |= {"version": bpy.app.version_string, "bodies": len(bodies), "frames": FRAMES}
-        Path(sys.argv[sys.argv.index("--result") + 1]).write_text(json.dumps(told))
+        figures = {"ours": ours, "ours_without_report": ours - measured, "blender": theirs}
+        figures |= {"version": bpy.app.version_string, "bodies": len(bodies), "frames": FRAMES}
+        Path(sys.argv[sys.argv.index("--result") + 1]).write_text(json.dumps(figures))
 
 
 def rigid_bodies(bodies):
@@ -189,7 +189,7 @@ def wait_for(asked):
     """What a job gives in the end."""
     asked.start()
     while True:
-        kind, what = asked.news.get()
+        kind, what = asked.messages.get()
         assert kind != "failed", what
         if kind == "done":
             return what
@@ -197,7 +197,7 @@ def wait_for(asked):
 
 def turns():
     """The main thread's CPU time in one go, for a pile of 600 bodies: what is done in slices by its longest step,
-    buttons by what the add-on does when they are pressed. What Blender does besides, to draw the scene anew,
+    buttons by what the add-on does when they are pressed. What Blender does besides, to redraw the scene,
     is not in it."""
     empty()
     settings = scene()
@@ -207,12 +207,12 @@ def turns():
     settings.prop_collection.objects.link(bpy.context.object)
     from cairn import edit, edit_operators, fingerprint, job, pile_operators, preview, request, result, states, timing
 
-    told = {}
+    longest_of = {}
 
     def whole(name, do):
         began = time.thread_time()
         value = do()
-        told[name] = max(told.get(name, 0.0), time.thread_time() - began)
+        longest_of[name] = max(longest_of.get(name, 0.0), time.thread_time() - began)
         return value
 
     def pressed(name, operator, press):
@@ -245,10 +245,10 @@ def turns():
     pile.cairn.report = json.dumps({"measures": {"prop_diameter": 1.0}, "body_count": bodies})
     shown = preview.Preview(drawn, taken.recipe["metres"], is_shown=False)
     whole("a frame of the preview", lambda: shown.update(again.latest))
-    whole("Colour by State", lambda: states.show(True))
+    whole("Color by State", lambda: states.show(True))
     bpy.context.scene.frame_current = 40
-    whole("a frame with colours", lambda: states.refresh(bpy.context.scene))
-    whole("colours off", lambda: states.show(False))
+    whole("a frame with colors", lambda: states.refresh(bpy.context.scene))
+    whole("colors off", lambda: states.show(False))
     bpy.context.scene.frame_set(timing.end_of(pile))
     pressed("Edit Pile", edit_operators.CAIRN_OT_edit_pile, bpy.ops.cairn.edit_pile)
     bpy.ops.cairn.delete()
@@ -272,7 +272,7 @@ def turns():
     pressed("Delete", pile_operators.CAIRN_OT_delete, bpy.ops.cairn.delete)
     preferences.stop_server()
     print(f"{bodies} bodies")
-    for name, seconds in sorted(told.items(), key=lambda row: -row[1]):
+    for name, seconds in sorted(longest_of.items(), key=lambda row: -row[1]):
         print(f"{seconds * 1000:6.0f} ms  {name}")
 
 
@@ -315,8 +315,8 @@ def window():
         if running.bake is not None:
             return 0.5 if seen else 0.01
         longest = sorted(turns, reverse=True)[:5]
-        told = (f"{wall * 1000:.0f} ms, of that {work * 1000:.0f} at work ({stage})" for wall, work, stage in longest)
-        print(f"the first body after {seen:.2f} s; {len(turns)} turns; the longest: " + "; ".join(told))
+        parts = (f"{wall * 1000:.0f} ms, of that {work * 1000:.0f} at work ({stage})" for wall, work, stage in longest)
+        print(f"the first body after {seen:.2f} s; {len(turns)} turns; the longest: " + "; ".join(parts))
         sys.stdout.flush()
         from cairn import preferences
 

@@ -70,7 +70,7 @@ class Desk:
         self.settings.control_mesh = self.control
         self.settings.prop_collection = self.props
         self.settings.accuracy = "DRAFT"
-        # What the add-on was told, and what it asked: for the tests to compare.
+        # What the add-on received and what it asked, for the tests to compare.
         self.motion = self.recipe = self.request = None
 
     def add_stick(self, name="Stick", size=(0.36, 0.14, 0.12)):
@@ -83,9 +83,9 @@ class Desk:
         result, request = self.addon("result"), self.addon("request")
         build, taking = result.build, request.taking
 
-        def build_and_keep(context, motion, recipe, told):
+        def build_and_keep(context, motion, recipe, record):
             self.motion, self.recipe = motion, recipe
-            return build(context, motion, recipe, told)
+            return build(context, motion, recipe, record)
 
         def take_and_keep(context):
             self.request = yield from taking(context)

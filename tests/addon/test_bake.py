@@ -98,10 +98,10 @@ def test_a_saved_pile_can_be_baked_from_itself(desk, addon, tmp_path):
     desk.settings.release.use_layer = True
     desk.settings.release.layer = 0.8
     collection = desk.bake(seed=5)
-    kept, told = collection.cairn.result_hash, json.loads(collection.cairn.report)
-    assert told["is_whole"] and told["body_count"] == len(collection.objects)
-    assert told["measures"]["at_rest_fraction"] > 0.8
-    assert told["measures"]["shape_iou"] > 0.5 and told["versions"]["cairn"]
+    kept, report = collection.cairn.result_hash, json.loads(collection.cairn.report)
+    assert report["is_whole"] and report["body_count"] == len(collection.objects)
+    assert report["measures"]["at_rest_fraction"] > 0.8
+    assert report["measures"]["shape_iou"] > 0.5 and report["versions"]["cairn"]
     path = str(tmp_path / "pile.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.open_mainfile(filepath=path)
@@ -165,19 +165,19 @@ def test_check_tells_what_each_accuracy_costs(desk, addon):
 
 def test_what_glue_does_is_told_before_the_bake(desk, addon):
     desk.add_stick()
-    panels, told = addon("panels"), {}
+    panels, shares = addon("panels"), {}
     assert panels.effect_of(desk.settings) == []
     for shape in ("NATURAL", "TACKY", "AS_MODELLED"):
         desk.settings.kept_shape = shape
         assert bpy.ops.cairn.check() == {"FINISHED"}
-        told[shape] = addon("running").plan["kept"]["STANDARD"]
+        shares[shape] = addon("running").plan["kept"]["STANDARD"]
         lines = panels.effect_of(desk.settings)
         assert len(lines) == 2 and lines[0].startswith("Likely to keep ") and "%" in lines[0], lines
         # With a bound of their strength, how many dots there will be is not known.
         assert ("dots" in lines[1]) == (shape == "AS_MODELLED"), lines
     # The highest of ten: less glue keeps less.
-    assert told["NATURAL"][1] < told["TACKY"][1] <= told["AS_MODELLED"][1]
-    assert told["NATURAL"][0] < 0.5 < told["AS_MODELLED"][0]
+    assert shares["NATURAL"][1] < shares["TACKY"][1] <= shares["AS_MODELLED"][1]
+    assert shares["NATURAL"][0] < 0.5 < shares["AS_MODELLED"][0]
 
 
 def test_without_a_ground_there_is_something_to_fall_on(desk, addon):
@@ -189,6 +189,6 @@ def test_without_a_ground_there_is_something_to_fall_on(desk, addon):
     bpy.context.scene.collection.children.link(desk.settings.colliders)
     cuboid("Shelf", (0.5, 2.0, 0.2), desk.settings.colliders, location=(-0.2, 0, -0.1))
     collection = desk.bake(kept_shape="NATURAL")
-    told = json.loads(collection.cairn.report)
-    assert any("fell past the scenery" in text for text in told["warnings"])
+    report = json.loads(collection.cairn.report)
+    assert any("fell past the scenery" in text for text in report["warnings"])
     assert 0 < (desk.motion.positions[-1, :, 1] < -1).sum() < len(desk.motion.props)

@@ -64,9 +64,9 @@ def test_what_stood_on_a_removed_body_settles(edited, desk):
     bpy.ops.ed.undo_push(message="removed")
     assert bpy.ops.cairn.settle() == {"FINISHED"}
     bpy.ops.ed.undo_push(message="settled")
-    told = desk.addon("running").report_of(edited)
-    assert told["measures"]["at_rest_fraction"] > 0.8
-    settled = told["settled"]
+    report = desk.addon("running").report_of(edited)
+    assert report["measures"]["at_rest_fraction"] > 0.8
+    settled = report["settled"]
     assert settled["moved"] > 0 and settled["kept"] > 0 and settled["moved"] + settled["kept"] == count - 1
     after = poses(edited)
     same = [name for name in after if after[name] == before[name]]
@@ -74,7 +74,7 @@ def test_what_stood_on_a_removed_body_settles(edited, desk):
     # What keeps its pose was certified to stand, and is.
     stood, stands = settled["standing"]
     assert settled["kept"] >= stood > 0.8 * settled["kept"] and stands >= 0.95 * stood
-    said = desk.addon("weighing").said(told)
+    said = desk.addon("weighing").said(report)
     assert (
         f"Of the {settled['kept']} untouched, {stood} were certified to stand before" in said
         and f"{stands} are" in said
@@ -126,8 +126,8 @@ def test_more_is_dropped_on_top(edited, desk):
     after = poses(edited)
     assert len(edited.objects) == count + 6
     assert all(after[name] == before[name] for name in before)
-    told = desk.addon("running").report_of(edited)["settled"]
-    assert (told["moved"], told["kept"], told["added"]) == (0, count, 6)
+    settled = desk.addon("running").report_of(edited)["settled"]
+    assert (settled["moved"], settled["kept"], settled["added"]) == (0, count, 6)
     numbers = [body.cairn.number for body in edited.objects]
     assert len(set(numbers)) == len(numbers)
 

@@ -1,4 +1,4 @@
-"""What goes wrong is told with its remedy; what is stopped leaves nothing behind; what runs on is found again."""
+"""Each fault is reported with its remedy; a stopped bake leaves nothing behind; a bake that runs on is found again."""
 
 import time
 
@@ -62,11 +62,11 @@ def test_a_scene_that_is_wrong_is_told_by_its_objects(desk):
     mesh_object("Sheet", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
     desk.settings.control_mesh = bpy.data.objects["Sheet"]
     desk.add_stick("Beam", (9, 9, 9))
-    told = refusal()
-    assert "Sheet: the shape is open" in told and "\n" in told
+    message = refusal()
+    assert "Sheet: the shape is open" in message and "\n" in message
     desk.settings.control_mesh = desk.control
-    told = refusal(bpy.ops.cairn.check)
-    assert "Beam" in told and "Traceback" not in told
+    message = refusal(bpy.ops.cairn.check)
+    assert "Beam" in message and "Traceback" not in message
     assert names()["collections"] == before["collections"]
 
 
@@ -79,10 +79,10 @@ def test_a_missing_program(desk, module):
     desk.add_stick()
     preferences(module).program = "/nowhere/cairn"
     try:
-        told = refusal()
+        message = refusal()
     finally:
         preferences(module).program = str(PROGRAM)
-    assert "/nowhere/cairn" in told and "preferences" in told
+    assert "/nowhere/cairn" in message and "preferences" in message
 
 
 def test_a_program_that_is_another(desk, module, addon, tmp_path, monkeypatch):
@@ -105,7 +105,7 @@ def test_a_server_out_of_reach(desk, module, addon):
     before = set(kept.glob("*"))
     chosen.server = "REMOTE"
     try:
-        assert "no server's address" in refusal()
+        assert "address is missing" in refusal()
         chosen.address = "127.0.0.1"
         assert "HOST:PORT" in refusal()
         chosen.address = "127.0.0.1:1"
@@ -139,7 +139,7 @@ def test_a_server_on_a_port_with_a_token(desk, addon, module, tmp_path, monkeypa
     monkeypatch.setattr(addon("preferences"), "_local", local)
     try:
         assert bpy.ops.cairn.bake() == {"FINISHED"}
-        assert local._told()["address"].startswith("127.0.0.1:")
+        assert local._read_note()["address"].startswith("127.0.0.1:")
         assert local.note.stat().st_mode & 0o077 == 0
     finally:
         local.stop()
@@ -227,7 +227,7 @@ def test_the_pile_is_there_before_its_figures(desk, addon):
     bake = start(desk, addon, accuracy="DRAFT", seed=41)
     wait(bake, lambda: bake.has_all_frames)
     motion = bake.job.recording.motion()
-    collection = addon("request").finish(result.build(bpy.context, motion, bake.recipe, bake.told()))
+    collection = addon("request").finish(result.build(bpy.context, motion, bake.recipe, bake.record()))
     assert running.report_of(collection)["is_whole"]
     running.bake = None
     running.wait_for_report(bake)
@@ -236,7 +236,7 @@ def test_the_pile_is_there_before_its_figures(desk, addon):
         # Without a window, Blender runs no timers.
         running._collect()
         time.sleep(0.05)
-    told = running.report_of(collection)
-    assert told["measures"]["shape_iou"] > 0.5
+    report = running.report_of(collection)
+    assert report["measures"]["shape_iou"] > 0.5
     # None was late.
-    assert told["frame_count"] == len(motion.positions)
+    assert report["frame_count"] == len(motion.positions)

@@ -1,4 +1,4 @@
-"""How far a pile keeps its shape: what is asked of the server, what the file keeps, and what is told of the glue."""
+"""How far a pile keeps its shape: the request, what the file keeps, and what the panels say of the glue."""
 
 import json
 
@@ -77,9 +77,9 @@ def test_what_is_glued_is_told(desk, glue, addon):
     # A wall that friction alone does not carry.
     desk.control.scale = (1.0, 0.35, 1.6)
     collection = desk.bake()
-    told = running.report_of(collection)
-    dots = told["counts"]["glue_dots"]
-    assert dots > 0 and running.glue_of(told).startswith((f"{dots} dots", "1 dot "))
+    report = running.report_of(collection)
+    dots = report["counts"]["glue_dots"]
+    assert dots > 0 and running.glue_of(report).startswith((f"{dots} dots", "1 dot "))
     last = states.at(collection, 10**6)
     assert ((last == v1.BODY_STATE_GLUED) | (last == v1.BODY_STATE_ANCHORED)).any()
     collection = desk.bake(kept_shape="NATURAL")
@@ -91,15 +91,15 @@ def test_what_is_glued_is_told(desk, glue, addon):
 def test_the_words_for_it(addon):
     words = addon("running").glue_of
 
-    def told(dots, share=0.5, anchored=0.0, broken=0):
+    def report_with(dots, share=0.5, anchored=0.0, broken=0):
         counts = {"glue_dots": dots, "glue_dots_broken": broken}
         return {"measures": {"glued_body_fraction": share, "anchored": anchored}, "counts": counts}
 
     assert words({}) == words({"measures": {}}) == ""
-    assert words(told(0)) == "Nothing is glued."
-    assert words(told(1, 0.04)) == "1 dot of glue joins 4% of the bodies."
-    assert words(told(24, 0.4, 4.0, 2)) == (
-        "24 dots of glue join 40% of the bodies. 4 dots hold on to the ground or to scenery. 2 broke."
+    assert words(report_with(0)) == "Nothing is glued."
+    assert words(report_with(1, 0.04)) == "1 dot of glue joins 4% of the bodies."
+    assert words(report_with(24, 0.4, 4.0, 2)) == (
+        "24 dots of glue join 40% of the bodies. 4 dots hold the pile to the ground or to scenery. 2 broke."
     )
 
 
@@ -107,12 +107,12 @@ def test_dots_are_where_the_server_has_them(desk, glue, addon):
     """Each on a body that it joins, whatever the body does then."""
     desk.control.scale = (1.0, 0.35, 1.6)
     bakes, running, view, dots = [], addon("running"), addon("glue"), addon("dots")
-    told = running.Bake.told
-    running.Bake.told = lambda bake: bakes.append(bake) or told(bake)
+    record = running.Bake.record
+    running.Bake.record = lambda bake: bakes.append(bake) or record(bake)
     try:
         collection = desk.bake(start_frame=5)
     finally:
-        running.Bake.told = told
+        running.Bake.record = record
     report = bakes[-1].job.report
     listed = view.dots_of(collection)
     assert len(listed) == len(report["glue"]["dots"]) > 0
@@ -129,7 +129,7 @@ def test_dots_are_where_the_server_has_them(desk, glue, addon):
     assert view.places(collection)[0][0] - found[0][0] == pytest.approx(1.0, abs=1e-4)
     assert bpy.ops.cairn.select_dot(collection=collection.name, dot=0) == {"FINISHED"}
     assert first in bpy.context.selected_objects
-    # Bodies have the colour of the most that a dot on them carries, and then their own again.
+    # Bodies have the color of the most that a dot on them carries, and then their own again.
     own = tuple(first.color)
     states, manager = addon("states"), bpy.context.window_manager
     manager.cairn_loads = True
@@ -144,25 +144,25 @@ def test_bodies_that_are_not_shown_are_left_out_of_the_count(addon):
     made = bpy.data.collections.new("Pile")
     made.cairn.left_out = "[1, 4]"
     assert [dots.number_of(made, body) for body in (0, 1, 2, 3, 4, 5, None)] == [1, None, 2, 3, None, 4, None]
-    told = [{"body": 0, "other": 2, "load": 3.0}, {"body": 2, "other": None, "load": 0.1}]
-    assert dots.loads(made, told, 4).tolist() == [4, 4, 0, 0]
+    dots_of_all = [{"body": 0, "other": 2, "load": 3.0}, {"body": 2, "other": None, "load": 0.1}]
+    assert dots.loads(made, dots_of_all, 4).tolist() == [4, 4, 0, 0]
 
 
 def made_up_glue(desk, addon, mode):
     """A pile that moves, with dots on bodies that do, and on the ground."""
     motion = made_up(addon)
     collection = write(desk, motion, mode)
-    told = [
+    remembered = [
         {"body": body, "other": other, "at": [0.1, -0.2, 0.3], "load": load, "broken": False}
         for body, other, load in ((3, 4, 7.0), (7, None, 1.5), (19, 0, 0.2))
     ]
-    collection.cairn.report = json.dumps({"dots": told, "measures": {"prop_diameter": 0.3}})
-    return collection, motion, told
+    collection.cairn.report = json.dumps({"dots": remembered, "measures": {"prop_diameter": 0.3}})
+    return collection, motion, remembered
 
 
 @pytest.mark.parametrize("mode", ["ANIMATION", "POINTS"])
 def test_dots_go_along_with_bodies_of_both_kinds(desk, addon, mode):
-    collection, motion, told = made_up_glue(desk, addon, mode)
+    collection, motion, remembered = made_up_glue(desk, addon, mode)
     view, scene = addon("glue"), bpy.context.scene
 
     def holds(frame, number):
@@ -170,7 +170,7 @@ def test_dots_go_along_with_bodies_of_both_kinds(desk, addon, mode):
         matrices = desk.expected(number)
         # The bodies' sizes do not matter.
         turns = matrices[:, :3, :3] / motion.scales[:, None, None]
-        wanted = [turns[dot["body"]] @ dot["at"] + matrices[dot["body"], :3, 3] for dot in told]
+        wanted = [turns[dot["body"]] @ dot["at"] + matrices[dot["body"], :3, 3] for dot in remembered]
         return np.abs(view.places(collection) - wanted).max() < 1e-4
 
     assert all(holds(1 + number, number) for number in range(len(motion.positions)))
@@ -196,7 +196,7 @@ def test_dots_go_along_with_bodies_of_both_kinds(desk, addon, mode):
 @pytest.mark.parametrize("mode", ["ANIMATION", "POINTS"])
 def test_loads_are_shown_where_no_states_are_told(desk, addon, mode):
     """As of a pile that was worked on by hand, or baked without the control."""
-    collection, _, told = made_up_glue(desk, addon, mode)
+    collection, _, remembered = made_up_glue(desk, addon, mode)
     states, dots, manager = addon("states"), addon("dots"), bpy.context.window_manager
     collection.cairn.states = ""
     blocks = count_blocks()

@@ -1,4 +1,4 @@
-"""What an artist meets in an hour of work: nothing moves by itself, nothing is lost, everything is told in words."""
+"""What an artist meets in an hour of work: nothing moves by itself, nothing is lost, everything is said in words."""
 
 import concurrent.futures
 import time
@@ -75,19 +75,19 @@ def test_expected_times_stay_until_the_next_are_there(desk, addon, looking, monk
 def test_time_left_only_falls_or_is_not_known(addon):
     left = addon("running").TimeLeft()
     random = np.random.default_rng(5)
-    told, doubted = [], 0
+    shown, doubted = [], 0
     for second in range(200):
         # A stage that takes ever longer, then ends.
         left.hear(2, 11.0 + 8 * random.random() if second < 150 else 200.0 - second, float(second))
-        told.append(left.told(second + 0.5))
-        doubted += told[-1] is None
-    known = [value for value in told if value is not None]
+        shown.append(left.remaining(second + 0.5))
+        doubted += shown[-1] is None
+    known = [value for value in shown if value is not None]
     assert all(later <= before for before, later in zip(known, known[1:]))
     assert doubted > 100 and known
     left.hear(3, None, 200.0)
-    assert left.told(200.0) is None
+    assert left.remaining(200.0) is None
     left.hear(3, 60.0, 201.0)
-    assert left.told(202.0) == 59.0
+    assert left.remaining(202.0) == 59.0
 
 
 def test_stages_before_the_first_frame_are_named(desk, addon):
@@ -95,9 +95,9 @@ def test_stages_before_the_first_frame_are_named(desk, addon):
     bake = start(desk, addon, accuracy="DRAFT", seed=991)
     seen = []
     while not bake.end:
-        bake.job.news.put(bake.job.news.get(timeout=PATIENCE))
-        kind = bake.job.news.get()
-        bake.job.news.put(kind)
+        bake.job.messages.put(bake.job.messages.get(timeout=PATIENCE))
+        kind = bake.job.messages.get()
+        bake.job.messages.put(kind)
         bake.poll()
         seen += [bake.stage()] if bake.stage() not in seen else []
     addon("running").end()
@@ -116,8 +116,8 @@ def test_what_the_fill_has_can_be_kept(desk, addon):
     assert bpy.ops.cairn.keep() == {"FINISHED"}
     collection = bpy.data.collections["Heap Pile"]
     assert len(collection.objects) == count and collection.cairn.mode == "POSE"
-    told = addon("running").report_of(collection)
-    assert not told["is_whole"] and told["body_count"] == count
+    report = addon("running").report_of(collection)
+    assert not report["is_whole"] and report["body_count"] == count
     inside = [body.location for body in collection.objects]
     assert all(abs(place.x) < 0.5 and abs(place.y) < 0.5 and -0.1 < place.z < 0.7 for place in inside)
 
@@ -139,8 +139,8 @@ def test_all_that_is_wrong_is_told_at_once(desk, addon):
     desk.add_stick("Beam", (9, 9, 9))
     desk.settings.control_mesh = mesh_object("Sheet", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
     for operator in (bpy.ops.cairn.check, bpy.ops.cairn.bake):
-        told = refusal(operator)
-        assert all(name in told for name in ("“Ghost”", "“Shade”", "Sheet")), told
+        message = refusal(operator)
+        assert all(name in message for name in ("“Ghost”", "“Shade”", "Sheet")), message
         pairs = dict(addon("action_panel").problems())
         about = [things for things in pairs.values() if things]
         assert ["Ghost"] in about and ["Shade"] in about and ["Sheet"] in about, pairs
@@ -151,7 +151,7 @@ def test_a_check_does_not_wait(desk, addon, monkeypatch):
     """With a window, it reads the scene in slices, and then looks for the answer now and then."""
     for number in range(4):
         desk.add_stick(f"Stick {number}", (0.3 + 0.02 * number, 0.1, 0.1))
-    setup, answer, told = addon("setup_operators"), concurrent.futures.Future(), []
+    setup, answer, reported = addon("setup_operators"), concurrent.futures.Future(), []
     monkeypatch.setattr(setup, "SLICE", 0.0)
     monkeypatch.setattr(setup.job, "plan", lambda *_: answer)
     check = setup.CAIRN_OT_check
@@ -161,7 +161,7 @@ def test_a_check_does_not_wait(desk, addon, monkeypatch):
         _ask, _read, _take, modal, cancel = check._ask, check._read, check._take, check.modal, check.cancel
 
         def report(self, _, text):
-            told.append(text)
+            reported.append(text)
 
     class Event:
         type, value = "TIMER", "NOTHING"
@@ -176,8 +176,8 @@ def test_a_check_does_not_wait(desk, addon, monkeypatch):
     assert turns > 4 and made.answer is answer
     for _ in range(3):
         assert made.modal(bpy.context, Event()) == {"PASS_THROUGH"}
-    answer.set_exception(addon("client").Fault("It was told."))
-    assert made.modal(bpy.context, Event()) == {"CANCELLED"} and told == ["It was told."]
+    answer.set_exception(addon("client").Fault("It was reported."))
+    assert made.modal(bpy.context, Event()) == {"CANCELLED"} and reported == ["It was reported."]
     # Stopped while it reads, it leaves everything as it was.
     made.slices, answer = made._ask(bpy.context), concurrent.futures.Future()
     made.modal(bpy.context, Event())
@@ -206,12 +206,12 @@ def test_warnings_are_told_once_and_in_words(addon):
     texts += ["the pile was still moving at the last frame; bake more frames, or raise hold.patience"] * 2
     texts += ["e: only 3 % of its underside lies within 0.010 m of the ground and counts as its base (base.height); a"]
     texts += ["more bodies would fit than fill.max_bodies = 20: the control mesh will not be full; raise it"]
-    told = gathered(texts, names)
-    assert [things for _, things in told] == [["Rock", "Rock.001", "c: d", "Leaf"], [], ["Leaf"], []]
-    assert told[0][0].startswith("“Rock”, “Rock.001”, “c: d” and 1 more: The mesh is open")
-    assert told[1][0].endswith("raise “Patience” in the panel Release")
-    assert "(“Height” in the panel Fill)" in told[2][0]
-    assert "“Max Bodies” in the panel Fill (20): the shape will" in told[3][0]
+    gathered_pairs = gathered(texts, names)
+    assert [things for _, things in gathered_pairs] == [["Rock", "Rock.001", "c: d", "Leaf"], [], ["Leaf"], []]
+    assert gathered_pairs[0][0].startswith("“Rock”, “Rock.001”, “c: d” and 1 more: The mesh is open")
+    assert gathered_pairs[1][0].endswith("raise “Patience” in the panel Release")
+    assert "(“Height” in the panel Fill)" in gathered_pairs[2][0]
+    assert "“Max Bodies” in the panel Fill (20): the shape will" in gathered_pairs[3][0]
 
 
 def test_settings_come_back_after_everything_was_renamed(desk, addon):
@@ -238,7 +238,7 @@ def test_a_rename_during_a_bake_does_no_harm(desk, addon):
     cuboid("Stick", (1, 1, 1))
     wait(bake, lambda: bake.end)
     collection = addon("request").finish(
-        addon("result").build(bpy.context, bake.motion(), bake.recipe, bake.told()),
+        addon("result").build(bpy.context, bake.motion(), bake.recipe, bake.record()),
     )
     addon("running").end()
     assert collection.cairn.control == desk.control and collection.name == "Hill Pile"
@@ -250,18 +250,18 @@ def test_other_presets_show_their_values(desk, addon):
     desk.add_stick()
     presets, schema = addon("presets"), addon("schema")
     bpy.ops.cairn.check()
-    told = {}
+    values = {}
     for accuracy in ("DRAFT", "STANDARD"):
         desk.settings.accuracy = accuracy
-        told[accuracy] = {
+        values[accuracy] = {
             (message, field["name"]): presets.text(getattr(desk.settings, name), field)
             for message, name in schema.GROUPS.items()
             for field in schema.fields_of(message)
         }
-    assert told["DRAFT"] != told["STANDARD"]
-    known = [value for value in told["DRAFT"].values() if value != "–"]
-    assert len(known) > len(told["DRAFT"]) / 2
-    assert told["STANDARD"]["Hold", "patience"] == f"{desk.settings.hold.patience:.4g}"
+    assert values["DRAFT"] != values["STANDARD"]
+    known = [value for value in values["DRAFT"].values() if value != "–"]
+    assert len(known) > len(values["DRAFT"]) / 2
+    assert values["STANDARD"]["Hold", "patience"] == f"{desk.settings.hold.patience:.4g}"
 
 
 def test_bodies_are_as_the_render_has_them(desk, addon):
@@ -316,6 +316,6 @@ def test_the_report_can_be_switched_off(desk, addon):
     desk.bake(seed=12)
     with_report = addon("running").report_of(bpy.data.collections["Heap Pile"])
     collection = desk.bake(use_report=False)
-    told = addon("running").report_of(collection)
-    assert told["is_whole"] and told["result_hash"] == with_report["result_hash"]
-    assert "shape_iou" in with_report["measures"] and "shape_iou" not in told["measures"]
+    report = addon("running").report_of(collection)
+    assert report["is_whole"] and report["result_hash"] == with_report["result_hash"]
+    assert "shape_iou" in with_report["measures"] and "shape_iou" not in report["measures"]

@@ -51,20 +51,20 @@ def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
         return add_frame(recording, frame)
 
     monkeypatch.setattr(addon("recording").Recording, "add_frame", adding)
-    assert turn(lambda: "made of" in live.told())
+    assert turn(lambda: "Choose the props" in live.status())
     desk.add_stick()
     desk.settings.accuracy = "REFERENCE"
     before = all_blocks(), bpy.context.scene.frame_current
     assert turn(lambda: drawn)
     v1 = addon("messages").v1
     assert asked[-1].spec.scene.accuracy == v1.ACCURACY_DRAFT
-    assert drawn[-1].stage != v1.STAGE_FILL and drawn[-1].present.sum() > 10 and "Draft of" in live.told()
+    assert drawn[-1].stage != v1.STAGE_FILL and drawn[-1].present.sum() > 10 and "Draft of" in live.status()
     # Neither the fill nor the motion is sent, and what is drawn is the pose that the whole bake ends with.
     assert len(asked[-1].recording.frames) == 1 and stages == {v1.STAGE_HOLD}
     asked[-1].spec.scene.effects.frames = v1.SWITCH_AUTO
     whole = addon("job").Job(asked[-1].server, asked[-1].spec, asked[-1].contents)
     whole.start()
-    while whole.news.get(timeout=PATIENCE)[0] != "done":
+    while whole.messages.get(timeout=PATIENCE)[0] != "done":
         pass
     assert len(whole.recording.frames) > 5
     assert np.array_equal(drawn[-1].positions, whole.recording.frames[-1].positions)

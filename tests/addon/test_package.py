@@ -26,12 +26,12 @@ def test_it_is_small_and_has_licences():
 def test_blender_finds_the_extension_valid(tmp_path):
     tool = Path(bpy.utils.system_resource("SCRIPTS"), "addons_core", "bl_pkg", "cli", "blender_ext.py")
     archive = os.environ["CAIRN_ADDON"]
-    told = subprocess.run([sys.executable, tool, "validate", archive], capture_output=True, text=True)
-    assert told.returncode == 0, told.stdout + told.stderr
+    done = subprocess.run([sys.executable, tool, "validate", archive], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
     zipfile.ZipFile(archive).extractall(tmp_path)
     build = [sys.executable, tool, "build", "--source-dir", tmp_path / "cairn", "--output-dir", tmp_path]
-    told = subprocess.run(build, capture_output=True, text=True)
-    assert told.returncode == 0, told.stdout + told.stderr
+    done = subprocess.run(build, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
     assert list(tmp_path.glob("cairn-*.zip"))
 
 

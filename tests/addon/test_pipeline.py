@@ -199,7 +199,7 @@ def test_other_programs_get_the_motion(desk, form, tmp_path):
         assert bpy.ops.wm.alembic_import(filepath=path, as_background_job=False) == {"FINISHED"}
     meshes = [body for body in bpy.data.objects if body.type == "MESH"]
     after, names = poses(meshes, frames), {name for _, name in before}
-    # What reads them names them anew: they are told apart by where they end.
+    # Readers rename the bodies: the test identifies them by their last positions.
     for body in meshes:
         was = min(names, key=lambda name: np.abs(before[last, name] - after[last, body.name]).max())
         names.remove(was)

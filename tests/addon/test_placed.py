@@ -32,12 +32,12 @@ def test_moving_colliders_are_followed(placing):
         wall.location.x = x
         wall.keyframe_insert("location", frame=frame)
     made = placing.bake(colliders=collection("Walls", wall), use_frame_count=True, frame_count=24)
-    (told,) = placing.request.spec.scene.statics
-    numbers = [key.frame for key in told.keyframes]
+    (scenery,) = placing.request.spec.scene.statics
+    numbers = [key.frame for key in scenery.keyframes]
     # Standing, moving, standing.
     assert numbers[0] == 0 and 9 in numbers and 19 in numbers and 23 not in numbers and 5 not in numbers
-    assert told.keyframes[0].position[0] == pytest.approx(1.5)
-    assert told.keyframes[-1].position[0] == pytest.approx(0.3)
+    assert scenery.keyframes[0].position[0] == pytest.approx(1.5)
+    assert scenery.keyframes[-1].position[0] == pytest.approx(0.3)
     # It has pushed the pile.
     bpy.context.scene.frame_set(25)
     names = {body.name for body in made.objects}
@@ -119,7 +119,7 @@ def test_tilt(placing):
 
 def test_how_props_lie(placing):
     placing.add_stick("Plank", (0.5, 0.14, 0.05))
-    # As long as nothing is set, nothing is told.
+    # Unset fields are not sent.
     asked = placing.addon("request").take(bpy.context).spec.scene
     assert not asked.HasField("fill") and not asked.props[0].turns and not asked.props[0].up
     chosen, common = placing.settings.arrangement, placing.settings.prop_common
@@ -172,7 +172,7 @@ def test_a_stacked_fill_is_as_tidy_as_the_slider_says(placing):
     settings.fill.use_method, settings.fill.method = True, "STACK"
     fill = take(bpy.context).spec.scene.fill
     assert fill.HasField("order") and fill.order == 0
-    # What sorts is told only where something is sorted.
+    # The sorting field is sent only where something is sorted.
     settings.arrangement.layout, settings.arrangement.descending = "CLUSTERS", True
     fill = take(bpy.context).spec.scene.fill
     assert fill.layout and not fill.HasField("descending")

@@ -1,4 +1,4 @@
-"""Bodies coloured by state: at each frame, and not a trace of it afterwards."""
+"""Bodies colored by state: at each frame, and not a trace of it afterwards."""
 
 import bpy
 import numpy as np
@@ -9,7 +9,7 @@ from test_motion import made_up, write
 
 @pytest.fixture
 def show(addon):
-    """Switches the colours as the panel does."""
+    """Switches the colors as the panel does."""
 
     def switch(on):
         bpy.context.window_manager.cairn_states = on
@@ -22,7 +22,7 @@ def colors_of(objects):
     return np.array([list(body.color) for body in objects], np.float32)
 
 
-def test_objects_have_their_states_colours_at_each_frame(desk, addon, show):
+def test_objects_have_their_states_colors_at_each_frame(desk, addon, show):
     states = addon("states")
     motion = made_up(addon)
     collection = write(desk, motion, "ANIMATION")
@@ -47,12 +47,12 @@ def test_objects_have_their_states_colours_at_each_frame(desk, addon, show):
 
 
 def instances():
-    """Position and colour of each instance."""
+    """Position and color of each instance."""
     graph = bpy.context.evaluated_depsgraph_get()
     return [(i.matrix_world.translation.copy(), i.object.color[:]) for i in graph.object_instances if i.is_instance]
 
 
-def test_points_of_each_state_have_an_instancer_of_its_colour(desk, addon, show):
+def test_points_of_each_state_have_an_instancer_of_its_color(desk, addon, show):
     states = addon("states")
     motion = made_up(addon)
     collection = write(desk, motion, "POINTS")
@@ -97,11 +97,11 @@ def test_the_file_and_the_undo_history_never_keep_them(desk, addon, show, mode, 
     before, blocks = colors_of(collection.objects), count_blocks()
     bpy.ops.ed.undo_push(message="pile")
     show(True)
-    bpy.ops.ed.undo_push(message="with colours")
-    coloured = count_blocks()
+    bpy.ops.ed.undo_push(message="with colors")
+    colored = count_blocks()
     path = str(tmp_path / "pile.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
-    assert count_blocks() == coloured, "they are still shown"
+    assert count_blocks() == colored, "they are still shown"
     with bpy.data.libraries.load(path) as (inside, _):
         assert len(inside.objects) == blocks["objects"] and len(inside.collections) == blocks["collections"]
     show(False)

@@ -99,9 +99,9 @@ def test_the_final_pose_stays_alone(desk, addon, mode):
     assert not bpy.data.actions and bpy.context.scene.frame_current == 1000
     states = addon("states").at(collection, 5)
     assert (states is None) == (shown is None) and (shown is None or (states == shown).all())
-    with pytest.raises(RuntimeError, match="no pile"):
+    with pytest.raises(RuntimeError, match="no animated pile"):
         bpy.ops.cairn.keep_pose()
-    with pytest.raises(RuntimeError, match="no pile"):
+    with pytest.raises(RuntimeError, match="no animated pile"):
         bpy.ops.cairn.fit_timing()
     # One step back is all of it.
     bpy.ops.ed.undo()
@@ -132,10 +132,10 @@ def test_a_bake_ends_at_the_frame_that_the_preview_showed(desk, addon):
 
     class Operator:
         timer = preview = workspace = slices = writer = None
-        told = []
+        reported = []
 
         def report(self, _, text):
-            self.told.append(text)
+            self.reported.append(text)
 
         def _leave(self, *_):
             pass
@@ -151,4 +151,4 @@ def test_a_bake_ends_at_the_frame_that_the_preview_showed(desk, addon):
         assert following.Follows._end(operator, bpy.context, Bake()) == {"FINISHED"}
         assert scene.frame_current == (frame or 20 + len(desk.motion.positions) - 1), mode
         assert frame or scene.frame_current == timing.end_of(operator.made)
-    assert running.bake is None and "Heap Pile" in Operator.told[-1]
+    assert running.bake is None and "Heap Pile" in Operator.reported[-1]

@@ -65,9 +65,9 @@ def test_glue_is_tried_with_each_seed(desk, addon):
     desk.add_stick()
     desk.control.scale = (1.0, 0.35, 1.6)
     assert bpy.ops.cairn.try_seeds(count=1, is_with_glue=True) == {"FINISHED"}
-    told = {entry.name: entry.told for entry in bpy.context.scene.cairn_variants}
-    assert set(told) == {"Seed 1, As Modelled", "Seed 1, Natural"}
-    assert "dots" in told["Seed 1, As Modelled"] and "no glue" in told["Seed 1, Natural"]
+    results = {entry.name: entry.told for entry in bpy.context.scene.cairn_variants}
+    assert set(results) == {"Seed 1, As Modeled", "Seed 1, Natural"}
+    assert "dots" in results["Seed 1, As Modeled"] and "no glue" in results["Seed 1, Natural"]
 
 
 def test_strengths_are_tried_on_request(desk, addon):
@@ -139,7 +139,7 @@ def test_a_variant_of_before_is_fetched_in_the_background(desk, addon, tmp_path,
     answers.set()
     assert turn(lambda: variants.shown == entries[1].bake_id) and not variants.is_here(entries[0])
     assert variants.fetch_on() is None
-    # What goes wrong is told in the panel.
+    # The panel reports the fault.
     entries[0].bake_id = "0" * 64
     variants.fetch(bpy.context, entries[0])
     assert turn(lambda: variants.fetch_on() is None)
@@ -147,7 +147,7 @@ def test_a_variant_of_before_is_fetched_in_the_background(desk, addon, tmp_path,
     variants.show("")
 
 
-def test_what_is_lacking_is_told(desk):
-    with pytest.raises(RuntimeError, match="made of"):
+def test_missing_settings_are_reported(desk):
+    with pytest.raises(RuntimeError, match="Choose the props"):
         bpy.ops.cairn.try_seeds()
     assert not bpy.context.scene.cairn_variants

@@ -3,7 +3,7 @@
     blender --factory-startup --window-geometry 0 0 1400 900 --python ui.py
 
 Bakes four times: stopped by Esc and by the Cancel button, and to the end, as objects and as points, both of them
-coloured by state, too. $CAIRN_ADDON is the add-on's zip,
+colored by state, too. $CAIRN_ADDON is the add-on's zip,
 $CAIRN_SCREENSHOTS a folder for pictures of the window.
 """
 
@@ -112,9 +112,9 @@ def walk():
     assert count > 20 and running.report_of(pile)["is_whole"]
     # The figures may come later.
     yield from wait(lambda: "measures" in running.report_of(bpy.data.collections["Cone Pile"]), "the report")
-    told = running.report_of(bpy.data.collections["Cone Pile"])
-    assert (told["body_count"], told["frame_count"]) == (count, frames), told
-    assert told["result_hash"]
+    report = running.report_of(bpy.data.collections["Cone Pile"])
+    assert (report["body_count"], report["frame_count"]) == (count, frames), report
+    assert report["result_hash"]
     yield 1.0
     picture("6-after.png")
     with view(area):

@@ -33,10 +33,10 @@ def follow_changes():
     from cairn import live
 
     bpy.context.window_manager.cairn_live = True
-    yield from wait(lambda: live.told().startswith("Draft of"), "a draft")
+    yield from wait(lambda: live.status().startswith("Draft of"), "a draft")
     bpy.data.objects["Cone"].scale.z = 0.7
-    yield from wait(lambda: not live.told().startswith("Draft of"), "the change to be seen")
-    yield from wait(lambda: live.told().startswith("Draft of"), "the next draft")
+    yield from wait(lambda: not live.status().startswith("Draft of"), "the change to be seen")
+    yield from wait(lambda: live.status().startswith("Draft of"), "the next draft")
 
 
 def take_out(area, near, count):

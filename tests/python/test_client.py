@@ -49,8 +49,8 @@ def test_a_result_is_what_the_program_writes(address, tmp_path):
     assert len(rows) == motion.present.sum()
     for row in (rows[0], rows[len(rows) // 2], rows[-1]):
         frame, body = int(row["frame"]), int(row["body"])
-        told = [float(row[axis]) for axis in ("x_m", "y_m", "z_m")]
-        np.testing.assert_allclose(motion.positions[frame, body], told, atol=1e-6)
+        position = [float(row[axis]) for axis in ("x_m", "y_m", "z_m")]
+        np.testing.assert_allclose(motion.positions[frame, body], position, atol=1e-6)
 
 
 def test_events_come_in_their_order(address):
@@ -87,9 +87,9 @@ def test_everything_wrong_is_told_at_once(address):
 
 def test_a_scene_file_means_what_the_program_makes_of_it():
     request = cairn.read("sticks.toml", seed=9, control="off")
-    told = json.loads(run("scene", "sticks.toml", "--set", "seed=9", "--set", "control=off", "--json"))
-    assert request.spec.scene.seed == told["seed"] == 9
-    assert [prop.path for prop in request.spec.scene.props] == [prop["path"] for prop in told["props"]]
+    scene = json.loads(run("scene", "sticks.toml", "--set", "seed=9", "--set", "control=off", "--json"))
+    assert request.spec.scene.seed == scene["seed"] == 9
+    assert [prop.path for prop in request.spec.scene.props] == [prop["path"] for prop in scene["props"]]
     assert {asset.sha256 for asset in request.spec.assets} == set(request.contents)
 
 

@@ -56,9 +56,9 @@ def test_what_the_stage_states(bake, ending):
     assert UsdGeom.GetStageUpAxis(stage) == "Y" and UsdGeom.GetStageMetersPerUnit(stage) == 1.0
     assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == bake.table["fps"]
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0, len(bake.table["frames"]) - 1)
-    told = stage.GetDefaultPrim().GetCustomDataByKey("cairn:measures")
+    measures = stage.GetDefaultPrim().GetCustomDataByKey("cairn:measures")
     of_a_run = {"control_overhead", "analysis_us_per_body"}
-    assert told == {
+    assert measures == {
         name: value for name, value in bake.report["measures"].items() if value is not None and name not in of_a_run
     }
     origin = stage.GetRootLayer().customLayerData["cairn"]
@@ -70,8 +70,8 @@ def test_text_crate_and_package_say_the_same(bake):
     texts = [Sdf.Layer.FindOrOpen(bake.path(ending)).ExportToString() for ending in LAYERS]
     # They are results of their own requests, each with its own hash; and text has no zero below zero.
     texts = [re.sub(r"-0(?=[,)\]])", "0", text) for text in texts]
-    told = [[line for line in text.splitlines() if "request_blake3" not in line] for text in texts]
-    assert told[0] == told[1] == told[2] and len(told[0]) > 500
+    lines = [[line for line in text.splitlines() if "request_blake3" not in line] for text in texts]
+    assert lines[0] == lines[1] == lines[2] and len(lines[0]) > 500
     # Older programs refuse what states a newer version than theirs.
     assert (bake.folder / "pile.usdc").read_bytes()[:11] == b"PXR-USDC\x00\x08\x00"
 
@@ -120,12 +120,12 @@ def test_bodies_that_appear_later_have_no_size_before(late):
 def test_extents_are_those_of_the_bodies(bake):
     stage = opened(bake)
     for frame in bake.frames:
-        told = bodies(stage).GetExtentAttr().Get(frame)
+        extent = bodies(stage).GetExtentAttr().Get(frame)
         if not any(bake.table["frames"][frame]):
             continue
         exact = UsdGeom.BBoxCache(frame, [UsdGeom.Tokens.default_], useExtentsHint=False)
         computed = UsdGeom.Boundable.ComputeExtentFromPlugins(bodies(stage), frame)
-        assert np.abs(np.array(told) - np.array(computed)).max() < 1e-3
+        assert np.abs(np.array(extent) - np.array(computed)).max() < 1e-3
         assert exact.ComputeWorldBound(stage.GetPrimAtPath("/Pile")).GetRange().GetSize()[0] > 0
     for prim in stage.Traverse():
         if prim.IsA(UsdGeom.Mesh):
@@ -188,16 +188,16 @@ def test_every_mesh_is_whole(bake):
 
 
 def test_glue_is_told(glued):
-    stage, told = opened(glued), glued.table["glue"]
-    assert len(told["dots"]) > 5
+    stage, glue = opened(glued), glued.table["glue"]
+    assert len(glue["dots"]) > 5
     assert not faults(stage)
     dots = UsdGeom.Points(stage.GetPrimAtPath("/Pile/Glue"))
     assert dots.ComputePurpose() == "guide"
-    assert np.abs(np.array(dots.GetPointsAttr().Get()) - [dot["point"] for dot in told["dots"]]).max() < 1e-5
-    pairs = [tuple(-1 if body is None else body for body in dot["bodies"]) for dot in told["dots"]]
+    assert np.abs(np.array(dots.GetPointsAttr().Get()) - [dot["point"] for dot in glue["dots"]]).max() < 1e-5
+    pairs = [tuple(-1 if body is None else body for body in dot["bodies"]) for dot in glue["dots"]]
     assert [tuple(pair) for pair in UsdGeom.PrimvarsAPI(dots).GetPrimvar("cairn:bodies").Get()] == pairs
     anchored = UsdGeom.PrimvarsAPI(bodies(stage)).GetPrimvar("cairn:anchored").Get()
-    assert [body for body, value in enumerate(anchored) if value] == told["anchored"]
+    assert [body for body, value in enumerate(anchored) if value] == glue["anchored"]
 
 
 def test_a_pile_can_be_referred_to(mixed):

@@ -21,7 +21,7 @@ FIRST_PAUSE = 0.2
 place = ""
 # What a call takes at most that answers from memory, s.
 SHORT = 30.0
-# What the latest server has told of itself, presets included; None before that.
+# Information of the latest server, presets included; None before the first answer.
 info = None
 
 
@@ -85,13 +85,13 @@ class Connection:
     async def call(self, name, timeout=SHORT, **fields):
         """One question, one answer: `await server.call("GetBake", bake_id=id)`."""
         method = self._method(UnaryUnaryMethod, name)
-        with _told(self.target):
+        with _faults(self.target):
             return await method(method.request_type(**fields), timeout=timeout, metadata=self.metadata)
 
     async def stream(self, name, **fields):
         """One question, many answers."""
         method = self._method(UnaryStreamMethod, name)
-        with _told(self.target):
+        with _faults(self.target):
             async with method.open(metadata=self.metadata) as stream:
                 await stream.send_message(method.request_type(**fields), end=True)
                 async for reply in stream:
@@ -111,7 +111,7 @@ class Connection:
         for sha256 in missing:
             method = self._method(StreamUnaryMethod, "UploadAsset")
             content = contents[sha256]
-            with _told(self.target):
+            with _faults(self.target):
                 async with method.open(metadata=self.metadata) as stream:
                     header = v1.AssetHeader(sha256=sha256, size_bytes=len(content))
                     await stream.send_message(v1.UploadAssetRequest(header=header), end=not content)
@@ -141,17 +141,17 @@ def _selection(has_fill):
     return v1.FRAME_SELECTION_ALL if has_fill else v1.FRAME_SELECTION_RESULT
 
 
-async def bake(reach, spec, contents, told=lambda state: None, has_fill=True, **asked):
+async def bake(reach, spec, contents, report_state=lambda state: None, has_fill=True, **asked):
     """Uploads, bakes, and yields the events to the end, over as many connections as it takes.
 
-    `reach`: gives the target, awaited before each connection. `told`: hears what is done before the first event.
-    `has_fill`: whether the fill's frames are sent, too. `asked`: more fields of the request.
+    `reach`: gives the target, awaited before each connection. `report_state`: called with what is done before the
+    first event. `has_fill`: whether the fill's frames are sent, too. `asked`: more fields of the request.
     """
     async with Connection(await reach()) as server:
         await server.handshake()
-        await server.upload(contents, lambda share: told(f"Sending props, {share:.0%}"))
+        await server.upload(contents, lambda share: report_state(f"Sending props, {share:.0%}"))
         # The server looks at all of them before it takes the bake.
-        told("Reading props")
+        report_state("Reading props")
         bake_id, last = "", 0
         try:
             async for reply in server.stream("Bake", spec=spec, frames=_selection(has_fill), **asked):
@@ -209,7 +209,7 @@ def _channel(target):
     return Channel(host.strip("[]"), int(port), ssl=context)
 
 
-class _told:
+class _faults:
     """Turns what the libraries raise into a fault."""
 
     def __init__(self, target):

@@ -1,4 +1,4 @@
-"""The motion of a bake as its events tell it: SI units, right-handed, Y up. The Blender add-on has this file, too."""
+"""The motion of a bake, from its events: SI units, right-handed, Y up. The Blender add-on has this file, too."""
 
 from dataclasses import dataclass
 
