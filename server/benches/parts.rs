@@ -1,6 +1,6 @@
 //! The parts of a bake, over small named scenes. README.md beside this file tells the rows.
 
-#[path = "../../examples/piles/mod.rs"]
+#[path = "../../tests/studies/piles/mod.rs"]
 mod piles;
 
 use cairn::model::export::{self, Format};

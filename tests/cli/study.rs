@@ -1,4 +1,4 @@
-//! The committed study of what accuracy costs (`examples/study/run`): what its figures have to say of the presets.
+//! The committed study of what accuracy costs (`tests/studies/accuracy/run`): what its figures have to say of the presets.
 
 use crate::desk::Desk;
 use serde_json::Value;
@@ -11,7 +11,7 @@ const PRESETS: [&str; 5] = ["draft", "preview", "standard", "fine", "reference"]
 const HEADLINE: [&str; 3] = ["overlap", "imbalance", "shape"];
 
 fn study(scene: &str) -> Value {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/study").join(scene).join("cost.json");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/studies/accuracy").join(scene).join("cost.json");
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 

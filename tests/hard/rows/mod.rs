@@ -1,5 +1,5 @@
 //! The hard cases, one row each: what builds it, what passing means, and what was measured. Tests run the rows;
-//! `examples/hard_cases.rs` prints them as a table.
+//! `tests/studies/hard_cases.rs` prints them as a table.
 #![allow(dead_code, reason = "the tests and the example use different parts")]
 
 pub mod edges;

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-HERE = "examples/peers"
+ROOT = Path(__file__).resolve().parents[3]
+HERE = "tests/studies/peers"
 TARGET = ROOT / "target" / "peers"
 ENGINES = TARGET / "engines" / "release" / "cairn-peers"
 CAIRN = ROOT / "target" / "release" / "examples" / "peers"

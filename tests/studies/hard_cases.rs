@@ -3,7 +3,7 @@
 //! Every row is run by Cairn as it is delivered, by Cairn without control, and by rapier with its default parameters.
 //! Without `--full`, some rows are shorter or smaller, as in the tests.
 
-#[path = "../tests/hard/rows/mod.rs"]
+#[path = "../hard/rows/mod.rs"]
 mod rows;
 
 use cairn_core::input::observer::Silent;

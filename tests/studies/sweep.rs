@@ -3,9 +3,9 @@
 //!
 //! A failure shrinks to the simplest scene that still fails, which is written as a scene file for `cairn bake`.
 
-#[path = "../tests/hard/rows/mod.rs"]
+#[path = "../hard/rows/mod.rs"]
 mod rows;
-#[path = "../tests/hard/sweep/mod.rs"]
+#[path = "../hard/sweep/mod.rs"]
 mod sweep;
 
 use clap::Parser;

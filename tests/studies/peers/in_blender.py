@@ -1,7 +1,7 @@
 """Blender's rigid bodies, to keyframes. It multiplies the two frictions of a pair, as Bullet does, which it is made of.
 Damping and deactivation are Blender's own.
 
-    blender --background --factory-startup --python examples/peers/in_blender.py -- SCENE OUT
+    blender --background --factory-startup --python tests/studies/peers/in_blender.py -- SCENE OUT
 """
 
 import sys

@@ -116,7 +116,7 @@ def page(results, piles):
         "# Cairn and its peers, side by side\n\n"
         "The same piles in Cairn and in other engines: CPU time, and how well each keeps the pile's shape. "
         "[How they are measured, and what the rows are](README.md).\n\n"
-        "Made by `examples/peers/run` on "
+        "Made by `tests/studies/peers/run` on "
         f"{machine['model']}, {machine['cores']} cores, one thread each; load of the machine at the end: {load}.\n"
         "Median of the rounds, smallest and largest in brackets.\n"
     )

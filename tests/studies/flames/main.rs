@@ -24,7 +24,7 @@ struct Args {
     #[arg(long, default_value_t = 4000)]
     samples: usize,
     /// Where the graphs are written; README.md is, where there is one
-    #[arg(long, default_value = "examples/flames")]
+    #[arg(long, default_value = "tests/studies/flames")]
     out: PathBuf,
 }
 

@@ -1,6 +1,6 @@
 """What all engines in Python share: the pile, the command line, the clock and the result.
 
-The files are those of examples/peers/format.rs: SI, Y up, quaternions x y z w."""
+The files are those of tests/studies/peers/format.rs: SI, Y up, quaternions x y z w."""
 
 import argparse
 import json

@@ -4,7 +4,7 @@
 //!
 //! Goes on where it ended: what is measured stays in target/growth. README.md beside this file describes the rest.
 
-#[path = "../../tests/hard/rows/gltf.rs"]
+#[path = "../../hard/rows/gltf.rs"]
 mod gltf;
 mod plot;
 mod row;
