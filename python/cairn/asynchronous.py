@@ -33,7 +33,7 @@ class AsyncClient:
 
     `address`: HOST:PORT, https://HOST:PORT or unix:PATH. `token`: the server's, if it has one. `certificates`: a PEM
     file of the authority that signed the server's certificate; empty: this machine's. `route`: where several servers
-    are behind a proxy, calls with the same text reach the same server; empty: a bake's calls have a hash of its request.
+    are behind a proxy, calls with the same text reach the same one; empty: a bake's calls have a hash of its request.
     """
 
     def __init__(
