@@ -7,8 +7,8 @@
         motion = bake.result()
     motion.positions  # numpy, [frame, body, 3], m
 
-SI units; axes are glTF's: right-handed, Y up. `Client` waits, `AsyncClient` is for asyncio; both have the same calls.
-What goes wrong is a `Fault`, with everything that is wrong with a scene in its `problems`.
+SI units; axes are glTF's: right-handed, Y up. `Client` blocks, `AsyncClient` is for asyncio; both have the same calls.
+An error raises `Fault`; its `problems` lists all errors of a scene.
 """
 
 from .asynchronous import AsyncBake, AsyncClient, Event

@@ -29,11 +29,11 @@ FORMATS = {
 
 
 class AsyncClient:
-    """A server, as a caller sees it. Each call opens a connection, so that it holds nothing and may be used anywhere.
+    """A client of a server. Each call opens a connection, so that it holds nothing and may be used anywhere.
 
     `address`: HOST:PORT, https://HOST:PORT or unix:PATH. `token`: the server's, if it has one. `certificates`: a PEM
-    file of who signed the server's certificate; empty: whom this machine trusts. `route`: where several servers are
-    behind a proxy, calls with the same text reach the same server; empty: a bake's calls have a hash of what it asks.
+    file of the authority that signed the server's certificate; empty: this machine's. `route`: where several servers
+    are behind a proxy, calls with the same text reach the same one; empty: a bake's calls have a hash of its request.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class AsyncClient:
             return await server.handshake()
 
     async def upload(self, scene: Scene, /, **settings: Any) -> Request:
-        """Sends the files of a scene that the server does not have, and gives what can be planned and baked at once.
+        """Sends the files of a scene that the server does not have, and returns the request, ready to plan and bake.
 
         `scene`, `settings`: as `cairn.read` takes them.
         """
@@ -58,7 +58,7 @@ class AsyncClient:
         return request
 
     async def plan(self, scene: Scene, /, **settings: Any) -> PlanBakeResponse:
-        """What a bake would do and cost: `.plan.expected_body_count`, `.plan.estimates` (CPU time, s; overlap, m)."""
+        """The plan of a bake and its cost: `.plan.expected_body_count`, `.plan.estimates` (CPU time, s; overlap, m)."""
         request = await self.upload(scene, **settings)
         async with Connection(_routed(self._target, request)) as server:
             return await server.plan(request.spec)
@@ -74,7 +74,7 @@ class AsyncClient:
         priority: int = 0,
         **settings: Any,
     ) -> AsyncBake:
-        """Asks for a bake, which begins with the first event that is asked for.
+        """Requests a bake, which begins when the first event is read.
 
         `has_fill`: whether the fill's frames are sent, too. `format`: of the result’s file: glb, usdz, json or csv.
         `labels`: names and values to find the bake by. `priority`: -100 to 100; above 0 for operators.
@@ -91,35 +91,35 @@ class AsyncClient:
         return AsyncBake(target, events)
 
     def watch(self, bake_id: str, *, has_fill: bool = False) -> AsyncBake:
-        """A bake that was asked for before, from its first event on."""
+        """An earlier bake, from its first event on."""
         return AsyncBake(self._target, client.watch(_reach(self._target), bake_id, has_fill=has_fill), bake_id)
 
     async def cancel(self, bake_id: str) -> None:
-        """Ends a bake that waits or runs, at once."""
+        """Ends a waiting or running bake at once."""
         async with Connection(self._target) as server:
             await server.call("CancelBake", bake_id=bake_id)
 
 
 class AsyncBake:
-    """A bake on a server: its events, in their order, and what comes of it.
+    """A bake on a server: its events, in order, and its result.
 
     Events are `Accepted`, `Progress`, `Summary` (messages of `cairn.v1.event_pb2`) and `Snapshot` (numpy arrays of all
-    bodies at a frame). A stream that breaks off is taken up where it was.
+    bodies at a frame). A broken stream is resumed where it ended.
     """
 
     def __init__(self, target: Target, events: Any, bake_id: str = "") -> None:
         self._target, self._events = target, events
         self._recording = Recording()
-        # By which the bake is found again; empty before it is accepted.
+        # The bake's id; empty before it is accepted.
         self.id = bake_id
-        # What it will do, and its whole scene.
+        # The plan, and the whole scene.
         self.accepted: Accepted | None = None
         # Figures, counts, warnings; None before the end.
         self.summary: Summary | None = None
 
     @property
     def route(self) -> str:
-        """Where several servers are behind a proxy, what finds the bake's one: `Client(address, route=bake.route)`."""
+        """Routes calls to the bake's server, if several are behind a proxy: `Client(address, route=bake.route)`."""
         return self._target.route
 
     def __aiter__(self) -> AsyncIterator[Event]:
@@ -152,14 +152,14 @@ class AsyncBake:
         return motion
 
     async def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the result's file, in the format that was asked for: complete or not at all."""
+        """Writes the result's file, in the requested format, complete or not at all."""
         await self.result()
         async with Connection(self._target) as server:
             content = await server.download(self.id)
         _write(Path(path), content)
 
     async def report(self) -> dict[str, Any]:
-        """How good the pile is and how it was made, as `cairn bake --report` writes it."""
+        """The report, as `cairn bake --report` writes it."""
         await self.result()
         async with Connection(self._target) as server:
             return json.loads(await server.download(self.id, v1.ARTIFACT_REPORT))

@@ -1,4 +1,4 @@
-"""The program `cairn` that came with this package, and a server by it."""
+"""The program `cairn` of this package, and a server run with it."""
 
 import contextlib
 import os
@@ -15,7 +15,7 @@ NAME = "cairn.exe" if os.name == "nt" else "cairn"
 
 
 def program() -> Path:
-    """Where the program is: among the scripts of this Python, else on the path."""
+    """The path of the program: among the scripts of this Python, else on the system's path."""
     own = Path(sysconfig.get_path("scripts")) / NAME
     found = own if own.is_file() else shutil.which(NAME)
     if not found:
@@ -27,12 +27,12 @@ def program() -> Path:
 def serve(data: str | os.PathLike[str] | None = None, workers: int = 1) -> Iterator[str]:
     """A server on this machine, for as long as the `with` lasts; gives its address.
 
-    `data`: the folder where it keeps assets and bakes, so that the next one has them; None: they go with the server.
+    `data`: the folder for assets and bakes, which the next server can use; None: they are deleted with the server.
     `workers`: bakes that run at once.
     """
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="cairn-"))
-        # Only this user reaches a socket.
+        # Only this user can reach a socket.
         listen = "127.0.0.1:0" if os.name == "nt" else f"unix:{folder}/socket"
         log = stack.enter_context(open(Path(folder) / "log", "w+", encoding="utf-8", errors="replace"))
         command = [program(), "serve", "--listen", listen, "--workers", str(workers), "--drain-seconds", "0"]

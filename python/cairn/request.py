@@ -1,4 +1,4 @@
-"""What a server is asked to bake. The program reads scenes, so that they mean here what they mean to `cairn bake`."""
+"""Requests for a server. The program reads scenes, so that they mean the same as for `cairn bake`."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from .wire.client import Fault, Problem
 
 @dataclass(frozen=True)
 class Request:
-    """What to bake, with the files that it takes."""
+    """A scene to bake, with its files."""
 
     # The message: the scene, and the hashes of all files by the names that the scene has for them.
     spec: BakeSpec
@@ -33,7 +33,7 @@ def read(scene: Scene, /, **settings: Any) -> Request:
     `scene`: the path of a scene file, .toml or .json; or the same as a dict, with paths relative to the current folder.
     `settings`: fields of the scene that replace those of `scene`: `seed=7, control="off", fill={"count": 200}`.
 
-    Raises `Fault` with everything that is wrong in `problems`.
+    Raises `Fault` with all errors in `problems`.
     """
     if isinstance(scene, Request):
         if settings:

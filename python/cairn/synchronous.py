@@ -1,4 +1,4 @@
-"""The client for everyone else: each call waits."""
+"""The blocking client."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 @functools.cache
 def _loop() -> asyncio.AbstractEventLoop:
-    """The one event loop of all clients that wait, in a thread of its own: callers may have a loop themselves."""
+    """The one event loop of all blocking clients, in its own thread: callers may have their own loop."""
     loop = asyncio.new_event_loop()
     threading.Thread(target=loop.run_forever, name="cairn", daemon=True).start()
     return loop
@@ -36,7 +36,7 @@ def _wait(work: Coroutine[Any, Any, T]) -> T:
 
 
 class Client:
-    """A server, as a caller sees it. As `AsyncClient`, but each call waits for its answer."""
+    """A client of a server, like `AsyncClient`, but each call waits for its answer."""
 
     def __init__(
         self, address: str = "127.0.0.1:50151", *, token: str = "", certificates: str = "", route: str = ""
@@ -48,11 +48,11 @@ class Client:
         return _wait(self._client.info())
 
     def upload(self, scene: Scene, /, **settings: Any) -> Request:
-        """Sends the files of a scene that the server does not have, and gives what can be planned and baked at once."""
+        """Sends the files of a scene that the server does not have, and returns the request, ready to plan and bake."""
         return _wait(self._client.upload(scene, **settings))
 
     def plan(self, scene: Scene, /, **settings: Any) -> PlanBakeResponse:
-        """What a bake would do and cost: `.plan.expected_body_count`, `.plan.estimates` (CPU time, s; overlap, m)."""
+        """The plan of a bake and its cost: `.plan.expected_body_count`, `.plan.estimates` (CPU time, s; overlap, m)."""
         return _wait(self._client.plan(scene, **settings))
 
     def bake(
@@ -66,38 +66,38 @@ class Client:
         priority: int = 0,
         **settings: Any,
     ) -> Bake:
-        """Asks for a bake, which begins with the first event that is asked for: as `AsyncClient.bake`."""
+        """Requests a bake, which begins when the first event is read, like `AsyncClient.bake`."""
         asked: dict[str, Any] = {"has_fill": has_fill, "format": format, "labels": labels, "priority": priority}
         return Bake(self._client.bake(scene, **asked, **settings))
 
     def watch(self, bake_id: str, *, has_fill: bool = False) -> Bake:
-        """A bake that was asked for before, from its first event on."""
+        """An earlier bake, from its first event on."""
         return Bake(self._client.watch(bake_id, has_fill=has_fill))
 
     def cancel(self, bake_id: str) -> None:
-        """Ends a bake that waits or runs, at once."""
+        """Ends a waiting or running bake at once."""
         _wait(self._client.cancel(bake_id))
 
 
 class Bake:
-    """A bake on a server: its events, in their order, and what comes of it. As `AsyncBake`, but each call waits."""
+    """A bake on a server: its events, in order, and its result. Like `AsyncBake`, but each call waits."""
 
     def __init__(self, bake: AsyncBake) -> None:
         self._bake = bake
 
     @property
     def id(self) -> str:
-        """By which the bake is found again; empty before it is accepted."""
+        """The bake's id; empty before it is accepted."""
         return self._bake.id
 
     @property
     def route(self) -> str:
-        """Where several servers are behind a proxy, what finds the bake's one: `Client(address, route=bake.route)`."""
+        """Routes calls to the bake's server, if several are behind a proxy: `Client(address, route=bake.route)`."""
         return self._bake.route
 
     @property
     def accepted(self) -> Accepted | None:
-        """What it will do, and its whole scene."""
+        """The plan, and the whole scene."""
         return self._bake.accepted
 
     @property
@@ -120,11 +120,11 @@ class Bake:
         return _wait(self._bake.result())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the result's file, in the format that was asked for: complete or not at all."""
+        """Writes the result's file, in the requested format, complete or not at all."""
         _wait(self._bake.save(path))
 
     def report(self) -> dict[str, Any]:
-        """How good the pile is and how it was made, as `cairn bake --report` writes it."""
+        """The report, as `cairn bake --report` writes it."""
         return _wait(self._bake.report())
 
     def cancel(self) -> None:

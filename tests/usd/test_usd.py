@@ -187,7 +187,7 @@ def test_every_mesh_is_whole(bake):
         assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
 
 
-def test_glue_is_told(glued):
+def test_glue_is_exported(glued):
     stage, glue = opened(glued), glued.table["glue"]
     assert len(glue["dots"]) > 5
     assert not faults(stage)

@@ -40,10 +40,19 @@ with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
     moved.write_text(pathlib.Path(page).read_text() + MOVES)
     done = subprocess.run(
         [
-            chromium, "--headless", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader", "--enable-logging=stderr", f"--user-data-dir={profile}",
+            chromium,
+            "--headless",
+            "--no-sandbox",
+            "--disable-dev-shm-usage",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+            "--enable-logging=stderr",
+            f"--user-data-dir={profile}",
             # Without a picture to make, it draws nothing.
-            "--virtual-time-budget=8000", f"--screenshot={profile}/page.png", "--dump-dom", moved.as_uri(),
+            "--virtual-time-budget=8000",
+            f"--screenshot={profile}/page.png",
+            "--dump-dom",
+            moved.as_uri(),
         ],
         capture_output=True,
         text=True,

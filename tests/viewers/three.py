@@ -41,7 +41,11 @@ with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
     frames = ",".join(map(str, tables.frames(table)))
     browser = subprocess.Popen(
         [
-            chromium, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+            chromium,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
             f"--user-data-dir={profile}",
             f"http://127.0.0.1:{server.server_port}/?fps={table['fps']}&frames={frames}",
         ],

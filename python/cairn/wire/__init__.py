@@ -1,1 +1,1 @@
-"""What talks to a server. The Blender add-on has `client` and `recording`, too, with messages of its own making."""
+"""The connection to a server. The Blender add-on also has `client` and `recording`, with its own messages."""

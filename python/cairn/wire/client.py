@@ -1,4 +1,4 @@
-"""A Cairn server as a client sees it: `cairn.v1.PileService` by gRPC. The Blender add-on has this file, too."""
+"""A client of `cairn.v1.PileService`, by gRPC. The Blender add-on has this file, too."""
 
 import asyncio
 import hashlib
@@ -14,12 +14,12 @@ from .messages import v1
 
 PROTOCOL = 1
 CHUNK = 64 * 1024
-# A stream that broke off is taken up again so often in a row, after pauses that double from the first, s.
+# Pauses before a broken stream is resumed: how many in a row; each doubles from the first, s.
 ATTEMPTS = 6
 FIRST_PAUSE = 0.2
-# Where a person chooses the server, as the end of a sentence has it; a program with a window sets it.
+# The place where a person sets the server, as the end of a sentence; a program with a window sets it.
 place = ""
-# What a call takes at most that answers from memory, s.
+# Longest time of a call that is answered from memory, s.
 SHORT = 30.0
 # Information of the latest server, presets included; None before the first answer.
 info = None
@@ -31,31 +31,31 @@ class Target:
 
     address: str
     token: str = ""
-    # Who signed the server's certificate: a PEM file. Empty: those whom this machine trusts.
+    # PEM file of the authority that signed the server's certificate. Empty: those that this machine trusts.
     certificates: str = ""
-    # Where several servers are behind a proxy: calls with the same text reach the same server. Empty: as it likes.
+    # Where several servers are behind a proxy: calls with the same text reach the same server. Empty: any server.
     route: str = ""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with a scene."""
+    """One error of a scene."""
 
     text: str
-    # The object's name, or as the server calls it; empty if it is about none.
+    # The object's name, or the server's name for it; empty if there is none.
     about: str = ""
 
 
 @dataclass
 class Fault(Exception):
-    """What went wrong, for a person."""
+    """An error, in words for a person."""
 
     message: str
     # As in google.rpc.ErrorInfo: SCENE_INVALID, QUEUE_FULL, ...; empty if the call never arrived.
     reason: str = ""
-    # Everything that is wrong with the scene.
+    # All errors of the scene.
     problems: list = field(default_factory=list)
-    # The same call may go through on a new connection.
+    # The same call may succeed on a new connection.
     is_broken: bool = False
 
     def __str__(self):
@@ -83,13 +83,13 @@ class Connection:
         return kind(self.channel, f"/cairn.v1.PileService/{name}", request, reply)
 
     async def call(self, name, timeout=SHORT, **fields):
-        """One question, one answer: `await server.call("GetBake", bake_id=id)`."""
+        """One request, one reply: `await server.call("GetBake", bake_id=id)`."""
         method = self._method(UnaryUnaryMethod, name)
         with _faults(self.target):
             return await method(method.request_type(**fields), timeout=timeout, metadata=self.metadata)
 
     async def stream(self, name, **fields):
-        """One question, many answers."""
+        """One request, many replies."""
         method = self._method(UnaryStreamMethod, name)
         with _faults(self.target):
             async with method.open(metadata=self.metadata) as stream:
@@ -124,16 +124,16 @@ class Connection:
                     await stream.recv_message()
 
     async def download(self, bake_id, artifact=v1.ARTIFACT_RESULT):
-        """A file of a bake that is done, whole."""
+        """A whole file of a finished bake."""
         parts = [reply.chunk async for reply in self.stream("DownloadResult", bake_id=bake_id, artifact=artifact)]
         return b"".join(parts)
 
     async def report(self, bake_id):
-        """What a bake's report says, whole."""
+        """The whole report of a bake."""
         return json.loads(await self.download(bake_id, v1.ARTIFACT_REPORT))
 
     async def plan(self, spec):
-        """What a bake would do. Reads every model: it may take a while."""
+        """The plan of a bake. The server reads every model, which may take a while."""
         return await self.call("PlanBake", timeout=600.0, spec=spec)
 
 
@@ -150,7 +150,7 @@ async def bake(reach, spec, contents, report_state=lambda state: None, has_fill=
     async with Connection(await reach()) as server:
         await server.handshake()
         await server.upload(contents, lambda share: report_state(f"Sending props, {share:.0%}"))
-        # The server looks at all of them before it takes the bake.
+        # The server reads all models before it accepts the bake.
         report_state("Reading props")
         bake_id, last = "", 0
         try:
@@ -210,7 +210,7 @@ def _channel(target):
 
 
 class _faults:
-    """Turns what the libraries raise into a fault."""
+    """Turns exceptions of the libraries into faults."""
 
     def __init__(self, target):
         self.target = target

@@ -45,7 +45,7 @@ class Recording:
             self._start()
             self.frames = []
         if first < len(self.props):
-            # Told a second time, after a connection broke.
+            # A repeated frame, after a connection broke.
             return
         identity = np.tile(np.float32([0, 0, 0, 1]), (new, 1))
         self.props = np.concatenate([self.props, np.asarray(table.prop_indices, np.int32)])
