@@ -53,11 +53,7 @@ def run(command, **variables):
 
 
 def pile_of(pile, chosen, folder):
-<<<<<<< HEAD
-    """The pile right after turning over; made again where something else is asked for than what is there."""
-=======
     """The pile right after turning over; made again if other settings are asked for."""
->>>>>>> w-docs
     path = folder / "scene.json"
     wanted = [*pile.set(FEW if chosen.small else None), *chosen.set]
     known = json.loads(path.read_text()) if path.exists() else {}
@@ -142,13 +138,8 @@ def main():
             measured(scene, next((folder / "round1").glob(f"*/{variant}.json")))
     if chosen.curves:
         curves(results, rounds)
-<<<<<<< HEAD
-    report = results / "machine.json"
-    report.write_text(json.dumps(machine() | {"load": os.getloadavg()}))
-=======
     file = results / "machine.json"
     file.write_text(json.dumps(machine() | {"load": os.getloadavg()}))
->>>>>>> w-docs
     text = table.page(results, [pile for pile in PILES if (results / pile.name).exists()])
     (results / "results.md").write_text(text)
     if not chosen.small:

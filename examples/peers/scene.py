@@ -32,21 +32,12 @@ class Scene:
 
 
 def read(path):
-<<<<<<< HEAD
-    report = json.loads(Path(path).read_text())
-    return Scene(**{name: report[name] for name in Scene.__dataclass_fields__})
-
-
-def arguments(description):
-    """SCENE OUT, and what every engine is given. Blender's own arguments stand before `--`."""
-=======
     content = json.loads(Path(path).read_text())
     return Scene(**{name: content[name] for name in Scene.__dataclass_fields__})
 
 
 def arguments(description):
     """SCENE OUT, and the arguments of every engine. Blender's own arguments stand before `--`."""
->>>>>>> w-docs
     given = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("scene")
@@ -73,10 +64,5 @@ def write(scene, arguments, engine, cpu, seconds, positions, rotations, **more):
     known = [np.nan_to_num(np.asarray(values, float), nan=AWAY, posinf=AWAY) for values in (positions, rotations)]
     placed = zip(scene.bodies, *(values.tolist() for values in known))
     bodies = [{"shape": body["shape"], "position": at, "rotation": turned} for body, at, turned in placed]
-<<<<<<< HEAD
-    report = {"engine": engine, "settings": arguments.settings, "cpu": cpu, "seconds": seconds, "bodies": bodies}
-    Path(arguments.out).write_text(json.dumps(report | more))
-=======
     result = {"engine": engine, "settings": arguments.settings, "cpu": cpu, "seconds": seconds, "bodies": bodies}
     Path(arguments.out).write_text(json.dumps(result | more))
->>>>>>> w-docs
