@@ -44,7 +44,7 @@ pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     let summaries = shape::summaries(scene, params, &checked.sizes)?;
     let resolved = Resolved::new(scene, params, &checked, &summaries);
-    Ok(plan::of(scene, params, &checked, &summaries, &resolved))
+    Ok(plan::of(scene, params, &checked, &resolved))
 }
 
 /// The numbers that decide what a bake of the scene costs. Makes the collision shapes, and simulates nothing.
@@ -205,9 +205,8 @@ pub fn release_pile<'a>(
     full: &'a FullContainer,
     observer: &mut dyn Observer,
 ) -> Result<Released<'a>, Error> {
-    let summaries = summaries(&full.shapes);
-    let resolved = Resolved::new(scene, params, &full.checked, &summaries);
-    let plan = plan::of(scene, params, &full.checked, &summaries, &resolved);
+    let resolved = Resolved::new(scene, params, &full.checked, &summaries(&full.shapes));
+    let plan = plan::of(scene, params, &full.checked, &resolved);
     let mut clock = full.clock.clone();
     clock.skip(observer);
 
