@@ -1,7 +1,7 @@
 //! How many props a control mesh takes, told before the fill: a model fitted on finished fills.
 
 use super::shape::Size;
-use crate::input::params::{Fill, FillMethod};
+use crate::input::params::Fill;
 use crate::input::scene::{Prop, Scene};
 
 /// What the packing is a product of powers of; `crowding` is an exponent of e.
@@ -63,7 +63,7 @@ const STACKED: f64 = 0.85;
 pub fn expected_bodies(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill, share: f64) -> usize {
     let (times, features) = room.load(scene, sizes);
     let mut packing = features.iter().zip(PACKING).map(|(f, w)| f * w).sum::<f64>().exp().clamp(RANGE.0, RANGE.1);
-    if fill.method == FillMethod::Stack {
+    if fill.method.traits().has_order {
         let [_, solidity, boxiness, ..] = features;
         packing += fill.order * (STACKED * (solidity + boxiness).exp() - packing).max(0.0);
     }

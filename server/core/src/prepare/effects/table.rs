@@ -4,7 +4,7 @@
 use super::Switched::{By, ByValue, Never};
 use super::{Case, Count, Count::*, EffectName, EffectName::*, Row};
 use crate::input::observer::Stage;
-use crate::input::params::{Accuracy, ControlMode, FillMethod, FrictionCone, FrictionModel, GlueMode};
+use crate::input::params::{Accuracy, ControlMode, FrictionCone, FrictionModel, GlueMode};
 use crate::input::params::{ReleaseOrder, Switch};
 use crate::prepare::container;
 use crate::prepare::shape::ShapeKind;
@@ -21,12 +21,12 @@ pub(super) const ROWS: &[Row] = &[
         }
     })
     .seconds(|spent| spent.of(Stage::Shape)),
-    row(Fill, ByValue("fill.method"), &[FillSteps, FillBodySteps, FillPairSteps], |c| match c.params.fill.method {
-        _ if c.scene.control.is_none() => no("there is no control mesh"),
-        FillMethod::Insert => yes("props grow at free places inside the closed container"),
-        FillMethod::Pour => yes("props are dropped through the container's opening"),
-        FillMethod::Stack => yes("props are laid down one by one, each as low as it can lie"),
-        FillMethod::Off => no("the scene switches it off"),
+    row(Fill, ByValue("fill.method"), &[FillSteps, FillBodySteps, FillPairSteps], |c| {
+        match c.params.fill.method.traits() {
+            _ if c.scene.control.is_none() => no("there is no control mesh"),
+            method if method.fills => yes(method.summary),
+            _ => no("the scene switches it off"),
+        }
     })
     .seconds(|spent| spent.of(Stage::Fill)),
     row(Core, ByValue("fill.shell"), &[CoreTriangles], |c| match (c.params.fill.shell, &c.checked.core) {
