@@ -7,7 +7,7 @@ mod shake;
 mod world;
 mod zones;
 
-use crate::error::Error;
+use crate::error::{Error, Problem};
 use crate::input::observer::Observer;
 use crate::input::params::Params;
 use crate::input::scene::Scene;
@@ -65,7 +65,7 @@ const SURPLUS: f64 = 0.02;
 /// Bodies that the clean-up takes beyond that are replaced so many times.
 const REPLACEMENTS: usize = 5;
 
-/// Fills the container and lets the props settle in it.
+/// Fills the container and lets the props settle in it. An error if not one prop found room.
 pub fn run(
     scene: &Scene,
     shapes: &[Shape],
@@ -80,7 +80,7 @@ pub fn run(
     let mut filling = Filling::new(task, method.gravity(task.height()));
     filling.place_given()?;
     let zones = Zones::new(&task, &mut filling.rng);
-    let poured = if method.is_open() { Some(pour(&mut *method, &mut filling, observer)?) } else { None };
+    let poured = if method.is_open() { Some(fill_open(&mut *method, &mut filling, observer)?) } else { None };
 
     let closed = container.closed(fill.loosened());
     let outer = (fill.standing_out() > 0.0).then(|| container.closed(fill.outside()));
@@ -127,8 +127,15 @@ pub fn run(
     let depenetration_steps = filling.depenetrate(observer)?;
     filling.world.remove_enclosure(enclosure);
     filling.world.validate(wanted);
+    let bodies: Vec<Instance> = filling.world.loose().map(|id| filling.world.instance(id)).collect();
+    if bodies.is_empty() {
+        let name = scene.control.as_ref().map_or("", |model| &model.name);
+        let text =
+            format!("{name}: not one prop found room inside; make the control mesh larger, or the props smaller");
+        return Err(Error::Invalid(vec![Problem::new("control_mesh", text)]));
+    }
     Ok(Filled {
-        bodies: filling.world.loose().map(|id| filling.world.instance(id)).collect(),
+        bodies,
         removed: filling.removed(),
         steps: filling.world.steps() - depenetration_steps,
         depenetration_steps,
@@ -142,7 +149,7 @@ pub fn run(
 }
 
 /// Fills the open container. Returns whether it is full.
-fn pour(method: &mut dyn Method, filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
+fn fill_open(method: &mut dyn Method, filling: &mut Filling, observer: &mut dyn Observer) -> Result<bool, Error> {
     let props: Vec<usize> = filling.task.drawn_props().collect();
     let limit = filling.task.wanted();
     method.run(filling, &Pass { props: &props, zones: None, limit }, observer)
@@ -186,6 +193,6 @@ pub(crate) fn pour_only(
     let task = FillTask::new(scene, shapes, params, units, container);
     let mut method = method::of(params.fill.method);
     let mut filling = Filling::new(task, method.gravity(task.height())).without_frames();
-    pour(&mut *method, &mut filling, observer)?;
+    fill_open(&mut *method, &mut filling, observer)?;
     Ok(filling.world.present().map(|id| filling.world.instance(id)).collect())
 }

@@ -1,4 +1,4 @@
-//! Release: the bodies are let go from the bottom to the top while the control strengthens the pile (paper, 4.1, example 2).
+//! Release: layer after layer begins to move, from the bottom to the top, while the control strengthens the pile (paper, 4.1, example 2).
 
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage};
@@ -7,7 +7,7 @@ use crate::sim::step::Simulation;
 use crate::world::{BodyId, Role, World};
 use std::collections::BTreeMap;
 
-/// Lets the layers go, one after the other.
+/// Releases the layers one after the other.
 pub fn run(
     sim: &mut Simulation,
     params: &Params,

@@ -1,4 +1,4 @@
-//! What a fill is asked, its state, and what every method does with it.
+//! The task of a fill, its state, and the operations that all methods share.
 
 mod clean_up;
 mod progress;
@@ -19,7 +19,7 @@ use progress::FillProgress;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-/// What a fill is asked: nothing in here changes while it runs.
+/// The task of a fill: it does not change while the fill runs.
 #[derive(Clone, Copy)]
 pub(crate) struct FillTask<'a> {
     pub scene: &'a Scene,
@@ -168,8 +168,7 @@ impl<'a> Filling<'a> {
         Ok(())
     }
 
-    /// Settles as after [`Filling::settle`] for `fill.settle`, and before it lets the pile fall: it does where it does not fill the
-    /// container.
+    /// Settles, after a pile that does not fill the container has fallen to its end.
     pub fn settle_from_fall(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         let mut left = LONGEST_FALL * (2.0 * self.task.height() / self.gravity).sqrt();
         // Bodies that have just moved upward must not go on.

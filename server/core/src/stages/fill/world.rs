@@ -1,4 +1,4 @@
-//! What a fill needs of the physics world, and nothing else of it.
+//! The part of the physics world that a fill needs, and nothing else of it.
 //!
 //! Units of the engine throughout: lengths in d, the diameter of the median prop; times in the characteristic time sqrt(d / g); speeds
 //! in d per characteristic time; a gravity of 1 is that of the scene. Scales are the props' own: 1 is the size of the file.
@@ -19,10 +19,10 @@ pub(crate) struct FillWorld {
     removed: usize,
 }
 
-/// What keeps the bodies in: the container, its core where there is one, and a floor.
+/// Keeps the bodies in: the container, its core where there is one, and a floor.
 pub struct Enclosure {
-    walls: Vec<WallId>,
-    inner: Vec<WallId>,
+    container: Vec<WallId>,
+    core_and_floor: Vec<WallId>,
 }
 
 /// The meshes of an [`Enclosure`], engine units.
@@ -65,12 +65,12 @@ impl FillWorld {
         self.removed += self.world.step().len();
     }
 
-    /// Adds walls without friction.
+    /// Adds an enclosure without friction.
     pub fn enclose(&mut self, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
         enclose(&mut self.world, meshes)
     }
 
-    /// As [`FillWorld::enclose`], for a container that takes many bodies: the walls come behind so many places for them.
+    /// As [`FillWorld::enclose`], for a container that takes many bodies: the enclosure comes behind so many places for them.
     /// See [`World::add_behind`].
     pub fn enclose_behind(&mut self, bodies: usize, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
         self.world.add_behind(bodies, |world| enclose(world, meshes))
@@ -78,12 +78,12 @@ impl FillWorld {
 
     /// Takes away the container; the core and the floor stay.
     pub fn remove_container(&mut self, enclosure: &mut Enclosure) {
-        enclosure.walls.drain(..).for_each(|wall| self.world.remove_wall(wall));
+        enclosure.container.drain(..).for_each(|wall| self.world.remove_wall(wall));
     }
 
     pub fn remove_enclosure(&mut self, mut enclosure: Enclosure) {
         self.remove_container(&mut enclosure);
-        enclosure.inner.into_iter().for_each(|wall| self.world.remove_wall(wall));
+        enclosure.core_and_floor.into_iter().for_each(|wall| self.world.remove_wall(wall));
     }
 
     /// Adds a loose body, whether there is room or not.
@@ -222,6 +222,8 @@ fn enclose(world: &mut World, meshes: &EnclosureMeshes) -> Result<Enclosure, Err
         meshes.outer.map(|mesh| world.add_walls_around(mesh, container)).transpose().map_err(Error::Internal)?;
     let core = meshes.core.map(|mesh| world.add_container(mesh, 0.0)).transpose().map_err(Error::Internal)?;
     let floor = world.add_wall(DVec3::new(0.0, meshes.floor, 0.0), DVec3::Y, 0.0);
-    let walls = [Some(container), outer].into_iter().flatten().collect();
-    Ok(Enclosure { walls, inner: [core, Some(floor)].into_iter().flatten().collect() })
+    Ok(Enclosure {
+        container: [Some(container), outer].into_iter().flatten().collect(),
+        core_and_floor: [core, Some(floor)].into_iter().flatten().collect(),
+    })
 }

@@ -1,4 +1,4 @@
-//! How far a fill is, and how it looks, for its observer.
+//! Progress and frames of a fill, for its observer.
 
 use super::FillTask;
 use crate::error::Error;

@@ -19,7 +19,7 @@ const TALL: f64 = 6.0;
 const SEED_SCALE: f64 = 0.4;
 /// A seed grows to its full size in equal stages of about this length, characteristic times.
 const GROWTH_STAGE: f64 = 0.2;
-/// Places tried for each prop wanted in a round. A place costs a thousandth of what a prop that grows there does.
+/// Places tried for each prop wanted in a round. A place costs a thousandth of a prop that grows there.
 const TRIES_PER_PROP: usize = 60;
 /// Places tried at least in a round.
 const LEAST_TRIES: usize = 1000;
@@ -28,14 +28,15 @@ const MAX_ROUNDS: usize = 200;
 /// A body that grows may overlap another by this share of the thinner one's thickness: both may yet give way.
 const GROWING_OVERLAP: f64 = 0.25;
 
-/// What a round squeezes, the next one may set free again. Pairs that overlap too deeply after so many rounds in a row are jammed.
+/// The next round may ease a squeezed pair. Pairs that overlap too deeply after so many rounds in a row are jammed.
 const JAMMED: u32 = 3;
 
 /// Where no larger share of a round's seeds finds room to grow, they take it from each other: the next round asks for half as
-/// many, but for no less than this share of a full round.
+/// many, but for at least the second share of a full round.
 const CROWDED: f64 = 0.5;
 const LEAST_ROUND: f64 = 0.25;
-/// A round asks for more than is missing by what the last one lost, but counts on no smaller share of its seeds than this.
+/// A round makes up for the losses of the last one: it asks for more than is missing, but counts on no smaller share of its seeds than
+/// this.
 const LEAST_KEPT: f64 = 0.25;
 /// Fewer seeds than this say nothing of whether the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
@@ -122,7 +123,7 @@ impl Method for Insert {
 fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) -> Result<Vec<(BodyId, f64)>, Error> {
     filling.world.update_contacts();
     let (task, container) = (filling.task, filling.task.container);
-    // With how far outside the walls it may be.
+    // Each with how far outside the container it may be.
     let mut seeds: Vec<(Instance, f64)> = Vec::new();
     let (standing_out, outside) = (task.params.fill.standing_out(), task.params.fill.outside());
     let mut outside_count = 0;
@@ -174,8 +175,8 @@ fn morton(p: DVec3) -> u64 {
 const MORTON_BITS: u32 = 10;
 const MORTON_CELLS: f64 = ((1 << MORTON_BITS) - 1) as f64;
 
-/// A random place inside. Of a cast surface, half of the props are laid flat against the wall, where gaps show and where others would
-/// not fit; the rest are pushed inward until they clear it. `outside`: the wall is that much farther out.
+/// A random place inside. Of a cast surface, half of the props are laid flat against the container, where gaps show and where others
+/// would not fit; the rest are pushed inward until they clear it. `outside`: the container is larger by that.
 fn place(
     filling: &mut Filling,
     (prop, size): (usize, f64),
@@ -186,7 +187,7 @@ fn place(
     let node = *inside.get(filling.rng.random_range(0..inside.len().max(1)))?;
     let (task, distance) = (filling.task, &filling.task.container.distance);
     let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
-    // A prop that must stand upright cannot be laid against a wall.
+    // A prop that must stand upright cannot be laid against a side.
     let is_free = task.scene.props[prop].tilt_max >= 180.0;
     let flat = filling.rng.random_bool(task.params.fill.at_wall()) && is_free;
     let mut p = node + (share - 0.5) * distance.spacing();

@@ -1,4 +1,4 @@
-//! How props get into the container. A fill method is one file here, a line in [`of`], and its traits beside [`FillMethod`].
+//! How props get into the container. A fill method is one file here, a line in [`of`], and its [`FillMethod::traits`].
 
 mod insert;
 mod off;
@@ -39,7 +39,7 @@ pub trait Method {
         1.0
     }
 
-    /// Whether the container is open while it is filled. Then the method brings its own walls.
+    /// Whether the container is open while it is filled. Then the method adds the container itself.
     fn is_open(&self) -> bool {
         false
     }

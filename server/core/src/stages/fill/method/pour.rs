@@ -1,5 +1,5 @@
 //! The `pour` fill of the paper: props are dropped, batch by batch, through the opening of the upside-down container
-//! (Cho et al. 2007). It leaves voids and cannot reach under overhangs; `insert` does both better.
+//! (Cho et al. 2007). It leaves voids and cannot reach under overhangs, as `insert` can.
 
 use super::{Method, Pass};
 use crate::error::Error;
@@ -86,10 +86,10 @@ fn drop_batch(filling: &mut Filling, pass: &Pass, most: usize) -> Result<(), Err
         let radius = shape.radius * size;
         let share = DVec3::new(filling.rng.random(), filling.rng.random(), filling.rng.random());
         let at = low + (high - low) * share;
-        // So deep that the base itself, which is open, does not count as a wall.
+        // So deep that the base itself, which is open, does not count as a side.
         let depth = just_inside.max(OPENING_DEPTH * shape.thickness() * size);
         let opening = DVec3::new(at.x, container.base + depth, at.z);
-        // The opening's rim is a wall of the collar: keep clear of it as far as the opening allows.
+        // The rim of the opening is a side of the collar: keep clear of it as far as the opening allows.
         if container.distance.signed_distance(opening) > -shape.thickness() * size {
             continue;
         }

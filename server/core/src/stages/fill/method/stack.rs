@@ -1,5 +1,5 @@
-//! The `stack` fill: props are laid down one by one, each as low as it can lie, on a height field of what is there, and settle as
-//! they come. Bonded, crosswise and nested piles come of where the lowest place is sought.
+//! The `stack` fill: props are laid down one by one, each as low as it can lie, on a height field of the pile, and settle as
+//! they come. Bonded, crosswise and nested piles result from where the lowest place is sought.
 
 mod course;
 mod field;
@@ -18,7 +18,7 @@ use crate::sim::instance::Instance;
 use crate::stages::fill::filling::{FillTask, Filling};
 use crate::world::BodyId;
 use course::{Course, kind};
-use field::{Field, Footprint};
+use field::{Footprint, HeightField};
 use glam::{DQuat, DVec2, DVec3};
 use place::find;
 use stable_pose::{StablePose, flattest, upright};
@@ -27,13 +27,13 @@ use std::f64::consts::{PI, TAU};
 /// Bodies come in so many batches, each of which settles this long, characteristic times.
 const BATCHES: usize = 5;
 const BATCH_SETTLE: f64 = 0.3;
-/// A settled pile leaves room on top: it is looked for so many times.
+/// A settled pile leaves room on top: props are laid there so many times.
 const ROUNDS: usize = 3;
 /// A cell is at most this share of the shortest edge of any prop, and at least that.
 const CELL: (f64, f64) = (1.0 / 5.0, 1.0 / 12.0);
 /// Bound on the cells of the height field.
 const MAX_CELLS: f64 = 200_000.0;
-/// Where a prop of random size or turn found no place so often, there is none for it; one that is always the same is tried once.
+/// A prop of random size or turn that found no place so often in a row has none; one that is always the same is tried once.
 const VAIN: u32 = 24;
 
 /// A prop as it is laid down.
@@ -42,7 +42,7 @@ struct Layable {
     triangles: Vec<[DVec3; 3]>,
     /// `None`: it has no flat side.
     lies: Option<StablePose>,
-    /// How it goes into another one, turn by turn: cups, bowls and plates do.
+    /// How it goes into another one, turn by turn, as cups, bowls and plates do; empty for other props.
     seats: Vec<Seat>,
 }
 
@@ -51,7 +51,7 @@ impl Layable {
         !self.seats.is_empty()
     }
 
-    /// What it covers seen from above. `size`: its scale, in engine units.
+    /// The cells that it covers, seen from above. `size`: its scale, in engine units.
     fn footprint(&self, rotation: DQuat, size: f64, cell: f64, shift: DVec2) -> Footprint {
         let triangles: Vec<_> = self.triangles.iter().map(|t| t.map(|p| rotation * (p * size))).collect();
         Footprint::new(&triangles, cell, shift)
@@ -146,7 +146,7 @@ fn sphere() -> impl Iterator<Item = DVec3> {
 }
 
 /// An empty height field of the container, in cells into which the props fit.
-fn field_of(task: &FillTask, props: &[Layable]) -> Field {
+fn field_of(task: &FillTask, props: &[Layable]) -> HeightField {
     let container = task.container;
     let bounds = container.bounds();
     let outline: Vec<DVec2> = bounds.points.iter().map(|p| DVec2::new(p.x, p.z)).collect();
@@ -172,17 +172,17 @@ fn field_of(task: &FillTask, props: &[Layable]) -> Field {
         (0..=CELLS_TRIED).map(|i| shortest * (CELL.0 + (CELL.1 - CELL.0) * f64::from(i) / f64::from(CELLS_TRIED)));
     let best = tried.reduce(|best, cell| if price(cell) < price(best) { cell } else { best }).unwrap_or(shortest);
     let least = ((extent.x * extent.y) / MAX_CELLS).sqrt();
-    Field::new(&bounds, container.base, DQuat::from_rotation_y(turn), best.max(least), LEEWAY)
+    HeightField::new(&bounds, container.base, DQuat::from_rotation_y(turn), best.max(least), LEEWAY)
 }
 
 /// A prop may be laid through the container's ceiling by this much, d: it is pushed back.
 const LEEWAY: f64 = 0.02;
-/// Edges of a cell that are compared, and what a cell of the shortest edge saves against one of half of it.
+/// Number of cell edges that are compared, and the saving of a cell with the shortest edge against one of half of it.
 const CELLS_TRIED: u32 = 60;
 const FINE: f64 = 0.004;
 
 /// Brings the height field up to date with the bodies as they lie now.
-fn survey(filling: &Filling, props: &[Layable], field: &mut Field) {
+fn survey(filling: &Filling, props: &[Layable], field: &mut HeightField) {
     field.clear();
     let length = filling.task.units.length;
     let least = filling.task.least_thickness();
@@ -200,7 +200,7 @@ fn lay(
     filling: &mut Filling,
     pass: &Pass,
     props: &[Layable],
-    field: &mut Field,
+    field: &mut HeightField,
     course: &mut Option<Course>,
     wanted: usize,
 ) -> Result<bool, Error> {

@@ -1,7 +1,7 @@
 //! Where a prop is laid: on the height field, as low as it can lie, or in another one of its kind.
 
 use super::Layable;
-use super::field::{Field, Footprint, Spot};
+use super::field::{Footprint, HeightField, Spot};
 use super::stable_pose::StablePose;
 use crate::geometry::pose::Pose;
 use crate::input::scene::Turns;
@@ -23,24 +23,24 @@ const LARGEST_SHIFT: f64 = 0.3;
 const LONG: f64 = 2.5;
 const BOND: f64 = 0.2;
 const LONGER: f64 = 1.3;
-/// What lying across costs where the layer lies along, in thicknesses.
+/// All costs are in thicknesses. Cost of lying across where the layer lies along.
 const ACROSS: f64 = 0.8;
-/// What a gap of one thickness below costs.
+/// Cost of a gap of one thickness below.
 const GAP: f64 = 0.3;
-/// What it costs to lie on one body alone, rather than on two by halves.
+/// Cost of lying on one body alone, rather than on two by halves.
 const ALONE: f64 = 0.2;
-/// What it costs to leave a slot too narrow for another one.
+/// Cost of leaving a slot too narrow for another one.
 const SLOT: f64 = 0.1;
-/// What each prop costs that finds no more room in the same row.
+/// Cost of each prop that finds no more room in the same row.
 const LOSS: f64 = 0.3;
-/// What the other end of the pile costs.
+/// Cost of the other end of the pile.
 const PUSH: f64 = 0.5;
-/// What it costs to lie unstably.
+/// Cost of lying unstably.
 const UNSTABLE: f64 = 3.0;
 /// From this order on, props are laid only where they lie stably.
 const FIRM: f64 = 0.5;
 
-/// Cosine of the angle up to which what another one is put into stands straight.
+/// A prop takes another one in where it leans by at most the angle of this cosine.
 const STRAIGHT: f64 = 0.98;
 
 /// The best place for a prop of this scale. `rotation`: how it would fall.
@@ -48,7 +48,7 @@ pub fn find(
     filling: &mut Filling,
     pass: &Pass,
     layable: &Layable,
-    field: &Field,
+    field: &HeightField,
     (prop, scale): (usize, f64),
     rotation: DQuat,
 ) -> Option<(Pose, Footprint, Spot)> {
@@ -73,7 +73,7 @@ pub fn find(
     };
     let mut seek = |share: f64, most: f64| lowest(filling, pass, layable, field, &posture(share), most);
     let straight = seek(0.0, f64::INFINITY);
-    // What lies in disorder takes no more room than it would straight, or lies straighter.
+    // A prop in disorder takes no more room than it would straight, or lies straighter.
     let shares = if mess > 0.0 { DISORDERED } else { &[] };
     let most = straight.as_ref().map_or(f64::INFINITY, |straight| straight.cost + DISORDER);
     let best = shares.iter().find_map(|&share| seek(share, most)).or(straight);
@@ -88,8 +88,8 @@ pub fn find(
     Some((pose, footprint, spot))
 }
 
-/// Shares of its turn and shift with which a place is sought for what lies in disorder, if it costs hardly more than the best place for
-/// what lies straight.
+/// Shares of its turn and shift with which a place is sought for a prop in disorder. The place may cost hardly more than the best one for
+/// a prop that lies straight.
 const DISORDERED: &[f64] = &[1.0, 0.5];
 const DISORDER: f64 = 0.1;
 
@@ -119,7 +119,7 @@ fn lowest(
     filling: &mut Filling,
     pass: &Pass,
     layable: &Layable,
-    field: &Field,
+    field: &HeightField,
     posture: &Posture,
     most: f64,
 ) -> Option<Found> {
@@ -142,7 +142,7 @@ fn lowest(
         for z in 0..=last[1] {
             for x in 0..=last[0] {
                 let bound = found.as_ref().map_or(most, |found| found.0);
-                // Nothing below makes up for what is higher than this.
+                // No lower cost makes up for a place that is higher than this.
                 let Some(spot) = field.lay(&footprint, [x, z], bound * thickness + base, thickness) else { continue };
                 let layer = ((spot.height - base) / footprint.height + 0.5).floor();
                 let odd = layer.rem_euclid(2.0) >= 1.0;
@@ -150,7 +150,7 @@ fn lowest(
                 if !spot.stable && order >= FIRM || lies.is_some() && beside() {
                     continue;
                 }
-                // Odd layers are pushed to the other end: joints do not lie above joints.
+                // Odd layers are pushed to the other end, so that joints do not lie above joints.
                 let share = |at: usize, last: usize| at as f64 / last.max(1) as f64;
                 let (u, v) = (share(x, last[0]), share(z, last[1]));
                 let (u, v) = if odd { (1.0 - u, 1.0 - v) } else { (u, v) };
@@ -185,7 +185,7 @@ fn nest(
     filling: &mut Filling,
     pass: &Pass,
     layable: &Layable,
-    field: &Field,
+    field: &HeightField,
     (prop, scale): (usize, f64),
     lies: &StablePose,
 ) -> Option<(Pose, Footprint, Spot)> {
