@@ -239,7 +239,10 @@ fn a_stand_leaves_the_pile_to_itself() {
     params.glue.mode = GlueMode::Natural;
     params.control.stand = Switch::On;
     let bake = baked(&scene(cone(0.7, 1.0), stick()), &params);
-    assert!(figure(&bake, "shape_iou_after") > 0.8 * figure(&bake, "shape_iou"), "the report has the shape kept by standing");
+    assert!(
+        figure(&bake, "shape_iou_after") > 0.8 * figure(&bake, "shape_iou"),
+        "the report has the shape kept by standing"
+    );
     assert!(figure(&bake, "resting_speed_max_rel") < 0.01);
     assert_eq!(figure(&bake, "hanging"), 0.0);
     params.control.mode = ControlMode::Off;

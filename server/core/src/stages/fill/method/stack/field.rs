@@ -117,7 +117,8 @@ impl HeightField {
             rasterise(placed, cell, size, &SAMPLES, |cell, sample, y| crossings[cell].push((sample, y, enters)));
         }
         let intervals = crossings.into_iter().map(|crossings| column(crossings, base, leeway)).collect();
-        let mut field = HeightField { turn, origin, cell, size, intervals, floor: vec![], ceiling: vec![], owner: vec![] };
+        let mut field =
+            HeightField { turn, origin, cell, size, intervals, floor: vec![], ceiling: vec![], owner: vec![] };
         field.clear();
         field
     }
