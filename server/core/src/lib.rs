@@ -1,14 +1,18 @@
 //! Piles of props in the shape of a mesh: the method of Hsu & Keyser (2012), and its measures.
 //!
-//! [`bake`] takes meshes and parameters and returns poses and figures. It goes through these stages, each a function of the one before:
+//! [`bake`] takes meshes and parameters and returns poses and figures. It goes through these stages, each a function of
+//! the one before:
 //!
-//! 1. **Prepare** ([`prepare`]): the scene is checked, each prop gets a collision shape and a mass, and the closed control mesh becomes a
-//!    container.
-//! 2. **Fill** ([`stages::fill`]): props fill the container under upward gravity, as if it stood on its head, and settle in it.
-//! 3. **Turn over** ([`stages::turn_over`]): the container is gone, gravity points down, and every body waits where it is.
+//! 1. **Prepare** ([`prepare`]): the scene is checked, each prop gets a collision shape and a mass, and the closed
+//!    control mesh becomes a container.
+//! 2. **Fill** ([`stages::fill`]): props fill the container under upward gravity, as if it stood on its head, and
+//!    settle in it.
+//! 3. **Turn over** ([`stages::turn_over`]): the container is gone, gravity points down, and every body waits where it
+//!    is.
 //! 4. **Glue** ([`stages::glue`]): where the parameters ask for it, contacts are glued until the pile stands by itself.
-//! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile the control
-//!    ([`sim::control`]) finds bodies that are in equilibrium ([`equilibrium`]) and holds them still, which keeps the shape.
+//! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
+//!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`equilibrium`]) and holds them still, which
+//!    keeps the shape.
 //! 6. **Hold** ([`stages::hold`]): the simulation goes on until the pile is at rest.
 //! 7. **Report** ([`report`]): the pile is measured.
 //!
@@ -67,8 +71,8 @@ pub fn workload(scene: &Scene, params: &Params) -> Result<Workload, Error> {
     Ok(Workload::of(scene, params, &checked, &shapes))
 }
 
-/// Estimates the cost of the scene with each of `ladder`, by the collision shapes that `params` ask for; simulates nothing.
-/// `machine`: from [`stages::calibrate`].
+/// Estimates the cost of the scene with each of `ladder`, by the collision shapes that `params` ask for; simulates
+/// nothing. `machine`: from [`stages::calibrate`].
 pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64) -> Result<Vec<Estimate>, Error> {
     // The result of the check does not depend on the accuracy.
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
@@ -76,7 +80,8 @@ pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64
     Ok(ladder.iter().map(|params| estimate::of(scene, params, &checked, &shapes, machine)).collect())
 }
 
-/// The method: fill, turn over, glue, release, hold, and the report. A scene may bring its bodies along instead of a fill.
+/// The method: fill, turn over, glue, release, hold, and the report. A scene may bring its bodies along instead of a
+/// fill.
 pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<Bake, Error> {
     bake_with(scene, params, &mut NoCache, observer)
 }
@@ -214,7 +219,8 @@ pub struct Released<'a> {
     clock: Clock,
 }
 
-/// The second half of [`bake`]: turn over, glue, release, hold. `params` may differ from the fill's in what comes after it.
+/// The second half of [`bake`]: turn over, glue, release, hold. `params` may differ from the fill's in what comes after
+/// it.
 pub fn release_pile<'a>(
     scene: &'a Scene,
     params: &'a Params,

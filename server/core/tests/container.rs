@@ -142,7 +142,8 @@ fn without(mesh: &TriMesh, is_removed: impl Fn([DVec3; 3]) -> bool) -> TriMesh {
 fn small_and_flat_holes_are_closed() {
     let cube = block(DVec3::ZERO, DVec3::splat(2.0), 8);
     let volume = cube.signed_volume();
-    // Without its lid; with two holes that share a corner; with a hole around a corner of the cube, whose rim is not flat.
+    // Without its lid; with two holes that share a corner; with a hole around a corner of the cube, whose rim is not
+    // flat.
     let lid = without(&cube, |corners| corners.iter().all(|p| p.y == 2.0));
     let two = without(&cube, |corners| {
         let middle = corners.iter().sum::<DVec3>() / 3.0;

@@ -1,4 +1,5 @@
-//! Additions of a scene to its fill, end to end: placed bodies, emitters, moving scenery, blows, the end of the control.
+//! Additions of a scene to its fill, end to end: placed bodies, emitters, moving scenery, blows, the end of the
+//! control.
 
 mod common;
 

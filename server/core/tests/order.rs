@@ -80,7 +80,8 @@ fn planks_lie_crosswise() {
     assert!(figure(&bake, "kept_shape") > 0.95, "{}", figure(&bake, "kept_shape"));
 }
 
-/// A dish whose rim is higher on one side by this share: rings of 12 corners, from the middle below, out, in and to the middle above.
+/// A dish whose rim is higher on one side by this share: rings of 12 corners, from the middle below, out, in and to the
+/// middle above.
 fn dish(radius: f64, height: f64, uneven: f64) -> TriMesh {
     const N: u32 = 12;
     let rings = [(0.5, 0.0), (1.0, 1.0), (0.93, 1.0), (0.48, 0.2)];

@@ -30,8 +30,8 @@ fn natural(mut params: Params) -> Params {
 #[test]
 fn a_cone_of_sticks_keeps_its_shape_and_comes_to_rest() {
     let scene = scene(cone(0.9, 2.0), stick());
-    // Single props may stand out of a natural surface by 0.15 d; those that were parted stick out of a cast one by little more than they
-    // may.
+    // Single props may stand out of a natural surface by 0.15 d; those that were parted stick out of a cast one by
+    // little more than they may.
     for (surface, out, inside) in [(0.5, 0.3, 0.95), (1.0, 0.15, 0.98)] {
         let mut params = natural(Params::new(Accuracy::Standard));
         params.fill.surface = surface;
@@ -120,9 +120,9 @@ fn a_scene_a_thousand_times_smaller_or_larger_gives_the_same_pile() {
     }
 }
 
-/// Accuracies do as the estimates say: the order of the expected costs is that of the work counted, and a draft sinks in most.
-/// (Between `standard` and `fine`, penetration in so small a pile differs more by seed; and glue keeps the overlaps of the fill, so that
-/// the pile is natural.)
+/// Accuracies do as the estimates say: the order of the expected costs is that of the work counted, and a draft sinks
+/// in most. (Between `standard` and `fine`, penetration in so small a pile differs more by seed; and glue keeps the
+/// overlaps of the fill, so that the pile is natural.)
 #[test]
 fn a_more_accurate_bake_does_more_work_and_sinks_in_less() {
     let scene = scene(cone(0.6, 1.2), stick());

@@ -123,7 +123,8 @@ fn props_lie_around_the_core_and_not_in_it() {
         let of = |shell| {
             let mut params = draft(shell);
             params.fill.method = method;
-            // Props stand out of a natural surface: most of a thin shell is surface, and takes more of them than the plan knows.
+            // Props stand out of a natural surface: most of a thin shell is surface, and takes more of them than the
+            // plan knows.
             params.fill.surface = 1.0;
             let expected = plan(&scene, &params).unwrap().expected_bodies as f64;
             (expected, bake(&scene, &params, &mut Silent).unwrap())

@@ -43,8 +43,8 @@ const GRID_SPACING: f64 = 0.1;
 const FINE_WALLS: f64 = 50.0;
 /// Parts that reach less deep than this into each other, in d, only touch.
 const TOUCH: f64 = 0.005;
-/// A remeshed container is this far inside the control mesh, in grid spacings: the surface of a grid rounds edges off, outward at
-/// concave ones.
+/// A remeshed container is this far inside the control mesh, in grid spacings: the surface of a grid rounds edges off,
+/// outward at concave ones.
 const REMESH_INSET: f64 = 0.2;
 
 /// Triangles that props collide with.
@@ -57,7 +57,8 @@ pub struct CollisionMesh {
     pub deviation: f64,
 }
 
-/// Whether a control mesh is finer than props need, or remeshing may make it so: then the container is simplified. `d` in the mesh's unit.
+/// Whether a control mesh is finer than props need, or remeshing may make it so: then the container is simplified. `d`
+/// in the mesh's unit.
 pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
     !topology.is_watertight()
         || topology.components > 1
@@ -65,8 +66,8 @@ pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
 }
 
 impl Container {
-    /// `control` and `ground` in SI, `length` metres per engine unit. `tolerance`: how far the simplified container may be from the mesh, in d;
-    /// 0: it is not simplified.
+    /// `control` and `ground` in SI, `length` metres per engine unit. `tolerance`: how far the simplified container may
+    /// be from the mesh, in d; 0: it is not simplified.
     pub fn new(control: &Closed, length: f64, ground: f64, tolerance: f64) -> Container {
         let topology = &control.topology;
         let solid = control.mesh.scaled(1.0 / length);
@@ -126,8 +127,8 @@ impl Container {
     }
 }
 
-/// A mesh with an opening where its base was, and a collar below it: faces within `cut` above the base are removed, and the rim that
-/// they leave is drawn down by `collar`. And the removed faces.
+/// A mesh with an opening where its base was, and a collar below it: faces within `cut` above the base are removed, and
+/// the rim that they leave is drawn down by `collar`. And the removed faces.
 fn without_base(mesh: &TriMesh, base: f64, cut: f64, collar: f64) -> (TriMesh, Vec<[u32; 3]>) {
     let below = |v: u32| mesh.points[v as usize].y <= base + cut;
     let (removed, kept): (Vec<[u32; 3]>, Vec<[u32; 3]>) =

@@ -84,7 +84,7 @@ pub fn run(
 
     let closed = container.closed(fill.loosened());
     let outer = (fill.standing_out() > 0.0).then(|| container.closed(fill.outside()));
-    let mut enclosure = filling.world.enclose_behind(
+    let mut enclosure = filling.world.enclose(
         PLACES * task.expected.min(fill.max_bodies as usize),
         &EnclosureMeshes {
             container: &closed.mesh,

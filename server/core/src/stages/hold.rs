@@ -7,18 +7,19 @@ use crate::sim::step::Simulation;
 
 /// The pile is at rest once all of its bodies have been for this long, characteristic times.
 const REST_TIME: f64 = 1.0;
-/// In a large pile some bodies always rock: where no larger share does, the hold waits for them so many times as long at most.
+/// In a large pile some bodies always rock: where no larger share does, the hold waits for them so many times as long
+/// at most.
 const ROCKING: f64 = 1e-4;
 const ROCKING_TIMES: u64 = 3;
 
-/// Damping of bodies that still roll or rattle late in the hold, per characteristic time. Most of their speed is gone after so many
-/// characteristic times; where some go on, the damping doubles, up to the last one: a body that falls under it is still faster than one
-/// that counts as at rest.
+/// Damping of bodies that still roll or rattle late in the hold, per characteristic time. Most of their speed is gone
+/// after so many characteristic times; where some go on, the damping doubles, up to the last one: a body that falls
+/// under it is still faster than one that counts as at rest.
 const ROLLING_DAMPING: f64 = 0.5;
 const ROLLING_TIMES: f64 = 5.0;
 const MOST_ROLLING_DAMPING: f64 = 16.0;
-/// The damping sets in after this share of the patience, or where no larger share of the bodies has moved for a characteristic time: the
-/// shape is long decided.
+/// The damping sets in after this share of the patience, or where no larger share of the bodies has moved for a
+/// characteristic time: the shape is long decided.
 const ROLLING_ONSET: f64 = 0.125;
 const ROLLING: f64 = 1e-3;
 
@@ -29,7 +30,8 @@ pub struct HoldOutcome {
     pub at_rest: bool,
     /// Bodies that moved in the last step.
     pub moving: usize,
-    /// Largest speed of any body since all have been at rest, or in the last step if some moved; d per characteristic time.
+    /// Largest speed of any body since all have been at rest, or in the last step if some moved; d per characteristic
+    /// time.
     pub resting_speed_max: f64,
     /// `None` if the pile never came to rest.
     pub rest: Option<RestTime>,
@@ -79,8 +81,9 @@ fn rolling_damping(times: f64) -> f64 {
     (ROLLING_DAMPING * 2f64.powi(doublings)).min(MOST_ROLLING_DAMPING)
 }
 
-/// Simulates until the pile is at rest, patience is over, or the last frame is there. A pile at rest is not simulated any further: its
-/// bodies are certified or asleep, and each further cycle would find the same. `stands`: once the pile rests, the control ends gently.
+/// Simulates until the pile is at rest, patience is over, or the last frame is there. A pile at rest is not simulated
+/// any further: its bodies are certified or asleep, and each further cycle would find the same. `stands`: once the pile
+/// rests, the control ends gently.
 pub fn run(
     sim: &mut Simulation,
     params: &Params,

@@ -1,4 +1,5 @@
-//! The core of a pile that is a shell of props: the inside of the control mesh below them. It is not seen, and stands still.
+//! The core of a pile that is a shell of props: the inside of the control mesh below them. It is not seen, and stands
+//! still.
 
 use super::{MAX_GRID_NODES, simplify, surface, without_base};
 use crate::geometry::Closed;
@@ -18,20 +19,21 @@ pub struct Core {
     pub is_convex: bool,
 }
 
-/// Nodes of the grid that the core is found on are this far apart, d: it need not be exact, as nobody sees it. The lengths below are in
-/// d, too.
+/// Nodes of the grid that the core is found on are this far apart, d: it need not be exact, as nobody sees it. The
+/// lengths below are in d, too.
 const SPACING: f64 = 0.2;
 const MAX_NODES: usize = MAX_GRID_NODES / 8;
 /// Its surface may be made coarser by this much.
 const TOLERANCE: f64 = 0.05;
-/// Its convex hull stands for it where that takes less than this times its volume: on a mesh, some props never come to rest.
+/// Its convex hull stands for it where that takes less than this times its volume: on a mesh, some props never come to
+/// rest.
 const CONVEX: f64 = 1.03;
 /// It reaches so deep into the ground.
 const DEPTH: f64 = 0.5;
 
 impl Core {
-    /// All points deeper inside `control` than `shell`; its base is up to `cut` above the ground at `ground`. `diameter`: d. All in m.
-    /// `None`: no point is so deep.
+    /// All points deeper inside `control` than `shell`; its base is up to `cut` above the ground at `ground`.
+    /// `diameter`: d. All in m. `None`: no point is so deep.
     pub fn new(control: &Closed, ground: f64, cut: f64, shell: f64, diameter: f64) -> Option<Core> {
         let base = control.mesh.bounds().0.y.max(ground);
         let lengthened = lengthened(&control.mesh, base, cut, shell + DEPTH * diameter);

@@ -5,7 +5,8 @@ use crate::geometry::mesh::TriMesh;
 use crate::geometry::region;
 use meshoptimizer_rs::{Positions, SimplifyOptions, SimplifySettings, Workspace, simplify};
 
-/// The library bounds the mean error of a collapse, not the largest: the bound is halved this often until the largest is kept, too.
+/// The library bounds the mean error of a collapse, not the largest: the bound is halved this often until the largest
+/// is kept, too.
 const TRIES: usize = 7;
 
 /// Simplifies a mesh: no removed corner is farther from the simplified mesh than `tolerance`, in the mesh's unit. The
@@ -28,7 +29,8 @@ fn coarser(mesh: &TriMesh, bound: f64) -> Option<CollisionMesh> {
     Some(CollisionMesh { mesh: coarse, saved, deviation })
 }
 
-/// `None` without a bound, and beyond the library's bounds of work and memory: a mesh that is not simplified only costs time.
+/// `None` without a bound, and beyond the library's bounds of work and memory: a mesh that is not simplified only costs
+/// time.
 fn collapsed(mesh: &TriMesh, bound: f64) -> Option<Vec<[u32; 3]>> {
     if bound <= 0.0 {
         return None;

@@ -92,8 +92,8 @@ pub(crate) struct Filling<'a> {
     gravity: f64,
 }
 
-/// The pile as a whole falls if its mean speed downward is more than this, d per characteristic time under full gravity (closing gaps
-/// is slower), and at least this share of its largest speed so far.
+/// The pile as a whole falls if its mean speed downward is more than this, d per characteristic time under full gravity
+/// (closing gaps is slower), and at least this share of its largest speed so far.
 const FALLING: f64 = 0.1;
 const STILL_FALLING: f64 = 0.1;
 /// The fall may take so many times as long as one through all of the container.

@@ -1,13 +1,13 @@
-//! Pockets: parts of the control mesh that the fill did not reach, since they are narrow, or since poured props cannot get under an
-//! overhang.
+//! Pockets: parts of the control mesh that the fill did not reach, since they are narrow, or since poured props cannot
+//! get under an overhang.
 
 use super::filling::Filling;
 use glam::DVec3;
 
 /// Distance between the sampled points, d.
 const SPACING: f64 = 0.3;
-/// A place belongs to a pocket if it is farther than this from every body's surface sphere, in d: gaps between props are not
-/// pockets.
+/// A place belongs to a pocket if it is farther than this from every body's surface sphere, in d: gaps between props
+/// are not pockets.
 const REACH: f64 = 0.25;
 
 /// Share of the container's volume in pockets.

@@ -1,7 +1,8 @@
 //! The part of the physics world that a fill needs, and nothing else of it.
 //!
-//! Units of the engine throughout: lengths in d, the diameter of the median prop; times in the characteristic time sqrt(d / g); speeds
-//! in d per characteristic time; a gravity of 1 is that of the scene. Scales are the props' own: 1 is the size of the file.
+//! Units of the engine throughout: lengths in d, the diameter of the median prop; times in the characteristic time
+//! sqrt(d / g); speeds in d per characteristic time; a gravity of 1 is that of the scene. Scales are the props' own: 1
+//! is the size of the file.
 
 use crate::error::Error;
 use crate::geometry::mesh::TriMesh;
@@ -12,7 +13,8 @@ use crate::sim::policy::Policy;
 use crate::world::{BodyId, Claims, ContactPair, Insertion, PairSide, Role, WallId, World, WorldBody, WorldCounters};
 use glam::DVec3;
 
-/// The world of a fill. Its bodies are loose, which the fill put there and may take out, or pinned, which the scene placed.
+/// The world of a fill. Its bodies are loose, which the fill put there and may take out, or pinned, which the scene
+/// placed.
 pub(crate) struct FillWorld {
     world: World,
     /// Bodies that were taken out, by the fill or by the engine.
@@ -65,15 +67,20 @@ impl FillWorld {
         self.removed += self.world.step().len();
     }
 
-    /// Adds an enclosure without friction.
-    pub fn enclose(&mut self, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
-        enclose(&mut self.world, meshes)
-    }
-
-    /// As [`FillWorld::enclose`], for a container that takes many bodies: the enclosure comes behind so many places for them.
-    /// See [`World::add_behind`].
-    pub fn enclose_behind(&mut self, bodies: usize, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
-        self.world.add_behind(bodies, |world| enclose(world, meshes))
+    /// Adds an enclosure without friction, in the engine's order behind places for so many bodies. See
+    /// [`World::add_behind`].
+    pub fn enclose(&mut self, bodies: usize, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
+        self.world
+            .add_behind(bodies, |world| {
+                let container = world.add_container(meshes.container, 0.0)?;
+                let outer = meshes.outer.map(|mesh| world.add_walls_around(mesh, container)).transpose()?;
+                let core = meshes.core.map(|mesh| world.add_container(mesh, 0.0)).transpose()?;
+                let floor = world.add_wall(DVec3::new(0.0, meshes.floor, 0.0), DVec3::Y, 0.0);
+                let container = [Some(container), outer].into_iter().flatten().collect();
+                let core_and_floor = [core, Some(floor)].into_iter().flatten().collect();
+                Ok(Enclosure { container, core_and_floor })
+            })
+            .map_err(Error::Internal)
     }
 
     /// Takes away the container; the core and the floor stay.
@@ -169,12 +176,14 @@ impl FillWorld {
         speeds().sum::<f64>() / speeds().count().max(1) as f64
     }
 
-    /// Makes [`FillWorld::claim`] and [`FillWorld::overlapping`] know of bodies that were added, moved or removed since the last step.
+    /// Makes [`FillWorld::claim`] and [`FillWorld::overlapping`] know of bodies that were added, moved or removed since
+    /// the last step.
     pub fn update_contacts(&mut self) {
         self.world.zero_step();
     }
 
-    /// Whether a shape placed here would be free of bodies and of places that are claimed (not of the container). Then it is claimed.
+    /// Whether a shape placed here would be free of bodies and of places that are claimed (not of the container). Then
+    /// it is claimed.
     pub fn claim(&self, shape: &Shape, scale: f64, pose: &Pose, claims: &mut Claims) -> bool {
         self.world.claim(shape, scale, pose, claims)
     }
@@ -214,16 +223,4 @@ impl FillWorld {
             assert!(pose.translation.is_finite() && pose.rotation.is_finite(), "body {id} is at {pose:?}");
         }
     }
-}
-
-fn enclose(world: &mut World, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
-    let container = world.add_container(meshes.container, 0.0).map_err(Error::Internal)?;
-    let outer =
-        meshes.outer.map(|mesh| world.add_walls_around(mesh, container)).transpose().map_err(Error::Internal)?;
-    let core = meshes.core.map(|mesh| world.add_container(mesh, 0.0)).transpose().map_err(Error::Internal)?;
-    let floor = world.add_wall(DVec3::new(0.0, meshes.floor, 0.0), DVec3::Y, 0.0);
-    Ok(Enclosure {
-        container: [Some(container), outer].into_iter().flatten().collect(),
-        core_and_floor: [core, Some(floor)].into_iter().flatten().collect(),
-    })
 }

@@ -24,7 +24,8 @@ impl Filling<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// Takes out the newest bodies beyond `limit`. Those from `round` on are equally new: of them, some from everywhere.
+    /// Takes out the newest bodies beyond `limit`. Those from `round` on are equally new: of them, some from
+    /// everywhere.
     pub fn cut_to(&mut self, limit: usize, round: BodyId) {
         let beyond = self.world.loose().count().saturating_sub(limit);
         let round: Vec<BodyId> = self.world.loose().filter(|&id| id >= round).collect();
@@ -79,7 +80,8 @@ impl Filling<'_> {
         self.world.depenetrate(residual, going)
     }
 
-    /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how many.
+    /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how
+    /// many.
     pub fn separate(&mut self, pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
         let may_go = |id: BodyId| id >= first && self.world.is_loose(id);
         let mut others = BTreeMap::<BodyId, Vec<BodyId>>::new();

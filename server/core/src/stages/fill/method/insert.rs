@@ -13,7 +13,8 @@ use glam::{DQuat, DVec3};
 use rand::RngExt;
 use std::collections::BTreeMap;
 
-/// A container this high, in d, is filled under full gravity; a higher one under less, so that bodies at its end are squeezed no more.
+/// A container this high, in d, is filled under full gravity; a higher one under less, so that bodies at its end are
+/// squeezed no more.
 const TALL: f64 = 6.0;
 /// Size at insertion, as a share of the full size.
 const SEED_SCALE: f64 = 0.4;
@@ -31,12 +32,12 @@ const GROWING_OVERLAP: f64 = 0.25;
 /// The next round may ease a squeezed pair. Pairs that overlap too deeply after so many rounds in a row are jammed.
 const JAMMED: u32 = 3;
 
-/// Where no larger share of a round's seeds finds room to grow, they take it from each other: the next round asks for half as
-/// many, but for at least the second share of a full round.
+/// Where no larger share of a round's seeds finds room to grow, they take it from each other: the next round asks for
+/// half as many, but for at least the second share of a full round.
 const CROWDED: f64 = 0.5;
 const LEAST_ROUND: f64 = 0.25;
-/// A round makes up for the losses of the last one: it asks for more than is missing, but counts on no smaller share of its seeds than
-/// this.
+/// A round makes up for the losses of the last one: it asks for more than is missing, but counts on no smaller share of
+/// its seeds than this.
 const LEAST_KEPT: f64 = 0.25;
 /// Fewer seeds than this say nothing of whether the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
@@ -106,8 +107,8 @@ impl Method for Insert {
             }
             let asked = wanted + history.last().map_or(0, |&(asked, _)| asked);
             history.push((asked, after));
-            // Jammed props trade places: a small round adds some and squeezes others out. So as many seeds count as a full round
-            // asks for.
+            // Jammed props trade places: a small round adds some and squeezes others out. So as many seeds count as a
+            // full round asks for.
             let full_round = ((fill.round * expected).ceil() as usize).max(LEAST_SEEDS);
             let least = (fill.full_below * after as f64).max(1.0);
             let then = history.iter().rev().find(|(earlier, _)| earlier + full_round <= asked);
@@ -163,7 +164,8 @@ fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) ->
     seeds.into_iter().map(insert).collect()
 }
 
-/// Where a point of the unit cube is on the Z-order curve through it (Morton 1966), on which near points are mostly near.
+/// Where a point of the unit cube is on the Z-order curve through it (Morton 1966), on which near points are mostly
+/// near.
 fn morton(p: DVec3) -> u64 {
     let spread = |x: f64| {
         let cell = (x.clamp(0.0, 1.0) * MORTON_CELLS) as u64;
@@ -175,8 +177,9 @@ fn morton(p: DVec3) -> u64 {
 const MORTON_BITS: u32 = 10;
 const MORTON_CELLS: f64 = ((1 << MORTON_BITS) - 1) as f64;
 
-/// A random place inside. Of a cast surface, half of the props are laid flat against the container, where gaps show and where others
-/// would not fit; the rest are pushed inward until they clear it. `outside`: the container is larger by that.
+/// A random place inside. Of a cast surface, half of the props are laid flat against the container, where gaps show and
+/// where others would not fit; the rest are pushed inward until they clear it. `outside`: the container is larger by
+/// that.
 fn place(
     filling: &mut Filling,
     (prop, size): (usize, f64),

@@ -31,8 +31,8 @@ impl Pass<'_> {
     }
 }
 
-/// A fill method. The fill asks [`Method::gravity`] and [`Method::is_open`] once, and calls [`Method::run`]: once where the container
-/// is open, else for each pass, and again where the clean-up took too many bodies.
+/// A fill method. The fill asks [`Method::gravity`] and [`Method::is_open`] once, and calls [`Method::run`]: once where
+/// the container is open, else for each pass, and again where the clean-up took too many bodies.
 pub trait Method {
     /// Gravity of the fill as a share of the scene's, in a container of this height, d.
     fn gravity(&self, _height: f64) -> f64 {
@@ -47,7 +47,8 @@ pub trait Method {
     /// Adds bodies. Returns whether the container is full; if not, the pass has reached its limit.
     fn run(&mut self, filling: &mut Filling, pass: &Pass, observer: &mut dyn Observer) -> Result<bool, Error>;
 
-    /// The first body of the latest round, for methods that add bodies in rounds: all bodies of a round are equally new.
+    /// The first body of the latest round, for methods that add bodies in rounds: all bodies of a round are equally
+    /// new.
     fn latest_round(&self) -> BodyId {
         BodyId::MAX
     }

@@ -38,7 +38,7 @@ impl Method for Pour {
         let open = container.opened(task.params.base.height * task.height(), COLLAR).mesh;
         let floor = container.base - COLLAR;
         let meshes = EnclosureMeshes { container: &open, outer: None, core: container.core.as_ref(), floor };
-        let enclosure = filling.world.enclose(&meshes)?;
+        let enclosure = filling.world.enclose(0, &meshes)?;
         let (mut barren, mut full) = (0, false);
         for _ in 0..MAX_BATCHES {
             let before = inside(filling).len();

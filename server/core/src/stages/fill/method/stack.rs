@@ -1,5 +1,5 @@
-//! The `stack` fill: props are laid down one by one, each as low as it can lie, on a height field of the pile, and settle as
-//! they come. Bonded, crosswise and nested piles result from where the lowest place is sought.
+//! The `stack` fill: props are laid down one by one, each as low as it can lie, on a height field of the pile, and
+//! settle as they come. Bonded, crosswise and nested piles result from where the lowest place is sought.
 
 mod course;
 mod field;
@@ -33,7 +33,8 @@ const ROUNDS: usize = 3;
 const CELL: (f64, f64) = (1.0 / 5.0, 1.0 / 12.0);
 /// Bound on the cells of the height field.
 const MAX_CELLS: f64 = 200_000.0;
-/// A prop of random size or turn that found no place so often in a row has none; one that is always the same is tried once.
+/// A prop of random size or turn that found no place so often in a row has none; one that is always the same is tried
+/// once.
 const VAIN: u32 = 24;
 
 /// A prop as it is laid down.
@@ -208,8 +209,8 @@ fn lay(
     let least = filling.task.least_thickness();
     let is_random = |i: usize| order < 1.0 || scene.props[i].scale[0] < scene.props[i].scale[1];
     let patience: Vec<u32> = (0..props.len()).map(|i| if is_random(i) { VAIN } else { 1 }).collect();
-    // The props that may still find a place; how often each was drawn in vain since it last found one; and whether any did since all
-    // were tried.
+    // The props that may still find a place; how often each was drawn in vain since it last found one; and whether any
+    // did since all were tried.
     let (mut tried, mut vain, mut any) = (pass.props.to_vec(), vec![0; props.len()], false);
     let mut laid = 0;
     while laid < wanted {

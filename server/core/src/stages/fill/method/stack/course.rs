@@ -17,8 +17,8 @@ impl Course {
     }
 }
 
-/// The kind that is laid next, one of `props`; the tidier the pile, the likelier: that of the course or, for a new one, the kind that is
-/// missing most. `None`: any, by weight.
+/// The kind that is laid next, one of `props`; the tidier the pile, the likelier: that of the course or, for a new one,
+/// the kind that is missing most. `None`: any, by weight.
 pub fn kind(filling: &mut Filling, props: &[usize], course: Option<&Course>) -> Option<usize> {
     let task = filling.task;
     if props.len() < 2 || !filling.rng.random_bool(task.params.fill.order) {

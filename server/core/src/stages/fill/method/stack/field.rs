@@ -1,13 +1,13 @@
-//! The room in the container as a height field: for each cell of a grid seen from above, how high the pile stands there and how high
-//! it may grow.
+//! The room in the container as a height field: for each cell of a grid seen from above, how high the pile stands there
+//! and how high it may grow.
 
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::raster::rasterise;
 use crate::world::BodyId;
 use glam::{DQuat, DVec2, DVec3};
 
-/// Points of a cell at which heights are sampled, along each axis, cells from its middle. The outermost leave a margin: a
-/// body that reaches less far into a cell is not in it.
+/// Points of a cell at which heights are sampled, along each axis, cells from its middle. The outermost leave a margin:
+/// a body that reaches less far into a cell is not in it.
 const SAMPLES: [f64; 3] = [-0.4, 0.0, 0.4];
 /// A body that is laid down touches the pile where it is this near below, in the body's thickness.
 const TOUCHING: f64 = 0.25;
@@ -37,7 +37,8 @@ pub struct Footprint {
     pub size: [usize; 2],
     /// Cells that the body is over, each with the body's lowest and highest point there.
     cells: Vec<Covered>,
-    /// Where the body's centre of mass is, from the corner of the first cell and from the height at which the lowest point is 0.
+    /// Where the body's centre of mass is, from the corner of the first cell and from the height at which the lowest
+    /// point is 0.
     pub center: DVec3,
     /// From the lowest point to the highest.
     pub height: f64,
@@ -64,8 +65,8 @@ pub struct Spot {
 }
 
 impl Footprint {
-    /// The triangles of a body about its centre of mass, in the pile's axes. `shift`: from the middle of its cells, as far as they
-    /// have room.
+    /// The triangles of a body about its centre of mass, in the pile's axes. `shift`: from the middle of its cells, as
+    /// far as they have room.
     pub fn new(triangles: &[[DVec3; 3]], cell: f64, shift: DVec2) -> Footprint {
         let points = || triangles.iter().flatten();
         let low = points().fold(DVec3::INFINITY, |a, &p| a.min(p));
@@ -101,8 +102,8 @@ impl Footprint {
 pub const SNUG: f64 = 0.02;
 
 impl HeightField {
-    /// The inside of a mesh that faces inward, from `base` up, in cells of this edge, along axes that are turned by `turn`. Bodies
-    /// may reach through floors and ceilings by `leeway`.
+    /// The inside of a mesh that faces inward, from `base` up, in cells of this edge, along axes that are turned by
+    /// `turn`. Bodies may reach through floors and ceilings by `leeway`.
     pub fn new(container: &TriMesh, base: f64, turn: DQuat, cell: f64, leeway: f64) -> HeightField {
         let points: Vec<DVec3> = container.points.iter().map(|&p| turn * p).collect();
         let flat = || points.iter().map(|p| DVec2::new(p.x, p.z));
@@ -148,8 +149,8 @@ impl HeightField {
         self.turn.inverse() * p
     }
 
-    /// How the footprint would lie with its first cell here: as low as the pile lets it. `None` where it has no room, or lies
-    /// higher than `most`. `deep`: the body's thickness; deeper gaps count as that.
+    /// How the footprint would lie with its first cell here: as low as the pile lets it. `None` where it has no room,
+    /// or lies higher than `most`. `deep`: the body's thickness; deeper gaps count as that.
     pub fn lay(&self, footprint: &Footprint, at: [usize; 2], most: f64, deep: f64) -> Option<Spot> {
         let first = at[1] * self.size[0] + at[0];
         let index = |c: &Covered| first + c.at[1] * self.size[0] + c.at[0];
@@ -194,8 +195,8 @@ impl HeightField {
         x < self.size[0] && z < self.size[1] && self.owner[z * self.size[0] + x] == body
     }
 
-    /// The spot of a footprint whose centre of mass is here, whether the pile is in its way or not. `None` where the container has no
-    /// room.
+    /// The spot of a footprint whose centre of mass is here, whether the pile is in its way or not. `None` where the
+    /// container has no room.
     pub fn lay_at(&self, footprint: &Footprint, center: DVec3) -> Option<Spot> {
         let corner = self.cells(center) - DVec2::new(footprint.center.x, footprint.center.z) / self.cell;
         let (corner, height) = (corner.round(), center.y - footprint.center.y);
@@ -210,9 +211,9 @@ impl HeightField {
         footprint.cells.iter().all(fits).then_some(Spot { at, height, gap: 0.0, stable: true, on: None })
     }
 
-    /// How many fewer of these fit into the row and into the file that run through this place, at its height, when one lies here; and
-    /// how many slots, too narrow for another one, it leaves toward the first cells, or toward the last. `edges`: of the others, in cells.
-    /// `deep`: the body's thickness.
+    /// How many fewer of these fit into the row and into the file that run through this place, at its height, when one
+    /// lies here; and how many slots, too narrow for another one, it leaves toward the first cells, or toward the last.
+    /// `edges`: of the others, in cells. `deep`: the body's thickness.
     pub fn loss(
         &self,
         footprint: &Footprint,
@@ -249,7 +250,8 @@ impl HeightField {
         (a + c, b + d)
     }
 
-    /// Raises the floor by a body that lies there. `least`: where less room than that is left, the column goes on above its ceiling.
+    /// Raises the floor by a body that lies there. `least`: where less room than that is left, the column goes on above
+    /// its ceiling.
     pub fn put(&mut self, footprint: &Footprint, spot: &Spot, body: BodyId, least: f64) {
         for c in &footprint.cells {
             let i = (spot.at[1] + c.at[1]) * self.size[0] + spot.at[0] + c.at[0];
@@ -291,7 +293,8 @@ impl HeightField {
         true
     }
 
-    /// Goes on above all room that cannot be filled any more, such as the hole of an arch. Returns whether there was more.
+    /// Goes on above all room that cannot be filled any more, such as the hole of an arch. Returns whether there was
+    /// more.
     pub fn go_on_above(&mut self) -> bool {
         (0..self.floor.len()).filter(|&i| self.go_on(i)).count() > 0
     }
@@ -302,8 +305,8 @@ const OVERHANG: f64 = 0.4;
 /// The centre of mass must be this far within the cells where a body touches the pile, cells.
 const MARGIN: f64 = 0.25;
 
-/// The parts of a column that are inside at all its samples, from below. A crossing: its sample, its height, and 1 where it leads into the
-/// container from below, -1 where it leads out.
+/// The parts of a column that are inside at all its samples, from below. A crossing: its sample, its height, and 1
+/// where it leads into the container from below, -1 where it leads out.
 fn column(mut crossings: Vec<(usize, f64, i32)>, base: f64, leeway: f64) -> Vec<[f64; 2]> {
     crossings.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(b.2.cmp(&a.2)));
     let mut common = vec![[f64::NEG_INFINITY, f64::INFINITY]];

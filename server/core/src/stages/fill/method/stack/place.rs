@@ -18,8 +18,9 @@ const LARGEST_TURN: f64 = PI / 3.0;
 /// The largest shift of a prop at order 0, as a share of its shorter edge.
 const LARGEST_SHIFT: f64 = 0.3;
 
-/// Props this many times longer than wide lie crosswise on each other; those that leave less than this share of their length at
-/// the end of a row, too, if they are longer than wide at all: pushed to the other end, they would make no bond.
+/// Props this many times longer than wide lie crosswise on each other; those that leave less than this share of their
+/// length at the end of a row, too, if they are longer than wide at all: pushed to the other end, they would make no
+/// bond.
 const LONG: f64 = 2.5;
 const BOND: f64 = 0.2;
 const LONGER: f64 = 1.3;
@@ -88,8 +89,8 @@ pub fn find(
     Some((pose, footprint, spot))
 }
 
-/// Shares of its turn and shift with which a place is sought for a prop in disorder. The place may cost hardly more than the best one for
-/// a prop that lies straight.
+/// Shares of its turn and shift with which a place is sought for a prop in disorder. The place may cost hardly more
+/// than the best one for a prop that lies straight.
 const DISORDERED: &[f64] = &[1.0, 0.5];
 const DISORDER: f64 = 0.1;
 

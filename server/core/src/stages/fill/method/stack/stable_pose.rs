@@ -23,8 +23,8 @@ pub struct StablePose {
     pub height: f64,
 }
 
-/// The flattest stable pose: on the side on which the prop was modelled where that is not a narrow one, else on its largest. `None`
-/// for a prop without a flat side, such as a ball.
+/// The flattest stable pose: on the side on which the prop was modelled where that is not a narrow one, else on its
+/// largest. `None` for a prop without a flat side, such as a ball.
 pub fn flattest(shape: &Shape) -> Option<StablePose> {
     let unit = shape.size.diameter;
     let points: Vec<DVec3> = corners(shape, 1.0 / unit, &Pose::IDENTITY).collect();
