@@ -1,4 +1,20 @@
-//! The method of Hsu & Keyser (2012) and its measures: meshes and parameters in, poses and figures out.
+//! Piles of props in the shape of a mesh: the method of Hsu & Keyser (2012), and its measures.
+//!
+//! [`bake`] takes meshes and parameters and returns poses and figures. It goes through these stages, each a function of
+//! the one before:
+//!
+//! 1. **Prepare** ([`prepare`]): the scene is checked, each prop gets a collision shape and a mass, and the closed
+//!    control mesh becomes a container.
+//! 2. **Fill** ([`stages::fill`]): props fill the container under upward gravity, as if it stood on its head, and
+//!    settle in it.
+//! 3. **Turn over** ([`stages::turn_over`]): the container is gone, gravity points down, and every body waits where it
+//!    is.
+//! 4. **Glue** ([`stages::glue`]): where the parameters ask for it, contacts are glued until the pile stands by itself.
+//! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
+//!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`equilibrium`]) and holds them still, which
+//!    keeps the shape.
+//! 6. **Hold** ([`stages::hold`]): the simulation goes on until the pile is at rest.
+//! 7. **Report** ([`report`]): the pile is measured.
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
 
@@ -31,52 +47,55 @@ use prepare::shape::{self, Shape, ShapeSummary};
 use report::bake::{Bake, BakedPile, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
-use stages::cache::{Cache, CachedFill, FillInputs, FrameKeeper, NoCache};
+use stages::cache::{CachedFill, FillCache, FillInputs, FrameKeeper, NoCache};
 use stages::fill::Filled;
 use stages::glue::Glued;
 use stages::hold::HoldOutcome;
+use stages::turn_over::TurnOverInputs;
 use stages::{fill, glue, hold, release, turn_over};
 use std::borrow::Cow;
 use world::Units;
 
-/// Checks the scene and tells what would be simulated; simulates nothing.
+/// Checks the scene and summarizes the bake without simulating it.
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     let summaries = shape::summaries(scene, params, &checked.sizes)?;
     let resolved = Resolved::new(scene, params, &checked, &summaries);
-    Ok(plan::of(scene, params, &checked, &summaries, &resolved))
+    Ok(plan::of(scene, params, &checked, &resolved))
 }
 
-/// The numbers that decide what a bake of the scene costs. Makes the collision shapes, and simulates nothing.
+/// The numbers that decide the cost of a bake. Makes the collision shapes, and simulates nothing.
 pub fn workload(scene: &Scene, params: &Params) -> Result<Workload, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     let shapes = shape::run(scene, params, &checked.sizes, &mut Silent)?;
     Ok(Workload::of(scene, params, &checked, &shapes))
 }
 
-/// Tells what the scene will cost with each of `ladder`; makes the collision shapes that `params` ask for, which stand for those
-/// of the others, and simulates nothing of it. `machine`: from [`stages::calibrate`].
+/// Estimates the cost of the scene with each of `ladder`, by the collision shapes that `params` ask for; simulates
+/// nothing. `machine`: from [`stages::calibrate`].
 pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64) -> Result<Vec<Estimate>, Error> {
-    // What checking finds out does not depend on the accuracy.
+    // The result of the check does not depend on the accuracy.
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     let shapes = shape::run(scene, params, &checked.sizes, &mut Silent)?;
     Ok(ladder.iter().map(|params| estimate::of(scene, params, &checked, &shapes, machine)).collect())
 }
 
-/// The method: shapes, fill, turn over, glue, release, hold. A scene may bring its bodies along instead of a fill.
+/// The method: fill, turn over, glue, release, hold, and the report. A scene may bring its bodies along instead of a
+/// fill.
 pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<Bake, Error> {
     bake_with(scene, params, &mut NoCache, observer)
 }
 
-/// The same, for a caller who knows of earlier bakes.
+/// As [`bake`], with the fills of earlier bakes.
 pub fn bake_with(
     scene: &Scene,
     params: &Params,
-    cache: &mut dyn Cache,
+    cache: &mut dyn FillCache,
     observer: &mut dyn Observer,
 ) -> Result<Bake, Error> {
     let full = fill_container(scene, params, cache, observer)?;
-    release_pile(scene, params, &full, observer)?.measured(observer)
+    let released = release_pile(scene, params, &full, observer)?;
+    released.measured(observer)
 }
 
 /// A full container, ready to be turned over; any number of releases may start from it.
@@ -87,13 +106,13 @@ pub struct FullContainer {
     filled: Option<(Container, Filled)>,
     /// Where control and glue act, if that is not the inside of the container; engine units.
     region: Option<DistanceGrid>,
-    /// Nothing was filled now: it was in the cache.
+    /// The fill comes from the cache.
     is_cached: bool,
     clock: Clock,
 }
 
 impl FullContainer {
-    /// The pile right after turning over, for tools that look into a release.
+    /// The pile right after turning over, for tools that examine a release.
     pub fn turn_over<'a>(&'a self, scene: &'a Scene, params: &'a Params) -> Result<Simulation<'a>, Error> {
         let resolved = Resolved::new(scene, params, &self.checked, &summaries(&self.shapes));
         self.turn_over_as(scene, params, &resolved)
@@ -105,7 +124,7 @@ impl FullContainer {
         params: &'a Params,
         resolved: &Resolved,
     ) -> Result<Simulation<'a>, Error> {
-        turn_over::run(&turn_over::Inputs {
+        turn_over::run(&TurnOverInputs {
             scene,
             params,
             resolved,
@@ -128,7 +147,7 @@ impl FullContainer {
 pub fn fill_container(
     scene: &Scene,
     params: &Params,
-    cache: &mut dyn Cache,
+    cache: &mut dyn FillCache,
     observer: &mut dyn Observer,
 ) -> Result<FullContainer, Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
@@ -136,54 +155,56 @@ pub fn fill_container(
 
     let inputs = FillInputs::new(scene, params, &checked, observer.wants_frames());
     let cached = if cache.keeps() { cache.get(&inputs) } else { None };
+    let is_cached = cached.is_some();
     let shapes = match &cached {
         Some(cached) => cached.shapes.clone(),
         None => shape::run(scene, params, &checked.sizes, observer)?,
     };
     let resolved = Resolved::new(scene, params, &checked, &summaries(&shapes));
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
-    let filled_mesh = checked.control.as_ref().filter(|_| resolved.is_on(EffectName::Fill));
-    let simplifies = resolved.is_on(EffectName::WallSimplification);
-    let tolerance = if simplifies { params.fill.wall_tolerance } else { 0.0 };
-    let container = filled_mesh.map(|closed| Container::new(closed, units.length, checked.ground, tolerance));
-    let container = match &checked.core {
-        Some(core) => container.map(|container| container.around(core, units.length)),
-        None => container,
-    };
-    let own = if container.is_some() { checked.region.as_ref() } else { checked.region.as_ref().or(checked.target()) };
-    let region = own.map(|mesh| grid(&mesh.mesh, units.length).1);
+    let container = container(params, &checked, &resolved, units.length);
+    let target = checked.target().filter(|_| container.is_none());
+    let region = checked.region.as_ref().or(target).map(|closed| grid(&closed.mesh, units.length).1);
     clock.lap(Stage::Shape, observer);
 
-    if let Some(cached) = cached {
-        cached.show(observer);
-        clock.skip(observer);
-        let filled = container.zip(cached.filled);
-        return Ok(FullContainer { checked, shapes, units, filled, region, is_cached: true, clock });
-    }
-    let mut keeper = FrameKeeper::new(observer, cache.keeps());
-    let mut filled = None;
-    if let Some(container) = container {
-        let bodies = fill::run(scene, &shapes, params, units, &container, &mut keeper)?;
-        if bodies.bodies.is_empty() {
-            let name = scene.control.as_ref().map_or("", |model| &model.name);
-            let text =
-                format!("{name}: not one prop found room inside; make the control mesh larger, or the props smaller");
-            return Err(Error::Invalid(vec![Problem::new("control_mesh", text)]));
+    let found = match cached {
+        Some(cached) => {
+            cached.show(observer);
+            cached
         }
-        filled = Some((container, bodies));
-        clock.lap(Stage::Fill, &mut keeper);
-    }
-    let shown = keeper.into_shown();
-    let found = CachedFill { shapes, filled: filled.as_ref().map(|(_, filled)| filled.clone()), shown };
-    let is_whole = found.shown.is_some() || !observer.wants_frames();
-    if cache.keeps() && is_whole {
-        cache.put(&inputs, &found);
-    }
+        None => {
+            let mut keeper = FrameKeeper::new(observer, cache.keeps());
+            let mut filled = None;
+            if let Some(container) = &container {
+                filled = Some(fill::run(scene, &shapes, params, units, container, &mut keeper)?);
+                clock.lap(Stage::Fill, &mut keeper);
+            }
+            let found = CachedFill { shapes, filled, shown: keeper.into_shown() };
+            let is_whole = found.shown.is_some() || !observer.wants_frames();
+            if cache.keeps() && is_whole {
+                cache.put(&inputs, &found);
+            }
+            found
+        }
+    };
     clock.skip(observer);
-    Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached: false, clock })
+    let filled = container.zip(found.filled);
+    Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached, clock })
 }
 
-/// A pile that has come to rest, or to its last frame: all of a bake but its figures.
+/// What is filled, if anything is. `length`: metres per engine unit.
+fn container(params: &Params, checked: &CheckedScene, resolved: &Resolved, length: f64) -> Option<Container> {
+    let control = checked.control.as_ref().filter(|_| resolved.is_on(EffectName::Fill))?;
+    let is_simplified = resolved.is_on(EffectName::WallSimplification);
+    let tolerance = if is_simplified { params.fill.wall_tolerance } else { 0.0 };
+    let container = Container::new(control, length, checked.ground, tolerance);
+    Some(match &checked.core {
+        Some(core) => container.around(core, length),
+        None => container,
+    })
+}
+
+/// A pile at rest, or at its last frame: all of a bake but its figures.
 pub struct Released<'a> {
     scene: &'a Scene,
     params: &'a Params,
@@ -198,26 +219,26 @@ pub struct Released<'a> {
     clock: Clock,
 }
 
-/// The second half of [`bake`]: turn over, glue, release, hold. `params` may differ from the fill's in what comes after it.
+/// The second half of [`bake`]: turn over, glue, release, hold. `params` may differ from the fill's in what comes after
+/// it.
 pub fn release_pile<'a>(
     scene: &'a Scene,
     params: &'a Params,
     full: &'a FullContainer,
     observer: &mut dyn Observer,
 ) -> Result<Released<'a>, Error> {
-    let summaries = summaries(&full.shapes);
-    let resolved = Resolved::new(scene, params, &full.checked, &summaries);
-    let plan = plan::of(scene, params, &full.checked, &summaries, &resolved);
+    let resolved = Resolved::new(scene, params, &full.checked, &summaries(&full.shapes));
+    let plan = plan::of(scene, params, &full.checked, &resolved);
     let mut clock = full.clock.clone();
     clock.skip(observer);
 
     let mut sim = full.turn_over_as(scene, params, &resolved)?;
     let glued = match resolved.is_on(EffectName::Glue) {
         true => {
-            // What was filled is inside.
+            // The fill is inside the container: only a region of its own matters.
             let region = full.region.as_ref().filter(|_| resolved.is_on(EffectName::Region));
-            let again = || full.turn_over_as(scene, params, &resolved);
-            Some(glue::run(&mut sim, &again, region, params, &resolved, observer)?)
+            let restart = || full.turn_over_as(scene, params, &resolved);
+            Some(glue::run(&mut sim, &restart, region, params, &resolved, observer)?)
         }
         false => None,
     };
@@ -231,22 +252,26 @@ pub fn release_pile<'a>(
     let held = hold::run(&mut sim, params, resolved.is_on(EffectName::Stand), observer)?;
     clock.lap(Stage::Hold, observer);
 
+    let pile = baked_pile(scene, params, &sim, glued.is_some())?;
+    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, pile, clock })
+}
+
+/// The frames of a pile, and its glue where `is_glued`.
+fn baked_pile(scene: &Scene, params: &Params, sim: &Simulation, is_glued: bool) -> Result<BakedPile, Error> {
     let (bodies, frames) = prop_frames(&sim.pile);
     if bodies.is_empty() {
         let text = "bodies, emitters: not one body appears before the last frame; bake more frames";
         return Err(Error::Invalid(vec![Problem::new("output.frames", text)]));
     }
-    let fps = params.output.fps;
-    let keeps = sim.pile.recorder.keeps();
-    let count = if keeps { frames.len() } else { sim.pile.recorder.count() + 1 };
+    let (fps, recorder) = (params.output.fps, &sim.pile.recorder);
+    let count = if recorder.keeps() { frames.len() } else { recorder.count() + 1 };
     let scenery = scenery_frames(scene, fps, count);
-    let glue = glued.as_ref().map(|_| report::baked_glue(&sim));
-    let pile = BakedPile { fps, bodies, frames, scenery, glue };
-    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, pile, clock })
+    let glue = is_glued.then(|| report::baked_glue(sim));
+    Ok(BakedPile { fps, bodies, frames, scenery, glue })
 }
 
 impl Released<'_> {
-    /// What the bake was asked for: every frame, or the last.
+    /// Every frame, or the last one alone, as the parameters ask for.
     pub fn pile(&self) -> Cow<'_, BakedPile> {
         match self.sim.pile.recorder.keeps() {
             true => Cow::Borrowed(&self.pile),
@@ -287,7 +312,7 @@ fn summaries(shapes: &[Shape]) -> Vec<ShapeSummary> {
     shapes.iter().map(Shape::summary).collect()
 }
 
-/// Where the moving scenery is. Shape `[static][frame]`, empty for a static one that stands still.
+/// Poses of the moving scenery. Shape `[static][frame]`, empty for a static one that stands still.
 fn scenery_frames(scene: &Scene, fps: f64, frames: usize) -> Vec<Vec<Pose>> {
     let poses = |model: &StaticModel| {
         let count = if model.keys.is_empty() { 0 } else { frames };

@@ -1,4 +1,4 @@
-//! Containers: parts that touch keep their walls, those that overlap become one, and fine walls become coarser.
+//! Containers: touching parts stay as they are, overlapping ones become one, and fine meshes become coarser.
 
 mod common;
 
@@ -83,15 +83,15 @@ fn parts_that_overlap_become_one() {
 }
 
 #[test]
-fn fine_walls_become_coarser_within_the_tolerance() {
+fn a_fine_container_becomes_coarser_within_the_tolerance() {
     let mesh = block(DVec3::ZERO, DVec3::splat(5.0), 40);
     let container = container(&mesh, 0.02);
     assert!(!container.remeshed);
-    let walls = container.closed(0.0);
-    assert!(walls.mesh.triangles.len() < 200, "{} of {}", walls.mesh.triangles.len(), mesh.triangles.len());
-    assert_eq!(walls.saved, mesh.triangles.len() - walls.mesh.triangles.len());
-    assert!(walls.deviation < 1e-6, "flat walls stay where they are: {}", walls.deviation);
-    let found = inspect(&walls.mesh);
+    let closed = container.closed(0.0);
+    assert!(closed.mesh.triangles.len() < 200, "{} of {}", closed.mesh.triangles.len(), mesh.triangles.len());
+    assert_eq!(closed.saved, mesh.triangles.len() - closed.mesh.triangles.len());
+    assert!(closed.deviation < 1e-6, "flat faces stay where they are: {}", closed.deviation);
+    let found = inspect(&closed.mesh);
     assert!(found.is_watertight());
     assert!((found.signed_volume + 125.0).abs() < 1e-3, "facing inward: {}", found.signed_volume);
     let opened = container.opened(0.1, 2.0);
@@ -99,7 +99,7 @@ fn fine_walls_become_coarser_within_the_tolerance() {
 }
 
 #[test]
-fn the_walls_of_a_union_stay_within_the_tolerance() {
+fn a_union_stays_within_the_tolerance() {
     let ball = |x: f64| {
         let mut ball = block(DVec3::splat(-1.0), DVec3::ONE, 10);
         ball.points.iter_mut().for_each(|p| *p = p.normalize() * 2.0 + DVec3::new(x, 2.0, 0.0));
@@ -110,15 +110,15 @@ fn the_walls_of_a_union_stay_within_the_tolerance() {
     let mut before = exact.mesh.triangles.len();
     assert_eq!((exact.saved, exact.deviation), (0, 0.0));
     for tolerance in [0.005, 0.02, 0.1] {
-        let walls = union(tolerance);
-        assert!(walls.mesh.triangles.len() < before / 2, "{tolerance}: {}", walls.mesh.triangles.len());
-        assert!(walls.deviation <= tolerance, "{tolerance}: {}", walls.deviation);
-        before = walls.mesh.triangles.len();
+        let found = union(tolerance);
+        assert!(found.mesh.triangles.len() < before / 2, "{tolerance}: {}", found.mesh.triangles.len());
+        assert!(found.deviation <= tolerance, "{tolerance}: {}", found.deviation);
+        before = found.mesh.triangles.len();
     }
 }
 
 #[test]
-fn coarse_walls_are_left_alone() {
+fn a_coarse_container_is_left_alone() {
     let mesh = cone(3.0, 6.0);
     assert!(!has_fine_walls(&inspect(&mesh), 1.0));
     let mut params = Params::new(Accuracy::Standard);
@@ -132,9 +132,9 @@ fn coarse_walls_are_left_alone() {
     assert_eq!(counts["wall_triangles_saved"], 0);
 }
 
-/// A mesh without the triangles of which this is said.
-fn without(mesh: &TriMesh, gone: impl Fn([DVec3; 3]) -> bool) -> TriMesh {
-    let kept = (0..mesh.triangles.len()).filter(|&i| !gone(mesh.corners(i))).map(|i| mesh.triangles[i]);
+/// A mesh without some of its triangles.
+fn without(mesh: &TriMesh, is_removed: impl Fn([DVec3; 3]) -> bool) -> TriMesh {
+    let kept = (0..mesh.triangles.len()).filter(|&i| !is_removed(mesh.corners(i))).map(|i| mesh.triangles[i]);
     weld(&TriMesh { points: mesh.points.clone(), triangles: kept.collect() }, 0.0)
 }
 
@@ -142,7 +142,8 @@ fn without(mesh: &TriMesh, gone: impl Fn([DVec3; 3]) -> bool) -> TriMesh {
 fn small_and_flat_holes_are_closed() {
     let cube = block(DVec3::ZERO, DVec3::splat(2.0), 8);
     let volume = cube.signed_volume();
-    // Without its lid; with two holes that share a corner; with a hole around a corner of the cube, whose rim is not flat.
+    // Without its lid; with two holes that share a corner; with a hole around a corner of the cube, whose rim is not
+    // flat.
     let lid = without(&cube, |corners| corners.iter().all(|p| p.y == 2.0));
     let two = without(&cube, |corners| {
         let middle = corners.iter().sum::<DVec3>() / 3.0;

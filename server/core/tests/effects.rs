@@ -49,12 +49,12 @@ fn the_plan_of_a_scene_is_that_of_its_bake() {
 #[test]
 fn each_effect_is_told_once_in_the_order_of_the_list() {
     let scene = scene(cone(1.2, 1.6), stick());
-    let told: Vec<EffectName> =
-        plan(&scene, &Params::new(Accuracy::Standard)).unwrap().effects.iter().map(|effect| effect.name).collect();
-    assert_eq!(told, EffectName::VARIANTS);
-    for name in told {
-        assert_eq!(serde_json::to_value(name).unwrap(), name.name(), "written as it is called");
-        for &count in name.counters() {
+    let effects = plan(&scene, &Params::new(Accuracy::Standard)).unwrap().effects;
+    let names: Vec<EffectName> = effects.iter().map(|effect| effect.name).collect();
+    assert_eq!(names, EffectName::VARIANTS);
+    for effect in effects {
+        assert_eq!(serde_json::to_value(effect.name).unwrap(), effect.name.name(), "written as it is called");
+        for count in effect.counters {
             assert_eq!(serde_json::to_value(count).unwrap(), count.name());
         }
     }

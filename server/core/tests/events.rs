@@ -1,4 +1,5 @@
-//! What a scene adds to the fill, end to end: placed bodies, emitters, moving scenery, blows, the end of the control.
+//! Additions of a scene to its fill, end to end: placed bodies, emitters, moving scenery, blows, the end of the
+//! control.
 
 mod common;
 
@@ -35,7 +36,7 @@ fn at(x: f64, y: f64, z: f64) -> Pose {
     Pose { translation: DVec3::new(x, y, z), rotation: DQuat::IDENTITY }
 }
 
-/// Bricks of 0.4 x 0.2 x 0.2 m, and what is done with them.
+/// Bricks of 0.4 x 0.2 x 0.2 m.
 fn bricks(bodies: Vec<PlacedBody>) -> Scene {
     Scene { props: vec![prop("brick", block(DVec3::new(0.4, 0.2, 0.2)))], bodies, ..Scene::default() }
 }
@@ -105,7 +106,7 @@ fn a_late_body_is_not_there_before_its_frame() {
 }
 
 #[test]
-fn what_is_kept_stays_while_the_rest_is_filled_around_it() {
+fn a_pinned_body_stays_while_others_are_filled_in_around_it() {
     let mut scene = scene(cone(0.7, 1.0), stick());
     scene.props.push(Prop { weight: 0.0, ..prop("brick", block(DVec3::new(0.4, 0.2, 0.2))) });
     let pose = at(0.1, 0.5, 0.0);
@@ -121,14 +122,14 @@ fn what_is_kept_stays_while_the_rest_is_filled_around_it() {
 }
 
 #[test]
-fn a_kept_body_is_let_go_at_its_time() {
+fn a_pinned_body_is_released_at_its_time() {
     let until = 0.5;
     let bake = baked(
         &bricks(vec![PlacedBody { pinned: true, pinned_until: Some(until), ..PlacedBody::new(0, at(0.0, 1.0, 0.0)) }]),
         &params(),
     );
     let height = |frame: usize| bake.pile.frames[frame][0].translation.y;
-    // It is let go with the step that its time falls into.
+    // It is released with the step that its time falls into.
     assert!((height(11) - 1.0).abs() < 1e-6 && (height(12) - 1.0).abs() < 0.01);
     assert!((bake.pile.frames.last().unwrap()[0].translation.y - 0.1).abs() < 0.02);
 }
@@ -149,7 +150,7 @@ fn an_emitter_lets_bodies_appear_at_its_rate() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
     assert_eq!(pool.install(|| baked(&scene, &params())).pile.frames, one.pile.frames);
 
-    // A place that is full at once: what could not appear is told.
+    // A place that is full at once: the report counts the bodies that could not appear.
     scene.emitters[0].place = Place::Box { center: DVec3::Y * 0.2, size: DVec3::splat(0.1) };
     let blocked = baked(&scene, &params());
     assert!(blocked.pile.bodies.len() < 5);
@@ -176,7 +177,7 @@ fn tilted_draws_stay_within_their_angle() {
 }
 
 #[test]
-fn moving_scenery_takes_along_what_it_carries() {
+fn moving_scenery_takes_along_the_bodies_on_it() {
     let mut scene = bricks(vec![PlacedBody::new(0, at(0.0, 0.3, 0.0)), PlacedBody::new(0, at(0.0, 0.5, 0.0))]);
     let board = Model { name: "board".into(), mesh: block(DVec3::new(3.0, 0.2, 3.0)) };
     let key = |time: f64, x: f64| Key { time, pose: at(x, 0.1, 0.0) };
@@ -191,7 +192,7 @@ fn moving_scenery_takes_along_what_it_carries() {
 }
 
 #[test]
-fn a_blow_breaks_what_is_held() {
+fn a_blow_breaks_holds() {
     // A tower with a steel ball's weight of momentum against it: it must not stop the ball like a wall.
     let mut scene = bricks(tower(6));
     let velocity = DVec3::new(6.0, 0.0, 0.0);
@@ -222,7 +223,7 @@ fn plank() -> Scene {
 }
 
 #[test]
-fn the_control_ends_when_told() {
+fn the_control_ends_at_its_time() {
     let mut params = params();
     params.control.selection = ContactSelection::All;
     params.control.until = Some(1.0);
@@ -239,12 +240,15 @@ fn a_stand_leaves_the_pile_to_itself() {
     params.glue.mode = GlueMode::Natural;
     params.control.stand = Switch::On;
     let bake = baked(&scene(cone(0.7, 1.0), stick()), &params);
-    assert!(figure(&bake, "shape_iou_after") > 0.8 * figure(&bake, "shape_iou"), "the shape kept by standing is told");
+    assert!(
+        figure(&bake, "shape_iou_after") > 0.8 * figure(&bake, "shape_iou"),
+        "the report has the shape kept by standing"
+    );
     assert!(figure(&bake, "resting_speed_max_rel") < 0.01);
     assert_eq!(figure(&bake, "hanging"), 0.0);
     params.control.mode = ControlMode::Off;
     let off = baked(&scene(cone(0.7, 1.0), stick()), &params);
-    assert!(!off.report.measures.contains_key("shape_iou_after"), "what is not controlled needs no end of it");
+    assert!(!off.report.measures.contains_key("shape_iou_after"), "without a control there is no end of it");
 }
 
 #[test]
@@ -285,12 +289,12 @@ fn a_hard_drop_is_warned_of() {
     };
     scene.emitters = vec![emitter(1.0), emitter(20.0)];
     let plan = cairn_core::plan(&scene, &params()).unwrap();
-    let told: Vec<&String> = plan.warnings.iter().filter(|w| w.contains("energy")).collect();
-    assert!(told.len() == 1 && told[0].starts_with("emitters.1"), "{told:?}");
+    let warned: Vec<&String> = plan.warnings.iter().filter(|w| w.contains("energy")).collect();
+    assert!(warned.len() == 1 && warned[0].starts_with("emitters.1"), "{warned:?}");
 }
 
 #[test]
-fn all_problems_of_added_things_are_told_at_once() {
+fn all_problems_of_additions_are_reported_at_once() {
     let mut scene = bricks(vec![
         PlacedBody { prop: 7, ..PlacedBody::new(0, at(0.0, f64::NAN, 0.0)) },
         PlacedBody {
@@ -349,7 +353,7 @@ impl Observer for States {
 }
 
 #[test]
-fn frames_tell_what_the_control_makes_of_each_body() {
+fn frames_show_how_the_control_treats_each_body() {
     let kept = PlacedBody { pinned: true, ..PlacedBody::new(0, at(2.0, 0.1, 0.0)) };
     let late = PlacedBody { start: 2.0 / 24.0, ..PlacedBody::new(0, at(5.0, 0.1, 0.0)) };
     let mut scene = bricks([tower(3), vec![kept, late]].concat());
@@ -358,20 +362,20 @@ fn frames_tell_what_the_control_makes_of_each_body() {
     params.release.order = ReleaseOrder::BottomUp;
     params.control.mode = ControlMode::Freeze;
     params.control.stand = Switch::Off;
-    let mut told = States::default();
-    bake(&scene, &params, &mut told).unwrap();
+    let mut states = States::default();
+    bake(&scene, &params, &mut states).unwrap();
     use State::{Held, Outside, Pinned, Waiting};
-    assert_eq!(told.0[0], [Waiting, Waiting, Waiting, Pinned]);
-    assert_eq!(told.0.last().unwrap()[..], [Held, Held, Held, Pinned, Outside]);
+    assert_eq!(states.0[0], [Waiting, Waiting, Waiting, Pinned]);
+    assert_eq!(states.0.last().unwrap()[..], [Held, Held, Held, Pinned, Outside]);
 
     params.control.mode = ControlMode::Off;
-    let mut told = States::default();
-    bake(&scene, &params, &mut told).unwrap();
-    assert!(told.0.iter().flatten().all(|&state| state == State::Free));
+    let mut states = States::default();
+    bake(&scene, &params, &mut states).unwrap();
+    assert!(states.0.iter().flatten().all(|&state| state == State::Free));
 }
 
 #[test]
-fn without_a_ground_what_misses_the_scenery_is_set_aside() {
+fn without_a_ground_bodies_that_miss_the_scenery_are_set_aside() {
     let mut scene = bricks(vec![PlacedBody::new(0, at(0.0, 0.1, 0.0)), PlacedBody::new(0, at(9.0, 0.1, 0.0))]);
     let params = Params { ground: false, ..params() };
     let Err(Error::Invalid(problems)) = bake(&scene, &params, &mut Silent) else { panic!("nothing to fall on") };

@@ -80,7 +80,8 @@ fn planks_lie_crosswise() {
     assert!(figure(&bake, "kept_shape") > 0.95, "{}", figure(&bake, "kept_shape"));
 }
 
-/// A dish whose rim is higher on one side by this share: rings of 12 corners, from the middle below, out, in and to the middle above.
+/// A dish whose rim is higher on one side by this share: rings of 12 corners, from the middle below, out, in and to the
+/// middle above.
 fn dish(radius: f64, height: f64, uneven: f64) -> TriMesh {
     const N: u32 = 12;
     let rings = [(0.5, 0.0), (1.0, 1.0), (0.93, 1.0), (0.48, 0.2)];
@@ -122,7 +123,7 @@ fn order_decides_how_many_lie_flat() {
 }
 
 #[test]
-fn what_a_prop_may_do_is_kept() {
+fn a_prop_keeps_its_stance() {
     let mut scene = scene(block(DVec3::new(0.9, 0.6, 0.6)), block(BRICK));
     // On its end, and never turned.
     scene.props[0].stance = Stance { up: Some(DVec3::X), turns: Turns::None };
@@ -178,7 +179,7 @@ fn small_props_fill_the_gaps_of_large_ones() {
 }
 
 #[test]
-fn only_a_container_that_is_shaken_takes_the_steps_of_it() {
+fn only_shaking_adds_the_steps_of_it() {
     let scene = scene(block(DVec3::new(0.9, 0.6, 0.6)), block(BRICK));
     let mut params = stacked(0.2);
     let steps = |params: &Params| {
@@ -187,7 +188,7 @@ fn only_a_container_that_is_shaken_takes_the_steps_of_it() {
     let [still, none] = steps(&params);
     params.fill.shake = 2.0;
     let [shaken, shakes] = steps(&params);
-    // Two natural times, and one to settle.
+    // Two characteristic times, and one to settle.
     assert!(none == 0 && shakes >= 25 && shaken == still + shakes, "{still} and {shaken} steps, {shakes} of the shake");
 }
 
@@ -211,7 +212,7 @@ fn single_props_stand_out_of_a_natural_surface_and_none_of_a_cast_one() {
         params.fill.surface = surface;
         protrusions(&scene, &params)
     });
-    // More than what the fill leaves anyway, and what parting it adds.
+    // More than the fill leaves anyway, and parting adds.
     let standing_out = |all: &[f64]| all.iter().filter(|&&out| out > 0.12).count();
     let (some, none) = (standing_out(&natural), standing_out(&cast));
     assert!(some >= none + 3 && some * 4 < natural.len(), "{some} of {}, {none} of {}", natural.len(), cast.len());
@@ -220,7 +221,7 @@ fn single_props_stand_out_of_a_natural_surface_and_none_of_a_cast_one() {
 }
 
 #[test]
-fn what_lies_in_disorder_lies_straighter_where_room_is_short() {
+fn props_in_disorder_lie_straighter_where_room_is_short() {
     // Two bricks are as deep as the wall.
     let scene = scene(block(DVec3::new(1.57, 0.7, 0.245)), block(BRICK));
     let [loose, tidy] = [0.85, 1.0].map(|order| baked(&scene, &stacked(order)).report.bodies);

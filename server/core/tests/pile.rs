@@ -1,4 +1,4 @@
-//! The method end to end on small piles: what a bake promises, whatever the scene.
+//! The method end to end on small piles: promises of a bake that hold for every scene.
 
 mod common;
 
@@ -30,7 +30,8 @@ fn natural(mut params: Params) -> Params {
 #[test]
 fn a_cone_of_sticks_keeps_its_shape_and_comes_to_rest() {
     let scene = scene(cone(0.9, 2.0), stick());
-    // Of a natural surface, single props may stand out by 0.15 d; of a cast one, what was parted sticks out by little more than it may.
+    // Single props may stand out of a natural surface by 0.15 d; those that were parted stick out of a cast one by
+    // little more than they may.
     for (surface, out, inside) in [(0.5, 0.3, 0.95), (1.0, 0.15, 0.98)] {
         let mut params = natural(Params::new(Accuracy::Standard));
         params.fill.surface = surface;
@@ -119,9 +120,9 @@ fn a_scene_a_thousand_times_smaller_or_larger_gives_the_same_pile() {
     }
 }
 
-/// What is expected of an accuracy is what a bake with it does: the order of the expected costs is that of the work counted, and a
-/// draft sinks in most. (Between `standard` and `fine`, penetration in so small a pile differs more by seed; and glue keeps whatever
-/// the fill has left, so that the pile is natural.)
+/// Accuracies do as the estimates say: the order of the expected costs is that of the work counted, and a draft sinks
+/// in most. (Between `standard` and `fine`, penetration in so small a pile differs more by seed; and glue keeps the
+/// overlaps of the fill, so that the pile is natural.)
 #[test]
 fn a_more_accurate_bake_does_more_work_and_sinks_in_less() {
     let scene = scene(cone(0.6, 1.2), stick());
@@ -158,7 +159,7 @@ fn a_slower_machine_and_more_bodies_are_expected_to_take_longer() {
 }
 
 #[test]
-fn whatever_is_held_was_certified_in_its_latest_cycle() {
+fn every_held_body_was_certified_in_its_latest_cycle() {
     let scene = scene(cone(0.7, 1.55), stick());
     let params = params();
     let full = cairn_core::fill_container(&scene, &params, &mut NoCache, &mut Silent).unwrap();
@@ -208,7 +209,7 @@ fn a_pour_fills_through_the_opening() {
     let report = bake(&scene, &params, &mut Silent).unwrap().report;
     assert!(report.measures["fill_fraction"].unwrap() > 0.12, "fill {:?}", report.measures["fill_fraction"]);
     assert!(report.measures["protrusion_rel"].unwrap() <= 0.05);
-    // What the container held must stand by itself; the odd stick may slide off a poured pile.
+    // Bodies that the container held must stand by themselves; the odd stick may slide off a poured pile.
     assert!(report.measures["inside_fraction"].unwrap() > 0.98);
 }
 
@@ -256,7 +257,7 @@ fn a_cancel_ends_the_bake_at_the_next_step() {
 }
 
 #[test]
-fn all_problems_of_a_scene_are_told_at_once() {
+fn all_problems_of_a_scene_are_reported_at_once() {
     let mut scene = scene(cone(0.8, 1.2), stick());
     scene.control.as_mut().unwrap().mesh.triangles.truncate(1);
     scene.props[0].weight = f64::NAN;
@@ -283,12 +284,12 @@ fn shell(thickness: f64) -> TriMesh {
 
 #[test]
 fn a_shell_thinner_than_the_props_is_refused_before_any_work() {
-    let told = |thickness: f64| cairn_core::plan(&scene(shell(thickness), stick()), &params());
+    let planned = |thickness: f64| cairn_core::plan(&scene(shell(thickness), stick()), &params());
     let stick = stick().bounds().1 - stick().bounds().0;
-    let Err(cairn_core::Error::Invalid(problems)) = told(0.7 * stick.min_element()) else { panic!("accepted") };
+    let Err(cairn_core::Error::Invalid(problems)) = planned(0.7 * stick.min_element()) else { panic!("accepted") };
     assert!(problems.iter().any(|p| p.text.contains("as thick as the thinnest prop")), "{problems:#?}");
     for thick in [1.2 * stick.min_element(), 0.9] {
-        let plan = told(thick).unwrap_or_else(|problems| panic!("{thick}: {problems}"));
+        let plan = planned(thick).unwrap_or_else(|problems| panic!("{thick}: {problems}"));
         assert!(!plan.warnings.iter().any(|w| w.contains("as thick as")), "{:?}", plan.warnings);
     }
 }

@@ -12,8 +12,8 @@ use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;
 
-/// Twenty-five layers of three planks (1.2 x 0.04 x 0.15 m), crosswise. With too few substeps for such stiff contacts, it bobs up and
-/// down for ever.
+/// Twenty-five layers of three planks (1.2 x 0.04 x 0.15 m), crosswise. With too few substeps for such stiff contacts,
+/// it bobs up and down forever.
 #[test]
 fn a_tall_stack_of_thin_planks_is_calm() {
     let stick = stick();

@@ -1,4 +1,4 @@
-//! Piles of which only the surface is made of props: the core, the room that it leaves, and what the figures make of it.
+//! Piles of which only the surface is made of props: the core, the room that it leaves, and its effect on the figures.
 
 mod common;
 
@@ -43,14 +43,14 @@ fn ball() -> TriMesh {
 }
 
 #[test]
-fn a_core_keeps_its_distance_from_the_surface_and_goes_down_to_the_ground() {
+fn a_core_keeps_its_distance_from_the_surface_and_reaches_into_the_ground() {
     let control = closed(&cone(2.0, 2.0));
     let (shell, d) = (0.5, 0.5);
     let core = Core::new(&control, 0.0, 0.04, shell, d).unwrap();
     assert!(core.is_convex && core.mesh.signed_volume() > 0.0, "closed, facing outward");
     let region = Region::new(&control.mesh);
     let (low, high) = core.mesh.bounds();
-    assert!(low.y < 0.0, "nothing gets under it: {low}");
+    assert!(low.y < 0.0, "no prop gets under it: {low}");
     // A cone whose tip is lower by the shell times the root of two.
     let wanted = 2.0 - shell * 2f64.sqrt();
     assert!((high.y - wanted).abs() < 0.1 * d, "{high}");
@@ -123,13 +123,14 @@ fn props_lie_around_the_core_and_not_in_it() {
         let of = |shell| {
             let mut params = draft(shell);
             params.fill.method = method;
-            // Of a natural one, props stand out: most of a thin shell is surface, and takes more of them than the plan knows.
+            // Props stand out of a natural surface: most of a thin shell is surface, and takes more of them than the
+            // plan knows.
             params.fill.surface = 1.0;
             let expected = plan(&scene, &params).unwrap().expected_bodies as f64;
             (expected, bake(&scene, &params, &mut Silent).unwrap())
         };
         let ((all, full), (some, shell)) = (of(None), of(Some(0.6)));
-        assert_eq!(full.report.counts[&Count::CoreTriangles], 0, "what is not asked for is not there");
+        assert_eq!(full.report.counts[&Count::CoreTriangles], 0, "without a shell there is no core");
         assert!(shell.report.counts[&Count::CoreTriangles] > 0);
         let (bodies, fewer) = (full.report.bodies as f64, shell.report.bodies as f64);
         assert!(fewer < 0.85 * bodies, "{method:?}: {fewer} of {bodies} bodies");
@@ -147,13 +148,13 @@ fn props_lie_around_the_core_and_not_in_it() {
             let (whole, around) = (figure(&full, "fill_fraction"), figure(&shell, "fill_fraction"));
             // Seeds alone make 0.08 of a difference.
             assert!((whole - around).abs() < 0.16, "the shell is as full: {around}, {whole} without a core");
-            assert_eq!(figure(&shell, "hanging"), 0.0, "what lies on the core does not hang");
+            assert_eq!(figure(&shell, "hanging"), 0.0, "bodies on the core do not hang");
         }
     }
 }
 
 #[test]
-fn a_shell_of_no_use_is_told() {
+fn a_shell_of_no_use_is_reported() {
     let scene = scene(cone(1.2, 1.6), stick());
     let thin = plan(&scene, &draft(Some(0.1))).unwrap_err();
     let Error::Invalid(problems) = thin else { panic!("{thin}") };
@@ -161,8 +162,8 @@ fn a_shell_of_no_use_is_told() {
     assert_eq!(problems[0].field, "fill.shell");
     assert!(problems[0].text.contains("stick is 0.060 m thick") && problems[0].text.contains("give at least 0.12"));
     let deep = plan(&scene, &draft(Some(5.0))).unwrap();
-    let told = deep.warnings.iter().filter(|text| text.contains("fill.shell")).count();
-    assert_eq!(told, 1, "{:?}", deep.warnings);
+    let warned = deep.warnings.iter().filter(|text| text.contains("fill.shell")).count();
+    assert_eq!(warned, 1, "{:?}", deep.warnings);
     assert!(!deep.effects.iter().any(|effect| effect.name == EffectName::Core && effect.on));
     assert_eq!(deep.expected_bodies, plan(&scene, &draft(None)).unwrap().expected_bodies);
 }

@@ -42,23 +42,23 @@ impl Observer for Poses {
 }
 
 #[test]
-fn without_frames_the_final_pose_is_told_alone() {
+fn without_frames_only_the_final_pose_is_shown() {
     let late = PlacedBody { start: 2.0 / 24.0, ..placed(3.0, 0.3) };
     let scene = sticks(vec![placed(0.0, 0.2), placed(0.1, 0.4), late]);
-    let told = |keeps_frames: Switch| {
+    let shown = |keeps_frames: Switch| {
         let mut params = Params::new(Accuracy::Draft);
         params.output.keeps_frames = keeps_frames;
-        let mut told = Poses(Vec::new());
-        bake(&scene, &params, &mut told).unwrap();
-        told.0
+        let mut poses = Poses(Vec::new());
+        bake(&scene, &params, &mut poses).unwrap();
+        poses.0
     };
-    let (all, alone) = (told(Switch::Auto), told(Switch::Off));
+    let (all, alone) = (shown(Switch::Auto), shown(Switch::Off));
     assert!(all.len() > 3);
     assert_eq!(alone, [(0, all.last().unwrap().1.clone())]);
 }
 
 #[test]
-fn what_is_kept_is_weighed_as_it_was_placed() {
+fn support_of_pinned_bodies_is_measured_where_they_were_placed() {
     let kept = |x: f64, y: f64| PlacedBody { pinned: true, ..placed(x, y) };
     let mut params = Params::new(Accuracy::Draft);
     (params.output.frames, params.output.keeps_frames) = (Some(0), Switch::Off);
@@ -75,6 +75,6 @@ fn what_is_kept_is_weighed_as_it_was_placed() {
     assert_eq!(unsupported(vec![kept(0.0, 0.03), kept(0.0, 0.09)]), [0; 0]);
     // The second one would tip over.
     assert_eq!(unsupported(vec![kept(0.0, 0.03), kept(0.35, 0.09), kept(3.0, 0.03)]), [1]);
-    // Kept things carry like scenery while others move.
+    // Pinned bodies carry like scenery while others move.
     assert_eq!(unsupported(vec![kept(0.0, 0.03), kept(0.35, 0.09), placed(3.0, 0.03)]), [0; 0]);
 }

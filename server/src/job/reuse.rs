@@ -93,7 +93,7 @@ fn remove_unfinished(folder: &Path) {
     }
 }
 
-impl cache::Cache for Cache {
+impl cache::FillCache for Cache {
     fn get(&mut self, inputs: &FillInputs) -> Option<CachedFill> {
         self.read(&key("fill", inputs)?)
     }

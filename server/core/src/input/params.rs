@@ -9,7 +9,7 @@ mod presets;
 mod ranges;
 mod switches;
 
-pub use fill::{Fill, FillMethod, Layout, Mixture, SortBy};
+pub use fill::{Fill, FillMethod, FillTraits, Layout, Mixture, SortBy};
 pub use switches::{ControlSwitches, PhysicsSwitches, Switch};
 
 /// The parameters of a bake. [`Params::new`] gives an accuracy preset's; every field may be changed.

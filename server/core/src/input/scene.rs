@@ -2,7 +2,7 @@
 
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
-use crate::input::params::{FillMethod, Params};
+use crate::input::params::Params;
 use glam::DVec3;
 
 /// Everything a bake needs besides its [`Params`](crate::input::params::Params).
@@ -234,7 +234,7 @@ impl Scene {
 
     /// Whether the control mesh is to be filled.
     pub fn is_filled(&self, params: &Params) -> bool {
-        self.control.is_some() && params.fill.method != FillMethod::Off
+        self.control.is_some() && params.fill.method.traits().fills
     }
 
     /// Whether anything may hit a held body, besides the bodies of the pile.

@@ -9,7 +9,7 @@ use crate::error::Problem;
 use crate::geometry::Closed;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::{self, WELD_TOLERANCE};
-use crate::input::params::{FillMethod, Params};
+use crate::input::params::Params;
 use crate::input::scene::{Model, Prop, Scene};
 use crate::prepare::container::core::Core;
 use crate::prepare::extremes;
@@ -87,7 +87,8 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<Problem>>
     if !problems.is_empty() {
         return Err(problems);
     }
-    if params.fill.order > 0.0 && matches!(params.fill.method, FillMethod::Insert | FillMethod::Pour) {
+    let method = params.fill.method.traits();
+    if params.fill.order > 0.0 && method.fills && !method.has_order {
         let text = "fill.order: only what is stacked lies in order; leave fill.method out, or set it to \"stack\"";
         warnings.push(text.into());
     }

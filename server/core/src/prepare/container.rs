@@ -1,6 +1,6 @@
-//! The control mesh as a container: walls that face inward, and a base on the ground.
+//! The control mesh as a container: a closed surface that faces inward, and a base on the ground.
 //!
-//! The mesh stays upright while it is filled under upward gravity: turning over is then a change of sign.
+//! The mesh stays upright while it is filled under upward gravity: turning over then only changes the sign of gravity.
 
 pub mod core;
 mod simplify;
@@ -14,13 +14,13 @@ use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
 use ndshape::{RuntimeShape, Shape as _};
 
-/// Walls for the fill, in engine units.
+/// What is filled. Engine units.
 pub struct Container {
     /// Triangles facing inward; closed.
-    walls: TriMesh,
-    /// How far simplified walls may be from these; 0: they stay as they are.
+    mesh: TriMesh,
+    /// How far a simplified mesh may be from it; 0: it is not simplified.
     tolerance: f64,
-    /// Distance to the wall, negative inside.
+    /// Distance to the surface, negative inside.
     pub distance: DistanceGrid,
     /// Height of the base, which a half-space closes as well.
     pub base: f64,
@@ -29,7 +29,7 @@ pub struct Container {
     pub area: f64,
     pub low: DVec3,
     pub high: DVec3,
-    /// The walls are a surface around the union of the mesh's parts, not the mesh itself.
+    /// The mesh is a surface around the union of the control mesh's parts, not the control mesh itself.
     pub remeshed: bool,
     /// The surface of the core, where there is one: closed, facing outward.
     pub core: Option<TriMesh>,
@@ -39,25 +39,26 @@ pub struct Container {
 const MAX_GRID_NODES: usize = 2_000_000;
 /// Grid spacing, in diameters of the median prop.
 const GRID_SPACING: f64 = 0.1;
-/// Walls of more triangles than this per d^2 are finer than props need: each prop meets dozens of them.
+/// A container of more triangles than this per d^2 is finer than props need: each prop meets dozens of them.
 const FINE_WALLS: f64 = 50.0;
 /// Parts that reach less deep than this into each other, in d, only touch.
 const TOUCH: f64 = 0.005;
-/// Remeshed walls stand this far inside the mesh, in grid spacings: the surface of a grid rounds edges off, outward at
-/// concave ones.
+/// A remeshed container is this far inside the control mesh, in grid spacings: the surface of a grid rounds edges off,
+/// outward at concave ones.
 const REMESH_INSET: f64 = 0.2;
 
-/// Triangles that props meet.
-pub struct Walls {
+/// Triangles that props collide with.
+pub struct CollisionMesh {
     /// Engine units, facing inward.
     pub mesh: TriMesh,
     /// Triangles saved by simplification.
     pub saved: usize,
-    /// The largest distance of a corner that simplification took out from what is left, in d; 0 where it took none.
+    /// The largest distance of a removed corner from the simplified mesh, in d; 0 where none was removed.
     pub deviation: f64,
 }
 
-/// Whether a mesh is finer than props need, or may become so: then its walls are simplified. `d` in the mesh's unit.
+/// Whether a control mesh is finer than props need, or remeshing may make it so: then the container is simplified. `d`
+/// in the mesh's unit.
 pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
     !topology.is_watertight()
         || topology.components > 1
@@ -65,21 +66,22 @@ pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
 }
 
 impl Container {
-    /// `control` in SI, `length` metres per engine unit. `tolerance`: how far simplified walls may be from the mesh, in d; 0: they stay as they are.
+    /// `control` and `ground` in SI, `length` metres per engine unit. `tolerance`: how far the simplified container may
+    /// be from the mesh, in d; 0: it is not simplified.
     pub fn new(control: &Closed, length: f64, ground: f64, tolerance: f64) -> Container {
-        let Closed { mesh, topology, .. } = control;
-        let solid = mesh.scaled(1.0 / length);
-        let (region, distance) = grid(mesh, length);
+        let topology = &control.topology;
+        let solid = control.mesh.scaled(1.0 / length);
+        let (region, distance) = grid(&control.mesh, length);
         let (low, high) = solid.bounds();
         let remeshed = !topology.is_watertight() || topology.components > 1 && region.overlaps(TOUCH);
-        let walls = if remeshed {
+        let mesh = if remeshed {
             surface(&distance, REMESH_INSET * distance.spacing())
         } else {
             inward(&solid, region.was_inside_out())
         };
         let base = low.y.max(ground / length);
         Container {
-            walls,
+            mesh,
             tolerance,
             distance,
             base,
@@ -92,7 +94,7 @@ impl Container {
         }
     }
 
-    /// Props find no room in the core.
+    /// Leaves no room in the core.
     pub fn around(mut self, core: &Core, length: f64) -> Container {
         self.distance.cut_out(&grid(&core.mesh, length).1);
         self.volume -= core.volume / length.powi(3);
@@ -101,15 +103,15 @@ impl Container {
         self
     }
 
-    /// The walls, closed, and `outside` of where they are.
-    pub fn closed(&self, outside: f64) -> Walls {
-        let walls = if outside > 0.0 { surface(&self.distance, -outside) } else { self.walls.clone() };
-        simplify::run(walls, self.tolerance)
+    /// The closed container, larger by `outside` on all sides.
+    pub fn closed(&self, outside: f64) -> CollisionMesh {
+        let mesh = if outside > 0.0 { surface(&self.distance, -outside) } else { self.mesh.clone() };
+        simplify::run(mesh, self.tolerance)
     }
 
     /// Triangles facing inward, and those of the core outward; closed.
     pub fn bounds(&self) -> TriMesh {
-        let mut all = self.walls.clone();
+        let mut all = self.mesh.clone();
         self.core.iter().for_each(|core| all.append(core));
         all
     }
@@ -119,14 +121,14 @@ impl Container {
         points.all(|p| p.y >= self.base - slack && self.distance.signed_distance(p) <= slack)
     }
 
-    /// The walls with an opening where the base was, and a collar below it.
-    pub fn opened(&self, cut: f64, collar: f64) -> Walls {
-        simplify::run(without_base(&self.walls, self.base, cut, collar).0, self.tolerance)
+    /// The container with an opening where the base was, and a collar below it.
+    pub fn opened(&self, cut: f64, collar: f64) -> CollisionMesh {
+        simplify::run(without_base(&self.mesh, self.base, cut, collar).0, self.tolerance)
     }
 }
 
-/// A mesh with an opening where its base was, and a collar below it: faces within `cut` above the base go, and the rim that they
-/// leave is drawn down by `collar`. And the faces that went.
+/// A mesh with an opening where its base was, and a collar below it: faces within `cut` above the base are removed, and
+/// the rim that they leave is drawn down by `collar`. And the removed faces.
 fn without_base(mesh: &TriMesh, base: f64, cut: f64, collar: f64) -> (TriMesh, Vec<[u32; 3]>) {
     let below = |v: u32| mesh.points[v as usize].y <= base + cut;
     let (removed, kept): (Vec<[u32; 3]>, Vec<[u32; 3]>) =
@@ -135,7 +137,7 @@ fn without_base(mesh: &TriMesh, base: f64, cut: f64, collar: f64) -> (TriMesh, V
     let inner: std::collections::BTreeSet<(u32, u32)> = removed.iter().flat_map(edges).collect();
     let mut open = TriMesh { points: mesh.points.clone(), triangles: kept };
     for (a, b) in inner.iter().copied().filter(|&(a, b)| !inner.contains(&(b, a))) {
-        // The removed face ran from a to b; the collar takes its place and faces the same side as the wall above.
+        // The removed face ran from a to b; the collar replaces it and faces the same side as the face above.
         let n = open.points.len() as u32;
         for v in [a, b] {
             let p = open.points[v as usize];
@@ -159,7 +161,7 @@ fn inward(solid: &TriMesh, inside_out: bool) -> TriMesh {
     TriMesh { points: solid.points.clone(), triangles }
 }
 
-/// What lies this far inside the surface of the distance grid (naive surface nets), facing inward.
+/// The surface at this depth below that of the distance grid (naive surface nets), facing inward.
 fn surface(distance: &DistanceGrid, inset: f64) -> TriMesh {
     let (origin, size, values) = distance.nodes();
     let field: Vec<f32> = values.iter().map(|&v| (v + inset) as f32).collect();

@@ -1,10 +1,10 @@
-//! How many props a control mesh takes, told before the fill: a model fitted on finished fills.
+//! How many props a control mesh takes, estimated before the fill: a model fitted on finished fills.
 
 use super::shape::Size;
-use crate::input::params::{Fill, FillMethod};
+use crate::input::params::Fill;
 use crate::input::scene::{Prop, Scene};
 
-/// What the packing is a product of powers of; `crowding` is an exponent of e.
+/// The packing is a product of powers of these; `crowding` is an exponent of e.
 pub const FEATURES: [&str; 7] = ["1", "solidity", "boxiness", "flatness", "slenderness", "bend", "crowding"];
 /// An exponent for each of the features.
 pub type Weights = [f64; FEATURES.len()];
@@ -12,20 +12,20 @@ pub type Weights = [f64; FEATURES.len()];
 /// The fitted exponents; the example `fit_estimate` prints them.
 const PACKING: Weights = [-0.161, 1.052, 0.053, 0.167, -0.107, -0.729, -0.194];
 
-/// What is to be filled.
+/// The room that is filled.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
     /// m^3.
     pub volume: f64,
-    /// Of its walls, m^2.
+    /// Of its surface, m^2.
     pub area: f64,
 }
 
 impl Room {
-    /// Logarithms of the numbers that decide how densely a prop packs, in the order of [`FEATURES`]: its volume over that of its
-    /// convex hull, and the hull's over that of the box around it; the least edge of that box over the longest; how many times longer than
-    /// wide it is, beyond e; what of its hull a long prop leaves empty, so that others lie in its bend; and how much of the room is near
-    /// its walls.
+    /// Logarithms of the numbers that decide how densely a prop packs, in the order of [`FEATURES`]: its volume over
+    /// that of its convex hull, and the hull's over that of the box around it; the least edge of that box over the
+    /// longest; how many times longer than wide it is, beyond e; the part of its hull that a long prop leaves empty, so
+    /// that others lie in its bend; and how much of the room is near its surface.
     pub fn features(&self, prop: &Prop, size: &Size) -> Weights {
         let [least, middle, longest] = size.extents.to_array();
         let thickness = least * (prop.scale[0] + prop.scale[1]) / 2.0;
@@ -56,14 +56,15 @@ const MOST_CROWDED: f64 = 3.0;
 /// The share of a volume that props fill is between these.
 const RANGE: (f64, f64) = (0.02, 0.9);
 
-/// What stacked boxes fill of a room that is not made for them; other props, as much less as they fill of the boxes around them.
+/// Share of a room that stacked boxes fill, where it is not made for them; other props fill as much less as they fill
+/// of the boxes around them.
 const STACKED: f64 = 0.85;
 
 /// Bodies that fit, by this share of the packing that fills usually reach, and by the limits given.
 pub fn expected_bodies(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill, share: f64) -> usize {
     let (times, features) = room.load(scene, sizes);
     let mut packing = features.iter().zip(PACKING).map(|(f, w)| f * w).sum::<f64>().exp().clamp(RANGE.0, RANGE.1);
-    if fill.method == FillMethod::Stack {
+    if fill.method.traits().has_order {
         let [_, solidity, boxiness, ..] = features;
         packing += fill.order * (STACKED * (solidity + boxiness).exp() - packing).max(0.0);
     }

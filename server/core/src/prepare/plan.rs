@@ -6,9 +6,8 @@ use crate::input::params::Params;
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
 use crate::prepare::container::core::Core;
-use crate::prepare::effects::{self, Effect, EffectName, Resolved};
+use crate::prepare::effects::{Effect, EffectName, Resolved};
 use crate::prepare::packing::{Room, expected_bodies};
-use crate::prepare::shape::ShapeSummary;
 
 /// The stages that a bake will run and the effects that are switched on, each with its reason.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -32,19 +31,15 @@ const USUAL_FILL_STEPS: usize = 150;
 /// Natural times from the last release to rest, usually.
 const USUAL_HOLD: f64 = 8.0;
 
-/// The plan of a checked scene. `summaries`: one per prop.
-pub fn of(
-    scene: &Scene,
-    params: &Params,
-    checked: &CheckedScene,
-    summaries: &[ShapeSummary],
-    resolved: &Resolved,
-) -> Plan {
+/// The plan of a checked scene.
+pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Resolved) -> Plan {
     let natural_time = (checked.diameter / params.gravity).sqrt();
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
     let fill_bodies = filled_bodies(scene, params, checked);
     let fill_stage = filled.map(|_| Stage::Fill);
     let glue_stage = resolved.is_on(EffectName::Glue).then_some(Stage::Glue);
+    let stages =
+        [Some(Stage::Shape), fill_stage, glue_stage, Some(Stage::Release), Some(Stage::Hold), Some(Stage::Measure)];
     let most = params.fill.max_bodies;
     let limited = (fill_bodies == most as usize && params.fill.count.is_none()).then(|| {
         format!("more bodies would fit than fill.max_bodies = {most}: the control mesh will not be full; raise it, or use larger props")
@@ -54,18 +49,8 @@ pub fn of(
         expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + release_steps(scene, params, checked) as usize,
         prop_diameter: checked.diameter,
         natural_time,
-        stages: [
-            Some(Stage::Shape),
-            fill_stage,
-            glue_stage,
-            Some(Stage::Release),
-            Some(Stage::Hold),
-            Some(Stage::Measure),
-        ]
-        .into_iter()
-        .flatten()
-        .collect(),
-        effects: effects::all(scene, params, checked, summaries, resolved),
+        stages: stages.into_iter().flatten().collect(),
+        effects: resolved.effects.clone(),
         warnings: checked.warnings.iter().cloned().chain(limited).collect(),
     }
 }

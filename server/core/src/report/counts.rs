@@ -13,7 +13,7 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
     let filled = inputs.filled.map(|(_, filled)| filled);
     let (tally, done, world) = (pile.control.counters(), pile.done, &pile.world);
     let glue = pile.glue.tally;
-    let of_kind = |is: fn(&ShapeKind) -> bool| pile.shapes.iter().filter(|s| is(&s.solid.kind())).count() as u64;
+    let of_kind = |is: fn(ShapeKind) -> bool| pile.shapes.iter().filter(|s| is(s.solid.kind())).count() as u64;
     let steps_if = |on: bool| if on { pile.step } else { 0 };
     let removed = filled.map(|filled| filled.removed).unwrap_or_default();
     let both = |of: fn(&WorldCounters) -> u64| of(&world.counters) + filled.map_or(0, |filled| of(&filled.counters));
@@ -49,8 +49,8 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
         (Count::Frames, if pile.recorder.keeps() { pile.recorder.frames.len() as u64 } else { 0 }),
         (Count::CoreTriangles, inputs.core.map_or(0, |core| core.mesh.triangles.len() as u64)),
         (Count::WallTrianglesSaved, filled.map_or(0, |filled| filled.wall_triangles_saved as u64)),
-        (Count::PropsAsPrimitives, of_kind(|kind| matches!(kind, ShapeKind::Box | ShapeKind::Ball))),
-        (Count::PropsSplit, of_kind(|kind| matches!(kind, ShapeKind::Parts))),
+        (Count::PropsAsPrimitives, of_kind(ShapeKind::is_primitive)),
+        (Count::PropsSplit, of_kind(|kind| kind == ShapeKind::Parts)),
         (Count::ReleaseLayers, done.layers),
         (Count::SceneryPieces, scene.statics.len() as u64),
         (Count::BodiesPlaced, scene.bodies.len() as u64),

@@ -4,7 +4,7 @@ use super::inputs::{Figures, ReportInputs};
 use super::{Name, Report, contacts, counts, glue, motion, order, shape, warnings};
 use crate::error::Error;
 use crate::input::observer::{Observer, Progress, Stage, observe};
-use crate::prepare::effects::{Count, EffectName, bill};
+use crate::prepare::effects::{Count, EffectName, OwnSeconds, bill};
 use crate::sim::step::Simulation;
 use crate::stages::{free_pour, free_standing};
 use std::collections::BTreeMap;
@@ -85,21 +85,16 @@ pub fn report(
         (Count::SupportIterations, support.iterations),
     ]);
     spent.lap(Stage::Measure, observer);
-    let seconds = spent.into_seconds();
-    let of_stage = |stage: Stage| seconds.get(&stage).copied().unwrap_or(0.0);
-    let proof_seconds = inputs.glued.map_or(0.0, |glued| glued.proof_seconds);
-    let own = BTreeMap::from([
-        (EffectName::Decomposition, of_stage(Stage::Shape)),
-        (EffectName::Fill, of_stage(Stage::Fill)),
-        (EffectName::Glue, of_stage(Stage::Glue) - proof_seconds),
-        (EffectName::GlueProof, proof_seconds),
-        (EffectName::Control, sim.seconds.control()),
-        (EffectName::Frames, sim.seconds.frames()),
-        (EffectName::ShapeFigures, shape_seconds - picture_seconds),
-        (EffectName::PictureFigures, picture_seconds),
-        (EffectName::SupportFigures, support_seconds),
-        (EffectName::FreeStanding, freed_seconds),
-    ]);
+    let own = OwnSeconds {
+        stages: spent.into_seconds(),
+        glue_proof: inputs.glued.map_or(0.0, |glued| glued.proof_seconds),
+        control: sim.seconds.control(),
+        frames: sim.seconds.frames(),
+        shape_figures: shape_seconds - picture_seconds,
+        pictures: picture_seconds,
+        support: support_seconds,
+        free_standing: freed_seconds,
+    };
     Ok(Report {
         seed: params.seed,
         bodies,
@@ -108,10 +103,10 @@ pub fn report(
         measures: named(measures),
         error_sources: named(error_sources),
         limited_by,
-        bill: bill(&inputs.plan.effects, &counts, &own, seconds.values().sum()),
+        bill: bill(&inputs.plan.effects, &counts, &own),
         counts,
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
-        seconds,
+        seconds: own.stages,
         unsupported: support.bodies,
         warnings: told,
     })

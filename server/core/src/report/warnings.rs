@@ -1,7 +1,6 @@
 //! Sentences for a person: what was removed, left empty, not at rest.
 
 use super::inputs::{Figures, ReportInputs};
-use crate::input::params::FillMethod;
 use crate::measure::ShapeMeasures;
 use crate::prepare::container::Container;
 use crate::sim::guard;
@@ -52,7 +51,7 @@ pub fn fill(inputs: &ReportInputs, filled: &Filled, first: &ShapeMeasures) -> Ve
         warnings.push(format!(
             "{:.0} % of the control mesh's volume lies in pockets that the fill did not reach; smaller props{} reach farther",
             100.0 * filled.pockets,
-            if inputs.params.fill.method == FillMethod::Pour { ", or fill.method = \"insert\"," } else { "" }
+            if inputs.params.fill.method.traits().falls { ", or fill.method = \"insert\"," } else { "" }
         ));
     }
     if filled.shaken.is_some_and(|shaken| shaken.taken_back) {

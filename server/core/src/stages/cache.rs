@@ -1,6 +1,6 @@
-//! What a bake may take over from an earlier one: collision shapes and fill, where all that they depend on is the same.
+//! Collision shapes and fill of an earlier bake, reused where all that they depend on is the same.
 //!
-//! The core keeps nothing itself: it asks its caller for what it knows, and hands out what is worth keeping.
+//! The core keeps nothing itself: it asks its caller for an earlier fill, and hands out a new one for keeping.
 
 use crate::input::observer::{Frame, Observer, Progress, Shown, Stage};
 use crate::input::params::{Base, Fill, Params, Physics};
@@ -15,7 +15,7 @@ use std::ops::ControlFlow;
 pub struct FillInputs<'a> {
     control: &'a Option<Model>,
     props: &'a [Prop],
-    /// Those that the fill leaves alone.
+    /// Those that are there from the beginning: the fill leaves room for them.
     bodies: Vec<&'a PlacedBody>,
     diameter: f64,
     shares: &'a [f64],
@@ -25,7 +25,7 @@ pub struct FillInputs<'a> {
     physics: &'a Physics,
     base: &'a Base,
     fill: &'a Fill,
-    /// The rate of the frames that are shown; `None` where none are.
+    /// The rate of the frames that the observer gets; `None` where it wants none.
     fps: Option<f64>,
 }
 
@@ -53,13 +53,13 @@ impl<'a> FillInputs<'a> {
     }
 }
 
-/// What shapes and fill left behind.
+/// Shapes, fill and the frames of the fill.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct CachedFill {
     pub shapes: Vec<Shape>,
     /// `None` where nothing is filled.
     pub filled: Option<Filled>,
-    /// The frames that were shown meanwhile; `None` where nobody wanted any.
+    /// The frames that the observer got; `None` where it wanted none.
     pub shown: Option<Vec<CachedFrame>>,
 }
 
@@ -72,8 +72,8 @@ pub struct CachedFrame {
 }
 
 /// Where fills of earlier bakes are kept.
-pub trait Cache {
-    /// What the same inputs gave before.
+pub trait FillCache {
+    /// The fill of an earlier bake with the same inputs.
     fn get(&mut self, inputs: &FillInputs) -> Option<CachedFill>;
 
     fn put(&mut self, inputs: &FillInputs, found: &CachedFill);
@@ -82,10 +82,10 @@ pub trait Cache {
     fn keeps(&self) -> bool;
 }
 
-/// Holds nothing.
+/// Keeps nothing.
 pub struct NoCache;
 
-impl Cache for NoCache {
+impl FillCache for NoCache {
     fn get(&mut self, _: &FillInputs) -> Option<CachedFill> {
         None
     }
@@ -98,7 +98,7 @@ impl Cache for NoCache {
 }
 
 impl CachedFill {
-    /// Shows the frames again, to a caller who wants some.
+    /// Shows the frames again, to an observer that wants some.
     pub(crate) fn show(&self, observer: &mut dyn Observer) {
         if !observer.wants_frames() {
             return;
@@ -113,7 +113,7 @@ impl CachedFill {
 /// Passes everything on, and keeps the frames.
 pub(crate) struct FrameKeeper<'a> {
     to: &'a mut dyn Observer,
-    /// `None`: they are not wanted, or too many.
+    /// `None`: frames are not wanted, or too many.
     shown: Option<Vec<CachedFrame>>,
     /// Bodies in them.
     bodies: usize,

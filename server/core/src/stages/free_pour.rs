@@ -20,7 +20,7 @@ use crate::stages::fill;
 use crate::world::Units;
 use glam::DVec3;
 
-/// Width, depth and height of the box, in d: where more bodies than [`MAX_BODIES`] would fit, less, but never below
+/// Width, depth and height of the box, in d; less where more bodies than [`MAX_BODIES`] would fit, but never below
 /// the second.
 const WIDTHS: [f64; 2] = [6.0, 2.5];
 /// Bound on the bodies poured.

@@ -1,4 +1,4 @@
-//! What a pile does by physics alone: everything let go and awake, without nails, holds, control or damping.
+//! What a pile does by physics alone: all bodies released and awake, without nails, holds, control or damping.
 
 use crate::error::Error;
 use crate::geometry::pose::Pose;
@@ -7,25 +7,25 @@ use crate::sim::pile::Pile;
 use crate::world::{BodyId, FrictionExcess, Momentum, World};
 use std::collections::BTreeMap;
 
-/// For how long the bodies are left to themselves, s.
+/// Time for which physics alone moves the bodies, s.
 const TIME: f64 = 5.0;
-/// The engine's forces are judged in this last share of the time, when what falls has fallen.
+/// The engine's forces are judged in this last share of the time, when falling bodies have fallen.
 const JUDGED: f64 = 0.2;
 /// A body that moved less than this in the judged time rests, in d.
 const RESTING: f64 = 0.01;
 /// Contact patches that carry less than this share of the median prop's weight say nothing on friction.
 const LEAST_LOAD: f64 = 0.01;
 
-/// What the bodies did, left to themselves.
-pub struct Freed {
+/// What the bodies did.
+pub struct FreeStanding {
     /// Steps simulated.
     pub steps: u64,
     pub figures: BTreeMap<&'static str, Option<f64>>,
 }
 
-/// `free_standing_fraction`, and how exactly the engine balances what stands: `equilibrium_residual_max` and `_p95`,
+/// `free_standing_fraction`, and how exactly the engine balances bodies at rest: `equilibrium_residual_max` and `_p95`,
 /// `friction_violation_max` and `_mean` (weighted by the force that Coulomb's law allows), `energy_gain_rel`.
-pub fn run(pile: &mut Pile, observer: &mut dyn Observer) -> Result<Freed, Error> {
+pub fn run(pile: &mut Pile, observer: &mut dyn Observer) -> Result<FreeStanding, Error> {
     let Pile { world, policy, control, .. } = pile;
     control.end(world, policy);
     let ids: Vec<BodyId> = world.present().filter(|&id| !world.bodies()[id].role.stands()).collect();
@@ -33,14 +33,14 @@ pub fn run(pile: &mut Pile, observer: &mut dyn Observer) -> Result<Freed, Error>
     policy.leave_to_physics(world);
     let steps = (TIME / world.units.time / world.step_length()).ceil() as u64;
     let judged = steps - (JUDGED * steps as f64).ceil() as u64;
-    let (mut strain, mut at) = (Strain::new(world, &ids), before.clone());
+    let (mut imbalance, mut at) = (Imbalance::new(world, &ids), before.clone());
     for k in 0..steps {
         if k == judged {
-            (strain, at) = (Strain::new(world, &ids), poses(world, &ids));
+            (imbalance, at) = (Imbalance::new(world, &ids), poses(world, &ids));
         }
         world.step();
         if k >= judged {
-            strain.add(world, &ids);
+            imbalance.add(world, &ids);
         }
         let fraction = 0.8 + 0.2 * k as f64 / steps as f64;
         let bodies = ids.len();
@@ -51,31 +51,31 @@ pub fn run(pile: &mut Pile, observer: &mut dyn Observer) -> Result<Freed, Error>
     let moved = |from: &[Pose], k: usize| from[k].translation.distance(after[k].translation);
     let stood = (0..ids.len()).filter(|&k| moved(&before, k) < 0.1).count();
     let resting: Vec<bool> = (0..ids.len()).map(|k| moved(&at, k) < RESTING).collect();
-    let mut figures = strain.figures(&resting);
+    let mut figures = imbalance.figures(&resting);
     figures.insert("free_standing_fraction", Some(stood as f64 / ids.len().max(1) as f64));
-    Ok(Freed { steps, figures })
+    Ok(FreeStanding { steps, figures })
 }
 
 fn poses(world: &World, ids: &[BodyId]) -> Vec<Pose> {
     ids.iter().map(|&id| world.pose(id)).collect()
 }
 
-/// What the engine leaves unbalanced, over some steps.
-struct Strain {
+/// Forces that the engine leaves unbalanced, over some steps.
+struct Imbalance {
     momentum: Vec<Momentum>,
     /// Sum over steps of the squared residual. Shape `[body]`, (mg)^2.
     squares: Vec<f64>,
     steps: u64,
     friction: FrictionExcess,
     energy: f64,
-    /// Sum of all rises of the mechanical energy.
+    /// Sum of all increases of the mechanical energy.
     gain: f64,
     weight: f64,
 }
 
-impl Strain {
-    fn new(world: &World, ids: &[BodyId]) -> Strain {
-        Strain {
+impl Imbalance {
+    fn new(world: &World, ids: &[BodyId]) -> Imbalance {
+        Imbalance {
             momentum: ids.iter().map(|&id| world.momentum(id)).collect(),
             squares: vec![0.0; ids.len()],
             steps: 0,
@@ -86,7 +86,7 @@ impl Strain {
         }
     }
 
-    /// After a step. A force that nothing balances is a change of momentum.
+    /// After a step. An unbalanced force is a change of momentum.
     fn add(&mut self, world: &World, ids: &[BodyId]) {
         let dt = world.step_length();
         for (k, &id) in ids.iter().enumerate().filter(|&(_, &id)| world.is_present(id)) {

@@ -5,39 +5,42 @@ use crate::input::observer::{Observer, Stage};
 use crate::input::params::{Params, Switch};
 use crate::sim::step::Simulation;
 
-/// The pile is at rest once all of its bodies have been for this long, natural times.
+/// The pile is at rest once all of its bodies have been for this long, characteristic times.
 const REST_TIME: f64 = 1.0;
-/// In a large pile some always rock: where no larger share of its bodies does, they are waited for so many times as long at most.
+/// In a large pile some bodies always rock: where no larger share does, the hold waits for them so many times as long
+/// at most.
 const ROCKING: f64 = 1e-4;
 const ROCKING_TIMES: u64 = 3;
 
-/// Damping of what still rolls or rattles late in the hold, per natural time. Most of its speed is gone after so many natural times; where
-/// some go on even so, the damping doubles, up to the last one: what it lets fall still falls faster than what counts as at rest.
+/// Damping of bodies that still roll or rattle late in the hold, per characteristic time. Most of their speed is gone
+/// after so many characteristic times; where some go on, the damping doubles, up to the last one: a body that falls
+/// under it is still faster than one that counts as at rest.
 const ROLLING_DAMPING: f64 = 0.5;
 const ROLLING_TIMES: f64 = 5.0;
 const MOST_ROLLING_DAMPING: f64 = 16.0;
-/// It sets in after this share of the patience, or where no larger share of the bodies has moved for a natural time: the shape is long
-/// decided.
+/// The damping sets in after this share of the patience, or where no larger share of the bodies has moved for a
+/// characteristic time: the shape is long decided.
 const ROLLING_ONSET: f64 = 0.125;
 const ROLLING: f64 = 1e-3;
 
 /// How the hold ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HoldOutcome {
-    /// All bodies but [`ROCKING`] of them came to rest; nothing moves after that.
+    /// All bodies but a share of [`ROCKING`] came to rest; nothing moves after that.
     pub at_rest: bool,
     /// Bodies that moved in the last step.
     pub moving: usize,
-    /// Largest speed of any body since all have been at rest, or in the last step if some moved; d per natural time.
+    /// Largest speed of any body since all have been at rest, or in the last step if some moved; d per characteristic
+    /// time.
     pub resting_speed_max: f64,
-    /// Steps from the last release, drop or impact until all bodies but [`ROCKING`] of them were at rest, and the frame of that;
-    /// `None` if they never were.
-    pub rest: Option<Rest>,
+    /// `None` if the pile never came to rest.
+    pub rest: Option<RestTime>,
 }
 
-/// When the pile came to rest.
+/// When all bodies but a share of [`ROCKING`] were at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rest {
+pub struct RestTime {
+    /// From the last release, drop or impact on.
     pub steps: u64,
     pub frame: usize,
 }
@@ -45,9 +48,9 @@ pub struct Rest {
 /// For how many steps a pile has been at rest.
 #[derive(Clone, Copy, Default)]
 struct Calm {
-    /// Since more than [`ROCKING`] of the bodies moved.
+    /// Since a share of more than [`ROCKING`] of the bodies moved.
     calm: u64,
-    /// Since more than [`ROLLING`] of them moved.
+    /// Since a share of more than [`ROLLING`] of them moved.
     decided: u64,
     /// Since any moved.
     still: u64,
@@ -61,26 +64,26 @@ impl Calm {
         }
     }
 
-    /// Nothing more is to be waited for. `least`: steps that all bodies have to be at rest.
+    /// The pile is at rest. `least`: steps for which all bodies have to be.
     fn is_over(&self, least: u64) -> bool {
         self.still >= least || self.calm >= ROCKING_TIMES * least
     }
 
-    /// Only few still move.
+    /// Only few bodies still move.
     fn is_decided(&self, least: u64) -> bool {
         self.decided >= least && self.still < self.decided
     }
 }
 
-/// Damping of all so many natural times after it has set in.
+/// Damping of all bodies so many characteristic times after it has set in, per characteristic time.
 fn rolling_damping(times: f64) -> f64 {
     let doublings = (times / ROLLING_TIMES) as i32;
     (ROLLING_DAMPING * 2f64.powi(doublings)).min(MOST_ROLLING_DAMPING)
 }
 
-/// Steps until rest, patience or the last frame ends it. A pile at rest is not simulated any further: its bodies are
-/// certified or asleep, and each further cycle would find the same.
-/// `stands`: once the pile rests, the control ends gently.
+/// Simulates until the pile is at rest, patience is over, or the last frame is there. A pile at rest is not simulated
+/// any further: its bodies are certified or asleep, and each further cycle would find the same. `stands`: once the pile
+/// rests, the control ends gently.
 pub fn run(
     sim: &mut Simulation,
     params: &Params,
@@ -134,7 +137,7 @@ pub fn run(
         top_speed = if sim.moving == 0 { top_speed.max(sim.top_speed) } else { 0.0 };
         if calm.calm == 1 {
             let steps = (sim.pile.step - 1).saturating_sub(sim.pile.latest_event);
-            rest = Some(Rest { steps, frame: sim.pile.recorder.count() });
+            rest = Some(RestTime { steps, frame: sim.pile.recorder.count() });
         } else if calm.calm == 0 {
             rest = None;
         }
@@ -155,7 +158,7 @@ mod tests {
     use super::{Calm, MOST_ROLLING_DAMPING, rolling_damping};
     use crate::sim::pile::REST_SPEED;
 
-    /// Steps until the pile is at rest, where so many bodies move in each step, the last number for ever.
+    /// Steps until the pile is at rest, where so many bodies move in each step, the last number forever.
     fn steps(moving: &[usize], bodies: usize) -> Option<usize> {
         let mut calm = Calm::default();
         (0..1000).find(|&step| {
@@ -165,19 +168,19 @@ mod tests {
     }
 
     #[test]
-    fn few_that_rock_in_a_large_pile_are_not_waited_for_forever() {
+    fn rocking_bodies_of_a_large_pile_are_not_waited_for_forever() {
         assert_eq!(steps(&[1, 1, 0], 9_999), Some(11), "ten steps after the last one came to rest");
         assert_eq!(steps(&[1], 9_999), None, "in a small pile none may rock");
-        assert_eq!(steps(&[1, 0], 10_000), Some(10), "whoever comes to rest is waited for");
-        assert_eq!(steps(&[100, 1], 10_000), Some(30), "whoever rocks on is waited for three times as long");
+        assert_eq!(steps(&[1, 0], 10_000), Some(10), "a body that comes to rest is waited for");
+        assert_eq!(steps(&[100, 1], 10_000), Some(30), "one that rocks on is waited for three times as long");
         assert_eq!(steps(&[2], 10_000), None);
     }
 
     #[test]
-    fn what_rolls_on_is_damped_more_and_more() {
+    fn rolling_bodies_are_damped_more_and_more() {
         assert_eq!([0.0, 4.9, 5.0, 12.0].map(rolling_damping), [0.5, 0.5, 1.0, 2.0]);
         assert_eq!(rolling_damping(f64::from(u16::MAX)), MOST_ROLLING_DAMPING);
         let falling = 1.0 / MOST_ROLLING_DAMPING;
-        assert!(falling > 2.0 * REST_SPEED, "what falls as slowly as that is not at rest");
+        assert!(falling > 2.0 * REST_SPEED, "a body that falls as slowly as that is not at rest");
     }
 }

@@ -1,4 +1,5 @@
-//! Release: the bodies are let go from the bottom to the top while the control strengthens the pile (paper, 4.1, example 2).
+//! Release: layer after layer begins to move, from the bottom to the top, while the control strengthens the pile
+//! (paper, 4.1, example 2).
 
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage};
@@ -7,7 +8,7 @@ use crate::sim::step::Simulation;
 use crate::world::{BodyId, Role, World};
 use std::collections::BTreeMap;
 
-/// Lets the layers go, one after the other.
+/// Releases the layers one after the other.
 pub fn run(
     sim: &mut Simulation,
     params: &Params,
@@ -30,8 +31,8 @@ pub fn run(
     Ok(())
 }
 
-/// Waiting bodies by the height of their centre of mass, in slices of `thickness` from the lowest on; empty slices are left
-/// out.
+/// Waiting bodies by the height of their centre of mass, in slices of `thickness` from the lowest on; empty slices are
+/// left out.
 fn layers(world: &World, thickness: f64, order: ReleaseOrder) -> Vec<Vec<BodyId>> {
     let height = |id: BodyId| world.pose(id).translation.y;
     let waiting = || world.present().filter(|&id| world.bodies()[id].role == Role::Waiting);

@@ -16,29 +16,29 @@ use crate::sim::record::{Pace, Recorder};
 use crate::sim::step::Simulation;
 use crate::world::{Units, World};
 
-/// What a pile is turned over from.
-pub struct Inputs<'a, 'r> {
+/// A pile before it is turned over.
+pub struct TurnOverInputs<'a, 'r> {
     pub scene: &'a Scene,
     pub params: &'a Params,
     pub resolved: &'r Resolved,
     pub shapes: &'a [Shape],
     pub units: Units,
-    /// What the fill left.
+    /// The fill's; upside down, engine units.
     pub bodies: &'r [Instance],
     /// Height of the ground, m.
     pub ground: f64,
-    /// What stands in the pile.
+    /// Stands in the pile, where only its surface is made of props.
     pub core: Option<&'a Core>,
     /// Where the control acts, engine units; `None`: everywhere.
     pub region: Option<&'a DistanceGrid>,
 }
 
-/// What has fallen this far below all of the scene, in d, meets nothing any more.
+/// A body that has fallen this far below all of the scene, in d, meets nothing any more.
 const FALL_DEPTH: f64 = 50.0;
 
 /// The pile right after turning over.
-pub fn run<'a>(inputs: &Inputs<'a, '_>) -> Result<Simulation<'a>, Error> {
-    let &Inputs { scene, params, resolved, units, bodies, ground, .. } = inputs;
+pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error> {
+    let &TurnOverInputs { scene, params, resolved, units, bodies, ground, .. } = inputs;
     let world = world(inputs)?;
     let control = control(inputs, &world);
     let depth = (!params.ground).then(|| scene.lowest().min(ground) / units.length - FALL_DEPTH);
@@ -67,7 +67,7 @@ pub fn run<'a>(inputs: &Inputs<'a, '_>) -> Result<Simulation<'a>, Error> {
 }
 
 /// A pile on a tip or a round foot may have room below it for no prop: it is set down on the ground.
-fn set_down(pile: &mut Pile, filled: usize, inputs: &Inputs) {
+fn set_down(pile: &mut Pile, filled: usize, inputs: &TurnOverInputs) {
     let gap = pile.world.lowest(0..filled) - inputs.ground / inputs.units.length;
     if !(inputs.params.ground
         && inputs.scene.statics.is_empty()
@@ -84,9 +84,9 @@ fn set_down(pile: &mut Pile, filled: usize, inputs: &Inputs) {
     }
 }
 
-/// The ground, and what stands still.
-fn world(inputs: &Inputs) -> Result<World, Error> {
-    let Inputs { scene, params, resolved, units, ground, .. } = inputs;
+/// A world with the ground, the core and all scenery that stands still.
+fn world(inputs: &TurnOverInputs) -> Result<World, Error> {
+    let TurnOverInputs { scene, params, resolved, units, ground, .. } = inputs;
     let mut world = World::new(*units, &resolved.physics, resolved.thickness, resolved.compounds);
     if resolved.is_on(EffectName::Guard) {
         world.watch_bobbing();
@@ -103,7 +103,7 @@ fn world(inputs: &Inputs) -> Result<World, Error> {
     Ok(world)
 }
 
-fn control<'a>(inputs: &Inputs<'a, '_>, world: &World) -> Control<'a> {
-    let &Inputs { params, resolved, region, .. } = inputs;
+fn control<'a>(inputs: &TurnOverInputs<'a, '_>, world: &World) -> Control<'a> {
+    let &TurnOverInputs { params, resolved, region, .. } = inputs;
     Control::new(&params.control, resolved, params.gravity, params.seed, world.step_length(), region)
 }

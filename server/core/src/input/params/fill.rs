@@ -67,10 +67,7 @@ impl Fill {
 
     /// The share of the props that may stand out of the walls.
     pub fn standing_out(&self) -> f64 {
-        match self.method {
-            FillMethod::Insert => STANDING_OUT * (1.0 - self.surface),
-            _ => 0.0,
-        }
+        if self.method.traits().lets_stand_out { STANDING_OUT * (1.0 - self.surface) } else { 0.0 }
     }
 
     /// Share of a stack's props that lie on their largest flat side.
@@ -81,7 +78,7 @@ impl Fill {
     /// Share of the places tried for props that are thrown in that are flat against the wall: what fills up a stack does not look cast,
     /// the less the tidier that is.
     pub fn at_wall(&self) -> f64 {
-        let disorder = if self.method == FillMethod::Stack { 1.0 - self.lying() } else { 1.0 };
+        let disorder = if self.method.traits().has_order { 1.0 - self.lying() } else { 1.0 };
         AT_WALL * self.surface * disorder
     }
 
@@ -130,4 +127,43 @@ pub enum FillMethod {
     Stack,
     /// Not at all: the control mesh only says where the control acts.
     Off,
+}
+
+/// Properties of a fill method for parameters, plan and report. How it fills is in `stages::fill`.
+#[derive(Clone, Copy, Debug)]
+pub struct FillTraits {
+    /// How it fills, for the list of effects.
+    pub summary: &'static str,
+    /// It fills the control mesh at all.
+    pub fills: bool,
+    /// Its props lie in order: [`Fill::order`] counts, and they pack as densely as stacked ones.
+    pub has_order: bool,
+    /// Single props may stand out of the container, by [`Fill::surface`].
+    pub lets_stand_out: bool,
+    /// Its props fall through the container's opening: the fill steps as the bake does, and places below overhangs stay empty. Props of
+    /// other methods hardly fall: the fill may take the longer [`Fill::step`].
+    pub falls: bool,
+}
+
+impl FillMethod {
+    pub fn traits(self) -> FillTraits {
+        const NONE: FillTraits =
+            FillTraits { summary: "", fills: true, has_order: false, lets_stand_out: false, falls: false };
+        match self {
+            FillMethod::Insert => FillTraits {
+                summary: "props grow at free places inside the closed container",
+                lets_stand_out: true,
+                ..NONE
+            },
+            FillMethod::Pour => {
+                FillTraits { summary: "props are dropped through the container's opening", falls: true, ..NONE }
+            }
+            FillMethod::Stack => FillTraits {
+                summary: "props are laid down one by one, each as low as it can lie",
+                has_order: true,
+                ..NONE
+            },
+            FillMethod::Off => FillTraits { fills: false, ..NONE },
+        }
+    }
 }

@@ -183,7 +183,7 @@ impl Params {
             contact_frequency: FILL_FREQUENCY,
             ..self.physics.clone()
         };
-        if self.fill.method != FillMethod::Pour {
+        if !self.fill.method.traits().falls {
             physics.step = Time::Natural(self.fill.step.max(physics.step.seconds(natural_time) / natural_time));
             if physics.switches.continuous_collision == Switch::Auto {
                 physics.switches.continuous_collision = Switch::Off;

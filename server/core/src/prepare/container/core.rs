@@ -1,4 +1,5 @@
-//! The core of a pile that is a shell of props: what lies deeper inside the control mesh than they do. It is not seen, and stands still.
+//! The core of a pile that is a shell of props: the inside of the control mesh below them. It is not seen, and stands
+//! still.
 
 use super::{MAX_GRID_NODES, simplify, surface, without_base};
 use crate::geometry::Closed;
@@ -6,31 +7,33 @@ use crate::geometry::mesh::TriMesh;
 use crate::geometry::region::{DistanceGrid, Region};
 use crate::prepare::shape::hull_mesh;
 
-/// What props lie on instead of others. SI.
+/// Props lie on it instead of on others. SI.
 #[derive(Clone, Debug)]
 pub struct Core {
     /// Closed, facing outward. Where the control mesh has its base, it reaches into the ground.
     pub mesh: TriMesh,
-    /// What it takes of the control mesh's volume, m^3, and the surface that props meet, m^2.
+    /// Its share of the control mesh's volume, m^3, and the surface that props meet, m^2.
     pub volume: f64,
     pub area: f64,
     /// It is its own convex hull.
     pub is_convex: bool,
 }
 
-/// Lengths in d. Nodes of the grid that the core is found on are this far apart: it need not be exact, as nobody sees it.
+/// Nodes of the grid that the core is found on are this far apart, d: it need not be exact, as nobody sees it. The
+/// lengths below are in d, too.
 const SPACING: f64 = 0.2;
 const MAX_NODES: usize = MAX_GRID_NODES / 8;
 /// Its surface may be made coarser by this much.
 const TOLERANCE: f64 = 0.05;
-/// Its convex hull stands for it where that takes less than this times its volume: on a mesh, some props never come to rest.
+/// Its convex hull stands for it where that takes less than this times its volume: on a mesh, some props never come to
+/// rest.
 const CONVEX: f64 = 1.03;
 /// It reaches so deep into the ground.
 const DEPTH: f64 = 0.5;
 
 impl Core {
-    /// What lies deeper inside `control` than `shell` (m), with a base up to `cut` above the ground at `ground`. `diameter`: d, m.
-    /// `None`: nothing does.
+    /// All points deeper inside `control` than `shell`; its base is up to `cut` above the ground at `ground`.
+    /// `diameter`: d. All in m. `None`: no point is so deep.
     pub fn new(control: &Closed, ground: f64, cut: f64, shell: f64, diameter: f64) -> Option<Core> {
         let base = control.mesh.bounds().0.y.max(ground);
         let lengthened = lengthened(&control.mesh, base, cut, shell + DEPTH * diameter);
@@ -61,7 +64,7 @@ fn lengthened(mesh: &TriMesh, base: f64, cut: f64, depth: f64) -> TriMesh {
     whole
 }
 
-/// Volume above `base` of what lies deeper than `shell`.
+/// Volume above `base` of the points deeper than `shell`.
 fn volume(distance: &DistanceGrid, shell: f64, base: f64) -> f64 {
     let (origin, [nx, ny, _], values) = distance.nodes();
     let spacing = distance.spacing();

@@ -1,34 +1,36 @@
-//! Walls with fewer triangles: edges collapse where the surface hardly changes (Garland & Heckbert 1997).
+//! Meshes with fewer triangles: edges collapse where the surface hardly changes (Garland & Heckbert 1997).
 
-use super::Walls;
+use super::CollisionMesh;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::region;
 use meshoptimizer_rs::{Positions, SimplifyOptions, SimplifySettings, Workspace, simplify};
 
-/// The library bounds the mean error of a collapse, not the largest: the bound is halved this often until that is kept, too.
+/// The library bounds the mean error of a collapse, not the largest: the bound is halved this often until the largest
+/// is kept, too.
 const TRIES: usize = 7;
 
-/// Simplifies a mesh: no corner that is taken out is farther from what is left than `tolerance`, in the mesh's unit. The
+/// Simplifies a mesh: no removed corner is farther from the simplified mesh than `tolerance`, in the mesh's unit. The
 /// corners of the result are corners of the mesh, and rims stay rims.
-pub fn run(mesh: TriMesh, tolerance: f64) -> Walls {
+pub fn run(mesh: TriMesh, tolerance: f64) -> CollisionMesh {
     let mut bounds = std::iter::successors(Some(tolerance), |bound| Some(bound / 2.0)).take(TRIES);
-    let found = bounds.find_map(|bound| Some(coarser(&mesh, bound)?).filter(|walls| walls.deviation <= tolerance));
-    found.unwrap_or(Walls { mesh, saved: 0, deviation: 0.0 })
+    let found = bounds.find_map(|bound| Some(coarser(&mesh, bound)?).filter(|found| found.deviation <= tolerance));
+    found.unwrap_or(CollisionMesh { mesh, saved: 0, deviation: 0.0 })
 }
 
-fn coarser(mesh: &TriMesh, bound: f64) -> Option<Walls> {
+fn coarser(mesh: &TriMesh, bound: f64) -> Option<CollisionMesh> {
     let triangles = collapsed(mesh, bound)?;
-    let mut gone = vec![false; mesh.points.len()];
-    mesh.triangles.iter().flatten().for_each(|&v| gone[v as usize] = true);
-    triangles.iter().flatten().for_each(|&v| gone[v as usize] = false);
-    let gone: Vec<_> = mesh.points.iter().zip(gone).filter_map(|(&p, gone)| gone.then_some(p)).collect();
+    let mut removed = vec![false; mesh.points.len()];
+    mesh.triangles.iter().flatten().for_each(|&v| removed[v as usize] = true);
+    triangles.iter().flatten().for_each(|&v| removed[v as usize] = false);
+    let removed: Vec<_> = mesh.points.iter().zip(removed).filter_map(|(&p, removed)| removed.then_some(p)).collect();
     let saved = mesh.triangles.len() - triangles.len();
     let coarse = TriMesh { points: mesh.points.clone(), triangles };
-    let deviation = region::farthest(&coarse, &gone);
-    Some(Walls { mesh: coarse, saved, deviation })
+    let deviation = region::farthest(&coarse, &removed);
+    Some(CollisionMesh { mesh: coarse, saved, deviation })
 }
 
-/// `None` without a bound, and beyond the library's bounds of work and memory: then only time is lost.
+/// `None` without a bound, and beyond the library's bounds of work and memory: a mesh that is not simplified only costs
+/// time.
 fn collapsed(mesh: &TriMesh, bound: f64) -> Option<Vec<[u32; 3]>> {
     if bound <= 0.0 {
         return None;

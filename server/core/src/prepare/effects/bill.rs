@@ -1,6 +1,8 @@
 //! What each effect did in a bake, and what it cost.
 
+use super::table::ROWS;
 use super::{Count, Effect, EffectName};
+use crate::input::observer::Stage;
 use std::collections::BTreeMap;
 
 /// What an effect did in a bake, and what it cost.
@@ -12,19 +14,34 @@ pub struct Charge {
     pub seconds: Option<f64>,
     /// Of the bake's CPU seconds.
     pub share: Option<f64>,
-    /// Its counters.
+    /// Its counts.
     pub counts: BTreeMap<Count, u64>,
 }
 
-/// The bill of a bake: each effect with its counts, and the CPU seconds that are its own. `total`: of the whole bake.
-pub fn bill(
-    effects: &[Effect],
-    counts: &BTreeMap<Count, u64>,
-    seconds: &BTreeMap<EffectName, f64>,
-    total: f64,
-) -> Vec<Charge> {
+/// CPU seconds of a bake: of its stages, and of effects within them.
+#[derive(Clone, Debug, Default)]
+pub struct OwnSeconds {
+    pub stages: BTreeMap<Stage, f64>,
+    pub glue_proof: f64,
+    pub control: f64,
+    pub frames: f64,
+    pub shape_figures: f64,
+    pub pictures: f64,
+    pub support: f64,
+    pub free_standing: f64,
+}
+
+impl OwnSeconds {
+    pub fn of(&self, stage: Stage) -> f64 {
+        self.stages.get(&stage).copied().unwrap_or(0.0)
+    }
+}
+
+/// The bill of a bake: each of its effects with its counts, and the CPU seconds that are its own.
+pub fn bill(effects: &[Effect], counts: &BTreeMap<Count, u64>, spent: &OwnSeconds) -> Vec<Charge> {
+    let total: f64 = spent.stages.values().sum();
     let charge = |effect: &Effect| {
-        let own = seconds.get(&effect.name).copied().filter(|_| effect.on);
+        let own = ROWS[effect.name as usize].seconds.filter(|_| effect.on).map(|seconds| seconds(spent));
         let count = |&count: &Count| Some((count, *counts.get(&count)?));
         Charge {
             name: effect.name,

@@ -1,11 +1,21 @@
 //! What a report counts.
 
 use std::borrow::Borrow;
-use std::cmp::Ordering;
 
-/// A count of the report, by its name in snake case. Ordered by that name, and found by it, too.
+/// A count of the report, by its name in snake case; ordered by that name, so that a map is searched by name, too.
 #[derive(
-    Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, strum::IntoStaticStr, strum::Display,
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    serde::Serialize,
+    serde::Deserialize,
+    strum::IntoStaticStr,
+    strum::Display,
+    strum::VariantArray,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -77,21 +87,15 @@ impl Count {
     }
 }
 
-impl Ord for Count {
-    fn cmp(&self, other: &Count) -> Ordering {
-        self.name().cmp(other.name())
-    }
-}
-
-impl PartialOrd for Count {
-    fn partial_cmp(&self, other: &Count) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-/// Equal and ordered as the names are, so that a map is searched by name.
 impl Borrow<str> for Count {
     fn borrow(&self) -> &str {
         self.name()
     }
+}
+
+#[cfg(test)]
+#[test]
+fn the_order_is_that_of_the_names() {
+    use strum::VariantArray;
+    assert!(Count::VARIANTS.is_sorted_by_key(|count| count.name()));
 }

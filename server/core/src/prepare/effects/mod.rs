@@ -1,24 +1,20 @@
 //! What a bake may leave out: every effect, whether the scene calls for it, and the user's word on it.
 //!
-//! [`Resolved`] decides once; the stages obey it, and the plan tells it with [`Effect::reason`]. An effect that is off costs
-//! nothing: its counters in the report are 0. A new effect is a variant of [`EffectName`]: the compiler then asks for its row here, its
-//! decision and switch in `resolve`, its reason in `reasons`, and its counts where they arise.
+//! [`Resolved`] decides once; the stages obey it, and the plan prints it with [`Effect::reason`]. An effect that is off costs
+//! nothing: its counts in the report are 0. A new effect is a variant of [`EffectName`], its row in `table`, and the code
+//! that obeys it; a new count is a variant of [`Count`].
 
 mod bill;
 mod count;
-mod reasons;
 mod resolve;
+mod table;
 
-pub use bill::{Charge, bill};
+pub use bill::{Charge, OwnSeconds, bill};
 pub use count::Count;
 pub use resolve::Resolved;
 
-use crate::input::params::{Params, Switch};
-use crate::input::scene::Scene;
-use crate::prepare::check::CheckedScene;
-use crate::prepare::shape::ShapeSummary;
-use reasons::Reasons;
-use strum::VariantArray;
+use crate::input::params::Switch;
+use resolve::Case;
 
 /// All effects, in the order of the stages. A report calls each by its name in snake case.
 #[derive(
@@ -78,61 +74,28 @@ impl EffectName {
     pub fn name(self) -> &'static str {
         self.into()
     }
+}
 
-    /// The field of the scene that forces it, and the counts that tell what it did.
-    const fn row(self) -> (Option<&'static str>, &'static [Count]) {
-        use Count::*;
-        match self {
-            EffectName::Primitives => (Some("effects.primitives"), &[PropsAsPrimitives]),
-            EffectName::Decomposition => (Some("effects.decomposition"), &[PropsSplit]),
-            EffectName::Fill => (Some("fill.method"), &[FillSteps, FillBodySteps, FillPairSteps]),
-            EffectName::Core => (Some("fill.shell"), &[CoreTriangles]),
-            EffectName::WallSimplification => (Some("fill.wall_tolerance"), &[WallTrianglesSaved]),
-            EffectName::Depenetration => (Some("fill.residual_overlap"), &[DepenetrationSteps]),
-            EffectName::TurnOver => (None, &[FillSteps]),
-            EffectName::Glue => (Some("glue.mode"), &[GlueIterations, GlueDots, GlueClusters]),
-            EffectName::GlueProof => (Some("glue.proof"), &[GlueProofSteps]),
-            EffectName::StagedRelease => (Some("release.order"), &[ReleaseLayers]),
-            EffectName::Scenery => (None, &[SceneryPieces]),
-            EffectName::Bodies => (None, &[BodiesPlaced]),
-            EffectName::Emitters => (None, &[BodiesEmitted]),
-            EffectName::ContinuousCollision => {
-                (Some("effects.continuous_collision"), &[SpeculativeBodySteps, CcdBodySteps])
-            }
-            EffectName::FrictionPerPoint => (Some("physics.friction_model"), &[StepsWithFrictionPerPoint]),
-            EffectName::Restitution => (Some("effects.restitution"), &[BouncingBodies]),
-            EffectName::RollingResistance => (Some("effects.rolling_resistance"), &[RollingBodySteps]),
-            EffectName::StiffContacts => (Some("effects.stiff_contacts"), &[StepsWithStiffContacts]),
-            EffectName::Guard => (Some("effects.guard"), &[GuardSteps, GuardRetries, GuardStiffened, GuardCalmed]),
-            EffectName::SameOnAllMachines => (None, &[]),
-            EffectName::Control => (Some("control.mode"), &[ControlCycles]),
-            EffectName::Analysis => (Some("control.friction_cone"), &[Analyses]),
-            EffectName::KeptVerdicts => (Some("effects.kept_verdicts"), &[VerdictsKept]),
-            EffectName::Region => (Some("effects.region"), &[RegionTests]),
-            EffectName::Nails => (Some("control.mode"), &[NailsDriven]),
-            EffectName::Breaking => {
-                (Some("effects.breaking"), &[BreakChecks, NailsBroken, HoldsBroken, GlueLoads, GlueDotsBroken])
-            }
-            EffectName::Impact => (Some("effects.impact"), &[ImpactLooks, Shaken]),
-            EffectName::Stand => (Some("control.stand"), &[StandSteps]),
-            EffectName::Frames => (Some("effects.frames"), &[Frames]),
-            EffectName::ShapeFigures => (Some("report.shape"), &[ShapesMeasured]),
-            EffectName::PictureFigures => (Some("report.pictures"), &[PicturesMeasured]),
-            EffectName::SupportFigures => (Some("report.support"), &[SupportIterations]),
-            EffectName::FreeStanding => (Some("output.free_standing"), &[FreeStandingSteps]),
-            EffectName::FreePour => (Some("output.free_pour"), &[]),
-        }
-    }
+/// What there is to know about an effect.
+struct Row {
+    name: EffectName,
+    switch: Switched,
+    /// Counts of the report: all 0 where it is off.
+    counts: &'static [Count],
+    /// Whether the scene and its parameters call for it, and why: one sentence.
+    decide: fn(&Case) -> (bool, String),
+    /// `None`: its CPU time is part of the engine's steps or of another effect's.
+    seconds: Option<fn(&OwnSeconds) -> f64>,
+}
 
-    /// The field of the scene that forces it, and the value that switches it off; `None`: nothing does.
-    pub const fn switch(self) -> Option<&'static str> {
-        self.row().0
-    }
-
-    /// The counts of the report that tell what it did: all 0 where it is off.
-    pub const fn counters(self) -> &'static [Count] {
-        self.row().1
-    }
+/// The field of the scene that forces an effect.
+enum Switched {
+    /// There is none.
+    Never,
+    /// The field's own value decides, with the rest of the scene.
+    ByValue(&'static str),
+    /// A field that takes "auto", "on" and "off", and how it is read.
+    By(&'static str, fn(&Case) -> Switch),
 }
 
 /// Something that costs time and may be left out: whether it is on, and why.
@@ -142,31 +105,8 @@ pub struct Effect {
     pub on: bool,
     /// One sentence.
     pub reason: String,
-    /// [`EffectName::switch`].
+    /// The field of the scene that forces it; `None`: nothing does.
     pub switch: Option<String>,
-    /// [`EffectName::counters`].
+    /// The counts of the report that show what it did: all 0 where it is off.
     pub counters: Vec<Count>,
-}
-
-/// All effects of a checked scene, as they were resolved. `summaries`: one per prop.
-pub fn all(
-    scene: &Scene,
-    params: &Params,
-    checked: &CheckedScene,
-    summaries: &[ShapeSummary],
-    resolved: &Resolved,
-) -> Vec<Effect> {
-    let reasons = Reasons { scene, params, checked, summaries, resolved };
-    let effect = |&name: &EffectName| {
-        let (switch, counters) = name.row();
-        let field = switch.unwrap_or_default();
-        let reason = match resolved.word(name) {
-            Switch::Auto => reasons.of(name),
-            Switch::On => format!("switched on by {field}"),
-            Switch::Off => format!("switched off by {field}"),
-        };
-        let on = resolved.is_on(name);
-        Effect { name, on, reason, switch: switch.map(str::to_owned), counters: counters.to_vec() }
-    };
-    EffectName::VARIANTS.iter().map(effect).collect()
 }

@@ -12,6 +12,13 @@ pub enum ShapeKind {
     Parts,
 }
 
+impl ShapeKind {
+    /// Simulated as the engine's own box or ball, not as hulls.
+    pub fn is_primitive(self) -> bool {
+        matches!(self, ShapeKind::Box | ShapeKind::Ball)
+    }
+}
+
 impl std::fmt::Display for ShapeKind {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.write_str(match self {

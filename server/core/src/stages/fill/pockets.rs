@@ -1,18 +1,18 @@
-//! Pockets: parts of the control mesh that the fill did not reach, since they are narrow, or since a pour cannot get under an
-//! overhang.
+//! Pockets: parts of the control mesh that the fill did not reach, since they are narrow, or since poured props cannot
+//! get under an overhang.
 
 use super::filling::Filling;
 use glam::DVec3;
 
-/// Distance between the points that are looked at, d.
+/// Distance between the sampled points, d.
 const SPACING: f64 = 0.3;
-/// A place belongs to a pocket if it is farther than this from every body's surface sphere, in d: gaps between props are not
-/// pockets.
+/// A place belongs to a pocket if it is farther than this from every body's surface sphere, in d: gaps between props
+/// are not pockets.
 const REACH: f64 = 0.25;
 
 /// Share of the container's volume in pockets.
 pub fn fraction(filling: &Filling) -> f64 {
-    let container = filling.container;
+    let container = filling.task.container;
     let (origin, size, values) = container.distance.nodes();
     let spacing = container.distance.spacing();
     let stride = (SPACING / spacing).round().max(1.0) as usize;
@@ -22,7 +22,7 @@ pub fn fraction(filling: &Filling) -> f64 {
     let index = |[x, y, z]: [usize; 3]| (z * counts[1] + y) * counts[0] + x;
     for id in filling.world.present() {
         let center = filling.world.pose(id).translation;
-        let radius = filling.world.bodies()[id].radius + REACH;
+        let radius = filling.world.body(id).radius + REACH;
         let low = ((center - radius - origin) / step).ceil().max(DVec3::ZERO).to_array();
         let high = ((center + radius - origin) / step).floor().to_array();
         let range = |k: usize| low[k] as usize..((high[k] + 1.0).max(0.0) as usize).min(counts[k]);

@@ -1,4 +1,4 @@
-//! How a prop may lie: the flat sides of its hull on which it stays by itself.
+//! Stable poses of a prop: on the flat sides of its hull on which it stays by itself.
 
 use crate::geometry::pose::Pose;
 use crate::geometry::rectangle::smallest_rectangle;
@@ -12,7 +12,7 @@ const AS_MODELLED: f64 = 0.1;
 
 /// A pose in which a prop lies by itself: its up axis, and the turn about it that puts its longer edge along X.
 #[derive(Clone, Copy, Debug)]
-pub struct Rest {
+pub struct StablePose {
     /// From the body's frame to one with its up axis along Y and its longer edge along X.
     pub rotation: DQuat,
     /// The direction of the body's frame that is up.
@@ -23,9 +23,9 @@ pub struct Rest {
     pub height: f64,
 }
 
-/// The flattest way to lie: on the side on which the prop was modelled where that is not a narrow one, else on its largest. `None`
-/// for what has no flat side, as a ball.
-pub fn flattest(shape: &Shape) -> Option<Rest> {
+/// The flattest stable pose: on the side on which the prop was modelled where that is not a narrow one, else on its
+/// largest. `None` for a prop without a flat side, such as a ball.
+pub fn flattest(shape: &Shape) -> Option<StablePose> {
     let unit = shape.size.diameter;
     let points: Vec<DVec3> = corners(shape, 1.0 / unit, &Pose::IDENTITY).collect();
     let hull = hull_mesh(&points);
@@ -49,22 +49,27 @@ pub fn flattest(shape: &Shape) -> Option<Rest> {
     let wide = stable().filter(|(_, area, _)| *area >= AS_MODELLED * largest);
     let modelled = wide.clone().find(|(normal, ..)| normal.y < -1.0 + SAME_SIDE);
     let (down, ..) = modelled.or_else(|| stable().find(|(_, area, _)| *area == largest))?;
-    Some(resting(&points, -*down, unit))
+    Some(lying(&points, -*down, unit))
 }
 
 /// The pose with this direction of the body's frame up.
-pub fn upright(shape: &Shape, up: DVec3) -> Rest {
+pub fn upright(shape: &Shape, up: DVec3) -> StablePose {
     let unit = shape.size.diameter;
     let points: Vec<DVec3> = corners(shape, 1.0 / unit, &Pose::IDENTITY).collect();
-    resting(&points, up.normalize_or(DVec3::Y), unit)
+    lying(&points, up.normalize_or(DVec3::Y), unit)
 }
 
-fn resting(points: &[DVec3], up: DVec3, unit: f64) -> Rest {
+fn lying(points: &[DVec3], up: DVec3, unit: f64) -> StablePose {
     let tilt = DQuat::from_rotation_arc(up, DVec3::Y);
     let upright: Vec<DVec3> = points.iter().map(|&p| tilt * p).collect();
     let flat: Vec<DVec2> = upright.iter().map(|p| DVec2::new(p.x, p.z)).collect();
     let (turn, edges) = smallest_rectangle(&flat);
     let height = |f: fn(f64, f64) -> f64, start: f64| upright.iter().map(|p| p.y).fold(start, f);
     let height = height(f64::max, f64::NEG_INFINITY) - height(f64::min, f64::INFINITY);
-    Rest { rotation: (DQuat::from_rotation_y(turn) * tilt).normalize(), up, edges: edges * unit, height: height * unit }
+    StablePose {
+        rotation: (DQuat::from_rotation_y(turn) * tilt).normalize(),
+        up,
+        edges: edges * unit,
+        height: height * unit,
+    }
 }

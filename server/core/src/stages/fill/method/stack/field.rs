@@ -1,35 +1,35 @@
-//! What is free in the container, as a height field: for each cell of a grid seen from above, how high the pile stands there and
-//! how high it may grow.
+//! The room in the container as a height field: for each cell of a grid seen from above, how high the pile stands there
+//! and how high it may grow.
 
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::raster::rasterise;
 use crate::world::BodyId;
 use glam::{DQuat, DVec2, DVec3};
 
-/// Points of a cell at which heights are sampled, along each axis, cells from its middle. The outermost leave a margin: what
-/// reaches less far into a cell is not in it.
+/// Points of a cell at which heights are sampled, along each axis, cells from its middle. The outermost leave a margin:
+/// a body that reaches less far into a cell is not in it.
 const SAMPLES: [f64; 3] = [-0.4, 0.0, 0.4];
-/// A body that is laid down touches what is this near below it, in its thickness.
+/// A body that is laid down touches the pile where it is this near below, in the body's thickness.
 const TOUCHING: f64 = 0.25;
 
 /// Seen along the pile's own axes: X and Z of the world, turned about Y.
-pub struct Field {
+pub struct HeightField {
     /// From the world to the pile's axes.
     pub turn: DQuat,
     /// Corner of the first cell, and the edge of a cell; engine units.
     origin: DVec2,
     pub cell: f64,
     pub size: [usize; 2],
-    /// The next things that may be filled in each column, from below, and above the current one.
+    /// From where to where each column is inside the container, from below.
     intervals: Vec<Vec<[f64; 2]>>,
     /// How high the pile stands, and how high it may; shape `[z][x]`. A column without room has an infinite floor.
     floor: Vec<f64>,
     ceiling: Vec<f64>,
-    /// What the floor is made of.
+    /// The bodies that the floor is made of.
     owner: Vec<BodyId>,
 }
 
-/// Nobody: the ground, or the wall of the container.
+/// No body: the ground, or the container.
 const NOBODY: BodyId = BodyId::MAX;
 
 /// A body from below and from above, in cells.
@@ -37,7 +37,8 @@ pub struct Footprint {
     pub size: [usize; 2],
     /// Cells that the body is over, each with the body's lowest and highest point there.
     cells: Vec<Covered>,
-    /// Where the body's centre of mass is, from the corner of the first cell and from the height at which the lowest point is 0.
+    /// Where the body's centre of mass is, from the corner of the first cell and from the height at which the lowest
+    /// point is 0.
     pub center: DVec3,
     /// From the lowest point to the highest.
     pub height: f64,
@@ -55,23 +56,23 @@ pub struct Spot {
     pub at: [usize; 2],
     /// Height of the body's lowest point.
     pub height: f64,
-    /// Mean height of what stays empty below it.
+    /// Mean height of the gap below it.
     pub gap: f64,
-    /// The centre of mass is above what it lies on.
+    /// The centre of mass is above the cells where it touches the pile.
     pub stable: bool,
     /// The body that carries most of it, and the share of its footprint that this one is below.
     pub on: Option<(BodyId, f64)>,
 }
 
 impl Footprint {
-    /// The triangles of a body about its centre of mass, in the pile's axes. `shift`: from the middle of its cells, as far as they
-    /// have room.
+    /// The triangles of a body about its centre of mass, in the pile's axes. `shift`: from the middle of its cells, as
+    /// far as they have room.
     pub fn new(triangles: &[[DVec3; 3]], cell: f64, shift: DVec2) -> Footprint {
         let points = || triangles.iter().flatten();
         let low = points().fold(DVec3::INFINITY, |a, &p| a.min(p));
         let high = points().fold(DVec3::NEG_INFINITY, |a, &p| a.max(p));
         let edges = DVec2::new(high.x - low.x, high.z - low.z) / cell;
-        // What reaches so little into another cell that no sample of it is met does not need it.
+        // A body that reaches into another cell, but meets no sample there, does not need that cell.
         let count = (edges - SNUG).ceil().max(DVec2::ONE);
         let slack = (count - edges).max(DVec2::ZERO) / 2.0 * cell;
         let size = [count.x as usize, count.y as usize];
@@ -100,16 +101,16 @@ impl Footprint {
 /// Cells by which a body may reach beyond the ones that it is given.
 pub const SNUG: f64 = 0.02;
 
-impl Field {
-    /// The inside of walls that face inward, from `base` up, in cells of this edge, along axes that are turned by `turn`. What is laid
-    /// may reach through floors and ceilings by `leeway`.
-    pub fn new(walls: &TriMesh, base: f64, turn: DQuat, cell: f64, leeway: f64) -> Field {
-        let points: Vec<DVec3> = walls.points.iter().map(|&p| turn * p).collect();
+impl HeightField {
+    /// The inside of a mesh that faces inward, from `base` up, in cells of this edge, along axes that are turned by
+    /// `turn`. Bodies may reach through floors and ceilings by `leeway`.
+    pub fn new(container: &TriMesh, base: f64, turn: DQuat, cell: f64, leeway: f64) -> HeightField {
+        let points: Vec<DVec3> = container.points.iter().map(|&p| turn * p).collect();
         let flat = || points.iter().map(|p| DVec2::new(p.x, p.z));
         let origin = flat().fold(DVec2::INFINITY, DVec2::min);
         let extent = flat().fold(DVec2::NEG_INFINITY, DVec2::max) - origin;
         let size = [0, 1].map(|k| (extent[k] / cell + SNUG).floor().max(1.0) as usize);
-        let corners = walls.triangles.iter().map(|t| t.map(|v| points[v as usize]));
+        let corners = container.triangles.iter().map(|t| t.map(|v| points[v as usize]));
         let mut crossings: Vec<Vec<(usize, f64, i32)>> = vec![Vec::new(); size[0] * size[1]];
         for [a, b, c] in corners {
             let enters = if (b - a).cross(c - a).y > 0.0 { 1 } else { -1 };
@@ -117,17 +118,18 @@ impl Field {
             rasterise(placed, cell, size, &SAMPLES, |cell, sample, y| crossings[cell].push((sample, y, enters)));
         }
         let intervals = crossings.into_iter().map(|crossings| column(crossings, base, leeway)).collect();
-        let mut field = Field { turn, origin, cell, size, intervals, floor: vec![], ceiling: vec![], owner: vec![] };
+        let mut field =
+            HeightField { turn, origin, cell, size, intervals, floor: vec![], ceiling: vec![], owner: vec![] };
         field.clear();
         field
     }
 
-    /// Edges of the rectangle around it, the longer one first.
+    /// Edges of the rectangle around the container, the longer one first.
     pub fn extent(&self) -> DVec2 {
         DVec2::new(self.size[0] as f64, self.size[1] as f64) * self.cell
     }
 
-    /// Empties it.
+    /// Takes all bodies out.
     pub fn clear(&mut self) {
         self.floor = self.intervals.iter().map(|i| i.first().map_or(f64::INFINITY, |i| i[0])).collect();
         self.ceiling = self.intervals.iter().map(|i| i.first().map_or(f64::NEG_INFINITY, |i| i[1])).collect();
@@ -140,15 +142,15 @@ impl Field {
         (DVec2::new(p.x, p.z) - self.origin) / self.cell
     }
 
-    /// Where the centre of mass is of a body at this place, in the world.
+    /// The centre of mass of a body at this place, in the world.
     pub fn center(&self, footprint: &Footprint, spot: &Spot) -> DVec3 {
         let corner = self.origin + DVec2::new(spot.at[0] as f64, spot.at[1] as f64) * self.cell;
         let p = DVec3::new(corner.x, spot.height, corner.y) + footprint.center;
         self.turn.inverse() * p
     }
 
-    /// How the footprint would lie with its first cell here: as low as what is there lets it. `None` where it has no room, or lies
-    /// higher than `most`. `deep`: the body's thickness; deeper gaps count as that.
+    /// How the footprint would lie with its first cell here: as low as the pile lets it. `None` where it has no room,
+    /// or lies higher than `most`. `deep`: the body's thickness; deeper gaps count as that.
     pub fn lay(&self, footprint: &Footprint, at: [usize; 2], most: f64, deep: f64) -> Option<Spot> {
         let first = at[1] * self.size[0] + at[0];
         let index = |c: &Covered| first + c.at[1] * self.size[0] + c.at[0];
@@ -193,7 +195,8 @@ impl Field {
         x < self.size[0] && z < self.size[1] && self.owner[z * self.size[0] + x] == body
     }
 
-    /// The spot of a footprint whose centre of mass is here, whatever it lies on. `None` where the container has no room.
+    /// The spot of a footprint whose centre of mass is here, whether the pile is in its way or not. `None` where the
+    /// container has no room.
     pub fn lay_at(&self, footprint: &Footprint, center: DVec3) -> Option<Spot> {
         let corner = self.cells(center) - DVec2::new(footprint.center.x, footprint.center.z) / self.cell;
         let (corner, height) = (corner.round(), center.y - footprint.center.y);
@@ -208,9 +211,9 @@ impl Field {
         footprint.cells.iter().all(fits).then_some(Spot { at, height, gap: 0.0, stable: true, on: None })
     }
 
-    /// How many fewer of these fit into the row and into the file that run through this place, at its height, when one lies here; and
-    /// how many slots, too narrow for another one, it leaves toward the first cells, or toward the last. `edges`: of the others, in cells.
-    /// `deep`: the body's thickness.
+    /// How many fewer of these fit into the row and into the file that run through this place, at its height, when one
+    /// lies here; and how many slots, too narrow for another one, it leaves toward the first cells, or toward the last.
+    /// `edges`: of the others, in cells. `deep`: the body's thickness.
     pub fn loss(
         &self,
         footprint: &Footprint,
@@ -226,7 +229,7 @@ impl Field {
             let edge = footprint.size[axis];
             let across = spot.at[1 - axis] + footprint.size[1 - axis] / 2;
             let index = |at: usize| if axis == 0 { across * self.size[0] + at } else { at * self.size[0] + across };
-            // Cells in which others may lie, on this side: those that carry, and a part of a body beyond.
+            // Cells in which others may lie, on this side: cells that carry, and a part of a body beyond them.
             let room = |cells: &mut dyn Iterator<Item = usize>| {
                 let mut cells = cells.map(index).peekable();
                 let mut carried = 0;
@@ -247,7 +250,8 @@ impl Field {
         (a + c, b + d)
     }
 
-    /// Raises the floor by a body that lies there. `least`: where less room than that is left, the column goes on above its ceiling.
+    /// Raises the floor by a body that lies there. `least`: where less room than that is left, the column goes on above
+    /// its ceiling.
     pub fn put(&mut self, footprint: &Footprint, spot: &Spot, body: BodyId, least: f64) {
         for c in &footprint.cells {
             let i = (spot.at[1] + c.at[1]) * self.size[0] + spot.at[0] + c.at[0];
@@ -255,7 +259,7 @@ impl Field {
         }
     }
 
-    /// Raises the floor by a body wherever it is: its triangles in the world.
+    /// Raises the floor by a body at any place, whose triangles are in the world's axes.
     pub fn put_as_it_lies(&mut self, triangles: &[[DVec3; 3]], body: BodyId, least: f64) {
         let (cell, size) = (self.cell, self.size);
         let mut tops = std::collections::BTreeMap::<usize, f64>::new();
@@ -281,7 +285,7 @@ impl Field {
         }
     }
 
-    /// To the next part of the column, if there is one.
+    /// Goes on with the next part of the column, if there is one.
     fn go_on(&mut self, i: usize) -> bool {
         let next = self.intervals[i].iter().find(|next| next[0] >= self.ceiling[i] && next[1] > self.floor[i]);
         let Some(&[floor, ceiling]) = next else { return false };
@@ -289,19 +293,20 @@ impl Field {
         true
     }
 
-    /// Goes on above what cannot be filled any more, as the hole of an arch. Returns whether there was more.
+    /// Goes on above all room that cannot be filled any more, such as the hole of an arch. Returns whether there was
+    /// more.
     pub fn go_on_above(&mut self) -> bool {
         (0..self.floor.len()).filter(|&i| self.go_on(i)).count() > 0
     }
 }
 
-/// The share of a body that may lie beyond what carries it.
+/// The share of a body that may lie beyond the cells that carry it.
 const OVERHANG: f64 = 0.4;
-/// Cells that the centre of mass must be within what a body lies on.
+/// The centre of mass must be this far within the cells where a body touches the pile, cells.
 const MARGIN: f64 = 0.25;
 
-/// The parts of a column that are inside at all its samples, from below. A crossing: its sample, its height, and 1 where it leads into the
-/// walls from below, -1 where it leads out.
+/// The parts of a column that are inside at all its samples, from below. A crossing: its sample, its height, and 1
+/// where it leads into the container from below, -1 where it leads out.
 fn column(mut crossings: Vec<(usize, f64, i32)>, base: f64, leeway: f64) -> Vec<[f64; 2]> {
     crossings.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(b.2.cmp(&a.2)));
     let mut common = vec![[f64::NEG_INFINITY, f64::INFINITY]];

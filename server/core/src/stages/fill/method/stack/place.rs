@@ -1,11 +1,13 @@
 //! Where a prop is laid: on the height field, as low as it can lie, or in another one of its kind.
 
-use super::field::{Field, Footprint, Spot};
-use super::rest::Rest;
-use super::{Filling, Layable};
+use super::Layable;
+use super::field::{Footprint, HeightField, Spot};
+use super::stable_pose::StablePose;
 use crate::geometry::pose::Pose;
 use crate::input::scene::Turns;
 use crate::prepare::shape::Seat;
+use crate::stages::fill::filling::Filling;
+use crate::stages::fill::method::Pass;
 use crate::world::BodyId;
 use glam::{DQuat, DVec2, DVec3};
 use rand::RngExt;
@@ -16,61 +18,66 @@ const LARGEST_TURN: f64 = PI / 3.0;
 /// The largest shift of a prop at order 0, as a share of its shorter edge.
 const LARGEST_SHIFT: f64 = 0.3;
 
-/// Props this many times longer than wide lie crosswise on each other; those that leave less than this share of their length at
-/// the end of a row, too, if they are longer than wide at all: pushed to the other end, they would make no bond.
+/// Props this many times longer than wide lie crosswise on each other; those that leave less than this share of their
+/// length at the end of a row, too, if they are longer than wide at all: pushed to the other end, they would make no
+/// bond.
 const LONG: f64 = 2.5;
 const BOND: f64 = 0.2;
 const LONGER: f64 = 1.3;
-/// What lying across costs where the layer lies along, in thicknesses.
+/// All costs are in thicknesses. Cost of lying across where the layer lies along.
 const ACROSS: f64 = 0.8;
-/// What a gap of one thickness below costs.
+/// Cost of a gap of one thickness below.
 const GAP: f64 = 0.3;
-/// What it costs to lie on one body alone, rather than on two by halves.
+/// Cost of lying on one body alone, rather than on two by halves.
 const ALONE: f64 = 0.2;
-/// What it costs to leave a slot too narrow for another one.
+/// Cost of leaving a slot too narrow for another one.
 const SLOT: f64 = 0.1;
-/// What each prop costs that finds no more room in the same row.
+/// Cost of each prop that finds no more room in the same row.
 const LOSS: f64 = 0.3;
-/// What the other end of the pile costs.
+/// Cost of the other end of the pile.
 const PUSH: f64 = 0.5;
-/// What it costs not to lie firm.
+/// Cost of lying unstably.
 const UNSTABLE: f64 = 3.0;
-/// From this order on, nothing is laid where it does not lie firm.
+/// From this order on, props are laid only where they lie stably.
 const FIRM: f64 = 0.5;
 
-/// Cosine of the angle up to which what another one is put into stands straight.
+/// A prop takes another one in where it leans by at most the angle of this cosine.
 const STRAIGHT: f64 = 0.98;
 
 /// The best place for a prop of this scale. `rotation`: how it would fall.
 pub fn find(
     filling: &mut Filling,
+    pass: &Pass,
     layable: &Layable,
-    field: &Field,
+    field: &HeightField,
     (prop, scale): (usize, f64),
     rotation: DQuat,
 ) -> Option<(Pose, Footprint, Spot)> {
-    let order = filling.params.fill.order;
-    let size = scale / filling.world.units.length;
-    let lies = layable.rest.filter(|_| filling.rng.random_bool(filling.params.fill.lying()));
-    let turns = filling.scene.props[prop].stance.turns;
+    let task = filling.task;
+    let order = task.params.fill.order;
+    let size = scale / task.units.length;
+    let lies = layable.lies.filter(|_| filling.rng.random_bool(task.params.fill.lying()));
+    let turns = task.scene.props[prop].stance.turns;
     let free = if turns == Turns::Any { LARGEST_TURN } else { 0.0 };
     let half = if turns != Turns::None && filling.rng.random() { PI } else { 0.0 };
     let mess = if lies.is_some() { 1.0 - order } else { 0.0 };
     let turn = mess * free * filling.rng.random_range(-1.0..=1.0);
     let shift = DVec2::new(filling.rng.random_range(-1.0..=1.0), filling.rng.random_range(-1.0..=1.0));
-    let shift = lies.map_or(DVec2::ZERO, |rest| shift * mess * LARGEST_SHIFT * rest.edges.y * size);
-    let nested = lies.filter(|_| layable.nests()).and_then(|rest| nest(filling, layable, field, (prop, scale), &rest));
-    let way = |share: f64| {
-        let turned = |rest: Rest| DQuat::from_rotation_y(half + share * turn) * rest.rotation;
+    let shift = lies.map_or(DVec2::ZERO, |lies| shift * mess * LARGEST_SHIFT * lies.edges.y * size);
+    let nested =
+        lies.filter(|_| layable.nests()).and_then(|lies| nest(filling, pass, layable, field, (prop, scale), &lies));
+    let posture = |share: f64| {
+        let turned = |lies: StablePose| DQuat::from_rotation_y(half + share * turn) * lies.rotation;
         let rotation = lies.map_or(field.turn * rotation, turned);
-        let straight = lies.filter(|_| share > 0.0).map(|rest| rest.rotation);
-        Way { prop, size, rotation, straight, shift: share * shift, rest: lies }
+        let straight = lies.filter(|_| share > 0.0).map(|lies| lies.rotation);
+        Posture { prop, size, rotation, straight, shift: share * shift, lies }
     };
-    let straight = lowest(filling, layable, field, &way(0.0), f64::INFINITY);
-    // What lies in disorder takes no more room than it would straight, or lies straighter.
+    let mut seek = |share: f64, most: f64| lowest(filling, pass, layable, field, &posture(share), most);
+    let straight = seek(0.0, f64::INFINITY);
+    // A prop in disorder takes no more room than it would straight, or lies straighter.
     let shares = if mess > 0.0 { DISORDERED } else { &[] };
     let most = straight.as_ref().map_or(f64::INFINITY, |straight| straight.cost + DISORDER);
-    let best = shares.iter().find_map(|&share| lowest(filling, layable, field, &way(share), most)).or(straight);
+    let best = shares.iter().find_map(|&share| seek(share, most)).or(straight);
     let higher =
         |nested: &(Pose, Footprint, Spot)| best.as_ref().is_some_and(|best| best.spot.height < nested.2.height);
     if let Some(nested) = nested.filter(|nested| !higher(nested)) {
@@ -82,13 +89,13 @@ pub fn find(
     Some((pose, footprint, spot))
 }
 
-/// Shares of its turn and shift with which a place is sought for what lies in disorder, if it costs hardly more than the best place for
-/// what lies straight.
+/// Shares of its turn and shift with which a place is sought for a prop in disorder. The place may cost hardly more
+/// than the best one for a prop that lies straight.
 const DISORDERED: &[f64] = &[1.0, 0.5];
 const DISORDER: f64 = 0.1;
 
-/// How a prop is laid down.
-struct Way {
+/// How a prop is to lie.
+struct Posture {
     prop: usize,
     /// Scale, in engine units.
     size: f64,
@@ -97,7 +104,7 @@ struct Way {
     straight: Option<DQuat>,
     shift: DVec2,
     /// `None`: as it fell.
-    rest: Option<Rest>,
+    lies: Option<StablePose>,
 }
 
 /// A place for a prop.
@@ -108,49 +115,56 @@ struct Found {
     rotation: DQuat,
 }
 
-/// The cheapest place for a prop that is laid in this way, along or across, if it costs less than `most`.
-fn lowest(filling: &mut Filling, layable: &Layable, field: &Field, way: &Way, most: f64) -> Option<Found> {
-    let order = filling.params.fill.order;
-    let (base, prop) = (filling.container.base, way.prop);
-    let thickness = filling.shapes[prop].thickness() * way.size;
-    let crosswise = way.rest.is_some_and(|rest| lies_crosswise(&rest, way.size, field.extent()));
-    let ways: &[bool] = if filling.scene.props[prop].stance.turns == Turns::None { &[false] } else { &[false, true] };
+/// The cheapest place for a prop in this posture, along or across, if it costs less than `most`.
+fn lowest(
+    filling: &mut Filling,
+    pass: &Pass,
+    layable: &Layable,
+    field: &HeightField,
+    posture: &Posture,
+    most: f64,
+) -> Option<Found> {
+    let (task, order) = (filling.task, filling.task.params.fill.order);
+    let &Posture { prop, size, shift, lies, .. } = posture;
+    let base = task.container.base;
+    let thickness = task.shapes[prop].thickness() * size;
+    let crosswise = lies.is_some_and(|lies| lies_crosswise(&lies, size, field.extent()));
+    let turns: &[bool] = if task.scene.props[prop].stance.turns == Turns::None { &[false] } else { &[false, true] };
     let mut best: Option<Found> = None;
-    for &across in ways {
+    for &across in turns {
         let quarter = DQuat::from_rotation_y(if across { FRAC_PI_2 } else { 0.0 });
-        let rotation = quarter * way.rotation;
-        let footprint = layable.footprint(rotation, way.size, field.cell, way.shift);
-        let straight = |turn: DQuat| layable.footprint(quarter * turn, way.size, field.cell, DVec2::ZERO).size;
-        let edges = way.straight.map_or(footprint.size, straight);
-        let Some(last) = rest_of(field.size, footprint.size) else { continue };
+        let rotation = quarter * posture.rotation;
+        let footprint = layable.footprint(rotation, size, field.cell, shift);
+        let straight = |turn: DQuat| layable.footprint(quarter * turn, size, field.cell, DVec2::ZERO).size;
+        let edges = posture.straight.map_or(footprint.size, straight);
+        let Some(last) = last_cell(field.size, footprint.size) else { continue };
         let mut found: Option<(f64, Spot)> = None;
         let most = best.as_ref().map_or(most, |best| best.cost);
         for z in 0..=last[1] {
             for x in 0..=last[0] {
                 let bound = found.as_ref().map_or(most, |found| found.0);
-                // Nothing below makes up for what is higher than this.
+                // No lower cost makes up for a place that is higher than this.
                 let Some(spot) = field.lay(&footprint, [x, z], bound * thickness + base, thickness) else { continue };
                 let layer = ((spot.height - base) / footprint.height + 0.5).floor();
                 let odd = layer.rem_euclid(2.0) >= 1.0;
-                let beside =
-                    || spot.on.is_some_and(|(id, _)| layable.nests() && filling.world.bodies()[id].prop == prop);
-                if !spot.stable && order >= FIRM || way.rest.is_some() && beside() {
+                let beside = || spot.on.is_some_and(|(id, _)| layable.nests() && filling.world.body(id).prop == prop);
+                if !spot.stable && order >= FIRM || lies.is_some() && beside() {
                     continue;
                 }
-                // Odd layers are pushed to the other end: joints do not lie above joints.
+                // Odd layers are pushed to the other end, so that joints do not lie above joints.
                 let share = |at: usize, last: usize| at as f64 / last.max(1) as f64;
                 let (u, v) = (share(x, last[0]), share(z, last[1]));
                 let (u, v) = if odd { (1.0 - u, 1.0 - v) } else { (u, v) };
                 let push = (v + u / (last[1] + 1) as f64) / 2.0;
-                let wrong_way = across != (odd && crosswise);
+                let is_turned_wrong = across != (odd && crosswise);
                 let cost = (spot.height - base) / thickness
                     + GAP * spot.gap / thickness
-                    + if wrong_way { ACROSS } else { 0.0 }
+                    + if is_turned_wrong { ACROSS } else { 0.0 }
                     + spot.on.map_or(0.0, |(_, share)| ALONE * (2.0 * share - 1.0).max(0.0))
                     + PUSH * push
                     + if spot.stable { 0.0 } else { UNSTABLE }
                     + (1.0 - order) * filling.rng.random::<f64>();
-                if cost >= bound || !filling.may_be(prop, field.center(&footprint, &spot)) {
+                if cost >= bound || !pass.allows(prop, field.center(&footprint, &spot), &mut filling.rng) {
                     continue;
                 }
                 let (lost, slots) = field.loss(&footprint, &spot, edges, thickness, odd);
@@ -170,16 +184,17 @@ fn lowest(filling: &mut Filling, layable: &Layable, field: &Field, way: &Way, mo
 /// The lowest place in another one of its kind.
 fn nest(
     filling: &mut Filling,
+    pass: &Pass,
     layable: &Layable,
-    field: &Field,
+    field: &HeightField,
     (prop, scale): (usize, f64),
-    rest: &Rest,
+    lies: &StablePose,
 ) -> Option<(Pose, Footprint, Spot)> {
-    let size = scale / filling.world.units.length;
+    let size = scale / filling.task.units.length;
     let mut carriers: Vec<(f64, BodyId)> = Vec::new();
     for id in filling.world.present() {
-        let (body, pose) = (&filling.world.bodies()[id], filling.world.pose(id));
-        let straight = (pose.rotation * rest.up).y > STRAIGHT;
+        let (body, pose) = (filling.world.body(id), filling.world.pose(id));
+        let straight = (pose.rotation * lies.up).y > STRAIGHT;
         if body.prop == prop && straight && field.is_topmost(id, pose.translation) && body.scale >= SMALLER * scale {
             carriers.push((pose.translation.y, id));
         }
@@ -188,16 +203,17 @@ fn nest(
     for (_, id) in carriers {
         let below = filling.world.pose(id);
         // Where one leans on the other, the turn in which it stands straightest, whatever leans below it.
-        let upright = |seat: &Seat| (below.rotation * seat.rotation * rest.up).y;
+        let upright = |seat: &Seat| (below.rotation * seat.rotation * lies.up).y;
         let mut seats: Vec<&Seat> = layable.seats.iter().collect();
         seats.sort_by(|a, b| upright(b).total_cmp(&upright(a)));
         for seat in seats {
             let rotation = (below.rotation * seat.rotation).normalize();
             let translation = below.translation + DVec3::Y * (seat.pitch * size);
             // Whether there is room, as if it stood straight.
-            let straight = field.turn * DQuat::from_rotation_arc(rotation * rest.up, DVec3::Y) * rotation;
+            let straight = field.turn * DQuat::from_rotation_arc(rotation * lies.up, DVec3::Y) * rotation;
             let footprint = layable.footprint(straight, size, field.cell, DVec2::ZERO);
-            if let Some(spot) = field.lay_at(&footprint, translation).filter(|_| filling.may_be(prop, translation)) {
+            let spot = field.lay_at(&footprint, translation);
+            if let Some(spot) = spot.filter(|_| pass.allows(prop, translation, &mut filling.rng)) {
                 return Some((Pose { translation, rotation }, footprint, spot));
             }
         }
@@ -208,13 +224,13 @@ fn nest(
 /// A prop goes into another one that is at least this much of its size.
 const SMALLER: f64 = 0.98;
 
-fn lies_crosswise(rest: &Rest, size: f64, extent: DVec2) -> bool {
-    let [long, short] = rest.edges.to_array();
+fn lies_crosswise(lies: &StablePose, size: f64, extent: DVec2) -> bool {
+    let [long, short] = lies.edges.to_array();
     let left = (extent.x / (long * size)).fract();
     long >= LONG * short || long >= LONGER * short && left < BOND && long * size <= extent.y
 }
 
 /// The last cells at which a footprint can begin.
-fn rest_of(field: [usize; 2], footprint: [usize; 2]) -> Option<[usize; 2]> {
+fn last_cell(field: [usize; 2], footprint: [usize; 2]) -> Option<[usize; 2]> {
     Some([field[0].checked_sub(footprint[0])?, field[1].checked_sub(footprint[1])?])
 }

@@ -1,0 +1,108 @@
+//! Taking out bodies that left the container, stick out, overlap or are too many; and parting those that stay.
+
+use super::Filling;
+use super::progress::{LAST, report};
+use crate::error::Error;
+use crate::input::observer::Observer;
+use crate::prepare::shape::corners;
+use crate::world::BodyId;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Rounds of removing bodies that stick out or overlap, and settling again.
+const CLEANUP_ROUNDS: usize = 4;
+/// Settling after each of them, characteristic times.
+const CLEANUP_SETTLE: f64 = 0.5;
+/// Steps of depenetration at most: bodies that overlap after so many are locked in.
+const MOST_DEPENETRATION: u64 = 60;
+
+impl Filling<'_> {
+    /// How far the farthest corner of a body is outside the container, engine units.
+    fn protrusion(&self, id: BodyId) -> f64 {
+        let (placed, container) = (self.world.instance(id), self.task.container);
+        corners(&self.task.shapes[placed.prop], placed.scale / self.task.units.length, &placed.pose)
+            .map(|p| container.distance.signed_distance(p).max(container.base - p.y))
+            .fold(0.0, f64::max)
+    }
+
+    /// Takes out the newest bodies beyond `limit`. Those from `round` on are equally new: of them, some from
+    /// everywhere.
+    pub fn cut_to(&mut self, limit: usize, round: BodyId) {
+        let beyond = self.world.loose().count().saturating_sub(limit);
+        let round: Vec<BodyId> = self.world.loose().filter(|&id| id >= round).collect();
+        let out: Vec<BodyId> = match beyond {
+            0 => Vec::new(),
+            _ if beyond <= round.len() => (0..beyond).map(|i| round[i * round.len() / beyond]).collect(),
+            _ => self.world.loose().skip(limit).collect(),
+        };
+        out.into_iter().for_each(|id| self.world.remove(id));
+    }
+
+    /// Takes out bodies that left the container.
+    pub fn remove_escaped(&mut self) {
+        let (outside, container) = (self.task.params.fill.outside(), self.task.container);
+        for id in self.world.loose().collect::<Vec<_>>() {
+            let center = self.world.pose(id).translation;
+            if !(container.distance.signed_distance(center) <= outside && center.y > container.base) {
+                self.world.remove(id);
+                self.removed.escaped += 1;
+            }
+        }
+    }
+
+    /// Takes out bodies that stick out or overlap, until none does.
+    pub fn clean_up(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
+        let fill = &self.task.params.fill;
+        for round in 0.. {
+            self.remove_escaped();
+            let most = fill.protrusion + fill.outside();
+            let out = self.world.loose().filter(|&id| self.protrusion(id) > most).collect::<Vec<_>>();
+            self.removed.sticking_out += out.len();
+            out.iter().for_each(|&id| self.world.remove(id));
+            let pairs = self.world.overlapping(fill.overlap);
+            let overlapping = self.separate(pairs, 0);
+            self.removed.overlapping += overlapping;
+            if (out.is_empty() && overlapping == 0) || round == CLEANUP_ROUNDS {
+                break;
+            }
+            self.settle(CLEANUP_SETTLE, observer)?;
+        }
+        Ok(())
+    }
+
+    /// Parts bodies that still overlap. Returns the steps that this took.
+    pub fn depenetrate(&mut self, observer: &mut dyn Observer) -> Result<u64, Error> {
+        let residual = self.task.params.fill.residual_overlap;
+        if residual >= 1.0 {
+            return Ok(0);
+        }
+        let bodies = self.world.loose().count();
+        let going = |step| report(bodies, LAST, observer).map(|()| step < MOST_DEPENETRATION);
+        self.world.depenetrate(residual, going)
+    }
+
+    /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how
+    /// many.
+    pub fn separate(&mut self, pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
+        let may_go = |id: BodyId| id >= first && self.world.is_loose(id);
+        let mut others = BTreeMap::<BodyId, Vec<BodyId>>::new();
+        for (a, b) in pairs.into_iter().flat_map(|(a, b)| [(a, b), (b, a)]) {
+            others.entry(a).or_default().push(b);
+        }
+        let mut count: BTreeMap<BodyId, usize> = others.iter().map(|(&id, others)| (id, others.len())).collect();
+        let mut order: BTreeSet<(usize, BodyId)> =
+            count.iter().filter(|(id, _)| may_go(**id)).map(|(&id, &n)| (n, id)).collect();
+        let mut removed = 0;
+        while let Some((1.., worst)) = order.pop_last() {
+            self.world.remove(worst);
+            removed += 1;
+            for other in others.remove(&worst).unwrap_or_default() {
+                let Some(n) = count.get_mut(&other).filter(|_| others.contains_key(&other)) else { continue };
+                if order.remove(&(*n, other)) {
+                    order.insert((*n - 1, other));
+                }
+                *n -= 1;
+            }
+        }
+        removed
+    }
+}

@@ -1,0 +1,226 @@
+//! The part of the physics world that a fill needs, and nothing else of it.
+//!
+//! Units of the engine throughout: lengths in d, the diameter of the median prop; times in the characteristic time
+//! sqrt(d / g); speeds in d per characteristic time; a gravity of 1 is that of the scene. Scales are the props' own: 1
+//! is the size of the file.
+
+use crate::error::Error;
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
+use crate::prepare::shape::Shape;
+use crate::sim::instance::Instance;
+use crate::sim::policy::Policy;
+use crate::world::{BodyId, Claims, ContactPair, Insertion, PairSide, Role, WallId, World, WorldBody, WorldCounters};
+use glam::DVec3;
+
+/// The world of a fill. Its bodies are loose, which the fill put there and may take out, or pinned, which the scene
+/// placed.
+pub(crate) struct FillWorld {
+    world: World,
+    /// Bodies that were taken out, by the fill or by the engine.
+    removed: usize,
+}
+
+/// Keeps the bodies in: the container, its core where there is one, and a floor.
+pub struct Enclosure {
+    container: Vec<WallId>,
+    core_and_floor: Vec<WallId>,
+}
+
+/// The meshes of an [`Enclosure`], engine units.
+pub struct EnclosureMeshes<'a> {
+    /// Triangles face inward.
+    pub container: &'a TriMesh,
+    /// Around the container: as far out as bodies get that [`FillWorld::allow_outside`] named.
+    pub outer: Option<&'a TriMesh>,
+    /// Triangles face outward.
+    pub core: Option<&'a TriMesh>,
+    /// Height of the floor.
+    pub floor: f64,
+}
+
+impl FillWorld {
+    /// `world`: without bodies.
+    pub fn new(world: World) -> FillWorld {
+        FillWorld { world, removed: 0 }
+    }
+
+    /// Steps taken, those of the depenetration included.
+    pub fn steps(&self) -> u64 {
+        self.world.steps
+    }
+
+    pub fn step_length(&self) -> f64 {
+        self.world.step_length()
+    }
+
+    pub fn counters(&self) -> WorldCounters {
+        self.world.counters
+    }
+
+    pub fn set_gravity(&mut self, gravity: DVec3) {
+        self.world.set_gravity(gravity);
+    }
+
+    /// One step. The engine takes out bodies whose state became non-finite.
+    pub fn step(&mut self) {
+        self.removed += self.world.step().len();
+    }
+
+    /// Adds an enclosure without friction, in the engine's order behind places for so many bodies. See
+    /// [`World::add_behind`].
+    pub fn enclose(&mut self, bodies: usize, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
+        self.world
+            .add_behind(bodies, |world| {
+                let container = world.add_container(meshes.container, 0.0)?;
+                let outer = meshes.outer.map(|mesh| world.add_walls_around(mesh, container)).transpose()?;
+                let core = meshes.core.map(|mesh| world.add_container(mesh, 0.0)).transpose()?;
+                let floor = world.add_wall(DVec3::new(0.0, meshes.floor, 0.0), DVec3::Y, 0.0);
+                let container = [Some(container), outer].into_iter().flatten().collect();
+                let core_and_floor = [core, Some(floor)].into_iter().flatten().collect();
+                Ok(Enclosure { container, core_and_floor })
+            })
+            .map_err(Error::Internal)
+    }
+
+    /// Takes away the container; the core and the floor stay.
+    pub fn remove_container(&mut self, enclosure: &mut Enclosure) {
+        enclosure.container.drain(..).for_each(|wall| self.world.remove_wall(wall));
+    }
+
+    pub fn remove_enclosure(&mut self, mut enclosure: Enclosure) {
+        self.remove_container(&mut enclosure);
+        enclosure.core_and_floor.into_iter().for_each(|wall| self.world.remove_wall(wall));
+    }
+
+    /// Adds a loose body, whether there is room or not.
+    pub fn insert(&mut self, shape: &Shape, body: Instance, friction: f64) -> Result<BodyId, Error> {
+        let Instance { prop, scale, pose } = body;
+        let insertion = Insertion { prop, scale, pose, friction, restitution: 0.0 };
+        self.world.insert(shape, &insertion).map_err(Error::Internal)
+    }
+
+    pub fn pin(&mut self, id: BodyId) {
+        Policy::pin(&mut self.world, id);
+    }
+
+    pub fn remove(&mut self, id: BodyId) {
+        self.world.remove(id);
+        self.removed += 1;
+    }
+
+    /// Gives a body another scale, about its centre of mass.
+    pub fn rescale(&mut self, id: BodyId, shape: &Shape, scale: f64) {
+        self.world.rescale(id, shape, scale);
+    }
+
+    /// Puts a body back to where it was, at rest.
+    pub fn put_back(&mut self, id: BodyId, pose: &Pose) {
+        self.world.put_back(id, pose);
+    }
+
+    /// Takes away a body's velocity.
+    pub fn stop(&mut self, id: BodyId) {
+        self.world.launch(id, DVec3::ZERO, DVec3::ZERO);
+    }
+
+    pub fn set_friction(&mut self, id: BodyId, friction: f64) {
+        self.world.set_friction(id, friction);
+    }
+
+    /// Lets a body through the container, up to the outer mesh.
+    pub fn allow_outside(&mut self, id: BodyId) {
+        self.world.allow_outside(id);
+    }
+
+    /// The id that the next body gets: ids ascend, and none is used twice.
+    pub fn next_id(&self) -> BodyId {
+        self.world.bodies().len()
+    }
+
+    pub fn body(&self, id: BodyId) -> &WorldBody {
+        &self.world.bodies()[id]
+    }
+
+    /// Of the centre of mass.
+    pub fn pose(&self, id: BodyId) -> Pose {
+        self.world.pose(id)
+    }
+
+    pub fn instance(&self, id: BodyId) -> Instance {
+        let body = self.body(id);
+        Instance { prop: body.prop, scale: body.scale, pose: self.pose(id) }
+    }
+
+    pub fn is_present(&self, id: BodyId) -> bool {
+        self.world.is_present(id)
+    }
+
+    /// Bodies that were not taken out, ascending.
+    pub fn present(&self) -> impl Iterator<Item = BodyId> + '_ {
+        self.world.present()
+    }
+
+    /// Bodies that the fill put there and did not take out, ascending.
+    pub fn loose(&self) -> impl Iterator<Item = BodyId> + '_ {
+        self.present().filter(|&id| self.is_loose(id))
+    }
+
+    pub fn is_loose(&self, id: BodyId) -> bool {
+        self.body(id).role != Role::Pinned
+    }
+
+    /// Mean speed downward of the loose bodies.
+    pub fn falling_speed(&self) -> f64 {
+        let speeds = || self.loose().map(|id| -self.world.velocity(id).y);
+        speeds().sum::<f64>() / speeds().count().max(1) as f64
+    }
+
+    /// Makes [`FillWorld::claim`] and [`FillWorld::overlapping`] know of bodies that were added, moved or removed since
+    /// the last step.
+    pub fn update_contacts(&mut self) {
+        self.world.zero_step();
+    }
+
+    /// Whether a shape placed here would be free of bodies and of places that are claimed (not of the container). Then
+    /// it is claimed.
+    pub fn claim(&self, shape: &Shape, scale: f64, pose: &Pose, claims: &mut Claims) -> bool {
+        self.world.claim(shape, scale, pose, claims)
+    }
+
+    /// Pairs of bodies that overlap by more than `limit` of the thinner one's thickness, ascending; the lower id first.
+    pub fn overlapping(&mut self, limit: f64) -> Vec<(BodyId, BodyId)> {
+        self.update_contacts();
+        let too_deep = |pair: &ContactPair| match pair.b {
+            PairSide::Body(b) => (pair.depth() > limit * self.world.pair_thickness(pair)).then_some((pair.a, b)),
+            PairSide::Ground | PairSide::Scenery | PairSide::Moving => None,
+        };
+        self.world.contact_pairs(0.0).iter().filter_map(too_deep).collect()
+    }
+
+    /// Parts overlapping bodies by position. See [`World::depenetrate`]. Returns the steps.
+    pub fn depenetrate<E>(&mut self, residual: f64, going: impl FnMut(u64) -> Result<bool, E>) -> Result<u64, E> {
+        let before = self.present().count();
+        let steps = self.world.depenetrate(residual, going);
+        self.removed += before - self.present().count();
+        steps
+    }
+
+    /// In debug builds: the counts agree, no more than `limit` bodies are loose, and every body is somewhere.
+    pub fn validate(&self, limit: usize) {
+        if !cfg!(debug_assertions) {
+            return;
+        }
+        let (present, loose) = (self.present().count(), self.loose().count());
+        assert_eq!(
+            present + self.removed,
+            self.next_id(),
+            "bodies there and bodies taken out are all that were inserted"
+        );
+        assert!(loose <= limit, "{loose} loose bodies, and no more than {limit} are wanted");
+        for id in self.present() {
+            let pose = self.pose(id);
+            assert!(pose.translation.is_finite() && pose.rotation.is_finite(), "body {id} is at {pose:?}");
+        }
+    }
+}
