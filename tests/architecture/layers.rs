@@ -19,6 +19,22 @@ const CORE: &[&[&str]] = &[
     &["report"],
 ];
 
+/// The layers inside `cairn_core::world`, lowest first. What the world's root file holds is for all of them.
+pub const WORLD: &[&[&str]] = &[
+    &["units", "colliders"],
+    &["manifold"],
+    &["settings"],
+    &["bodies"],
+    &["corrections"],
+    &["scenery"],
+    &["contacts"],
+    &["joints"],
+    &["lifecycle"],
+    &["validation"],
+    &["stepping"],
+    &["queries"],
+];
+
 /// The layers of `cairn`, lowest first.
 const SERVICE: &[&[&str]] = &[
     &["version"],
@@ -52,19 +68,22 @@ fn location(code: &Crate, import: &Import) -> String {
     format!("{}: `{}`", code.file(&import.from).display(), import.text)
 }
 
-/// Every import from a layer to one above it; what a module names of another one more than once is listed once.
-fn upward(code: &Crate, layers: &[&[&str]]) -> Vec<String> {
+/// Every import from a layer to one above it; what a module names of another one more than once is listed once. The layers are those
+/// of the modules in `folder`; what the folder's own root file holds is for all of them.
+fn upward(code: &Crate, folder: &[&str], layers: &[&[&str]]) -> Vec<String> {
+    let inside = |path: &ModulePath| {
+        let rest = path.get(folder.len()..).filter(|_| path.iter().zip(folder).all(|(a, b)| a == b));
+        rest.map(<[String]>::to_vec)
+    };
     let layer = |path: &ModulePath| path.first().cloned().unwrap_or_else(|| name(path));
     let mut up = BTreeMap::new();
     for import in code.imports() {
-        let (from, to) = (height(layers, &import.from), height(layers, &import.to));
-        if from.zip(to).is_some_and(|(from, to)| to > from) {
-            let text = format!(
-                "{} leads up from layer {} to {}",
-                location(code, &import),
-                layer(&import.from),
-                layer(&import.to)
-            );
+        let Some((from, to)) = inside(&import.from).zip(inside(&import.to)) else { continue };
+        if !folder.is_empty() && to.is_empty() {
+            continue;
+        }
+        if height(layers, &from).zip(height(layers, &to)).is_some_and(|(from, to)| to > from) {
+            let text = format!("{} leads up from layer {} to {}", location(code, &import), layer(&from), layer(&to));
             // The whole path says more than a name that a `use` made short.
             let is_whole = import.text.starts_with("crate::") || import.text.starts_with("super::");
             let known = up.entry((import.from, import.to)).or_insert_with(|| text.clone());
@@ -76,9 +95,10 @@ fn upward(code: &Crate, layers: &[&[&str]]) -> Vec<String> {
     up.into_values().collect()
 }
 
-/// Modules of the root that no layer names.
-fn without_layer(code: &Crate, layers: &[&[&str]]) -> Vec<String> {
-    code.paths().filter(|path| path.len() == 1 && height(layers, path).is_none()).map(name).collect()
+/// Modules of a folder that no layer names.
+fn without_layer(code: &Crate, folder: &[&str], layers: &[&[&str]]) -> Vec<String> {
+    let paths = code.paths().filter(|path| path.len() == folder.len() + 1 && path.iter().zip(folder).all(|(a, b)| a == b));
+    paths.filter(|path| height(layers, &path[folder.len()..].to_vec()).is_none()).map(name).collect()
 }
 
 /// The circles among modules side by side: each with an import for every step of it.
@@ -149,16 +169,23 @@ fn assert_none(what: &str, found: &[String]) {
 fn imports_of_the_core_go_down() {
     let code = parse("server/core/src");
     assert!(code.imports().len() > 100, "the imports are read");
-    assert_none("modules without a layer", &without_layer(&code, CORE));
-    assert_none("imports upward", &upward(&code, CORE));
+    assert_none("modules without a layer", &without_layer(&code, &[], CORE));
+    assert_none("imports upward", &upward(&code, &[], CORE));
+}
+
+#[test]
+fn imports_inside_the_world_go_down() {
+    let code = parse("server/core/src");
+    assert_none("modules without a layer", &without_layer(&code, &["world"], WORLD));
+    assert_none("imports upward", &upward(&code, &["world"], WORLD));
 }
 
 #[test]
 fn imports_of_the_service_go_down() {
     let code = parse("server/src");
     assert!(code.imports().len() > 100, "the imports are read");
-    assert_none("modules without a layer", &without_layer(&code, SERVICE));
-    assert_none("imports upward", &upward(&code, SERVICE));
+    assert_none("modules without a layer", &without_layer(&code, &[], SERVICE));
+    assert_none("imports upward", &upward(&code, &[], SERVICE));
 }
 
 #[test]
@@ -198,6 +225,7 @@ fn upward_in(low: &str) -> Vec<String> {
     let high = "pub struct Roof;";
     upward(
         &made_up(&[("lib.rs", "mod low; mod high; pub use high::Roof;"), ("low.rs", low), ("high.rs", high)]),
+        &[],
         MADE_UP,
     )
 }
@@ -226,6 +254,24 @@ fn an_import_upward_is_found_wherever_it_stands() {
 }
 
 #[test]
+fn a_folder_has_layers_of_its_own() {
+    let with = |low: &'static str| {
+        made_up(&[
+            ("lib.rs", "mod folder; mod high;"),
+            ("high.rs", ""),
+            ("folder/mod.rs", "mod low; mod high; pub use high::Roof; pub struct Shared;"),
+            ("folder/low.rs", low),
+            ("folder/high.rs", "pub struct Roof;"),
+        ])
+    };
+    let found = |low: &'static str| upward(&with(low), &["folder"], MADE_UP);
+    assert_eq!(found("use super::Shared; use crate::high;"), [""; 0]);
+    assert_eq!(found("use super::high::Roof;").len(), 1);
+    assert_eq!(found("use super::Roof;").len(), 1);
+    assert_eq!(without_layer(&with(""), &["folder"], &[&["low"]]), ["folder::high"]);
+}
+
+#[test]
 fn what_only_looks_like_an_import_is_none() {
     let places = [
         "#[cfg(test)] mod tests { use crate::high::Roof; }",
@@ -239,9 +285,9 @@ fn what_only_looks_like_an_import_is_none() {
         assert_eq!(upward_in(place), [""; 0], "{place}");
     }
     let down = [("lib.rs", "mod low; mod high;"), ("low.rs", ""), ("high.rs", "use crate::low;")];
-    assert_eq!(upward(&made_up(&down), MADE_UP), [""; 0]);
+    assert_eq!(upward(&made_up(&down), &[], MADE_UP), [""; 0]);
     let third = [("lib.rs", "mod low; mod third;"), ("low.rs", ""), ("third.rs", "")];
-    assert_eq!(without_layer(&made_up(&third), MADE_UP), ["third"]);
+    assert_eq!(without_layer(&made_up(&third), &[], MADE_UP), ["third"]);
 }
 
 #[test]

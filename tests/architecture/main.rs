@@ -2,6 +2,7 @@
 
 mod layers;
 mod modules;
+mod world;
 mod writers;
 
 use std::fs;

@@ -143,13 +143,13 @@ impl Guard {
         // The engine does not know the inertia of a new body before its first step.
         let watched = !self.meet(world) && world.nail_count() == 0 && !world.scenery_moves();
         let weighed = watched && self.step >= self.resting_until && self.step.is_multiple_of(ENERGY_PERIOD);
-        world.note(&mut self.before);
+        world.snapshot(&mut self.before);
         let energy = weighed.then(|| world.energy_of(&self.before));
         let mut lost = world.step();
         if energy.is_some_and(|energy| self.gained(world, energy)) || !self.faults(world).is_empty() {
             self.actions.retries += 1;
             self.in_a_row += 1;
-            lost.extend(world.step_again(&self.before, RETRY_PARTS));
+            lost.extend(world.retry_step(&self.before, RETRY_PARTS));
             if self.in_a_row == MOST_RETRIES_IN_A_ROW {
                 (self.in_a_row, self.resting_until) = (0, self.step + REST_STEPS);
             }

@@ -2,13 +2,15 @@
 
 use crate::geometry::pose::Pose;
 use crate::input::params::Time;
+use glam::DQuat;
+use rapier3d::math::Pose as EnginePose;
 
 /// SI value of one engine unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Units {
-    /// m.
+    /// m: the diameter d of the median prop.
     pub length: f64,
-    /// s.
+    /// s: the characteristic time sqrt(d / g).
     pub time: f64,
     /// kg.
     pub mass: f64,
@@ -35,4 +37,15 @@ impl Units {
     pub fn pose_to_si(&self, pose: &Pose) -> Pose {
         Pose { translation: pose.translation * self.length, ..*pose }
     }
+}
+
+/// A pose in the engine's type; its lengths are engine units already.
+pub(super) fn to_engine(pose: &Pose) -> EnginePose {
+    EnginePose::from_parts(pose.translation.as_vec3(), pose.rotation.as_quat())
+}
+
+/// The reverse of [`to_engine`].
+pub(super) fn from_engine(pose: &EnginePose) -> Pose {
+    let q: DQuat = pose.rotation.as_dquat();
+    Pose { translation: pose.translation.as_dvec3(), rotation: q.normalize() }
 }

@@ -89,7 +89,7 @@ impl Group {
         let arm = self.dots.iter().map(|&k| dots[k].arm).fold(f64::INFINITY, f64::min);
         let weakest = self.dots.iter().map(|&k| dots[k].limit).fold(f64::INFINITY, f64::min);
         // No dot carries more than all that happens to the bodies, twice, with the longest lever that there is.
-        let (_, radius, _) = world.carried(first);
+        let radius = world.carried(first).radius;
         let most: f64 = news.iter().map(|(f, m)| f.length() * (1.0 + 2.0 * radius / arm) + m.length() / arm).sum();
         if 2.0 * most <= weakest {
             return false;

@@ -1,7 +1,7 @@
 //! Two convex shapes with faces: where they are nearest, and the points of their contact.
 
-use super::sides::{Scratch, corners, engine_face};
-use super::{Few, Meeting, View, widest};
+use super::sides::{SideScratch, corners, engine_face};
+use super::{ContactCandidate, ContactFrame, Few, widest};
 use crate::prepare::shape::Hull;
 use rapier3d::parry::query::details::{
     NormalConstraints, NormalConstraintsPair, contact_support_map_support_map_with_params,
@@ -21,8 +21,8 @@ const CLOSER: f32 = 1e-4;
 /// Where a mesh's edges bend the normal of a contact, points deeper than this many times the depth along the true one are
 /// no contacts of this pair.
 const BENT_DEPTH: f32 = 5.0;
-/// The normal of a face is as good as the direction between the closest points if it tells the shapes no closer than those by
-/// more than this, engine units: between faces nearer than [`NEAR`], that direction is all rounding.
+/// The normal of a face is as good as the direction between the closest points if the gap along it is no smaller by more than
+/// this, engine units: between faces nearer than [`NEAR`], that direction is all rounding.
 const SEPARATION_NOISE: f32 = 1e-5;
 const NEAR: f32 = 1e-3;
 
@@ -32,11 +32,11 @@ pub(super) fn has_faces(shape: &dyn Shape) -> bool {
 }
 
 thread_local! {
-    static SCRATCH: Cell<Scratch> = Cell::default();
+    static SCRATCH: Cell<SideScratch> = Cell::default();
 }
 
-/// Both shapes have faces. `pos12`: of the second shape, in the frame of the first.
-pub(super) fn meet<M, C: Default + Copy>(
+/// Points of the contact of two shapes that have faces. `pos12`: of the second shape, in the frame of the first.
+pub(super) fn update_manifold<M, C: Default + Copy>(
     pos12: &Pose,
     a: &dyn Shape,
     b: &dyn Shape,
@@ -49,7 +49,7 @@ pub(super) fn meet<M, C: Default + Copy>(
     if manifold.try_update_contacts_eps(pos12, SAME_TURN, SAME_PLACE) {
         return;
     }
-    let pair = Pair { pos12, shapes: [a, b], solids: [first, second] };
+    let pair = ConvexPair { pos12, shapes: [a, b], solids: [first, second] };
     let found = pair.nearest(prediction, manifold.local_n1.try_normalize());
     let before: Few<TrackedContact<C>> = manifold.points.drain(..).collect();
     match found {
@@ -58,16 +58,16 @@ pub(super) fn meet<M, C: Default + Copy>(
             if !constraints.project_local_normals(pos12, &mut normal, &mut back) {
                 return;
             }
-            let view = View::along(normal);
+            let frame = ContactFrame::along(normal);
             let mut scratch = SCRATCH.take();
-            let all = corners(&view, [(a, &Pose::IDENTITY), (b, pos12)], prediction, &mut scratch);
+            let all = corners(&frame, [(a, &Pose::IDENTITY), (b, pos12)], prediction, &mut scratch);
             if normal != direction {
                 all.retain(|m| depth >= 0.0 || m.gap() >= BENT_DEPTH * depth);
             } else if let Some(at) = at.filter(|_| !all.iter().any(|m| m.gap() <= depth + CLOSER)) {
-                let at = at.map(|p| view.axes.transpose() * p);
-                all.push(Meeting { at, features: [PackedFeatureId::UNKNOWN; 2] });
+                let at = at.map(|p| frame.axes.transpose() * p);
+                all.push(ContactCandidate { at, features: [PackedFeatureId::UNKNOWN; 2] });
             }
-            manifold.points.extend(widest(all, most, &before).iter().map(|m| view.tracked(m, pos12, false)));
+            manifold.points.extend(widest(all, most, &before).iter().map(|m| frame.tracked(m, pos12, false)));
             SCRATCH.set(scratch);
             (manifold.local_n1, manifold.local_n2) = (normal, back);
         }
@@ -77,7 +77,7 @@ pub(super) fn meet<M, C: Default + Copy>(
 }
 
 /// Two convex shapes. `pos12`: of the second one, in the frame of the first.
-struct Pair<'a> {
+struct ConvexPair<'a> {
     pos12: &'a Pose,
     shapes: [&'a dyn Shape; 2],
     solids: [&'a dyn SupportMap; 2],
@@ -92,15 +92,15 @@ enum Nearest {
         /// The nearest points, on the first and on the second, in the frame of the first.
         at: Option<[Vector; 2]>,
     },
-    /// Farther apart than asked for, along this direction.
+    /// Farther apart than the prediction, along this direction.
     Apart(Vector),
 }
 
-impl Pair<'_> {
+impl ConvexPair<'_> {
     /// The engine's answer where the shapes' extents along its direction confirm it. Where they do not, as happens between
     /// shapes that just touch, the answer for shapes a little farther apart.
     fn nearest(&self, prediction: f32, guess: Option<Vector>) -> Nearest {
-        let found = self.ask(self.pos12, prediction, guess);
+        let found = self.closest(self.pos12, prediction, guess);
         match found {
             GJKResult::ClosestPoints(p, q, direction) => {
                 let depth = (q - p).dot(direction);
@@ -117,7 +117,7 @@ impl Pair<'_> {
         }
         let face = self.farthest_face();
         let apart = Pose { translation: self.pos12.translation + face * NEAR, ..*self.pos12 };
-        let edge = match self.ask(&apart, prediction + NEAR, Some(face)) {
+        let edge = match self.closest(&apart, prediction + NEAR, Some(face)) {
             GJKResult::ClosestPoints(_, _, direction) => direction,
             _ => face,
         };
@@ -128,7 +128,7 @@ impl Pair<'_> {
         }
     }
 
-    fn ask(&self, pos12: &Pose, prediction: f32, guess: Option<Vector>) -> GJKResult {
+    fn closest(&self, pos12: &Pose, prediction: f32, guess: Option<Vector>) -> GJKResult {
         let [a, b] = self.solids;
         contact_support_map_support_map_with_params(pos12, a, b, prediction, &mut VoronoiSimplex::new(), guess)
     }

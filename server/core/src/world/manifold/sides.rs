@@ -1,15 +1,15 @@
 //! The sides that two convex shapes turn to each other, seen along the normal of the contact.
 //!
 //! The gap between two such sides is a convex function over the plane across the normal, linear between its corners: those of
-//! either side above a facet of the other, and the crossings of their edges. All of these that are near enough are points of
-//! the contact.
+//! either side above a facet of the other, and the crossings of their edges. All of these that are near enough are candidates for
+//! points of the contact.
 
-use super::{Meeting, View};
+use super::{ContactCandidate, ContactFrame};
 use crate::prepare::shape::Hull;
 use rapier3d::parry::shape::{PackedFeatureId, PolygonalFeature, Shape};
 use rapier3d::prelude::*;
 
-/// Facets steeper than this, cosine, take no part: what touches them touches their edges as well.
+/// Facets steeper than this, cosine, take no part: a shape that touches one touches its edges as well.
 const STEEP: f32 = 0.1;
 /// How far outside a triangle a point may be, as a share of it: rounding.
 const RIM: f32 = 1e-4;
@@ -23,33 +23,33 @@ pub(super) fn engine_face(shape: &dyn Shape, direction: Vector) -> PolygonalFeat
     face
 }
 
-/// What a shape turns to the other one.
-struct Side<'a> {
-    face: Face<'a>,
-    parts: Parts,
+/// The side that a shape turns to the other one.
+struct ContactSide<'a> {
+    face: SideFace<'a>,
+    parts: SideParts,
 }
 
-/// What a side is made of.
+/// The parts of a side.
 #[derive(Default)]
-struct Parts {
-    /// All corners of the shape, in the view.
+struct SideParts {
+    /// All corners of the shape, in the contact's frame.
     seen: Vec<Vector>,
     /// How far each is below the topmost one.
     drops: Vec<f32>,
-    edges: Vec<Edge>,
+    edges: Vec<SideEdge>,
     /// Their numbers.
     facets: Vec<u32>,
 }
 
-/// What [`corners`] works with, kept from pair to pair.
+/// Memory of [`corners`], kept from pair to pair.
 #[derive(Default)]
-pub(super) struct Scratch {
-    sides: [Parts; 2],
+pub(super) struct SideScratch {
+    sides: [SideParts; 2],
     lanes: Lanes,
-    meetings: Vec<Meeting>,
+    candidates: Vec<ContactCandidate>,
 }
 
-enum Face<'a> {
+enum SideFace<'a> {
     Hull(&'a Hull),
     /// Of the engine's own shapes: the face that looks most towards the other shape.
     Engine(PolygonalFeature),
@@ -58,21 +58,21 @@ enum Face<'a> {
 /// The corners of a face of the engine's own shapes.
 const FACE_CORNERS: [u32; 4] = [0, 1, 2, 3];
 
-impl<'a> Side<'a> {
-    /// `sign`: of the normal, in the direction of the other shape. `parts`: where there is room for what it is made of.
-    fn new(view: &View, shape: &'a dyn Shape, pose: &Pose, sign: f32, mut parts: Parts) -> Side<'a> {
+impl<'a> ContactSide<'a> {
+    /// `sign`: of the normal, in the direction of the other shape. `parts`: memory for its parts.
+    fn new(frame: &ContactFrame, shape: &'a dyn Shape, pose: &Pose, sign: f32, mut parts: SideParts) -> ContactSide<'a> {
         let face = match shape.as_shape::<Hull>() {
-            Some(hull) => Face::Hull(hull),
-            None => Face::Engine(engine_face(shape, pose.rotation.inverse() * (view.normal() * sign))),
+            Some(hull) => SideFace::Hull(hull),
+            None => SideFace::Engine(engine_face(shape, pose.rotation.inverse() * (frame.normal() * sign))),
         };
         parts.clear();
         match &face {
-            Face::Hull(hull) => parts.seen.extend(view.of(hull.points(), pose)),
-            Face::Engine(face) => parts.seen.extend(view.of(&face.vertices[..face.num_vertices], pose)),
+            SideFace::Hull(hull) => parts.seen.extend(frame.of(hull.points(), pose)),
+            SideFace::Engine(face) => parts.seen.extend(frame.of(&face.vertices[..face.num_vertices], pose)),
         }
         let top = parts.seen.iter().map(|p| sign * p.z).fold(f32::NEG_INFINITY, f32::max);
         parts.drops.extend(parts.seen.iter().map(|p| top - sign * p.z));
-        Side { face, parts }
+        ContactSide { face, parts }
     }
 
     /// The height of its topmost corner, along the normal.
@@ -83,13 +83,13 @@ impl<'a> Side<'a> {
 
     /// Finds facets and edges that drop no more than `reach`. `direction`: to the other shape, in the frame of this one.
     fn find_parts(&mut self, direction: Vector, reach: f32) {
-        let Parts { seen, drops, edges, facets } = &mut self.parts;
+        let SideParts { seen, drops, edges, facets } = &mut self.parts;
         let edge = |ends: [u32; 2], name| {
             let [i, j] = ends.map(|i| i as usize);
-            Edge { from: seen[i], along: seen[j] - seen[i], drop: drops[i].min(drops[j]), name }
+            SideEdge { from: seen[i], along: seen[j] - seen[i], drop: drops[i].min(drops[j]), name }
         };
         match &self.face {
-            Face::Hull(hull) => {
+            SideFace::Hull(hull) => {
                 let near = near(drops, reach);
                 let faces_it = |k: u32| hull.facets()[k as usize].normal.dot(direction) >= STEEP;
                 let all = 0..hull.facets().len() as u32;
@@ -98,7 +98,7 @@ impl<'a> Side<'a> {
                 let facing = all.filter(|e| e.mask & near != 0 && e.facets.iter().any(|&k| faces_it(k)));
                 edges.extend(facing.map(|e| edge(e.corners, e.name)));
             }
-            Face::Engine(face) => {
+            SideFace::Engine(face) => {
                 let n = face.num_vertices;
                 facets.push(0);
                 edges.extend((0..n).map(|i| edge([i as u32, ((i + 1) % n) as u32], face.eids[i])));
@@ -109,17 +109,17 @@ impl<'a> Side<'a> {
     /// The corners of a facet, and its name.
     fn facet(&self, number: u32) -> (&[u32], PackedFeatureId) {
         match &self.face {
-            Face::Hull(hull) => (&hull.facets()[number as usize].corners, hull.facets()[number as usize].name),
-            Face::Engine(face) => (&FACE_CORNERS[..face.num_vertices], face.fid),
+            SideFace::Hull(hull) => (&hull.facets()[number as usize].corners, hull.facets()[number as usize].name),
+            SideFace::Engine(face) => (&FACE_CORNERS[..face.num_vertices], face.fid),
         }
     }
 
     /// Corners that drop no more than `reach`, with their names.
     fn corners(&self, reach: f32) -> impl Iterator<Item = (Vector, PackedFeatureId)> {
-        let Parts { seen, drops, .. } = &self.parts;
+        let SideParts { seen, drops, .. } = &self.parts;
         let name = |i: usize| match &self.face {
-            Face::Hull(_) => PackedFeatureId::vertex(i as u32),
-            Face::Engine(face) => face.vids[i],
+            SideFace::Hull(_) => PackedFeatureId::vertex(i as u32),
+            SideFace::Engine(face) => face.vids[i],
         };
         let near = (0..seen.len()).filter(move |&i| drops[i] <= reach);
         near.map(move |i| (seen[i], name(i)))
@@ -158,7 +158,7 @@ impl<'a> Side<'a> {
     }
 }
 
-impl Parts {
+impl SideParts {
     fn clear(&mut self) {
         self.seen.clear();
         self.drops.clear();
@@ -175,8 +175,8 @@ fn near(drops: &[f32], reach: f32) -> u64 {
     }
 }
 
-/// In the view.
-struct Edge {
+/// In the contact's frame.
+struct SideEdge {
     from: Vector,
     along: Vector,
     /// Of its upper end.
@@ -184,21 +184,21 @@ struct Edge {
     name: PackedFeatureId,
 }
 
-impl Edge {
+impl SideEdge {
     fn overlaps(&self, (low, high): (Vec2, Vec2)) -> bool {
         let (a, b) = (self.from.truncate(), (self.from + self.along).truncate());
         a.min(b).cmple(high).all() && a.max(b).cmpge(low).all()
     }
 
     /// Where this edge crosses one that it crosses, on both.
-    fn crossing(&self, other: &Edge) -> [Vector; 2] {
+    fn crossing(&self, other: &SideEdge) -> [Vector; 2] {
         let (u, v, w) = (self.along.truncate(), other.along.truncate(), (self.from - other.from).truncate());
         let area = u.perp_dot(v);
         [self.from + self.along * (v.perp_dot(w) / area), other.from + other.along * (u.perp_dot(w) / area)]
     }
 }
 
-/// Edges number by number across the normal, so that the processor asks several of them at once.
+/// Edges number by number across the normal, so that the processor tests several of them at once.
 #[derive(Default)]
 struct Lanes {
     from: [Vec<f32>; 2],
@@ -208,9 +208,9 @@ struct Lanes {
 }
 
 impl Lanes {
-    fn fill(&mut self, edges: &[Edge]) {
+    fn fill(&mut self, edges: &[SideEdge]) {
         let Lanes { from: [x, y], along: [u, v], drop, crossed } = self;
-        let of = |lane: &mut Vec<f32>, number: &dyn Fn(&Edge) -> f32| {
+        let of = |lane: &mut Vec<f32>, number: &dyn Fn(&SideEdge) -> f32| {
             lane.clear();
             lane.extend(edges.iter().map(number));
         };
@@ -224,7 +224,7 @@ impl Lanes {
     }
 
     /// Which of them an edge crosses that lies within `reach` of it.
-    fn crossed_by(&mut self, edge: &Edge, reach: f32) -> &[bool] {
+    fn crossed_by(&mut self, edge: &SideEdge, reach: f32) -> &[bool] {
         let Lanes { from: [x, y], along: [u, v], drop, crossed } = self;
         let n = crossed.len();
         let (x, y, u, v, drop) = (&x[..n], &y[..n], &u[..n], &v[..n], &drop[..n]);
@@ -245,23 +245,23 @@ impl Lanes {
 
 /// The corners of the gap between two shapes, as far as it is no wider than `prediction`.
 pub(super) fn corners<'a>(
-    view: &View,
+    frame: &ContactFrame,
     [(a, pose_a), (b, pose_b)]: [(&dyn Shape, &Pose); 2],
     prediction: f32,
-    scratch: &'a mut Scratch,
-) -> &'a mut Vec<Meeting> {
+    scratch: &'a mut SideScratch,
+) -> &'a mut Vec<ContactCandidate> {
     let [parts_a, parts_b] = std::mem::take(&mut scratch.sides);
-    let mut first = Side::new(view, a, pose_a, 1.0, parts_a);
-    let mut second = Side::new(view, b, pose_b, -1.0, parts_b);
+    let mut first = ContactSide::new(frame, a, pose_a, 1.0, parts_a);
+    let mut second = ContactSide::new(frame, b, pose_b, -1.0, parts_b);
     let reach = prediction - (second.top() - first.top());
-    first.find_parts(pose_a.rotation.inverse() * view.normal(), reach);
-    second.find_parts(pose_b.rotation.inverse() * -view.normal(), reach);
-    let all = &mut scratch.meetings;
+    first.find_parts(pose_a.rotation.inverse() * frame.normal(), reach);
+    second.find_parts(pose_b.rotation.inverse() * -frame.normal(), reach);
+    let all = &mut scratch.candidates;
     all.clear();
     let mut add = |at: [Vector; 2], features| {
-        let meeting = Meeting { at, features };
-        if meeting.gap() <= prediction {
-            all.push(meeting);
+        let candidate = ContactCandidate { at, features };
+        if candidate.gap() <= prediction {
+            all.push(candidate);
         }
     };
     for (p, name) in first.corners(reach) {

@@ -1,6 +1,8 @@
 //! Nails: breakable constraints between two bodies (paper, 3.3).
 
-use super::{BodyId, World};
+use crate::world::World;
+use crate::world::colliders::BodyId;
+use crate::world::settings;
 use glam::DVec3;
 use rapier3d::prelude::*;
 use std::collections::BTreeMap;
@@ -10,23 +12,21 @@ pub type NailId = u64;
 
 /// All nails, in order.
 #[derive(Default)]
-pub struct Nails {
+pub struct NailJoints {
     next: NailId,
-    driven: BTreeMap<NailId, Nail>,
+    pub driven: BTreeMap<NailId, NailJoint>,
+    /// The body that nails to the ground and to scenery hold on to.
     anchor: Option<RigidBodyHandle>,
 }
 
-struct Nail {
-    handle: ImpulseJointHandle,
-    a: BodyId,
+pub struct NailJoint {
+    pub handle: ImpulseJointHandle,
+    pub a: BodyId,
     /// `None`: the ground or scenery.
-    b: Option<BodyId>,
+    pub b: Option<BodyId>,
 }
 
-/// A nail is a spring this stiff (per natural time, damping ratio 1): the engine's rigid default spikes by three orders
-/// of magnitude over the load and breaks nails that carry nothing.
-const NAIL_FREQUENCY: f64 = 64.0;
-impl Nails {
+impl NailJoints {
     /// Drops the nails of a body that leaves the world; the engine removes its joints itself.
     pub fn forget(&mut self, id: BodyId) {
         self.driven.retain(|_, n| n.a != id && n.b != Some(id));
@@ -34,21 +34,20 @@ impl Nails {
 }
 
 impl World {
-    /// Pins two bodies together at a point, or one (`b` is `None`) to what stands still: no relative translation,
+    /// Pins two bodies together at a point, or one (`b` is `None`) to the ground or scenery: no relative translation,
     /// rotation about `axis` only.
     pub fn drive_nail(&mut self, a: BodyId, b: Option<BodyId>, point: DVec3, axis: DVec3) -> NailId {
-        let ha = self.bodies[a].handle;
+        let ha = self.bodies[a].carrier;
         let hb = match b {
-            Some(b) => self.bodies[b].handle,
-            None => self.anchor(),
+            Some(b) => self.bodies[b].carrier,
+            None => *self.nails.anchor.get_or_insert_with(|| self.engine.insert_body(RigidBodyBuilder::fixed())),
         };
         let (pa, pb) = (*self.engine.bodies[ha].position(), *self.engine.bodies[hb].position());
         let (p, n) = (point.as_vec3(), axis.as_vec3());
-        let softness = SpringCoefficients { natural_frequency: NAIL_FREQUENCY as f32, damping_ratio: 1.0 };
         let joint = RevoluteJointBuilder::new(Vector::X)
             .local_anchor1(pa.inverse_transform_point(p))
             .local_anchor2(pb.inverse_transform_point(p))
-            .softness(softness);
+            .softness(settings::nail_softness());
         let mut joint: GenericJoint = joint.build().into();
         joint.set_local_axis1(pa.inverse_transform_vector(n));
         joint.set_local_axis2(pb.inverse_transform_vector(n));
@@ -59,13 +58,8 @@ impl World {
         let handle = self.engine.impulse_joints.insert(ha, hb, joint, false);
         let id = self.nails.next;
         self.nails.next += 1;
-        self.nails.driven.insert(id, Nail { handle, a, b });
+        self.nails.driven.insert(id, NailJoint { handle, a, b });
         id
-    }
-
-    /// The body that nails to the ground and to scenery hold on to.
-    fn anchor(&mut self) -> RigidBodyHandle {
-        *self.nails.anchor.get_or_insert_with(|| self.engine.insert_body(RigidBodyBuilder::fixed()))
     }
 
     pub fn pull_all_nails(&mut self) {
@@ -80,7 +74,7 @@ impl World {
 
     /// Whether a nail holds it. Shape `[body]`.
     pub fn nailed(&self) -> Vec<bool> {
-        let mut nailed = vec![false; self.bodies.len()];
+        let mut nailed = vec![false; self.bodies().len()];
         for nail in self.nails.driven.values() {
             nailed[nail.a] = true;
             if let Some(b) = nail.b {

@@ -1,17 +1,20 @@
-//! Tall piles that bob. In each substep, the solver carries weight down a pile by about one layer; where many regular layers lie on each
-//! other, what arrives late pushes too much, and the pile hops for ever, and walks. More substeps calm it: how many it takes is
-//! found by watching it.
+//! Tall piles that bob. In each substep, the solver carries weight down a pile by about one layer; where many regular layers lie on
+//! each other, the part that arrives late pushes too much, and the pile hops forever, and walks. More substeps calm it: how many it
+//! takes is found by watching it.
 
-use super::{Role, World};
+use super::WorldCounters;
+use crate::world::bodies::Bodies;
+use rapier3d::prelude::PhysicsWorld;
 
-/// How the pile goes up and down.
+/// How the pile moves up and down.
 #[derive(Default)]
 pub struct Bobbing {
+    /// Else it is left as it is.
     pub is_watched: bool,
     swing: Swing,
     /// Top speed of the swing before.
     before: f64,
-    /// Swings in a row that did not ebb away.
+    /// Swings in a row that did not fade.
     swings: u32,
 }
 
@@ -26,14 +29,15 @@ struct Swing {
 
 /// Fewer bodies are no pile.
 const LEAST_BODIES: usize = 20;
-/// A swing's mean speed gets at least so high, d per natural time, and at least this share of the swing's before; and it is over in this
-/// time, natural times: else the pile falls or settles.
+/// A swing's mean speed reaches at least this, d per characteristic time, ...
 const FAST: f64 = 0.01;
+/// ... and at least this share of that of the swing before, ...
 const LASTING: f64 = 0.8;
+/// ... and the swing is over in this time, characteristic times: else the pile falls or settles.
 const LONGEST: f64 = 1.0;
-/// So many swings in a row are bobbing.
+/// This many swings in a row are bobbing.
 const SWINGS: u32 = 6;
-/// The substeps become so many times as many, up to [`MOST_SUBSTEPS`].
+/// The substeps are multiplied by this, up to [`MOST_SUBSTEPS`].
 const FINER: usize = 2;
 const MOST_SUBSTEPS: usize = 64;
 
@@ -51,37 +55,28 @@ impl Bobbing {
         self.swing.top_speed = self.swing.top_speed.max(speed.abs());
         self.swings >= SWINGS
     }
-}
 
-impl World {
-    /// From now on, the pile is given more substeps where it bobs.
-    pub fn watch_bobbing(&mut self) {
-        self.bobbing.is_watched = true;
-    }
-
-    /// After a step.
-    pub(super) fn calm_bobbing(&mut self) {
-        if !self.bobbing.is_watched {
+    /// After a step: more substeps where the pile bobs.
+    pub fn calm(&mut self, engine: &mut PhysicsWorld, bodies: &Bodies, counters: &mut WorldCounters) {
+        if !self.is_watched {
             return;
         }
         let (mut mass, mut momentum, mut count) = (0.0, 0.0, 0);
-        for (id, body) in self.bodies.iter().enumerate().filter(|(_, body)| body.role == Role::Free) {
-            let rigid = &self.engine.bodies[body.handle];
-            if !rigid.is_sleeping() && self.leads(id) {
-                mass += self.carried(id).0;
-                momentum += self.carried(id).0 * f64::from(rigid.linvel().y);
-                count += 1;
-            }
+        for (id, rigid) in bodies.moving(engine) {
+            let carried = bodies.carried(id).mass;
+            mass += carried;
+            momentum += carried * f64::from(rigid.linvel().y);
+            count += 1;
         }
         let speed = if count < LEAST_BODIES { 0.0 } else { momentum / mass };
-        if !self.bobbing.bobs(speed, self.step_length()) {
+        if !self.bobs(speed, f64::from(engine.integration_parameters.dt)) {
             return;
         }
-        self.bobbing.swings = 0;
-        let substeps = &mut self.engine.integration_parameters.num_solver_iterations;
+        self.swings = 0;
+        let substeps = &mut engine.integration_parameters.num_solver_iterations;
         if *substeps < MOST_SUBSTEPS {
             *substeps = (*substeps * FINER).min(MOST_SUBSTEPS);
-            self.counters.calmed += 1;
+            counters.calmed += 1;
         }
     }
 }
@@ -97,11 +92,11 @@ mod tests {
     }
 
     #[test]
-    fn only_what_goes_up_and_down_without_end_bobs() {
+    fn only_a_pile_that_moves_up_and_down_forever_bobs() {
         let swings = |time: f64| (8.0 * time).sin();
         assert!(steps(|time| 0.1 * swings(time)).is_some_and(|step| step < 80));
         assert_eq!(steps(|time| 0.1 * swings(time) * (-time).exp()), None, "it settles");
-        assert_eq!(steps(|time| 0.005 * swings(time)), None, "nobody sees it");
+        assert_eq!(steps(|time| 0.005 * swings(time)), None, "too slow to see");
         assert_eq!(steps(|time| 0.1 * (time).sin()), None, "a slow swing is no hop");
         assert_eq!(steps(|_| -1.0), None, "it falls");
     }

@@ -22,19 +22,19 @@ use rapier3d::parry::shape::{PackedFeatureId, Shape};
 use rapier3d::prelude::*;
 use smallvec::SmallVec;
 
-/// A point that is still apart, by more than the nearest one and by this much of its distance from that, is no better than
-/// it: the bodies meet there only after one has turned by as much.
+/// A point whose gap exceeds that of the nearest one by this share of its distance from it is no better than the nearest: the
+/// bodies meet there only after one has turned by as much.
 const SLOPE: f32 = 0.02;
 /// Points nearer to each other than this, engine units, are one.
 const APART: f32 = 1e-5;
 
-/// Points of one manifold that the engine's solver takes: it chooses among more with less care.
+/// Points of one manifold that the engine's solver takes: among more, it chooses with less care.
 pub const SOLVED: usize = 4;
-/// Points that tell what a body stands on: more add next to nothing to the polygon that they span.
-pub const TOLD: usize = 8;
+/// Points of one manifold that a contact pair reports: more add next to nothing to the polygon that they span.
+pub const REPORTED: usize = 8;
 
-/// What a manifold has as many of as points, without a place on the heap.
-type Few<T> = SmallVec<[T; TOLD]>;
+/// As many as a manifold has points; not on the heap.
+type Few<T> = SmallVec<[T; REPORTED]>;
 
 /// The engine's queries, with its own manifolds replaced where a convex polyhedron takes part.
 pub struct Manifolds {
@@ -94,11 +94,11 @@ where
         let constraints = (constraints_a, constraints_b);
         let hulls = (a.as_shape::<Hull>(), b.as_shape::<Hull>());
         if let (Some(plane), Some(body)) = (a.as_halfspace(), hulls.1) {
-            plane::stand(plane, body, pos12, prediction, self.most, manifold, false);
+            plane::update_manifold(plane, body, pos12, prediction, self.most, manifold, false);
         } else if let (Some(body), Some(plane)) = (hulls.0, b.as_halfspace()) {
-            plane::stand(plane, body, &pos12.inverse(), prediction, self.most, manifold, true);
+            plane::update_manifold(plane, body, &pos12.inverse(), prediction, self.most, manifold, true);
         } else if (hulls.0.is_some() || hulls.1.is_some()) && faces::has_faces(a) && faces::has_faces(b) {
-            faces::meet(pos12, a, b, constraints, prediction, self.most, manifold);
+            faces::update_manifold(pos12, a, b, constraints, prediction, self.most, manifold);
         } else {
             let (of_a, of_b) = constraints;
             return DefaultQueryDispatcher
@@ -108,15 +108,15 @@ where
     }
 }
 
-/// The frame in which a contact is looked at: that of the first shape, turned so that its third axis is the normal.
-struct View {
+/// The frame of a contact: that of the first shape, turned so that its third axis is the normal.
+struct ContactFrame {
     axes: Mat3,
 }
 
-impl View {
-    fn along(normal: Vector) -> View {
+impl ContactFrame {
+    fn along(normal: Vector) -> ContactFrame {
         let (right, up) = normal.any_orthonormal_pair();
-        View { axes: Mat3::from_cols(right, up, normal) }
+        ContactFrame { axes: Mat3::from_cols(right, up, normal) }
     }
 
     fn normal(&self) -> Vector {
@@ -125,27 +125,32 @@ impl View {
 
     /// Points of a shape at `pose`.
     fn of<'a>(&self, points: &'a [Vector], pose: &Pose) -> impl Iterator<Item = Vector> + use<'a> {
-        let to_view = self.axes.transpose();
-        let turned = to_view * Mat3::from_quat(pose.rotation);
-        let origin = to_view * pose.translation;
+        let to_frame = self.axes.transpose();
+        let turned = to_frame * Mat3::from_quat(pose.rotation);
+        let origin = to_frame * pose.translation;
         points.iter().map(move |&p| turned * p + origin)
     }
 
-    fn tracked<C: Default + Copy>(&self, meeting: &Meeting, pos12: &Pose, flipped: bool) -> TrackedContact<C> {
-        let [first, second] = meeting.at.map(|p| self.axes * p);
-        let [f1, f2] = meeting.features;
-        TrackedContact::flipped(first, pos12.inverse_transform_point(second), f1, f2, meeting.gap(), flipped)
+    fn tracked<C: Default + Copy>(
+        &self,
+        candidate: &ContactCandidate,
+        pos12: &Pose,
+        flipped: bool,
+    ) -> TrackedContact<C> {
+        let [first, second] = candidate.at.map(|p| self.axes * p);
+        let [f1, f2] = candidate.features;
+        TrackedContact::flipped(first, pos12.inverse_transform_point(second), f1, f2, candidate.gap(), flipped)
     }
 }
 
-/// Where two shapes may touch: on the first and on the second, in the view.
+/// Where two shapes may touch: on the first and on the second, in the contact's frame.
 #[derive(Clone, Copy)]
-struct Meeting {
+struct ContactCandidate {
     at: [Vector; 2],
     features: [PackedFeatureId; 2],
 }
 
-impl Meeting {
+impl ContactCandidate {
     fn gap(&self) -> f32 {
         self.at[1].z - self.at[0].z
     }
@@ -156,30 +161,31 @@ impl Meeting {
 }
 
 /// A point that was among the chosen ones in the last step counts as nearer by this, engine units: where many are about as
-/// good, a change of points from step to step would keep bodies trembling.
+/// good, points that change from step to step would keep bodies trembling.
 const KEPT: f32 = 1e-3;
 
-/// At most so many of the points: the nearest one, the one farthest from it, those farthest to both sides of the line
-/// through the two, each held against its gap; then what is farthest from all of these.
-fn widest<C>(all: &[Meeting], most: usize, before: &[TrackedContact<C>]) -> Few<Meeting> {
-    let is_kept = |m: &Meeting| before.iter().any(|c| m.features == [c.fid1, c.fid2] || m.features == [c.fid2, c.fid1]);
-    let bonus = |m: &Meeting| if is_kept(m) { KEPT } else { 0.0 };
-    let nearness = |m: &Meeting| bonus(m) - m.gap();
+/// At most `most` of the points: the nearest one, the one farthest from it, those farthest to both sides of the line
+/// through the two, each weighed against its gap; then those farthest from all of these.
+fn widest<C>(all: &[ContactCandidate], most: usize, before: &[TrackedContact<C>]) -> Few<ContactCandidate> {
+    let is_kept =
+        |m: &ContactCandidate| before.iter().any(|c| m.features == [c.fid1, c.fid2] || m.features == [c.fid2, c.fid1]);
+    let bonus = |m: &ContactCandidate| if is_kept(m) { KEPT } else { 0.0 };
+    let nearness = |m: &ContactCandidate| bonus(m) - m.gap();
     let Some(first) = all.iter().copied().max_by(|a, b| nearness(a).total_cmp(&nearness(b))) else { return Few::new() };
     let (origin, least) = (first.across(), first.gap().max(0.0));
-    let farthest = |way: &dyn Fn(Vec2) -> f32| {
-        let rate = |m: &Meeting| {
-            let reach = way(m.across() - origin);
+    let farthest = |offset: &dyn Fn(Vec2) -> f32| {
+        let rate = |m: &ContactCandidate| {
+            let reach = offset(m.across() - origin);
             (reach > APART).then(|| (reach + (bonus(m) - (m.gap() - least).max(0.0)) / SLOPE, *m))
         };
         all.iter().filter_map(rate).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, m)| m)
     };
-    let second = farthest(&|way| way.length());
+    let second = farthest(&|offset| offset.length());
     let along = second.map_or(Vec2::ZERO, |m| (m.across() - origin).normalize_or_zero());
-    let sides = [farthest(&|way| along.perp_dot(way)), farthest(&|way| way.perp_dot(along))];
-    let mut chosen: Few<Meeting> = [Some(first), second].into_iter().chain(sides).flatten().collect();
+    let sides = [farthest(&|offset| along.perp_dot(offset)), farthest(&|offset| offset.perp_dot(along))];
+    let mut chosen: Few<ContactCandidate> = [Some(first), second].into_iter().chain(sides).flatten().collect();
     while chosen.len() < most {
-        let apart = |m: &Meeting| {
+        let apart = |m: &ContactCandidate| {
             let distances = chosen.iter().map(|c| c.across().distance_squared(m.across()));
             distances.fold(f32::INFINITY, f32::min)
         };

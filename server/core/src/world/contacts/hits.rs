@@ -1,10 +1,13 @@
-//! Who is about to hit whom: what is held must be free before it is hit, or it would stop the other like a wall.
+//! Coming hits: a held body must be free before it is hit, or it would stop the other like a wall.
 
-use super::contacts::STALE_INDEX;
-use super::{BodyId, PairSide, Role, World};
+use super::{PairSide, STALE_INDEX};
+use crate::world::World;
+use crate::world::bodies::Role;
+use crate::world::colliders::BodyId;
 use glam::DVec3;
+use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query;
-use rapier3d::prelude::*;
+use rapier3d::prelude::{Collider, ColliderHandle};
 
 /// A free body that will touch a held one within the next steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,9 +18,9 @@ pub struct ComingHit {
     pub speed: f64,
 }
 
-/// How far ahead is looked, in steps: beyond one, so that nothing slips through between two looks.
+/// How far ahead a hit is looked for, in steps: beyond one, so that nothing slips through between two looks.
 const STEPS_AHEAD: f64 = 1.5;
-/// Moving scenery frees what is nearer than this, in d.
+/// Moving scenery frees bodies that are nearer than this, in d.
 const NEAR_MOVING: f64 = 0.05;
 
 impl World {
@@ -38,7 +41,7 @@ impl World {
         hits
     }
 
-    /// Held bodies that moving scenery is about to touch, rising.
+    /// Held bodies that moving scenery is about to touch, ascending.
     pub fn frozen_near_moving(&self) -> Vec<BodyId> {
         let mut near = Vec::new();
         for piece in self.moving_colliders() {
@@ -59,7 +62,7 @@ impl World {
     /// Held bodies whose boxes are this near to a collider's.
     fn frozen_around(&self, collider: ColliderHandle, distance: f64) -> Vec<BodyId> {
         let aabb = self.engine.colliders[collider].compute_aabb().loosened(distance as f32);
-        let frozen = |(_, other): (ColliderHandle, &Collider)| match self.what(other) {
+        let frozen = |(_, other): (ColliderHandle, &Collider)| match self.side_of(other) {
             Some(PairSide::Body(id)) if self.bodies[id].role == Role::Frozen => Some(id),
             _ => None,
         };
@@ -71,7 +74,7 @@ impl World {
         let [first, second] = [hitter, frozen].map(|id| &self.engine.colliders[self.bodies[id].collider]);
         let found =
             query::contact(first.position(), first.shape(), second.position(), second.shape(), reach as f32).ok()??;
-        let body = &self.engine.bodies[self.bodies[hitter].handle];
+        let body = &self.engine.bodies[self.bodies[hitter].carrier];
         let arm = found.point1.as_dvec3() - body.translation().as_dvec3();
         let velocity: DVec3 = body.linvel().as_dvec3() + body.angvel().as_dvec3().cross(arm);
         let speed = velocity.dot(found.normal1.as_dvec3());

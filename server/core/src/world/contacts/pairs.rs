@@ -1,0 +1,128 @@
+//! Contact pairs of all bodies.
+
+use super::{ContactPair, ContactPoint, PairSide, STALE_INDEX};
+use crate::world::World;
+use crate::world::colliders::BodyId;
+use crate::world::manifold::{Manifolds, REPORTED};
+use rapier3d::parry::bounding_volume::BoundingVolume;
+use rapier3d::parry::query::{ContactManifold, ContactManifoldsWorkspace, PersistentQueryDispatcher};
+use rapier3d::prelude::{Collider, ColliderHandle};
+use rayon::prelude::*;
+
+/// Bodies that are worth another thread.
+const LEAST_SHARE: usize = 64;
+
+impl World {
+    /// Pairs with a gap of at most `tolerance` times the thinner one's thickness, in order of `(a, b)`. Exact: from the
+    /// poses, not from the engine's memory. Walls of a container are left out.
+    pub fn contact_pairs(&self, tolerance: f64) -> Vec<ContactPair> {
+        self.contact_pairs_since(tolerance, &[], &[])
+    }
+
+    /// The same, where `before` was the answer when the bodies marked in `still` (shape `[body]`) stood where they stand
+    /// now, or near enough: pairs of which neither has moved are taken from there.
+    pub fn contact_pairs_since(&self, tolerance: f64, before: &[ContactPair], still: &[bool]) -> Vec<ContactPair> {
+        let is_still = |id: BodyId| still.get(id).copied().unwrap_or(false);
+        // Whether the other side of a still body's contact is still, too.
+        let stays = |side: PairSide| match side {
+            PairSide::Body(b) => is_still(b) && self.is_present(b),
+            PairSide::Ground => true,
+            PairSide::Scenery => self.moving.is_empty(),
+            PairSide::Moving => false,
+        };
+        let moved: Vec<BodyId> = self.present().filter(|&id| !is_still(id) || !self.moving.is_empty()).collect();
+        let pairs_of = |&a: &BodyId| {
+            let mut pairs = Vec::new();
+            for (side, other) in self.near(a, tolerance) {
+                match side {
+                    // Found from the other one, if that has moved.
+                    PairSide::Body(_) if is_still(a) => {}
+                    _ if is_still(a) && stays(side) => {}
+                    // A pair of two that have moved is found by the earlier one.
+                    PairSide::Body(b) if b < a && !is_still(b) => {}
+                    PairSide::Body(b) if b < a => {
+                        pairs.extend(self.pair(b, PairSide::Body(a), self.bodies[a].collider, tolerance));
+                    }
+                    _ => pairs.extend(self.pair(a, side, other, tolerance)),
+                }
+            }
+            pairs
+        };
+        let found: Vec<Vec<ContactPair>> = moved.par_iter().with_min_len(LEAST_SHARE).map(pairs_of).collect();
+        let kept = before.iter().filter(|t| is_still(t.a) && self.is_present(t.a) && stays(t.b)).cloned();
+        let mut pairs: Vec<ContactPair> = found.into_iter().flatten().chain(kept).collect();
+        // In the order of the bodies, whichever of the two found the pair.
+        pairs.sort_by_key(|t| (t.a, t.b));
+        pairs
+    }
+
+    /// Bodies with a gap of at most `tolerance` times their thickness to the ground or to scenery that stands still, in order.
+    pub fn static_contact_pairs(&self, tolerance: f64) -> Vec<ContactPair> {
+        let mut pairs = Vec::new();
+        for a in self.present() {
+            let near = self.near(a, tolerance).into_iter();
+            let fixed = near.filter(|(side, _)| matches!(side, PairSide::Ground | PairSide::Scenery));
+            pairs.extend(fixed.filter_map(|(b, other)| self.pair(a, b, other, tolerance)));
+        }
+        pairs
+    }
+
+    /// Whatever may be within `tolerance` times its thickness of body `a`, in order.
+    fn near(&self, a: BodyId, tolerance: f64) -> Vec<(PairSide, ColliderHandle)> {
+        let collider = &self.engine.colliders[self.bodies[a].collider];
+        let reach = tolerance * self.bodies[a].thickness;
+        let aabb = collider.compute_aabb().loosened((reach + STALE_INDEX) as f32);
+        let other = |collider: &Collider| self.side_of(collider).filter(|&side| side != PairSide::Body(a));
+        let mut near: Vec<(PairSide, ColliderHandle)> =
+            self.query().intersect_aabb_conservative(aabb).filter_map(|(h, c)| Some((other(c)?, h))).collect();
+        near.sort_unstable_by_key(|&(side, handle)| (side, handle.into_raw_parts()));
+        near
+    }
+
+    /// The contact of body `a` with another collider; `None` where the gap is wider than `tolerance` times the thinner one's
+    /// thickness.
+    fn pair(&self, a: BodyId, b: PairSide, other: ColliderHandle, tolerance: f64) -> Option<ContactPair> {
+        let (first, second) = (&self.engine.colliders[self.bodies[a].collider], &self.engine.colliders[other]);
+        let points = points(first, second, tolerance * self.thinner(a, b));
+        if points.is_empty() {
+            return None;
+        }
+        let theirs = match b {
+            PairSide::Body(b) => self.bodies[b].friction,
+            PairSide::Ground | PairSide::Scenery | PairSide::Moving => second.friction() as f64,
+        };
+        Some(ContactPair { a, b, friction: (self.bodies[a].friction + theirs) / 2.0, points })
+    }
+}
+
+/// The points at which two colliders are no farther apart than `limit`, engine units.
+fn points(first: &Collider, second: &Collider, limit: f64) -> Vec<ContactPoint> {
+    let pos12 = first.position().inv_mul(second.position());
+    let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
+    let mut workspace: Option<ContactManifoldsWorkspace> = None;
+    let (a, b) = (first.shape(), second.shape());
+    let found =
+        Manifolds { most: REPORTED }.contact_manifolds(&pos12, a, b, limit as f32, &mut manifolds, &mut workspace);
+    let mut points = Vec::new();
+    if found.is_err() {
+        return points;
+    }
+    for m in &manifolds {
+        let (pos1, pos2) = match &m.subshape_poses {
+            Some(_) => (m.subshape_pos1().copied().unwrap_or_default(), m.subshape_pos2().copied().unwrap_or_default()),
+            None => Default::default(),
+        };
+        let normal = -(first.position().rotation * (pos1.rotation * m.local_n1));
+        for c in &m.points {
+            let gap = c.dist as f64;
+            let p1 = first.position().transform_point(pos1.transform_point(c.local_p1));
+            let p2 = second.position().transform_point(pos2.transform_point(c.local_p2));
+            let finite = p1.is_finite() && p2.is_finite() && normal.is_finite() && normal.length_squared() > 0.25;
+            if gap <= limit && finite {
+                let point = (p1.as_dvec3() + p2.as_dvec3()) / 2.0;
+                points.push(ContactPoint { point, normal: normal.as_dvec3().normalize(), gap });
+            }
+        }
+    }
+    points
+}

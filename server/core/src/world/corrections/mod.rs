@@ -1,0 +1,26 @@
+//! What is added to the engine's own step: continuous collision of fast bodies before it; resistance to rolling, no sleep for bodies
+//! that creep, and more substeps for piles that bob after it. Each knows the engine and the bodies, and nothing of the world above.
+
+pub mod bobbing;
+pub mod ccd;
+pub mod creep;
+pub mod rolling;
+
+/// What the corrections have done so far: bodies, summed over the steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct WorldCounters {
+    /// Bodies that the engine moved.
+    pub awake_body_steps: u64,
+    /// Pairs of near boxes that the engine kept.
+    pub pair_steps: u64,
+    /// Bodies whose contacts were found a step ahead.
+    pub speculative_body_steps: u64,
+    /// Bodies swept along their path.
+    pub ccd_body_steps: u64,
+    /// Bodies braked by their resistance to rolling.
+    pub rolling_body_steps: u64,
+    /// Looks at a body that moved on the spot, and so was allowed to fall asleep.
+    pub rocking_looks: u64,
+    /// Times that a pile that bobbed got more substeps.
+    pub calmed: u64,
+}

@@ -1,0 +1,4 @@
+//! Bodies joined to each other: clusters of glue, and nails.
+
+mod clusters;
+pub mod nails;

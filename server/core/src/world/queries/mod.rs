@@ -1,0 +1,8 @@
+//! Readings of the world after a step: loads, energy, and bodies that are where, or as fast as, none should be.
+
+mod energy;
+mod faults;
+mod friction;
+mod loads;
+
+pub use friction::FrictionExcess;

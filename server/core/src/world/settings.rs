@@ -1,0 +1,114 @@
+//! Settings of the engine, each with its reason. Lengths in d, times in characteristic times (see [`Units`]).
+
+use super::manifold::{Manifolds, SOLVED};
+use super::units::Units;
+use crate::input::params::{FrictionModel, Physics, Switch};
+use rapier3d::prelude::{
+    IntegrationParameters, NarrowPhase, PhysicsWorld, RigidBody, RigidBodyActivation, SpringCoefficients, Vector,
+};
+use std::sync::Arc;
+
+/// Contacts are predicted up to this distance: the engine's own choice for objects of its unit size.
+const PREDICTION: f64 = 0.02;
+/// [`PREDICTION`] holds where the thinnest body is this thick.
+const USUAL_THICKNESS: f64 = 0.1;
+/// Where the thinnest body is thinner, contacts are predicted up to this many times as far: the rim of a plate that turns over is
+/// soon on its other side.
+const FARTHER: f64 = 2.5;
+/// The boxes by which the engine finds pairs are larger than the bodies by this share of the smallest thickness: with less, they
+/// are rebuilt too often; with more, the engine keeps pairs that are far apart.
+const BOX_MARGIN: f64 = 0.1;
+/// What the engine (rapier 0.36.1) adds to the boxes itself, in its length unit.
+const ENGINE_MARGIN: f64 = 0.04;
+/// Overlap that is left as it is: the engine's own choice for objects of its unit size.
+const ALLOWED_OVERLAP: f64 = 0.005;
+/// Top speed at which overlapping bodies are pushed apart: slower than a fall from one diameter, so that nothing bursts.
+const PUSH_OUT_SPEED: f64 = 0.35;
+/// Top speed of a body: a fall from 5,000 diameters.
+const MAX_SPEED: f64 = 100.0;
+/// Contacts are kept unchanged until a pair has moved by this share of the smallest thickness: with more, a verdict reads contacts
+/// that are gone; with less, small towers creep.
+const RECYCLE_SHARE: f64 = 0.05;
+/// Upper bound of that distance: beyond it, a body hovers visibly above its support.
+const MAX_RECYCLE: f64 = 1.0 / 200.0;
+/// An island sleeps when all its bodies have been slower than this for [`SLEEP_TIME`].
+const SLEEP_SPEED: f64 = 0.03;
+const SLEEP_TIME: f64 = 1.5;
+/// A nail is a spring of this natural frequency, critically damped: the engine's rigid default spikes by three orders of magnitude
+/// over the load and breaks nails that carry nothing.
+const NAIL_FREQUENCY: f64 = 64.0;
+/// While overlaps are removed, contact springs are so stiff and so damped that about half of an overlap goes in a step.
+const PROJECTION_FREQUENCY: f64 = 60.0;
+const PROJECTION_DAMPING_RATIO: f64 = 10.0;
+/// With fewer, bodies between others are pushed too far.
+const PROJECTION_SUBSTEPS: usize = 4;
+const PROJECTION_STEP: f64 = 0.05;
+
+/// The engine, empty. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
+pub fn engine(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> PhysicsWorld {
+    let narrow_phase = NarrowPhase::with_query_dispatcher(Manifolds { most: SOLVED });
+    let mut engine = PhysicsWorld { gravity: Vector::NEG_Y, narrow_phase, ..PhysicsWorld::new() };
+    engine.set_thread_pool(threads());
+    let (step, frequency) = (units.duration(physics.step), physics.stiffness(thickness));
+    let p = &mut engine.integration_parameters;
+    p.dt = step as f32;
+    p.num_solver_iterations = physics.substeps_for(frequency, step) as usize;
+    set_softness(p, frequency, physics.contact_damping_ratio);
+    // The engine multiplies its normalized lengths by its length unit, which follows from the margin of its boxes.
+    let unit = (BOX_MARGIN * thickness / ENGINE_MARGIN).min(1.0);
+    p.length_unit = unit as f32;
+    p.normalized_allowed_linear_error = (ALLOWED_OVERLAP / unit) as f32;
+    p.warmstart_joints = true;
+    p.normalized_prediction_distance = (prediction(thickness) / unit) as f32;
+    p.normalized_max_corrective_velocity = (PUSH_OUT_SPEED / unit) as f32;
+    p.normalized_max_linear_velocity = (MAX_SPEED / unit) as f32;
+    if physics.switches.continuous_collision == Switch::Off {
+        p.max_ccd_substeps = 0;
+    }
+    p.normalized_contact_recycle_distance = ((RECYCLE_SHARE * thickness).min(MAX_RECYCLE) / unit) as f32;
+    // Clustering picks other points of a compound from step to step, which rocks the compound forever.
+    p.contact_clustering = !compounds;
+    p.friction_model = match physics.friction_model {
+        FrictionModel::Simplified => rapier3d::prelude::FrictionModel::Simplified,
+        FrictionModel::Coulomb => rapier3d::prelude::FrictionModel::Coulomb,
+    };
+    engine
+}
+
+/// Distance up to which contacts are predicted. `thickness`: the smallest of any body; engine units.
+fn prediction(thickness: f64) -> f64 {
+    PREDICTION * (USUAL_THICKNESS / thickness).clamp(1.0, FARTHER)
+}
+
+/// As many threads as the caller has, for one world alone: within a step the engine's threads wait for each other, so that two
+/// worlds that share them may wait forever. `None`: the caller's thread does all the work.
+fn threads() -> Option<Arc<rayon::ThreadPool>> {
+    let count = rayon::current_num_threads();
+    let several = (count > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(count));
+    several.and_then(|pool| pool.build().ok()).map(Arc::new)
+}
+
+fn set_softness(p: &mut IntegrationParameters, frequency: f64, damping_ratio: f64) {
+    let softness = SpringCoefficients { natural_frequency: frequency as f32, damping_ratio: damping_ratio as f32 };
+    p.contact_softness = softness;
+    p.static_contact_softness = softness;
+}
+
+/// Settings under which each step is a projection that removes overlaps.
+pub fn set_projection(p: &mut IntegrationParameters) {
+    set_softness(p, PROJECTION_FREQUENCY, PROJECTION_DAMPING_RATIO);
+    p.num_solver_iterations = PROJECTION_SUBSTEPS;
+    p.dt = PROJECTION_STEP as f32;
+}
+
+/// When a body may fall asleep. `length_unit`: the engine's.
+pub fn set_sleep(body: &mut RigidBody, length_unit: f32) {
+    let activation: &mut RigidBodyActivation = body.activation_mut();
+    activation.normalized_linear_threshold = SLEEP_SPEED as f32 / length_unit;
+    activation.time_until_sleep = SLEEP_TIME as f32;
+}
+
+/// The spring that a nail is.
+pub fn nail_softness() -> SpringCoefficients<f32> {
+    SpringCoefficients { natural_frequency: NAIL_FREQUENCY as f32, damping_ratio: 1.0 }
+}

@@ -1,0 +1,66 @@
+//! One step of the world, and the other ways to move it on.
+
+mod depenetration;
+mod retry;
+
+pub use retry::{Energy, Snapshot};
+
+use super::World;
+use super::colliders::BodyId;
+use super::corrections::ccd;
+use glam::DVec3;
+
+impl World {
+    /// One step. Returns the bodies whose state became non-finite: they are removed.
+    pub fn step(&mut self) -> Vec<BodyId> {
+        ccd::enable_for_fast_bodies(self.ccd, &mut self.engine, &self.bodies, &mut self.counters);
+        self.engine.step();
+        self.steps += 1;
+        self.counters.awake_body_steps += self.engine.islands.num_active_bodies() as u64;
+        self.counters.pair_steps += self.engine.narrow_phase.contact_graph().raw_graph().raw_edges().len() as u64;
+        let broken = self.remove_quarantined();
+        let World { engine, bodies, counters, .. } = self;
+        self.rolling.brake(engine, bodies, counters);
+        self.creep.prevent_sleep(engine, bodies, counters);
+        self.bobbing.calm(engine, bodies, counters);
+        if cfg!(debug_assertions) {
+            self.validate();
+        }
+        broken
+    }
+
+    /// Removes the bodies that the engine has set aside.
+    fn remove_quarantined(&mut self) -> Vec<BodyId> {
+        let broken = self.engine.quarantine().bodies().to_vec();
+        let is_broken = |&id: &BodyId| broken.contains(&self.bodies[id].carrier);
+        let ids: Vec<BodyId> = self.present().filter(is_broken).collect();
+        ids.iter().for_each(|&id| self.remove(id));
+        ids
+    }
+
+    /// A step of no time: brings the engine's spatial index and its contacts up to date with bodies that were added, moved or
+    /// removed since the last step.
+    pub fn zero_step(&mut self) {
+        // The engine's own collision pass alone would consume the record of inserted bodies, which the next step would then not
+        // move.
+        let dt = std::mem::take(&mut self.engine.integration_parameters.dt);
+        self.engine.step();
+        // The engine (rapier 0.36.1) may leave such a step with its tree still set aside for optimization, and finds nothing
+        // until the next step puts it back.
+        if self.index_is_empty() {
+            self.engine.step();
+        }
+        self.engine.integration_parameters.dt = dt;
+    }
+
+    /// Direction and strength of gravity; 1 downward in a new world.
+    pub fn set_gravity(&mut self, gravity: DVec3) {
+        self.engine.gravity = gravity.as_vec3();
+        self.engine.wake_up_all(true);
+    }
+
+    /// From now on, the pile gets more substeps where it bobs.
+    pub fn watch_bobbing(&mut self) {
+        self.bobbing.is_watched = true;
+    }
+}
