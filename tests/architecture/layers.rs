@@ -4,7 +4,8 @@ use crate::modules::{Crate, Import, ModulePath};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// The layers of `cairn-core`, lowest first. A module may use its own layer and those before it. The root file stands above all.
+/// The layers of `cairn-core`, lowest first. A module may use its own layer and those before it. The root file stands
+/// above all.
 const CORE: &[&[&str]] = &[
     &["error"],
     &["geometry"],
@@ -58,7 +59,8 @@ fn name(path: &ModulePath) -> String {
     if path.is_empty() { "the root file".to_owned() } else { path.join("::") }
 }
 
-/// The height of the layer that a module is in: the root file's is above all, and `None` is that of a module without one.
+/// The height of the layer that a module is in: the root file's is above all, and `None` is that of a module without
+/// one.
 fn height(layers: &[&[&str]], path: &ModulePath) -> Option<usize> {
     let Some(top) = path.first() else { return Some(layers.len()) };
     layers.iter().position(|layer| layer.contains(&top.as_str()))
@@ -68,8 +70,8 @@ fn location(code: &Crate, import: &Import) -> String {
     format!("{}: `{}`", code.file(&import.from).display(), import.text)
 }
 
-/// Every import from a layer to one above it; what a module names of another one more than once is listed once. The layers are those
-/// of the modules in `folder`; what the folder's own root file holds is for all of them.
+/// Every import from a layer to one above it; what a module names of another one more than once is listed once. The
+/// layers are those of the modules in `folder`; what the folder's own root file holds is for all of them.
 fn upward(code: &Crate, folder: &[&str], layers: &[&[&str]]) -> Vec<String> {
     let inside = |path: &ModulePath| {
         let rest = path.get(folder.len()..).filter(|_| path.iter().zip(folder).all(|(a, b)| a == b));
@@ -97,7 +99,8 @@ fn upward(code: &Crate, folder: &[&str], layers: &[&[&str]]) -> Vec<String> {
 
 /// Modules of a folder that no layer names.
 fn without_layer(code: &Crate, folder: &[&str], layers: &[&[&str]]) -> Vec<String> {
-    let paths = code.paths().filter(|path| path.len() == folder.len() + 1 && path.iter().zip(folder).all(|(a, b)| a == b));
+    let paths =
+        code.paths().filter(|path| path.len() == folder.len() + 1 && path.iter().zip(folder).all(|(a, b)| a == b));
     paths.filter(|path| height(layers, &path[folder.len()..].to_vec()).is_none()).map(name).collect()
 }
 

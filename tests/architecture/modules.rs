@@ -1,7 +1,7 @@
 //! The modules of a crate, and what each of them names: read from the syntax tree, never from the text.
 //!
-//! A path counts wherever it stands: in `use`, in signatures, in bodies, and in the arguments of macros. It counts for every
-//! module on its way, so that a re-export hides nothing. What is compiled for tests only does not count.
+//! A path counts wherever it stands: in `use`, in signatures, in bodies, and in the arguments of macros. It counts for
+//! every module on its way, so that a re-export hides nothing. What is compiled for tests only does not count.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -101,7 +101,8 @@ impl Crate {
         imports.into_iter().collect()
     }
 
-    /// Follows a path as `scope` writes it, through modules and re-exports, and puts every module that it names into `met`.
+    /// Follows a path as `scope` writes it, through modules and re-exports, and puts every module that it names into
+    /// `met`.
     fn follow(&self, scope: &ModulePath, path: &[String], met: &mut BTreeSet<ModulePath>) {
         let mut at = scope.clone();
         let mut rest = path;
@@ -124,7 +125,8 @@ impl Crate {
             }
             let is_named = is_rooted || rest.len() < path.len();
             let is_new = is_named && met.insert(at.clone());
-            // A name that a `use` brought here leads on, unless it is that of another crate (`use anyhow::anyhow`) or comes by again.
+            // A name that a `use` brought here leads on, unless it is that of another crate (`use anyhow::anyhow`) or
+            // comes by again.
             if let Some(origin) = name.and_then(|name| self.modules[&at].names.get(name))
                 && (is_new || !is_named)
                 && origin.first() != name

@@ -1,5 +1,5 @@
-//! The order of the world's modules holds for calls, too: the methods of `World` are spread over them, and none calls one that a
-//! module above its own defines.
+//! The order of the world's modules holds for calls, too: the methods of `World` are spread over them, and none calls
+//! one that a module above its own defines.
 
 use crate::layers::WORLD;
 use crate::{files, read};
@@ -75,8 +75,9 @@ fn calls_inside_the_world_go_down() {
 
 #[test]
 fn a_call_upward_is_found() {
-    let low = "impl World { fn pose(&self) { [1].map(|_| self.step()); other.step(); } } impl Other { fn f(&self) { self.step() } }";
+    let other = "impl Other { fn f(&self) { self.step() } }";
+    let low = format!("impl World {{ fn pose(&self) {{ [1].map(|_| self.step()); other.step(); }} }} {other}");
     let high = "impl World { fn step(&self) { self.pose() } }";
-    let files = [(Path::new("bodies/motion.rs"), low.to_owned()), (Path::new("stepping/mod.rs"), high.to_owned())];
+    let files = [(Path::new("bodies/motion.rs"), low), (Path::new("stepping/mod.rs"), high.to_owned())];
     assert_eq!(upward(&files), ["bodies/motion.rs calls step of stepping/mod.rs"]);
 }

@@ -23,7 +23,7 @@ fn world_of(prop: TriMesh) -> (World, Shape, f64) {
     (world, shape, thickness)
 }
 
-/// Sticks lying on top of each other, turned this way and that, on the ground; engine units.
+/// Sticks lying on top of each other, each turned, on the ground; engine units.
 fn stack(count: usize) -> World {
     let (mut world, shape, thickness) = world_of(stick());
     for k in 0..count {
@@ -38,20 +38,20 @@ fn stack(count: usize) -> World {
 }
 
 fn nail_all(world: &mut World) -> usize {
-    let touches = world.contact_pairs(0.05);
-    for t in &touches {
+    let pairs = world.contact_pairs(0.05);
+    for t in &pairs {
         let other = match t.b {
-            cairn_core::world::PairSide::Body(b) => Some(b),
+            PairSide::Body(b) => Some(b),
             _ => None,
         };
         world.drive_nail(t.a, other, t.points[0].point, t.points[0].normal);
     }
-    touches.len()
+    pairs.len()
 }
 
-/// Touches of bodies that stay where they are can be taken from before: the answer is the same.
+/// Contact pairs of bodies that stay where they are can be taken from before: the answer is the same.
 #[test]
-fn what_has_not_moved_touches_as_before() {
+fn bodies_that_have_not_moved_have_the_same_contact_pairs() {
     let mut world = stack(12);
     let before = world.contact_pairs(0.05);
     assert!(before.len() >= 12);
@@ -60,12 +60,12 @@ fn what_has_not_moved_touches_as_before() {
     world.put(moved, &Pose { translation: pose.translation + DVec3::new(0.3, 0.0, 0.0), ..pose });
     world.zero_step();
     let still: Vec<bool> = (0..12).map(|id| id != moved).collect();
-    let told = |touches: Vec<ContactPair>| touches.iter().map(|t| (t.a, t.b, t.points.len())).collect::<Vec<_>>();
-    assert_eq!(told(world.contact_pairs_since(0.05, &before, &still)), told(world.contact_pairs(0.05)));
-    // Nothing at all is worked out where nothing has moved: what is handed in comes back.
+    let summary = |pairs: Vec<ContactPair>| pairs.iter().map(|t| (t.a, t.b, t.points.len())).collect::<Vec<_>>();
+    assert_eq!(summary(world.contact_pairs_since(0.05, &before, &still)), summary(world.contact_pairs(0.05)));
+    // Nothing is computed where nothing has moved: the pairs that are handed in come back.
     let all = vec![true; 12];
     let strange: Vec<ContactPair> = before.into_iter().take(3).collect();
-    assert_eq!(told(world.contact_pairs_since(0.05, &strange, &all)), told(strange));
+    assert_eq!(summary(world.contact_pairs_since(0.05, &strange, &all)), summary(strange));
 }
 
 #[test]
@@ -75,11 +75,11 @@ fn no_point_of_a_body_moves_farther_than_the_bound() {
     for (from, to) in [(a, b), (a, a), (b, -a), (DQuat::IDENTITY, b)] {
         let (from, to) = (at(DVec3::new(1.0, 2.0, 3.0), from), at(DVec3::new(1.1, 1.8, 3.0), to));
         let bound = from.moved(&to, 2.0);
-        let way = |p: DVec3| from.transform_point(p).distance(to.transform_point(p));
+        let displacement = |p: DVec3| from.transform_point(p).distance(to.transform_point(p));
         let farthest = (0..500).map(|i| {
             let (u, v) = (f64::from(i) * 2.399963, 1.0 - f64::from(i) / 250.0);
             let out = (1.0 - v * v).max(0.0).sqrt();
-            way(2.0 * DVec3::new(out * u.cos(), v, out * u.sin()))
+            displacement(2.0 * DVec3::new(out * u.cos(), v, out * u.sin()))
         });
         let farthest = farthest.fold(0.0, f64::max);
         assert!(farthest <= bound + 1e-12 && bound < farthest + 0.5, "{farthest} within {bound}");
@@ -108,7 +108,7 @@ fn a_disc_of_many_corners_lies_flat() {
     }
 }
 
-/// Discs on top of each other, every second one shifted by a share of the diameter, given in engine units.
+/// Discs on top of each other, every second one shifted, by engine units.
 fn discs(count: usize, shift: f64) -> (World, f64) {
     let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
     for k in 0..count {
@@ -120,9 +120,9 @@ fn discs(count: usize, shift: f64) -> (World, f64) {
     (world, thickness)
 }
 
-/// The engine sets its tree aside for optimisation, and finds nothing while that is out.
+/// The engine sets its tree aside for optimization, and finds nothing meanwhile.
 #[test]
-fn whatever_moves_is_found_after_every_step() {
+fn moving_bodies_are_found_after_every_step() {
     let (mut world, shape, thickness) = world_of(stick());
     for k in 0..32 {
         let translation = DVec3::new(2.0 * f64::from(k), 3.0 * thickness, 0.0);
@@ -152,7 +152,7 @@ fn angle_plate(height: f64) -> TriMesh {
     TriMesh { points, triangles: [bottom, top].concat().into_iter().chain((0..6).flat_map(side)).collect() }
 }
 
-/// Lets 80 plates rain down. Share of the pairs that touch in the end which are deeper in each other than half of the thickness.
+/// 80 plates rain down. Share of the final contact pairs that overlap by more than half of the thickness.
 fn deep_share(plate: TriMesh) -> f64 {
     let (mut world, shape, thickness) = world_of(plate);
     for k in 0..80 {
@@ -166,15 +166,15 @@ fn deep_share(plate: TriMesh) -> f64 {
         world.step();
     }
     world.zero_step();
-    let touches = world.contact_pairs(0.0);
-    assert!(touches.len() > 80);
-    touches.iter().filter(|t| t.depth() > 0.5 * thickness).count() as f64 / touches.len() as f64
+    let pairs = world.contact_pairs(0.0);
+    assert!(pairs.len() > 80);
+    pairs.iter().filter(|t| t.depth() > 0.5 * thickness).count() as f64 / pairs.len() as f64
 }
 
 #[test]
 fn plates_of_several_parts_do_not_end_in_one_another() {
     let share = deep_share(angle_plate(0.025));
-    // Those that are swept along their way jam: 0.14.
+    // Plates that are swept along their path jam: 0.14.
     assert!(share < 0.08, "{share}");
 }
 
@@ -182,8 +182,8 @@ fn plates_of_several_parts_do_not_end_in_one_another() {
 fn discs_touch_wherever_they_overlap() {
     for shift in [0.0, 0.3, 0.6, 0.9] {
         let (world, _) = discs(2, shift);
-        let touches = world.contact_pairs(0.05);
-        let pair = touches.iter().find(|t| (t.a, t.b) == (0, PairSide::Body(1))).expect("they touch");
+        let pairs = world.contact_pairs(0.05);
+        let pair = pairs.iter().find(|t| (t.a, t.b) == (0, PairSide::Body(1))).expect("they touch");
         let spread = |of: fn(&ContactPoint) -> f64| {
             let all = || pair.points.iter().map(of);
             all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min)
@@ -230,9 +230,8 @@ fn a_plate_lies_on_the_ridge_of_a_gentle_roof() {
             world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
         }
         world.zero_step();
-        let touches = world.contact_pairs(0.05);
-        let pair =
-            touches.iter().find(|t| t.b == PairSide::Body(1)).unwrap_or_else(|| panic!("{turn} {gap}: {touches:?}"));
+        let pairs = world.contact_pairs(0.05);
+        let pair = pairs.iter().find(|t| t.b == PairSide::Body(1)).unwrap_or_else(|| panic!("{turn} {gap}: {pairs:?}"));
         // Beside the ridge, the gap grows by its slope.
         let expected = |p: &ContactPoint| gap + p.point.x.abs() * ridge;
         for p in &pair.points {
@@ -266,32 +265,32 @@ fn a_tilted_stone_touches_the_ground_by_its_lowest_corner() {
         let pose = Pose { translation: DVec3::new(0.0, -lowest, 0.0), rotation };
         world.insert(&shape, &Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 }).unwrap();
         world.zero_step();
-        let touches = world.contact_pairs(0.05);
-        let nearest = touches.iter().flat_map(|t| &t.points).map(|p| p.gap).fold(f64::INFINITY, f64::min);
+        let pairs = world.contact_pairs(0.05);
+        let nearest = pairs.iter().flat_map(|t| &t.points).map(|p| p.gap).fold(f64::INFINITY, f64::min);
         assert!(nearest.abs() < 1e-5, "orientation {k}: nearest at {nearest}");
     }
 }
 
-/// Moves a lying disc by hand, natural times, and gives how often it was seen to move on the spot.
-fn moved_by_hand(times: f64, way: impl Fn(f64) -> f64) -> u64 {
+/// Moves a lying disc by hand, for so many characteristic times, and counts how often it was seen to move on the spot.
+fn moved_by_hand(times: f64, displacement: impl Fn(f64) -> f64) -> u64 {
     let (mut world, shape, thickness) = world_of(disc(0.2, 0.04));
     let place = |x: f64| Pose { translation: DVec3::new(x, thickness / 2.0, 0.0), rotation: DQuat::IDENTITY };
     let body = Insertion { prop: 0, scale: 1.0, pose: place(0.0), friction: 0.7, restitution: 0.0 };
     let id = world.insert(&shape, &body).unwrap();
     let step = world.step_length();
     for k in 0..(times / step) as u32 {
-        world.put(id, &place(way(f64::from(k) * step)));
+        world.put(id, &place(displacement(f64::from(k) * step)));
         world.step();
     }
     world.counters.rocking_looks
 }
 
 #[test]
-fn what_rocks_is_told_from_what_creeps() {
+fn rocking_is_distinguished_from_creep() {
     let rocking = |t: f64| 0.006 * (3.0 * t).sin();
-    assert_eq!(moved_by_hand(20.0, rocking), 0, "too early to tell");
+    assert_eq!(moved_by_hand(20.0, rocking), 0, "too early to decide");
     assert!(moved_by_hand(60.0, rocking) > 0);
-    assert_eq!(moved_by_hand(60.0, |t| 0.0016 * t), 0, "what creeps gets somewhere");
+    assert_eq!(moved_by_hand(60.0, |t| 0.0016 * t), 0, "a creeping body gets somewhere");
 }
 
 #[test]
@@ -312,7 +311,7 @@ fn nails_in_a_stack_at_rest_disturb_nothing() {
 }
 
 #[test]
-fn a_nail_carries_what_would_fall_and_breaks_beyond_its_limit() {
+fn a_nail_carries_a_hanging_body_and_breaks_beyond_its_limit() {
     let mut world = stack(2);
     for _ in 0..20 {
         world.step();

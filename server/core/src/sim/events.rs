@@ -1,5 +1,5 @@
-//! What a scene lets happen at given times: bodies that appear, pinned ones that are let go, moving scenery, the end of the
-//! control. Called before each step of the release and the hold; times are those of the frames.
+//! Events of a scene at given times: bodies appear, pinned bodies are released, scenery moves, the control ends. Called
+//! before each step of the release and the hold; times are those of the frames.
 
 use super::instance::{self, Instance};
 use super::pile::Pile;
@@ -14,12 +14,12 @@ use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// What is still to come.
+/// The events still to come.
 pub struct Events<'a> {
     scene: &'a Scene,
     /// By time.
     late: Vec<&'a PlacedBody>,
-    /// When a pinned body is let go, s; in no order.
+    /// When a pinned body is released, s; in no order.
     pinned: Vec<(f64, BodyId)>,
     emissions: Vec<Emission<'a>>,
     moving: Vec<(MovingId, &'a StaticModel)>,
@@ -27,8 +27,8 @@ pub struct Events<'a> {
     until: Option<(f64, bool)>,
     /// s after frame 0, at the end of the step to come.
     time: f64,
-    /// Whether anything is ever to happen.
-    are_there: bool,
+    /// Whether the scene has any events.
+    has_any: bool,
 }
 
 /// An emitter at work.
@@ -45,13 +45,13 @@ struct Emission<'a> {
 
 /// Spots tried for a body before it has to wait for the next step.
 const TRIES: usize = 30;
-/// An emitter that finds no free spot for so long, natural times, gives up: a pile has grown into it.
+/// An emitter that finds no free spot for this long, characteristic times, gives up: a pile has grown into it.
 const PATIENCE: f64 = 20.0;
 /// Emitters' random numbers differ from the fill's and from each other's.
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 impl<'a> Events<'a> {
-    /// The events of a pile's scene; what is due at the beginning happens at once.
+    /// The events of a pile's scene; those due at the beginning happen at once.
     pub fn new(pile: &mut Pile<'a>, params: &Params) -> Result<Events<'a>, Error> {
         let scene = pile.scene;
         let mut late: Vec<&PlacedBody> = scene.bodies.iter().filter(|body| !body.is_stacked()).collect();
@@ -78,7 +78,7 @@ impl<'a> Events<'a> {
             moving: Vec::new(),
             until: params.control.until.map(|time| (time, params.control.stand == Switch::On)),
             time: 0.0,
-            are_there: false,
+            has_any: false,
         };
         for model in scene.statics.iter().filter(|model| !model.keys.is_empty()) {
             let added = pile.world.add_moving_scenery(&model.model.mesh, model.friction, &model.pose_at(0.0));
@@ -86,11 +86,11 @@ impl<'a> Events<'a> {
         }
         events.late.reverse();
         events.add_late(pile)?;
-        events.are_there = scene.something_hits() || events.until.is_some();
+        events.has_any = scene.something_hits() || events.until.is_some();
         Ok(events)
     }
 
-    /// Whether nothing is to come.
+    /// Whether no event is to come.
     pub fn are_over(&self) -> bool {
         let at_end = |model: &StaticModel| model.keys.last().is_none_or(|key| key.time < self.time);
         self.late.is_empty()
@@ -100,13 +100,13 @@ impl<'a> Events<'a> {
             && self.moving.iter().all(|(_, model)| at_end(model))
     }
 
-    /// Lets happen what is due in the coming step.
+    /// Carries out the events that are due in the coming step.
     pub fn before_step(&mut self, pile: &mut Pile<'a>) -> Result<(), Error> {
-        if !self.are_there {
+        if !self.has_any {
             return Ok(());
         }
         let step = pile.world.step_length() * pile.world.units.time;
-        // What is due at the end of a step belongs to it, whatever the rounding, as with frames.
+        // An event at the end of a step belongs to it, whatever the rounding, as a frame does.
         self.time = (pile.step as f64 + 1.0 + 1e-9) * step;
         for &(id, model) in &self.moving {
             pile.world.move_scenery(id, &model.pose_at(self.time));
@@ -135,10 +135,10 @@ impl<'a> Events<'a> {
         Ok(())
     }
 
-    /// Adds the bodies placed by hand whose time has come.
+    /// Adds the bodies placed by hand that are due.
     fn add_late(&mut self, pile: &mut Pile<'a>) -> Result<(), Error> {
         while let Some(body) = self.late.pop_if(|body| body.start <= self.time) {
-            // So that it is where it is to be at its own time, within the step.
+            // Its own time is within the step: it starts from where it reaches its pose at that time.
             let step = pile.world.step_length() * pile.world.units.time;
             let begin = pile.step as f64 * step;
             let mut placed = body.clone();
@@ -196,7 +196,7 @@ impl Emission<'_> {
         self.given_up || self.emitted >= self.emitter.count
     }
 
-    /// A body at a spot where nothing is in the way, engine units.
+    /// A body at a free spot, engine units.
     fn find_spot(&mut self, scene: &Scene, pile: &Pile, claims: &mut Claims) -> Option<Instance> {
         for _ in 0..TRIES {
             let (prop, scale, rotation) = instance::draw(&scene.props, scene.emitted(self.emitter), &mut self.rng);

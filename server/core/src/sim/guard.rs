@@ -1,6 +1,7 @@
-//! The guard watches what no bake may do: bodies faster than anything here could have made them, energy out of nothing,
-//! bodies that fell through the ground, bodies deep in each other. It takes such a step again in smaller ones; what does not
-//! help is set aside by name; and when too many are, the bake ends and says so. Each action is counted and told.
+//! The guard watches for states that physics forbids: bodies faster than anything in the scene could make them, energy
+//! out of nothing, bodies that fell through the ground, bodies deep in each other. It takes such a step again in
+//! smaller ones; bodies that this does not help are set aside by name; and when too many are, the bake ends with an
+//! error. Each action is counted and reported.
 
 use crate::error::Error;
 use crate::error::Problem;
@@ -9,7 +10,7 @@ use crate::prepare::effects::{EffectName, Resolved};
 use crate::world::{BodyId, Energy, Role, Snapshot, Units, World};
 use std::collections::BTreeSet;
 
-/// What the guard has done.
+/// Actions of the guard.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Actions {
     /// Steps watched.
@@ -35,7 +36,7 @@ pub enum AsideReason {
 impl AsideReason {
     pub const ALL: [AsideReason; 3] = [AsideReason::NotFinite, AsideReason::TooFast, AsideReason::BelowGround];
 
-    /// What is said of the bodies.
+    /// The predicate of a sentence about the bodies.
     pub fn description(self) -> &'static str {
         match self {
             AsideReason::NotFinite => "became numerically unstable",
@@ -47,38 +48,40 @@ impl AsideReason {
 
 /// A step that failed is taken again in this many.
 const RETRY_PARTS: u32 = 8;
-/// Energy is weighed in every so many steps: it takes longer than all else, and what bursts goes on bursting.
+/// Energy is checked every this many steps: it takes longer than all other checks, and a burst goes on.
 const ENERGY_PERIOD: u64 = 4;
 /// Steps retried in a row before the guard gives up on a gain of energy that finer steps do not cure.
 const MOST_RETRIES_IN_A_ROW: u32 = 4;
-/// The guard lets gains of energy pass for so many steps once it has given up: a scene that needs a finer step everywhere would take eight times as long.
+/// The guard accepts gains of energy for this many steps once it has given up: a scene that needs a finer step
+/// everywhere would take eight times as long.
 const REST_STEPS: u64 = 40;
-/// What energy may be gained in a step, as a share of the kinetic energy before it: an error of integration.
+/// Energy that may be gained in a step, as a share of the kinetic energy before it: an error of integration.
 const ENERGY_SHARE: f64 = 0.1;
-/// What overlapping bodies are pushed apart with raises them by at most this much, d per natural time (the world's limit of
-/// that speed).
+/// The push that parts overlapping bodies raises them by at most this much, d per characteristic time (the world's
+/// limit of that speed).
 const PUSH_OUT: f64 = 0.35;
-/// Pushed apart, bodies get as fast as by a fall from so many d.
+/// Pushed apart, bodies get as fast as by a fall from this many d.
 const PUSH_OUT_FALL: f64 = 1.0;
-/// A body is too fast beyond so many times the speed of a fall from the highest place (hard cases: 2); what bounces hands a
-/// light body more, and so does a heavy one that squeezes it out sideways like a pip.
+/// A body is too fast beyond this many times the speed of a fall from the highest place (hard cases: 2); a body that
+/// bounces hands a light one more, and so does a heavy one that squeezes it out sideways like a pip.
 const SPEED_FACTOR: f64 = 2.0;
 const BOUNCE_FACTOR: f64 = 4.0;
 /// Heavy and light, by their masses' ratio.
 const SQUEEZING: f64 = 100.0;
-/// What turns may have this much more speed in its turning than in its motion: a light rod that a heavy body hits at its end.
+/// A body may be this many times as fast by turning as by moving: a light rod that a heavy body hits at its end.
 const SPIN_FACTOR: f64 = 2.0;
-/// Overlaps are looked for every so many steps: they grow slowly, and each look goes over all contacts.
+/// Overlaps are looked for every this many steps: they grow slowly, and each look goes over all contacts.
 const DEPTH_PERIOD: u64 = 8;
 /// Bodies are deep in each other beyond this share of the thinner one's thickness.
 const DEEP: f64 = 0.5;
-/// Of so few new pairs, against the bodies, a large pile is not disturbed.
+/// Up to this many new pairs, as a share of the bodies, leave a large pile undisturbed.
 const FEW_DEEP: f64 = 1e-4;
-/// Where bodies are deep in each other, contacts are so many times as stiff for a while, with as many times the substeps.
+/// Where bodies are deep in each other, contacts are this many times as stiff for a while, with as many times the
+/// substeps.
 const STIFFER: u32 = 2;
-/// Contacts stay stiffer for so many steps.
+/// Contacts stay stiffer for this many steps.
 const STIFF_STEPS: u64 = 80;
-/// Contacts are stiffened at most so often: what is deep after that is told, not cured.
+/// Contacts are stiffened at most this often: bodies that are deep after that are reported, not parted.
 const MOST_STIFFENINGS: u64 = 4;
 /// More bodies than this share (and than three) set aside, and there is no pile left to speak of.
 const MOST_ASIDE: f64 = 0.2;
@@ -91,11 +94,11 @@ pub struct Guard {
     speed_factor: f64,
     /// Highest place that a body has come from, above the ground, d.
     highest: f64,
-    /// Fastest that a body was thrown or that scenery moves, d per natural time.
+    /// Fastest that a body was thrown or that scenery moves, d per characteristic time.
     thrown: f64,
-    /// Bodies looked at so far.
+    /// Bodies seen so far.
     known: usize,
-    /// Retries in a row, and the step until which a gain of energy is let pass.
+    /// Retries in a row, and the step until which a gain of energy is accepted.
     in_a_row: u32,
     resting_until: u64,
     /// Pairs that were deep in each other at two looks in a row: placed so, or met with stiffer contacts already.
@@ -133,7 +136,7 @@ impl Guard {
         }
     }
 
-    /// One step of the world. What goes wrong in it stands in [`Guard::actions`].
+    /// One step of the world. Its faults are in [`Guard::actions`].
     pub fn step(&mut self, world: &mut World) -> Result<(), Error> {
         if !self.watches {
             self.unwatched(world);
@@ -141,10 +144,10 @@ impl Guard {
         }
         self.actions.steps += 1;
         // The engine does not know the inertia of a new body before its first step.
-        let watched = !self.meet(world) && world.nail_count() == 0 && !world.scenery_moves();
-        let weighed = watched && self.step >= self.resting_until && self.step.is_multiple_of(ENERGY_PERIOD);
+        let watched = !self.take_in_new(world) && world.nail_count() == 0 && !world.scenery_moves();
+        let checks_energy = watched && self.step >= self.resting_until && self.step.is_multiple_of(ENERGY_PERIOD);
         world.snapshot(&mut self.before);
-        let energy = weighed.then(|| world.energy_of(&self.before));
+        let energy = checks_energy.then(|| world.energy_of(&self.before));
         let mut lost = world.step();
         if energy.is_some_and(|energy| self.gained(world, energy)) || !self.faults(world).is_empty() {
             self.actions.retries += 1;
@@ -153,7 +156,7 @@ impl Guard {
             if self.in_a_row == MOST_RETRIES_IN_A_ROW {
                 (self.in_a_row, self.resting_until) = (0, self.step + REST_STEPS);
             }
-        } else if weighed {
+        } else if checks_energy {
             self.in_a_row = 0;
         }
         let unstable = lost.iter().map(|&id| (id, AsideReason::NotFinite));
@@ -165,14 +168,14 @@ impl Guard {
         self.end_if_hopeless(world)
     }
 
-    /// A step that nobody watches: only what the engine itself gives up is set aside.
+    /// A step without the guard's checks: only bodies that the engine itself gives up are set aside.
     fn unwatched(&mut self, world: &mut World) {
         let lost = world.step();
         self.actions.aside.extend(lost.into_iter().map(|id| (id, AsideReason::NotFinite)));
     }
 
-    /// Takes note of the bodies that came since the last step. Returns whether any did.
-    fn meet(&mut self, world: &World) -> bool {
+    /// Takes the bodies that came since the last step into account. Returns whether any did.
+    fn take_in_new(&mut self, world: &World) -> bool {
         let new = self.known..world.bodies().len();
         self.known = new.end;
         for id in new.clone().filter(|&id| world.is_present(id)) {
@@ -181,7 +184,7 @@ impl Guard {
         !new.is_empty()
     }
 
-    /// No body can be faster, d per natural time.
+    /// Top speed that a body can have, d per characteristic time.
     fn most_speed(&self) -> f64 {
         self.speed_factor * ((2.0 * (self.highest + PUSH_OUT_FALL)).sqrt() + self.thrown)
     }
@@ -195,7 +198,7 @@ impl Guard {
     /// Bodies that are where, or as fast as, none can be.
     fn faults(&self, world: &World) -> Vec<(BodyId, AsideReason)> {
         let most = self.most_speed();
-        // What is placed below the ground is on its way up.
+        // A body placed below the ground is moving up.
         let astray = world.astray(most, SPIN_FACTOR * most, self.ground, PUSH_OUT);
         let fault = |(id, too_fast)| (id, if too_fast { AsideReason::TooFast } else { AsideReason::BelowGround });
         astray.into_iter().map(fault).collect()
@@ -232,8 +235,8 @@ impl Guard {
             return Ok(());
         }
         let text = format!(
-            "the simulation does not stay stable: {}; raise physics.substeps, make physics.step shorter, or bring the bodies' sizes and \
-             masses nearer to each other",
+            "the simulation does not stay stable: {}; raise physics.substeps, make physics.step shorter, or bring the \
+             bodies' sizes and masses nearer to each other",
             describe_aside(&self.actions.aside, |id| id.to_string()).join("; ")
         );
         Err(Error::Invalid(vec![Problem::new("physics.substeps", text)]))
@@ -249,7 +252,7 @@ impl Guard {
 
 /// A sentence for each reason for which bodies were set aside.
 pub fn describe_aside(aside: &[(BodyId, AsideReason)], name: impl Fn(BodyId) -> String) -> Vec<String> {
-    /// So many are named.
+    /// This many are named.
     const NAMED: usize = 8;
     let sentence = |fault: AsideReason| {
         let all: Vec<BodyId> = aside.iter().filter(|a| a.1 == fault).map(|a| a.0).collect();
@@ -261,7 +264,7 @@ pub fn describe_aside(aside: &[(BodyId, AsideReason)], name: impl Fn(BodyId) -> 
     AsideReason::ALL.into_iter().filter_map(sentence).collect()
 }
 
-/// Fastest that any point of moving scenery gets, m/s.
+/// Top speed of any point of moving scenery, m/s.
 fn scenery_speed(model: &StaticModel) -> f64 {
     let reach = model.model.mesh.points.iter().map(|p| p.length()).fold(0.0, f64::max);
     let speed = |pair: &[crate::input::scene::Key]| {

@@ -1,4 +1,4 @@
-//! Props, scaled and posed: those that are there, and how new ones are drawn.
+//! Instances of props, and how new ones are drawn.
 
 use crate::geometry::pose::Pose;
 use crate::input::scene::{Prop, Turns};
@@ -12,7 +12,7 @@ pub struct Instance {
     /// Index into the scene's props.
     pub prop: usize,
     pub scale: f64,
-    /// Of the centre of mass, engine units.
+    /// Of the center of mass, engine units.
     pub pose: Pose,
 }
 
@@ -24,14 +24,15 @@ pub fn draw(props: &[Prop], among: impl Iterator<Item = usize> + Clone, rng: &mu
         at -= props[i].weight;
         at < 0.0
     });
-    // Rounding may leave a rest: it belongs to the last one that can be drawn.
+    // Rounding may leave a remainder: it belongs to the last prop that can be drawn.
     let prop = chosen.or_else(|| among.filter(|&i| props[i].weight > 0.0).last()).unwrap_or(0);
     let [lo, hi] = props[prop].scale;
     let scale = lo + (hi - lo) * libm::pow(rng.random::<f64>(), props[prop].scale_power());
     (prop, scale, random_rotation(&props[prop], rng))
 }
 
-/// Uniform over the rotations that tilt the up axis by at most so many degrees; over all of them for 180 (Shoemake 1992).
+/// Uniform over the rotations that tilt the up axis by at most so many degrees; over all of them for 180 (Shoemake
+/// 1992).
 fn random_rotation(prop: &Prop, rng: &mut impl Rng) -> DQuat {
     let tilt_max = prop.tilt_max;
     let (u, v, w): (f64, f64, f64) = (rng.random(), rng.random(), rng.random());

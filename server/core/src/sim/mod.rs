@@ -1,4 +1,4 @@
-//! The pile in motion. `step` is one step, named stage by stage; what each stage does stands in a file of its own.
+//! The pile in motion. `step` is one step, named stage by stage; each stage has a file of its own.
 
 pub mod control;
 mod events;

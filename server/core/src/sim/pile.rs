@@ -1,4 +1,4 @@
-//! A pile being released: its world, what its bodies are, and what may be done to it from outside.
+//! A pile in release or hold: its world, its bodies, and the ways to act on it from outside.
 
 use super::control::Control;
 use super::gentle_stop::GentleStop;
@@ -12,10 +12,10 @@ use crate::input::scene::{PlacedBody, Scene};
 use crate::prepare::shape::Shape;
 use crate::world::{BodyId, Insertion, World};
 
-/// A body slower than this is at rest, in d per natural time, that is in units of sqrt(g d): 1 %.
+/// A body slower than this is at rest, in d per characteristic time, that is in units of sqrt(g d): 1 %.
 pub const REST_SPEED: f64 = 0.01;
 
-/// What effects of release and hold have done so far.
+/// Counts of release and hold so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Done {
     pub layers: u64,
@@ -40,7 +40,7 @@ pub struct Pile<'a> {
     /// In the order of insertion.
     pub instances: Vec<Instance>,
     pub done: Done,
-    /// Sentences for a person: what could not be done.
+    /// Sentences for a person, about things that could not be done.
     pub notes: Vec<String>,
     pub scene: &'a Scene,
     pub shapes: &'a [Shape],
@@ -49,7 +49,7 @@ pub struct Pile<'a> {
 }
 
 impl<'a> Pile<'a> {
-    /// No bodies yet. The world has its ground and what stands still.
+    /// No bodies yet. The world has its ground and its fixed scenery.
     pub fn new(
         world: World,
         scene: &'a Scene,
@@ -108,19 +108,19 @@ impl<'a> Pile<'a> {
         frame.map(move |(pose, b)| self.shapes[b.prop].prop_pose(&units.pose_to_si(pose), b.scale))
     }
 
-    /// A waiting or pinned body is let go.
+    /// Releases a waiting or pinned body.
     pub fn release(&mut self, id: BodyId) {
         self.control.release(id);
         self.policy.release(&mut self.world, id);
     }
 
-    /// Something moves the pile from outside: rest is waited for anew.
+    /// Something moves the pile from outside: it must come to rest again.
     pub fn disturb(&mut self) {
         self.latest_event = self.step;
         self.recorder.disturb();
     }
 
-    /// The pile rests, and is let go gently: it is to stand by itself, and only then is it done.
+    /// The pile rests, and its control ends gently: the bake is done once the pile stands by itself.
     pub fn release_gently(&mut self) {
         self.latest_event = self.step;
         self.stop_holding(true);

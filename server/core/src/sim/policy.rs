@@ -1,4 +1,4 @@
-//! How each body is treated: its role, its damping and its friction, each from the reasons that there are. Nothing else in the
+//! How each body is treated: its role, its damping and its friction, each from the reasons for it. Nothing else in the
 //! simulation writes one of the three.
 
 use crate::world::{BodyId, Role, World};
@@ -10,25 +10,28 @@ use std::collections::BTreeMap;
 /// [`Policy::apply`], once a step.
 #[derive(Debug, Default)]
 pub struct Policy {
-    /// `release.damping`: of every released body, per natural time.
+    /// `release.damping`: of every released body, per characteristic time.
     base: f64,
-    /// Late in the hold: what still rolls or rattles comes to rest, anywhere; per natural time.
+    /// Late in the hold, of every released body, so that bodies that still roll or rattle come to rest; per
+    /// characteristic time.
     quiet: Option<f64>,
-    /// While the control ends gently: everything, per natural time.
+    /// While the control ends gently, of every body; per characteristic time.
     gentle: Option<f64>,
-    /// What the control's latest look at a body asks for, per natural time.
+    /// By the control's latest look at a body, per characteristic time.
     controlled: BTreeMap<BodyId, f64>,
+    /// Bodies without friction, ascending.
+    jammed: Vec<BodyId>,
     /// A reason has changed since [`Policy::apply`].
     is_stale: bool,
 }
 
 impl Policy {
-    /// `base`: damping of every released body, per natural time.
+    /// `base`: damping of every released body, per characteristic time.
     pub fn new(base: f64) -> Policy {
         Policy { base, is_stale: true, ..Policy::default() }
     }
 
-    /// A body has come: it falls or flies as it will until the control looks at it.
+    /// A body has come: it falls or flies freely until the control looks at it.
     pub fn join(&mut self, id: BodyId) {
         self.damp(id, self.base);
     }
@@ -43,12 +46,12 @@ impl Policy {
         world.set_role(id, Role::Pinned);
     }
 
-    /// A body, with all that are glued to it, is glued to what stands still.
+    /// A body, with all that are glued to it, is glued to the ground or scenery.
     pub fn anchor(world: &mut World, id: BodyId) {
         world.set_role(id, Role::Anchored);
     }
 
-    /// A waiting, pinned or anchored body is let go.
+    /// A waiting, pinned or anchored body is released.
     pub fn release(&mut self, world: &mut World, id: BodyId) {
         world.set_role(id, Role::Free);
         self.damp(id, self.base);
@@ -65,22 +68,23 @@ impl Policy {
         self.is_stale = true;
     }
 
-    /// The control's look at a body: how it is damped until the next one, per natural time.
+    /// The control's look at a body: how it is damped until the next one, per characteristic time.
     pub fn damp(&mut self, id: BodyId, damping: f64) {
         self.controlled.insert(id, damping);
         self.is_stale = true;
     }
 
-    /// These bodies, rising, are jammed above a gap: without friction they slip down onto what is below. All others have their own
-    /// friction.
+    /// These bodies, ascending, are jammed above a gap: without friction they slip down onto the bodies below. All
+    /// others have their own friction.
     pub fn unjam(&mut self, world: &mut World, jammed: &[BodyId]) {
         for id in world.present().collect::<Vec<_>>() {
             world.set_slippery(id, jammed.binary_search(&id).is_ok());
         }
+        self.jammed = jammed.to_vec();
     }
 
-    /// From now on every released body is damped by this much, per natural time, and the control goes on to choose for those that
-    /// it looks at; `None`: no longer.
+    /// From now on every released body is damped by this much, per characteristic time, except those that the control
+    /// looks at, for which it goes on to choose; `None`: no longer.
     pub fn set_quiet(&mut self, quiet: Option<f64>) {
         self.quiet = quiet;
         self.controlled.clear();
@@ -91,7 +95,7 @@ impl Policy {
         self.quiet
     }
 
-    /// As [`Policy::set_quiet`], for the gentle end of the control, which has no say any more.
+    /// As [`Policy::set_quiet`], for the gentle end of the control, which chooses no more.
     pub fn set_gentle(&mut self, gentle: Option<f64>) {
         self.gentle = gentle;
         self.controlled.clear();
@@ -100,7 +104,7 @@ impl Policy {
 
     /// Nothing is damped, waits or is frozen, and nothing may fall asleep: physics alone.
     pub fn leave_to_physics(&mut self, world: &mut World) {
-        *self = Policy::new(0.0);
+        *self = Policy { jammed: std::mem::take(&mut self.jammed), ..Policy::new(0.0) };
         for id in world.present().filter(|&id| !world.bodies()[id].role.stands()).collect::<Vec<_>>() {
             world.set_role(id, Role::Free);
             world.set_damping(id, 0.0);
@@ -108,8 +112,8 @@ impl Policy {
         }
     }
 
-    /// Damping of a free body, per natural time: what every released body has, or more where there is a reason. The control's look
-    /// at a body counts for more than the quiet of all; its gentle end counts for more than that look.
+    /// Damping of a free body, per characteristic time: that of every released body, or more where there is a reason.
+    /// The control's look at a body precedes the quiet of all; its gentle end precedes that look.
     fn damping(&self, id: BodyId) -> f64 {
         match (self.gentle, self.controlled.get(&id)) {
             (Some(gentle), _) => gentle.max(self.base),
@@ -128,6 +132,24 @@ impl Policy {
                 world.set_damping(id, self.damping(id));
             }
         }
+        if cfg!(debug_assertions) {
+            self.validate(world);
+        }
+    }
+
+    /// Panics where a body is treated otherwise than its reasons ask for.
+    fn validate(&self, world: &World) {
+        for id in world.present() {
+            let role = world.bodies()[id].role;
+            let damping = world.damping(id).filter(|_| role == Role::Free);
+            assert!(
+                damping.is_none_or(|damping| damping == self.damping(id) as f32),
+                "body {id} is damped by {damping:?}"
+            );
+            let is_jammed = self.jammed.binary_search(&id).is_ok();
+            assert_eq!(world.is_slippery(id), is_jammed, "body {id} has no friction only where it is jammed");
+            assert!(role != Role::Frozen || self.gentle.is_none(), "body {id} is frozen, though the control has ended");
+        }
     }
 }
 
@@ -143,13 +165,13 @@ mod tests {
         policy.damp(0, 6.0);
         assert_eq!(of(&policy), [6.0, 0.5], "the control's look at one");
         policy.damp(0, 0.0);
-        assert_eq!(of(&policy), [0.5, 0.5], "no look takes away what all have");
+        assert_eq!(of(&policy), [0.5, 0.5], "no look goes below the base");
         policy.set_quiet(Some(2.0));
         assert_eq!(of(&policy), [2.0, 2.0]);
         policy.damp(1, 1.0);
-        assert_eq!(of(&policy), [2.0, 1.0], "a look counts for more than the quiet of all");
+        assert_eq!(of(&policy), [2.0, 1.0], "a look precedes the quiet of all");
         policy.join(2);
-        assert_eq!(policy.damping(2), 0.5, "who comes in flies as it will");
+        assert_eq!(policy.damping(2), 0.5, "a new body flies freely");
         policy.set_gentle(Some(16.0));
         assert_eq!(of(&policy), [16.0, 16.0]);
         policy.set_gentle(None);

@@ -26,7 +26,7 @@ impl Pace {
     }
 }
 
-/// Collects frames while a world runs. Poses are those of the bodies (centre of mass), engine units.
+/// Collects frames while a world runs. Poses are those of the bodies (center of mass), engine units.
 pub struct Recorder {
     pace: Pace,
     time: f64,
@@ -35,8 +35,8 @@ pub struct Recorder {
     last: Vec<Pose>,
     /// The latest frame, where none are kept.
     latest: Vec<Pose>,
-    /// Shape `[frame][body]`; a frame has the bodies that were there at its time: more from frame to frame. Where none are
-    /// kept: those that were marked.
+    /// Shape `[frame][body]`; a frame has the bodies that were there at its time: more from frame to frame. Where none
+    /// are kept: the marked ones.
     pub frames: Vec<Vec<Pose>>,
     /// Per body: the first frame that has it.
     pub first_frames: Vec<usize>,
@@ -63,7 +63,7 @@ impl Recorder {
         }
     }
 
-    /// Forgets what was before: frame 0 is the world as it stands.
+    /// Starts again: frame 0 is the world as it stands.
     pub fn restart(&mut self, world: &World) {
         *self = Recorder::new(world, self.pace);
     }

@@ -1,4 +1,4 @@
-//! Frames for those who watch.
+//! Frames for the observer.
 
 use super::pile::Pile;
 use crate::geometry::pose::Pose;
@@ -33,7 +33,7 @@ impl Show {
         let states = pile.control.states(&pile.world);
         while self.shown < count && self.shown <= self.last {
             let time = self.shown as f64 / self.fps;
-            tell(pile, self.shown, &states, observer, |bodies| Frame { stage, number: self.shown, time, bodies });
+            send(pile, self.shown, &states, observer, |bodies| Frame { stage, number: self.shown, time, bodies });
             self.shown += 1;
         }
     }
@@ -44,13 +44,13 @@ impl Show {
             let time = pile.recorder.count().min(self.last) as f64 / self.fps;
             let states = pile.control.states(&pile.world);
             let latest = pile.recorder.frames.len() - 1;
-            tell(pile, latest, &states, observer, |bodies| Frame { stage, number: 0, time, bodies });
+            send(pile, latest, &states, observer, |bodies| Frame { stage, number: 0, time, bodies });
         }
     }
 }
 
-/// Shows what was recorded as `recorded`, as the frame that `of` makes of its bodies.
-fn tell(
+/// Shows the recorded frame of this number as the frame that `of` makes of its bodies.
+fn send(
     pile: &Pile,
     recorded: usize,
     states: &[State],

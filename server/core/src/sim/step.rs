@@ -2,9 +2,9 @@
 //!
 //! | stage | reads | writes |
 //! | --- | --- | --- |
-//! | events | what is due by the scene | bodies, where scenery goes, roles, the control's end |
+//! | events | events of the scene that are due | bodies, poses of moving scenery, roles, the control's end |
 //! | gentle stop | since when the control ends | reasons for damping; the time of the latest event |
-//! | control | touches, poses, speeds | verdicts, supports, roles, reasons for damping, friction |
+//! | control | contact pairs, poses, speeds | verdicts, supports, roles, reasons for damping, friction |
 //! | policy | reasons | damping |
 //! | engine | all of the world | poses, velocities, contacts; bodies that the guard sets aside |
 //! | fallen | heights | bodies that are gone |
@@ -12,8 +12,9 @@
 //! | record | poses | the number of the step; frames, their observer |
 //! | progress | roles, speeds | the top speed, counts, the caller's progress |
 //!
-//! Roles, friction and damping are written by [`Policy`](super::policy::Policy) alone, whoever has the reason; only a body that is
-//! taken out of the world gets its role there. Between steps, the stages of the bake release layers, and quieten or end the hold.
+//! Only [`Policy`](super::policy::Policy) writes roles, friction and damping, whichever stage has the reason; only a
+//! body that is removed from the world gets its role there. Between steps, the stages of the bake release layers, and
+//! quiet or end the hold.
 
 use super::events::Events;
 use super::guard::Guard;
@@ -57,7 +58,7 @@ impl Seconds {
         self.of(&[StepStage::Control, StepStage::Policy, StepStage::Breaking])
     }
 
-    /// CPU seconds of the engine's steps and of what watches them.
+    /// CPU seconds of the engine's steps and of their checks.
     pub fn engine(&self) -> f64 {
         self.of(&[StepStage::Engine, StepStage::Fallen])
     }
@@ -68,17 +69,17 @@ impl Seconds {
     }
 }
 
-/// A pile, and what happens to it in each step.
+/// A pile, and all that acts on it in each step.
 pub struct Simulation<'a> {
     pub pile: Pile<'a>,
     pub guard: Guard,
     events: Events<'a>,
     show: Show,
-    /// Where there is no ground: bodies whose centre of mass is below this, engine units, are set aside.
+    /// Where there is no ground: bodies whose center of mass is below this, engine units, are set aside.
     depth: Option<f64>,
     /// Bodies set aside so.
     pub fallen: usize,
-    /// Largest speed of any body in the latest step, d per natural time.
+    /// Largest speed of any body in the latest step, d per characteristic time.
     pub top_speed: f64,
     /// Bodies that were not at rest in it.
     pub moving: usize,
@@ -86,8 +87,8 @@ pub struct Simulation<'a> {
 }
 
 impl<'a> Simulation<'a> {
-    /// `pile`: turned over, with all that is there at the beginning. `depth`: below it, engine units, bodies have fallen past all
-    /// of the scene.
+    /// `pile`: turned over, with all bodies of the beginning. `depth`: below it, engine units, bodies have fallen past
+    /// all of the scene.
     pub fn new(mut pile: Pile<'a>, guard: Guard, depth: Option<f64>, params: &Params) -> Result<Simulation<'a>, Error> {
         let events = Events::new(&mut pile, params)?;
         pile.recorder.restart(&pile.world);
@@ -96,7 +97,7 @@ impl<'a> Simulation<'a> {
         Ok(Simulation { pile, guard, events, show, depth, fallen: 0, top_speed: 0.0, moving: 0, seconds })
     }
 
-    /// Whether nothing is to happen any more by itself.
+    /// Whether no event and no end of the control is to come.
     pub fn is_left_alone(&self) -> bool {
         !self.pile.gentle_stop.is_under_way() && self.events.are_over()
     }
@@ -129,7 +130,7 @@ impl<'a> Simulation<'a> {
                 StepStage::Fallen => self.set_fallen_aside(),
                 StepStage::Breaking => self.break_overloaded(),
                 StepStage::Record => self.record(observer, stage),
-                StepStage::Progress => self.tell(observer, stage, &fraction)?,
+                StepStage::Progress => self.report_progress(observer, stage, &fraction)?,
             }
             let end = observer.cpu_seconds();
             self.seconds.add(step_stage, end - begin);
@@ -148,7 +149,7 @@ impl<'a> Simulation<'a> {
 
     fn control(&mut self) {
         let Pile { world, policy, control, step, .. } = &mut self.pile;
-        control.look_out(world, policy);
+        control.free_before_hits(world, policy);
         if control.is_due(*step) {
             control.cycle(world, policy);
         }
@@ -179,7 +180,7 @@ impl<'a> Simulation<'a> {
         self.show(observer, stage);
     }
 
-    fn tell(
+    fn report_progress(
         &mut self,
         observer: &mut dyn Observer,
         stage: Stage,

@@ -1,8 +1,8 @@
-//! The equilibrium problem of a whole pile, from what its bodies touch.
+//! The equilibrium problem of a whole pile, from its contact pairs.
 
 use crate::equilibrium::global::{GlobalBody, GlobalContact, GlobalProblem};
 use crate::equilibrium::glue::{self, GlueError, GlueProblem, GlueTouch};
-use crate::world::{BodyId, ContactPair, PairSide, World};
+use crate::world::{BodyId, ContactPair, ContactPoint, PairSide, World};
 use glam::DVec3;
 use std::ops::ControlFlow;
 
@@ -11,7 +11,7 @@ pub const REAL_CONTACT: f64 = 0.05;
 
 /// All bodies of a world that may move, and all contacts between them. Engine units.
 pub struct Whole {
-    /// The bodies, rising.
+    /// The bodies, ascending.
     pub ids: Vec<BodyId>,
     /// Shape `[body]`, in the order of `ids`.
     bodies: Vec<GlobalBody>,
@@ -20,8 +20,8 @@ pub struct Whole {
 }
 
 impl Whole {
-    /// The world as it stands. All contacts count, up to a gap of `gap` of the thinner body's thickness; what is pinned carries
-    /// like scenery. Where all is pinned, all is weighed as if it were let go.
+    /// The world as it stands. All contacts count, up to a gap of `gap` of the thinner body's thickness; pinned bodies
+    /// carry like scenery. Where all bodies are pinned, all count as if they were released.
     pub fn new(world: &World, gap: f64) -> Whole {
         let stands = |id: BodyId| world.bodies()[id].role.stands();
         let some_may_move = world.present().any(|id| !stands(id));
@@ -34,9 +34,9 @@ impl Whole {
         let index = |id: BodyId| ids.binary_search(&id).ok();
         let mut all: Vec<GlobalContact> = Vec::new();
         let mut touches = Vec::new();
-        for touch in &world.contact_pairs(gap) {
+        for pair in &world.contact_pairs(gap) {
             let from = all.len();
-            all.extend(contacts(touch, &index).into_iter().flatten());
+            all.extend(contacts(pair, &index).into_iter().flatten());
             touches.extend(all.get(from).map(|&GlobalContact { body, other, point, .. }| GlueTouch {
                 body,
                 other,
@@ -54,8 +54,8 @@ impl Whole {
         GlobalProblem { bodies: &self.bodies, contacts: &self.contacts, gravity: DVec3::NEG_Y }
     }
 
-    /// What contact forces leave unbalanced, in each body's weight, once none misses more than `enough` or no better ones are
-    /// found. Shape `[body]`, in the order of `ids`; and the iterations that took.
+    /// The imbalance that contact forces leave, in each body's weight, once no body misses more than `enough` or no
+    /// better forces are found. Shape `[body]`, in the order of `ids`; and the number of iterations.
     pub fn missing(
         &self,
         enough: f64,
@@ -67,28 +67,23 @@ impl Whole {
     }
 }
 
-/// The contacts of a touch; `None` between two things that do not move. `index`: of a body that may.
+/// The contacts of a pair; `None` between two things that do not move. `index`: of a body that may.
 pub fn contacts(
-    touch: &ContactPair,
+    pair: &ContactPair,
     index: &impl Fn(BodyId) -> Option<usize>,
 ) -> Option<impl Iterator<Item = GlobalContact>> {
-    let other = match touch.b {
+    let other = match pair.b {
         PairSide::Body(b) => index(b),
         PairSide::Ground | PairSide::Scenery | PairSide::Moving => None,
     };
     // Normals point into the first of the pair.
-    let (body, other, side) = match (index(touch.a), other) {
+    let (body, other, side) = match (index(pair.a), other) {
         (Some(body), other) => (body, other, 1.0),
         (None, Some(body)) => (body, None, -1.0),
         (None, None) => return None,
     };
-    let friction = touch.friction;
-    let contact = move |p: &crate::world::ContactPoint| GlobalContact {
-        body,
-        other,
-        point: p.point,
-        normal: side * p.normal,
-        friction,
-    };
-    Some(touch.points.iter().map(contact))
+    let friction = pair.friction;
+    let contact =
+        move |p: &ContactPoint| GlobalContact { body, other, point: p.point, normal: side * p.normal, friction };
+    Some(pair.points.iter().map(contact))
 }

@@ -1,4 +1,4 @@
-//! What each collider belongs to: kept in the collider's user data.
+//! The owner of each collider, kept in the collider's user data.
 
 use rapier3d::prelude::*;
 
@@ -8,7 +8,7 @@ pub type BodyId = usize;
 /// Index of a piece of moving scenery, in the order of insertion.
 pub type MovingId = usize;
 
-/// What a collider belongs to.
+/// The owner of a collider.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Owner {
     Ground,

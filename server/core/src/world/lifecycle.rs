@@ -1,10 +1,7 @@
 //! How bodies come and go.
 
-use super::World;
-use super::bodies::{BodySize, Insertion, Role, WorldBody, scaled};
-use super::colliders::{BodyId, INSIDE, Owner};
-use super::settings;
-use super::units::to_engine;
+use super::colliders::{INSIDE, Owner};
+use super::{BodyId, BodySize, Insertion, Role, World, WorldBody, bodies::scaled, settings, units::to_engine};
 use crate::prepare::shape::Shape;
 use rapier3d::prelude::*;
 

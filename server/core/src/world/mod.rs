@@ -1,7 +1,8 @@
 //! The physics world: the only owner of the engine.
 //!
-//! [`World`] holds the engine (rapier) and, beside it, a record of each body: its role, its size, and which rigid body of the engine
-//! carries it. A body alone is carried by its own rigid body; bodies that are glued to each other by that of their cluster:
+//! [`World`] holds the engine (rapier) and, beside it, a record of each body: its role, its size, and which rigid body
+//! of the engine carries it. A body alone is carried by its own rigid body; bodies that are glued to each other by that
+//! of their cluster:
 //!
 //! ```text
 //!   bodies      0      1      2      3        records: role, size, friction
@@ -11,9 +12,9 @@
 //!   colliders   0      1      2      3        shapes; the user data names the owner
 //! ```
 //!
-//! Everything in here is in engine units: length d (the median prop diameter), time sqrt(d / g) (the characteristic time), mass that
-//! of the median prop. Gravity is then 1, and the engine sees the same numbers for a pile of rice as for one of logs. [`Units`] is
-//! the one place of the conversion.
+//! Everything in here is in engine units: length d (the median prop diameter), time sqrt(d / g) (the characteristic
+//! time), mass that of the median prop. Gravity is then 1, and the engine sees the same numbers for a pile of rice as
+//! for one of logs. [`Units`] is the one place of the conversion.
 //!
 //! One step ([`World::step`]), in this order:
 //!
@@ -25,11 +26,13 @@
 //! 6. A pile that bobs gets more substeps (`corrections::bobbing`).
 //! 7. Debug builds hold the invariants (`validation`).
 //!
-//! The modules, lowest first; none imports, or calls on the world, one that is behind it (`tests/architecture/layers.rs` holds that):
+//! The modules, lowest first; none imports, or calls on the world, one that is behind it
+//! (`tests/architecture/layers.rs` holds that):
 //!
-//! - `units`, `colliders` (what a collider belongs to), `manifold` (contact points of convex polyhedra), `settings` of the engine
-//! - `bodies`: records, poses, velocities, and what may be changed of a body
-//! - `corrections`: what is added to the engine's step; they know the engine and the bodies, not the world
+//! - `units`, `colliders` (their owners), `manifold` (contact points of convex polyhedra), `settings` of
+//!   the engine
+//! - `bodies`: records, poses, velocities, and the changes that a body may undergo
+//! - `corrections`: additions to the engine's step; they know the engine and the bodies, not the world
 //! - `scenery`: ground, container, scenery
 //! - `contacts`: contact pairs, free places, coming hits
 //! - `joints`: clusters and nails

@@ -1,8 +1,8 @@
-//! Things that bodies meet and do not move: the ground, the container, and scenery that stands still or is moved from outside.
+//! Things that bodies meet and do not move: the ground, the container, and scenery that stands still or is moved from
+//! outside.
 
-use super::World;
-use super::colliders::{MovingId, OUTSIDE, Owner};
-use super::units::to_engine;
+use super::colliders::{OUTSIDE, Owner};
+use super::{MovingId, World, units::to_engine};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use glam::DVec3;
@@ -55,8 +55,9 @@ impl World {
         Ok(WallId(around))
     }
 
-    /// Adds a collider that all bodies are near to, in the engine's order behind `bodies` of them. The engine finds a pair by a walk
-    /// along all pairs of the collider that comes first: were that a wall, N bodies would take N^2 steps.
+    /// Adds a collider that all bodies are near to, in the engine's order behind `bodies` of them. The engine finds a
+    /// pair by a walk along all pairs of the collider that comes first: were that a wall, N bodies would take N^2
+    /// steps.
     pub fn add_behind<T>(&mut self, bodies: usize, add: impl FnOnce(&mut World) -> T) -> T {
         let nothing = ColliderBuilder::ball(1e-3).enabled(false);
         let places: Vec<_> = (0..bodies).map(|_| self.engine.insert_collider(nothing.clone(), None)).collect();

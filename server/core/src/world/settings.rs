@@ -3,39 +3,38 @@
 use super::manifold::{Manifolds, SOLVED};
 use super::units::Units;
 use crate::input::params::{FrictionModel, Physics, Switch};
-use rapier3d::prelude::{
-    IntegrationParameters, NarrowPhase, PhysicsWorld, RigidBody, RigidBodyActivation, SpringCoefficients, Vector,
-};
+use rapier3d::prelude::{IntegrationParameters, NarrowPhase, PhysicsWorld, RigidBody, SpringCoefficients, Vector};
 use std::sync::Arc;
 
 /// Contacts are predicted up to this distance: the engine's own choice for objects of its unit size.
 const PREDICTION: f64 = 0.02;
 /// [`PREDICTION`] holds where the thinnest body is this thick.
 const USUAL_THICKNESS: f64 = 0.1;
-/// Where the thinnest body is thinner, contacts are predicted up to this many times as far: the rim of a plate that turns over is
-/// soon on its other side.
+/// Where the thinnest body is thinner, contacts are predicted up to this many times as far: the rim of a plate that
+/// turns over is soon on its other side.
 const FARTHER: f64 = 2.5;
-/// The boxes by which the engine finds pairs are larger than the bodies by this share of the smallest thickness: with less, they
-/// are rebuilt too often; with more, the engine keeps pairs that are far apart.
+/// The boxes by which the engine finds pairs are larger than the bodies by this share of the smallest thickness: with
+/// less, they are rebuilt too often; with more, the engine keeps pairs that are far apart.
 const BOX_MARGIN: f64 = 0.1;
-/// What the engine (rapier 0.36.1) adds to the boxes itself, in its length unit.
+/// The margin that the engine (rapier 0.36.1) adds to the boxes itself, in its length unit.
 const ENGINE_MARGIN: f64 = 0.04;
-/// Overlap that is left as it is: the engine's own choice for objects of its unit size.
+/// Overlap that is not pushed apart: the engine's own choice for objects of its unit size.
 const ALLOWED_OVERLAP: f64 = 0.005;
-/// Top speed at which overlapping bodies are pushed apart: slower than a fall from one diameter, so that nothing bursts.
+/// Top speed at which overlapping bodies are pushed apart: slower than a fall from one diameter, so that nothing
+/// bursts.
 const PUSH_OUT_SPEED: f64 = 0.35;
 /// Top speed of a body: a fall from 5,000 diameters.
 const MAX_SPEED: f64 = 100.0;
-/// Contacts are kept unchanged until a pair has moved by this share of the smallest thickness: with more, a verdict reads contacts
-/// that are gone; with less, small towers creep.
+/// Contacts are kept unchanged until a pair has moved by this share of the smallest thickness: with more, a verdict
+/// reads contacts that are gone; with less, small towers creep.
 const RECYCLE_SHARE: f64 = 0.05;
 /// Upper bound of that distance: beyond it, a body hovers visibly above its support.
 const MAX_RECYCLE: f64 = 1.0 / 200.0;
 /// An island sleeps when all its bodies have been slower than this for [`SLEEP_TIME`].
 const SLEEP_SPEED: f64 = 0.03;
 const SLEEP_TIME: f64 = 1.5;
-/// A nail is a spring of this natural frequency, critically damped: the engine's rigid default spikes by three orders of magnitude
-/// over the load and breaks nails that carry nothing.
+/// A nail is a spring of this natural frequency, critically damped: the engine's rigid default spikes by three orders
+/// of magnitude over the load and breaks nails that carry nothing.
 const NAIL_FREQUENCY: f64 = 64.0;
 /// While overlaps are removed, contact springs are so stiff and so damped that about half of an overlap goes in a step.
 const PROJECTION_FREQUENCY: f64 = 60.0;
@@ -80,8 +79,8 @@ fn prediction(thickness: f64) -> f64 {
     PREDICTION * (USUAL_THICKNESS / thickness).clamp(1.0, FARTHER)
 }
 
-/// As many threads as the caller has, for one world alone: within a step the engine's threads wait for each other, so that two
-/// worlds that share them may wait forever. `None`: the caller's thread does all the work.
+/// As many threads as the caller has, for one world alone: within a step the engine's threads wait for each other, so
+/// that two worlds that share them may wait forever. `None`: the caller's thread does all the work.
 fn threads() -> Option<Arc<rayon::ThreadPool>> {
     let count = rayon::current_num_threads();
     let several = (count > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(count));
@@ -103,7 +102,7 @@ pub fn set_projection(p: &mut IntegrationParameters) {
 
 /// When a body may fall asleep. `length_unit`: the engine's.
 pub fn set_sleep(body: &mut RigidBody, length_unit: f32) {
-    let activation: &mut RigidBodyActivation = body.activation_mut();
+    let activation = body.activation_mut();
     activation.normalized_linear_threshold = SLEEP_SPEED as f32 / length_unit;
     activation.time_until_sleep = SLEEP_TIME as f32;
 }

@@ -1,8 +1,6 @@
 //! Invariants of the world, held by debug builds at the end of each step.
 
-use super::World;
-use super::bodies::{GlueCluster, Role, WorldBody};
-use super::colliders::Owner;
+use super::{Role, World, WorldBody, bodies::GlueCluster, colliders::Owner};
 use rapier3d::prelude::*;
 
 /// How far a collider may be from where its body's poses place it, engine units and radians: rounding.

@@ -1,5 +1,5 @@
-//! Who may be held at all, whatever the analysis of its contacts says: where the control acts, and what overlaps, is carried along,
-//! hangs or flies.
+//! Which bodies may be held at all, whatever the analysis of their contacts says: bodies outside the region, and those
+//! that overlap, are carried along, hang or fly, may not.
 
 use crate::geometry::contact;
 use crate::geometry::region::DistanceGrid;
@@ -7,16 +7,16 @@ use crate::world::{BodyId, ContactPair, PairSide, Role, World};
 use std::cell::Cell;
 use std::collections::BTreeSet;
 
-/// A centre of mass this far outside the region (in d) still counts as inside, as in `inside_fraction`.
+/// A center of mass this far outside the region (in d) still counts as inside, as in `inside_fraction`.
 const REGION_TOLERANCE: f64 = 0.1;
-/// Bodies placed by hand overlap if by more than this share of the thinner one's thickness: as much as a contact may gape.
+/// Bodies placed by hand overlap beyond this share of the thinner one's thickness: the widest gap of a contact.
 const MOST_OVERLAP: f64 = 0.05;
-/// What is deeper in another body, or in the ground, is not held there, however it came there: a hard fall, or a squeeze. The
-/// fill leaves less than this.
+/// A body that is deeper in another one, or in the ground, than this share is not held, be it by a hard fall or by a
+/// squeeze. The fill leaves less than this.
 const DEEP: f64 = 0.35;
 
 pub struct Eligibility<'a> {
-    /// Bodies whose centre of mass is outside are never controlled; `None`: the control acts everywhere. Engine units.
+    /// Bodies whose center of mass is outside are never controlled; `None`: the control acts everywhere. Engine units.
     region: Option<&'a DistanceGrid>,
     region_tests: Cell<u64>,
     /// Bodies that were dropped or thrown: not damped while they touch nothing.
@@ -40,7 +40,7 @@ impl<'a> Eligibility<'a> {
         self.placed.insert(id);
     }
 
-    /// How often it was asked whether a body is inside the region.
+    /// Tests so far of whether a body is inside the region.
     pub fn region_tests(&self) -> u64 {
         self.region_tests.get()
     }
@@ -52,29 +52,29 @@ impl<'a> Eligibility<'a> {
     }
 
     /// Bodies that may not be held now, whatever their contacts say. Shape `[body]`; empty where there are none.
-    pub fn barred(&mut self, world: &World, touches: &[ContactPair]) -> Vec<bool> {
-        let mut barred = carried(world, touches);
-        let sunk = overlapping(world, touches, DEEP);
+    pub fn barred(&mut self, world: &World, pairs: &[ContactPair]) -> Vec<bool> {
+        let mut barred = carried(world, pairs);
+        let sunk = overlapping(world, pairs, DEEP);
         if self.placed.is_empty() && sunk.is_empty() {
             return barred;
         }
         barred.resize(world.bodies().len(), false);
         sunk.into_iter().for_each(|id| barred[id] = true);
         if !self.placed.is_empty() {
-            // Those of the overlapping ones that still do; once apart, a body is like all others.
-            let deep = overlapping(world, touches, MOST_OVERLAP);
+            // Those that still overlap; once apart, a body is like all others.
+            let deep = overlapping(world, pairs, MOST_OVERLAP);
             self.placed.retain(|id| deep.contains(id) || world.bodies()[*id].role == Role::Waiting);
             self.placed.iter().for_each(|&id| barred[id] = true);
         }
         barred
     }
 
-    /// Bodies slower than `speed` that no chain of contacts from below joins to the ground, rising. They are jammed between their
-    /// sides, as no pile that fell into place would have it: the fill squeezed them in there.
-    pub fn hanging(&self, world: &World, touches: &[ContactPair], speed: f64) -> Vec<BodyId> {
+    /// Bodies slower than `speed` that no chain of contacts from below joins to the ground, ascending. They are jammed
+    /// between their neighbors, which never happens to a pile that fell into place: the fill squeezed them in.
+    pub fn hanging(&self, world: &World, pairs: &[ContactPair], speed: f64) -> Vec<BodyId> {
         let waits = |id: BodyId| world.bodies()[id].role == Role::Waiting;
         let released = |t: &&ContactPair| !waits(t.a) && !matches!(t.b, PairSide::Body(b) if waits(b));
-        let contacts: Vec<_> = touches.iter().filter(released).flat_map(|t| t.bearings(world)).collect();
+        let contacts: Vec<_> = pairs.iter().filter(released).flat_map(|t| t.bearings(world)).collect();
         let slow = |id: BodyId| {
             let free = world.bodies()[id].role == Role::Free && world.speed(id) < speed;
             (free || world.bodies()[id].role == Role::Frozen) && self.is_inside(world, id)
@@ -85,9 +85,9 @@ impl<'a> Eligibility<'a> {
     }
 
     /// Dropped bodies that touch nothing.
-    pub fn flying(&self, touches: &[ContactPair]) -> BTreeSet<BodyId> {
+    pub fn flying(&self, pairs: &[ContactPair]) -> BTreeSet<BodyId> {
         let mut flying = self.dropped.clone();
-        for t in touches {
+        for t in pairs {
             flying.remove(&t.a);
             if let PairSide::Body(b) = t.b {
                 flying.remove(&b);
@@ -102,37 +102,37 @@ pub fn is_inside(region: &DistanceGrid, world: &World, id: BodyId) -> bool {
     region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE
 }
 
-/// Bodies that moving scenery carries or pushes, directly or through others: they move with it. Shape `[body]`; empty
+/// Bodies that moving scenery carries or pushes, directly or through others: they move along. Shape `[body]`; empty
 /// where none moves.
-fn carried(world: &World, touches: &[ContactPair]) -> Vec<bool> {
+fn carried(world: &World, pairs: &[ContactPair]) -> Vec<bool> {
     if !world.scenery_moves() {
         return Vec::new();
     }
     let mut carried = vec![false; world.bodies().len()];
-    let joined = joined(world, touches);
-    let mut front: Vec<BodyId> = touches.iter().filter(|t| t.b == PairSide::Moving).map(|t| t.a).collect();
+    let neighbors = neighbors(world, pairs);
+    let mut front: Vec<BodyId> = pairs.iter().filter(|t| t.b == PairSide::Moving).map(|t| t.a).collect();
     while let Some(id) = front.pop() {
         if !std::mem::replace(&mut carried[id], true) {
-            front.extend(&joined[id]);
+            front.extend(&neighbors[id]);
         }
     }
     carried
 }
 
 /// Bodies deeper in something else than this share of the thinner one's thickness.
-fn overlapping(world: &World, touches: &[ContactPair], share: f64) -> BTreeSet<BodyId> {
-    let deep = touches.iter().filter(|t| t.depth() > share * world.pair_thickness(t));
+fn overlapping(world: &World, pairs: &[ContactPair], share: f64) -> BTreeSet<BodyId> {
+    let deep = pairs.iter().filter(|t| t.depth() > share * world.pair_thickness(t));
     deep.flat_map(|t| [Some(t.a), if let PairSide::Body(b) = t.b { Some(b) } else { None }]).flatten().collect()
 }
 
-/// The bodies that each body touches. Shape `[body]`, each in order of the touches.
-pub fn joined(world: &World, touches: &[ContactPair]) -> Vec<Vec<BodyId>> {
-    let mut joined = vec![Vec::new(); world.bodies().len()];
-    for t in touches {
+/// The bodies in contact with each body. Shape `[body]`, each in order of the pairs.
+pub fn neighbors(world: &World, pairs: &[ContactPair]) -> Vec<Vec<BodyId>> {
+    let mut neighbors = vec![Vec::new(); world.bodies().len()];
+    for t in pairs {
         if let PairSide::Body(b) = t.b {
-            joined[t.a].push(b);
-            joined[b].push(t.a);
+            neighbors[t.a].push(b);
+            neighbors[b].push(t.a);
         }
     }
-    joined
+    neighbors
 }

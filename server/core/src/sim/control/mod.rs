@@ -1,17 +1,18 @@
-//! The control (paper, 3): each cycle analyses the local equilibrium of the bodies, finds candidates among them, and supports those
-//! until the next verdict.
+//! The control (paper, 3): each cycle analyses the local equilibrium of the bodies, finds candidates among them, and
+//! supports those until the next verdict.
 //!
-//! `analysis` judges bodies, `eligibility` says who is judged at all, `support` holds, `impact` lets go what is about to be hit.
+//! `analysis` judges bodies, `eligibility` chooses the bodies to judge, `support` holds, `impact` frees bodies that are
+//! about to be hit.
 
 mod analysis;
+mod counters;
 mod eligibility;
 mod impact;
 mod state;
 pub mod support;
-mod tally;
 
+pub use counters::{BodyProblem, ControlCounters};
 pub use eligibility::is_inside;
-pub use tally::{BodyProblem, ControlCounters};
 
 use super::policy::Policy;
 use crate::geometry::region::DistanceGrid;
@@ -23,16 +24,16 @@ use eligibility::Eligibility;
 use impact::Impact;
 use support::{Lifetime, Support, Verdicts};
 
-/// Late in the hold slow bodies are damped this many times as much. What lacks support still falls, at 1/20 of d per natural time:
-/// five times what counts as rest.
+/// Late in the hold slow bodies are damped this many times as much. A body without support still falls, at 1/20 of d
+/// per characteristic time: five times the speed of rest.
 const LATE_DAMPING: f64 = 3.0;
 
 /// The control and its memory.
 pub struct Control<'a> {
     params: &'a ControlParams,
-    /// What is about to be hit is let go before.
-    looks_out: bool,
-    /// What carries too much lets go.
+    /// Bodies are freed before they are hit.
+    frees_before_hits: bool,
+    /// Supports that carry too much break.
     breaks: bool,
     /// Force per mass at which a support breaks, in weights.
     break_limit: f64,
@@ -41,13 +42,13 @@ pub struct Control<'a> {
     impact: Impact,
     /// `None`: the control is off.
     support: Option<Box<dyn Support>>,
-    tally: ControlCounters,
+    counters: ControlCounters,
     /// It has ended for good.
     ended: bool,
 }
 
 impl<'a> Control<'a> {
-    /// `region` in engine units; `None`: the control acts everywhere. `step_length`: natural times.
+    /// `region` in engine units; `None`: the control acts everywhere. `step_length`: characteristic times.
     pub fn new(
         params: &'a ControlParams,
         resolved: &Resolved,
@@ -58,14 +59,14 @@ impl<'a> Control<'a> {
     ) -> Control<'a> {
         Control {
             params,
-            looks_out: resolved.is_on(EffectName::Impact),
+            frees_before_hits: resolved.is_on(EffectName::Impact),
             breaks: resolved.is_on(EffectName::Breaking),
             break_limit: params.break_limit(gravity),
             analysis: Analysis::new(params, resolved.is_on(EffectName::KeptVerdicts)),
             eligibility: Eligibility::new(region.filter(|_| resolved.is_on(EffectName::Region))),
             impact: Impact::new(f64::from(params.period) * step_length),
             support: support::of(params, seed).filter(|_| resolved.is_on(EffectName::Control)),
-            tally: ControlCounters::default(),
+            counters: ControlCounters::default(),
             ended: false,
         }
     }
@@ -89,9 +90,9 @@ impl<'a> Control<'a> {
         self.eligibility.place(id);
     }
 
-    /// A waiting body is let go: it may move now, and counts as a support.
+    /// A waiting body is released: it may move now, and counts as a support.
     pub fn release(&mut self, id: BodyId) {
-        self.analysis.stir(id);
+        self.analysis.mark_moved(id);
     }
 
     /// Bodies that passed the latest cycle.
@@ -99,14 +100,13 @@ impl<'a> Control<'a> {
         &self.analysis.candidates
     }
 
-    /// What it has done so far.
     pub fn counters(&self) -> ControlCounters {
         ControlCounters {
             region_tests: self.eligibility.region_tests(),
             impact_looks: self.impact.looks,
             shaken: self.impact.count,
             undecided: self.analysis.undecided(),
-            ..self.tally
+            ..self.counters
         }
     }
 
@@ -116,49 +116,49 @@ impl<'a> Control<'a> {
         self.analysis.problems(world)
     }
 
-    /// Before each step: lets go what is about to be hit.
-    pub fn look_out(&mut self, world: &mut World, policy: &mut Policy) {
-        if !self.looks_out || !self.is_on() {
+    /// Before each step: frees the bodies that are about to be hit.
+    pub fn free_before_hits(&mut self, world: &mut World, policy: &mut Policy) {
+        if !self.frees_before_hits || !self.is_on() {
             return;
         }
-        let freed = self.impact.look(world, policy, &self.analysis.touches, self.tally.cycles);
-        freed.into_iter().for_each(|id| self.analysis.stir(id));
+        let freed = self.impact.free_before_hits(world, policy, &self.analysis.pairs, self.counters.cycles);
+        freed.into_iter().for_each(|id| self.analysis.mark_moved(id));
     }
 
-    /// One cycle: everything that was held is judged anew.
+    /// One cycle: each held body is judged again.
     pub fn cycle(&mut self, world: &mut World, policy: &mut Policy) {
         let Some(support) = &mut self.support else { return };
-        self.tally.cycles += 1;
+        self.counters.cycles += 1;
         if support.lifetime() == Lifetime::Cycle {
             support.lift(world, policy);
         }
-        let touches = self.analysis.touch(world);
-        let barred = self.eligibility.barred(world, &touches);
-        self.analysis.judge_all(world, &touches, &barred, &self.eligibility, &mut self.tally);
-        let hanging = self.eligibility.hanging(world, &touches, self.params.speed);
+        let pairs = self.analysis.contact_pairs(world);
+        let barred = self.eligibility.barred(world, &pairs);
+        self.analysis.judge_all(world, &pairs, &barred, &self.eligibility, &mut self.counters);
+        let hanging = self.eligibility.hanging(world, &pairs, self.params.speed);
         hanging.iter().for_each(|&id| self.analysis.candidates[id] = false);
         let verdicts = Verdicts {
-            cycle: self.tally.cycles,
-            touches: &touches,
+            cycle: self.counters.cycles,
+            pairs: &pairs,
             candidates: &self.analysis.candidates,
             shaken: &self.impact.shaken,
         };
-        support.place(&verdicts, world, policy, &mut self.tally);
-        self.damp(world, policy, &touches);
-        self.tally.unjammed += hanging.len() as u64;
+        support.place(&verdicts, world, policy, &mut self.counters);
+        self.damp(world, policy, &pairs);
+        self.counters.unjammed += hanging.len() as u64;
         policy.unjam(world, &hanging);
-        self.analysis.note(world, touches);
+        self.analysis.remember(world, pairs);
     }
 
-    /// After each step: what carries more than kappa allows lets go.
+    /// After each step: supports that carry more than kappa allows break.
     pub fn break_overloaded(&mut self, world: &mut World, policy: &mut Policy) {
         if !self.is_on() || !self.breaks {
             return;
         }
         let Some(support) = &mut self.support else { return };
-        self.tally.break_checks += 1;
-        let freed = support.break_overloaded(self.break_limit, world, policy, &mut self.tally);
-        freed.into_iter().for_each(|id| self.analysis.stir(id));
+        self.counters.break_checks += 1;
+        let freed = support.break_overloaded(self.break_limit, world, policy, &mut self.counters);
+        freed.into_iter().for_each(|id| self.analysis.mark_moved(id));
     }
 
     /// Ends the control: nothing is held, damped or slippery any more.
@@ -170,19 +170,19 @@ impl<'a> Control<'a> {
         }
     }
 
-    /// Slow bodies that are not candidates lose speed, so that near contacts close gently and rest can be candidates;
-    /// a falling body falls.
-    fn damp(&self, world: &World, policy: &mut Policy, touches: &[ContactPair]) {
+    /// Slow bodies that are not candidates lose speed, so that near contacts close gently and resting bodies become
+    /// candidates; a falling body falls.
+    fn damp(&self, world: &World, policy: &mut Policy, pairs: &[ContactPair]) {
         if self.params.damping == 0.0 {
             return;
         }
-        let flying = self.eligibility.flying(touches);
+        let flying = self.eligibility.flying(pairs);
         let quiet = policy.quiet();
         let slowly = if quiet.is_some() { LATE_DAMPING } else { 1.0 } * self.params.damping;
         for id in (0..world.bodies().len()).filter(|&id| world.bodies()[id].role == Role::Free) {
             let judged = quiet.is_some() || self.eligibility.is_inside(world, id);
             let damping = match world.speed(id) < self.params.speed {
-                _ if !judged || self.impact.is_shaken(id, self.tally.cycles) || flying.contains(&id) => 0.0,
+                _ if !judged || self.impact.is_shaken(id, self.counters.cycles) || flying.contains(&id) => 0.0,
                 true => slowly,
                 false => quiet.unwrap_or(0.0),
             };

@@ -1,4 +1,4 @@
-//! What the control makes of each body, for those who watch. Nothing depends on it.
+//! The state of each body under the control, for observers. Nothing depends on it.
 
 use super::Control;
 use crate::input::observer::State;
@@ -13,7 +13,7 @@ impl Control<'_> {
         let state = |(id, body): (usize, &WorldBody)| match body.role {
             Role::Anchored => State::Anchored,
             Role::Waiting | Role::Free if world.cluster_of(id).is_some() => State::Glued,
-            // Nobody judges.
+            // There is no verdict.
             _ if self.support.is_none() => State::Free,
             Role::Waiting => State::Waiting,
             Role::Pinned => State::Pinned,

@@ -1,11 +1,9 @@
-//! What may be changed of a body: its place, its size, its mass, and how it is treated.
+//! Changes of a body: its place, its size, its mass, and how it is treated.
 
 use super::{BodySize, Role, scaled};
 use crate::geometry::pose;
 use crate::prepare::shape::Shape;
-use crate::world::World;
-use crate::world::colliders::{BodyId, OUTSIDE};
-use crate::world::units::to_engine;
+use crate::world::{BodyId, World, colliders::OUTSIDE, units::to_engine};
 use glam::DVec3;
 use rapier3d::prelude::*;
 
@@ -43,7 +41,7 @@ impl World {
         }
     }
 
-    /// Gives a body another scale, about its centre of mass.
+    /// Gives a body another scale, about its center of mass.
     pub fn rescale(&mut self, id: BodyId, shape: &Shape, scale: f64) {
         let length = 1.0 / self.units.length;
         let (carrier, collider) = (self.bodies[id].carrier, self.bodies[id].collider);
@@ -69,7 +67,8 @@ impl World {
         self.engine.colliders[self.bodies[id].collider].set_collision_groups(groups);
     }
 
-    /// Changes the role of a body and of all that are glued to it; a body that starts or stops moving does so from rest.
+    /// Changes the role of a body and of all that are glued to it; a body that starts or stops moving does so from
+    /// rest.
     pub fn set_role(&mut self, id: BodyId, role: Role) {
         if self.bodies[id].role == role {
             return;
@@ -96,14 +95,19 @@ impl World {
         }
     }
 
+    /// Damping of a body, per characteristic time; `None` where another body of its cluster leads.
+    pub fn damping(&self, id: BodyId) -> Option<f32> {
+        self.bodies.leads(id).then(|| self.engine.bodies[self.bodies[id].carrier].linear_damping())
+    }
+
     pub fn set_friction(&mut self, id: BodyId, friction: f64) {
         self.bodies[id].friction = friction;
         let collider = &mut self.engine.colliders[self.bodies[id].collider];
         change_friction(collider, friction, CoefficientCombineRule::Average);
     }
 
-    /// Lets a body slide off whatever it touches without friction, or ends that. The material stays what it is, and contact pairs
-    /// go on to have its friction.
+    /// Lets a body slide off whatever it touches without friction, or ends that. The material stays what it is, and
+    /// contact pairs go on to have its friction.
     pub fn set_slippery(&mut self, id: BodyId, slippery: bool) {
         let body = &self.bodies[id];
         let (friction, rule) = match slippery {
@@ -117,6 +121,11 @@ impl World {
         if slippery {
             self.engine.bodies[body.carrier].wake_up(true);
         }
+    }
+
+    /// Whether [`World::set_slippery`] holds.
+    pub fn is_slippery(&self, id: BodyId) -> bool {
+        self.engine.colliders[self.bodies[id].collider].friction_combine_rule() == CoefficientCombineRule::Min
     }
 
     /// A body is awake from now on, and never sleeps again.

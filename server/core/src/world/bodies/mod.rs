@@ -1,12 +1,11 @@
-//! Bodies: what each is, what carries it, and which bodies are glued to each other.
+//! Bodies: their records, their carriers, and which bodies are glued to each other.
 
 mod changes;
 mod motion;
 
 pub use motion::Momentum;
 
-use super::colliders::BodyId;
-use super::units::Units;
+use super::{BodyId, units::Units};
 use crate::geometry::pose::Pose;
 use crate::prepare::shape::Shape;
 use rapier3d::math::Pose as EnginePose;
@@ -16,7 +15,7 @@ use std::ops::{Index, IndexMut};
 /// Index of a cluster, in the order of gluing; never reused.
 pub type ClusterId = usize;
 
-/// What a body is doing.
+/// The part that a body plays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Not yet released: it stays where it is.
@@ -64,7 +63,7 @@ pub struct WorldBody {
     pub scale: f64,
     pub role: Role,
     pub mass: f64,
-    /// Of the sphere about the centre of mass.
+    /// Of the sphere about the center of mass.
     pub radius: f64,
     /// Smallest extent.
     pub thickness: f64,
@@ -95,7 +94,7 @@ pub(super) struct GlueCluster {
 #[derive(Clone, Copy, Debug)]
 pub struct BodySize {
     pub mass: f64,
-    /// Of the sphere about the centre of mass.
+    /// Of the sphere about the center of mass.
     pub radius: f64,
     /// Smallest of the members.
     pub thickness: f64,
@@ -162,7 +161,8 @@ impl Bodies {
         self.cluster(id).map_or(std::slice::from_ref(&self[id].id), |cluster| &cluster.members)
     }
 
-    /// Whether it is the first of the bodies that move as one: it stands for all of them where each rigid body counts once.
+    /// Whether it is the first of the bodies that move as one: it stands for all of them where each rigid body counts
+    /// once.
     pub fn leads(&self, id: BodyId) -> bool {
         self.cluster(id).is_none_or(|cluster| cluster.members[0] == id)
     }

@@ -2,12 +2,10 @@
 
 use super::{BodySize, ClusterId, Role, WorldBody};
 use crate::geometry::pose::Pose;
-use crate::world::World;
-use crate::world::colliders::BodyId;
-use crate::world::units::from_engine;
+use crate::world::{BodyId, World, units::from_engine};
 use glam::{DMat3, DVec3};
 
-/// Momentum and angular momentum about the centre of mass, engine units.
+/// Momentum and angular momentum about the center of mass, engine units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Momentum {
     pub linear: DVec3,
@@ -43,7 +41,7 @@ impl World {
         ids.map(bottom).fold(f64::INFINITY, f64::min)
     }
 
-    /// Velocity of the centre of mass, engine units.
+    /// Velocity of the center of mass, engine units.
     pub fn velocity(&self, id: BodyId) -> DVec3 {
         let rigid = &self.engine.bodies[self.bodies[id].carrier];
         if self.bodies[id].cluster.is_none() {
@@ -90,7 +88,7 @@ impl World {
         turn * matrix * turn.transpose()
     }
 
-    /// The same about another point than its centre of mass.
+    /// The same about another point than its center of mass.
     pub fn inertia_about(&self, id: BodyId, point: DVec3) -> DMat3 {
         let arm = self.pose(id).translation - point;
         let spread = DMat3::from_diagonal(DVec3::splat(arm.length_squared()))

@@ -2,9 +2,7 @@
 
 use crate::geometry::pose::Pose;
 use crate::prepare::shape::Shape;
-use crate::world::World;
-use crate::world::colliders::{BodyId, Owner};
-use crate::world::units::to_engine;
+use crate::world::{BodyId, World, colliders::Owner, units::to_engine};
 use rapier3d::math::Pose as EnginePose;
 use rapier3d::parry::partitioning::Bvh;
 use rapier3d::parry::query::intersection_test;
@@ -25,8 +23,8 @@ impl Claims {
 }
 
 impl World {
-    /// The places of these bodies, which were inserted since the last [`World::zero_step`] or step: the spatial index does not
-    /// know them.
+    /// The places of these bodies, which were inserted since the last [`World::zero_step`] or step: the spatial index
+    /// does not know them.
     pub fn claims(&self, newest: impl IntoIterator<Item = BodyId>) -> Claims {
         let mut claims = Claims::default();
         for id in newest {
@@ -36,8 +34,8 @@ impl World {
         claims
     }
 
-    /// Whether a shape placed here would be free of bodies, scenery, the ground (not of containers) and claimed places. If so, its
-    /// place is claimed.
+    /// Whether a shape placed here would be free of bodies, scenery, the ground (not of containers) and claimed places.
+    /// If so, its place is claimed.
     pub fn claim(&self, shape: &Shape, scale: f64, pose: &Pose, claims: &mut Claims) -> bool {
         let Some((place, solid)) = shape.collider(scale / self.units.length) else { return false };
         let at = to_engine(pose) * place;

@@ -1,9 +1,7 @@
 //! Coming hits: a held body must be free before it is hit, or it would stop the other like a wall.
 
 use super::{PairSide, STALE_INDEX};
-use crate::world::World;
-use crate::world::bodies::Role;
-use crate::world::colliders::BodyId;
+use crate::world::{BodyId, Role, World};
 use glam::DVec3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query;

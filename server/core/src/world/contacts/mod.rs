@@ -8,8 +8,7 @@ mod pairs;
 pub use claims::Claims;
 pub use hits::ComingHit;
 
-use super::World;
-use super::colliders::{BodyId, Owner};
+use super::{BodyId, World, colliders::Owner};
 use crate::geometry::contact::{self, Bearing};
 use glam::DVec3;
 use rapier3d::parry::query::DefaultQueryDispatcher;
@@ -87,7 +86,7 @@ impl World {
         self.query().bvh.is_empty()
     }
 
-    /// What a collider is to a body that meets it; `None` for a container.
+    /// The side that a collider is in a contact pair; `None` for a container.
     fn side_of(&self, collider: &Collider) -> Option<PairSide> {
         match Owner::of(collider) {
             Owner::Container => None,
@@ -99,8 +98,8 @@ impl World {
         }
     }
 
-    /// The body that a collider is of. `None`, too, for one that has been removed since the last step: the engine's contacts
-    /// still name it.
+    /// The body that a collider is of. `None`, too, for one that has been removed since the last step: the engine's
+    /// contacts still name it.
     pub(super) fn body_of(&self, collider: ColliderHandle) -> Option<BodyId> {
         match Owner::of(self.engine.colliders.get(collider)?) {
             Owner::Body(id) => Some(id),

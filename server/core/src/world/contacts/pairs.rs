@@ -1,9 +1,8 @@
 //! Contact pairs of all bodies.
 
 use super::{ContactPair, ContactPoint, PairSide, STALE_INDEX};
-use crate::world::World;
-use crate::world::colliders::BodyId;
 use crate::world::manifold::{Manifolds, REPORTED};
+use crate::world::{BodyId, World};
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::{ContactManifold, ContactManifoldsWorkspace, PersistentQueryDispatcher};
 use rapier3d::prelude::{Collider, ColliderHandle};
@@ -19,8 +18,8 @@ impl World {
         self.contact_pairs_since(tolerance, &[], &[])
     }
 
-    /// The same, where `before` was the answer when the bodies marked in `still` (shape `[body]`) stood where they stand
-    /// now, or near enough: pairs of which neither has moved are taken from there.
+    /// The same, where `before` was the answer when the bodies marked in `still` (shape `[body]`) stood where they
+    /// stand now, or near enough: pairs of which neither has moved are taken from there.
     pub fn contact_pairs_since(&self, tolerance: f64, before: &[ContactPair], still: &[bool]) -> Vec<ContactPair> {
         let is_still = |id: BodyId| still.get(id).copied().unwrap_or(false);
         // Whether the other side of a still body's contact is still, too.
@@ -56,7 +55,8 @@ impl World {
         pairs
     }
 
-    /// Bodies with a gap of at most `tolerance` times their thickness to the ground or to scenery that stands still, in order.
+    /// Bodies with a gap of at most `tolerance` times their thickness to the ground or to scenery that stands still, in
+    /// order.
     pub fn static_contact_pairs(&self, tolerance: f64) -> Vec<ContactPair> {
         let mut pairs = Vec::new();
         for a in self.present() {
@@ -67,7 +67,7 @@ impl World {
         pairs
     }
 
-    /// Whatever may be within `tolerance` times its thickness of body `a`, in order.
+    /// Other colliders that may be within `tolerance` times its thickness of body `a`, in order.
     fn near(&self, a: BodyId, tolerance: f64) -> Vec<(PairSide, ColliderHandle)> {
         let collider = &self.engine.colliders[self.bodies[a].collider];
         let reach = tolerance * self.bodies[a].thickness;
@@ -79,8 +79,8 @@ impl World {
         near
     }
 
-    /// The contact of body `a` with another collider; `None` where the gap is wider than `tolerance` times the thinner one's
-    /// thickness.
+    /// The contact of body `a` with another collider; `None` where the gap is wider than `tolerance` times the thinner
+    /// one's thickness.
     fn pair(&self, a: BodyId, b: PairSide, other: ColliderHandle, tolerance: f64) -> Option<ContactPair> {
         let (first, second) = (&self.engine.colliders[self.bodies[a].collider], &self.engine.colliders[other]);
         let points = points(first, second, tolerance * self.thinner(a, b));

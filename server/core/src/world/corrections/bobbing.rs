@@ -1,6 +1,6 @@
-//! Tall piles that bob. In each substep, the solver carries weight down a pile by about one layer; where many regular layers lie on
-//! each other, the part that arrives late pushes too much, and the pile hops forever, and walks. More substeps calm it: how many it
-//! takes is found by watching it.
+//! Tall piles that bob. In each substep, the solver carries weight down a pile by about one layer; where many regular
+//! layers lie on each other, the part that arrives late pushes too much, and the pile hops forever, and walks. More
+//! substeps calm it: how many it takes is found by watching it.
 
 use super::WorldCounters;
 use crate::world::bodies::Bodies;
@@ -9,7 +9,7 @@ use rapier3d::prelude::PhysicsWorld;
 /// How the pile moves up and down.
 #[derive(Default)]
 pub struct Bobbing {
-    /// Else it is left as it is.
+    /// Whether bobbing is looked for at all.
     pub is_watched: bool,
     swing: Swing,
     /// Top speed of the swing before.

@@ -1,8 +1,8 @@
 //! Continuous collision: a fast body must neither pass through what it hits nor stop deep inside it.
 //!
-//! A body of one convex shape is swept along its path; the engine never sweeps two such bodies against each other, so that not all
-//! bodies may be. Several parts that are swept one by one jam in what they touch already: their contacts are found a step ahead
-//! instead (speculative contacts).
+//! A body of one convex shape is swept along its path; the engine never sweeps two such bodies against each other, so
+//! that not all bodies may be. Several parts that are swept one by one jam in what they touch already: their contacts
+//! are found a step ahead instead (speculative contacts).
 
 use super::WorldCounters;
 use crate::input::params::Switch;

@@ -1,6 +1,6 @@
-//! Bodies that creep must not fall asleep. The engine puts to sleep any body that has been slow for a while, and a block that begins
-//! to slide down a slope is slow: asleep, it would hang there as if glued. A body that moves to and fro without getting anywhere, as
-//! the engine's contacts let some bodies do forever, may sleep.
+//! Bodies that creep must not fall asleep. The engine puts to sleep any body that has been slow for a while, and a
+//! block that begins to slide down a slope is slow: asleep, it would hang there as if glued. A body that moves to and
+//! fro without getting anywhere, as the engine's contacts let some bodies do forever, may sleep.
 
 use super::WorldCounters;
 use crate::world::bodies::{Bodies, Role, WorldBody};
@@ -21,8 +21,8 @@ pub struct Creep {
 
 /// From one look to the next, characteristic times: less than half of the time after which an island sleeps.
 const WINDOW: f64 = 0.7;
-/// A body that has moved by more than this since the last look (its center, or its rim by turning; d) stays awake. A block
-/// whose slope is a tenth of a degree too steep moves farther by the second look; a body at rest does not.
+/// A body that has moved by more than this since the last look (its center, or its rim by turning; d) stays awake. A
+/// block whose slope is a tenth of a degree too steep moves farther by the second look; a body at rest does not.
 const CREEP: f64 = 0.001;
 /// Looks after which a body that creeps at that pace has moved by this many times as much.
 const LONG: u32 = 20;

@@ -1,12 +1,13 @@
-//! What is added to the engine's own step: continuous collision of fast bodies before it; resistance to rolling, no sleep for bodies
-//! that creep, and more substeps for piles that bob after it. Each knows the engine and the bodies, and nothing of the world above.
+//! Additions to the engine's own step: continuous collision of fast bodies before it; resistance to rolling, no
+//! sleep for bodies that creep, and more substeps for piles that bob after it. Each knows the engine and the bodies,
+//! and nothing of the world above.
 
 pub mod bobbing;
 pub mod ccd;
 pub mod creep;
 pub mod rolling;
 
-/// What the corrections have done so far: bodies, summed over the steps.
+/// Counts of the steps and their corrections: bodies, summed over the steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct WorldCounters {
     /// Bodies that the engine moved.

@@ -1,14 +1,13 @@
 //! Resistance to rolling and spinning. The engine has none: a ball on level ground would roll forever.
 //!
-//! Real bodies dent the surface on which they roll, and the force that carries them then acts a little ahead of their center: by a
-//! share of the radius, which is the coefficient of rolling resistance. Its torque stops a ball on level ground, and keeps
-//! it on a slope less steep than the coefficient.
+//! Real bodies dent the surface on which they roll, and the force that carries them then acts a little ahead of their
+//! center: by a share of the radius, which is the coefficient of rolling resistance. Its torque stops a ball on level
+//! ground, and keeps it on a slope less steep than the coefficient.
 
 use super::WorldCounters;
 use crate::input::params::{Physics, Switch};
 use crate::prepare::shape::Shape;
-use crate::world::bodies::Bodies;
-use crate::world::colliders::BodyId;
+use crate::world::{BodyId, bodies::Bodies};
 use rapier3d::prelude::*;
 
 /// The bodies that resist rolling.

@@ -1,16 +1,15 @@
 //! Clusters: bodies that are glued to each other move as one rigid body of the engine, with their mass and inertia.
 //!
-//! A body that joins a cluster lends it its collider; its own rigid body rests meanwhile. Joints in place of merging fight with the
-//! contacts within the cluster, and creep.
+//! A body that joins a cluster lends it its collider; its own rigid body rests meanwhile. Joints in place of merging
+//! fight with the contacts within the cluster, and creep.
 
-use crate::world::World;
-use crate::world::bodies::{BodySize, ClusterId, GlueCluster, Momentum, Role};
-use crate::world::colliders::BodyId;
+use crate::world::{BodyId, BodySize, ClusterId, Momentum, Role, World, bodies::GlueCluster};
 use glam::{DMat3, DVec3};
 use rapier3d::prelude::*;
 
 impl World {
-    /// Glues free-standing bodies to each other, ascending, at least two, of one role. They go on with their common momentum.
+    /// Glues free-standing bodies to each other, ascending, at least two, of one role. They go on with their common
+    /// momentum.
     pub fn glue(&mut self, members: &[BodyId]) -> ClusterId {
         let id = self.bodies.clusters.len();
         let mass: f64 = members.iter().map(|&id| self.bodies[id].mass).sum();

@@ -1,8 +1,6 @@
 //! Nails: breakable constraints between two bodies (paper, 3.3).
 
-use crate::world::World;
-use crate::world::colliders::BodyId;
-use crate::world::settings;
+use crate::world::{BodyId, World, settings};
 use glam::DVec3;
 use rapier3d::prelude::*;
 use std::collections::BTreeMap;

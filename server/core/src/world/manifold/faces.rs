@@ -18,11 +18,11 @@ const SAME_TURN: f32 = 0.999_847_7;
 const SAME_PLACE: f32 = 1e-6;
 /// The closest points are one of the others if they are no closer than those by more than this, engine units.
 const CLOSER: f32 = 1e-4;
-/// Where a mesh's edges bend the normal of a contact, points deeper than this many times the depth along the true one are
-/// no contacts of this pair.
+/// Where a mesh's edges bend the normal of a contact, points deeper than this many times the depth along the true one
+/// are no contacts of this pair.
 const BENT_DEPTH: f32 = 5.0;
-/// The normal of a face is as good as the direction between the closest points if the gap along it is no smaller by more than
-/// this, engine units: between faces nearer than [`NEAR`], that direction is all rounding.
+/// The normal of a face is as good as the direction between the closest points if the gap along it is no smaller by
+/// more than this, engine units: between faces nearer than [`NEAR`], that direction is all rounding.
 const SEPARATION_NOISE: f32 = 1e-5;
 const NEAR: f32 = 1e-3;
 
@@ -97,8 +97,8 @@ enum Nearest {
 }
 
 impl ConvexPair<'_> {
-    /// The engine's answer where the shapes' extents along its direction confirm it. Where they do not, as happens between
-    /// shapes that just touch, the answer for shapes a little farther apart.
+    /// The engine's answer where the shapes' extents along its direction confirm it. Where they do not, as happens
+    /// between shapes that just touch, the answer for shapes a little farther apart.
     fn nearest(&self, prediction: f32, guess: Option<Vector>) -> Nearest {
         let found = self.closest(self.pos12, prediction, guess);
         match found {

@@ -1,8 +1,8 @@
 //! Contact manifolds of convex polyhedra: the points at which they touch planes, boxes, triangles and each other.
 //!
-//! The engine knows a face by its first four corners, and a plane by one face at a time. So a disc would stand on a sliver
-//! of its rim, and a tilted stone would sink in by one corner until its face is the one most parallel to the ground, be
-//! pushed back, and rock for ever. Here every corner counts; everything else is the engine's.
+//! The engine knows a face by its first four corners, and a plane by one face at a time. So a disc would stand on a
+//! sliver of its rim, and a tilted stone would sink in by one corner until its face is the one most parallel to the
+//! ground, be pushed back, and rock for ever. Here every corner counts; everything else is the engine's.
 
 mod faces;
 mod plane;
@@ -22,8 +22,8 @@ use rapier3d::parry::shape::{PackedFeatureId, Shape};
 use rapier3d::prelude::*;
 use smallvec::SmallVec;
 
-/// A point whose gap exceeds that of the nearest one by this share of its distance from it is no better than the nearest: the
-/// bodies meet there only after one has turned by as much.
+/// A point whose gap exceeds that of the nearest one by this share of its distance from it is no better than the
+/// nearest: the bodies meet there only after one has turned by as much.
 const SLOPE: f32 = 0.02;
 /// Points nearer to each other than this, engine units, are one.
 const APART: f32 = 1e-5;
@@ -160,8 +160,8 @@ impl ContactCandidate {
     }
 }
 
-/// A point that was among the chosen ones in the last step counts as nearer by this, engine units: where many are about as
-/// good, points that change from step to step would keep bodies trembling.
+/// A point that was among the chosen ones in the last step counts as nearer by this, engine units: where many are about
+/// as good, points that change from step to step would keep bodies trembling.
 const KEPT: f32 = 1e-3;
 
 /// At most `most` of the points: the nearest one, the one farthest from it, those farthest to both sides of the line

@@ -6,7 +6,8 @@ use rapier3d::parry::query::ContactManifold;
 use rapier3d::parry::shape::{HalfSpace, PackedFeatureId};
 use rapier3d::prelude::*;
 
-/// Points of the contact of a polyhedron with a plane. `pose`: of the body, in the frame of the plane. `flipped`: the body is the first of the manifold's shapes.
+/// Points of the contact of a polyhedron with a plane. `pose`: of the body, in the frame of the plane. `flipped`: the
+/// body is the first of the manifold's shapes.
 pub(super) fn update_manifold<M, C: Default + Copy>(
     plane: &HalfSpace,
     body: &Hull,

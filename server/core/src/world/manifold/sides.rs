@@ -1,8 +1,8 @@
 //! The sides that two convex shapes turn to each other, seen along the normal of the contact.
 //!
-//! The gap between two such sides is a convex function over the plane across the normal, linear between its corners: those of
-//! either side above a facet of the other, and the crossings of their edges. All of these that are near enough are candidates for
-//! points of the contact.
+//! The gap between two such sides is a convex function over the plane across the normal, linear between its corners:
+//! those of either side above a facet of the other, and the crossings of their edges. All of these that are near enough
+//! are candidates for points of the contact.
 
 use super::{ContactCandidate, ContactFrame};
 use crate::prepare::shape::Hull;
@@ -60,7 +60,13 @@ const FACE_CORNERS: [u32; 4] = [0, 1, 2, 3];
 
 impl<'a> ContactSide<'a> {
     /// `sign`: of the normal, in the direction of the other shape. `parts`: memory for its parts.
-    fn new(frame: &ContactFrame, shape: &'a dyn Shape, pose: &Pose, sign: f32, mut parts: SideParts) -> ContactSide<'a> {
+    fn new(
+        frame: &ContactFrame,
+        shape: &'a dyn Shape,
+        pose: &Pose,
+        sign: f32,
+        mut parts: SideParts,
+    ) -> ContactSide<'a> {
         let face = match shape.as_shape::<Hull>() {
             Some(hull) => SideFace::Hull(hull),
             None => SideFace::Engine(engine_face(shape, pose.rotation.inverse() * (frame.normal() * sign))),
@@ -81,7 +87,8 @@ impl<'a> ContactSide<'a> {
         top.map_or(0.0, |i| self.parts.seen[i].z)
     }
 
-    /// Finds facets and edges that drop no more than `reach`. `direction`: to the other shape, in the frame of this one.
+    /// Finds facets and edges that drop no more than `reach`. `direction`: to the other shape, in the frame of this
+    /// one.
     fn find_parts(&mut self, direction: Vector, reach: f32) {
         let SideParts { seen, drops, edges, facets } = &mut self.parts;
         let edge = |ends: [u32; 2], name| {

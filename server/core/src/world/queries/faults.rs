@@ -1,8 +1,6 @@
 //! Bodies deep in each other, too fast, or below the ground.
 
-use crate::world::World;
-use crate::world::bodies::BodySize;
-use crate::world::colliders::BodyId;
+use crate::world::{BodyId, BodySize, World};
 use rapier3d::prelude::{ContactPair as EnginePair, RigidBody};
 
 impl World {
@@ -33,8 +31,9 @@ impl World {
         deep
     }
 
-    /// Free bodies that are awake and move, or turn, faster than this, or are farther below `ground` than they are large and
-    /// sink faster than `sinking`: which, and whether too fast. Turning counts by the speed of as much energy.
+    /// Free bodies that are awake and move, or turn, faster than this, or are farther below `ground` than they are
+    /// large and sink faster than `sinking`: which, and whether too fast. Turning counts by the speed of as much
+    /// energy.
     pub fn astray(&self, most: f64, most_spin: f64, ground: f64, sinking: f64) -> Vec<(BodyId, bool)> {
         let mut astray = Vec::new();
         for (id, rigid) in self.bodies.moving(&self.engine) {

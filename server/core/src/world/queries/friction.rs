@@ -3,7 +3,7 @@
 use crate::world::World;
 use rapier3d::prelude::*;
 
-/// By how much friction exceeds what Coulomb's law allows.
+/// By how much friction exceeds the limit of Coulomb's law.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrictionExcess {
     /// Largest (|ft| - mu fn) / (mu fn) of a patch, never below 0.
@@ -14,8 +14,8 @@ pub struct FrictionExcess {
 }
 
 impl World {
-    /// Friction against Coulomb's law, over the contact patches that carry more than `least` (engine units of force); from
-    /// the forces of the engine's last substep.
+    /// Friction against Coulomb's law, over the contact patches that carry more than `least` (engine units of force);
+    /// from the forces of the engine's last substep.
     pub fn friction_excess(&self, least: f64) -> FrictionExcess {
         let patches =
             self.engine.narrow_phase.contact_pairs().filter(|pair| self.moves(pair.collider1, pair.collider2));

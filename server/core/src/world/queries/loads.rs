@@ -1,8 +1,6 @@
 //! Loads of the latest step.
 
-use crate::world::World;
-use crate::world::bodies::Role;
-use crate::world::colliders::BodyId;
+use crate::world::{BodyId, Role, World};
 use glam::DVec3;
 use rapier3d::prelude::*;
 
@@ -13,7 +11,8 @@ const INDEX: u32 = 0x7fff_ffff;
 const USUAL_FREQUENCY: f64 = 20.0;
 
 impl World {
-    /// Force of all contacts on a body, and its moment about the body's centre of mass. Bodies that it is glued to do not count.
+    /// Force of all contacts on a body, and its moment about the body's center of mass. Bodies that it is glued to do
+    /// not count.
     pub fn load_on(&self, id: BodyId) -> (DVec3, DVec3) {
         let me = self.bodies[id].collider;
         let center = self.pose(id).translation;
@@ -30,8 +29,8 @@ impl World {
         (force, moment)
     }
 
-    /// Force of a patch on its first collider, which has this position, and its moment about `center`. Points that the solver left
-    /// out keep impulses of earlier steps.
+    /// Force of a patch on its first collider, which has this position, and its moment about `center`. Points that the
+    /// solver left out keep impulses of earlier steps.
     fn load_of(&self, patch: &ContactManifold, position: &Pose, center: DVec3) -> (DVec3, DVec3) {
         let dt = self.step_length();
         let per_substep = self.engine.integration_parameters.num_solver_iterations as f64 / dt;
@@ -65,9 +64,9 @@ impl World {
         (force, moment)
     }
 
-    /// Held bodies on which free bodies press with more than `limit` times their own mass (engine units of force), in contacts
-    /// of the usual stiffness. Stiffer springs press harder for the same overlap, by the square of their frequency, which is
-    /// no load of the pile's.
+    /// Held bodies on which free bodies press with more than `limit` times their own mass (engine units of force), in
+    /// contacts of the usual stiffness. Stiffer springs press harder for the same overlap, by the square of their
+    /// frequency, which is no load of the pile's.
     pub fn overloaded(&self, limit: f64) -> Vec<BodyId> {
         let free = |h: ColliderHandle| self.body_of(h).is_some_and(|id| self.bodies[id].role == Role::Free);
         let load = |id: BodyId| -> f64 {

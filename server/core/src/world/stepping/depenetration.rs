@@ -1,9 +1,6 @@
 //! Depenetration: removes overlaps by moving bodies apart.
 
-use crate::world::World;
-use crate::world::colliders::BodyId;
-use crate::world::contacts::PairSide;
-use crate::world::settings;
+use crate::world::{BodyId, World, contacts::PairSide, settings};
 use glam::DVec3;
 use rapier3d::prelude::Vector;
 
@@ -13,9 +10,10 @@ const DEEPER: f64 = 0.05;
 const DEEPEST: f64 = 8.0;
 
 impl World {
-    /// Moves overlapping bodies apart until 95 of 100 pairs in contact overlap by at most `residual` of the thinner one's thickness,
-    /// or for as long as `going` allows after that many steps. Bodies have no weight and no friction, and keep no motion from one
-    /// step to the next: only the contacts push, which makes each step a projection. Returns the steps.
+    /// Moves overlapping bodies apart until 95 of 100 pairs in contact overlap by at most `residual` of the thinner
+    /// one's thickness, or for as long as `going` allows after that many steps. Bodies have no weight and no friction,
+    /// and keep no motion from one step to the next: only the contacts push, which makes each step a projection.
+    /// Returns the steps.
     pub fn depenetrate<E>(&mut self, residual: f64, mut going: impl FnMut(u64) -> Result<bool, E>) -> Result<u64, E> {
         let bodies: Vec<BodyId> = self.present().collect();
         let before = self.engine.integration_parameters;

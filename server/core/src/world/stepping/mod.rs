@@ -5,9 +5,7 @@ mod retry;
 
 pub use retry::{Energy, Snapshot};
 
-use super::World;
-use super::colliders::BodyId;
-use super::corrections::ccd;
+use super::{BodyId, World, corrections::ccd};
 use glam::DVec3;
 
 impl World {
@@ -38,15 +36,15 @@ impl World {
         ids
     }
 
-    /// A step of no time: brings the engine's spatial index and its contacts up to date with bodies that were added, moved or
-    /// removed since the last step.
+    /// A step of no time: brings the engine's spatial index and its contacts up to date with bodies that were added,
+    /// moved or removed since the last step.
     pub fn zero_step(&mut self) {
-        // The engine's own collision pass alone would consume the record of inserted bodies, which the next step would then not
-        // move.
+        // The engine's own collision pass alone would consume the record of inserted bodies, which the next step would
+        // then not move.
         let dt = std::mem::take(&mut self.engine.integration_parameters.dt);
         self.engine.step();
-        // The engine (rapier 0.36.1) may leave such a step with its tree still set aside for optimization, and finds nothing
-        // until the next step puts it back.
+        // The engine (rapier 0.36.1) may leave such a step with its tree still set aside for optimization, and finds
+        // nothing until the next step puts it back.
         if self.index_is_empty() {
             self.engine.step();
         }

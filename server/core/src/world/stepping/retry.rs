@@ -1,8 +1,6 @@
 //! The state before a step, and the same step again in smaller ones.
 
-use crate::world::World;
-use crate::world::bodies::Role;
-use crate::world::colliders::BodyId;
+use crate::world::{BodyId, Role, World};
 use rapier3d::prelude::*;
 
 /// The moving bodies before a step.
@@ -37,7 +35,7 @@ impl World {
         }));
     }
 
-    /// What the bodies of a snapshot have now.
+    /// Energy that the bodies of a snapshot have now.
     pub fn energy_of(&self, snapshot: &Snapshot) -> Energy {
         let mut energy = Energy::default();
         for id in snapshot.0.iter().map(|body| body.id).filter(|&id| self.is_present(id)) {
@@ -50,8 +48,8 @@ impl World {
         energy
     }
 
-    /// Puts the bodies back to where they were, and takes the same step in `parts` smaller ones. Returns the bodies that became
-    /// non-finite.
+    /// Puts the bodies back to where they were, and takes the same step in `parts` smaller ones. Returns the bodies
+    /// that became non-finite.
     pub fn retry_step(&mut self, before: &Snapshot, parts: u32) -> Vec<BodyId> {
         for was in &before.0 {
             if self.bodies[was.id].role != Role::Free {
@@ -64,7 +62,8 @@ impl World {
             }
         }
         let (dt, steps) = (self.engine.integration_parameters.dt, self.steps);
-        // The impulses that contacts remember are those of a whole step: as a first guess for a small one they would burst.
+        // The impulses that contacts remember are those of a whole step: as a first guess for a small one they would
+        // burst.
         let warm = std::mem::take(&mut self.engine.integration_parameters.warmstart_coefficient);
         self.engine.integration_parameters.dt = dt / parts as f32;
         let mut lost = self.step();

@@ -1,43 +1,44 @@
-//! Freezing: a held body takes no part in the solver until its next verdict. It does not move, and carries like scenery.
+//! Freezing: a held body takes no part in the solver until its next verdict. It does not move, and carries like
+//! scenery.
 
 use super::{Lifetime, Support, Verdicts, supportable};
 use crate::input::params::{Control as ControlParams, Neighbours};
-use crate::sim::control::tally::ControlCounters;
+use crate::sim::control::counters::ControlCounters;
 use crate::sim::policy::Policy;
 use crate::world::{BodyId, Role, World};
 use std::collections::BTreeMap;
 
-pub struct Freeze {
+pub struct FreezeSupport {
     neighbours: Neighbours,
     /// Bodies that broke loose. Ordered, so that nothing depends on the order of a hash map.
-    strained: BTreeMap<BodyId, Strain>,
+    broken: BTreeMap<BodyId, BreakRecord>,
     /// Cycles so far.
     cycle: u64,
 }
 
-/// A body that broke loose under its load is squeezed between its neighbours: frozen again at once, it would only break loose
-/// again, and rattle for ever. It stays free for a while, each time twice as long, so that the squeeze can ease, and after the last
-/// attempt for good.
+/// A body that broke loose under its load is squeezed between its neighbours: frozen again at once, it would only break
+/// loose again, and rattle forever. It stays free for a while, each time twice as long, so that the squeeze can ease,
+/// and after the last attempt for good.
 #[derive(Clone, Copy, Debug)]
-struct Strain {
+struct BreakRecord {
     breaks: u32,
     /// The first cycle that may freeze it again.
     free_until: u64,
 }
 
-impl Strain {
+impl BreakRecord {
     const ATTEMPTS: u32 = 4;
 
-    fn again(before: Option<&Strain>, cycle: u64) -> Strain {
+    fn again(before: Option<&BreakRecord>, cycle: u64) -> BreakRecord {
         let breaks = before.map_or(1, |s| s.breaks + 1);
-        let free_until = if breaks < Strain::ATTEMPTS { cycle + (1 << breaks) } else { u64::MAX };
-        Strain { breaks, free_until }
+        let free_until = if breaks < BreakRecord::ATTEMPTS { cycle + (1 << breaks) } else { u64::MAX };
+        BreakRecord { breaks, free_until }
     }
 }
 
-impl Freeze {
-    pub fn new(params: &ControlParams) -> Freeze {
-        Freeze { neighbours: params.neighbours, strained: BTreeMap::new(), cycle: 0 }
+impl FreezeSupport {
+    pub fn new(params: &ControlParams) -> FreezeSupport {
+        FreezeSupport { neighbours: params.neighbours, broken: BTreeMap::new(), cycle: 0 }
     }
 
     /// Which bodies are to be frozen. Shape `[body]`.
@@ -45,14 +46,14 @@ impl Freeze {
         let is_free = |until: Option<u64>| until.is_some_and(|until| verdicts.cycle < until);
         let mut chosen = supportable(self.neighbours, verdicts);
         for (id, chosen) in chosen.iter_mut().enumerate() {
-            let strained = is_free(self.strained.get(&id).map(|strain| strain.free_until));
-            *chosen &= !strained && !is_free(verdicts.shaken.get(&id).copied());
+            let broken = is_free(self.broken.get(&id).map(|record| record.free_until));
+            *chosen &= !broken && !is_free(verdicts.shaken.get(&id).copied());
         }
         chosen
     }
 }
 
-impl Support for Freeze {
+impl Support for FreezeSupport {
     fn lifetime(&self) -> Lifetime {
         Lifetime::Verdict
     }
@@ -65,7 +66,7 @@ impl Support for Freeze {
         }
     }
 
-    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, tally: &mut ControlCounters) {
+    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, counters: &mut ControlCounters) {
         self.cycle = verdicts.cycle;
         for (id, freeze) in self.choose(verdicts).into_iter().enumerate() {
             match world.bodies()[id].role {
@@ -74,7 +75,7 @@ impl Support for Freeze {
                 _ => {}
             }
         }
-        tally.held_peak = tally.held_peak.max(world.count(Role::Frozen) as u64);
+        counters.held_peak = counters.held_peak.max(world.count(Role::Frozen) as u64);
     }
 
     fn break_overloaded(
@@ -82,15 +83,15 @@ impl Support for Freeze {
         limit: f64,
         world: &mut World,
         policy: &mut Policy,
-        tally: &mut ControlCounters,
+        counters: &mut ControlCounters,
     ) -> Vec<BodyId> {
         let broken = world.overloaded(limit);
         for &id in &broken {
             policy.thaw(world, id);
-            let strain = Strain::again(self.strained.get(&id), self.cycle);
-            self.strained.insert(id, strain);
+            let record = BreakRecord::again(self.broken.get(&id), self.cycle);
+            self.broken.insert(id, record);
         }
-        tally.holds_broken += broken.len() as u64;
+        counters.holds_broken += broken.len() as u64;
         broken
     }
 

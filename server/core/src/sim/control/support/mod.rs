@@ -1,9 +1,9 @@
-//! What keeps candidates bodies in place. A kind of support is one file here, and its parameters in the schema.
+//! Supports keep candidates in place. A kind of support is one file here, and its parameters in the schema.
 
 mod freeze;
 mod nails;
 
-use super::tally::ControlCounters;
+use super::counters::ControlCounters;
 use crate::input::params::{Control as ControlParams, ControlMode, Neighbours};
 use crate::sim::policy::Policy;
 use crate::world::{BodyId, ContactPair, PairSide, World};
@@ -13,40 +13,42 @@ use std::collections::BTreeMap;
 pub struct Verdicts<'v> {
     /// Number of the cycle.
     pub cycle: u64,
-    pub touches: &'v [ContactPair],
+    pub pairs: &'v [ContactPair],
     /// Passed the analysis and the candidate rules. Shape `[body]`.
     pub candidates: &'v [bool],
-    /// Bodies let go for a hit, and the first cycle that may hold them again.
+    /// Bodies freed before a hit, and the first cycle that may hold them again.
     pub shaken: &'v BTreeMap<BodyId, u64>,
 }
 
 /// How long a support lasts by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lifetime {
-    /// Until the next cycle begins, which places all anew (paper, 3.3).
+    /// Until the next cycle begins, which places all again (paper, 3.3).
     Cycle,
     /// Until a verdict takes it away.
     Verdict,
 }
 
-/// A kind of support. The control calls, in this order: [`Support::lift`] at the beginning of a cycle where its lifetime asks for
-/// that, [`Support::place`] after the verdicts, [`Support::break_overloaded`] after every step, [`Support::end`] once.
+/// A kind of support. The control calls, in this order: [`Support::lift`] at the beginning of a cycle where its
+/// lifetime asks for that, [`Support::place`] after the verdicts, [`Support::break_overloaded`] after every step,
+/// [`Support::end`] once.
 pub trait Support {
     fn lifetime(&self) -> Lifetime;
 
     /// Takes all of it away.
     fn lift(&mut self, world: &mut World, policy: &mut Policy);
 
-    /// Chooses what to hold, and holds it.
-    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, tally: &mut ControlCounters);
+    /// Chooses the bodies to hold, and holds them.
+    fn place(&mut self, verdicts: &Verdicts, world: &mut World, policy: &mut Policy, counters: &mut ControlCounters);
 
-    /// Lets go what carries more than `limit`, in weights of what it holds. Returns the bodies that may move again.
+    /// Breaks the supports that carry more than `limit`, in weights of the body that they hold. Returns the bodies that
+    /// may move again.
     fn break_overloaded(
         &mut self,
         limit: f64,
         world: &mut World,
         policy: &mut Policy,
-        tally: &mut ControlCounters,
+        counters: &mut ControlCounters,
     ) -> Vec<BodyId>;
 
     /// Whether it holds each body now. Shape `[body]`.
@@ -62,19 +64,19 @@ pub trait Support {
 pub fn of(params: &ControlParams, seed: u64) -> Option<Box<dyn Support>> {
     match params.mode {
         ControlMode::Off => None,
-        ControlMode::Nails => Some(Box::new(nails::Nails::new(params, seed))),
-        ControlMode::Freeze => Some(Box::new(freeze::Freeze::new(params))),
+        ControlMode::Nails => Some(Box::new(nails::NailSupport::new(params, seed))),
+        ControlMode::Freeze => Some(Box::new(freeze::FreezeSupport::new(params))),
     }
 }
 
-/// The candidates bodies that may be held by the rule for their neighbours. Shape `[body]`.
+/// The candidates that may be held by the rule for their neighbors. Shape `[body]`.
 fn supportable(rule: Neighbours, verdicts: &Verdicts) -> Vec<bool> {
     let mut may = verdicts.candidates.to_vec();
     if rule == Neighbours::Either {
         return may;
     }
-    // Everything that a body touches must be a candidate, too (S_c a subset of C).
-    for t in verdicts.touches {
+    // All bodies in contact with a body must be candidates, too (S_c a subset of C).
+    for t in verdicts.pairs {
         if let PairSide::Body(b) = t.b {
             for (x, y) in [(t.a, b), (b, t.a)] {
                 may[x] &= verdicts.candidates[y];

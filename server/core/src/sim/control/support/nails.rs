@@ -1,42 +1,42 @@
-//! Nails: breakable constraints between candidates bodies that touch (paper, 3.3).
+//! Nails: breakable constraints between candidates in contact (paper, 3.3).
 
 use super::{Lifetime, Support, Verdicts, supportable};
 use crate::input::params::{Control as ControlParams, Neighbours};
-use crate::sim::control::tally::ControlCounters;
+use crate::sim::control::counters::ControlCounters;
 use crate::sim::policy::Policy;
 use crate::world::{BodyId, ContactPoint, PairSide, World};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-pub struct Nails {
+pub struct NailSupport {
     neighbours: Neighbours,
     most_per_body: u32,
     rng: Pcg64Mcg,
 }
 
-/// A nail to be driven: between two bodies, or a body and what stands still.
-struct Nail {
+/// A nail to be driven: between two bodies, or a body and the ground or scenery.
+struct PlannedNail {
     a: BodyId,
     b: Option<BodyId>,
     at: ContactPoint,
 }
 
-impl Nails {
-    pub fn new(params: &ControlParams, seed: u64) -> Nails {
-        Nails {
+impl NailSupport {
+    pub fn new(params: &ControlParams, seed: u64) -> NailSupport {
+        NailSupport {
             neighbours: params.neighbours,
             most_per_body: params.nails_per_body,
             rng: Pcg64Mcg::seed_from_u64(seed),
         }
     }
 
-    /// One nail for each pair of candidates bodies, at one of its contacts.
-    fn choose(&mut self, verdicts: &Verdicts) -> Vec<Nail> {
+    /// One nail for each pair of candidates, at one of its contacts.
+    fn choose(&mut self, verdicts: &Verdicts) -> Vec<PlannedNail> {
         let closed = supportable(self.neighbours, verdicts);
         let candidates = verdicts.candidates;
         let mut driven = vec![0u32; candidates.len()];
         let mut chosen = Vec::new();
-        for t in verdicts.touches {
+        for t in verdicts.pairs {
             let (nailed, b) = match t.b {
                 PairSide::Body(b) => (candidates[t.a] && candidates[b] && (closed[t.a] || closed[b]), Some(b)),
                 PairSide::Ground | PairSide::Scenery => (closed[t.a], None),
@@ -45,14 +45,14 @@ impl Nails {
             let has_room = |id: BodyId| driven[id] < self.most_per_body;
             if nailed && has_room(t.a) && b.is_none_or(has_room) {
                 [Some(t.a), b].into_iter().flatten().for_each(|id| driven[id] += 1);
-                chosen.push(Nail { a: t.a, b, at: t.points[self.rng.random_range(0..t.points.len())] });
+                chosen.push(PlannedNail { a: t.a, b, at: t.points[self.rng.random_range(0..t.points.len())] });
             }
         }
         chosen
     }
 }
 
-impl Support for Nails {
+impl Support for NailSupport {
     fn lifetime(&self) -> Lifetime {
         Lifetime::Cycle
     }
@@ -61,12 +61,12 @@ impl Support for Nails {
         world.pull_all_nails();
     }
 
-    fn place(&mut self, verdicts: &Verdicts, world: &mut World, _: &mut Policy, tally: &mut ControlCounters) {
+    fn place(&mut self, verdicts: &Verdicts, world: &mut World, _: &mut Policy, counters: &mut ControlCounters) {
         for nail in self.choose(verdicts) {
             world.drive_nail(nail.a, nail.b, nail.at.point, nail.at.normal);
-            tally.nails_driven += 1;
+            counters.nails_driven += 1;
         }
-        tally.nails_peak = tally.nails_peak.max(world.nail_count() as u64);
+        counters.nails_peak = counters.nails_peak.max(world.nail_count() as u64);
     }
 
     fn break_overloaded(
@@ -74,11 +74,11 @@ impl Support for Nails {
         limit: f64,
         world: &mut World,
         _: &mut Policy,
-        tally: &mut ControlCounters,
+        counters: &mut ControlCounters,
     ) -> Vec<BodyId> {
         let (broken, load) = world.break_nails(limit);
-        tally.nails_broken += broken as u64;
-        tally.nail_load_max = tally.nail_load_max.max(load);
+        counters.nails_broken += broken as u64;
+        counters.nail_load_max = counters.nail_load_max.max(load);
         // Nailed bodies were never taken out of the solver.
         Vec::new()
     }

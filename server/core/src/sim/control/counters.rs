@@ -1,16 +1,16 @@
-//! What a control has done so far, and the problems that it poses.
+//! Counts of the control, and the problems that it poses.
 
 use crate::equilibrium::{LocalContact, LocalProblem};
 use crate::world::BodyId;
 use glam::DVec3;
 
-/// What the control has done so far.
+/// Counts of the control so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ControlCounters {
     pub cycles: u64,
     /// Local analyses.
     pub analyses: u64,
-    /// Verdicts kept because nothing that they rest on had changed.
+    /// Verdicts kept because nothing that they depend on had changed.
     pub verdicts_kept: u64,
     pub stable: u64,
     pub unstable: u64,
@@ -20,18 +20,18 @@ pub struct ControlCounters {
     pub nails_driven: u64,
     pub nails_broken: u64,
     pub nails_peak: u64,
-    /// Held bodies let go within a cycle because the load on them exceeded kappa.
+    /// Held bodies freed within a cycle because the load on them exceeded kappa.
     pub holds_broken: u64,
     /// Bodies that slid without friction for a cycle, because they were jammed above a gap.
     pub unjammed: u64,
     pub held_peak: u64,
-    /// Held bodies let go because something was about to hit them, or others in contact with them.
+    /// Held bodies freed because something was about to hit them, or others in contact with them.
     pub shaken: u64,
-    /// Steps in which the loads on what is held or nailed were looked at.
+    /// Steps in which the loads on held or nailed bodies were checked.
     pub break_checks: u64,
-    /// Steps in which it was looked for what is about to be hit.
+    /// Steps in which coming hits were looked for.
     pub impact_looks: u64,
-    /// How often it was asked whether a body is inside the region.
+    /// Tests of whether a body is inside the region.
     pub region_tests: u64,
     /// Largest force of a nail that held, in weights of the lighter body.
     pub nail_load_max: f64,
