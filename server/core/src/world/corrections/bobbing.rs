@@ -29,11 +29,11 @@ struct Swing {
 
 /// Fewer bodies are no pile.
 const LEAST_BODIES: usize = 20;
-/// A swing's mean speed reaches at least this, d per characteristic time, ...
+/// A bobbing swing reaches at least this mean speed, d per characteristic time: slower ones cannot be seen.
 const FAST: f64 = 0.01;
-/// ... and at least this share of that of the swing before, ...
+/// A bobbing swing reaches at least this share of the speed of the swing before: else the pile settles.
 const LASTING: f64 = 0.8;
-/// ... and the swing is over in this time, characteristic times: else the pile falls or settles.
+/// A bobbing swing is over within this time, characteristic times: else the pile falls.
 const LONGEST: f64 = 1.0;
 /// This many swings in a row are bobbing.
 const SWINGS: u32 = 6;

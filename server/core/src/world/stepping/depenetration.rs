@@ -4,9 +4,9 @@ use crate::world::{BodyId, World, contacts::PairSide, settings};
 use glam::DVec3;
 use rapier3d::prelude::Vector;
 
-/// The share of the pairs in contact that may overlap by more than the residual, ...
+/// Share of the pairs in contact that may overlap by more than the residual.
 const DEEPER: f64 = 0.05;
-/// ... and how many times as much none may exceed.
+/// No pair may overlap by more than this many times the residual.
 const DEEPEST: f64 = 8.0;
 
 impl World {
