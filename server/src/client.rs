@@ -1,4 +1,4 @@
-//! The other end of the service: a connection to a `cairn serve`.
+//! A client of the service: a connection to a `cairn serve`.
 
 use crate::wire::proto::pile_service_client::PileServiceClient;
 use crate::wire::proto::{
@@ -18,40 +18,40 @@ use tonic::{Code, Request, Status};
 /// How to reach a server.
 #[derive(Clone, Debug, Default)]
 pub struct Target {
-    /// `HOST:PORT` or `unix:PATH`; `https://HOST:PORT` for an encrypted connection without a `ca` of one's own.
+    /// `HOST:PORT` or `unix:PATH`; `https://HOST:PORT` encrypts the connection without a `ca`.
     pub address: String,
     pub token: Option<String>,
-    /// Who signed the server's certificate, PEM: the connection is encrypted.
+    /// Certificate of the authority that signed the server's certificate, PEM. Encrypts the connection.
     pub ca: Option<Vec<u8>>,
     /// Certificate and key of the caller, PEM.
     pub identity: Option<(Vec<u8>, Vec<u8>)>,
-    /// By which a proxy in front of several servers chooses one.
+    /// Text by which a proxy in front of several servers chooses one.
     pub route: Option<String>,
 }
 
-/// A connection.
 #[derive(Clone)]
 pub struct Connection {
-    pub service: PileServiceClient<InterceptedService<Channel, Headers>>,
+    pub service: PileServiceClient<InterceptedService<Channel, CallHeaders>>,
 }
 
 /// Adds token and route to each call.
 #[derive(Clone)]
-pub struct Headers(Vec<(&'static str, MetadataValue<Ascii>)>);
+pub struct CallHeaders(Vec<(&'static str, MetadataValue<Ascii>)>);
 
-impl Headers {
-    fn of(target: &Target) -> Result<Headers, Status> {
+impl CallHeaders {
+    fn of(target: &Target) -> Result<CallHeaders, Status> {
         let token = target.token.as_ref().map(|token| ("authorization", format!("Bearer {token}")));
         let route = target.route.as_ref().map(|route| (ROUTE, route.clone()));
         let parse = |(name, value): (&'static str, String)| {
-            let wrong = |_| Status::unauthenticated(format!("the value of `{name}` holds characters of no header"));
+            let wrong =
+                |_| Status::unauthenticated(format!("the value of `{name}` has characters that headers forbid"));
             value.parse().map(|value| (name, value)).map_err(wrong)
         };
-        token.into_iter().chain(route).map(parse).collect::<Result<_, _>>().map(Headers)
+        token.into_iter().chain(route).map(parse).collect::<Result<_, _>>().map(CallHeaders)
     }
 }
 
-impl tonic::service::Interceptor for Headers {
+impl tonic::service::Interceptor for CallHeaders {
     fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
         for (name, value) in &self.0 {
             request.metadata_mut().insert(*name, value.clone());
@@ -65,12 +65,12 @@ const ROUTE: &str = "cairn-route";
 
 /// Bytes of a chunk of an upload.
 const CHUNK: usize = 64 << 10;
-/// A stream that broke off is taken up again so often in a row, after pauses that double from the first.
+/// Consecutive attempts to resume a broken stream. The pause before each doubles.
 const ATTEMPTS: u32 = 6;
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
 
 impl Connection {
-    /// Connects, and makes sure that both sides understand each other.
+    /// Connects, and checks that the server speaks this protocol version.
     pub async fn open(target: &Target) -> Result<Connection, Status> {
         let wrong = |error: tonic::transport::Error| {
             let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}")).unwrap_or_default();
@@ -94,14 +94,14 @@ impl Connection {
             }
             endpoint = endpoint.tls_config(tls).map_err(wrong)?;
         }
-        let headers = Headers::of(target)?;
+        let headers = CallHeaders::of(target)?;
         let channel = endpoint.connect().await.map_err(wrong)?;
         let mut service = PileServiceClient::with_interceptor(channel, headers);
         service.get_server_info(GetServerInfoRequest { protocol_version: PROTOCOL }).await?;
         Ok(Connection { service })
     }
 
-    /// Uploads what the server does not have. By SHA-256.
+    /// Uploads the contents that the server lacks. The keys are their SHA-256.
     pub async fn upload(&mut self, contents: &BTreeMap<String, Bytes>) -> Result<(), Status> {
         let sha256 = contents.keys().cloned().collect();
         let missing = self.service.have_assets(HaveAssetsRequest { sha256 }).await?.into_inner().missing_sha256;
@@ -118,36 +118,36 @@ impl Connection {
         Ok(())
     }
 
-    /// Bakes, and hands out the events without frames, to the end. Returns the bake's id.
+    /// Bakes, and passes on all events except frames, to the end. Returns the bake's id.
     pub async fn bake(&mut self, request: BakeRequest, on_event: impl FnMut(BakeEvent)) -> Result<String, Status> {
         let request = BakeRequest { frames: FrameSelection::None.into(), ..request };
         let events = self.service.bake(request).await?.into_inner();
         let events = events.map(|response| response.map(|response| response.event));
         let ended = self.follow(Box::pin(events), String::new(), on_event).await;
         ended.map_err(|status| match status.code() {
-            // Another server answers for the one that had it.
+            // Behind a proxy, another server may answer, which does not know the bake.
             Code::NotFound => Status::unavailable(format!("the bake is lost: {}", status.message())),
             _ => status,
         })
     }
 
-    /// Hands out the events of a bake, without frames, to the end.
+    /// Passes on all events of a bake except frames, to the end.
     pub async fn watch(&mut self, id: &str, on_event: impl FnMut(BakeEvent)) -> Result<String, Status> {
         let events = self.events_from(id, 1).await?;
         self.follow(events, id.to_owned(), on_event).await
     }
 
-    async fn events_from(&mut self, id: &str, from: i64) -> Result<Events, Status> {
+    async fn events_from(&mut self, id: &str, from: i64) -> Result<EventStream, Status> {
         let frames = FrameSelection::None.into();
         let request = WatchBakeRequest { bake_id: id.to_owned(), from_sequence_number: from, frames };
         let events = self.service.watch_bake(request).await?.into_inner();
         Ok(Box::pin(events.map(|response| response.map(|response| response.event))))
     }
 
-    /// Takes a stream that breaks off up again where it did.
+    /// Resumes a broken stream after the last event.
     async fn follow(
         &mut self,
-        mut events: Events,
+        mut events: EventStream,
         mut id: String,
         mut on_event: impl FnMut(BakeEvent),
     ) -> Result<String, Status> {
@@ -167,7 +167,7 @@ impl Connection {
                 }
                 Some(Err(status)) => status,
             };
-            // A connection that broke has an unknown or an unavailable server at its other end.
+            // A broken connection ends with one of these codes.
             if id.is_empty() || !matches!(broken.code(), Code::Unavailable | Code::Unknown) {
                 return Err(broken);
             }
@@ -201,10 +201,10 @@ impl Connection {
             file.extend_from_slice(&part.chunk);
         }
         if announced != Some(crate::wire::to_proto::signed(file.len())) {
-            return Err(Status::unavailable("a file was cut off on its way"));
+            return Err(Status::unavailable("the transfer of a file ended early"));
         }
         Ok(file)
     }
 }
 
-type Events = std::pin::Pin<Box<dyn tokio_stream::Stream<Item = Result<Option<BakeEvent>, Status>> + Send>>;
+type EventStream = std::pin::Pin<Box<dyn tokio_stream::Stream<Item = Result<Option<BakeEvent>, Status>> + Send>>;

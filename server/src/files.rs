@@ -1,19 +1,19 @@
-//! Files by name: read with a message for each way that this can fail, written complete or not at all.
+//! Reads input files, with a message for each kind of failure, and writes files complete or not at all.
 
+use crate::failpoints;
 use crate::problem::{Problem, nearest};
-use crate::trouble;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 use std::time::Duration;
 use tempfile::NamedTempFile;
 
-/// Bytes of one input file, 1 GiB: no file of this trade comes near, and a wrong path must not fill the memory.
+/// Largest input file, bytes (1 GiB). Real models are far smaller, and a wrong path must not fill the memory.
 const LARGEST: u64 = 1 << 30;
 
-/// The whole file.
+/// Reads a whole file.
 pub fn read(path: &Path) -> Result<Vec<u8>, Problem> {
-    let fail = |what: &str, remedy: &str| Problem::new(path.display().to_string(), what, remedy);
+    let fail = |what: &str, remedy: &str| Problem::at(path, what, remedy);
     if path.as_os_str().is_empty() {
         return Err(Problem::new("input", "a path is empty", "Name a file."));
     }
@@ -22,7 +22,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>, Problem> {
         return Err(fail("a folder, not a file", "Name a file in it."));
     }
     if !found.is_file() {
-        return Err(fail("not a regular file", "Copy what it gives into a file."));
+        return Err(fail("not a regular file", "Copy its content into a file."));
     }
     if found.len() > LARGEST {
         return Err(fail("larger than 1 GiB", "Export only the model itself."));
@@ -32,15 +32,14 @@ pub fn read(path: &Path) -> Result<Vec<u8>, Problem> {
 }
 
 fn refused(path: &Path, error: &std::io::Error) -> Problem {
-    let name = path.display().to_string();
     match error.kind() {
-        ErrorKind::NotFound | ErrorKind::NotADirectory => Problem::new(name, "no such file", missing(path)),
-        ErrorKind::PermissionDenied => Problem::new(name, "not readable by this user", "Change its permissions."),
-        _ => Problem::new(name, format!("cannot be read: {error}"), "Check the path and the disk."),
+        ErrorKind::NotFound | ErrorKind::NotADirectory => Problem::at(path, "no such file", missing(path)),
+        ErrorKind::PermissionDenied => Problem::at(path, "not readable by this user", "Change its permissions."),
+        _ => Problem::at(path, format!("cannot be read: {error}"), "Check the path and the disk."),
     }
 }
 
-/// What to do about a file that is not there.
+/// The remedy for a missing file.
 fn missing(path: &Path) -> String {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let Ok(entries) = folder.read_dir() else {
@@ -54,24 +53,24 @@ fn missing(path: &Path) -> String {
     }
 }
 
-/// Whether a path leads neither up nor to the root.
+/// Whether a path is relative and has no `..`.
 fn is_plain(path: &Path) -> bool {
     path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
 }
 
-/// A file that a glTF file names, as a path below the glTF file's own folder; `None` if it leads elsewhere.
+/// The path of a file that a glTF file in `folder` names; `None` if it lies outside `folder`.
 pub fn below(folder: &Path, relative: &str) -> Option<PathBuf> {
     let leads_away = relative.is_empty() || relative.contains(['\\', ':', '\0']) || !is_plain(Path::new(relative));
     (!leads_away).then(|| folder.join(relative))
 }
 
-/// Whether a path, by its words, lies below a folder.
+/// Whether a path is written as one below a folder. Links are not followed.
 pub fn is_below(folder: &Path, path: &Path) -> bool {
     let relative = if folder == Path::new(".") { Some(path) } else { path.strip_prefix(folder).ok() };
     relative.is_some_and(is_plain)
 }
 
-/// Whether a path below a folder is a link to somewhere else, or lies behind one.
+/// Whether links in a path below a folder lead out of the folder.
 pub fn leads_out(folder: &Path, path: &Path) -> bool {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     match (folder.canonicalize(), path.canonicalize()) {
@@ -90,12 +89,12 @@ pub fn split_node(path: &str) -> (&str, Option<&str>) {
     }
 }
 
-/// Puts a complete file at `path`, or leaves what was there.
+/// Replaces the file at `path` by a complete one, or leaves it unchanged.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     sync_folder(folder_of(&Staged::write(path, bytes)?.publish()?))
 }
 
-/// A complete file that is not yet under its name. Dropping it removes it.
+/// A complete file under a temporary name. Dropping it removes it.
 pub struct Staged {
     file: NamedTempFile,
     path: PathBuf,
@@ -103,25 +102,25 @@ pub struct Staged {
 
 impl Staged {
     pub fn write(path: &Path, bytes: &[u8]) -> std::io::Result<Staged> {
-        trouble::at("files-create")?;
+        failpoints::at("files-create")?;
         let mut file = new_file_in(folder_of(path))?;
-        trouble::write("files-write", &mut file, bytes)?;
-        trouble::at("files-sync")?;
+        failpoints::write("files-write", &mut file, bytes)?;
+        failpoints::at("files-sync")?;
         file.as_file().sync_all()?;
         Ok(Staged { file, path: path.to_owned() })
     }
 
-    /// Gives the file its name, and returns that. Until its folder is synced, a power cut may take the name back.
+    /// Gives the file its final name and returns that. Until the folder is synced, a power cut may undo this.
     pub fn publish(self) -> std::io::Result<PathBuf> {
-        trouble::at("files-rename")?;
+        failpoints::at("files-rename")?;
         self.file.persist(&self.path)?;
         Ok(self.path)
     }
 }
 
-/// How the names of files begin and end that are being written.
+/// Prefix and suffix of the temporary names.
 const UNFINISHED: [&str; 2] = [".cairn-", ".part"];
-/// A file that was begun less than so long ago may not be locked yet.
+/// A younger file may not be locked yet.
 const NEW: Duration = Duration::from_secs(60);
 
 fn unfinished(folder: &Path) -> impl Iterator<Item = PathBuf> {
@@ -130,12 +129,12 @@ fn unfinished(folder: &Path) -> impl Iterator<Item = PathBuf> {
     entries.filter(move |entry| is_unfinished(&entry.file_name().to_string_lossy())).map(|entry| entry.path())
 }
 
-/// Removes what a process that was killed had begun to write in a folder that is nobody else's.
+/// Removes all temporary files of a folder that no other process uses.
 pub fn remove_unfinished(folder: &Path) {
     unfinished(folder).for_each(|path| drop(std::fs::remove_file(path)));
 }
 
-/// The same for a folder in which others may be writing: what they write is locked.
+/// Removes temporary files that no process is writing any more. Files being written are locked.
 pub fn remove_abandoned(folder: &Path) {
     for path in unfinished(folder) {
         let age = |file: &File| file.metadata().ok()?.modified().ok()?.elapsed().ok();
@@ -154,31 +153,31 @@ fn new_file_in(folder: &Path) -> std::io::Result<NamedTempFile> {
     builder.prefix(UNFINISHED[0]).suffix(UNFINISHED[1]);
     #[cfg(unix)]
     {
-        // As any other new file: the default of a temporary file would hide the result from the user's group.
+        // Temporary files are private by default, which would hide the result from the user's group.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let file = builder.tempfile_in(folder)?;
-    // Where a drive knows no locks, nobody can tell whether a file is abandoned, and it stays.
+    // On a drive without locks, abandoned files cannot be recognized and stay.
     let _ = file.as_file().try_lock();
     Ok(file)
 }
 
-/// What was made or renamed in a folder outlives a power cut from now on.
+/// Makes the new and renamed files of a folder outlive a power cut.
 pub fn sync_folder(folder: &Path) -> std::io::Result<()> {
-    trouble::at("files-sync-folder")?;
-    // Elsewhere, folders cannot be opened, and their changes are kept by the system.
+    failpoints::at("files-sync-folder")?;
+    // Other systems cannot open folders, and keep their changes themselves.
     if cfg!(not(unix)) {
         return Ok(());
     }
     match File::open(folder)?.sync_all() {
-        // Some network drives cannot do this to a folder, and need not.
+        // Some network drives cannot sync a folder, and need not.
         Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
         synced => synced,
     }
 }
 
-/// What the system says of a fault, without the names of files.
+/// The system's text for an error, without names of files.
 pub fn plain_reason(error: &std::io::Error) -> String {
     let inner = error.get_ref().and_then(|inner| inner.source()?.downcast_ref::<std::io::Error>());
     match inner.unwrap_or(error).raw_os_error() {
@@ -201,7 +200,7 @@ mod tests {
     use std::time::SystemTime;
 
     #[test]
-    fn what_nobody_writes_any_more_is_abandoned() {
+    fn unlocked_old_files_are_abandoned() {
         let folder = tempfile::tempdir().unwrap();
         let part = |name: &str, age: u64| {
             let file = File::create(folder.path().join(name)).unwrap();
@@ -225,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_being_written_is_locked() {
+    fn files_being_written_are_locked() {
         let folder = tempfile::tempdir().unwrap();
         let staged = Staged::write(&folder.path().join("pile.glb"), b"pile").unwrap();
         let long_ago = SystemTime::now() - Duration::from_secs(3600);

@@ -1,7 +1,7 @@
-//! Cairn around its core: the wire, files and the command line.
+//! Everything of Cairn except the simulation: files, the wire format, the service and the command line.
 
 // The layers, lowest first. A module uses only those before it:
-// version, trouble, problem, files, wire, scene_file, model, job, cost, batch, sheet, client, service, cli
+// version, failpoints, problem, files, wire, scene_file, model, job, cost, batch, sheet, client, service, cli
 mod batch;
 pub mod cli;
 pub mod client;
@@ -14,7 +14,7 @@ pub mod scene_file;
 mod service;
 #[cfg(feature = "failpoints")]
 pub use service::in_process;
+mod failpoints;
 mod sheet;
-mod trouble;
 pub mod version;
 pub mod wire;

@@ -1,31 +1,32 @@
-//! What is wrong with what the user gave us.
+//! Problems in a user's input.
 
 use std::fmt;
+use std::path::Path;
 
-/// One thing wrong with the input: where it is, what it is, and what to do about it.
+/// One problem of the input: its place, the fault and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Problem {
-    /// The scene's field at fault (`props.0.weight`), where it is one's; known to programs, not told to persons.
+    /// The scene field at fault (`props.0.weight`), if any. Programs read it; messages do not show it.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub field: String,
     /// A file, with a line, a node or a field where known; or a flag.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub place: String,
     pub what: String,
-    /// What the user can do about it: a sentence, or nothing.
+    /// What the user can do: a sentence, or empty.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub remedy: String,
     #[serde(skip)]
     pub cause: Cause,
 }
 
-/// What a program has to know of a problem; a person is told by its words.
+/// The kind of a problem, for programs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cause {
-    /// What was given is wrong.
+    /// The input is wrong.
     #[default]
     Given,
-    /// An asset was named, and is not there yet.
+    /// The named asset was not uploaded yet.
     NotUploaded,
 }
 
@@ -40,7 +41,11 @@ impl Problem {
         }
     }
 
-    /// The same, known to be this field's fault.
+    /// A problem of a file or a folder.
+    pub fn at(path: &Path, what: impl Into<String>, remedy: impl Into<String>) -> Problem {
+        Problem::new(path.display().to_string(), what, remedy)
+    }
+
     pub fn of_field(mut self, field: &str) -> Problem {
         self.field = field.to_owned();
         self
@@ -62,7 +67,7 @@ impl fmt::Display for Problem {
     }
 }
 
-/// The core tells place, fault and remedy in one sentence.
+/// The core puts place, fault and remedy into one sentence.
 impl From<cairn_core::error::Problem> for Problem {
     fn from(problem: cairn_core::error::Problem) -> Problem {
         Problem::from(problem.text).of_field(&problem.field)
@@ -83,9 +88,9 @@ impl From<cairn_core::asset::AssetProblem> for Problem {
     }
 }
 
-/// The candidate most like `name`, if one is alike enough to be meant.
+/// The candidate most similar to `name`, if it is similar enough to be a misspelling.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    /// Share of letters in place: admits two slips in a word of five letters, and no unrelated word.
+    /// Similarity, 0 to 1: accepts two typing errors in a word of five letters, and no unrelated word.
     const ALIKE: f64 = 0.6;
     candidates
         .into_iter()

@@ -1,7 +1,7 @@
-//! Which Cairn this is.
+//! Cairn's version.
 
-/// The version as reports tell it: what decides a result.
+/// The version in reports. It decides a result.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// The version as `--version` tells it: a released program also knows the commit that it was built from.
+/// The version that `--version` prints. A released program adds the commit that it was built from.
 pub const BUILD: &str = env!("CAIRN_BUILD");

@@ -39,7 +39,7 @@ pub const WORLD: &[&[&str]] = &[
 /// The layers of `cairn`, lowest first.
 const SERVICE: &[&[&str]] = &[
     &["version"],
-    &["trouble"],
+    &["failpoints"],
     &["problem"],
     &["files"],
     &["wire"],

@@ -127,7 +127,7 @@ fn libraries_stay_in_their_place() {
     ];
     only_in("tonic", "server/src", &service.map(|name| format!("server/src/{name}")).each_ref().map(String::as_str));
     only_in("figment", "server/src", &["server/src/cli/serve.rs"]);
-    only_in("indicatif", "server/src", &["server/src/cli/progress.rs", "server/src/cli/batch/told.rs"]);
+    only_in("indicatif", "server/src", &["server/src/cli/progress.rs", "server/src/cli/batch/overview.rs"]);
 }
 
 /// Lines; above it, a file wants to be two.

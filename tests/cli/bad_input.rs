@@ -189,7 +189,7 @@ fn more_memory_than_allowed() {
     assert_eq!((done.code, desk.files()), (65, before), "{}", done.stderr);
     // The standard library has the first word.
     let told = done.stderr.lines().find(|line| line.starts_with("error: ")).unwrap_or_default();
-    for part in ["it takes more memory than the limit of 512 MiB", "simpler meshes", "--max-memory-mib"] {
+    for part in ["it needs more memory than the limit of 512 MiB", "simpler meshes", "--max-memory-mib"] {
         assert!(told.contains(part), "`{part}` is missing in:\n{}", done.stderr);
     }
 }

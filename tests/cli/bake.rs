@@ -49,8 +49,8 @@ fn the_report_tells_what_made_the_result() {
     assert_ne!(report(&desk, "-o pile.glb --seed 6")["result_blake3"], first["result_blake3"]);
 }
 
-/// Upside down, few props lie at the end of the container: turned over, they have far to fall before they lie on the ground. Left in
-/// the air, 95 % of them reach up to 0.76 of the shape's height.
+/// Upside down, few props lie at the end of the container: turned over, they have far to fall before they lie on the
+/// ground. Left in the air, 95 % of them reach up to 0.76 of the shape's height.
 #[test]
 fn a_container_that_is_not_full_leaves_no_pile_in_the_air() {
     let desk = Desk::new();

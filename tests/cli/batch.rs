@@ -47,12 +47,12 @@ fn a_matrix_is_baked_once() {
     desk.line(&format!("bake {SCENE} --seed 3 --set control=off -o single.glb -q")).ok();
     assert_eq!(hash(&desk, "single.glb"), hashes[1]);
 
-    assert!(run(&desk, args).ok().ends_with("4 were there\n"));
+    assert!(run(&desk, args).ok().ends_with("4 finished before\n"));
     // What was changed, what is missing and what has no report is baked again, and nothing else.
     desk.write(&names[0], "of before");
     std::fs::remove_file(desk.path(&names[1])).unwrap();
     std::fs::remove_file(desk.path("out/4-hold.report.json")).unwrap();
-    assert!(run(&desk, args).ok().ends_with("3 baked, 1 were there\n"));
+    assert!(run(&desk, args).ok().ends_with("3 baked, 1 finished before\n"));
     assert_eq!(names.each_ref().map(|name| hash(&desk, name)), hashes);
     // Another scene under the same names is another request.
     assert!(run(&desk, &format!("{args} --set fill.count=7")).ok().ends_with("4 baked\n"));
@@ -64,10 +64,10 @@ fn parts_make_the_whole() {
     let args = "--seeds 0..3 -o {index}.csv";
     assert!(run(&desk, &format!("{args} --range 0-1")).ok().ends_with("2 baked\n"));
     assert!(run(&desk, &format!("{args} --range 2-9")).ok().ends_with("2 baked\n"));
-    assert!(run(&desk, args).ok().ends_with("4 were there\n"));
+    assert!(run(&desk, args).ok().ends_with("4 finished before\n"));
     run(&desk, &format!("{args} --range 4-5")).fails(2, &["there are 4 variants"]);
     let told = run(&desk, &format!("{args} --dry-run --set fill.count=6")).ok();
-    assert_eq!(told.lines().filter(|line| line.ends_with("to be baked")).count(), 4, "{told}");
+    assert_eq!(told.lines().filter(|line| line.ends_with("missing")).count(), 4, "{told}");
 }
 
 #[test]
@@ -76,8 +76,8 @@ fn a_failure_does_not_end_the_others() {
     let mut command = batch(&desk, "--seeds 0..2 -o out/{seed}.glb --jobs 1 --progress none");
     let done = Done::of(command.env("FAILPOINTS", "batch-spawn=1*return(ENOMEM)").output().unwrap());
     assert!(done.stdout.ends_with("2 baked, 1 failed\n"), "{}", done.stdout);
-    done.fails(75, &["out/0.glb: no process could be started"]);
-    assert!(run(&desk, "--seeds 0..2 -o out/{seed}.glb").ok().ends_with("1 baked, 2 were there\n"));
+    done.fails(75, &["out/0.glb: its process could not be started"]);
+    assert!(run(&desk, "--seeds 0..2 -o out/{seed}.glb").ok().ends_with("1 baked, 2 finished before\n"));
 }
 
 #[test]
@@ -92,8 +92,8 @@ fn what_is_wrong_is_told_before_any_work() {
     assert_eq!(desk.files(), before);
 }
 
-/// At each place where a bake or the batch changes a file, it is killed, once in the bake and once in all: nothing is half written under
-/// a result's name, and the same command completes it.
+/// At each place where a bake or the batch changes a file, it is killed, once in the bake and once in all: nothing is
+/// half written under a result's name, and the same command completes it.
 #[cfg(unix)]
 #[test]
 fn a_batch_that_is_killed() {

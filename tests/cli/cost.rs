@@ -56,7 +56,7 @@ fn a_study_of_a_small_pile() {
     assert!(rows[..4].iter().any(|row| row["errors"]["kept_shape"]["median"] != 0.0), "all are the reference");
     assert!(PRESETS.iter().all(|name| table.contains(&format!("| {name} |"))), "{table}");
     let plot = std::fs::read_to_string(desk.path("study/cost.svg")).unwrap();
-    assert!(plot.contains("overlap: mean of the touching pairs") && plot.contains("CPU time, s"));
+    assert!(plot.contains("overlap: mean over contact pairs") && plot.contains("CPU time, s"));
     // What to choose, in the table and above the plot; and each preset is labelled once in each of the three panels.
     assert!(table.contains("Choose `") && plot.contains("Choose "), "{table}");
     assert!(plot.contains("1 seed,"));

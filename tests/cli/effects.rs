@@ -8,8 +8,8 @@ use serde_json::Value;
 const PILE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12 \
                     --set glue=natural --set control.stand=false";
 
-/// A small pile in which all of it happens: balls roll and bounce, bananas are split, sticks are a hundred times as heavy as wood, and
-/// a thrown ball flies into what is held.
+/// A small pile in which all of it happens: balls roll and bounce, bananas are split, sticks are a hundred times as
+/// heavy as wood, and a thrown ball flies into what is held.
 const LIVELY: &str = r#"
 control_mesh = "mound.glb"
 accuracy = "draft"
@@ -218,13 +218,13 @@ fn a_stage_is_not_simulated_twice() {
     assert_eq!((count(&second, "fill_steps"), count(&second, "fill_steps_recalled")), (0, count(&first, "fill_steps")));
     assert!(count(&second, "steps") > 0);
     assert_eq!(second["result_blake3"], fresh["result_blake3"], "a cache changes no result");
-    assert!(done.stderr.contains("the fill is that of an earlier bake"), "{}", done.stderr);
+    assert!(done.stderr.contains("the fill comes from the cache"), "{}", done.stderr);
 
     // Another output: all is the same.
     let (third, done) = bake_with_cache(&desk, &format!("{PILE} --set release.layer=2 -o pile.csv"));
     assert_eq!((count(&third, "fill_steps"), count(&third, "steps")), (0, 0));
     assert_eq!(third["result_blake3"], fresh["result_blake3"]);
-    assert!(done.stderr.contains("nothing was simulated"), "{}", done.stderr);
+    assert!(done.stderr.contains("comes from the cache"), "{}", done.stderr);
 
     // Another seed, or another fill: nothing is.
     for change in ["--seed 9", "--set fill.friction=0.1"] {
@@ -238,7 +238,7 @@ fn a_cache_that_cannot_be_is_told() {
     let desk = Desk::new();
     desk.write("cache", "a file");
     let (report, done) = bake_with_cache(&desk, &format!("{PILE} -o pile.glb"));
-    assert!(done.stderr.contains("nothing can be kept there"), "{}", done.stderr);
+    assert!(done.stderr.contains("the cache cannot be written there"), "{}", done.stderr);
     assert!(count(&report, "fill_steps") > 0);
 }
 

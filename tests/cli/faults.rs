@@ -1,4 +1,5 @@
-//! A fault at each place where the command line writes: a message, an exit code that says try again, and nothing half written.
+//! A fault at each place where the command line writes: a message, an exit code that says try again, and nothing half
+//! written.
 
 use crate::desk::{Desk, Done};
 
@@ -9,8 +10,8 @@ fn with_faults(desk: &Desk, faults: &str, line: &str) -> Done {
     Done::of(desk.command(&args).env("FAILPOINTS", faults).output().unwrap())
 }
 
-/// What was there stays until all of the result is on the disk. The result comes first: it does not wait for its report, and
-/// no report of another result is left beside it.
+/// What was there stays until all of the result is on the disk. The result comes first: it does not wait for its
+/// report, and no report of another result is left beside it.
 #[test]
 fn a_result_and_its_report() {
     let desk = Desk::new();
@@ -127,7 +128,8 @@ fn a_ledger_that_cannot_be_opened() {
     assert_eq!(desk.files(), before);
 }
 
-/// With a bound of memory, a process of its own does the work; where there is none to be had, nothing is wrong with the scene.
+/// With a bound of memory, a process of its own does the work; where there is none to be had, nothing is wrong with the
+/// scene.
 #[test]
 fn a_process_that_cannot_be_started() {
     let desk = Desk::new();

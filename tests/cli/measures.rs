@@ -30,7 +30,8 @@ fn told(reports: &[Value], part: &str) -> BTreeSet<String> {
     reports.iter().flat_map(|report| report[part].as_object().unwrap().keys().cloned()).collect()
 }
 
-/// A pile with all that is measured on request, and a stack into which something is thrown: together they have every figure.
+/// A pile with all that is measured on request, and a stack into which something is thrown: together they have every
+/// figure.
 fn reports() -> [Value; 2] {
     let desk = Desk::new();
     desk.write(

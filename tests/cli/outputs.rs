@@ -86,7 +86,8 @@ fn a_full_disk_leaves_nothing_and_says_try_again() {
     assert_eq!(desk.files(), before);
 }
 
-/// A link is followed, a FIFO is written into, the standard output takes a result, and a file that nobody may write stays.
+/// A link is followed, a FIFO is written into, the standard output takes a result, and a file that nobody may write
+/// stays.
 #[cfg(unix)]
 #[test]
 fn results_go_where_a_path_leads() {

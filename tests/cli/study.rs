@@ -67,8 +67,8 @@ fn presets_are_ordered_by_what_overlaps() {
     }
 }
 
-/// No single change of `standard` is at once a tenth cheaper than a preset and a tenth better in a headline figure on five of the seven
-/// scenes.
+/// No single change of `standard` is at once a tenth cheaper than a preset and a tenth better in a headline figure on
+/// five of the seven scenes.
 #[test]
 fn no_change_of_one_parameter_beats_a_preset() {
     let studies = SCENES.map(study);
@@ -92,7 +92,8 @@ fn no_change_of_one_parameter_beats_a_preset() {
     }
 }
 
-/// What `cairn plan` tells of the errors is what the study found: the median of the scenes' overlaps, and the means of the others.
+/// What `cairn plan` tells of the errors is what the study found: the median of the scenes' overlaps, and the means of
+/// the others.
 #[test]
 fn a_plan_tells_what_the_study_found() {
     let desk = Desk::new();

@@ -39,7 +39,7 @@ fn what_is_not_as_it_was_written_differs() {
     desk.line(&format!("bake {SCENE} -o pile.usdc -q")).ok();
     assert!(desk.line("verify pile.usdc").ok().contains("the same"));
     desk.write("text.usda", "#usda 1.0\n");
-    desk.line("verify text.usda").fails(65, &["text.usda: it does not tell what it was baked of"]);
+    desk.line("verify text.usda").fails(65, &["text.usda: it does not hold its scene"]);
 }
 
 #[test]
@@ -50,7 +50,7 @@ fn pictures_need_a_folder_beside_the_result() {
     desk.line(&format!("bake {SCENE} -o pile.usda --server 127.0.0.1:1")).fails(2, &["one file", ".usdz"]);
     assert_eq!(desk.files(), before);
     desk.write("textures", "");
-    desk.line(&format!("bake {SCENE} -o pile.usda")).fails(2, &["textures", "no folder"]);
+    desk.line(&format!("bake {SCENE} -o pile.usda")).fails(2, &["textures", "not a folder"]);
     std::fs::remove_file(desk.path("textures")).unwrap();
     let mut package = desk.command(&["bake", "--format", "usdz", "-q", "-o", "-"]);
     let done = package.args(SCENE.split(' ')).output().unwrap();

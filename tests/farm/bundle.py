@@ -63,7 +63,7 @@ def main(program):
 
         # Again: all is there. Then with what cannot be baked: the fault is told as the format has it.
         again = run(program, scenes, output)
-        assert again.returncode == 0 and "2 were there" in again.stdout
+        assert again.returncode == 0 and "2 finished before" in again.stdout
         (scenes / "column.toml").write_text('control_mesh = "none.glb"\n')
         failed = run(program, scenes, output)
         assert failed.returncode != 0 and "openjd_fail: " in failed.stdout and "none.glb" in failed.stdout

@@ -54,7 +54,7 @@ for (const { type, commands } of made) {
             continue;
         }
         const told = execFileSync(exe, [...args, "--dry-run"], { encoding: "utf8" });
-        assert.match(told, /\d+ {2}\/out\/\d+\.glb {2}to be baked/);
+        assert.match(told, /\d+ {2}\/out\/\d+\.glb {2}missing/);
     }
 }
 console.log(`flamenco: ${made.length} tasks, whose commands Cairn takes`);

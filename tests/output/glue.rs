@@ -4,7 +4,7 @@ use crate::files::encode;
 use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
 use crate::reader::{json_of, read_valid, world_matrix};
 use cairn::job::Job;
-use cairn::job::reuse::Cache;
+use cairn::job::reuse::BakeCache;
 use cairn::model::export::{ExportScene, Format, SourceModel};
 use cairn::scene_file::SceneTree;
 use cairn_core::input::observer::{Frame, Observer, Progress};
@@ -121,7 +121,7 @@ fn letter() -> (Bake, Vec<u8>) {
     tree.put("props", json!([{ "path": format!("{assets}/stick.glb"), "scale_min": 1.8, "scale_max": 1.8 }]));
     tree.put("accuracy", json!("ACCURACY_DRAFT"));
     let job = Job::read(&tree.to_message()).unwrap();
-    let done = job.run(Format::Glb, "pile.glb", &mut Cache::none(), &mut Patient).unwrap();
+    let done = job.run(Format::Glb, "pile.glb", &mut BakeCache::none(), &mut Patient).unwrap();
     (done.bake, done.result.bytes)
 }
 

@@ -129,11 +129,11 @@ async fn callers_are_read_again() {
     assert!(is_known("anna").await && !is_known("zoe").await);
     write("[[caller]]\nname = 'zoe'\n");
     server.signal("-HUP");
-    until_logged(&server, "neither token nor certificate").await;
+    until_logged(&server, "neither a token nor a certificate").await;
     assert!(is_known("anna").await, "what is wrong changes nothing");
     write("[[caller]]\nname = 'zoe'\ntoken = 'token of zoe'\n");
     server.signal("-HUP");
-    until_logged(&server, "were read again").await;
+    until_logged(&server, "were reloaded").await;
     assert!(is_known("zoe").await && !is_known("anna").await);
 }
 
@@ -141,7 +141,7 @@ async fn callers_are_read_again() {
 fn a_wrong_file_of_callers_is_told() {
     let folder = tempfile::tempdir().unwrap();
     for (text, told) in [
-        ("[[caller]]\nname = 'a'\n", "neither token nor certificate"),
+        ("[[caller]]\nname = 'a'\n", "neither a token nor a certificate"),
         ("[[caller]]\nname = 'a'\ntoken = 'x'\n[[caller]]\nname = 'a'\ntoken = 'x'\n", "the same token"),
         ("[[caller]]\nname = 'a'\nrole = 'king'\n", "callers.toml:3"),
         ("caller = []\n", "there is no caller"),

@@ -158,7 +158,8 @@ fn a_model_behind_a_link_is_not_sent() {
     assert_eq!(code, 0, "{told}");
 }
 
-/// A result that the disk has changed is written by nobody: neither where the server finds it out nor where only its caller can.
+/// A result that the disk has changed is written by nobody: neither where the server finds it out nor where only its
+/// caller can.
 #[tokio::test]
 async fn a_changed_result_is_not_written() {
     let server = Server::start(&[]);
@@ -184,7 +185,7 @@ async fn a_changed_result_is_not_written() {
         let line = format!("watch {id} -o again.glb --report again.json --server {}", server.addresses[0]);
         let done = cairn(server.folder(), &line);
         let told = String::from_utf8(done.stderr).unwrap();
-        let expected = if is_status_changed { "changed on its way" } else { "not what was written" };
+        let expected = if is_status_changed { "changed in transfer" } else { "changed since it was written" };
         assert!(done.status.code() == Some(75) && told.contains(expected), "{name}: {told}");
         assert!(!server.path("again.glb").exists() && !server.path("again.json").exists(), "{name}");
         connection.service.delete_bake(DeleteBakeRequest { bake_id: id }).await.unwrap();

@@ -88,8 +88,8 @@ async fn bakes_without_a_result_are_forgotten_in_the_end() {
     assert_eq!(connection.service.get_bake(oldest).await.unwrap_err().code(), Code::NotFound);
 }
 
-/// Deadlines to try, the shortest first. tonic ends a call whose answer has not begun by its deadline, at both ends: on a busy
-/// machine, only a longer one leaves a bake the time to be planned.
+/// Deadlines to try, the shortest first. tonic ends a call whose answer has not begun by its deadline, at both ends: on
+/// a busy machine, only a longer one leaves a bake the time to be planned.
 fn deadlines() -> impl Iterator<Item = Duration> {
     (0..9).map(|doubled| Duration::from_millis(700 << doubled))
 }

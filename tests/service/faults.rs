@@ -1,5 +1,6 @@
-//! A fault at each place where the service writes, syncs, renames, starts a process or sends: its caller is told what it was,
-//! nothing is left behind, and the same call succeeds once the fault is gone. The places are named in `server/src/`.
+//! A fault at each place where the service writes, syncs, renames, starts a process or sends: its caller is told what
+//! it was, nothing is left behind, and the same call succeeds once the fault is gone. The places are named in
+//! `server/src/`.
 
 use crate::server::{
     PROGRAM, Server, accepted_id, assert_fault, command, content, events, request, sha256, short, status, watch,
@@ -30,7 +31,8 @@ fn server_of_one(folder: &Path, faults: &str) -> Server {
     server_with(folder, faults, &ONE[2..])
 }
 
-/// A server with one worker whose processes have the faults that the file `TASK.faults` names, if it is there. `args`: besides.
+/// A server with one worker whose processes have the faults that the file `TASK.faults` names, if it is there. `args`:
+/// besides.
 pub fn server_with(folder: &Path, faults: &str, args: &[&str]) -> Server {
     let program = folder.join("worker.sh");
     let faults_of_task = folder.join("$2.faults");
@@ -97,8 +99,8 @@ async fn faults_of_the_process() {
                 ("files-write=return(EIO)", BROKEN),
                 ("files-sync=return(KILL)", KILLED),
                 ("files-rename=panic", CRASHED),
-                ("news-write=return(EPIPE)", CRASHED),
-                ("news-write=return(KILL)", KILLED),
+                ("message-write=return(EPIPE)", CRASHED),
+                ("message-write=return(KILL)", KILLED),
             ],
         ),
         (
@@ -121,9 +123,9 @@ async fn faults_of_the_process() {
                 ("files-sync=1*off->return(KILL)", KILLED),
                 ("files-rename=1*off->return(KILL)", KILLED),
                 ("files-sync-folder=1*off->return(KILL)", KILLED),
-                ("news-write=return(EPIPE)", CRASHED),
-                ("news-write=5*off->return(EPIPE)", CRASHED),
-                ("news-write=5*off->return(KILL)", KILLED),
+                ("message-write=return(EPIPE)", CRASHED),
+                ("message-write=5*off->return(EPIPE)", CRASHED),
+                ("message-write=5*off->return(KILL)", KILLED),
             ],
         ),
     ];
@@ -173,8 +175,8 @@ async fn faults_of_the_server_end_one_bake() {
         ("log-sync=1*return(EIO)", BROKEN),
         ("worker-spawn=1*return(ENOMEM)", NOT_STARTED),
         ("worker-spawn=1*off->1*return(EMFILE)", NOT_STARTED),
-        ("news-read=1*return(EIO)", CRASHED),
-        ("news-read=3*off->1*return(EIO)", CRASHED),
+        ("message-read=1*return(EIO)", CRASHED),
+        ("message-read=3*off->1*return(EIO)", CRASHED),
         ("bake-task=1*panic", (Code::Internal, "INTERNAL")),
     ] {
         let folder = tempfile::tempdir().unwrap();
@@ -217,7 +219,7 @@ async fn faults_of_a_plan() {
         ("store-folder=2*return(ENOSPC)", FULL),
         ("files-write=2*return(ENOSPC)", FULL),
         ("worker-spawn=2*return(ENOMEM)", NOT_STARTED),
-        ("news-read=2*return(EIO)", CRASHED),
+        ("message-read=2*return(EIO)", CRASHED),
     ] {
         let folder = tempfile::tempdir().unwrap();
         let server = server_of_one(folder.path(), faults);
@@ -333,7 +335,7 @@ async fn downloads_that_break_off() {
     let mut connection = server.connect().await;
     for _ in 0..BROKEN_OFF {
         let cut_off = connection.download(&id, Artifact::Result).await.unwrap_err();
-        assert!(cut_off.message().contains("cut off"), "{cut_off:?}");
+        assert!(cut_off.message().contains("ended early"), "{cut_off:?}");
     }
     connection.download(&id, Artifact::Result).await.unwrap();
     assert_eq!(listed(&mut connection).await, [id]);

@@ -28,8 +28,8 @@ async fn a_full_queue_refuses_and_says_when_to_come_back() {
     connection.service.plan_bake(plan).await.unwrap();
 }
 
-/// Who has taken its share of the places, as many as it could, leaves room for others. Without names, those who call from elsewhere
-/// are others.
+/// Who has taken its share of the places, as many as it could, leaves room for others. Without names, those who call
+/// from elsewhere are others.
 #[tokio::test]
 async fn one_caller_leaves_places_to_others() {
     let folder = tempfile::tempdir().unwrap();
@@ -64,7 +64,7 @@ async fn heavy_plans_leave_planning_to_others() {
     let server = crate::faults::server_with(folder.path(), "", &["--queue", "8", "--listen", &socket]);
     let greedy = server.ready().await;
     let mut other = Connection::open(&Target { address: socket, ..Default::default() }).await.unwrap();
-    std::fs::write(folder.path().join("plan.faults"), "news-write=sleep(100000)").unwrap();
+    std::fs::write(folder.path().join("plan.faults"), "message-write=sleep(100000)").unwrap();
     let plan = |seed: i64| PlanBakeRequest { spec: Some(short(seed)) };
     let heavy: Vec<_> = (0..2)
         .map(|seed| {

@@ -1,4 +1,5 @@
-//! `proto/README.md` and `examples/guide/scene.md` say what the comments of the schema say. `UPDATE_PAGE=1` writes them anew.
+//! `proto/README.md` and `examples/guide/scene.md` say what the comments of the schema say. `UPDATE_PAGE=1` writes them
+//! anew.
 
 use cairn::scene_file::schema::{self, comment, plain};
 use prost_reflect::{EnumDescriptor, FileDescriptor, Kind, MessageDescriptor, MethodDescriptor};

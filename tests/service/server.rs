@@ -43,7 +43,7 @@ impl Server {
         Server::launch(Folder::Other(folder.to_owned()), args, "")
     }
 
-    /// The same, with these faults: see `server/src/trouble.rs`.
+    /// The same, with these faults: see `server/src/failpoints.rs`.
     pub fn start_with_faults(folder: &Path, args: &[&str], faults: &str) -> Server {
         Server::launch(Folder::Other(folder.to_owned()), args, faults)
     }

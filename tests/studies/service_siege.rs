@@ -4,10 +4,11 @@
 //! cargo build --release && cargo run --release --example service_siege -- --seconds 600
 //! ```
 //!
-//! Prints one Markdown row per habit, then health, memory and handles before and after. Where `h2load` is installed (Debian:
-//! nghttp2-client), its requests come beside all that for as long, and are a row of their own. Then come storms of cancelled bakes: 200 ms
-//! after each, no process may be left, and the server may take no more CPU time than one at rest. It fails if that does not hold, if
-//! a bake is lost or doubled, or if anything was answered by another error than a refusal.
+//! Prints one Markdown row per habit, then health, memory and handles before and after. Where `h2load` is installed
+//! (Debian: nghttp2-client), its requests come beside all that for as long, and are a row of their own. Then come
+//! storms of cancelled bakes: 200 ms after each, no process may be left, and the server may take no more CPU time than
+//! one at rest. It fails if that does not hold, if a bake is lost or doubled, or if anything was answered by another
+//! error than a refusal.
 
 mod serving;
 
@@ -185,8 +186,8 @@ async fn storms(args: &Args, connection: &Connection, server: &Server) -> Result
     const STORMS: i64 = 5;
     const SOON: Duration = Duration::from_millis(200);
     const WHILE: Duration = Duration::from_secs(2);
-    /// CPU time that an idle server may take in that while, s: a tenth of a core. It looks through its store, which is large by now;
-    /// one process that was left would take all of the while.
+    /// CPU time that an idle server may take in that while, s: a tenth of a core. It looks through its store, which is
+    /// large by now; one process that was left would take all of the while.
     const IDLE: f64 = 0.2;
     let mut most: f64 = 0.0;
     for storm in 0..STORMS {

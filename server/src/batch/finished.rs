@@ -1,8 +1,9 @@
-//! Which results are there already: known by what they were asked for, and held against their hashes.
+//! Recognizes finished results by the hashes of their requests and files.
 
 use super::Variant;
 use crate::files;
-use crate::job::{InputFile, Names, model_files, request};
+use crate::job::report::ReportFile;
+use crate::job::{InputFile, PortableNames, model_files, request};
 use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
@@ -13,15 +14,15 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// What a variant asks for.
-pub struct Asked {
+/// Hashes of a variant's request.
+pub struct RequestHashes {
     /// See [`request::hash`].
-    pub hash: blake3::Hash,
-    /// Equal for variants that are sure to share their fill.
+    pub request: blake3::Hash,
+    /// Equal only for variants that share their fill.
     pub fill: blake3::Hash,
 }
 
-/// The files that variants name, each read once.
+/// The files of variants, each read once.
 #[derive(Default)]
 pub struct Assets(BTreeMap<PathBuf, Vec<AssetReference>>);
 
@@ -43,21 +44,21 @@ impl Assets {
         if problems.is_empty() { Ok(found) } else { Err(problems) }
     }
 
-    /// What a variant asks for, as its report will tell it.
-    pub fn asked(&mut self, variant: &Variant) -> Result<Asked, Vec<Problem>> {
+    /// The hashes of a variant's request, as in its report.
+    pub fn hashes(&mut self, variant: &Variant) -> Result<RequestHashes, Vec<Problem>> {
         let scene = variant.tree.to_message();
         let params = from_proto::params(&scene)?;
-        let format = Format::of(&variant.output).expect("the matrix gives names that tell it");
+        let format = Format::of(&variant.output).expect("the matrix checks the file extension");
         let assets = self.of(&scene)?;
         let fill = fill_hash(&scene, &params, &assets);
         let models = model_files(&scene);
-        let names = Names::new(models.iter().map(PathBuf::as_path), variant.tree.folder());
+        let names = PortableNames::new(models.iter().map(PathBuf::as_path), variant.tree.folder());
         let request = request::request(effective(&scene, &params), assets, format, &names);
-        Ok(Asked { hash: request::hash(&request), fill })
+        Ok(RequestHashes { request: request::hash(&request), fill })
     }
 }
 
-/// The hash of what the fill depends on, and of a little more.
+/// A hash of everything that the fill depends on, and a little more.
 fn fill_hash(scene: &Scene, params: &Params, assets: &[AssetReference]) -> blake3::Hash {
     let Params { seed, gravity, ground, ground_height, physics, base, fill, .. } = params;
     let given = (seed, gravity, ground, ground_height, physics, base, fill);
@@ -66,19 +67,12 @@ fn fill_hash(scene: &Scene, params: &Params, assets: &[AssetReference]) -> blake
     blake3::hash(format!("{given:?} {control_mesh:?} {props:?} {bodies:?} {files:?}").as_bytes())
 }
 
-/// What of a report says which result it tells of.
-#[derive(serde::Deserialize)]
-struct Told {
-    request_blake3: String,
-    output_blake3: String,
-}
-
-/// Whether result and report are there, answer this request, and are whole.
-pub fn is_finished(output: &Path, report: &Path, asked: &blake3::Hash) -> bool {
+/// Whether result and report exist, belong to this request, and are undamaged.
+pub fn is_finished(output: &Path, report: &Path, request: &blake3::Hash) -> bool {
     let read = || {
-        let told: Told = serde_json::from_slice(&std::fs::read(report).ok()?).ok()?;
-        let is_asked = told.request_blake3 == asked.to_hex().as_str();
-        Some(is_asked && told.output_blake3 == blake3::hash(&std::fs::read(output).ok()?).to_hex().as_str())
+        let report: ReportFile = serde_json::from_slice(&std::fs::read(report).ok()?).ok()?;
+        let is_same = report.request_blake3 == request.to_hex().as_str();
+        Some(is_same && report.output_blake3 == blake3::hash(&std::fs::read(output).ok()?).to_hex().as_str())
     };
     read().unwrap_or(false)
 }

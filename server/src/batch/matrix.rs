@@ -1,4 +1,4 @@
-//! The variants of a scene: every seed with every combination of values, each with a name of its own.
+//! The variants of a scene: every seed with every combination of values, each with its own file name.
 
 use crate::model::export::Format;
 use crate::problem::Problem;
@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Variants of one matrix at most: more are several calls.
+/// Most variants of one matrix.
 const MOST: usize = 100_000;
 
-/// Whole numbers from one to another, both included: `0-7`, or one alone.
+/// A range of whole numbers, both ends included, or a single number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
     pub first: u64,
@@ -26,7 +26,7 @@ impl Span {
     }
 }
 
-/// As array jobs name a part: `8-15`.
+/// In the form of array jobs: `8-15`.
 impl FromStr for Span {
     type Err = String;
 
@@ -35,7 +35,7 @@ impl FromStr for Span {
     }
 }
 
-/// `0..49`, both ends included, or single ones; several are joined by commas.
+/// Ranges such as `0..49`, both ends included, and single numbers, separated by commas.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Seeds(Vec<Span>);
 
@@ -48,14 +48,14 @@ impl FromStr for Seeds {
 }
 
 impl Seeds {
-    /// Each of them once, in the order given.
+    /// All seeds in the given order, without repetitions.
     fn all(&self) -> impl Iterator<Item = u64> {
         let mut seen = std::collections::BTreeSet::new();
         self.0.iter().flat_map(|span| span.first..=span.last).filter(move |seed| seen.insert(*seed)).take(MOST + 1)
     }
 }
 
-/// A field of the scene, and the values that it takes in turn.
+/// A field of the scene, and its values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Vary {
     field: String,
@@ -66,9 +66,9 @@ impl FromStr for Vary {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Vary, String> {
-        let (field, values) = text.split_once('=').ok_or("there is no `=` in it; write FIELD=VALUE,VALUE")?;
+        let (field, values) = text.split_once('=').ok_or("it has no `=`; write FIELD=VALUE,VALUE")?;
         let values = match toml::from_str::<toml::Table>(&format!("values = [{values}]")) {
-            // Lists in the list, and quoted text with commas.
+            // TOML handles lists and quoted text with commas.
             Ok(list) => list["values"].as_array().into_iter().flatten().map(toml::Value::to_string).collect(),
             Err(_) => values.split(',').map(|value| value.trim().to_owned()).collect(),
         };
@@ -79,24 +79,25 @@ impl FromStr for Vary {
 /// One bake of the matrix.
 #[derive(Clone, Debug)]
 pub struct Variant {
-    /// Its place in the matrix, from 0 on.
+    /// Index in the matrix, from 0.
     pub index: usize,
     pub tree: SceneTree,
-    /// What `--set` has to say to make it of the scene.
+    /// The `--set` assignments that turn the scene into this variant.
     pub assignments: Vec<String>,
     pub output: PathBuf,
-    /// Where each varied field has its first value, but for one at most: these together have every value.
+    /// Whether it belongs to a few variants that together have every value: those in which at most one varied field has
+    /// another value than its first.
     pub is_sample: bool,
 }
 
 impl Variant {
-    /// Where its report is.
+    /// The path of its report.
     pub fn report(&self) -> PathBuf {
         self.output.with_extension("report.json")
     }
 }
 
-/// What is to be baked.
+/// The arguments that define the variants.
 pub struct Matrix<'a> {
     pub scene: &'a SceneTree,
     pub seeds: Option<&'a Seeds>,
@@ -106,7 +107,7 @@ pub struct Matrix<'a> {
 }
 
 impl Matrix<'_> {
-    /// All variants: those of one seed together, the last field's values fastest.
+    /// All variants, grouped by seed; the last field varies fastest.
     pub fn variants(&self) -> Result<Vec<Variant>, Vec<Problem>> {
         let combinations = self.vary.iter().fold(1_usize, |all, vary| all.saturating_mul(vary.values.len()));
         let seeds: Vec<Option<u64>> = self.seeds.map_or(vec![None], |seeds| seeds.all().map(Some).collect());
@@ -129,7 +130,7 @@ impl Matrix<'_> {
                 }
             }
         }
-        // What is wrong with a value is wrong in every combination.
+        // A wrong value is wrong in every combination.
         problems.sort_by_key(|problem: &Problem| problem.to_string());
         problems.dedup();
         if problems.is_empty() {
@@ -138,7 +139,7 @@ impl Matrix<'_> {
         if problems.is_empty() { Ok(variants) } else { Err(problems) }
     }
 
-    /// The fields, and which of their values a combination has.
+    /// The fields, and the index of their value in a combination.
     fn picks(&self, mut number: usize) -> Vec<(&Vary, usize)> {
         let mut picks: Vec<(&Vary, usize)> = (self.vary.iter().rev())
             .map(|vary| {
@@ -200,7 +201,7 @@ fn file_name_of(value: &str) -> String {
     value.trim_matches('"').chars().map(plain).collect()
 }
 
-/// The output's path with its names replaced.
+/// The output path with its placeholders replaced.
 fn fill_in(template: &str, names: &BTreeMap<String, String>) -> Result<String, Problem> {
     let place = format!("-o {template}");
     let known = || names.keys().map(|name| format!("{{{name}}}")).collect::<Vec<_>>().join(", ");
@@ -208,10 +209,10 @@ fn fill_in(template: &str, names: &BTreeMap<String, String>) -> Result<String, P
     let mut rest = template;
     while let Some((before, after)) = rest.split_once('{') {
         let Some((name, behind)) = after.split_once('}') else {
-            return Err(Problem::new(place, "a `{` that is not closed", format!("Known here: {}.", known())));
+            return Err(Problem::new(place, "a `{` is not closed", format!("Available: {}.", known())));
         };
         let Some(value) = names.get(name) else {
-            return Err(Problem::new(place, format!("there is no {{{name}}}"), format!("Known here: {}.", known())));
+            return Err(Problem::new(place, format!("there is no {{{name}}}"), format!("Available: {}.", known())));
         };
         path.push_str(before);
         path.push_str(value);
@@ -221,24 +222,24 @@ fn fill_in(template: &str, names: &BTreeMap<String, String>) -> Result<String, P
     match Format::of(Path::new(&path)) {
         Some(_) => Ok(path),
         None => {
-            let what = "cannot tell the format from the name";
+            let what = "the file extension names no format";
             Err(Problem::new(place, what, format!("End it in {}.", Format::ENDINGS)))
         }
     }
 }
 
-/// Two variants must not end in one file.
+/// Two variants that would write the same file.
 fn same_name(variants: &[Variant]) -> Option<Problem> {
     let mut known = BTreeMap::new();
     variants.iter().find_map(|variant| {
         let other: &Variant = known.insert(&variant.output, variant)?;
-        let what = format!("written by two variants ({} and {})", told(other), told(variant));
-        let remedy = "Put {seed}, {index} or the names of what varies into -o: out/{seed}-{accuracy}.glb.";
-        Some(Problem::new(variant.output.display().to_string(), what, remedy))
+        let what = format!("written by two variants ({} and {})", description(other), description(variant));
+        let remedy = "Put {seed}, {index} or names of varied fields into -o: out/{seed}-{accuracy}.glb.";
+        Some(Problem::at(&variant.output, what, remedy))
     })
 }
 
-fn told(variant: &Variant) -> String {
+fn description(variant: &Variant) -> String {
     match &variant.assignments[..] {
         [] => format!("number {}", variant.index),
         assignments => assignments.join(" "),
@@ -282,14 +283,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_once_and_all_at_once() {
+    fn all_problems_are_reported_once() {
         let problems = matrix("0..9", &["acuracy=draft", "fill.count=many"], "{seed}.glb").unwrap_err();
         assert_eq!(problems.len(), 2, "{problems:?}");
         assert!(problems.iter().all(|problem| problem.place.starts_with("--vary")), "{problems:?}");
         let wrong = |seeds, vary, output| matrix(seeds, vary, output).unwrap_err()[0].to_string();
         assert!(wrong("0..1", &[], "pile.glb").contains("two variants (seed=0 and seed=1)"));
         assert!(wrong("0..1", &[], "{sed}.glb").contains("{index}, {seed}"));
-        assert!(wrong("0..1", &[], "{seed}.obj").contains("cannot tell the format"));
+        assert!(wrong("0..1", &[], "{seed}.obj").contains("names no format"));
         assert!(wrong("0..999999", &[], "{seed}.glb").contains("more than"));
         assert!("9..4".parse::<Seeds>().is_err() && "a".parse::<Seeds>().is_err() && "7-3".parse::<Span>().is_err());
     }

@@ -1,20 +1,19 @@
-//! `cairn bake`: the main job.
+//! `cairn bake`: bakes a scene.
 
 use super::bounds::Bounds;
 use super::cache_args::CacheArgs;
-use super::progress::{self, Mode, Reporter};
-use super::remote::{self, Access, Asked, Wanted};
+use super::progress::{self, Mode, ProgressArgs, Reporter};
+use super::remote::{self, ConnectionArgs, Delivery, QueueArgs};
 use super::scene_args::SceneArgs;
-use super::{Failure, interrupt, output, summary, tell};
-use crate::job::{self, Job, Outcome, machine};
+use super::{Failure, interrupt, output, print_error, print_note, print_warning, summary};
+use crate::job::{FinishedBake, Job, JobError, machine};
 use crate::model::export::{self, Encoded, Format};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
-use anstyle::AnsiColor;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-/// Fill a shape with props and write their motion
+/// Fills a shape with props and writes their motion
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -23,35 +22,30 @@ Examples:
   cairn bake pile.toml -o fallen.glb --set control=off
   cairn bake pile.toml -o pile.glb --server farm:50151 --token-file token --label shot=a010
 
-The first frame is the pile right after turning over. A result appears complete or not at all, as soon as the pile is
-done; then its figures are found, and the report is written. USD holds the figures, too, and waits for them. Ctrl-C before a result
-is there leaves nothing behind.")]
+The first frame is the pile right after turning over. The result appears complete or not at all, as soon as the pile is
+finished; then the measures are taken and the report is written. USD holds the measures, so it appears after them.
+Ctrl-C before the result appears leaves nothing behind.")]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
-    /// Result: .glb, .usdc, .usda or .usdz (animations), .json or .csv (tables of transforms); - is the standard output. The pictures of
-    /// a .usdc or .usda are in the folder `textures` beside it
+    /// Result: .glb, .usdc, .usda or .usdz (animations), .json or .csv (tables of transforms); - is the standard
+    /// output. The textures of a .usdc or .usda are written to the folder `textures` beside it
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 
-    /// What the result is, where its name does not tell [default: the name's ending; glb for -]
+    /// Format of the result [default: by the file extension; glb for -]
     #[arg(long, value_parser = Format::NAMES)]
     format: Option<String>,
 
-    /// Also write how good the pile is and how it was made, as JSON
+    /// Also write a report, as JSON: measures of the pile, and how it was made
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
 
-    /// How progress is told; on stderr, where nothing else is said
-    #[arg(long, value_enum, default_value_t = Mode::Auto)]
-    pub progress: Mode,
+    #[command(flatten)]
+    pub progress: ProgressArgs,
 
-    /// Tell nothing but errors
-    #[arg(short, long)]
-    quiet: bool,
-
-    /// Threads to bake with; 0: one per core. The result is the same with any number
+    /// Number of threads; 0: one per core. The result does not depend on it
     #[arg(long, default_value_t = 0, env = "CAIRN_BAKE_THREADS")]
     threads: usize,
 
@@ -60,10 +54,10 @@ pub struct Args {
     server: Option<String>,
 
     #[command(flatten)]
-    access: Access,
+    connection: ConnectionArgs,
 
     #[command(flatten)]
-    asked: Asked,
+    queue: QueueArgs,
 
     #[command(flatten)]
     bounds: Bounds,
@@ -82,9 +76,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if format.has_files_beside() {
         output::check_beside(&args.output, args.server.is_some())?;
     }
-    if args.progress == Mode::Openjd && output::is_stdout(&args.output) {
-        let what = "the progress goes to the standard output, too";
-        return Err(Failure::Usage(vec![Problem::new("--progress openjd", what, "Name a file for the result.")]));
+    if args.progress.mode == Mode::Openjd && output::is_stdout(&args.output) {
+        let what = "progress is also written to the standard output";
+        return Err(Failure::usage("--progress openjd", what, "Name a file for the result."));
     }
     let tree = args.scene.tree()?;
     let scene = tree.to_message();
@@ -92,57 +86,52 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let files = remote::Files::read(&scene, tree.folder())?;
         check_outputs(args, files.paths())?;
         let (output, report) = (Some(&*args.output), args.report.as_deref());
-        let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
-        return remote::bake(&args.access.at(server)?, scene, files, format, &args.asked, &wanted);
+        let delivery = Delivery { output, report, progress: &args.progress };
+        return remote::bake(&args.connection.at(server)?, scene, files, format, &args.queue, &delivery);
     }
-    args.bounds.hold(|| bake(args, &tree, format))
+    args.bounds.enforce(|| bake(args, &tree, format))
 }
 
 fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
-    let mode = if args.quiet { Mode::None } else { args.progress };
+    let mode = args.progress.shown();
     let job = progress::while_reading(mode, || Job::read_within(&tree.to_message(), args.bounds.limits()))
         .map_err(Failure::Input)?
         .relative_to(tree.folder());
     check_outputs(args, job.inputs())?;
 
     let mut reporter = Reporter::new(mode);
-    // The result does not wait for its figures.
+    // The result is written before the measures are taken.
     let mut written = None;
     let mut write = |result: &Encoded| {
-        let outcome = output::write_before_report(&args.output, result, args.report.as_deref());
-        let next = if outcome.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        written = Some(outcome);
+        let result = output::write_before_report(&args.output, result, args.report.as_deref());
+        let next = if result.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        written = Some(result);
         next
     };
     let name = args.output.display().to_string();
     let done = job.run_and_deliver(format, &name, &mut args.cache.open(), &mut reporter, &mut write);
     reporter.finish(done.is_ok());
     let is_written = written.transpose()?.is_some();
-    if is_written && matches!(done, Err(job::Error::Bake(cairn_core::Error::Cancelled))) {
-        tell("error", AnsiColor::Red, &format!("cancelled; {name} is complete, but its figures were not found"));
-        return Err(Failure::Told(interrupt::code()));
+    if is_written && matches!(done, Err(JobError::Bake(cairn_core::Error::Cancelled))) {
+        print_error(&format!("cancelled; {name} is complete, but its measures were not taken"));
+        return Err(Failure::Reported(interrupt::code()));
     }
-    let Outcome { bake, report, seconds, .. } = done?;
+    let FinishedBake { bake, report, seconds, .. } = done?;
     if let Some(path) = &args.report {
         let _complete = interrupt::shield();
         output::write(path, report.as_bytes())?;
     }
 
-    if !args.quiet {
+    if !args.progress.quiet {
         for warning in job.notes.iter().chain(&bake.report.warnings) {
-            tell("warning", AnsiColor::Yellow, warning);
+            print_warning(warning);
         }
         let counted = |name: &str| bake.report.counts.get(name).copied().unwrap_or(0);
-        let recalled = |name: &str| counted(name) > 0;
-        if recalled("steps_recalled") {
-            tell(
-                "note",
-                AnsiColor::Cyan,
-                "nothing was simulated: this very pile was baked before (--no-cache bakes anew)",
-            );
-        } else if recalled("fill_steps_recalled") {
-            tell("note", AnsiColor::Cyan, "the fill is that of an earlier bake (--no-cache fills anew)");
+        if counted("steps_recalled") > 0 {
+            print_note("this pile was baked before and comes from the cache (--no-cache bakes it again)");
+        } else if counted("fill_steps_recalled") > 0 {
+            print_note("the fill comes from the cache (--no-cache fills again)");
         }
         let measure = |name: &str| bake.report.measures.get(name).copied().flatten();
         let (bodies, frames) = (bake.report.bodies, bake.pile.frames.len());
@@ -153,16 +142,15 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Both files can be written: asked before the long part.
+/// Checks that result and report can be written, before the bake.
 fn check_outputs(args: &Args, mut inputs: Vec<PathBuf>) -> Result<(), Failure> {
     inputs.extend(args.scene.scene.clone());
     output::check(&args.output, &inputs)?;
     if let Some(report) = &args.report {
         output::check(report, &inputs)?;
         if *report == args.output {
-            let problem =
-                Problem::new(report.display().to_string(), "the report would replace the result", "Name another file.");
-            return Err(Failure::Usage(vec![problem]));
+            let what = "the report would replace the result";
+            return Err(Failure::Usage(vec![Problem::at(report, what, "Name another file.")]));
         }
     }
     Ok(())

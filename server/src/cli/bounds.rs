@@ -1,10 +1,10 @@
-//! Bounds on what a command may take on this machine. A server has its own.
+//! Limits on a command's use of this machine. A server has its own.
 
 use super::Failure;
 use super::interrupt;
+use crate::failpoints;
 use crate::job::machine;
 use crate::problem::Problem;
-use crate::trouble;
 use cairn_core::asset::Limits;
 use std::ffi::OsString;
 use std::process::{Command, ExitStatus, Stdio};
@@ -13,24 +13,25 @@ use std::time::Duration;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Bounds")]
 pub struct Bounds {
-    /// Triangles of one input file, every instance counted
+    /// Largest number of triangles in one input file, instances included
     #[arg(long, value_name = "COUNT", env = "CAIRN_MAX_TRIANGLES", default_value_t = Limits::default().triangles)]
     #[arg(value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     max_triangles: u64,
 
-    /// Memory that the command may take, address space included, where the system can bound it [default: all]
-    #[arg(long, value_name = "MIB", env = "CAIRN_MAX_MEMORY_MIB", value_parser = clap::value_parser!(u64).range(512..=1 << 30))]
+    /// Limit of the command's memory (address space), if the system supports limits [default: none]
+    #[arg(long, value_name = "MIB", env = "CAIRN_MAX_MEMORY_MIB")]
+    #[arg(value_parser = clap::value_parser!(u64).range(512..=1 << 30))]
     max_memory_mib: Option<u64>,
 }
 
-/// Tells the process with the bound that it is the one.
+/// Set in the environment of the process with the limit.
 const MARK: &str = "CAIRN_IS_BOUNDED";
-/// Between two looks at whether it has ended.
-const LOOK: Duration = Duration::from_millis(20);
+/// Interval of checks whether it has ended.
+const CHECK: Duration = Duration::from_millis(20);
 
 impl Bounds {
-    /// The same arguments, for another process.
-    pub fn again(&self) -> Vec<OsString> {
+    /// The arguments for another process.
+    pub fn to_args(&self) -> Vec<OsString> {
         let memory = self.max_memory_mib.map(|mib| format!("--max-memory-mib={mib}"));
         [Some(format!("--max-triangles={}", self.max_triangles)), memory]
             .into_iter()
@@ -39,51 +40,52 @@ impl Bounds {
             .collect()
     }
 
-    /// Of each file that is read.
+    /// Limits of each input file.
     pub fn limits(&self) -> Limits {
         Limits { triangles: self.max_triangles, ..Limits::default() }
     }
 
-    /// Does the work within the bounds. What has reached the bound of its memory cannot tell so any more: a process of its own does
-    /// the work, and this one tells.
-    pub fn hold(&self, work: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
+    /// Does the work within the limits. A process that has reached its memory limit cannot report that any more, so a
+    /// child process does the work, and this one reports.
+    pub fn enforce(&self, work: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
         let Some(mib) = self.max_memory_mib else { return work() };
         let unbounded = |error: std::io::Error| {
-            let what = format!("memory cannot be bounded at {mib} MiB: {error}");
-            Failure::Usage(vec![Problem::new("--max-memory-mib", what, "Leave it out, or give another number.")])
+            let what = format!("memory cannot be limited to {mib} MiB: {error}");
+            Failure::usage("--max-memory-mib", what, "Omit it, or give another number.")
         };
         if std::env::var_os(MARK).is_some() {
-            interrupt::when_input_ends();
+            interrupt::end_with_input();
             machine::limit_memory(mib << 20).map_err(unbounded)?;
             return work();
         }
         interrupt::listen();
-        let status = again().map_err(|error| {
-            let remedy = "See that this machine has memory and processes left, and run the command again.";
+        let status = run_limited().map_err(|error| {
+            let remedy = "Make sure that this machine has free memory and processes, and run the command again.";
             Failure::TryAgain(Problem::new("--max-memory-mib", format!("no process could be started: {error}"), remedy))
         })?;
         match status.code() {
             Some(0) => Ok(()),
-            // It was asked by this process, and does not know by whom that was.
-            Some(_) if interrupt::asked() => Err(Failure::Told(interrupt::code())),
-            Some(code) => Err(Failure::Told(u8::try_from(code).unwrap_or(1))),
-            None if has_aborted(status) => Err(Failure::Input(vec![Problem::new(
+            // The child ended at this process's request, and does not know the reason.
+            Some(_) if interrupt::is_requested() => Err(Failure::Reported(interrupt::code())),
+            Some(code) => Err(Failure::Reported(u8::try_from(code).unwrap_or(1))),
+            None if has_aborted(status) => Err(Failure::input(Problem::new(
                 "the scene",
-                format!("it takes more memory than the limit of {mib} MiB"),
+                format!("it needs more memory than the limit of {mib} MiB"),
                 "Use simpler meshes, or fewer and larger props; or raise --max-memory-mib.",
-            )])),
+            ))),
             None => Err(Failure::TryAgain(Problem::new(
                 "the command",
-                format!("it was ended from outside ({status})"),
-                "See that nobody ends it and that this machine has memory left, and run the command again.",
+                format!("it was stopped from outside ({status})"),
+                "Make sure that nobody stops it and that this machine has free memory, and run the command again.",
             ))),
         }
     }
 }
 
-/// Runs this very command again, within the bound. It ends when this process does, or asks it to by closing its standard input.
-fn again() -> std::io::Result<ExitStatus> {
-    trouble::at("bounded-spawn")?;
+/// Runs this command in a child process within the limit. The child ends with this process, or when this process closes
+/// its standard input.
+fn run_limited() -> std::io::Result<ExitStatus> {
+    failpoints::at("bounded-spawn")?;
     let mut command = Command::new(std::env::current_exe()?);
     let mut child = command
         .args(std::env::args_os().skip(1))
@@ -95,14 +97,14 @@ fn again() -> std::io::Result<ExitStatus> {
         if let Some(status) = child.try_wait()? {
             return Ok(status);
         }
-        if interrupt::asked() {
+        if interrupt::is_requested() {
             drop(child.stdin.take());
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(CHECK);
     }
 }
 
-/// Whether a process ended itself, as it does where it gets no more memory.
+/// Whether a process has aborted, as it does when it gets no more memory.
 #[cfg(unix)]
 fn has_aborted(status: ExitStatus) -> bool {
     use std::os::unix::process::ExitStatusExt;

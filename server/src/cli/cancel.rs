@@ -1,9 +1,9 @@
-//! `cairn cancel`: ends a bake on a server.
+//! `cairn cancel`: cancels a bake on a server.
 
 use super::Failure;
 use super::remote::{self, RemoteBake};
 
-/// End a bake on a server
+/// Cancels a bake on a server
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -1,4 +1,4 @@
-//! `cairn check`: everything that is wrong with a scene, and what a bake would do.
+//! `cairn check`: validates a scene and summarizes the bake.
 
 use super::bounds::Bounds;
 use super::progress::{self, Mode};
@@ -11,9 +11,9 @@ use cairn_core::prepare::plan::Plan;
 use serde_json::json;
 use std::fmt::Write;
 
-/// Tell everything that is wrong with a scene, and what a bake would do
+/// Validates the scene and summarizes the bake without simulating it
 ///
-/// Reads the scene and all its files, and simulates nothing.
+/// Reads the scene and all its files, and reports all problems at once. JSON output has ok, problems, notes and plan.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -21,64 +21,76 @@ Examples:
   cairn check --control dome.glb --prop stick.glb --json")]
 pub struct Args {
     #[command(flatten)]
+    plan: PlanArgs,
+}
+
+/// The arguments of `cairn check` and `cairn plan`.
+#[derive(clap::Args)]
+pub struct PlanArgs {
+    #[command(flatten)]
     scene: SceneArgs,
 
     #[command(flatten)]
-    bounds: Bounds,
+    pub bounds: Bounds,
 
-    /// JSON instead of text: an object of ok, problems, notes and plan
+    /// Print JSON instead of text
     #[arg(long)]
-    json: bool,
+    pub json: bool,
+}
+
+impl PlanArgs {
+    /// Reads the scene with all its files, and plans its bake.
+    pub fn read(&self) -> Result<(Job, Plan), Failure> {
+        let scene = self.scene.tree()?.to_message();
+        progress::while_reading(Mode::Auto, || {
+            let job = Job::read_within(&scene, self.bounds.limits()).map_err(Failure::Input)?;
+            let plan = cairn_core::plan(&job.scene, &job.params)?;
+            Ok((job, plan))
+        })
+    }
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    args.bounds.hold(|| check(args))
+    args.plan.bounds.enforce(|| check(&args.plan))
 }
 
-fn check(args: &Args) -> Result<(), Failure> {
-    let result = read(&args.scene, &args.bounds).map(|(job, plan)| (plan, job.notes));
+fn check(args: &PlanArgs) -> Result<(), Failure> {
+    let result = args.read().map(|(job, plan)| (plan, job.notes));
     if args.json {
-        let told = match &result {
+        let answer = match &result {
             Ok((plan, notes)) => json!({ "ok": true, "problems": [], "notes": notes, "plan": plan }),
-            Err(Failure::Usage(problems) | Failure::Input(problems)) => {
-                json!({ "ok": false, "problems": problems, "notes": [], "plan": null })
-            }
-            Err(other) => {
-                let problems: Vec<Problem> = other.messages().into_iter().map(Problem::from).collect();
+            Err(failure) => {
+                let problems = match failure {
+                    Failure::Usage(problems) | Failure::Input(problems) => problems.clone(),
+                    other => other.messages().into_iter().map(Problem::from).collect(),
+                };
                 json!({ "ok": false, "problems": problems, "notes": [], "plan": null })
             }
         };
-        print(&format!("{told:#}\n"))?;
+        print(&format!("{answer:#}\n"))?;
     } else if let Ok((plan, notes)) = &result {
         print(&describe(plan, notes, None))?;
     }
     result.map(|_| ())
 }
 
-/// A scene with all its files, and what a bake of it would do.
-pub fn read(scene: &SceneArgs, bounds: &Bounds) -> Result<(Job, Plan), Failure> {
-    let scene = scene.tree()?.to_message();
-    progress::while_reading(Mode::Auto, || {
-        let job = Job::read_within(&scene, bounds.limits()).map_err(Failure::Input)?;
-        let plan = cairn_core::plan(&job.scene, &job.params)?;
-        Ok((job, plan))
-    })
-}
-
-/// The plan for a person. `expected`: what the scene will cost as it is.
+/// The plan as text. `expected`: the estimate for the scene's own accuracy.
 pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>) -> String {
     let mut text = String::from("The scene can be baked.\n");
     let mut line = |name: &str, value: String| writeln!(text, "  {name:<22}{value}").expect("a string takes all");
     line("bodies", format!("about {}", plan.expected_bodies));
     line("steps", format!("about {}", plan.expected_steps));
     if let Some(dots) = expected.map(|expected| expected.glue_dots).filter(|dots| *dots >= 1.0) {
-        line("dots of glue", format!("{:.0} to {:.0}, as the shape needs", (dots / 4.0).ceil(), (2.0 * dots).ceil()));
+        line(
+            "dots of glue",
+            format!("{:.0} to {:.0}, depending on the shape", (dots / 4.0).ceil(), (2.0 * dots).ceil()),
+        );
     }
     if let Some([low, _, high]) = expected.and_then(|expected| expected.kept_shape) {
-        line("kept shape", format!("{:.0} to {:.0} %, of eight bakes of ten", 100.0 * low, 100.0 * high));
+        line("kept shape", format!("{:.0} to {:.0} % in 8 of 10 bakes", 100.0 * low, 100.0 * high));
     }
     line("prop diameter", format!("{:.3} m", plan.prop_diameter));
-    line("natural time", format!("{:.3} s", plan.natural_time));
+    line("characteristic time", format!("{:.3} s", plan.natural_time));
     for effect in plan.effects.iter().filter(|effect| effect.on) {
         let share = expected.and_then(|expected| expected.share(effect.name));
         let share = share.map_or(String::new(), |share| format!(" (about {:.0} % of the time)", 100.0 * share));

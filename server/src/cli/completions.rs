@@ -1,10 +1,10 @@
-//! `cairn completions`: what a shell needs to complete a command line.
+//! `cairn completions`: completion scripts for shells.
 
 use super::{Cli, Failure, print};
 use clap::CommandFactory;
 use clap_complete::Shell;
 
-/// Print what a shell needs to complete cairn's command lines
+/// Prints a script with which a shell completes cairn's command lines
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -13,7 +13,7 @@ Examples:
   cairn completions fish > ~/.config/fish/completions/cairn.fish
   cairn completions powershell >> $PROFILE")]
 pub struct Args {
-    /// The shell
+    /// Shell to print the script for
     shell: Shell,
 }
 

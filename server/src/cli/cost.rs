@@ -1,10 +1,10 @@
-//! `cairn cost`: what accuracy costs in time, for a scene.
+//! `cairn cost`: measures the cost of accuracy for a scene.
 
 use super::bounds::Bounds;
-use super::progress::Tally;
+use super::progress::RunCounter;
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, print};
-use crate::cost::{self, Ledger, Record, Study, Variant};
+use crate::cost::{self, Ledger, Record, Study, StudyVariant};
 use crate::job::Job;
 use crate::job::machine;
 use crate::problem::Problem;
@@ -14,10 +14,11 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Show what accuracy costs in time, for a scene
+/// Measures the CPU time and the errors of each accuracy for a scene
 ///
 /// Bakes the scene with every preset and with single parameters changed, several seeds each, and writes a table
-/// (cost.md, cost.json) and a plot (cost.svg, cost.png) of error over CPU time. Called again, it goes on where it ended.
+/// (cost.md, cost.json) and a plot (cost.svg, cost.png) of error over CPU time. Run again, it continues an unfinished
+/// study.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -29,41 +30,41 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
-    /// Folder for the table, the plot and the runs so far
+    /// Folder for the table, the plot and the finished runs
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
 
     #[command(flatten)]
     bounds: Bounds,
 
-    /// Largest CPU time of this call; what does not fit is named in the table
+    /// Limit of this command's CPU time; the table lists the runs beyond it
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     budget: Option<Duration>,
 
-    /// Seeds of each variant, from the scene's seed on
+    /// Seeds of each variant, starting with the scene's seed
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100))]
     seeds: u64,
 
-    /// Bake a smaller pile of the same shape, of about this many bodies
+    /// Scale the shape down to about this many bodies
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     bodies: Option<u64>,
 
-    /// Change these fields, in place of those chosen by us; several that belong together are joined by commas
+    /// Change these fields instead of the built-in ones; separate fields that are changed together by commas
     #[arg(long = "knob", value_name = "FIELD=VALUE")]
     knobs: Vec<String>,
 
-    /// Presets only
+    /// Bake only the presets
     #[arg(long, conflicts_with = "knobs")]
     presets_only: bool,
 
-    /// Switch one effect of the plan at a time the other way instead, and write what each costs and changes (effects.md,
-    /// effects.json)
+    /// Instead of presets, switch one effect of the plan at a time, and write the cost and the influence of each
+    /// (effects.md, effects.json)
     #[arg(long, conflicts_with_all = ["knobs", "presets_only"])]
     effects: bool,
 }
 
-/// A bake that is wanted, with all that it takes.
-struct Wanted {
+/// A run of the study.
+struct PlannedRun {
     variant: usize,
     seed: u64,
     key: String,
@@ -72,7 +73,7 @@ struct Wanted {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
-    args.bounds.hold(|| study(args))
+    args.bounds.enforce(|| study(args))
 }
 
 fn study(args: &Args) -> Result<(), Failure> {
@@ -85,8 +86,7 @@ fn study(args: &Args) -> Result<(), Failure> {
         (knobs, false) => cost::variants(Some(knobs)),
     };
     if args.bodies.is_some() && job.scene.control.is_none() {
-        let problem = Problem::new("--bodies", "the scene has no control mesh to scale down", "Leave --bodies out.");
-        return Err(Failure::Usage(vec![problem]));
+        return Err(Failure::usage("--bodies", "the scene has no control mesh to scale down", "Omit --bodies."));
     }
     let files = job.content_hash();
     let first = job.params.seed;
@@ -95,12 +95,12 @@ fn study(args: &Args) -> Result<(), Failure> {
         for (variant, of) in variants.iter().enumerate() {
             let tree = cost::scene_of(&tree, of, seed).map_err(Failure::Usage)?;
             let what = format!("{} {files} {:?} {}", crate::version::VERSION, args.bodies, tree.to_json());
-            wanted.push(Wanted { variant, seed, key: blake3::hash(what.as_bytes()).to_hex().to_string(), tree });
+            wanted.push(PlannedRun { variant, seed, key: blake3::hash(what.as_bytes()).to_hex().to_string(), tree });
         }
     }
     let mut ledger = Ledger::open(&args.output).map_err(Failure::TryAgain)?;
     let left_out = bake_all(args, &variants, &wanted, &mut ledger)?;
-    let runs: Vec<(Variant, Vec<Record>)> = variants
+    let runs: Vec<(StudyVariant, Vec<Record>)> = variants
         .into_iter()
         .enumerate()
         .map(|(i, variant)| {
@@ -109,7 +109,7 @@ fn study(args: &Args) -> Result<(), Failure> {
         })
         .collect();
     if args.effects {
-        return tell_effects(&runs, &left_out, &args.output);
+        return write_effects(&runs, &left_out, &args.output);
     }
     let scene = args.scene.scene.as_ref().map_or("scene".into(), |path| path.display().to_string());
     let study = Study::new(scene, machine::name(), &runs, left_out);
@@ -117,17 +117,22 @@ fn study(args: &Args) -> Result<(), Failure> {
     print(&study.markdown())
 }
 
-/// Makes the runs that the ledger does not have. Returns those that the budget did not allow.
-fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut Ledger) -> Result<Vec<String>, Failure> {
+/// Bakes the runs that the ledger lacks. Returns the names of those beyond the budget.
+fn bake_all(
+    args: &Args,
+    variants: &[StudyVariant],
+    wanted: &[PlannedRun],
+    ledger: &mut Ledger,
+) -> Result<Vec<String>, Failure> {
     let budget = args.budget.map_or(f64::INFINITY, |budget| budget.as_secs_f64());
     let began = machine::cpu_seconds();
-    let mut watch = Watch { tally: Tally::new(wanted.len()), end: began + budget };
+    let mut watch = Watch { tally: RunCounter::new(wanted.len()), end: began + budget };
     let mut left_out = Vec::new();
     for want in wanted {
         let name = format!("{} (seed {})", variants[want.variant].name, want.seed);
         watch.tally.begin(&name);
         if ledger.find(&want.key).is_none() {
-            // What a run will take, from those that were made.
+            // Expected cost of the run, from the finished ones.
             let rate = |r: &Record| {
                 let of = wanted.iter().find(|w| w.key == r.key)?;
                 Some(r.seconds.values().sum::<f64>() / cost::work(&of.tree))
@@ -142,7 +147,7 @@ fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut L
             let bodies = args.bodies.map(|n| n as usize);
             match cost::run(&job, &variants[want.variant], want.key.clone(), bodies, &mut watch) {
                 Ok(record) => ledger.add(record).map_err(Failure::TryAgain)?,
-                Err(cairn_core::Error::Cancelled) if !interrupt::asked() => left_out.push(name),
+                Err(cairn_core::Error::Cancelled) if !interrupt::is_requested() => left_out.push(name),
                 Err(error) => return Err(error.into()),
             }
         }
@@ -151,7 +156,7 @@ fn bake_all(args: &Args, variants: &[Variant], wanted: &[Wanted], ledger: &mut L
     Ok(left_out)
 }
 
-fn tell_effects(runs: &[(Variant, Vec<Record>)], left_out: &[String], folder: &Path) -> Result<(), Failure> {
+fn write_effects(runs: &[(StudyVariant, Vec<Record>)], left_out: &[String], folder: &Path) -> Result<(), Failure> {
     let rows = cost::effects::rows(runs);
     let mut text = cost::effects::markdown(&rows);
     if !left_out.is_empty() {
@@ -168,22 +173,21 @@ fn write(study: &Study, folder: &Path) -> Result<(), Failure> {
     super::output::write(&folder.join("cost.json"), json.as_bytes())?;
     super::output::write(&folder.join("cost.md"), study.markdown().as_bytes())?;
     cost::draw(study, folder).map_err(|e| {
-        let place = folder.display().to_string();
-        Failure::TryAgain(Problem::new(place, format!("the plot cannot be written: {e}"), "Make room on the disk."))
+        Failure::TryAgain(Problem::at(folder, format!("the plot cannot be written: {e}"), "Make room on the disk."))
     })
 }
 
-/// Cancels what the budget does not allow, and tells where the study is.
+/// Shows the progress of the study, and cancels runs beyond the budget.
 struct Watch {
-    tally: Tally,
-    /// CPU seconds of this process.
+    tally: RunCounter,
+    /// Limit of this process's CPU seconds.
     end: f64,
 }
 
 impl Observer for Watch {
     fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
         self.tally.tick();
-        if interrupt::asked() || machine::cpu_seconds() > self.end {
+        if interrupt::is_requested() || machine::cpu_seconds() > self.end {
             ControlFlow::Break(())
         } else {
             ControlFlow::Continue(())

@@ -1,10 +1,10 @@
-//! `cairn doctor`: whether this machine is fit, and a small bake held against what it should give.
+//! `cairn doctor`: checks this machine, and compares a small bake with expected values.
 
 use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, print};
 use crate::job::machine;
-use crate::job::reuse::Cache;
-use crate::job::{Job, Outcome};
+use crate::job::reuse::BakeCache;
+use crate::job::{FinishedBake, Job};
 use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
@@ -15,7 +15,7 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Memory and disk below which real scenes may fail: a bake of a thousand detailed props takes about so much.
+/// Memory and disk below which real scenes may fail, bytes: about the need of a bake of a thousand detailed props.
 const LITTLE_MEMORY: u64 = 2 << 30;
 const LITTLE_DISK: u64 = 1 << 30;
 
@@ -24,27 +24,27 @@ const CONTROL: (&str, &[u8]) = ("cylinder.glb", include_bytes!("../../../example
 const PROP: (&str, &[u8]) = ("stick.glb", include_bytes!("../../../examples/assets/stick.glb"));
 const SETTINGS: [&str; 3] = ["accuracy=draft", "fill.count=150", "seed=1"];
 
-/// What the self-test's figures are on a healthy machine, with room for versions to come.
+/// Figures of the self-test on a healthy machine, with tolerance for future versions.
 const EXPECTED: [(&str, RangeInclusive<f64>); 3] =
     [("bodies", 120.0..=150.0), ("kept_shape", 0.7..=1.2), ("resting_speed_max_rel", 0.0..=0.2)];
 
-const WRONG: &str = "The physics does not do on this machine what it does elsewhere.";
+const WRONG: &str = "The simulation behaves differently on this machine than elsewhere.";
 
-/// Tell whether this machine is fit for baking
+/// Checks whether this machine is suitable for baking
 ///
-/// Versions, processor, memory, disk; and a small bake, about ten seconds long, whose figures are held against what they
-/// should be. Add its output when you report a problem.
+/// Prints versions, processor, memory and disk, and compares a small bake of about ten seconds with expected figures.
+/// Include the output when you report a problem.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   cairn doctor
   cairn doctor --json --skip-bake")]
 pub struct Args {
-    /// JSON instead of text
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 
-    /// Leave the bake out
+    /// Skip the bake
     #[arg(long)]
     skip_bake: bool,
 }
@@ -53,7 +53,7 @@ pub struct Args {
 struct Finding {
     name: &'static str,
     value: Value,
-    /// What is not as it should be, and what to do about it.
+    /// The fault and its remedy.
     fault: Option<String>,
 }
 
@@ -62,8 +62,7 @@ impl Finding {
         Finding { name, value: value.into(), fault: None }
     }
 
-    /// The same with a fault, if there is one.
-    fn but(mut self, fault: Option<&str>) -> Finding {
+    fn with_fault(mut self, fault: Option<&str>) -> Finding {
         self.fault = fault.map(str::to_owned);
         self
     }
@@ -95,13 +94,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let wrong = findings.iter().any(|finding| finding.fault.as_deref() == Some(WRONG));
     if args.json {
-        let told = |finding: &Finding| (finding.name.to_owned(), finding.value.clone());
+        let entry = |finding: &Finding| (finding.name.to_owned(), finding.value.clone());
         let faults: Vec<&String> = findings.iter().filter_map(|finding| finding.fault.as_ref()).collect();
         let ok = faults.is_empty();
-        let findings: Value = Value::Object(findings.iter().map(told).collect());
+        let findings: Value = Value::Object(findings.iter().map(entry).collect());
         print(&format!("{:#}\n", json!({ "ok": ok, "findings": findings, "faults": faults })))?;
     }
-    if wrong { Err(Failure::Internal("the self-test's figures are not what they should be".into())) } else { Ok(()) }
+    if wrong { Err(Failure::Internal("the self-test failed".into())) } else { Ok(()) }
 }
 
 fn machine_findings() -> Vec<Finding> {
@@ -114,30 +113,30 @@ fn machine_findings() -> Vec<Finding> {
         Finding::new("engines", format!("rapier3d {}, clarabel {}", versions.rapier3d, versions.clarabel)),
         Finding::new("system", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
         Finding::new("processor", format!("{} threads; {}", rayon::current_num_threads(), features())),
-        Finding::new("memory", gib(memory)).but((memory < LITTLE_MEMORY).then_some(little)),
+        Finding::new("memory", gib(memory)).with_fault((memory < LITTLE_MEMORY).then_some(little)),
     ];
-    let full = "Make room: results are written beside their final place first.";
+    let full = "Make room: results are first written beside their final location.";
     for (name, folder) in [("this folder", Path::new(".").to_owned()), ("temporary", std::env::temp_dir())] {
         findings.push(match machine::free_disk(&folder) {
-            Some(room) => Finding::new(name, gib(room)).but((room < LITTLE_DISK).then_some(full)),
-            None => Finding::new(name, "this system does not tell the room"),
+            Some(room) => Finding::new(name, gib(room)).with_fault((room < LITTLE_DISK).then_some(full)),
+            None => Finding::new(name, "this system does not report free space"),
         });
     }
     if tempfile::tempfile_in(".").is_err() {
-        let refused = Finding::new("writing", "not in this folder");
-        findings.push(refused.but(Some("Nothing can be written here: name results in another folder.")));
+        let refused = Finding::new("writing", "not possible in this folder");
+        findings.push(refused.with_fault(Some("Write results to another folder.")));
     }
     findings
 }
 
 fn features() -> String {
     let features = machine::cpu_features();
-    if features.is_empty() { "no extensions that matter".into() } else { features.join(", ") }
+    if features.is_empty() { "no relevant extensions".into() } else { features.join(", ") }
 }
 
-/// A bake with many threads and with one: figures as expected, and the same result.
+/// Compares the figures of a bake with expected ones, and its result with that of a single thread.
 fn self_test(progress: Mode) -> Result<Vec<Finding>, Failure> {
-    let Outcome { bake, hash, seconds, .. } = self_bake(progress)?;
+    let FinishedBake { bake, hash, seconds, .. } = self_bake(progress)?;
     let mut findings = vec![Finding::new("bake", format!("{} bodies in {seconds:.1} s", bake.pile.bodies.len()))];
     for (name, expected) in EXPECTED {
         let found = match name {
@@ -146,22 +145,22 @@ fn self_test(progress: Mode) -> Result<Vec<Finding>, Failure> {
         };
         let good = found.is_some_and(|found| expected.contains(&found));
         let found = found.map_or("none".to_owned(), |found| format!("{found:.3}"));
-        let told = format!("{found} (expected {} to {})", expected.start(), expected.end());
-        findings.push(Finding::new(name, told).but((!good).then_some(WRONG)));
+        let text = format!("{found} (expected {} to {})", expected.start(), expected.end());
+        findings.push(Finding::new(name, text).with_fault((!good).then_some(WRONG)));
     }
     let single = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     let single = single.map_err(|error| Failure::Internal(error.to_string()))?;
     let same = single.install(|| self_bake(Mode::None))?.hash == hash;
-    let told = if same { "the same with one thread" } else { "another with one thread" };
-    findings.push(Finding::new("result", told).but((!same).then_some(WRONG)));
+    let text = if same { "the same with one thread" } else { "differs with one thread" };
+    findings.push(Finding::new("result", text).with_fault((!same).then_some(WRONG)));
     Ok(findings)
 }
 
-fn self_bake(progress: Mode) -> Result<Outcome, Failure> {
+fn self_bake(progress: Mode) -> Result<FinishedBake, Failure> {
     let job =
         Job::read_with(&scene()?, Arc::new(open), cairn_core::asset::Limits::default()).map_err(Failure::Input)?;
     let mut reporter = Reporter::new(progress);
-    let done = job.run(Format::Csv, "self-test", &mut Cache::none(), &mut reporter);
+    let done = job.run(Format::Csv, "self-test", &mut BakeCache::none(), &mut reporter);
     reporter.finish(done.is_ok());
     Ok(done?)
 }
@@ -179,5 +178,5 @@ fn scene() -> Result<crate::wire::proto::Scene, Failure> {
 
 fn open(path: &Path) -> Result<Vec<u8>, Problem> {
     let found = [CONTROL, PROP].into_iter().find(|(name, _)| Path::new(name) == path);
-    found.map(|(_, bytes)| bytes.to_vec()).ok_or_else(|| Problem::new(path.display().to_string(), "no such file", ""))
+    found.map(|(_, bytes)| bytes.to_vec()).ok_or_else(|| Problem::at(path, "no such file", ""))
 }

@@ -1,29 +1,29 @@
-//! Why a command ends without its result, and the exit code that says so.
+//! Failures of commands, and their exit codes.
 
 use super::interrupt;
-use crate::job;
+use crate::job::JobError;
 use crate::model::export::ExportError;
 use crate::problem::Problem;
 use std::fmt::Display;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// A command's failure. The exit codes are those of `sysexits.h`, so that scripts and render farms can tell apart what
-/// to correct, what to report and what to run again.
+/// A command's failure. The exit codes are those of `sysexits.h`: scripts and render farms can distinguish input to
+/// correct, faults to report and commands to repeat.
 #[derive(Debug)]
 pub enum Failure {
     /// The command line is wrong.
     Usage(Vec<Problem>),
     /// The scene or one of its files is wrong.
     Input(Vec<Problem>),
-    /// Cairn is wrong.
+    /// A fault in Cairn.
     Internal(String),
-    /// Nothing is wrong with the scene; the result could not be written.
+    /// The result could not be written; the scene is fine.
     TryAgain(Problem),
     /// The user pressed Ctrl-C, or a system sent SIGTERM.
     Cancelled,
-    /// It has been told, and this is its exit code.
-    Told(u8),
+    /// Already printed; this is the exit code.
+    Reported(u8),
 }
 
 impl Failure {
@@ -34,11 +34,11 @@ impl Failure {
             Failure::Internal(_) => 70,
             Failure::TryAgain(_) => interrupt::TRY_AGAIN,
             Failure::Cancelled => interrupt::code(),
-            Failure::Told(code) => *code,
+            Failure::Reported(code) => *code,
         })
     }
 
-    /// What went wrong, one entry per problem.
+    /// The messages, one per problem.
     pub fn messages(&self) -> Vec<String> {
         let all = |problems: &[Problem]| problems.iter().map(Problem::to_string).collect();
         match self {
@@ -50,20 +50,27 @@ impl Failure {
                 crate::version::VERSION
             )],
             Failure::Cancelled if interrupt::is_from_outside() => {
-                vec!["ended from outside (SIGTERM); nothing was written; run the command again".into()]
+                vec!["stopped from outside (SIGTERM); nothing was written; run the command again".into()]
             }
             Failure::Cancelled => vec!["cancelled; nothing was written".into()],
-            Failure::Told(_) => Vec::new(),
+            Failure::Reported(_) => Vec::new(),
         }
     }
 
     /// A file that could not be written.
     pub fn write(path: &Path, error: impl Display) -> Failure {
-        Failure::TryAgain(Problem::new(
-            path.display().to_string(),
-            format!("cannot be written: {error}"),
-            "Make room on the disk, see that the folder is still there, and run the command again.",
-        ))
+        let remedy = "Make sure that the disk has space and the folder exists, and run the command again.";
+        Failure::TryAgain(Problem::at(path, format!("cannot be written: {error}"), remedy))
+    }
+
+    /// One problem of the command line.
+    pub fn usage(place: impl Into<String>, what: impl Into<String>, remedy: impl Into<String>) -> Failure {
+        Failure::Usage(vec![Problem::new(place, what, remedy)])
+    }
+
+    /// One problem of the input.
+    pub fn input(problem: Problem) -> Failure {
+        Failure::Input(vec![problem])
     }
 }
 
@@ -77,11 +84,11 @@ impl From<cairn_core::Error> for Failure {
     }
 }
 
-impl From<job::Error> for Failure {
-    fn from(error: job::Error) -> Failure {
+impl From<JobError> for Failure {
+    fn from(error: JobError) -> Failure {
         match error {
-            job::Error::Bake(error) => error.into(),
-            job::Error::Export(error) => error.into(),
+            JobError::Bake(error) => error.into(),
+            JobError::Export(error) => error.into(),
         }
     }
 }

@@ -1,10 +1,11 @@
-//! Turns a panic, which is always our fault, into a failure that says so.
+//! Turns a panic, which is always a fault in Cairn, into a failure with a message.
 
 use super::Failure;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook};
 use std::sync::{Mutex, PoisonError};
 
-/// Where the last panic happened. The core survives some of its libraries' panics, so that nothing is printed here.
+/// Message and location of the last panic. Nothing is printed at once, because the core survives some panics of its
+/// libraries.
 static LAST: Mutex<Option<String>> = Mutex::new(None);
 
 /// Runs a command; a panic in it becomes [`Failure::Internal`].
@@ -21,7 +22,7 @@ pub fn contain(command: impl FnOnce() -> Result<(), Failure>) -> Result<(), Fail
     })
 }
 
-/// A source file within its package; where that lay when this program was built is nobody's business.
+/// A source file relative to its package, without the path on the building machine.
 fn within(file: &str) -> &str {
     let Some((before, _)) = file.rsplit_once("/src/").filter(|(before, _)| before.starts_with('/')) else {
         return file;
@@ -35,13 +36,13 @@ mod tests {
     use super::{Failure, contain, within};
 
     #[test]
-    fn a_panic_is_our_fault_and_says_where() {
+    fn a_panic_is_an_internal_failure_with_its_location() {
         let Err(Failure::Internal(what)) = contain(|| panic!("no such {}", "thing")) else { panic!("it is our fault") };
         assert!(what.starts_with("no such thing at server/src/cli/fault.rs:"), "{what}");
     }
 
     #[test]
-    fn where_others_keep_their_sources_is_not_told() {
+    fn paths_of_the_building_machine_are_removed() {
         assert_eq!(
             within("/home/ann/.cargo/registry/src/index-1/rapier3d-0.36.1/src/geometry/a.rs"),
             "rapier3d-0.36.1/src/geometry/a.rs"

@@ -1,45 +1,45 @@
-//! Ctrl-C and SIGTERM: ask the bake to end; if it does not listen in time, end the process.
+//! Ctrl-C and SIGTERM: they request the end of the bake; if it does not end in time, they end the process.
 
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Mutex, MutexGuard, Once, PoisonError};
 use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
 
-/// Exit code of a command that a person ended.
+/// Exit code of a command that a person cancelled.
 const CANCELLED: u8 = 130;
-/// Exit code of a command that a system ended, and that is to run again.
+/// Exit code of a command that a system stopped and that should run again.
 pub const TRY_AGAIN: u8 = 75;
 
-/// The exit code of who asked first: a person, or a system that wants the machine back. 0: nobody did.
-static ASKED: AtomicU8 = AtomicU8::new(0);
-/// Held while a file appears under its final name: the process does not end meanwhile.
+/// The exit code of the first request to end, by a person or by a system that needs the machine. 0: there was none.
+static REQUESTED: AtomicU8 = AtomicU8::new(0);
+/// Held while files get their final names: the process does not end meanwhile.
 static WRITING: Mutex<()> = Mutex::new(());
 
-/// How long a bake has to end by itself. A step takes far less; a geometry library may not come back for minutes.
+/// Time for a bake to end by itself. A step takes far less; a geometry library may take minutes.
 const PATIENCE: Duration = Duration::from_millis(1500);
 
-/// Set in the environment of a process that is to end when its standard input does.
+/// Set in the environment of a process that has to end when its standard input ends.
 pub const ENDS_WITH_INPUT: &str = "CAIRN_ENDS_WITH_INPUT";
 
-/// From here on, Ctrl-C and SIGTERM are ours.
+/// Handles Ctrl-C and SIGTERM from now on.
 pub fn listen() {
     if std::env::var_os(ENDS_WITH_INPUT).is_some() {
-        when_input_ends();
+        end_with_input();
     }
     static ONCE: Once = Once::new();
-    // Without a handler they still end the process, if less politely.
-    ONCE.call_once(|| drop(hear()));
+    // Without a handler, they still end the process at once.
+    ONCE.call_once(|| drop(install_handlers()));
 }
 
 #[cfg(unix)]
-fn hear() -> std::io::Result<()> {
+fn install_handlers() -> std::io::Result<()> {
     use tokio::signal::unix::{SignalKind, signal};
     let runtime = Builder::new_current_thread().enable_io().build()?;
     let (mut interrupt, mut hang_up, mut terminate) = {
         let _inside = runtime.enter();
         (signal(SignalKind::interrupt())?, signal(SignalKind::hangup())?, signal(SignalKind::terminate())?)
     };
-    obey(runtime, async move || {
+    watch_signals(runtime, async move || {
         tokio::select! {
             _ = interrupt.recv() => CANCELLED,
             _ = hang_up.recv() => CANCELLED,
@@ -50,14 +50,14 @@ fn hear() -> std::io::Result<()> {
 }
 
 #[cfg(windows)]
-fn hear() -> std::io::Result<()> {
+fn install_handlers() -> std::io::Result<()> {
     use tokio::signal::windows::{ctrl_break, ctrl_c, ctrl_close, ctrl_shutdown};
     let runtime = Builder::new_current_thread().enable_io().build()?;
     let (mut interrupt, mut stop, mut close, mut shutdown) = {
         let _inside = runtime.enter();
         (ctrl_c()?, ctrl_break()?, ctrl_close()?, ctrl_shutdown()?)
     };
-    obey(runtime, async move || {
+    watch_signals(runtime, async move || {
         tokio::select! {
             _ = interrupt.recv() => CANCELLED,
             _ = stop.recv() => CANCELLED,
@@ -68,25 +68,25 @@ fn hear() -> std::io::Result<()> {
     Ok(())
 }
 
-/// Asks the process to end each time that a signal comes. `next`: waits for one and gives its exit code.
-fn obey(runtime: Runtime, mut next: impl AsyncFnMut() -> u8 + Send + 'static) {
+/// Requests the end for each signal. `next` waits for a signal and returns its exit code.
+fn watch_signals(runtime: Runtime, mut next: impl AsyncFnMut() -> u8 + Send + 'static) {
     std::thread::spawn(move || {
         loop {
-            ask(runtime.block_on(next()));
+            request_end(runtime.block_on(next()));
         }
     });
 }
 
-/// From here on, the end of the standard input is as Ctrl-C: another process holds its other end, and writes nothing.
-pub fn when_input_ends() {
+/// Treats the end of the standard input like Ctrl-C. Another process holds its other end and writes nothing.
+pub fn end_with_input() {
     std::thread::spawn(|| {
         let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
-        ask(CANCELLED);
+        request_end(CANCELLED);
     });
 }
 
-fn ask(code: u8) {
-    if ASKED.compare_exchange(0, code, Ordering::SeqCst, Ordering::SeqCst).is_ok() {
+fn request_end(code: u8) {
+    if REQUESTED.compare_exchange(0, code, Ordering::SeqCst, Ordering::SeqCst).is_ok() {
         std::thread::spawn(|| {
             std::thread::sleep(PATIENCE);
             end();
@@ -96,20 +96,20 @@ fn ask(code: u8) {
     }
 }
 
-/// Whether the process is to end.
-pub fn asked() -> bool {
-    ASKED.load(Ordering::SeqCst) != 0
+/// Whether the process has to end.
+pub fn is_requested() -> bool {
+    REQUESTED.load(Ordering::SeqCst) != 0
 }
 
-/// With which exit code a command ends that was cancelled.
+/// The exit code of a cancelled command.
 pub fn code() -> u8 {
-    match ASKED.load(Ordering::SeqCst) {
+    match REQUESTED.load(Ordering::SeqCst) {
         0 => CANCELLED,
         code => code,
     }
 }
 
-/// Whether a system wants the machine back, and runs the command again.
+/// Whether a system requested the end; it will run the command again.
 pub fn is_from_outside() -> bool {
     code() == TRY_AGAIN
 }

@@ -1,28 +1,28 @@
 //! `cairn man`: the manual pages.
 
 use super::{Cli, Failure, output, print};
-use crate::problem::{Problem, nearest};
+use crate::problem::nearest;
 use clap::{Command, CommandFactory};
 use clap_mangen::Man;
 use std::path::PathBuf;
 
-/// Print a manual page, or write all of them
+/// Prints a manual page, or writes all of them
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   cairn man bake | man -l -
   cairn man --output /usr/local/share/man/man1")]
 pub struct Args {
-    /// The command whose page is printed; without one, that of cairn itself
+    /// Command to print the page of [default: cairn itself]
     command: Option<String>,
 
-    /// Writes every page into this folder instead
+    /// Write all pages into this folder instead
     #[arg(short, long, value_name = "FOLDER", conflicts_with = "command")]
     output: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    // Pages name commands in full: `cairn bake`.
+    // This makes pages use full names: `cairn bake`.
     let mut cairn = Cli::command();
     cairn.build();
     let commands: Vec<&Command> = cairn.get_subcommands().filter(|command| !command.is_hide_set()).collect();
@@ -42,9 +42,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let names: Vec<&str> = commands.iter().map(|command| command.get_name()).collect();
             let remedy = match nearest(wanted, names.iter().copied()) {
                 Some(name) => format!("Did you mean `{name}`?"),
-                None => format!("There are: {}.", names.join(", ")),
+                None => format!("Available: {}.", names.join(", ")),
             };
-            Err(Failure::Usage(vec![Problem::new(wanted, "no such command", remedy)]))
+            Err(Failure::usage(wanted, "no such command", remedy))
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The command line: one file per command, and what they share.
+//! The command line: one file per command, and shared parts.
 
 mod bake;
 mod batch;
@@ -28,7 +28,7 @@ mod verify;
 mod watch;
 mod worker;
 
-use crate::trouble;
+use crate::failpoints;
 use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
 use clap::{Parser, Subcommand};
@@ -38,9 +38,8 @@ use std::process::ExitCode;
 
 /// Bakes piles of props in the shape of a mesh.
 ///
-/// You model the rough shape of a pile as a closed mesh and pick the props that it is made of. Cairn fills the shape
-/// with props by physics, stands it up, lets go from the bottom to the top while it keeps the shape, and writes the
-/// motion of every prop.
+/// Model the rough shape of a pile as a closed mesh and choose its props. Cairn fills the shape with props by physics,
+/// turns it over, releases it from the bottom to the top while it keeps the shape, and writes the motion of every prop.
 #[derive(Parser)]
 #[command(version = crate::version::BUILD, after_help = EXAMPLES, disable_help_subcommand = true)]
 struct Cli {
@@ -71,12 +70,12 @@ enum Command {
 }
 
 impl Command {
-    /// How the command's progress is told, if it has any.
+    /// The command's form of progress, if it shows any.
     fn progress(&self) -> Option<Mode> {
         match self {
-            Command::Bake(args) => Some(args.progress),
+            Command::Bake(args) => Some(args.progress.mode),
             Command::Batch(args) => Some(args.progress),
-            Command::Watch(args) => Some(args.progress),
+            Command::Watch(args) => Some(args.progress.mode),
             _ => None,
         }
     }
@@ -87,22 +86,23 @@ Examples:
   cairn bake --control dome.glb --prop stick.glb -o pile.glb
         Fills dome.glb with sticks and writes an animation that any glTF viewer plays.
   cairn bake --control dome.glb --prop stick.glb --prop book.glb:0.3 -o pile.glb
-        The same, with three books to ten sticks.
+        The same with three books to ten sticks.
   cairn scene --control dome.glb --prop stick.glb > pile.toml
-        Writes the same as a scene file, to keep and to edit.
+        Writes the same scene to a file that you can edit.
   cairn check pile.toml
-        Tells everything that is wrong with a scene, and what a bake would do.
+        Validates the scene and summarizes the bake without simulating it.
   cairn plan pile.toml
-        Tells what a bake would do, and what each accuracy would cost.
+        Summarizes the bake and estimates the cost of each accuracy.
   cairn doctor
-        Tells whether this machine is fit, and tries a small bake on it.
+        Checks this machine, and tests a small bake on it.
 
-Exit codes: 0 done, 2 wrong usage, 65 wrong input, 70 a fault in Cairn, 75 not written (try again; SIGTERM), 130 cancelled.
-Colours: as the terminal allows; the environment variable NO_COLOR switches them off.";
+Exit codes: 0 success, 2 wrong usage, 65 wrong input, 70 fault in Cairn, 75 not written or SIGTERM (try again),
+130 cancelled.
+Colors: if the terminal supports them; the environment variable NO_COLOR turns them off.";
 
-/// Runs the command that the process was started with.
+/// Runs the command of the command line.
 pub fn main() -> ExitCode {
-    trouble::set_up();
+    failpoints::set_up();
     let cli = Cli::parse();
     let is_openjd = cli.command.progress() == Some(Mode::Openjd);
     let result = fault::contain(|| match cli.command {
@@ -129,7 +129,7 @@ pub fn main() -> ExitCode {
         Err(failure) => {
             let messages = failure.messages();
             for message in &messages {
-                tell("error", AnsiColor::Red, message);
+                print_error(message);
             }
             if is_openjd && !messages.is_empty() {
                 progress::openjd("fail", &messages.join("; "));
@@ -139,17 +139,29 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// A line on stderr: `error: ...`.
-fn tell(kind: &str, color: AnsiColor, message: &str) {
+fn print_error(message: &str) {
+    print_message("error", AnsiColor::Red, message);
+}
+
+fn print_warning(message: &str) {
+    print_message("warning", AnsiColor::Yellow, message);
+}
+
+fn print_note(message: &str) {
+    print_message("note", AnsiColor::Cyan, message);
+}
+
+/// Prints a line on stderr: `error: ...`.
+fn print_message(kind: &str, color: AnsiColor, message: &str) {
     let style = Style::new().bold().fg_color(Some(color.into()));
     eprintln!("{style}{kind}:{style:#} {message}");
 }
 
-/// Prints what was asked for on stdout. A reader that has gone away is no error.
+/// Prints a command's output on stdout. A closed pipe is no error.
 fn print(text: &str) -> Result<(), Failure> {
     use std::io::{ErrorKind, Write};
     let mut stdout = std::io::stdout().lock();
-    match trouble::write("stdout-write", &mut stdout, text.as_bytes()).and_then(|()| stdout.flush()) {
+    match failpoints::write("stdout-write", &mut stdout, text.as_bytes()).and_then(|()| stdout.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
             Err(Failure::write("the standard output".as_ref(), error))
         }

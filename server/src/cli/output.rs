@@ -1,61 +1,61 @@
-//! Files that a command writes: checked before any work, written complete or not at all.
+//! Output files of commands: checked before any work, written complete or not at all.
 
 use super::{Failure, interrupt};
+use crate::failpoints;
 use crate::files::{self, Staged};
 use crate::model::export::{BESIDE, Encoded};
 use crate::problem::Problem;
-use crate::trouble;
 use std::fs::File;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::sync::MutexGuard;
 
-/// How what is written at a path gets there.
-enum Way {
+/// Where output to a path goes.
+enum Destination {
     /// The path is `-`.
     Stdout,
-    /// A FIFO or a device: what is written goes through it.
+    /// A FIFO or a device.
     Stream,
-    /// A file that is there, or will be; where links lead.
+    /// An existing or a new file; links are resolved.
     File(PathBuf),
 }
 
-/// The path that stands for the standard output.
+/// Whether a path means the standard output.
 pub fn is_stdout(path: &Path) -> bool {
     path == Path::new("-")
 }
 
-impl Way {
-    fn to(path: &Path) -> Way {
-        /// Links after links, as systems follow them.
+impl Destination {
+    fn to(path: &Path) -> Destination {
+        /// Longest chain of links, as in operating systems.
         const MOST_LINKS: usize = 40;
         if is_stdout(path) {
-            return Way::Stdout;
+            return Destination::Stdout;
         }
         if std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir()) {
-            return Way::Stream;
+            return Destination::Stream;
         }
         let mut path = path.to_owned();
         for _ in 0..MOST_LINKS {
             let Ok(target) = path.read_link() else { break };
             path = files::folder_of(&path).join(target);
         }
-        Way::File(path)
+        Destination::File(path)
     }
 }
 
-/// Whether a file can appear at this path, and would not replace one of the inputs. What commands that were killed have left half
-/// written beside it goes.
+/// Checks that a file can be written to this path and would not replace an input. Removes temporary files of killed
+/// commands beside it.
 pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
-    let usage =
-        |what: String, remedy: &str| Err(Failure::Usage(vec![Problem::new(path.display().to_string(), what, remedy)]));
+    let usage = |what: String, remedy: &str| Err(Failure::Usage(vec![Problem::at(path, what, remedy)]));
     if path.is_dir() {
         return usage("a folder, not a file".into(), "Name a file in it.");
     }
-    let Way::File(target) = Way::to(path) else { return Ok(()) };
+    let Destination::File(target) = Destination::to(path) else { return Ok(()) };
     let folder = files::folder_of(&target);
     files::remove_abandoned(folder);
     if !folder.is_dir() {
-        return usage(format!("there is no folder {}", folder.display()), "Make it first.");
+        return usage(format!("there is no folder {}", folder.display()), "Create it first.");
     }
     if let Err(error) = tempfile::tempfile_in(folder) {
         return usage(format!("nothing can be written in {}: {error}", folder.display()), "Choose another folder.");
@@ -70,73 +70,75 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Whether a result can have files beside it: it is a file, and theirs have a folder.
+/// Checks that a result can have files beside it: it has to be a local file, and the folder of the others usable.
 pub fn check_beside(output: &Path, is_remote: bool) -> Result<(), Failure> {
-    let usage = |place: &Path, what: &str, remedy: &str| {
-        Err(Failure::Usage(vec![Problem::new(place.display().to_string(), what, remedy)]))
-    };
+    let usage = |place: &Path, what: &str, remedy: &str| Err(Failure::Usage(vec![Problem::at(place, what, remedy)]));
     if is_remote {
-        let what = "its pictures would be in files beside it, and a server gives one file";
-        return usage(output, what, "End it in .usdz: that holds all.");
+        let what = "its textures would be separate files, but a server returns one file";
+        return usage(output, what, "Use .usdz, which holds everything.");
     }
-    if !matches!(Way::to(output), Way::File(_)) {
-        let what = "its pictures would be in files beside it, and this is no file";
-        return usage(output, what, "Use --format usdz: that holds all.");
+    if !matches!(Destination::to(output), Destination::File(_)) {
+        let what = "its textures would be files beside it, but this is not a file";
+        return usage(output, what, "Use --format usdz, which holds everything.");
     }
     let folder = files::folder_of(output).join(BESIDE);
     if folder.exists() && !folder.is_dir() {
-        return usage(&folder, "no folder, and the result's pictures would be in it", "Rename it, or write elsewhere.");
+        return usage(
+            &folder,
+            "not a folder, but the result needs a folder of this name for its textures",
+            "Rename it, or write elsewhere.",
+        );
     }
     Ok(())
 }
 
-/// Writes a file, complete or not at all; or into what the path leads to.
+/// Writes to a path. A file appears complete or not at all.
 pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
-    let written = match Way::to(path) {
-        Way::File(target) => files::write_atomically(&target, content),
+    let written = match Destination::to(path) {
+        Destination::File(target) => files::write_atomically(&target, content),
         way => write_through(way, path, content),
     };
     written.map_err(|error| Failure::write(path, error))
 }
 
-/// Into what is no file.
-fn write_through(way: Way, path: &Path, content: &[u8]) -> std::io::Result<()> {
-    if let Way::Stdout = way {
+/// Writes to a destination that is not a file.
+fn write_through(way: Destination, path: &Path, content: &[u8]) -> std::io::Result<()> {
+    if let Destination::Stdout = way {
         let mut stdout = std::io::stdout().lock();
-        return trouble::write("stdout-write", &mut stdout, content).and_then(|()| stdout.flush());
+        return failpoints::write("stdout-write", &mut stdout, content).and_then(|()| stdout.flush());
     }
     let mut stream = File::options().write(true).open(path)?;
-    trouble::write("stream-write", &mut stream, content)
+    failpoints::write("stream-write", &mut stream, content)
 }
 
-/// Writes a result whose report is still to come. One that is there tells of another result, and goes. What the result names beside it
-/// is there before it.
+/// Writes a result before its report, and removes an old report, which describes another result. Files beside the
+/// result are written before it.
 pub fn write_before_report(output: &Path, result: &Encoded, report: Option<&Path>) -> Result<(), Failure> {
-    let _complete = interrupt::shield();
-    if interrupt::asked() {
-        return Err(Failure::Cancelled);
-    }
+    let _guard = begin()?;
     result.write_beside(output).map_err(|error| Failure::write(&files::folder_of(output).join(BESIDE), error))?;
     write(output, &result.bytes)?;
-    let Some((path, Way::File(old))) = report.map(|path| (path, Way::to(path))) else { return Ok(()) };
+    let Some((path, Destination::File(old))) = report.map(|path| (path, Destination::to(path))) else { return Ok(()) };
     match std::fs::remove_file(old) {
         Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::write(path, error)),
         _ => Ok(()),
     }
 }
 
-/// Writes result and report: both or none.
+/// Delays the end of the process while the guard lives. Fails if the command is cancelled already.
+pub fn begin() -> Result<MutexGuard<'static, ()>, Failure> {
+    let guard = interrupt::shield();
+    if interrupt::is_requested() { Err(Failure::Cancelled) } else { Ok(guard) }
+}
+
+/// Writes both result and report, or neither.
 pub fn write_result(output: &Path, result: &[u8], report: Option<(&Path, String)>) -> Result<(), Failure> {
-    let _complete = interrupt::shield();
-    if interrupt::asked() {
-        return Err(Failure::Cancelled);
-    }
-    // All that takes room is on the disk before anything has its name: where there is none, what was there stays.
+    let _guard = begin()?;
+    // Stage all files before any gets its name: if the disk is full, existing files stay.
     let (mut files, mut streams) = (Vec::new(), Vec::new());
     let parts = report.iter().map(|(path, text)| (*path, text.as_bytes())).chain([(output, result)]);
     for (path, content) in parts {
-        match Way::to(path) {
-            Way::File(target) => {
+        match Destination::to(path) {
+            Destination::File(target) => {
                 files.push((path, Staged::write(&target, content).map_err(|error| Failure::write(path, error))?));
             }
             way => streams.push((way, path, content)),
@@ -148,7 +150,7 @@ pub fn write_result(output: &Path, result: &[u8], report: Option<(&Path, String)
     let mut named = Vec::new();
     for (path, file) in files {
         named.push(file.publish().map_err(|error| {
-            // A report of a result that is not there would mislead.
+            // A report without its result would mislead.
             named.iter().for_each(|before: &PathBuf| drop(std::fs::remove_file(before)));
             Failure::write(path, error)
         })?);

@@ -1,8 +1,8 @@
-//! How far a bake is, told on stderr; and its cancel and clock.
+//! Progress of a bake on stderr, its cancellation and its clock.
 
 use super::interrupt;
 use crate::job::machine;
-use crate::job::pace::{Pace, name, overall};
+use crate::job::pace::{StagePace, name, overall};
 use cairn_core::input::observer::{Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
@@ -12,56 +12,79 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How progress is told.
+/// The form of progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Mode {
-    /// A bar on a terminal, else plain lines
+    /// A bar on a terminal, otherwise plain lines
     Auto,
     /// A line every second
     Plain,
-    /// One JSON object per line, up to ten in a second
+    /// One JSON object per line, up to ten per second
     Json,
-    /// As Open Job Description has it, a line every second on stdout: openjd_progress, openjd_status, openjd_fail
+    /// Open Job Description, a line every second on stdout: openjd_progress, openjd_status, openjd_fail
     Openjd,
     /// Nothing
     None,
 }
 
-/// Watches a bake for the command line.
-pub struct Reporter {
-    show: Show,
-    pace: Pace,
-    told: Option<Instant>,
+#[derive(clap::Args)]
+pub struct ProgressArgs {
+    /// Form of the progress on stderr, unless stated otherwise
+    #[arg(id = "progress", long = "progress", value_enum, default_value_t = Mode::Auto)]
+    pub mode: Mode,
+
+    /// Print only errors
+    #[arg(short, long)]
+    pub quiet: bool,
 }
 
-enum Show {
-    /// The running stage's; none before the first.
-    Bar(Option<ProgressBar>),
+impl ProgressArgs {
+    pub fn shown(&self) -> Mode {
+        if self.quiet { Mode::None } else { self.mode }
+    }
+}
+
+/// Where progress is shown: [`Mode`] without `Auto`. `B`: the bar.
+pub enum Display<B> {
+    Bar(B),
     Plain,
     Json,
     Openjd,
     Nothing,
 }
 
+impl Mode {
+    pub fn display<B>(self, bar: impl FnOnce() -> B) -> Display<B> {
+        match self {
+            Mode::Auto if std::io::stderr().is_terminal() => Display::Bar(bar()),
+            Mode::Auto | Mode::Plain => Display::Plain,
+            Mode::Json => Display::Json,
+            Mode::Openjd => Display::Openjd,
+            Mode::None => Display::Nothing,
+        }
+    }
+}
+
+/// Observes a bake for the command line.
+pub struct Reporter {
+    /// Its bar is that of the running stage; `None` before the first.
+    display: Display<Option<ProgressBar>>,
+    pace: StagePace,
+    shown: Option<Instant>,
+}
+
 impl Reporter {
     pub fn new(mode: Mode) -> Reporter {
-        let show = match mode {
-            Mode::Auto if std::io::stderr().is_terminal() => Show::Bar(None),
-            Mode::Auto | Mode::Plain => Show::Plain,
-            Mode::Json => Show::Json,
-            Mode::Openjd => Show::Openjd,
-            Mode::None => Show::Nothing,
-        };
-        Reporter { show, pace: Pace::default(), told: None }
+        Reporter { display: mode.display(|| None), pace: StagePace::default(), shown: None }
     }
 
-    fn tell(&mut self, progress: &Progress) {
+    fn show(&mut self, progress: &Progress) {
         let began = self.pace.follow(progress);
-        let pause = self.told.map_or(Duration::MAX, |told| told.elapsed());
-        match &mut self.show {
-            Show::Bar(bar) => {
+        let pause = self.shown.map_or(Duration::MAX, |shown| shown.elapsed());
+        match &mut self.display {
+            Display::Bar(bar) => {
                 if began {
-                    // The stage before stays on the screen as a full line.
+                    // The bar of the previous stage stays on the screen, filled.
                     bar.iter().for_each(fill);
                     *bar = Some(new_bar(name(progress.stage)));
                 }
@@ -70,17 +93,17 @@ impl Reporter {
                     bar.set_position((progress.fraction * BAR_LENGTH as f64) as u64);
                 }
             }
-            Show::Plain if pause >= Duration::from_secs(1) => {
+            Display::Plain if pause >= Duration::from_secs(1) => {
                 eprintln!("{}", line(progress, &mut self.pace));
-                self.told = Some(Instant::now());
+                self.shown = Some(Instant::now());
             }
-            Show::Openjd if began || pause >= Duration::from_secs(1) => {
+            Display::Openjd if began || pause >= Duration::from_secs(1) => {
                 let percent = overall(progress) * 100.0;
                 openjd("progress", &format!("{percent:.1}"));
                 openjd("status", &line(progress, &mut self.pace));
-                self.told = Some(Instant::now());
+                self.shown = Some(Instant::now());
             }
-            Show::Json if began || pause >= Duration::from_millis(100) => {
+            Display::Json if began || pause >= Duration::from_millis(100) => {
                 let line = json!({
                     "stage": progress.stage,
                     "fraction": progress.fraction,
@@ -91,18 +114,18 @@ impl Reporter {
                     "seconds_left": self.pace.remaining_seconds(progress),
                 });
                 eprintln!("{line}");
-                self.told = Some(Instant::now());
+                self.shown = Some(Instant::now());
             }
-            Show::Plain | Show::Json | Show::Openjd | Show::Nothing => {}
+            Display::Plain | Display::Json | Display::Openjd | Display::Nothing => {}
         }
     }
 
-    /// Takes the bar off the screen, or fills it.
+    /// Fills the bar, or removes it from the screen.
     pub fn finish(&mut self, done: bool) {
-        if done && matches!(self.show, Show::Openjd) {
+        if done && matches!(self.display, Display::Openjd) {
             openjd("progress", "100");
         }
-        if let Show::Bar(Some(bar)) = &self.show {
+        if let Display::Bar(Some(bar)) = &self.display {
             if done { fill(bar) } else { bar.finish_and_clear() }
         }
     }
@@ -110,10 +133,10 @@ impl Reporter {
 
 impl Observer for Reporter {
     fn progress(&mut self, progress: &Progress) -> ControlFlow<()> {
-        if interrupt::asked() {
+        if interrupt::is_requested() {
             return ControlFlow::Break(());
         }
-        self.tell(progress);
+        self.show(progress);
         ControlFlow::Continue(())
     }
 
@@ -122,23 +145,23 @@ impl Observer for Reporter {
     }
 }
 
-/// Reads, and tells so where it takes long.
+/// Reads, and shows the time if it takes long.
 pub fn while_reading<T>(mode: Mode, read: impl FnOnce() -> T) -> T {
-    let show = Reporter::new(mode).show;
-    // Most scenes are read before anybody wonders; a log wonders later.
-    let pause = Duration::from_secs(if matches!(show, Show::Bar(_)) { 1 } else { 5 });
+    let display = mode.display(|| ());
+    // Most scenes are read faster than this. A log can wait longer than a person.
+    let pause = Duration::from_secs(if matches!(display, Display::Bar(_)) { 1 } else { 5 });
     let (done, is_done) = mpsc::channel::<()>();
     thread::scope(|scope| {
         scope.spawn(move || {
             let (began, bar) = (Instant::now(), ProgressBar::new_spinner().with_message("reading"));
             while is_done.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
                 let seconds = began.elapsed().as_secs();
-                match &show {
-                    Show::Bar(_) => bar.set_message(format!("reading the scene and its files, {seconds} s")),
-                    Show::Plain => eprintln!("read: {seconds} s"),
-                    Show::Json => eprintln!("{}", json!({ "stage": "read", "seconds": seconds })),
-                    Show::Openjd => openjd("status", &format!("reading the scene and its files, {seconds} s")),
-                    Show::Nothing => {}
+                match &display {
+                    Display::Bar(_) => bar.set_message(format!("reading the scene and its files, {seconds} s")),
+                    Display::Plain => eprintln!("read: {seconds} s"),
+                    Display::Json => eprintln!("{}", json!({ "stage": "read", "seconds": seconds })),
+                    Display::Openjd => openjd("status", &format!("reading the scene and its files, {seconds} s")),
+                    Display::Nothing => {}
                 }
             }
             bar.finish_and_clear();
@@ -157,7 +180,7 @@ fn new_bar(stage: &'static str) -> ProgressBar {
         .with_prefix(stage)
 }
 
-/// Leaves the bar on the screen as that of a finished stage.
+/// Leaves the bar on the screen, filled.
 fn fill(bar: &ProgressBar) {
     bar.set_style(style("{elapsed}"));
     bar.set_position(BAR_LENGTH);
@@ -169,22 +192,22 @@ fn style(time: &str) -> ProgressStyle {
         .expect("the template is valid")
 }
 
-/// The stage and how far it is.
-fn line(progress: &Progress, pace: &mut Pace) -> String {
+/// The stage and its progress.
+fn line(progress: &Progress, pace: &mut StagePace) -> String {
     let percent = progress.fraction * 100.0;
     let left = pace.remaining_seconds(progress).map(|left| format!("{left:.0} s left"));
     let parts = [Some(format!("{percent:.0} %")), Some(counts(progress)).filter(|text| !text.is_empty()), left];
     format!("{}: {}", name(progress.stage), parts.into_iter().flatten().collect::<Vec<_>>().join(", "))
 }
 
-/// A line for the worker of a farm that speaks Open Job Description. Who does not read it any more misses nothing.
+/// Prints a line of Open Job Description for a farm's worker. Errors are ignored, as a closed pipe has no reader.
 pub fn openjd(kind: &str, text: &str) {
     let mut stdout = std::io::stdout().lock();
     let _ = writeln!(stdout, "openjd_{kind}: {}", text.lines().collect::<Vec<_>>().join("; "));
     let _ = stdout.flush();
 }
 
-/// What there is so far; a count of which there is nothing is left out.
+/// The counts so far, without zeros.
 fn counts(progress: &Progress) -> String {
     let Progress { bodies, released, at_rest, nails, .. } = *progress;
     [(bodies, "bodies"), (released, "released"), (at_rest, "at rest"), (nails, "nails")]
@@ -195,28 +218,28 @@ fn counts(progress: &Progress) -> String {
         .join(", ")
 }
 
-/// How many of several bakes are done, on a terminal's stderr.
-pub struct Tally {
+/// Counts finished bakes on a terminal's stderr.
+pub struct RunCounter {
     bar: ProgressBar,
     begun: u64,
 }
 
-impl Tally {
-    pub fn new(bakes: usize) -> Tally {
+impl RunCounter {
+    pub fn new(bakes: usize) -> RunCounter {
         let style = ProgressStyle::with_template("{bar:24} {pos}/{len}  {msg}  {elapsed}, {eta} left");
         let bar = ProgressBar::with_draw_target(Some(bakes as u64), ProgressDrawTarget::stderr())
             .with_style(style.expect("the template is valid"));
-        Tally { bar, begun: 0 }
+        RunCounter { bar, begun: 0 }
     }
 
-    /// The bake before is done.
+    /// Shows that the previous bake has ended and this one begins.
     pub fn begin(&mut self, name: &str) {
         self.bar.set_position(self.begun);
         self.bar.set_message(name.to_owned());
         self.begun += 1;
     }
 
-    /// Keeps the time running.
+    /// Updates the time.
     pub fn tick(&self) {
         self.bar.tick();
     }

@@ -1,17 +1,16 @@
-//! `cairn rank`: the results of a batch in order, and a contact sheet of them.
+//! `cairn rank`: ranks the results of a batch, and makes a contact sheet.
 
-use super::{Failure, interrupt, output, print, tell};
-use crate::sheet::{self, Candidate, Key, Shot};
-use anstyle::AnsiColor;
+use super::{Failure, interrupt, output, print, print_note, print_warning};
+use crate::sheet::{self, Candidate, Shot, SortKey};
 use comfy_table::{CellAlignment, Table, presets};
 use image::ImageFormat;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-/// Order the results of a batch by their figures, and make a contact sheet of them
+/// Ranks the results of a batch by their figures, and makes a contact sheet
 ///
-/// The sheet is a page with a picture of each result, its figures and a 3-D view of the chosen one that plays; it opens from the disk and
-/// needs nothing beside it. Beside it, the same is written as a picture (.png).
+/// The sheet is a page with a picture and the figures of each result, and an animated 3-D view of the selected one. It
+/// is a single file that opens from the disk. A picture of the sheet (.png) is written beside it.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -19,33 +18,33 @@ Examples:
   cairn rank out --by kept_shape --by penetration_p95_rel:least -o sheet.html
   cairn rank out --by cpu_seconds:least --top 10
 
-Figures are those of the reports (examples/guide/measures.md), and seed, bodies and cpu_seconds.")]
+Figures are the measures and counts of the reports (examples/guide/measures.md), and seed, bodies and cpu_seconds.")]
 pub struct Args {
-    /// Folder of results (.glb) with their reports, as `cairn batch` fills it
+    /// Folder of results (.glb) with reports, as written by `cairn batch`
     folder: PathBuf,
 
-    /// Figure to order by, the largest first, or with :least the smallest; where it is equal, by the next one [default: kept_shape, or
-    /// what there is of shape_iou and seed]
+    /// Figure to sort by, largest first, or smallest first with :least; repeat it to break ties [default: the first
+    /// available one of kept_shape, shape_iou and seed]
     #[arg(long, value_name = "FIGURE[:least]")]
-    by: Vec<Key>,
+    by: Vec<SortKey>,
 
-    /// Figure to show with each picture, beside those that order [default: penetration_p95_rel, bodies]
+    /// Figure to show with each picture, besides the sorting ones [default: penetration_p95_rel, bodies]
     #[arg(long, value_name = "FIGURE")]
     show: Vec<String>,
 
-    /// Only so many, the first ones
+    /// Show only the first results, this many
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     top: Option<u64>,
 
-    /// Page to write: .html; the picture is beside it [default: contact-sheet.html in the folder]
+    /// Page to write (.html); the picture is written beside it [default: contact-sheet.html in the folder]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 
-    /// Only print the order
+    /// Print only the ranking
     #[arg(long)]
     no_sheet: bool,
 
-    /// Most of the results that the page holds, for its 3-D view, the first ones first
+    /// Limit of the results embedded in the page for its 3-D view, first ones first
     #[arg(long, value_name = "MIB", default_value_t = 256)]
     embed_mib: usize,
 }
@@ -58,17 +57,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         output::check(&page, &[])?;
         output::check(&picture, &[])?;
     }
-    let (mut candidates, left_out) = sheet::read(&args.folder).map_err(|problem| Failure::Input(vec![problem]))?;
+    let (mut candidates, left_out) = sheet::read(&args.folder).map_err(Failure::input)?;
     for problem in &left_out {
-        tell("warning", AnsiColor::Yellow, &format!("left out: {problem}"));
+        print_warning(&format!("skipped: {problem}"));
     }
     if candidates.is_empty() {
         return Err(Failure::Input(left_out));
     }
-    // Not every scene has the first of them.
+    // Not every scene has the first ones.
     let usual =
-        ["kept_shape", "shape_iou", "seed"].map(|figure| Key { figure: figure.into(), least: figure == "seed" });
-    let is_known = |key: &Key| candidates.iter().any(|one| one.figures.contains_key(&key.figure));
+        ["kept_shape", "shape_iou", "seed"].map(|figure| SortKey { figure: figure.into(), least: figure == "seed" });
+    let is_known = |key: &SortKey| candidates.iter().any(|one| one.figures.contains_key(&key.figure));
     let keys = match &args.by[..] {
         [] => usual.into_iter().find(is_known).into_iter().collect(),
         keys => keys.to_vec(),
@@ -83,8 +82,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// The figures to show: those that order, and those asked for.
-fn shown(args: &Args, keys: &[Key]) -> Vec<String> {
+/// The figures to show: the sorting ones, and the requested ones.
+fn shown(args: &Args, keys: &[SortKey]) -> Vec<String> {
     let usual = ["penetration_p95_rel", "bodies"].map(str::to_owned);
     let others = if args.show.is_empty() { &usual[..] } else { &args.show };
     let mut shown: Vec<String> = keys.iter().map(|key| key.figure.clone()).collect();
@@ -99,14 +98,14 @@ fn shown(args: &Args, keys: &[Key]) -> Vec<String> {
 fn write(
     args: &Args,
     candidates: Vec<Candidate>,
-    keys: &[Key],
+    keys: &[SortKey],
     shown: &[String],
     page: &Path,
     picture: &Path,
 ) -> Result<(), Failure> {
     let mut entries: Vec<(Candidate, Shot)> = Vec::new();
     for candidate in candidates {
-        if interrupt::asked() {
+        if interrupt::is_requested() {
             return Err(Failure::Cancelled);
         }
         let shot = sheet::shot(&candidate)?;
@@ -114,7 +113,8 @@ fn write(
     }
     let title = args.folder.canonicalize().ok().and_then(|folder| folder.file_name().map(|name| name.to_owned()));
     let title = title.map_or("results".into(), |name| name.to_string_lossy().into_owned());
-    let order = |key: &Key| format!("{}{}", key.figure.replace('_', " "), if key.least { ", least first" } else { "" });
+    let order =
+        |key: &SortKey| format!("{}{}", key.figure.replace('_', " "), if key.least { ", smallest first" } else { "" });
     let order = keys.iter().map(order).collect::<Vec<_>>().join("; ");
     let internal = |error: &dyn std::fmt::Display| Failure::Internal(error.to_string());
     let drawn = sheet::sheet(&title, &order, &entries, shown).map_err(|error| internal(&error))?;
@@ -127,7 +127,7 @@ fn write(
         output::write(page, html.as_bytes())?;
     }
     print(&table(entries.iter().map(|(candidate, _)| candidate), shown))?;
-    tell("note", AnsiColor::Cyan, &format!("{} and {}", page.display(), picture.display()));
+    print_note(&format!("wrote {} and {}", page.display(), picture.display()));
     Ok(())
 }
 
@@ -139,7 +139,7 @@ fn table<'a>(candidates: impl Iterator<Item = &'a Candidate>, shown: &[String]) 
         column.set_cell_alignment(CellAlignment::Right);
     }
     for (number, candidate) in candidates.enumerate() {
-        let figures = shown.iter().map(|figure| candidate.told(figure).unwrap_or_default());
+        let figures = shown.iter().map(|figure| candidate.formatted(figure).unwrap_or_default());
         table.add_row([(number + 1).to_string(), candidate.path.display().to_string()].into_iter().chain(figures));
     }
     table.lines().map(|line| line.trim().to_owned() + "\n").collect()

@@ -1,17 +1,16 @@
-//! The commands as clients of a server.
+//! Commands as clients of a server.
 
-use super::progress::{Mode, Reporter};
-use super::{Failure, interrupt, output, summary, tell};
+use super::progress::{ProgressArgs, Reporter};
+use super::{Failure, interrupt, output, print_warning, summary};
 use crate::client::{Connection, Target};
 use crate::files;
-use crate::job::{self, Names};
+use crate::job::{self, PortableNames};
 use crate::model::document;
 use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::digest::hex;
 use crate::wire::from_proto;
 use crate::wire::proto::{Artifact, AssetReference, BakeRequest, BakeSpec, Scene, Summary, bake_event::Kind};
-use anstyle::AnsiColor;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
 use prost::Message;
@@ -24,33 +23,33 @@ use std::time::{Duration, Instant};
 use tonic::{Code, Status};
 use tonic_types::StatusExt;
 
-/// What opens the server's doors.
+/// The arguments of a connection to a server.
 #[derive(clap::Args)]
-pub struct Access {
-    /// File with the server's token; the variable CAIRN_TOKEN may hold the token itself
+pub struct ConnectionArgs {
+    /// File with the server's token; or set CAIRN_TOKEN to the token
     #[arg(long, value_name = "FILE", env = "CAIRN_TOKEN_FILE", help_heading = "Server")]
     token_file: Option<PathBuf>,
 
-    /// Who signed the server's certificate, PEM: the connection is encrypted
+    /// Certificate of the authority that signed the server's certificate, PEM; encrypts the connection
     #[arg(long, value_name = "FILE", env = "CAIRN_TLS_CA", help_heading = "Server")]
     tls_ca: Option<PathBuf>,
 
-    /// Your certificate, PEM, where the server asks for one
+    /// Client certificate, PEM, if the server requires one
     #[arg(long, value_name = "FILE", requires = "tls_key", help_heading = "Server")]
     tls_certificate: Option<PathBuf>,
 
-    /// Your certificate's key, PEM
+    /// Key of the client certificate, PEM
     #[arg(long, value_name = "FILE", requires = "tls_certificate", help_heading = "Server")]
     tls_key: Option<PathBuf>,
 
-    /// Where several servers are behind a proxy: calls with the same text reach the same server [default of `bake`: a hash of
-    /// what is asked]
+    /// For several servers behind a proxy: calls with the same text reach the same server [default of `bake`: a hash of
+    /// the request]
     #[arg(long, value_name = "TEXT", env = "CAIRN_ROUTE", help_heading = "Server")]
     route: Option<String>,
 }
 
-impl Access {
-    /// A server at this address.
+impl ConnectionArgs {
+    /// The target for a server's address.
     pub fn at(&self, address: &str) -> Result<Target, Failure> {
         let read = |path: &Option<PathBuf>| path.as_deref().map(files::read).transpose();
         let read = || {
@@ -70,7 +69,7 @@ impl Access {
 /// A bake on a server.
 #[derive(clap::Args)]
 pub struct RemoteBake {
-    /// The bake's id, as `cairn bake --server` tells it
+    /// Id of the bake, as printed by `cairn bake --server`
     id: String,
 
     /// HOST:PORT or unix:PATH of a `cairn serve`
@@ -78,64 +77,62 @@ pub struct RemoteBake {
     server: String,
 
     #[command(flatten)]
-    access: Access,
+    connection: ConnectionArgs,
 }
 
 impl RemoteBake {
     fn target(&self) -> Result<Target, Failure> {
-        self.access.at(&self.server)
+        self.connection.at(&self.server)
     }
 }
 
-/// What a finished bake is wanted for.
-pub struct Wanted<'a> {
+/// Where a finished bake's files go, and the form of progress.
+pub struct Delivery<'a> {
     pub output: Option<&'a Path>,
     pub report: Option<&'a Path>,
-    pub progress: Mode,
-    pub quiet: bool,
+    pub progress: &'a ProgressArgs,
 }
 
-/// How a server is to list and order a bake.
+/// The arguments about a bake's place in a server's list and queue.
 #[derive(clap::Args)]
-pub struct Asked {
-    /// A label of the bake on the server, such as shot=a010; repeat it for several
+pub struct QueueArgs {
+    /// Label of the bake on the server, such as shot=a010; repeat it for several
     #[arg(long = "label", value_name = "KEY=VALUE", value_parser = label, requires = "server", help_heading = "Server")]
     labels: Vec<(String, String)>,
 
-    /// Bakes of a higher priority run first: -100 to 100, above 0 for operators only [default: 0]
+    /// Priority, -100 to 100; higher ones run first, and only operators may use values above 0 [default: 0]
     #[arg(long, requires = "server", allow_negative_numbers = true, help_heading = "Server")]
     #[arg(value_parser = clap::value_parser!(i32).range(-100..=100))]
     priority: Option<i32>,
 }
 
 fn label(text: &str) -> Result<(String, String), String> {
-    let (key, value) = text.split_once('=').ok_or("there is no `=` in it; write KEY=VALUE")?;
+    let (key, value) = text.split_once('=').ok_or("it has no `=`; write KEY=VALUE")?;
     Ok((key.to_owned(), value.to_owned()))
 }
 
-/// The files of a scene, as a server needs them.
+/// The files of a scene, for a server.
 pub struct Files {
-    /// By the names that the server is to have for them.
+    /// The files by their names on the server.
     references: Vec<AssetReference>,
     contents: BTreeMap<String, Bytes>,
     paths: Vec<PathBuf>,
-    /// What the server calls a file, and so the result.
-    names: Names,
+    /// Names of files on the server and in the result.
+    names: PortableNames,
 }
 
 impl Files {
-    /// Reads all that the scene names, and what these files name. What is in them is the server's to judge. `folder`: the
-    /// scene's own. A path may lead out of it where all can read that: by `../`, or from the root; not by a link.
+    /// Reads the scene's files, and the files that they name. The server checks their content. `folder`: the scene's
+    /// own. A path may visibly lead out of it, by `../` or from the root, but not by a link.
     pub fn read(scene: &Scene, folder: &Path) -> Result<Files, Failure> {
         let mut found = BTreeMap::new();
         let mut problems = Vec::new();
         let models = job::model_files(scene);
-        let names = Names::new(models.iter().map(PathBuf::as_path), folder);
+        let names = PortableNames::new(models.iter().map(PathBuf::as_path), folder);
         for path in models {
             if files::is_below(folder, &path) && files::leads_out(folder, &path) {
-                let what = "a link that leads out of the scene's folder, so that it is not sent";
-                let remedy = "Name the file that it leads to, or put the file itself there.";
-                problems.push(Problem::new(path.display().to_string(), what, remedy));
+                let what = "a link that leads out of the scene's folder, which is not sent";
+                problems.push(Problem::at(&path, what, "Name its target, or put the file itself there."));
                 continue;
             }
             match files::read(&path) {
@@ -144,12 +141,11 @@ impl Files {
                     let beside = document::external_files(&bytes).unwrap_or_default();
                     for path in beside.iter().filter_map(|relative| files::below(folder, relative)) {
                         if files::leads_out(folder, &path) {
-                            let what = "a link that leads out of the folder of its .gltf file, so that it is not sent";
-                            let place = path.display().to_string();
-                            problems.push(Problem::new(place, what, "Put the file itself there."));
+                            let what = "a link that leads out of the folder of its .gltf file, which is not sent";
+                            problems.push(Problem::at(&path, what, "Put the file itself there."));
                             continue;
                         }
-                        // A texture that is not there matters only to who needs it.
+                        // Only a bake that uses a missing texture needs it.
                         if let Ok(bytes) = files::read(&path) {
                             found.insert(path, bytes);
                         }
@@ -173,13 +169,13 @@ impl Files {
         Ok(Files { references, contents, paths, names })
     }
 
-    /// What a server is asked to bake.
+    /// The request to a server.
     pub fn spec(&self, mut scene: Scene) -> BakeSpec {
         job::rename(&mut scene, |path| self.names.of(path));
         BakeSpec { scene: Some(scene), assets: self.references.clone(), ..Default::default() }
     }
 
-    /// Writes what a server is asked into a folder, its message last.
+    /// Writes the request into a folder, the message last.
     pub fn write(&self, scene: Scene, folder: &Path) -> Result<(), Failure> {
         std::fs::create_dir_all(folder).map_err(|error| Failure::write(folder, error))?;
         for (sha256, content) in &self.contents {
@@ -193,37 +189,37 @@ impl Files {
     }
 }
 
-/// `cairn bake` on a server. Ctrl-C cancels it there.
+/// `cairn bake --server`. Ctrl-C cancels the bake on the server.
 pub fn bake(
     target: &Target,
     scene: Scene,
     files: Files,
     format: Format,
-    asked: &Asked,
-    wanted: &Wanted,
+    queue: &QueueArgs,
+    delivery: &Delivery,
 ) -> Result<(), Failure> {
     let mut spec = files.spec(scene);
     spec.set_format(job::request::output_format(format));
-    // The same request finds the server that has baked it before.
+    // The same request reaches the server that has baked it before.
     let route = target.route.clone().unwrap_or_else(|| hex(&Sha256::digest(spec.encode_to_vec())));
     let target = &Target { route: Some(route), ..target.clone() };
     let request = BakeRequest {
         spec: Some(spec),
-        labels: asked.labels.iter().cloned().collect(),
-        priority: asked.priority.unwrap_or(0),
+        labels: queue.labels.iter().cloned().collect(),
+        priority: queue.priority.unwrap_or(0),
         ..Default::default()
     };
     talk(async {
         let mut server = Connection::open(target).await?;
         server.upload(&files.contents).await?;
-        let mut told = Told::new(wanted);
+        let mut follower = BakeFollower::new(delivery);
         let baked = {
             let mut connection = server.clone();
-            // What has no name yet cannot be cancelled by it.
+            // Before it is accepted, the bake has no id by which to cancel it.
             let is_accepted = Cell::new(false);
             let bake = connection.bake(request, |event| {
-                told.event(event.kind);
-                is_accepted.set(!told.id.is_empty());
+                follower.event(event.kind);
+                is_accepted.set(!follower.id.is_empty());
             });
             tokio::select! {
                 baked = bake => Some(baked),
@@ -231,26 +227,26 @@ pub fn bake(
             }
         };
         match baked {
-            Some(baked) => told.end(baked, &mut server).await,
+            Some(baked) => follower.end(baked, &mut server).await,
             None => {
-                server.cancel(&told.id).await?;
+                server.cancel(&follower.id).await?;
                 Err(Failure::Cancelled)
             }
         }
     })
 }
 
-/// `cairn watch`. Ctrl-C ends the watching only.
-pub fn watch(bake: &RemoteBake, wanted: &Wanted) -> Result<(), Failure> {
+/// `cairn watch`. Ctrl-C stops only the watching.
+pub fn watch(bake: &RemoteBake, delivery: &Delivery) -> Result<(), Failure> {
     let target = bake.target()?;
     talk(async {
         let mut server = Connection::open(&target).await?;
-        let mut told = Told::new(wanted);
+        let mut follower = BakeFollower::new(delivery);
         let watched = tokio::select! {
-            watched = server.watch(&bake.id, |event| told.event(event.kind)) => watched,
+            watched = server.watch(&bake.id, |event| follower.event(event.kind)) => watched,
             () = interrupted(|| true) => return Err(Failure::Cancelled),
         };
-        told.end(watched, &mut server).await
+        follower.end(watched, &mut server).await
     })
 }
 
@@ -265,38 +261,38 @@ fn talk<T>(talk: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure>
     runtime.map_err(|error| Failure::Internal(error.to_string()))?.block_on(talk)
 }
 
-/// Waits for Ctrl-C, and until it may count.
+/// Waits for Ctrl-C, and until it may take effect.
 async fn interrupted(may_count: impl Fn() -> bool) {
-    while !(interrupt::asked() && may_count()) {
+    while !(interrupt::is_requested() && may_count()) {
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
 }
 
-/// What the server has told.
-struct Told<'a> {
-    wanted: &'a Wanted<'a>,
+/// Follows the events of a bake on a server.
+struct BakeFollower<'a> {
+    delivery: &'a Delivery<'a>,
     reporter: Reporter,
     began: Instant,
     id: String,
     summary: Option<Summary>,
 }
 
-impl<'a> Told<'a> {
-    fn new(wanted: &'a Wanted) -> Told<'a> {
-        let reporter = Reporter::new(if wanted.quiet { Mode::None } else { wanted.progress });
-        Told { wanted, reporter, began: Instant::now(), id: String::new(), summary: None }
+impl<'a> BakeFollower<'a> {
+    fn new(delivery: &'a Delivery) -> BakeFollower<'a> {
+        let reporter = Reporter::new(delivery.progress.shown());
+        BakeFollower { delivery, reporter, began: Instant::now(), id: String::new(), summary: None }
     }
 
     fn event(&mut self, kind: Option<Kind>) {
         match kind {
             Some(Kind::Accepted(accepted)) => {
                 self.id = accepted.bake_id;
-                if !self.wanted.quiet {
+                if !self.delivery.progress.quiet {
                     anstream::eprintln!("bake {}", self.id);
                 }
             }
             Some(Kind::Progress(progress)) => {
-                // Ctrl-C is seen elsewhere.
+                // Ctrl-C is handled elsewhere.
                 let _ = self.reporter.progress(&from_proto::progress(&progress));
             }
             Some(Kind::Summary(summary)) => self.summary = Some(summary),
@@ -304,26 +300,26 @@ impl<'a> Told<'a> {
         }
     }
 
-    /// A file that was fetched is what the bake has written.
-    fn hold_against(&self, file: &[u8], sha256: impl Fn(&Summary) -> &String) -> Result<(), Failure> {
+    /// Checks that a downloaded file is unchanged.
+    fn verify(&self, file: &[u8], sha256: impl Fn(&Summary) -> &String) -> Result<(), Failure> {
         match &self.summary {
             Some(summary) if hex(&Sha256::digest(file)) != *sha256(summary) => {
-                let remedy = "Run the command again; if it happens again, look at the server's disk and network.";
-                Err(Failure::TryAgain(Problem::new("the server", "the result was changed on its way", remedy)))
+                let remedy = "Run the command again; if it happens again, check the server's disk and network.";
+                Err(Failure::TryAgain(Problem::new("the server", "the result was changed in transfer", remedy)))
             }
             _ => Ok(()),
         }
     }
 
-    /// Fetches the files and says how it went.
+    /// Downloads the files and prints the summary.
     async fn end(mut self, ended: Result<String, Status>, server: &mut Connection) -> Result<(), Failure> {
         self.reporter.finish(ended.is_ok());
         let id = ended?;
-        let Wanted { output, report, quiet, .. } = *self.wanted;
+        let Delivery { output, report, progress } = *self.delivery;
         let report = match report {
             Some(path) => {
                 let text = server.download(&id, Artifact::Report).await?;
-                self.hold_against(&text, |summary| &summary.report_sha256)?;
+                self.verify(&text, |summary| &summary.report_sha256)?;
                 Some((path, String::from_utf8_lossy(&text).into_owned()))
             }
             None => None,
@@ -331,15 +327,15 @@ impl<'a> Told<'a> {
         match (output, report) {
             (Some(output), report) => {
                 let result = server.download(&id, Artifact::Result).await?;
-                self.hold_against(&result, |summary| &summary.result_sha256)?;
+                self.verify(&result, |summary| &summary.result_sha256)?;
                 output::write_result(output, &result, report)?;
             }
             (None, Some((path, text))) => output::write(path, text.as_bytes())?,
             (None, None) => {}
         }
-        let Some(summary) = self.summary.filter(|_| !quiet) else { return Ok(()) };
+        let Some(summary) = self.summary.filter(|_| !progress.quiet) else { return Ok(()) };
         for warning in &summary.warnings {
-            tell("warning", AnsiColor::Yellow, warning);
+            print_warning(warning);
         }
         let count = |count: i32| usize::try_from(count).unwrap_or(0);
         let measure = |name: &str| summary.measures.get(name).copied();
@@ -353,7 +349,7 @@ impl<'a> Told<'a> {
     }
 }
 
-/// What the server refused, in the exit codes of a local bake.
+/// Maps a server's refusal to the exit codes of a local bake.
 impl From<Status> for Failure {
     fn from(status: Status) -> Failure {
         let details = status.get_error_details();

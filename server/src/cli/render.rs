@@ -1,4 +1,4 @@
-//! `cairn render`: a still of a baked pile.
+//! `cairn render`: renders a still of a baked pile.
 
 use super::{Failure, interrupt, output};
 use crate::files;
@@ -8,10 +8,10 @@ use image::{ImageFormat, RgbImage};
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-/// Take a picture of a pile
+/// Renders a picture of a pile
 ///
-/// The camera is fitted to the pile, the light and the ground are those of a photo studio. Any animated glTF file can
-/// be shown, not only piles.
+/// The camera is fitted to the pile; light and ground are like in a photo studio. Works with any animated glTF file,
+/// not only piles.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -20,7 +20,7 @@ Examples:
   cairn render pile.glb -o glue.png --glue
   cairn render pile.glb -o poster.png --size 3840x2160 --samples 128 --azimuth 60
 
-Needs no graphics card, and gives the same picture for any number of threads.")]
+Needs no graphics card. The picture does not depend on the number of threads.")]
 pub struct Args {
     /// The pile: .glb or .gltf
     #[arg(value_name = "PILE")]
@@ -30,11 +30,11 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 
-    /// Frame of the animation, from 0 [default: its end]
+    /// Frame of the animation, from 0 [default: the last one]
     #[arg(long, value_name = "N", conflicts_with = "time")]
     frame: Option<u64>,
 
-    /// Moment of the animation, in seconds
+    /// Time in the animation, seconds
     #[arg(long, value_name = "SECONDS", value_parser = number)]
     time: Option<f64>,
 
@@ -42,27 +42,27 @@ pub struct Args {
     #[arg(long, value_name = "WxH", default_value = "1200x900", value_parser = size)]
     size: [u32; 2],
 
-    /// Where the camera stands around the pile: degrees from +Z towards +X
+    /// Direction of the camera around the pile, degrees from +Z toward +X
     #[arg(long, value_name = "DEGREES", default_value_t = Settings::default().azimuth, value_parser = number,
         allow_negative_numbers = true)]
     azimuth: f64,
 
-    /// How high the camera stands: degrees above the horizon, -89 to 89
+    /// Height of the camera, degrees above the horizon, -89 to 89
     #[arg(long, value_name = "DEGREES", default_value_t = Settings::default().elevation, value_parser = elevation,
         allow_negative_numbers = true)]
     elevation: f64,
 
-    /// Rays per pixel, 1 to 65536: more take longer and leave less grain
+    /// Rays per pixel, 1 to 65536: more rays take longer and give less grain
     #[arg(long, value_name = "N", default_value_t = Settings::default().samples,
         value_parser = clap::value_parser!(u32).range(1..=65536))]
     samples: u32,
 
-    /// Also show this mesh, such as the control mesh, as if made of frosted glass
+    /// Also show this mesh, such as the control mesh, as frosted glass
     #[arg(long, value_name = "MESH")]
     control: Option<PathBuf>,
 
-    /// Also show the dots of glue, through the bodies: the redder, the more they carry, black where they broke. Bodies on the ground's
-    /// glue are blue, those without glue pale
+    /// Also show the dots of glue, through the bodies: redder ones carry more, black ones broke. Bodies glued to the
+    /// ground are blue, bodies without glue pale
     #[arg(long)]
     glue: bool,
 }
@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         samples: args.samples,
         glue: args.glue,
     };
-    let read = |path: &PathBuf| File::read(path.as_path()).map_err(|problem| Failure::Input(vec![problem]));
+    let read = |path: &PathBuf| ModelFile::read(path.as_path()).map_err(Failure::input);
     let pile = read(&args.pile)?;
     let control = args.control.as_ref().map(read).transpose()?;
     let beside_pile = |name: &str| pile.beside(name);
@@ -95,33 +95,30 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     write(&args.output, &picture, format)
 }
 
-/// Whole or not at all.
+/// Writes the picture, complete or not at all.
 fn write(path: &Path, picture: &RgbImage, format: ImageFormat) -> Result<(), Failure> {
     let mut bytes = Cursor::new(Vec::new());
     picture.write_to(&mut bytes, format).map_err(|error| Failure::Internal(error.to_string()))?;
-    let _complete = interrupt::shield();
-    if interrupt::asked() {
-        return Err(Failure::Cancelled);
-    }
+    let _guard = output::begin()?;
     files::write_atomically(path, bytes.get_ref()).map_err(|error| Failure::write(path, error))
 }
 
-/// A file in memory, and where it came from.
-struct File {
+/// A file in memory, with its path.
+struct ModelFile {
     path: PathBuf,
     name: String,
     bytes: Vec<u8>,
 }
 
-impl File {
-    fn read(path: &Path) -> Result<File, Problem> {
-        Ok(File { path: path.to_path_buf(), name: path.display().to_string(), bytes: files::read(path)? })
+impl ModelFile {
+    fn read(path: &Path) -> Result<ModelFile, Problem> {
+        Ok(ModelFile { path: path.to_path_buf(), name: path.display().to_string(), bytes: files::read(path)? })
     }
 
-    /// Another file below the same folder.
+    /// Reads another file below the same folder.
     fn beside(&self, name: &str) -> Result<Vec<u8>, String> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
-        let path = files::below(folder, name).ok_or("leads out of the file's folder")?;
+        let path = files::below(folder, name).ok_or("it leads out of the file's folder")?;
         files::read(&path).map_err(|problem| problem.to_string())
     }
 
@@ -143,8 +140,7 @@ impl From<RenderError> for Failure {
 fn picture_format(path: &Path) -> Result<ImageFormat, Failure> {
     let format = ImageFormat::from_path(path).ok();
     format.filter(|format| [ImageFormat::Png, ImageFormat::Jpeg].contains(format)).ok_or_else(|| {
-        let place = path.display().to_string();
-        Failure::Usage(vec![Problem::new(place, "not a picture's name", "End it in .png or .jpg.")])
+        Failure::Usage(vec![Problem::at(path, "not the name of a picture", "Use the extension .png or .jpg.")])
     })
 }
 

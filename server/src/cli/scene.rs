@@ -1,4 +1,4 @@
-//! `cairn scene`: the scene file that equals the same flags.
+//! `cairn scene`: prints the scene of flags as a scene file.
 
 use super::scene_args::SceneArgs;
 use super::{Failure, print, remote};
@@ -7,9 +7,9 @@ use crate::wire::effective::effective;
 use crate::wire::from_proto;
 use std::path::PathBuf;
 
-/// Print the scene file that equals the same flags
+/// Prints the scene of the flags as a scene file
 ///
-/// Paths in it are relative to the current folder: keep the file there.
+/// Paths in it are relative to the current folder, so save the file there.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -19,16 +19,16 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
-    /// JSON instead of TOML
+    /// Print JSON instead of TOML
     #[arg(long)]
     json: bool,
 
-    /// Every field, with the values that the accuracy gives to those that are not set
+    /// Print every field; unset fields have the values of the accuracy
     #[arg(long)]
     full: bool,
 
-    /// Write what a server is asked into a folder, for programs that call one: the message `cairn.v1.BakeSpec` as `spec`, and
-    /// each file that the scene takes by its SHA-256
+    /// Write the request to a server into a folder, for programs that call one: the message `cairn.v1.BakeSpec` as
+    /// `spec`, and each file of the scene, named by its SHA-256
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["json", "full"])]
     request: Option<PathBuf>,
 }

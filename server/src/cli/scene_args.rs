@@ -1,7 +1,7 @@
-//! The arguments that describe a scene: a scene file, flags, or flags over a scene file. The same for every command.
+//! The arguments that describe a scene, for all commands: a scene file, flags, or both.
 
 use super::Failure;
-use crate::job::again;
+use crate::job::provenance;
 use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
@@ -11,28 +11,27 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct SceneArgs {
-    /// Scene file (.toml or .json); `cairn scene` writes one. Or a result (.glb, .usdc, .usda, .usdz): the scene that it was baked of. The flags below
-    /// override it
+    /// Scene file (.toml or .json), as written by `cairn scene`, or a result (.glb, .usdc, .usda, .usdz), which holds
+    /// its scene. The flags below override it
     pub scene: Option<PathBuf>,
 
-    /// The pile's shape: a closed mesh in a .glb or .gltf file, or one node of it (shapes.glb#Dome)
+    /// Closed mesh that the pile fills: a .glb or .gltf file, or one node of it (shapes.glb#Dome)
     #[arg(long, value_name = "FILE[#NODE]", help_heading = "Scene")]
     control: Option<String>,
 
-    /// What the pile is made of; repeat it for several. The weight says how often, relative to the others (1 if not
-    /// given)
+    /// Prop of the pile; repeat it for several. The weight is its frequency relative to the others [default: 1]
     #[arg(long = "prop", value_name = "FILE[#NODE][:WEIGHT]", help_heading = "Scene")]
     props: Vec<String>,
 
-    /// Scenery that never moves, where it stands in its file; repeat it for several
+    /// Scenery that never moves, at its location in its file; repeat it for several
     #[arg(long = "static", value_name = "FILE[#NODE]", help_heading = "Scene")]
     statics: Vec<String>,
 
-    /// How much care is taken; `paper` is the method's original setting, `standard` the default
+    /// Accuracy preset; `paper` is the method's original setting, `standard` the default
     #[arg(long, value_parser = ["paper", "draft", "preview", "standard", "fine", "reference"], help_heading = "Scene")]
     accuracy: Option<String>,
 
-    /// Another number gives another pile; the same number the same pile again [default: 1]
+    /// Seed of the random numbers: the same seed gives the same pile [default: 1]
     #[arg(long, value_parser = clap::value_parser!(i64).range(0..), help_heading = "Scene")]
     seed: Option<i64>,
 
@@ -44,17 +43,17 @@ pub struct SceneArgs {
     #[arg(long, help_heading = "Scene")]
     fps: Option<f64>,
 
-    /// Sets any field of the scene, such as fill.count=200, control=off or props.0.density=700; repeat it for several
+    /// Set any field of the scene, such as fill.count=200, control=off or props.0.density=700; repeat it for several
     #[arg(long, value_name = "FIELD=VALUE", help_heading = "Scene")]
     set: Vec<String>,
 
-    /// Where the files of a result are that stands for its scene, in the folders below included [default: its own folder, one above it,
-    /// the current one]
+    /// Folder of the files of a result that is given as the scene; folders below it are searched [default: its own
+    /// folder, one above it, the current one]
     #[arg(long, value_name = "FOLDER", help_heading = "Scene")]
     assets: Option<PathBuf>,
 }
 
-/// Whether a path names a result, rather than a scene file.
+/// Whether a path names a result instead of a scene file.
 pub fn is_result(path: &Path) -> bool {
     Format::of(path).is_some_and(Format::tells_origin)
 }
@@ -63,11 +62,11 @@ impl SceneArgs {
     /// The scene file, then the flags, then `--set`, each over what came before.
     pub fn tree(&self) -> Result<SceneTree, Failure> {
         let mut tree = match &self.scene {
-            Some(path) if is_result(path) => again::scene(path, self.assets.as_deref()).map_err(Failure::Input)?,
+            Some(path) if is_result(path) => provenance::scene(path, self.assets.as_deref()).map_err(Failure::Input)?,
             Some(path) => SceneTree::load(path).map_err(Failure::Input)?,
             None if self.control.is_none() && self.props.is_empty() && self.set.is_empty() => {
                 let remedy = "Give a scene file, or --control and --prop; see --help for examples.";
-                return Err(Failure::Usage(vec![Problem::new("command line", "no scene is given", remedy)]));
+                return Err(Failure::usage("command line", "no scene is given", remedy));
             }
             None => SceneTree::default(),
         };
@@ -104,11 +103,9 @@ impl SceneArgs {
         }
         if problems.is_empty() { Ok(tree) } else { Err(Failure::Usage(problems)) }
     }
-}
 
-impl SceneArgs {
-    /// The same arguments, for another process.
-    pub fn again(&self) -> Vec<OsString> {
+    /// The arguments for another process.
+    pub fn to_args(&self) -> Vec<OsString> {
         let given = |name: &str, value: &dyn ToString| [OsString::from(name), value.to_string().into()];
         let flag = |name: &'static str, values: &[String]| -> Vec<OsString> {
             values.iter().flat_map(|value| given(name, value)).collect()
@@ -158,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_is_no_weight() {
+    fn a_drive_is_not_a_weight() {
         assert_eq!(split_weight(r"C:\kit\book.glb"), Ok((r"C:\kit\book.glb", None)));
         assert_eq!(split_weight(r"C:\kit\book.glb:0.3"), Ok((r"C:\kit\book.glb", Some(json!(0.3)))));
         assert_eq!(split_weight("C:/book.glb#A:b"), Ok(("C:/book.glb#A:b", None)));

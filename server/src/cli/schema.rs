@@ -1,17 +1,17 @@
-//! `cairn schema`: what an editor needs to complete and check a scene file.
+//! `cairn schema`: the JSON Schema of scene files, for editors.
 
 use super::{Failure, print};
 use crate::scene_file::json_schema;
 
-/// Print the JSON Schema of scene files, for editors
+/// Prints the JSON Schema of scene files, for editors
 ///
-/// With it an editor completes the fields of a scene file, tells what they mean, and marks what is wrong.
+/// With it, an editor completes the fields of a scene file, explains them and marks mistakes.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   cairn schema > scene.schema.json
 
-A TOML scene names it in its first line, `#:schema ./scene.schema.json`; for JSON it is set in the editor's settings.")]
+A TOML scene names it in its first line, `#:schema ./scene.schema.json`; for JSON, set it in the editor's settings.")]
 pub struct Args {}
 
 pub fn run(_: &Args) -> Result<(), Failure> {

@@ -1,4 +1,4 @@
-//! `cairn serve`: the gRPC service.
+//! `cairn serve`: runs the gRPC service.
 
 use super::{Failure, print};
 use crate::problem::{Problem, nearest};
@@ -16,11 +16,12 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use tokio::sync::Notify;
 
-/// Serve bakes by gRPC, to pipeline tools and to Blender
+/// Serves bakes over gRPC, to pipeline tools and to Blender
 ///
-/// Each setting may stand in a TOML file under the flag's name with underscores, in the environment, or here: the later
-/// wins. The addresses are printed once the server listens. SIGTERM and Ctrl-C let running bakes end, within the drain
-/// deadline; a second one ends the server at once. SIGHUP has token and certificates read again.
+/// Each setting can be given in a TOML file under the flag's name with underscores, in the environment, or as a flag;
+/// later ones in this list override earlier ones. The server prints its addresses once it listens. SIGTERM and Ctrl-C
+/// let running bakes finish within the drain time; a second one ends the server at once. SIGHUP reloads token and
+/// certificates.
 #[derive(clap::Args, Serialize)]
 #[command(after_help = "\
 Examples:
@@ -38,17 +39,17 @@ pub struct Args {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     listen: Vec<String>,
 
-    /// Where assets and bakes are kept [default: cairn-data]
+    /// Folder for assets and bakes [default: cairn-data]
     #[arg(long, value_name = "FOLDER", env = "CAIRN_DATA")]
     #[serde(skip_serializing_if = "Option::is_none")]
     data: Option<PathBuf>,
 
-    /// File with the token that callers must have; the variable CAIRN_TOKEN may hold the token itself
+    /// File with the token that callers must send; or set CAIRN_TOKEN to the token
     #[arg(long, value_name = "FILE", env = "CAIRN_TOKEN_FILE")]
     #[serde(skip_serializing_if = "Option::is_none")]
     token_file: Option<PathBuf>,
 
-    /// TOML file with several callers: names, tokens or certificates, roles, limits (see examples/guide/server.md)
+    /// TOML file of callers: names, tokens or certificates, roles, limits (see examples/guide/server.md)
     #[arg(long, value_name = "FILE", env = "CAIRN_CALLERS_FILE")]
     #[serde(skip_serializing_if = "Option::is_none")]
     callers_file: Option<PathBuf>,
@@ -63,32 +64,32 @@ pub struct Args {
     #[serde(skip_serializing_if = "Option::is_none")]
     tls_key: Option<PathBuf>,
 
-    /// Who may sign callers' certificates, PEM: callers must then have one
+    /// Certificates of the authorities that sign client certificates, PEM; makes client certificates mandatory
     #[arg(long, value_name = "FILE", env = "CAIRN_TLS_CLIENT_CA")]
     #[serde(skip_serializing_if = "Option::is_none")]
     tls_client_ca: Option<PathBuf>,
 
-    /// Bakes that run at once; 0: one per core [default: 0]
+    /// Bakes that run at the same time; 0: one per core [default: 0]
     #[arg(long, env = "CAIRN_WORKERS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     workers: Option<usize>,
 
-    /// Bakes that may wait besides; more are refused [default: 32]
+    /// Bakes that may wait; more are refused [default: 32]
     #[arg(long, env = "CAIRN_QUEUE")]
     #[serde(skip_serializing_if = "Option::is_none")]
     queue: Option<usize>,
 
-    /// Threads of one bake; 0: its share of the cores [default: 0]
+    /// Threads of one bake; 0: the cores divided by the workers [default: 0]
     #[arg(long, env = "CAIRN_THREADS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     threads: Option<usize>,
 
-    /// Memory of one bake, MiB; 0: not limited [default: 8192]
+    /// Memory limit of one bake, MiB; 0: none [default: 8192]
     #[arg(long, value_name = "MIB", env = "CAIRN_BAKE_MEMORY_MIB")]
     #[serde(skip_serializing_if = "Option::is_none")]
     bake_memory_mib: Option<u64>,
 
-    /// Time of one bake, s; 0: not limited [default: 86400]
+    /// Time limit of one bake, s; 0: none [default: 86400]
     #[arg(long, value_name = "SECONDS", env = "CAIRN_BAKE_SECONDS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     bake_seconds: Option<u64>,
@@ -98,48 +99,49 @@ pub struct Args {
     #[serde(skip_serializing_if = "Option::is_none")]
     asset_mib: Option<u64>,
 
-    /// What assets, bakes and the cache of fills may take together, MiB [default: 20480]
+    /// Total size of assets, bakes and cached fills, MiB [default: 20480]
     #[arg(long, value_name = "MIB", env = "CAIRN_STORE_MIB")]
     #[serde(skip_serializing_if = "Option::is_none")]
     store_mib: Option<u64>,
 
-    /// Assets and bakes that nobody used for so long go, days; 0: never [default: 30]
+    /// Days after which unused assets and bakes are removed; 0: never [default: 30]
     #[arg(long, value_name = "DAYS", env = "CAIRN_STORE_DAYS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     store_days: Option<u64>,
 
-    /// Whether the fill of an earlier bake is used again where it is the same; kept fills count among the store [default: true]
+    /// Whether to reuse the fill of an earlier bake where it is the same; cached fills count toward the store [default:
+    /// true]
     #[arg(long, value_name = "BOOL", env = "CAIRN_REUSE")]
     #[serde(skip_serializing_if = "Option::is_none")]
     reuse: Option<bool>,
 
-    /// What becomes of bakes that ran when the server ended [default: restart]
+    /// Treatment of bakes that ran when the server ended [default: restart]
     #[arg(long, value_parser = ["restart", "fail"], env = "CAIRN_UNFINISHED")]
     #[serde(skip_serializing_if = "Option::is_none")]
     unfinished: Option<String>,
 
-    /// How long running bakes may go on when the server is asked to end, s [default: 30]
+    /// Time for running bakes to finish when the server shuts down, s [default: 30]
     #[arg(long, value_name = "SECONDS", env = "CAIRN_DRAIN_SECONDS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     drain_seconds: Option<u64>,
 
-    /// Address of Prometheus metrics, by HTTP [default: none]
+    /// HTTP address of Prometheus metrics [default: none]
     #[arg(long, value_name = "HOST:PORT", env = "CAIRN_METRICS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     metrics: Option<SocketAddr>,
 
-    /// Form of the log lines on stderr; RUST_LOG chooses which [default: text]
+    /// Form of the log lines on stderr; RUST_LOG selects them [default: text]
     #[arg(long, value_parser = ["text", "json"], env = "CAIRN_LOG")]
     #[serde(skip_serializing_if = "Option::is_none")]
     log: Option<String>,
 
-    /// The program that bakes, in the place of this one
+    /// The program that bakes, instead of this one
     #[arg(long, hide = true)]
     #[serde(skip)]
     worker_program: Option<PathBuf>,
 }
 
-/// TOML, as scene files are read.
+/// TOML, read by the same parser as scene files.
 struct Toml;
 
 impl Format for Toml {
@@ -167,7 +169,7 @@ impl Args {
                 };
                 let remedy = match meant {
                     Some(meant) => format!("Did you mean `{meant}`?"),
-                    None => "See cairn serve --help for the settings.".into(),
+                    None => "See `cairn serve --help` for the settings.".into(),
                 };
                 Problem::new(place, error.to_string(), remedy)
             };
@@ -177,7 +179,7 @@ impl Args {
     }
 }
 
-/// For what waits for the disk, beside what waits for the network: each costs memory, which it keeps.
+/// Threads for work that waits for the disk. Each keeps some memory.
 const BLOCKING_THREADS: usize = 16;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -195,9 +197,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let store = serve::open_store(&config)?;
         telemetry::metrics(&config).map_err(|error| {
             let remedy = "Choose a free port and an address of this machine.";
-            Failure::Usage(vec![Problem::new("metrics", error.to_string(), remedy)])
+            Failure::usage("metrics", error.to_string(), remedy)
         })?;
-        let (end, reload) = (asked_to_end()?, asked_to_reload()?);
+        let (end, reload) = (shutdown_request()?, reload_request()?);
         for listener in &listeners {
             print(&format!("{}\n", listener.address()))?;
         }
@@ -205,8 +207,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     })
 }
 
-/// Resolves at SIGTERM or Ctrl-C, which are ours from the call on. A second one ends the process.
-fn asked_to_end() -> Result<impl Future<Output = ()>, Failure> {
+/// Resolves at SIGTERM or Ctrl-C, handled from this call on. A second signal ends the process.
+fn shutdown_request() -> Result<impl Future<Output = ()>, Failure> {
     let broken = |error: std::io::Error| Failure::Internal(error.to_string());
     #[cfg(unix)]
     let mut next = {
@@ -225,32 +227,32 @@ fn asked_to_end() -> Result<impl Future<Output = ()>, Failure> {
         let mut interrupt = tokio::signal::windows::ctrl_c().map_err(broken)?;
         async move || drop(interrupt.recv().await)
     };
-    let asked = Arc::new(Notify::new());
-    let waiting = asked.clone();
+    let requested = Arc::new(Notify::new());
+    let sender = requested.clone();
     tokio::spawn(async move {
         next().await;
-        waiting.notify_one();
+        sender.notify_one();
         next().await;
         std::process::exit(130);
     });
-    Ok(async move { asked.notified().await })
+    Ok(async move { requested.notified().await })
 }
 
-/// Notified at SIGHUP, where there is such a signal.
-fn asked_to_reload() -> Result<Arc<Notify>, Failure> {
-    let asked = Arc::new(Notify::new());
+/// Notified at SIGHUP, on systems with that signal.
+fn reload_request() -> Result<Arc<Notify>, Failure> {
+    let requested = Arc::new(Notify::new());
     #[cfg(unix)]
     {
         use tokio::signal::unix::{SignalKind, signal};
         let mut hangup = signal(SignalKind::hangup()).map_err(|error| Failure::Internal(error.to_string()))?;
-        let asked = asked.clone();
+        let sender = requested.clone();
         tokio::spawn(async move {
             while hangup.recv().await.is_some() {
-                asked.notify_one();
+                sender.notify_one();
             }
         });
     }
-    Ok(asked)
+    Ok(requested)
 }
 
 impl From<ServeError> for Failure {
@@ -258,7 +260,7 @@ impl From<ServeError> for Failure {
         match error {
             ServeError::Settings(problems) => Failure::Usage(problems),
             ServeError::Failed(what) => {
-                Failure::TryAgain(Problem::new("the server", what, "See the log, and start it again."))
+                Failure::TryAgain(Problem::new("the server", what, "See the log, and restart the server."))
             }
         }
     }

@@ -1,8 +1,8 @@
-//! A bake's end in a few lines.
+//! The summary that ends a bake, in a few lines.
 
 use std::path::Path;
 
-/// What an artist wants to know, one entry per line. `measure` and `counted` give the report's figures and counts by name.
+/// The lines of the summary. `measure` and `counted` return the report's measures and counts by name.
 pub fn lines(
     bodies: usize,
     frames: usize,
@@ -20,7 +20,7 @@ pub fn lines(
     }
     if let (Some(start), Some(kept)) = (measure("shape_iou_start"), measure("kept_shape")) {
         lines.push(format!(
-            "shape: {} like the control mesh after turning over, {} of that kept",
+            "shape: {} match with the control mesh after turning over, {} of it kept",
             percent(start),
             percent(kept)
         ));
@@ -31,18 +31,18 @@ pub fn lines(
             0 => "all at rest".to_owned(),
             some => format!("{} of {} still moving", grouped(some as u64), count(bodies, "body", "bodies")),
         };
-        lines.push(format!("{state}: in the end no point was faster than {:.1} mm/s", speed * 1000.0));
+        lines.push(format!("{state}; largest speed at the end: {:.1} mm/s", speed * 1000.0));
     }
     lines.push(format!("{} in {seconds:.1} s", output.display()));
     lines
 }
 
-/// How much is glued, where anything may be.
+/// The line about glue, if the pile may have any.
 fn glue(measure: impl Fn(&str) -> Option<f64>, counted: impl Fn(&str) -> u64) -> Option<String> {
     let whole = |value: f64| grouped(value as u64);
-    let touches = whole(measure("touches")?);
+    let pairs = whole(measure("touches")?);
     let mut line = match counted("glue_dots") {
-        0 => format!("glued: none of {touches} touches"),
+        0 => format!("glued: none of {pairs} contact pairs"),
         dots => {
             let (clusters, anchored) = (counted("glue_clusters"), measure("anchored").unwrap_or(0.0));
             let clusters = match clusters {
@@ -51,13 +51,13 @@ fn glue(measure: impl Fn(&str) -> Option<f64>, counted: impl Fn(&str) -> u64) ->
                 many => format!(" in {} clusters", grouped(many)),
             };
             let ground = if anchored > 0.0 { format!(", {} to the ground", whole(anchored)) } else { String::new() };
-            format!("glued: {} of {touches} touches{clusters}{ground}", grouped(dots))
+            format!("glued: {} of {pairs} contact pairs{clusters}{ground}", grouped(dots))
         }
     };
     if let Some(moved) = measure("moved_freed") {
-        // A single body that moved is not nothing.
+        // A single moved body must not show as 0 %.
         let share = if moved > 0.0 && moved < 0.005 { "less than 1".into() } else { format!("{:.0}", moved * 100.0) };
-        line += &format!("; let go, {share} % of the bodies moved");
+        line += &format!("; {share} % of the bodies moved when released");
     }
     if let broken @ 1.. = counted("glue_dots_broken") {
         line += &format!("; {} broke", grouped(broken));
@@ -83,19 +83,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn glue_is_told_where_there_may_be_some() {
+    fn the_line_about_glue() {
         let line = |figures: &[(&str, f64)], counts: &[(&str, u64)]| {
             let measure = |name: &str| figures.iter().find(|(n, _)| *n == name).map(|(_, value)| *value);
             glue(measure, |name| counts.iter().find(|(n, _)| *n == name).map_or(0, |(_, count)| *count))
         };
         assert_eq!(line(&[], &[]), None);
         let figures = [("touches", 1050.0), ("anchored", 2.0), ("moved_freed", 0.0)];
-        let told = line(&figures, &[("glue_dots", 29), ("glue_clusters", 23)]).unwrap();
-        assert_eq!(told, "glued: 29 of 1,050 touches in 23 clusters, 2 to the ground; let go, 0 % of the bodies moved");
-        let told = line(&[("touches", 12.0), ("moved_freed", 0.004)], &[]).unwrap();
-        assert_eq!(told, "glued: none of 12 touches; let go, less than 1 % of the bodies moved");
+        let text = line(&figures, &[("glue_dots", 29), ("glue_clusters", 23)]).unwrap();
+        assert_eq!(
+            text,
+            "glued: 29 of 1,050 contact pairs in 23 clusters, 2 to the ground; 0 % of the bodies moved when released"
+        );
+        let text = line(&[("touches", 12.0), ("moved_freed", 0.004)], &[]).unwrap();
+        assert_eq!(text, "glued: none of 12 contact pairs; less than 1 % of the bodies moved when released");
         let counts = [("glue_dots", 1000), ("glue_clusters", 1), ("glue_dots_broken", 3)];
-        let told = line(&[("touches", 1_234_567.0)], &counts).unwrap();
-        assert_eq!(told, "glued: 1,000 of 1,234,567 touches in 1 cluster; 3 broke");
+        let text = line(&[("touches", 1_234_567.0)], &counts).unwrap();
+        assert_eq!(text, "glued: 1,000 of 1,234,567 contact pairs in 1 cluster; 3 broke");
     }
 }

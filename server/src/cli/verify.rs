@@ -1,43 +1,41 @@
-//! `cairn verify`: whether results are what their scenes give.
+//! `cairn verify`: bakes results again and compares them.
 
 use super::bounds::Bounds;
 use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, print};
 use crate::files;
-use crate::job::reuse::Cache;
-use crate::job::{Job, Outcome, again, machine};
+use crate::job::report::versions_json;
+use crate::job::reuse::BakeCache;
+use crate::job::{FinishedBake, Job, machine, provenance};
 use crate::model::export::{Encoded, Format};
 use crate::problem::Problem;
-use crate::wire::proto::Versions;
-use crate::wire::versions::versions;
-use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Bake results again, and tell whether the same comes out
+/// Bakes results again and compares every byte
 ///
-/// Each result holds its scene, and the names and hashes of its files. It is baked anew from these, without any cache, and every byte is
-/// compared.
+/// Each result holds its scene, and the names and hashes of its files. It is baked again from these without the cache.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   cairn verify pile.glb
-  cairn verify out/*.glb --sample 5      (5 of them, spread evenly)
+  cairn verify out/*.glb --sample 5      (5 of them, evenly spread)
 
-Exit code 0: all are the same; 1: one is not.")]
+Exit code 0: all are the same; 1: a result differs.")]
 pub struct Args {
     /// Results: .glb, .usdc, .usda, .usdz
     #[arg(required = true, value_name = "RESULT")]
     results: Vec<PathBuf>,
 
-    /// Bake only so many of them, spread evenly over the list
+    /// Bake only this many of them, evenly spread over the list
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     sample: Option<u64>,
 
-    /// Where the files of the scenes are, in the folders below included [default: the result's folder, one above it, the current one]
+    /// Folder of the scenes' files; folders below it are searched [default: the result's folder, one above it, the
+    /// current one]
     #[arg(long, value_name = "FOLDER")]
     assets: Option<PathBuf>,
 
-    /// How progress is told, on stderr
+    /// Form of the progress on stderr
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     progress: Mode,
 
@@ -47,7 +45,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
-    args.bounds.hold(|| verify_all(args))
+    args.bounds.enforce(|| verify_all(args))
 }
 
 fn verify_all(args: &Args) -> Result<(), Failure> {
@@ -58,41 +56,39 @@ fn verify_all(args: &Args) -> Result<(), Failure> {
         is_same &= difference.is_none();
         print(&format!("{}: {}\n", path.display(), difference.as_deref().unwrap_or("the same")))?;
     }
-    if is_same { Ok(()) } else { Err(Failure::Told(1)) }
+    if is_same { Ok(()) } else { Err(Failure::Reported(1)) }
 }
 
-/// So many of them, from the first on, at even distances.
+/// `count` of them at even distances, starting with the first.
 fn sample(all: &[PathBuf], count: Option<u64>) -> Vec<&Path> {
     let count = count.map_or(all.len(), |count| usize::try_from(count).unwrap_or(usize::MAX).min(all.len()));
     (0..count).map(|number| &*all[number * all.len() / count]).collect()
 }
 
-/// How a result differs from what its scene gives now.
+/// Bakes a result again. Returns the difference, if any.
 fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
-    let tree = again::scene(path, args.assets.as_deref()).map_err(Failure::Input)?;
-    let before = files::read(path).map_err(|problem| Failure::Input(vec![problem]))?;
-    let Some(origin) = again::origin(&before) else { unreachable!("its scene was read") };
-    let Versions { cairn, rapier3d, clarabel } = versions();
-    let own = json!({ "cairn": cairn, "rapier3d": rapier3d, "clarabel": clarabel });
+    let tree = provenance::scene(path, args.assets.as_deref()).map_err(Failure::Input)?;
+    let before = files::read(path).map_err(Failure::input)?;
+    let Some(origin) = provenance::origin(&before) else { unreachable!("its scene was read") };
+    let own = versions_json();
     if origin.versions != own {
-        let what = format!("baked by other versions: {}; these are {own}", origin.versions);
-        let problem = Problem::new(path.display().to_string(), what, "Use the Cairn that baked it.");
-        return Err(Failure::Input(vec![problem]));
+        let what = format!("baked by other versions: {}; this is {own}", origin.versions);
+        return Err(Failure::input(Problem::at(path, what, "Use the version of Cairn that baked it.")));
     }
     let job = Job::read_within(&tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
     let job = job.relative_to(tree.folder());
     let mut reporter = Reporter::new(args.progress);
     let format = Format::of(path).filter(|format| format.tells_origin()).unwrap_or(Format::Glb);
-    let done = job.run(format, &path.display().to_string(), &mut Cache::none(), &mut reporter);
+    let done = job.run(format, &path.display().to_string(), &mut BakeCache::none(), &mut reporter);
     reporter.finish(done.is_ok());
-    let Outcome { result, hash, .. } = done?;
+    let FinishedBake { result, hash, .. } = done?;
     let Encoded { bytes, beside } = result;
     if bytes == before {
         let is_there = |(name, bytes): &(&String, &Vec<u8>)| {
             std::fs::read(files::folder_of(path).join(name)).is_ok_and(|there| there == **bytes)
         };
         let wrong = beside.iter().find(|file| !is_there(file));
-        return Ok(wrong.map(|(name, _)| format!("DIFFERS: {name} beside it is not there, or not as it was written")));
+        return Ok(wrong.map(|(name, _)| format!("DIFFERS: {name} beside it is missing or changed")));
     }
     let motion =
         if hash.to_hex().as_str() == origin.result_blake3 { "the motion is the same" } else { "the motion differs" };

@@ -1,12 +1,12 @@
-//! `cairn watch`: a bake on a server, from wherever it stands.
+//! `cairn watch`: follows a bake on a server.
 
-use super::remote::{self, RemoteBake, Wanted};
-use super::{Failure, interrupt, output, progress::Mode};
+use super::remote::{self, Delivery, RemoteBake};
+use super::{Failure, interrupt, output, progress::ProgressArgs};
 use std::path::PathBuf;
 
-/// Watch a bake on a server, and fetch its result
+/// Watches a bake on a server, and downloads its result
 ///
-/// Ctrl-C ends the watching; the bake goes on.
+/// Ctrl-C stops the watching; the bake continues.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -16,21 +16,16 @@ pub struct Args {
     #[command(flatten)]
     bake: RemoteBake,
 
-    /// Where the result goes, in the format that the bake was asked for
+    /// File for the result, in the bake's format
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 
-    /// Also fetch how good the pile is and how it was made, as JSON
+    /// Also download the report, as JSON: measures of the pile, and how it was made
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
 
-    /// How progress is told; on stderr, where nothing else is said
-    #[arg(long, value_enum, default_value_t = Mode::Auto)]
-    pub progress: Mode,
-
-    /// Tell nothing but errors
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    pub progress: ProgressArgs,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -39,6 +34,5 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         output::check(path, &[])?;
     }
     let (output, report) = (args.output.as_deref(), args.report.as_deref());
-    let wanted = Wanted { output, report, progress: args.progress, quiet: args.quiet };
-    remote::watch(&args.bake, &wanted)
+    remote::watch(&args.bake, &Delivery { output, report, progress: &args.progress })
 }

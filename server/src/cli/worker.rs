@@ -1,29 +1,28 @@
-//! `cairn worker`: one bake for a server, which starts it. Not for the command line.
+//! `cairn worker`: runs one bake for a server. Servers start it; it is not for users.
 
 use super::Failure;
 use crate::job::machine;
-use crate::job::reuse::Cache;
-use crate::service::news::News;
-use crate::service::worker;
+use crate::job::reuse::BakeCache;
+use crate::service::worker::{self, WorkerError};
 use std::path::PathBuf;
 
-/// Bake in a folder of a server's store
+/// Bakes in a folder of a server's store
 #[derive(clap::Args)]
 pub struct Args {
-    task: Task,
+    task: WorkerCommand,
     folder: PathBuf,
 
-    /// Most memory to use, bytes
+    /// Limit of the memory, bytes
     #[arg(long)]
     memory: Option<u64>,
 
-    /// Where earlier fills are kept
+    /// Folder of cached fills
     #[arg(long)]
     cache: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
-enum Task {
+enum WorkerCommand {
     Plan,
     Accept,
     Bake,
@@ -36,27 +35,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     machine::use_threads(0).map_err(|error| Failure::Internal(error.to_string()))?;
     let result = match args.task {
-        Task::Plan => worker::plan(&args.folder),
-        Task::Accept => worker::accept(&args.folder),
-        Task::Bake => {
-            let mut cache = args.cache.as_deref().map_or_else(Cache::none, Cache::at);
+        WorkerCommand::Plan => worker::plan(&args.folder, true),
+        WorkerCommand::Accept => worker::plan(&args.folder, false),
+        WorkerCommand::Bake => {
+            let mut cache = args.cache.as_deref().map_or_else(BakeCache::none, BakeCache::at);
             worker::bake(&args.folder, &mut cache)
         }
     };
     match result {
         Ok(()) => Ok(()),
-        Err(worker::Error::Invalid(invalid)) => {
-            worker::tell(News::Invalid(invalid));
+        Err(WorkerError::Message(message)) => {
+            worker::send(message);
             Ok(())
         }
-        Err(worker::Error::NotWritten(why)) => {
-            worker::tell(News::NotWritten(why));
-            Ok(())
-        }
-        Err(worker::Error::Broken(why)) => {
-            worker::tell(News::Broken(why));
-            Ok(())
-        }
-        Err(worker::Error::Internal(what)) => Err(Failure::Internal(what)),
+        Err(WorkerError::Internal(what)) => Err(Failure::Internal(what)),
     }
 }

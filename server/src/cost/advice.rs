@@ -1,37 +1,36 @@
-//! Which preset a study speaks for.
+//! The preset that a study recommends.
 
-use super::table::{Row, Study, short};
-use super::{Kind, REFERENCE};
+use super::table::{Study, StudyRow, short};
+use super::{REFERENCE, VariantKind};
 
-/// Nobody sees less: of a thickness; of the bodies, once the pile is let go; of the volume, where the reference's own seeds do not differ by
-/// more.
+/// Largest invisible errors: overlap as a share of the thickness; share of bodies that move once the pile is released;
+/// shape as a share of the volume, unless the reference's own seeds differ by more.
 const GOOD: [(&str, f64); 3] = [("overlap", 0.006), ("imbalance", 0.15), ("shape", 0.03)];
 
 impl Study {
-    /// What to choose for this scene, and why: the cheapest preset in which nobody sees an error; where there is none, the one that
-    /// comes nearest.
+    /// The recommended preset and the reason: the cheapest one without visible errors, or else the one with the fewest.
     pub fn advice(&self) -> Option<String> {
-        let presets = || self.rows.iter().filter(|row| row.kind == Kind::Preset);
+        let presets = || self.rows.iter().filter(|row| row.kind == VariantKind::Preset);
         let spread = |name: &str| {
             let reference = presets().find(|row| row.variant == self.reference);
             reference.and_then(|row| row.errors.get(name)).map_or(0.0, |error| error.high)
         };
         let most = |name: &str, good: f64| if name == "shape" { spread(name).max(good) } else { good };
-        let misses = |row: &&Row| GOOD.iter().filter(|(name, good)| error(row, name) > most(name, *good)).count();
+        let misses = |row: &&StudyRow| GOOD.iter().filter(|(name, good)| error(row, name) > most(name, *good)).count();
         let chosen =
             presets().min_by(|a, b| misses(a).cmp(&misses(b)).then(a.cost.median.total_cmp(&b.cost.median)))?;
         let why = match misses(&chosen) {
-            0 => "the cheapest in which nobody sees an error",
-            _ => "no preset is without errors that can be seen, and this one has the fewest for its time",
+            0 => "the cheapest preset without visible errors",
+            _ => "every preset has visible errors, and this one has the fewest for its time",
         };
         let mut text =
             format!("Choose `{}`: {why}; it takes {} s of CPU time,", chosen.variant, short(chosen.cost.median));
-        let told = [
+        let errors = [
             ("overlap", "props overlap by ", " of their thickness"),
-            ("imbalance", "", " of them move once the pile is let go"),
-            ("shape", "its shape is ", " of its volume from the reference's"),
+            ("imbalance", "", " of them move once the pile is released"),
+            ("shape", "its shape differs from the reference's by ", " of the volume"),
         ];
-        let parts = told.iter().filter_map(|(name, before, after)| {
+        let parts = errors.iter().filter_map(|(name, before, after)| {
             Some(format!("{before}{}%{after}", short(100.0 * chosen.errors.get(name)?.median)))
         });
         text += &format!(" {}.", parts.collect::<Vec<_>>().join(", "));
@@ -53,7 +52,7 @@ impl Study {
     }
 }
 
-/// A figure that the scene does not have is no error.
-fn error(row: &Row, name: &str) -> f64 {
+/// The median error; 0 for a figure that the scene does not have.
+fn error(row: &StudyRow, name: &str) -> f64 {
     row.errors.get(name).map_or(0.0, |spread| spread.median)
 }

@@ -1,48 +1,48 @@
-//! What a study compares: three headline figures, and an appendix.
+//! The figures that a study compares: three headline figures, and an appendix.
 
 use std::collections::BTreeMap;
 
-/// An error: 0 is the truth.
+/// An error measure: 0 is perfect.
 pub struct Figure {
     pub name: &'static str,
-    /// For a person, with the unit.
+    /// Title with unit.
     pub title: &'static str,
-    /// From the figures of a report, by name.
+    /// Computes it from a report's measures by name.
     of: fn(&BTreeMap<String, f64>) -> Option<f64>,
-    /// The error is the distance from what `reference` gives.
+    /// Whether the error is the distance from the value of `reference`.
     pub from_reference: bool,
 }
 
 impl Figure {
-    /// What a run gives, before it is compared with the reference.
+    /// The value of a run, before the comparison with the reference.
     pub fn of(&self, measures: &BTreeMap<String, f64>) -> Option<f64> {
         (self.of)(measures)
     }
 }
 
-/// What an artist sees.
+/// The errors that an artist sees.
 pub const HEADLINE: [Figure; 3] = [
     Figure {
         name: "overlap",
-        title: "overlap: mean of the touching pairs, in thicknesses",
+        title: "overlap: mean over contact pairs, in thicknesses",
         of: |measures| measures.get("penetration_mean_rel").copied(),
         from_reference: false,
     },
     Figure {
         name: "imbalance",
-        title: "imbalance: share of the bodies that moves when all are let go",
+        title: "imbalance: share of bodies that move once all are released",
         of: |measures| Some(1.0 - measures.get("free_standing_fraction")?),
         from_reference: false,
     },
     Figure {
         name: "shape",
-        title: "shape: distance of its IoU from the reference's",
+        title: "shape: distance of the IoU from the reference's",
         of: |measures| measures.get("shape_iou").copied(),
         from_reference: true,
     },
 ];
 
-/// What the rest of a report is worth.
+/// Further figures of a report.
 pub const APPENDIX: [Figure; 9] = [
     measured("penetration_p95_rel", |m| m.get("penetration_p95_rel").copied()),
     measured("penetration_max_rel", |m| m.get("penetration_max_rel").copied()),

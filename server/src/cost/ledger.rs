@@ -1,7 +1,7 @@
-//! The runs that were made, kept as lines of JSON: a study that is called again goes on where it ended.
+//! The runs of a study, stored as lines of JSON, so that a repeated command continues the study.
 
+use crate::failpoints;
 use crate::problem::Problem;
-use crate::trouble;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::estimate::Workload;
@@ -14,14 +14,14 @@ use std::path::{Path, PathBuf};
 /// One bake.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Record {
-    /// Hash of all that decides the result: scene, files, version.
+    /// Hash of everything that decides the result: scene, files, version.
     pub key: String,
     pub variant: String,
     pub seed: u64,
     pub bodies: usize,
-    /// Of the solver, over all stages.
+    /// Solver substeps, over all stages.
     pub substeps: u64,
-    /// What the estimate of the costs is made from.
+    /// The inputs of the cost estimate.
     pub workload: Workload,
     /// CPU seconds by stage.
     pub seconds: BTreeMap<String, f64>,
@@ -29,7 +29,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Of a bake that is done. `of`: the scene and its parameters as they were baked.
+    /// The record of a finished bake. `of`: its scene and parameters.
     pub fn new(
         key: String,
         variant: String,
@@ -51,7 +51,7 @@ impl Record {
         })
     }
 
-    /// CPU seconds of the bake itself: measuring it is the study's own expense.
+    /// CPU seconds of the bake, without its measures.
     pub fn cost(&self) -> f64 {
         self.seconds.iter().filter(|(stage, _)| *stage != "measure").map(|(_, seconds)| seconds).sum()
     }
@@ -64,13 +64,12 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Opens the ledger of a folder, or begins it. Lines that are no records, such as one cut off, are left out.
+    /// Opens or creates the ledger of a folder. Lines that are not records, such as a truncated one, are skipped.
     pub fn open(folder: &Path) -> Result<Ledger, Problem> {
         let path = folder.join("runs.jsonl");
-        let failed = |e: std::io::Error| {
-            Problem::new(path.display().to_string(), format!("cannot be written: {e}"), "Name another folder by -o.")
-        };
-        trouble::at("ledger-open").and_then(|()| std::fs::create_dir_all(folder)).map_err(failed)?;
+        let failed =
+            |e: std::io::Error| Problem::at(&path, format!("cannot be written: {e}"), "Name another folder by -o.");
+        failpoints::at("ledger-open").and_then(|()| std::fs::create_dir_all(folder)).map_err(failed)?;
         let text = match std::fs::read_to_string(&path) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(failed(e)),
             read => read.unwrap_or_default(),
@@ -89,15 +88,9 @@ impl Ledger {
 
     pub fn add(&mut self, record: Record) -> Result<(), Problem> {
         let line = serde_json::to_string(&record).expect("a record has a JSON form") + "\n";
-        trouble::write("ledger-write", &mut self.file, line.as_bytes()).and_then(|()| self.file.flush()).map_err(
-            |e| {
-                Problem::new(
-                    self.path.display().to_string(),
-                    format!("cannot be written: {e}"),
-                    "Make room on the disk.",
-                )
-            },
-        )?;
+        failpoints::write("ledger-write", &mut self.file, line.as_bytes())
+            .and_then(|()| self.file.flush())
+            .map_err(|e| Problem::at(&self.path, format!("cannot be written: {e}"), "Make room on the disk."))?;
         self.records.push(record);
         Ok(())
     }

@@ -1,5 +1,5 @@
-//! What accuracy costs in time: one scene baked over the presets and over single parameters, several seeds each; a table
-//! and a plot of error over CPU time.
+//! The cost of accuracy: one scene baked with each preset and with single parameters changed, several seeds each, and a
+//! table and a plot of error over CPU time.
 
 mod advice;
 pub mod effects;
@@ -12,7 +12,7 @@ mod variants;
 pub use ledger::{Ledger, Record};
 pub use plot::draw;
 pub use table::Study;
-pub use variants::{Kind, Variant, variants, work};
+pub use variants::{StudyVariant, VariantKind, variants, work};
 
 use crate::job::Job;
 use crate::problem::Problem;
@@ -22,11 +22,11 @@ use cairn_core::input::observer::Observer;
 use cairn_core::input::params::Params;
 use glam::DVec3;
 
-/// The variant that the shape's errors are measured against.
+/// The variant that shape errors refer to.
 pub const REFERENCE: &str = "reference";
 
-/// The scene of one run: of this variant and seed, with all that is measured switched on.
-pub fn scene_of(tree: &SceneTree, variant: &Variant, seed: u64) -> Result<SceneTree, Vec<Problem>> {
+/// The scene of a run of this variant and seed, with all measures switched on.
+pub fn scene_of(tree: &SceneTree, variant: &StudyVariant, seed: u64) -> Result<SceneTree, Vec<Problem>> {
     let mut tree = tree.clone();
     for assignment in &variant.set {
         tree.set(assignment)?;
@@ -39,10 +39,10 @@ pub fn scene_of(tree: &SceneTree, variant: &Variant, seed: u64) -> Result<SceneT
     Ok(tree)
 }
 
-/// Bakes one run. `bodies`: the control mesh, if there is one, is scaled down so that about this many fit.
+/// Bakes one run. `bodies`: scales the control mesh, if any, down so that about this many bodies fit.
 pub fn run(
     job: &Job,
-    variant: &Variant,
+    variant: &StudyVariant,
     key: String,
     bodies: Option<usize>,
     observer: &mut dyn Observer,
@@ -58,7 +58,7 @@ pub fn run(
     Record::new(key, variant.name.clone(), (&scene, &job.params), report)
 }
 
-/// Scales a control mesh about the middle of its foot, so that its volume is at most this share.
+/// Scales a control mesh about the center of its base, to at most this share of its volume.
 fn shrink(mesh: &mut TriMesh, params: &Params, share: f64) {
     let (lo, hi) = mesh.bounds();
     let foot = DVec3::new((lo.x + hi.x) / 2.0, params.ground_height.unwrap_or(lo.y), (lo.z + hi.z) / 2.0);

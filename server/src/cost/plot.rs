@@ -1,8 +1,8 @@
 //! The study's plot: error over CPU time, a panel for each headline figure.
 
 use super::figures::{Figure, HEADLINE};
-use super::table::{self, Row, Spread, front};
-use super::{Kind, Study};
+use super::table::{self, Spread, StudyRow, front};
+use super::{Study, VariantKind};
 use crate::files::write_atomically;
 use image::{ImageFormat, RgbImage};
 use plotters::coord::Shift;
@@ -18,10 +18,10 @@ const PRESET: RGBColor = RGBColor(0x1f, 0x5f, 0xa8);
 const KNOB: RGBColor = RGBColor(0x8c, 0x8c, 0x8c);
 const FRONT: RGBColor = RGBColor(0xd9, 0x6a, 0x1c);
 
-type Fault = Box<dyn std::error::Error>;
+type PlotError = Box<dyn std::error::Error>;
 
 /// Writes `cost.svg` and `cost.png` into the folder.
-pub fn draw(study: &Study, folder: &Path) -> Result<(), Fault> {
+pub fn draw(study: &Study, folder: &Path) -> Result<(), PlotError> {
     static FONTS: Once = Once::new();
     FONTS.call_once(|| {
         let _ = register_font(FONT, FontStyle::Normal, notosans::REGULAR_TTF);
@@ -36,7 +36,7 @@ pub fn draw(study: &Study, folder: &Path) -> Result<(), Fault> {
     Ok(write_atomically(&folder.join("cost.png"), png.get_ref())?)
 }
 
-fn sheet<B: DrawingBackend>(study: &Study, area: &DrawingArea<B, Shift>) -> Result<(), Fault>
+fn sheet<B: DrawingBackend>(study: &Study, area: &DrawingArea<B, Shift>) -> Result<(), PlotError>
 where
     B::ErrorType: 'static,
 {
@@ -50,7 +50,7 @@ where
     Ok(())
 }
 
-fn heading<B: DrawingBackend>(study: &Study, area: &DrawingArea<B, Shift>) -> Result<(), Fault>
+fn heading<B: DrawingBackend>(study: &Study, area: &DrawingArea<B, Shift>) -> Result<(), PlotError>
 where
     B::ErrorType: 'static,
 {
@@ -60,7 +60,7 @@ where
     };
     let title = format!("What accuracy costs: {} ({seeds}, {})", study.scene, study.machine);
     area.draw(&Text::new(title, (20, 10), (FONT, 26).into_font()))?;
-    // The first sentences say what to choose; the tables have the rest.
+    // The first sentences give the recommendation; the tables have the details.
     let advice = study.advice().map_or(String::new(), |advice| advice.replace('`', ""));
     for (sentence, y) in advice.splitn(2, ". ").zip([42, 64]) {
         area.draw(&Text::new(sentence, (20, y), (FONT, 17).into_font()))?;
@@ -68,7 +68,7 @@ where
     let font = || (FONT, 18).into_font();
     let mut x = 24;
     for (color, what) in
-        [(PRESET, "preset"), (KNOB, "standard with one parameter changed"), (FRONT, "nothing cheaper is more accurate")]
+        [(PRESET, "preset"), (KNOB, "standard with one parameter changed"), (FRONT, "no cheaper one is more accurate")]
     {
         if color == FRONT {
             area.draw(&PathElement::new([(x - 8, 104), (x + 14, 104)], color.stroke_width(2)))?;
@@ -82,20 +82,21 @@ where
     Ok(())
 }
 
-fn panel<B: DrawingBackend>(rows: &[Row], figure: &Figure, area: &DrawingArea<B, Shift>) -> Result<(), Fault>
+fn panel<B: DrawingBackend>(rows: &[StudyRow], figure: &Figure, area: &DrawingArea<B, Shift>) -> Result<(), PlotError>
 where
     B::ErrorType: 'static,
 {
-    let points: Vec<(&Row, Spread)> =
+    let points: Vec<(&StudyRow, Spread)> =
         rows.iter().filter_map(|row| Some((row, *row.errors.get(figure.name)?))).collect();
-    let bound =
-        |f: &dyn Fn(&(&Row, Spread)) -> f64, from: f64, of: fn(f64, f64) -> f64| points.iter().map(f).fold(from, of);
+    let bound = |f: &dyn Fn(&(&StudyRow, Spread)) -> f64, from: f64, of: fn(f64, f64) -> f64| {
+        points.iter().map(f).fold(from, of)
+    };
     let (left, right) = (bound(&|p| p.0.cost.low, f64::INFINITY, f64::min), bound(&|p| p.0.cost.high, 0.0, f64::max));
     if points.is_empty() || left <= 0.0 {
         area.draw(&Text::new(format!("{}: the scene has none", figure.name), (20, 12), (FONT, 17).into_font()))?;
         return Ok(());
     }
-    // Both axes are of decades. An error of 0 has none: it stands on a line of its own, below all others.
+    // Both axes are logarithmic. An error of 0 is on a line of its own, below all others.
     let positive = |values: [f64; 2]| values.into_iter().filter(|&e| e > 0.0).fold(f64::INFINITY, f64::min);
     let least = points.iter().map(|p| positive([p.1.low, p.1.median])).fold(f64::INFINITY, f64::min);
     let top = 2.0 * bound(&|p| p.1.high, 0.0, f64::max).max(1e-6);
@@ -136,14 +137,14 @@ where
         .collect();
     let stairs = best.iter().zip(best.iter().skip(1)).flat_map(|(&a, &b)| [(b.0, a.1), b]);
     chart.draw_series(LineSeries::new(best.first().copied().into_iter().chain(stairs), FRONT.stroke_width(2)))?;
-    let at = |row: &Row, error: &Spread| (row.cost.median.log10(), height(error.median));
-    // Presets lie on top.
-    let is_preset = |(row, _): &&(&Row, Spread)| row.kind == Kind::Preset;
+    let at = |row: &StudyRow, error: &Spread| (row.cost.median.log10(), height(error.median));
+    // Draw presets on top.
+    let is_preset = |(row, _): &&(&StudyRow, Spread)| row.kind == VariantKind::Preset;
     let (presets, knobs): (Vec<_>, Vec<_>) = points.iter().partition(is_preset);
     for (row, error) in knobs.iter().chain(&presets) {
-        let (color, size) = if row.kind == Kind::Preset { (PRESET, 6) } else { (KNOB, 3) };
+        let (color, size) = if row.kind == VariantKind::Preset { (PRESET, 6) } else { (KNOB, 3) };
         let at = at(row, error);
-        if row.kind == Kind::Preset {
+        if row.kind == VariantKind::Preset {
             let upright = PathElement::new([(at.0, height(error.low)), (at.0, height(error.high))], color.mix(0.6));
             let across =
                 PathElement::new([(row.cost.low.log10(), at.1), (row.cost.high.log10(), at.1)], color.mix(0.6));
@@ -151,7 +152,7 @@ where
         }
         chart.draw_series([Circle::new(at, size, color.filled())])?;
     }
-    let pixel = |(row, error): &(&Row, Spread)| chart.backend_coord(&at(row, error));
+    let pixel = |(row, error): &(&StudyRow, Spread)| chart.backend_coord(&at(row, error));
     let taken: Vec<(i32, i32)> = presets.iter().chain(&knobs).map(pixel).collect();
     let named: Vec<(&str, (i32, i32))> =
         presets.iter().map(|(row, _)| &*row.variant).zip(taken.iter().copied()).collect();
@@ -168,11 +169,11 @@ fn two_digits(value: f64) -> String {
     if value < 1e-3 { format!("{value:.0e}") } else { table::short(value) }
 }
 
-/// Where each name stands, in pixels from its point: near it, and where it hides neither names nor points.
+/// The offset of each name from its point, in pixels: near the point, and hiding neither names nor points.
 fn label_places(named: &[(&str, (i32, i32))], points: &[(i32, i32)], left: i32) -> Vec<(i32, i32)> {
-    /// Of a letter, about; pixels.
+    /// Approximate size of a letter, pixels.
     const LETTER: (i32, i32) = (9, 17);
-    /// From the nearest to the farthest.
+    /// Vertical offsets, nearest first.
     const ROWS: [i32; 6] = [-27, 10, -45, 28, -63, 46];
     let mut boxes: Vec<[i32; 4]> = Vec::new();
     let mut places = Vec::new();

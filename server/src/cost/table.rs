@@ -1,7 +1,7 @@
-//! The study's figures: medians over seeds, errors, and which variants no other one beats.
+//! The figures of a study: medians over seeds, errors, and the variants that are not dominated.
 
 use super::figures::{self, APPENDIX, Figure, HEADLINE};
-use super::{Kind, REFERENCE, Record, Variant};
+use super::{REFERENCE, Record, StudyVariant, VariantKind};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -24,22 +24,22 @@ impl Spread {
     }
 }
 
-/// What one variant costs and what it gives.
+/// Cost and errors of a variant.
 #[derive(Clone, Debug, serde::Serialize)]
-pub struct Row {
+pub struct StudyRow {
     pub variant: String,
-    pub kind: Kind,
+    pub kind: VariantKind,
     pub seeds: Vec<u64>,
     pub bodies: Spread,
-    /// CPU seconds, without measuring.
+    /// CPU seconds, without the measures.
     pub cost: Spread,
-    /// Solver substeps over all stages: the work counted.
+    /// Solver substeps over all stages.
     pub substeps: Spread,
-    /// By name: as measured, or as distance from the reference's median ([`Figure`]).
+    /// By name: the measured value, or its distance from the reference's median ([`Figure`]).
     pub errors: BTreeMap<&'static str, Spread>,
-    /// All figures as measured.
+    /// All measured values.
     pub measures: BTreeMap<String, Spread>,
-    /// Errors in which no variant is better for less time.
+    /// Figures for which no variant has a smaller error in less time.
     pub best_in: Vec<&'static str>,
 }
 
@@ -49,27 +49,27 @@ pub struct Study {
     pub scene: String,
     pub machine: String,
     pub version: &'static str,
-    /// What the shape's errors are measured against.
+    /// The variant that shape errors refer to.
     pub reference: String,
-    pub rows: Vec<Row>,
-    /// Variants and seeds that the budget did not allow.
+    pub rows: Vec<StudyRow>,
+    /// Variants and seeds beyond the budget.
     pub left_out: Vec<String>,
 }
 
 impl Study {
-    pub fn new(scene: String, machine: String, runs: &[(Variant, Vec<Record>)], left_out: Vec<String>) -> Study {
+    pub fn new(scene: String, machine: String, runs: &[(StudyVariant, Vec<Record>)], left_out: Vec<String>) -> Study {
         let measured = |name: &str, records: &[Record]| {
             Spread::of(records.iter().filter_map(|r| r.measures.get(name).copied()).collect())
         };
         let baked = || runs.iter().filter(|(_, records)| !records.is_empty());
-        // The most accurate preset that the budget allowed stands in.
+        // Without it, the most accurate baked preset is the reference.
         let of_name = baked().find(|(variant, _)| variant.name == REFERENCE);
-        let reference = of_name.or_else(|| baked().rfind(|(variant, _)| variant.kind == Kind::Preset));
+        let reference = of_name.or_else(|| baked().rfind(|(variant, _)| variant.kind == VariantKind::Preset));
         let over = |figure: &Figure, records: &[Record]| {
             Spread::of(records.iter().filter_map(|r| figure.of(&r.measures)).collect())
         };
         let truth = |figure: &Figure| reference.and_then(|(_, records)| over(figure, records)).map(|s| s.median);
-        let row = |(variant, records): &(Variant, Vec<Record>)| {
+        let row = |(variant, records): &(StudyVariant, Vec<Record>)| {
             let counted = |f: &dyn Fn(&Record) -> f64| Spread::of(records.iter().map(f).collect());
             let error = |figure: &Figure| {
                 let truth = if figure.from_reference { truth(figure)? } else { 0.0 };
@@ -77,7 +77,7 @@ impl Study {
                 Some((figure.name, Spread::of(records.iter().filter_map(distance).collect())?))
             };
             let names: std::collections::BTreeSet<&String> = records.iter().flat_map(|r| r.measures.keys()).collect();
-            Some(Row {
+            Some(StudyRow {
                 variant: variant.name.clone(),
                 kind: variant.kind,
                 seeds: records.iter().map(|r| r.seed).collect(),
@@ -89,7 +89,7 @@ impl Study {
                 best_in: Vec::new(),
             })
         };
-        let mut rows: Vec<Row> = runs.iter().filter_map(row).collect();
+        let mut rows: Vec<StudyRow> = runs.iter().filter_map(row).collect();
         for figure in figures::all() {
             for i in front(&rows, figure.name) {
                 rows[i].best_in.push(figure.name);
@@ -99,11 +99,11 @@ impl Study {
         Study { scene, machine, version: crate::version::VERSION, reference, rows, left_out }
     }
 
-    /// Tables in Markdown: of the headline figures, and of the rest.
+    /// Tables in Markdown: the headline figures, and the others.
     pub fn markdown(&self) -> String {
         let mut text = format!(
-            "# What accuracy costs: {}\n\n{}CPU seconds without measures, on {}; medians over seeds, their range in brackets. Bold: nothing \
-             cheaper has a smaller error.\n\n",
+            "# What accuracy costs: {}\n\n{}CPU seconds without measures, on {}; medians over seeds, with ranges in \
+             parentheses. Bold: no cheaper variant has a smaller error.\n\n",
             self.scene,
             self.advice().map_or(String::new(), |advice| advice + "\n\n"),
             self.machine
@@ -151,8 +151,8 @@ pub fn short(value: f64) -> String {
     if value.abs() < 1e-4 { format!("{value:.1e}") } else { format!("{value:.digits$}") }
 }
 
-/// The rows of which no other one has a smaller error for at most the same cost, cheapest first.
-pub fn front(rows: &[Row], name: &str) -> Vec<usize> {
+/// The Pareto front: rows for which no other row has a smaller error at the same or a lower cost, cheapest first.
+pub fn front(rows: &[StudyRow], name: &str) -> Vec<usize> {
     let mut order: Vec<(f64, f64, usize)> = rows
         .iter()
         .enumerate()
@@ -190,7 +190,7 @@ mod tests {
         packing: [0.0; 7],
     };
 
-    fn run(name: &str, cost: f64, error: f64, kept: f64) -> (Variant, Vec<Record>) {
+    fn run(name: &str, cost: f64, error: f64, kept: f64) -> (StudyVariant, Vec<Record>) {
         let record = |seed: u64| Record {
             key: String::new(),
             variant: name.into(),
@@ -201,7 +201,7 @@ mod tests {
             seconds: [("fill".to_owned(), cost), ("measure".to_owned(), 50.0)].into(),
             measures: [("penetration_mean_rel".to_owned(), error * seed as f64), ("shape_iou".to_owned(), kept)].into(),
         };
-        let variant = Variant { name: name.into(), kind: Kind::Preset, set: Vec::new() };
+        let variant = StudyVariant { name: name.into(), kind: VariantKind::Preset, set: Vec::new() };
         (variant, [1, 2, 3].map(record).into())
     }
 
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn the_most_accurate_preset_stands_in_for_a_reference_that_was_left_out() {
+    fn the_most_accurate_preset_replaces_a_missing_reference() {
         let runs = [run("draft", 1.0, 0.2, 0.8), run("fine", 2.0, 0.1, 0.9)];
         assert_eq!(Study::new("x".into(), "y".into(), &runs, vec!["reference".into()]).reference, "fine");
     }

@@ -1,4 +1,4 @@
-//! What is baked: the presets, and single parameters around one of them.
+//! The variants of a study: the presets, and single changed parameters.
 
 use crate::scene_file::SceneTree;
 use crate::wire::from_proto::params_and_problems;
@@ -6,24 +6,24 @@ use crate::wire::proto;
 use crate::wire::to_proto;
 use cairn_core::input::params::{Accuracy, Params};
 
-/// One way to bake the scene.
+/// A variant of the scene.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Variant {
+pub struct StudyVariant {
     /// `standard`, or `physics.substeps=4`.
     pub name: String,
-    pub kind: Kind,
-    /// Assignments as `--set` takes them.
+    pub kind: VariantKind,
+    /// Assignments in the form of `--set`.
     pub set: Vec<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum VariantKind {
     Preset,
     Knob,
 }
 
-/// Single parameters beside what `standard` has. Lists of assignments that belong together.
+/// Parameters changed from `standard`, one list of assignments for each variant.
 const KNOBS: [&[&str]; 17] = [
     &["physics.step_natural=0.1", "control.period=3"],
     &["physics.step_natural=0.025", "control.period=10"],
@@ -44,20 +44,21 @@ const KNOBS: [&[&str]; 17] = [
     &["fill.residual_overlap=0.003"],
 ];
 
-/// The presets, cheapest first, and then the single parameters; `knobs` in place of ours, each assignments joined by `,`.
-pub fn variants(knobs: Option<&[String]>) -> Vec<Variant> {
+/// The presets, cheapest first, then the changed parameters. `knobs` replaces the built-in ones; `,` separates
+/// assignments.
+pub fn variants(knobs: Option<&[String]>) -> Vec<StudyVariant> {
     let preset = |accuracy: &Accuracy| {
         let name = to_proto::accuracy_name(*accuracy);
-        Variant { set: vec![format!("accuracy={name}")], name, kind: Kind::Preset }
+        StudyVariant { set: vec![format!("accuracy={name}")], name, kind: VariantKind::Preset }
     };
-    let knob = |set: Vec<String>| Variant { name: set[0].clone(), kind: Kind::Knob, set };
-    let ours = || KNOBS.iter().map(|set| set.iter().map(|&a| a.to_owned()).collect()).collect();
+    let knob = |set: Vec<String>| StudyVariant { name: set[0].clone(), kind: VariantKind::Knob, set };
+    let built_in = || KNOBS.iter().map(|set| set.iter().map(|&a| a.to_owned()).collect()).collect();
     let given = |knobs: &[String]| knobs.iter().map(|k| k.split(',').map(str::to_owned).collect()).collect();
-    let sets: Vec<Vec<String>> = knobs.map_or_else(ours, given);
+    let sets: Vec<Vec<String>> = knobs.map_or_else(built_in, given);
     Accuracy::LADDER.iter().map(preset).chain(sets.into_iter().map(knob)).collect()
 }
 
-/// How much solver work a scene's parameters ask for per simulated second, in any unit: substeps over the step.
+/// Solver work per simulated second, in arbitrary units: substeps divided by the time step.
 pub fn work(tree: &SceneTree) -> f64 {
     let scene: proto::Scene = tree.to_message();
     let params: Params = params_and_problems(&scene).0;

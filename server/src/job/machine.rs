@@ -1,4 +1,4 @@
-//! This machine: what it has, and what a bake costs it.
+//! This machine: its resources, and the time and memory that a bake takes.
 
 use cpu_time::ProcessTime;
 use std::path::Path;
@@ -9,8 +9,8 @@ pub fn cpu_seconds() -> f64 {
     ProcessTime::try_now().map_or(0.0, |time| time.as_duration().as_secs_f64())
 }
 
-/// CPU seconds of this process from a moment on. What it did before does not count: `cargo run` becomes the program that it has
-/// built, and hands its own time on.
+/// CPU seconds of this process since the start of the meter. Earlier time is excluded, because `cargo run` becomes the
+/// program that it has built and passes its own time on.
 pub struct Meter {
     began: f64,
 }
@@ -25,7 +25,7 @@ impl Meter {
     }
 }
 
-/// Largest resident memory of this process so far, bytes; `None` where the system does not tell.
+/// Peak resident memory of this process, bytes; `None` if the system does not report it.
 pub fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
@@ -33,27 +33,27 @@ pub fn peak_memory() -> Option<u64> {
     Some(kib * 1024)
 }
 
-/// Work is shared among so many threads from now on, this one included; 0: as many as there are processors, or as
-/// `RAYON_NUM_THREADS` says. Once, before any of it.
+/// Sets the number of threads, this one included; 0: one per processor, or as `RAYON_NUM_THREADS` says. Call it once,
+/// before any work.
 pub fn use_threads(count: usize) -> Result<(), rayon::ThreadPoolBuildError> {
     rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().build_global()
 }
 
-/// Bounds the memory of this process, bytes, where the system can.
+/// Limits the memory of this process, bytes, if the system can.
 pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
     #[cfg(unix)]
     rlimit::setrlimit(rlimit::Resource::AS, bytes, bytes)?;
     Ok(())
 }
 
-/// Memory that could be had now, bytes.
+/// Available memory, bytes.
 pub fn free_memory() -> u64 {
     let mut system = System::new();
     system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
     system.available_memory()
 }
 
-/// Room on the disk that holds a folder, bytes; `None` where the system does not tell.
+/// Free space on the disk of a folder, bytes; `None` if the system does not report it.
 pub fn free_disk(folder: &Path) -> Option<u64> {
     let folder = folder.canonicalize().ok()?;
     let disks = Disks::new_with_refreshed_list();
@@ -61,7 +61,7 @@ pub fn free_disk(folder: &Path) -> Option<u64> {
     holding.max_by_key(|disk| disk.mount_point().as_os_str().len()).map(|disk| disk.available_space())
 }
 
-/// Extensions of the processor that mathematics gains from, as far as they are there.
+/// Processor extensions that speed up mathematics, as far as present.
 pub fn cpu_features() -> Vec<&'static str> {
     let mut found = Vec::new();
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
@@ -82,7 +82,7 @@ pub fn cpu_features() -> Vec<&'static str> {
     found
 }
 
-/// The processor and its threads, for tables of costs.
+/// The processor and its number of threads, for tables.
 pub fn name() -> String {
     let mut system = System::new();
     system.refresh_cpu_list(CpuRefreshKind::nothing());

@@ -1,9 +1,8 @@
-//! A scene with every file read, and its way through the core to the files of the result: the same for the command line
-//! and for the service.
+//! A scene with all its files read, and its bake, for the command line and the service.
 
-pub mod again;
 pub mod machine;
 pub mod pace;
+pub mod provenance;
 mod read;
 pub mod report;
 pub mod request;
@@ -17,23 +16,23 @@ use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::estimate::Estimate;
 use machine::Meter;
-pub use run::{Error, Outcome};
+pub use run::{FinishedBake, JobError};
 use serde_json::Value;
 use sources::Reference;
-pub use sources::{InputFile, Names, Open, model_files, rename};
+pub use sources::{InputFile, OpenFile, PortableNames, model_files, rename};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Everything that one bake needs.
+/// Everything that a bake needs.
 pub struct Job {
     pub scene: Scene,
     pub params: Params,
-    /// The parameters that the scene would have at each accuracy, from the quickest on.
+    /// The parameters at each accuracy, fastest first.
     pub ladder: Vec<Params>,
-    /// What was read otherwise than it stands in the files, one sentence each.
+    /// Deviations from the files' content made while reading, one sentence each.
     pub notes: Vec<String>,
-    /// The scene with every parameter and every prop's value set: baked again, it gives the same.
+    /// The scene with all defaults filled in. It bakes to the same result.
     pub effective: proto::Scene,
     began: Instant,
     meter: Meter,
@@ -42,38 +41,38 @@ pub struct Job {
     props: Vec<Reference>,
     statics: Vec<Reference>,
     files: BTreeMap<PathBuf, InputFile>,
-    /// What the result calls its files.
-    names: Names,
+    /// Names of the files in the result.
+    names: PortableNames,
 }
 
 impl Job {
-    /// What each accuracy is expected to cost on this machine. Measures the machine, for a few tenths of a second.
+    /// The expected cost of each accuracy. Measures this machine's speed first, for a few tenths of a second.
     pub fn estimates(&self) -> Result<Vec<Estimate>, cairn_core::Error> {
         let machine = cairn_core::stages::calibrate::calibrate(machine::cpu_seconds)?;
         cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
     }
 
-    /// The files that the scene reads.
+    /// The files of the scene.
     pub fn inputs(&self) -> Vec<PathBuf> {
         self.files.keys().cloned().collect()
     }
 
-    /// The result is to name files relative to this folder, the scene's own, where that can be.
+    /// Makes the result name files relative to the scene's folder, where possible.
     pub fn relative_to(mut self, folder: &Path) -> Job {
-        self.names = Names::new(self.files.keys().map(PathBuf::as_path), folder);
+        self.names = PortableNames::new(self.files.keys().map(PathBuf::as_path), folder);
         for reference in self.props.iter_mut().chain(&mut self.statics) {
             reference.portable = self.names.of(&reference.name);
         }
         self
     }
 
-    /// All that decides the result.
+    /// The request: everything that decides the result.
     pub fn request(&self, format: Format) -> BakeSpec {
         let assets = self.files.values().flat_map(request::assets).collect();
         request::request(self.effective.clone(), assets, format, &self.names)
     }
 
-    /// Hash of all files that were read: names and bytes, those beside a glTF file left out.
+    /// Hash of names and bytes of all files, except those that a glTF file names.
     pub fn content_hash(&self) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new();
         for file in self.files.values() {
@@ -85,7 +84,7 @@ impl Job {
         hasher.finalize()
     }
 
-    /// The models in their original files, and what the result tells of where it comes from.
+    /// The models in their original files, and the provenance for the result.
     pub fn export_scene<'a>(&'a self, origin: &'a Value, measures: Option<&'a Measures>) -> ExportScene<'a> {
         let (props, scenery) = (self.sources(&self.props), self.sources(&self.statics));
         ExportScene { props, scenery, origin: Some(origin), measures }

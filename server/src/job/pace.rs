@@ -1,52 +1,53 @@
-//! How long a bake's stage will still take.
+//! Remaining time of a bake's stage, and overall progress.
 
 use cairn_core::input::observer::{Progress, Stage};
 use std::time::Instant;
 
 /// The pace of the running stage.
 #[derive(Default)]
-pub struct Pace {
+pub struct StagePace {
     stage: Option<(Stage, Instant)>,
-    /// What was told last, s.
-    told: Option<f64>,
+    /// The last estimate, s.
+    shown: Option<f64>,
 }
 
-impl Pace {
-    /// Returns whether a stage has begun.
+impl StagePace {
+    /// Follows the progress. Returns whether a stage has begun.
     pub fn follow(&mut self, progress: &Progress) -> bool {
         let began = self.stage.is_none_or(|(stage, _)| stage != progress.stage);
         if began {
-            *self = Pace { stage: Some((progress.stage, Instant::now())), told: None };
+            *self = StagePace { stage: Some((progress.stage, Instant::now())), shown: None };
         }
         began
     }
 
-    /// Left in this stage, s, from its pace so far. It only falls; where it ought to rise by much, nobody knows.
+    /// Remaining time of this stage, s, from its pace so far. The estimate never grows; `None` where it would have to
+    /// grow by much.
     pub fn remaining_seconds(&mut self, progress: &Progress) -> Option<f64> {
-        /// Before this much is done, a stage's pace says little.
+        /// Before this fraction is done, a stage's pace says little.
         const TELLING: f64 = 0.02;
         let (_, began) = self.stage?;
         let left = began.elapsed().as_secs_f64() / progress.fraction * (1.0 - progress.fraction);
         if progress.fraction < TELLING { None } else { self.fall(left) }
     }
 
-    /// What to tell where `left` seconds seem to be left.
+    /// The estimate to show when `left` seconds seem to remain.
     fn fall(&mut self, left: f64) -> Option<f64> {
-        /// Beyond this many times what was told, it was wrong.
+        /// Growth beyond which the shown estimate was wrong.
         const WRONG: f64 = 1.5;
-        match self.told {
-            Some(told) if left > WRONG * told => None,
-            told => {
-                self.told = Some(told.map_or(left, |told| told.min(left)));
-                self.told
+        match self.shown {
+            Some(shown) if left > WRONG * shown => None,
+            shown => {
+                self.shown = Some(shown.map_or(left, |shown| shown.min(left)));
+                self.shown
             }
         }
     }
 }
 
-/// How far a bake is as a whole, 0 to 1, from what each stage takes of most bakes. It only rises.
+/// Overall progress of a bake, 0 to 1, by the stages' usual shares of the time. It never falls.
 pub fn overall(progress: &Progress) -> f64 {
-    // Before the stage, and of it.
+    // The share before the stage, and the stage's own.
     let (before, share) = match progress.stage {
         Stage::Shape => (0.0, 0.02),
         Stage::Fill => (0.02, 0.58),
@@ -74,10 +75,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_left_only_falls_or_is_not_known() {
-        let mut pace = Pace::default();
+    fn remaining_time_falls_or_is_unknown() {
+        let mut pace = StagePace::default();
         let seem = [10.0, 8.0, 9.0, 30.0, 11.0, 5.0];
-        let told = seem.map(|left| pace.fall(left));
-        assert_eq!(told, [Some(10.0), Some(8.0), Some(8.0), None, Some(8.0), Some(5.0)]);
+        let shown = seem.map(|left| pace.fall(left));
+        assert_eq!(shown, [Some(10.0), Some(8.0), Some(8.0), None, Some(8.0), Some(5.0)]);
     }
 }

@@ -1,8 +1,8 @@
-//! Reads all that a scene names, and gathers all that is wrong with it.
+//! Reads a scene's files, and gathers all problems of scene and files.
 
 use super::Job;
 use super::machine::Meter;
-use super::sources::{InputFile, Names, Open, Reference};
+use super::sources::{InputFile, OpenFile, PortableNames, Reference};
 use crate::files;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
@@ -19,20 +19,20 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl Job {
-    /// Reads all that a scene names, or tells everything that is wrong with it.
+    /// Reads all files of a scene, or returns all problems.
     pub fn read(scene: &proto::Scene) -> Result<Job, Vec<Problem>> {
         Job::read_within(scene, Limits::default())
     }
 
-    /// The same, with bounds on each file.
+    /// Reads the files within limits for each file.
     pub fn read_within(scene: &proto::Scene, limits: Limits) -> Result<Job, Vec<Problem>> {
         Job::read_with(scene, Arc::new(files::read), limits)
     }
 
-    /// The same, with files from elsewhere than the disk.
-    pub fn read_with(scene: &proto::Scene, open: Open, limits: Limits) -> Result<Job, Vec<Problem>> {
+    /// Reads the files by `open`.
+    pub fn read_with(scene: &proto::Scene, open: OpenFile, limits: Limits) -> Result<Job, Vec<Problem>> {
         let (began, meter) = (Instant::now(), Meter::start());
-        let mut reader = Reader::new(open, limits);
+        let mut reader = SceneReader::new(open, limits);
         let (params, problems) = from_proto::params_and_problems(scene);
         reader.problems.extend(problems);
         let control = scene.control_mesh.as_ref().map(|control| reader.model("control_mesh", &control.path).1);
@@ -84,37 +84,37 @@ impl Job {
             props,
             statics,
             files,
-            names: Names::default(),
+            names: PortableNames::default(),
         })
     }
 }
 
-/// Reads models and gathers what is wrong with them. Where a model cannot be read, an empty one stands in, and the
-/// problem keeps the job from being made.
-struct Reader {
-    open: Open,
+/// Reads models and gathers their problems. An empty model stands in for one that cannot be read; the problem then
+/// prevents the job.
+struct SceneReader {
+    open: OpenFile,
     /// Of each file.
     limits: Limits,
     files: BTreeMap<PathBuf, InputFile>,
-    /// Files that could not be read: told once, however many models lie in them.
+    /// Unreadable files: reported once each, even if several models name them.
     missing: BTreeSet<PathBuf>,
     notes: Vec<String>,
     problems: Vec<Problem>,
 }
 
-impl Reader {
-    fn new(open: Open, limits: Limits) -> Reader {
+impl SceneReader {
+    fn new(open: OpenFile, limits: Limits) -> SceneReader {
         let (files, missing) = Default::default();
-        Reader { open, limits, files, missing, notes: Vec::new(), problems: Vec::new() }
+        SceneReader { open, limits, files, missing, notes: Vec::new(), problems: Vec::new() }
     }
 
-    /// Adds what the core finds wrong with values. What it says of models that could not be read would mislead.
+    /// Adds the core's problems with values. Its problems with models are left out, since unreadable models cause them.
     fn check_values(&mut self, scene: &Scene, params: &Params) {
         let Err(found) = cairn_core::prepare::check::run(scene, params) else { return };
         for problem in found {
             let is_model = problem.field.rsplit('.').next().is_some_and(|last| last.parse::<usize>().is_ok())
                 || ["control_mesh", "region", "props"].contains(&&*problem.field);
-            if !is_model && !self.problems.iter().any(|told| told.field == problem.field) {
+            if !is_model && !self.problems.iter().any(|known| known.field == problem.field) {
                 self.problems.push(problem.into());
             }
         }

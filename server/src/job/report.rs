@@ -1,46 +1,78 @@
-//! `report.json`: the core's figures, what made them, and what they cost.
+//! `report.json`: the core's measures and counts, their inputs, and their cost.
 
 use crate::job::machine;
 use crate::scene_file::SceneTree;
 use crate::wire::proto;
 use crate::wire::versions::versions;
 use cairn_core::report::bake::{Bake, BakedPile};
+use serde::Deserialize;
 use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 
-/// What a bake took beside the core's stages, seconds, from the moment that its files began to be read.
+/// Time of a bake beside the core's stages, seconds, since it began to read its files.
 pub struct Spent {
-    /// CPU time, as are the next two.
+    /// CPU time, like the next two.
     pub read: f64,
     pub encode: f64,
-    /// In all, the core's stages included.
+    /// Total, including the core's stages.
     pub cpu: f64,
     pub wall: f64,
 }
 
-/// Which result a report tells of.
+/// The identity of a report's result.
 pub struct Made<'a> {
     /// See [`crate::job::request::hash`].
     pub request: blake3::Hash,
     /// See [`result_hash`].
     pub result: blake3::Hash,
-    /// Of the result's file.
+    /// Hash of the result's file.
     pub output: blake3::Hash,
-    /// What the report calls that.
+    /// Name of the result's file.
     pub name: &'a str,
 }
 
-/// The report file's content.
+/// The versions that decide a result, as in reports and results.
+pub fn versions_json() -> Value {
+    let proto::Versions { cairn, rapier3d, clarabel } = versions();
+    json!({ "cairn": cairn, "rapier3d": rapier3d, "clarabel": clarabel })
+}
+
+/// The parts of a report that programs read back.
+#[derive(Deserialize)]
+pub struct ReportFile {
+    #[serde(default)]
+    pub request_blake3: String,
+    pub output_blake3: String,
+    seed: Option<f64>,
+    pub bodies: Option<f64>,
+    pub cpu_seconds: Option<f64>,
+    #[serde(default)]
+    pub measures: BTreeMap<String, Option<f64>>,
+    #[serde(default)]
+    counts: BTreeMap<String, f64>,
+}
+
+impl ReportFile {
+    /// Measures, counts, seed, bodies and CPU seconds by name.
+    pub fn figures(self) -> BTreeMap<String, f64> {
+        let own = [("seed", self.seed), ("bodies", self.bodies), ("cpu_seconds", self.cpu_seconds)];
+        let own = own.into_iter().map(|(name, value)| (name.to_owned(), value));
+        let all = own.chain(self.measures).filter_map(|(name, value)| Some((name, value?)));
+        all.chain(self.counts).collect()
+    }
+}
+
+/// The content of the report file.
 pub fn json(bake: &Bake, made: &Made, scene: &SceneTree, notes: &[String], spent: &Spent) -> Value {
     let mut report = Map::new();
-    let proto::Versions { cairn, rapier3d, clarabel } = versions();
-    report.insert("versions".into(), json!({ "cairn": cairn, "rapier3d": rapier3d, "clarabel": clarabel }));
+    report.insert("versions".into(), versions_json());
     report.insert("output".into(), made.name.into());
     for (name, hash) in [("request", made.request), ("result", made.result), ("output", made.output)] {
         report.insert(format!("{name}_blake3"), hash.to_hex().as_str().into());
     }
     let figures = serde_json::to_value(&bake.report).expect("a report has a JSON form");
     for (name, value) in figures.as_object().into_iter().flatten() {
-        // The effective scene below says the same in the scene file's own terms.
+        // The effective scene below holds them in the scene file's terms.
         if name != "params" {
             report.insert(name.clone(), value.clone());
         }
@@ -57,11 +89,11 @@ pub fn json(bake: &Bake, made: &Made, scene: &SceneTree, notes: &[String], spent
     Value::Object(report)
 }
 
-/// Hash of a result: equal for equal bodies and frames, to the last bit, whatever it is written as.
+/// Hash of a result: equal for equal bodies and frames, to the last bit, in any format.
 ///
 /// BLAKE3 over little-endian bytes: fps; number of bodies; each body's prop and scale; number of frames; each frame's
-/// poses as translation x, y, z and rotation x, y, z, w; of each body that appears later, its index and first frame; the
-/// poses of moving scenery likewise. Counts and indices are 64 bit, the rest doubles.
+/// poses as translation x, y, z and rotation x, y, z, w; of each body that appears later, its index and first frame;
+/// the poses of moving scenery likewise. Counts and indices are 64 bit, the rest doubles.
 pub fn result_hash(pile: &BakedPile) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&pile.fps.to_le_bytes());

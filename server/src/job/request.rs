@@ -1,19 +1,21 @@
-//! What was asked of a bake, all that decides its result included: so that a finished result is known again, and can be asked
-//! for again.
+//! The request of a bake: everything that decides its result. By it, a finished result is recognized and can be
+//! repeated.
 
-use super::sources::{InputFile, Names, rename};
+use super::report;
+use super::sources::{InputFile, PortableNames, rename};
 use crate::model::document;
 use crate::model::export::Format;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
-use crate::wire::proto::{AssetReference, BakeSpec, OutputFormat, Scene, Versions};
+use crate::wire::proto::{AssetReference, BakeSpec, OutputFormat, Scene};
 use crate::wire::versions::versions;
 use prost::Message;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
-/// A file and those beside it that it names, with their hashes. One that is not there matters only to who needs it.
+/// A file and the files that it names, with their hashes. Missing ones are left out: only a bake that uses them needs
+/// them.
 pub fn assets(file: &InputFile) -> Vec<AssetReference> {
     let asset = |uri: String, bytes: &[u8]| AssetReference { uri, sha256: hex(&Sha256::digest(bytes)) };
     let folder = file.name.rfind(['/', '\\']).map_or("", |at| &file.name[..=at]);
@@ -25,38 +27,37 @@ pub fn assets(file: &InputFile) -> Vec<AssetReference> {
     std::iter::once(asset(file.name.clone(), &file.bytes)).chain(beside).collect()
 }
 
-/// A request with nothing left to defaults.
-pub fn request(mut scene: Scene, assets: Vec<AssetReference>, format: Format, names: &Names) -> BakeSpec {
+/// A request with all defaults filled in.
+pub fn request(mut scene: Scene, assets: Vec<AssetReference>, format: Format, names: &PortableNames) -> BakeSpec {
     rename(&mut scene, |path| names.of(path));
-    // Each once, in the order of their names.
+    // Each once, in ascending order of names.
     let assets = assets.into_iter().map(|asset| (names.of(&asset.uri), asset.sha256));
     let assets: BTreeMap<String, String> = assets.collect();
     let assets = assets.into_iter().map(|(uri, sha256)| AssetReference { uri, sha256 }).collect();
     BakeSpec { scene: Some(scene), assets, format: output_format(format).into() }
 }
 
-/// The hash of such a request and of the versions: the same hash, the same result, to the last byte.
+/// The hash of a request and of the versions. Equal hashes have equal results, to the last byte.
 pub fn hash(request: &BakeSpec) -> blake3::Hash {
     let mut all = versions().encode_length_delimited_to_vec();
     all.extend(request.encode_to_vec());
     blake3::hash(&all)
 }
 
-/// What a result tells of where it comes from: with it and the files, it can be baked again.
+/// The provenance that a result holds. With it and the files, the result can be baked again.
 pub fn origin(request: &BakeSpec, result: blake3::Hash) -> Value {
-    let Versions { cairn, rapier3d, clarabel } = versions();
     let scene = request.scene.as_ref().map(|scene| SceneTree::from_message(scene).to_value());
     let assets = request.assets.iter().map(|asset| json!({ "uri": asset.uri, "sha256": asset.sha256 }));
     json!({
         "scene": scene,
         "assets": assets.collect::<Vec<_>>(),
-        "versions": { "cairn": cairn, "rapier3d": rapier3d, "clarabel": clarabel },
+        "versions": report::versions_json(),
         "request_blake3": hash(request).to_hex().as_str(),
         "result_blake3": result.to_hex().as_str(),
     })
 }
 
-/// As the schema names it.
+/// The schema's value for a format.
 pub fn output_format(format: Format) -> OutputFormat {
     match format {
         Format::Glb => OutputFormat::Glb,

@@ -1,9 +1,9 @@
-//! What earlier bakes left: collision shapes and fills, and whole bakes, by the hash of all that they depend on.
+//! The cache of earlier bakes: collision shapes, fills and whole bakes, by the hash of everything that they depend on.
 //!
-//! A cache never decides what a result is, only how long it takes: what cannot be read is made anew, and what cannot be
-//! written is left out.
+//! The cache never changes a result, only the time that it takes. Entries that cannot be read are computed again, and
+//! entries that cannot be written are skipped.
 
-use crate::trouble;
+use crate::failpoints;
 use crate::wire::versions::versions;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
@@ -15,41 +15,41 @@ use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What all entries together may take, bytes: the oldest go first.
+/// Total size of all entries, bytes. The oldest are removed first.
 const MOST: usize = 2 << 30;
-/// A larger one is not kept, bytes.
+/// Largest entry, bytes.
 const LARGEST: usize = 256 << 20;
 
-/// Where earlier bakes are looked for.
+/// A cache on disk.
 #[derive(Clone, Debug, Default)]
-pub struct Cache {
-    /// `None`: nowhere.
+pub struct BakeCache {
+    /// `None`: nothing is cached.
     folder: Option<PathBuf>,
 }
 
-impl Cache {
-    pub fn none() -> Cache {
-        Cache::default()
+impl BakeCache {
+    pub fn none() -> BakeCache {
+        BakeCache::default()
     }
 
-    pub fn at(folder: &Path) -> Cache {
-        Cache { folder: Some(folder.to_owned()) }
+    pub fn at(folder: &Path) -> BakeCache {
+        BakeCache { folder: Some(folder.to_owned()) }
     }
 
-    /// Why nothing can be kept there.
+    /// Why the folder cannot be written, if so.
     pub fn fault(&self) -> Option<std::io::Error> {
         self.folder
             .as_ref()
             .and_then(|folder| std::fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).err())
     }
 
-    /// The user's own, where the system has such a place.
-    pub fn of_user() -> Cache {
+    /// The user's own cache folder, if the system has one.
+    pub fn of_user() -> BakeCache {
         let folders = etcetera::choose_base_strategy().ok();
-        Cache { folder: folders.map(|folders| folders.cache_dir().join("cairn")) }
+        BakeCache { folder: folders.map(|folders| folders.cache_dir().join("cairn")) }
     }
 
-    /// The bake of this scene, if it is known.
+    /// The cached bake of this scene.
     pub fn bake(&self, scene: &Scene, params: &Params) -> Option<Bake> {
         self.folder.as_ref()?;
         self.read(&key("bake", &(scene, params))?)
@@ -74,16 +74,16 @@ impl Cache {
         if bytes.len() > LARGEST {
             return;
         }
-        let written = trouble::at("cache-write").is_ok() && cacache::write_sync(folder, key, &bytes).is_ok();
+        let written = failpoints::at("cache-write").is_ok() && cacache::write_sync(folder, key, &bytes).is_ok();
         if written {
             trim(folder);
         }
     }
 }
 
-/// A process that was killed leaves a file in the cache's own folder for what is being written.
+/// Removes files that killed processes were writing.
 fn remove_unfinished(folder: &Path) {
-    /// Writing takes seconds.
+    /// Far longer than writing takes.
     const LONGEST: Duration = Duration::from_secs(3600);
     for entry in folder.read_dir().into_iter().flatten().flatten() {
         let age = entry.metadata().and_then(|found| found.modified()).ok().and_then(|time| time.elapsed().ok());
@@ -93,7 +93,7 @@ fn remove_unfinished(folder: &Path) {
     }
 }
 
-impl cache::FillCache for Cache {
+impl cache::FillCache for BakeCache {
     fn get(&mut self, inputs: &FillInputs) -> Option<CachedFill> {
         self.read(&key("fill", inputs)?)
     }
@@ -109,7 +109,7 @@ impl cache::FillCache for Cache {
     }
 }
 
-/// The hash of the versions that decide a result, and of all that it depends on.
+/// The key of an entry: a hash of the versions and of the inputs.
 fn key(kind: &str, inputs: &impl Serialize) -> Option<String> {
     let versions = versions();
     let mut hasher = blake3::Hasher::new();
@@ -120,13 +120,13 @@ fn key(kind: &str, inputs: &impl Serialize) -> Option<String> {
     Some(format!("{kind} {}", hasher.finalize().to_hex()))
 }
 
-/// This program's file, by size and time: two builds of a version may differ.
+/// Size and time of this program's file: two builds of a version may differ.
 fn program() -> String {
     let file = std::env::current_exe().and_then(std::fs::metadata).ok();
     file.map_or(String::new(), |file| format!("{} {:?}", file.len(), file.modified().ok()))
 }
 
-/// Takes out the oldest entries until the rest is small enough, and what killed processes had begun to write.
+/// Removes unfinished files, and the oldest entries until the rest is small enough.
 fn trim(folder: &Path) {
     remove_unfinished(&folder.join("tmp"));
     let mut entries: Vec<cacache::Metadata> = cacache::list_sync(folder).filter_map(Result::ok).collect();

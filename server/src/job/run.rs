@@ -1,20 +1,20 @@
-//! A job's way through the core to the files of the result.
+//! Runs a job through the core and encodes the result.
 
 use super::Job;
 use super::report::{self, Made, Spent};
 use super::request;
-use super::reuse::Cache;
+use super::reuse::BakeCache;
+use crate::failpoints;
 use crate::model::export::{self, Encoded, ExportError, Format, Measures};
 use crate::scene_file::SceneTree;
-use crate::trouble;
 use cairn_core::input::observer::Observer;
 use cairn_core::report::bake::{Bake, BakedPile};
 use std::ops::ControlFlow;
 
 /// A finished bake and its files.
-pub struct Outcome {
+pub struct FinishedBake {
     pub bake: Bake,
-    /// In the format asked for.
+    /// In the requested format.
     pub result: Encoded,
     /// JSON.
     pub report: String,
@@ -23,9 +23,9 @@ pub struct Outcome {
     pub seconds: f64,
 }
 
-/// Why there is no outcome.
+/// Why a job has no result.
 #[derive(Debug, thiserror::Error)]
-pub enum Error {
+pub enum JobError {
     #[error(transparent)]
     Bake(#[from] cairn_core::Error),
     #[error(transparent)]
@@ -33,30 +33,29 @@ pub enum Error {
 }
 
 impl Job {
-    /// The bake, and its files. `output`: what the report calls the result.
+    /// Bakes and encodes the result. `output`: the result's name in the report.
     ///
-    /// Fill and shapes of an earlier bake are taken from the cache where they are the same; where nobody wants frames, so is a
-    /// whole bake.
+    /// Shapes and fill come from the cache if it has them; so does the whole bake if the observer wants no frames.
     pub fn run(
         &self,
         format: Format,
         output: &str,
-        cache: &mut Cache,
+        cache: &mut BakeCache,
         observer: &mut dyn Observer,
-    ) -> Result<Outcome, Error> {
+    ) -> Result<FinishedBake, JobError> {
         self.run_and_deliver(format, output, cache, observer, &mut |_| ControlFlow::Continue(()))
     }
 
-    /// The same. `deliver` gets the result as soon as there is one: figures take their time, and most formats do not tell them. Its
-    /// `Break` cancels the bake.
+    /// Like [`Job::run`]. `deliver` gets the result as soon as it exists: before the measures, unless the format holds
+    /// them. Its `Break` cancels the bake.
     pub fn run_and_deliver(
         &self,
         format: Format,
         output: &str,
-        cache: &mut Cache,
+        cache: &mut BakeCache,
         observer: &mut dyn Observer,
         deliver: &mut dyn FnMut(&Encoded) -> ControlFlow<()>,
-    ) -> Result<Outcome, Error> {
+    ) -> Result<FinishedBake, JobError> {
         let request = self.request(format);
         let mut encode_seconds = 0.0;
         let mut delivered = |pile: &BakedPile, measures: Option<&Measures>| {
@@ -67,11 +66,11 @@ impl Job {
             encode_seconds = self.meter.seconds() - begin;
             match deliver(&result) {
                 ControlFlow::Continue(()) => Ok((result, hash)),
-                ControlFlow::Break(()) => Err(Error::Bake(cairn_core::Error::Cancelled)),
+                ControlFlow::Break(()) => Err(JobError::Bake(cairn_core::Error::Cancelled)),
             }
         };
         let (scene, params) = (&self.scene, &self.params);
-        // The frames of a bake under way tell more than its result.
+        // A cached bake has no frames of its fill.
         let may_recall = !observer.wants_frames();
         let known = if may_recall { cache.bake(scene, params) } else { None };
         let (bake, (result, hash)) = match known {
@@ -83,9 +82,9 @@ impl Job {
             None => {
                 let full = cairn_core::fill_container(scene, params, cache, observer)?;
                 let released = cairn_core::release_pile(scene, params, &full, observer)?;
-                // Figures never cost a result that is there.
+                // A fault in the measures must not cost the finished result.
                 let early = (!format.tells_measures()).then(|| delivered(&released.pile(), None)).transpose()?;
-                trouble::at("measure").ok();
+                failpoints::at("measure").ok();
                 let bake = released.measured(observer)?;
                 let files = match early {
                     Some(files) => files,
@@ -103,7 +102,7 @@ impl Job {
         let made =
             Made { request: request::hash(&request), result: hash, output: blake3::hash(&result.bytes), name: output };
         let report = format!("{:#}\n", report::json(&bake, &made, &scene, &self.notes, &spent));
-        Ok(Outcome { bake, result, report, hash, seconds })
+        Ok(FinishedBake { bake, result, report, hash, seconds })
     }
 }
 
@@ -115,10 +114,10 @@ mod tests {
     use cairn_core::input::observer::{Frame, Progress};
     use serde_json::Value;
 
-    /// A clock, and nothing else.
-    struct Clock;
+    /// An observer that only reads the clock.
+    struct CpuClock;
 
-    impl Observer for Clock {
+    impl Observer for CpuClock {
         fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
             ControlFlow::Continue(())
         }
@@ -131,8 +130,8 @@ mod tests {
     }
 
     #[test]
-    fn what_the_process_did_before_is_not_counted() {
-        // More than what is done between the report and the last look at the clock.
+    fn earlier_time_of_the_process_is_not_counted() {
+        // More than passes between the report and the last reading of the clock.
         while machine::cpu_seconds() < 1.0 {
             std::hint::black_box((0..100_000_u64).fold(0, u64::wrapping_add));
         }
@@ -147,15 +146,15 @@ mod tests {
             tree.set(assignment).unwrap();
         }
         let job = Job::read(&tree.to_message()).unwrap();
-        let done = job.run(Format::Csv, "pile.csv", &mut Cache::none(), &mut Clock).unwrap();
+        let done = job.run(Format::Csv, "pile.csv", &mut BakeCache::none(), &mut CpuClock).unwrap();
         let all = machine::cpu_seconds() - before;
 
         let report: Value = serde_json::from_str(&done.report).unwrap();
-        let (told, stages) = (report["cpu_seconds"].as_f64().unwrap(), report["seconds"].as_object().unwrap());
-        assert!(told <= all, "{told} of {all}");
+        let (reported, stages) = (report["cpu_seconds"].as_f64().unwrap(), report["seconds"].as_object().unwrap());
+        assert!(reported <= all, "{reported} of {all}");
         assert!(stages.contains_key("read") && stages.contains_key("fill") && stages.contains_key("encode"));
         let parts: f64 = stages.values().map(|seconds| seconds.as_f64().unwrap()).sum();
         // Rounding of sums.
-        assert!(parts <= told + 1e-9, "{parts} of {told}");
+        assert!(parts <= reported + 1e-9, "{parts} of {reported}");
     }
 }

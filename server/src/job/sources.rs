@@ -1,4 +1,4 @@
-//! The files that a scene names, in memory.
+//! The files of a scene, in memory.
 
 use crate::files::{self, split_node};
 use crate::model::document::Resolver;
@@ -8,15 +8,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Gives the content of a file that a scene names, or that a file of it names.
-pub type Open = Arc<dyn Fn(&Path) -> Result<Vec<u8>, Problem> + Send + Sync>;
+/// Returns the content of a file that the scene or another file names.
+pub type OpenFile = Arc<dyn Fn(&Path) -> Result<Vec<u8>, Problem> + Send + Sync>;
 
 /// A model as a scene names it: `kit.glb#Brick`.
 pub struct Reference {
     pub name: String,
     pub file: PathBuf,
     pub node: Option<String>,
-    /// What the result calls it.
+    /// Its name in the result.
     pub portable: String,
 }
 
@@ -27,31 +27,31 @@ impl Reference {
     }
 }
 
-/// Names of files as results have them: the same wherever the scene lies and whoever bakes it. They are relative to the scene's
-/// folder; where a file lies elsewhere, and is named from the root, to the folder that all files are below.
+/// Names of files in results. They do not depend on the machine or the location of the scene: they are relative to the
+/// scene's folder or, if a file outside it has an absolute path, to the common folder of all files.
 #[derive(Clone, Debug, Default)]
-pub struct Names {
+pub struct PortableNames {
     base: PathBuf,
     from_root: bool,
 }
 
-impl Names {
-    /// For the models that a scene names.
-    pub fn new<'a>(models: impl Iterator<Item = &'a Path> + Clone, folder: &Path) -> Names {
+impl PortableNames {
+    /// For the models of a scene.
+    pub fn new<'a>(models: impl Iterator<Item = &'a Path> + Clone, folder: &Path) -> PortableNames {
         // Every path starts with the empty one.
         let is_inside = |file: &Path| folder.is_relative() == file.is_relative() && file.starts_with(folder);
         let is_elsewhere = |file: &Path| file.is_absolute() && !is_inside(file);
         if !models.clone().any(is_elsewhere) {
-            return Names { base: folder.to_owned(), from_root: false };
+            return PortableNames { base: folder.to_owned(), from_root: false };
         }
         let folders = models.map(|file| files::folder_of(&from_root(file)).to_owned());
         let common = |a: PathBuf, b: PathBuf| {
             a.components().zip(b.components()).take_while(|(a, b)| a == b).map(|(a, _)| a).collect()
         };
-        Names { base: folders.reduce(common).unwrap_or_default(), from_root: true }
+        PortableNames { base: folders.reduce(common).unwrap_or_default(), from_root: true }
     }
 
-    /// Of a file, with its node if one is named.
+    /// The name of a file, with its node if the path has one.
     pub fn of(&self, path: &str) -> String {
         let (file, node) = split_node(path);
         let file = if self.from_root { from_root(Path::new(file)) } else { file.into() };
@@ -66,7 +66,7 @@ fn from_root(file: &Path) -> PathBuf {
     std::path::absolute(file).unwrap_or_else(|_| file.to_owned())
 }
 
-/// The paths of a scene, each changed by `change`.
+/// Changes each path of a scene by `change`.
 pub fn rename(scene: &mut proto::Scene, change: impl Fn(&str) -> String) {
     let shapes = scene.control_mesh.iter_mut().chain(&mut scene.region).map(|shape| &mut shape.path);
     let props = scene.props.iter_mut().map(|prop| &mut prop.path);
@@ -80,7 +80,7 @@ pub fn rename(scene: &mut proto::Scene, change: impl Fn(&str) -> String) {
         .for_each(|path| *path = change(path));
 }
 
-/// The files that a scene names, without their nodes.
+/// The files of a scene, without nodes.
 pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
     let shapes = scene.control_mesh.iter().chain(&scene.region).map(|shape| &shape.path);
     let props = scene.props.iter().map(|prop| &prop.path);
@@ -91,15 +91,15 @@ pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
 
 /// One glTF file in memory.
 pub struct InputFile {
-    /// What messages call it.
+    /// Its name in messages.
     pub name: String,
     pub bytes: Vec<u8>,
-    /// Reads the files beside it.
+    /// Reads files that it names.
     pub resolve: Box<Resolver<'static>>,
 }
 
 impl InputFile {
-    pub fn read(path: &Path, open: &Open) -> Result<InputFile, Problem> {
+    pub fn read(path: &Path, open: &OpenFile) -> Result<InputFile, Problem> {
         let bytes = open(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let beside = Beside { folder, open: open.clone(), read: Mutex::default() };
@@ -108,10 +108,10 @@ impl InputFile {
     }
 }
 
-/// The files beside a glTF file. Kept once read: the export, long after, must find what the bake saw.
+/// The files that a glTF file names. They stay in memory, so that the export uses what the bake has read.
 struct Beside {
     folder: PathBuf,
-    open: Open,
+    open: OpenFile,
     read: Mutex<BTreeMap<String, Vec<u8>>>,
 }
 
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     fn names(files: &[&str], folder: &str) -> Vec<String> {
-        let names = Names::new(files.iter().map(Path::new), Path::new(folder));
+        let names = PortableNames::new(files.iter().map(Path::new), Path::new(folder));
         files.iter().map(|file| names.of(&format!("{file}#Node"))).collect()
     }
 
@@ -142,7 +142,7 @@ mod tests {
         assert_eq!(names(&["scenes/kit/a.glb", "scenes/../b.glb"], "scenes"), ["kit/a.glb#Node", "../b.glb#Node"]);
         assert_eq!(names(&["/me/scenes/a.glb"], "/me/scenes"), ["a.glb#Node"]);
         assert_eq!(names(&["/kit/a.glb"], ""), ["a.glb#Node"]);
-        // Two of one name stay two.
+        // Two files of the same name stay distinct.
         assert_eq!(names(&["/me/one/a.glb", "/me/two/a.glb"], "/me/scenes"), ["one/a.glb#Node", "two/a.glb#Node"]);
         assert_eq!(names(&["/me/scenes/a.glb", "/me/a.glb"], "/me/scenes"), ["scenes/a.glb#Node", "a.glb#Node"]);
     }

@@ -1,4 +1,4 @@
-//! Who calls: the token or the certificate that a call shows. Nothing is done for a call before it was let in here.
+//! Authentication of callers by token or certificate. Every call passes here before anything else is done for it.
 
 use crate::problem::Problem;
 use crate::service::audit;
@@ -14,67 +14,67 @@ use tonic::{Request, Status};
 use tracing::warn;
 use x509_parser::prelude::{FromDer, X509Certificate};
 
-/// Who makes a call.
+/// The author of a call.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Caller {
-    /// As the file of callers has it; without such a file, the address that it calls from, or its user on this machine.
+    /// From the file of callers; without such a file, the address that it calls from, or its user on this machine.
     pub name: Arc<str>,
-    pub role: Role,
-    pub limits: Limits,
+    pub role: CallerRole,
+    pub limits: CallerLimits,
 }
 
-/// What a caller may do.
+/// Permissions of a caller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Role {
+pub enum CallerRole {
     /// Bakes, sees all bakes, and ends or deletes its own.
     #[default]
     Artist,
-    /// Ends and deletes all bakes, and may put its own before those of others.
+    /// Ends and deletes all bakes, and may give its own bakes priority over others.
     Operator,
 }
 
-/// What a caller may take of the server at once; `None`: as much as the server has.
+/// Limits of one caller; `None`: only the server's own limits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Limits {
-    /// Bakes that run.
+pub struct CallerLimits {
+    /// Running bakes.
     pub bakes: Option<usize>,
-    /// Bakes that wait besides.
+    /// Waiting bakes.
     pub queue: Option<usize>,
-    /// What its bakes take in the store, bytes.
+    /// Size of its bakes in the store, bytes.
     pub bytes: Option<u64>,
 }
 
 impl Caller {
-    /// Somebody of whom only this is known.
+    /// An operator without limits.
     pub fn named(name: &str) -> Caller {
-        Caller { name: name.into(), role: Role::Operator, limits: Limits::default() }
+        Caller { name: name.into(), role: CallerRole::Operator, limits: CallerLimits::default() }
     }
 
-    /// Whether it may end and delete what this caller asked for.
+    /// Whether it may end and delete the bakes of `owner`.
     pub fn may_change(&self, owner: &str) -> bool {
-        self.role == Role::Operator || *self.name == *owner
+        self.role == CallerRole::Operator || *self.name == *owner
     }
 
-    /// Most of the bakes' own range of priorities.
+    /// The highest priority that its bakes may have.
     pub fn highest_priority(&self) -> i32 {
-        if self.role == Role::Operator { LAST_PRIORITY } else { 0 }
+        if self.role == CallerRole::Operator { LAST_PRIORITY } else { 0 }
     }
 }
 
-/// Priorities go from this, negated, to this.
+/// Priorities range from -100 to 100.
 pub const LAST_PRIORITY: i32 = 100;
 
 /// The file of callers.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
-    caller: Vec<Entry>,
+struct CallersFile {
+    caller: Vec<CallerEntry>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Entry {
+struct CallerEntry {
     name: String,
     #[serde(default)]
     token: String,
@@ -82,31 +82,31 @@ struct Entry {
     #[serde(default)]
     certificate: String,
     #[serde(default)]
-    role: Role,
+    role: CallerRole,
     bakes: Option<usize>,
     queue: Option<usize>,
     store_mib: Option<u64>,
 }
 
-/// A caller that is known by name, and what it shows.
+/// A caller of the file, and its credentials.
 #[derive(Clone)]
-struct Known {
+struct KnownCaller {
     token: Option<blake3::Hash>,
     /// A common name, not empty.
     certificate: Option<String>,
     caller: Caller,
 }
 
-/// What opens the doors.
+/// The credentials that the server accepts.
 #[derive(Clone, Default)]
 pub struct Access {
-    /// Hash of the one token of all callers; `None`: none is asked for.
+    /// Hash of the token that all callers share; `None`: there is none.
     token: Option<blake3::Hash>,
-    known: Arc<Vec<Known>>,
+    known: Arc<Vec<KnownCaller>>,
 }
 
 impl Access {
-    /// Reads what the settings name. `token`: one that is not in a file.
+    /// Reads the files of the settings. `token`: the token where the settings name no file for it.
     pub fn read(config: &Config, token: Option<String>) -> Result<Access, Vec<Problem>> {
         let mut problems = Vec::new();
         let mut read = |setting: &str, path: &Option<std::path::PathBuf>| {
@@ -121,8 +121,8 @@ impl Access {
         let token = read("token_file", &config.token_file).map(|text| text.trim().to_owned()).or(token);
         let callers = read("callers_file", &config.callers_file);
         if token.as_ref().is_some_and(String::is_empty) {
-            let remedy = "Put a long random text there, or leave it out.";
-            problems.push(Problem::new("token", "it is empty", remedy));
+            let remedy = "Set it to a long random text, or omit it.";
+            problems.push(Problem::new("token", "the token is empty", remedy));
         }
         let file = config.callers_file.as_deref().unwrap_or(Path::new("")).display().to_string();
         let known = match callers.map(|text| known(&file, &text)) {
@@ -136,19 +136,20 @@ impl Access {
         if problems.is_empty() { Ok(access) } else { Err(problems) }
     }
 
-    /// Whether everybody who reaches the server is let in.
+    /// Whether calls need no credentials.
     pub fn is_open(&self) -> bool {
         self.token.is_none() && self.known.is_empty()
     }
 
-    /// Hashes are compared, in constant time: a wrong token tells nothing of the right one.
+    /// The caller of an accepted call. Hashes are compared in constant time, so that a wrong token reveals nothing of
+    /// the right one.
     fn admit<T>(&self, request: &Request<T>) -> Option<Caller> {
         let given = request.metadata().get("authorization").and_then(|value| value.to_str().ok());
         let given = given.and_then(|value| value.split_once(' '));
         let given = given.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
         let given = given.map(|(_, token)| blake3::hash(token.as_bytes()));
         let subject = subject(request);
-        let is_shown = |known: &&Known| {
+        let is_shown = |known: &&KnownCaller| {
             known.token.is_some() && known.token == given || known.certificate.is_some() && known.certificate == subject
         };
         let known = self.known.iter().find(is_shown).map(|known| known.caller.clone());
@@ -157,8 +158,8 @@ impl Access {
     }
 }
 
-fn known(file: &str, text: &str) -> Result<Vec<Known>, Vec<Problem>> {
-    let parsed: File = toml::from_str(text).map_err(|error| {
+fn known(file: &str, text: &str) -> Result<Vec<KnownCaller>, Vec<Problem>> {
+    let parsed: CallersFile = toml::from_str(text).map_err(|error| {
         let line = error.span().map_or(1, |span| text[..span.start].lines().count().max(1));
         vec![Problem::new(format!("{file}:{line}"), error.message(), "See examples/guide/server.md for its form.")]
     })?;
@@ -169,10 +170,10 @@ fn known(file: &str, text: &str) -> Result<Vec<Known>, Vec<Problem>> {
             problems.push(Problem::new(file, format!("caller `{}`: {what}", entry.name), remedy));
         };
         if entry.name.is_empty() || !names.insert(&entry.name) {
-            wrong("the name is empty or there twice", "Name each caller once.");
+            wrong("the name is empty or used twice", "Give each caller a name of its own.");
         }
         if entry.token.is_empty() && entry.certificate.is_empty() {
-            wrong("neither token nor certificate", "Give one of them.");
+            wrong("it has neither a token nor a certificate", "Give it one of them.");
         }
         for key in [("token", &entry.token), ("certificate", &entry.certificate)] {
             if !key.1.is_empty() && !keys.insert(key) {
@@ -181,15 +182,15 @@ fn known(file: &str, text: &str) -> Result<Vec<Known>, Vec<Problem>> {
         }
     }
     if parsed.caller.is_empty() {
-        problems.push(Problem::new(file, "there is no caller", "Add a [[caller]], or leave the file out."));
+        problems.push(Problem::new(file, "there is no caller", "Add a [[caller]], or omit the file."));
     }
-    let known = |entry: Entry| Known {
+    let known = |entry: CallerEntry| KnownCaller {
         token: Some(&entry.token).filter(|token| !token.is_empty()).map(|token| blake3::hash(token.as_bytes())),
         certificate: Some(entry.certificate).filter(|name| !name.is_empty()),
         caller: Caller {
             name: entry.name.into(),
             role: entry.role,
-            limits: Limits {
+            limits: CallerLimits {
                 bakes: entry.bakes,
                 queue: entry.queue,
                 bytes: entry.store_mib.map(|mib| mib.saturating_mul(1 << 20)),
@@ -199,7 +200,7 @@ fn known(file: &str, text: &str) -> Result<Vec<Known>, Vec<Problem>> {
     if problems.is_empty() { Ok(parsed.caller.into_iter().map(known).collect()) } else { Err(problems) }
 }
 
-/// Lets a call in with its caller among its extensions, or refuses it.
+/// Accepts a call and adds its caller to its extensions, or refuses it.
 #[allow(clippy::result_large_err)]
 pub fn check(mut request: Request<()>, access: &watch::Receiver<Access>) -> Result<Request<()>, Status> {
     match access.borrow().admit(&request) {
@@ -211,26 +212,26 @@ pub fn check(mut request: Request<()>, access: &watch::Receiver<Access>) -> Resu
             metrics::counter!("cairn_calls_refused_total", "reason" => "token").increment(1);
             let origin = origin(&request);
             audit::caller(request.extensions(), &origin);
-            warn!(caller = origin, "a call without the right token is refused");
+            warn!(caller = origin, "refused a call with a missing or wrong token");
             return Err(Fault::TokenInvalid.into());
         }
     }
     Ok(request)
 }
 
-/// The caller of a call that was let in.
+/// The caller of an accepted call.
 pub fn caller<T>(request: &Request<T>) -> Caller {
     request.extensions().get::<Caller>().cloned().unwrap_or_else(|| Caller::named("unknown"))
 }
 
-/// The common name of the certificate that the caller has shown; its signature was checked before.
+/// The common name of the caller's certificate. The TLS handshake has checked its signature.
 fn subject<T>(request: &Request<T>) -> Option<String> {
     let certificates = request.extensions().get::<TlsConnectInfo<TcpConnectInfo>>()?.peer_certs()?;
     let (_, certificate) = X509Certificate::from_der(certificates.first()?).ok()?;
     certificate.subject().iter_common_name().next()?.as_str().ok().map(str::to_owned)
 }
 
-/// Where a call comes from.
+/// The address or the user that a call comes from.
 fn origin<T>(request: &Request<T>) -> String {
     let extensions = request.extensions();
     let plain = extensions.get::<TcpConnectInfo>().and_then(TcpConnectInfo::remote_addr);

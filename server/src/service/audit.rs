@@ -1,4 +1,4 @@
-//! One line in the log for each call, once it has ended: who called what, of which bake, and what came of it.
+//! A log line for each call when it ends: caller, call, bake and status.
 
 use bytes::Bytes;
 use http_body_util::BodyExt;
@@ -12,39 +12,39 @@ use tonic::codegen::{Body as HttpBody, Service, StdError, http};
 use tonic::server::NamedService;
 use tracing::info;
 
-/// A service whose calls are told, refused ones, too: it stands before what lets calls in.
+/// Logs the calls of a service. It wraps the authentication, so that refused calls are logged, too.
 #[derive(Clone)]
 pub struct Audit<S>(pub S);
 
-/// What a call's line will tell, among the call's extensions: whoever finds it out adds it.
+/// Details for a call's log line, kept in the call's extensions and filled in while the call is processed.
 #[derive(Default)]
-struct Known {
+struct CallDetails {
     caller: OnceLock<String>,
     bake: OnceLock<String>,
 }
 
-/// Who makes this call.
+/// Records the caller.
 pub fn caller(call: &http::Extensions, name: &str) {
-    if let Some(known) = call.get::<Arc<Known>>() {
+    if let Some(known) = call.get::<Arc<CallDetails>>() {
         let _ = known.caller.set(name.to_owned());
     }
 }
 
-/// The bake that this call is about.
+/// Records the bake that a call is about.
 pub fn bake(call: &http::Extensions, id: &str) {
-    /// Letters of an id. Callers may give any text for one.
+    /// Longest id in a log line. Callers may send any text.
     const LONGEST: usize = 64;
-    if let Some(known) = call.get::<Arc<Known>>() {
+    if let Some(known) = call.get::<Arc<CallDetails>>() {
         let _ = known.bake.set(id.chars().take(LONGEST).collect());
     }
 }
 
-/// A call, told when the value goes.
+/// A call. Dropping it writes the log line.
 struct Call {
     name: String,
     began: Instant,
-    known: Arc<Known>,
-    /// gRPC's number, as it was sent. `None`: the caller went away before.
+    known: Arc<CallDetails>,
+    /// The gRPC status code that was sent. `None`: the caller left before.
     status: Option<String>,
 }
 
@@ -59,7 +59,7 @@ impl Call {
 impl Drop for Call {
     fn drop(&mut self) {
         const CANCELLED: &str = "1";
-        let Known { caller, bake } = &*self.known;
+        let CallDetails { caller, bake } = &*self.known;
         info!(
             target: "cairn::audit",
             caller = caller.get().map_or("", String::as_str),
@@ -76,9 +76,9 @@ impl<S: NamedService> NamedService for Audit<S> {
     const NAME: &'static str = S::NAME;
 }
 
-impl<S, Asked, Answer> Service<http::Request<Asked>> for Audit<S>
+impl<S, Sent, Answer> Service<http::Request<Sent>> for Audit<S>
 where
-    S: Service<http::Request<Asked>, Response = http::Response<Answer>>,
+    S: Service<http::Request<Sent>, Response = http::Response<Answer>>,
     S::Future: Send + 'static,
     Answer: HttpBody<Data = Bytes> + Send + 'static,
     Answer::Error: Into<StdError>,
@@ -91,15 +91,15 @@ where
         self.0.poll_ready(context)
     }
 
-    fn call(&mut self, mut request: http::Request<Asked>) -> Self::Future {
-        let known = Arc::<Known>::default();
+    fn call(&mut self, mut request: http::Request<Sent>) -> Self::Future {
+        let known = Arc::<CallDetails>::default();
         request.extensions_mut().insert(known.clone());
         let name = request.uri().path().rsplit('/').next().unwrap_or_default().to_owned();
         let mut call = Call { name, began: Instant::now(), known, status: None };
         let answer = self.0.call(request);
         Box::pin(async move {
             let answer = answer.await?;
-            // A status before the first message is told in the headers, one after the last in the trailers.
+            // A status before the first message is in the headers, one after the last message in the trailers.
             call.ends(answer.headers());
             Ok(answer.map(|body| {
                 Body::new(body.map_frame(move |frame| {

@@ -1,4 +1,4 @@
-//! What a server may be told: every setting with its unit, default and reason.
+//! The settings of a server, each with its unit and default.
 
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
@@ -9,59 +9,58 @@ use std::time::Duration;
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// `HOST:PORT` or `unix:PATH`. Default: 127.0.0.1:50151, which only this machine reaches.
+    /// `HOST:PORT` or `unix:PATH`. Default: 127.0.0.1:50151, reachable only from this machine.
     pub listen: Vec<String>,
-    /// Where assets and bakes are kept. Default: `cairn-data` in the current folder.
+    /// Folder for assets and bakes. Default: `cairn-data` in the current folder.
     pub data: PathBuf,
-    /// File with the token that callers must have. Required beyond loopback. Default: none.
+    /// File with the token that callers must send. Required beyond loopback. Default: none.
     pub token_file: Option<PathBuf>,
-    /// TOML file with several callers: names, tokens or certificates, roles, limits. Default: none.
+    /// TOML file of callers: names, tokens or certificates, roles, limits. Default: none.
     pub callers_file: Option<PathBuf>,
     /// The server's certificate and key, PEM. Default: none, no encryption.
     pub tls_certificate: Option<PathBuf>,
     pub tls_key: Option<PathBuf>,
-    /// Certificates of those who may sign a caller's certificate, PEM: mutual TLS. Default: none.
+    /// Certificates of the authorities that sign callers' certificates, PEM: mutual TLS. Default: none.
     pub tls_client_ca: Option<PathBuf>,
-    /// Bakes that run at once. Default: 0, one per core.
+    /// Bakes that run at the same time. Default: 0, one per core.
     pub workers: usize,
-    /// Bakes that may wait besides. Default: 32.
+    /// Bakes that may wait. Default: 32.
     pub queue: usize,
-    /// Threads of one bake. Default: 0, its share of the cores: the bakes that may run at once divide them.
+    /// Threads of one bake. Default: 0, the cores divided by `workers`.
     pub threads: usize,
     /// Memory of one bake, MiB; 0: not limited. Default: 8192.
     pub bake_memory_mib: u64,
     /// Time of one bake, s; 0: not limited. Default: 86400, a day.
     pub bake_seconds: u64,
-    /// Bytes of one asset, MiB. Default: 256.
+    /// Size of one asset, MiB. Default: 256.
     pub asset_mib: u64,
-    /// What assets, bakes and the fills that are kept to be used again may take together, MiB. Default: 20480.
+    /// Total size of assets, bakes and cached fills, MiB. Default: 20480.
     pub store_mib: u64,
-    /// Assets and bakes that nobody used for so long go, days; 0: never. Default: 30.
+    /// Days after which unused assets and bakes are removed; 0: never. Default: 30.
     pub store_days: u64,
-    /// Whether the fill of an earlier bake is used again where it is the same; kept in the data directory, up to
-    /// 2 GiB, which count among `store_mib`.
-    /// Default: true.
+    /// Whether a bake reuses the fill of an earlier one where it is the same. The cache is in the data directory, has
+    /// up to 2 GiB and counts toward `store_mib`. Default: true.
     pub reuse: bool,
-    /// What becomes of the bakes that ran when the server ended. Default: restart.
+    /// Treatment of the bakes that ran when the server ended. Default: restart.
     pub unfinished: Unfinished,
-    /// How long running bakes may go on after the server was asked to end, s. Default: 30.
+    /// Time that running bakes get to finish when the server shuts down, s. Default: 30.
     pub drain_seconds: u64,
-    /// Address of the Prometheus metrics, `HOST:PORT`, by HTTP. Default: none.
+    /// HTTP address of the Prometheus metrics, `HOST:PORT`. Default: none.
     pub metrics: Option<SocketAddr>,
     /// `text` or `json`. Default: text.
     pub log: LogForm,
-    /// The program that bakes, by its command `worker`. Default: this one.
+    /// The program whose command `worker` bakes. Default: this one.
     #[serde(skip)]
     pub worker_program: Option<PathBuf>,
 }
 
-/// What becomes of bakes that a server left unfinished.
+/// Treatment of bakes that a server left unfinished.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Unfinished {
-    /// They are baked again; the same bake tells the same events, so that its watchers find their place.
+    /// Bake them again. A repeated bake has the same events, so that watchers can resume.
     Restart,
-    /// They are reported as failed.
+    /// Report them as failed.
     Fail,
 }
 
@@ -100,7 +99,7 @@ impl Default for Config {
     }
 }
 
-/// Bytes of a chunk of an upload, at most.
+/// Largest chunk of an upload, bytes.
 pub const MAX_CHUNK: usize = 1 << 20;
 
 fn cores() -> usize {

@@ -1,10 +1,10 @@
-//! The deadline of a call: tonic hands it on, but does not hold a stream to it.
+//! The deadline of a call. tonic passes it on, but does not enforce it on streams.
 
 use std::time::Duration;
 use tokio::time::Instant;
 use tonic::metadata::MetadataMap;
 
-/// When the call's header `grpc-timeout` ends it; `None` without one, or with one that is not understood.
+/// The deadline from the header `grpc-timeout`; `None` if it is missing or malformed.
 pub fn of(metadata: &MetadataMap) -> Option<Instant> {
     let timeout = metadata.get("grpc-timeout")?.to_str().ok().and_then(parse)?;
     Instant::now().checked_add(timeout)

@@ -1,4 +1,4 @@
-//! Encryption: certificates and keys, checked before anything listens, and read again when the operator asks for it.
+//! TLS: certificates and keys, checked before the server listens and reloaded on SIGHUP.
 
 use crate::problem::Problem;
 use crate::service::config::Config;
@@ -16,13 +16,13 @@ use tokio_rustls::server::TlsStream;
 use tokio_stream::wrappers::ReceiverStream;
 use tracing::{debug, warn};
 
-/// A certificate that ends sooner is warned of.
+/// A certificate that expires within this time causes a warning.
 const SOON: Duration = Duration::from_secs(30 * 86_400);
-/// Connections that may agree on their encryption at once, and how long one may take.
+/// Concurrent TLS handshakes, and the time limit of each.
 const HANDSHAKES: usize = 1024;
 const HANDSHAKE: Duration = Duration::from_secs(10);
 
-/// What the settings name, ready to be used; `None` without a certificate.
+/// Reads the files of the settings; `None` if there is no certificate.
 pub fn read(config: &Config) -> Result<Option<Arc<ServerConfig>>, Vec<Problem>> {
     let mut problems = Vec::new();
     let mut read = |setting: &str, path: &Option<PathBuf>| {
@@ -39,11 +39,11 @@ pub fn read(config: &Config) -> Result<Option<Arc<ServerConfig>>, Vec<Problem>> 
     let halves = [config.tls_certificate.is_some(), config.tls_key.is_some()];
     if halves[0] != halves[1] {
         let remedy = "Give tls_certificate and tls_key, or neither.";
-        problems.push(Problem::new("tls", "a certificate without its key, or a key alone", remedy));
+        problems.push(Problem::new("tls", "only one of certificate and key is given", remedy));
     }
     if config.tls_client_ca.is_some() && halves == [false, false] {
         let remedy = "Give tls_certificate and tls_key, too.";
-        problems.push(Problem::new("tls_client_ca", "callers' certificates need an encrypted connection", remedy));
+        problems.push(Problem::new("tls_client_ca", "client certificates need an encrypted connection", remedy));
     }
     if !problems.is_empty() {
         return Err(problems);
@@ -77,10 +77,10 @@ fn server(
     let builder = builder.with_safe_default_protocol_versions().expect("the provider knows TLS 1.2 and 1.3");
     let builder = match authorities {
         Some((file, authorities)) => {
-            let wrong = |what: String| vec![Problem::new(&file, what, "Give the certificates of who signs, in PEM.")];
+            let wrong = |what: String| vec![Problem::new(&file, what, "Give certificates of authorities in PEM.")];
             let mut roots = RootCertStore::empty();
             for authority in authorities {
-                roots.add(authority).map_err(|error| wrong(format!("not an authority: {error}")))?;
+                roots.add(authority).map_err(|error| wrong(format!("not an authority's certificate: {error}")))?;
             }
             let verifier = WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider).build();
             builder.with_client_cert_verifier(verifier.map_err(|error| wrong(error.to_string()))?)
@@ -92,7 +92,7 @@ fn server(
             rustls::Error::InconsistentKeys(_) => (key_file, format!("not the key of {certificate_file}")),
             error => (certificate_file, error.to_string()),
         };
-        vec![Problem::new(place, what, "Give a certificate and the key that it was made with.")]
+        vec![Problem::new(place, what, "Give a certificate and its own key.")]
     })?;
     server.alpn_protocols = vec![b"h2".to_vec()];
     Ok(Arc::new(server))
@@ -102,20 +102,20 @@ fn certificates(file: &str, pem: &[u8]) -> Result<Vec<CertificateDer<'static>>, 
     let wrong = |what: String| vec![Problem::new(file, what, "Give a certificate in PEM.")];
     let found: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(pem).collect();
     match found {
-        Ok(found) if found.is_empty() => Err(wrong("there is no certificate in it".into())),
+        Ok(found) if found.is_empty() => Err(wrong("it holds no certificate".into())),
         Ok(found) => Ok(found),
         Err(error) => Err(wrong(format!("not a certificate: {error}"))),
     }
 }
 
-/// Callers will refuse a certificate that has expired; their messages seldom say so.
+/// Clients refuse an expired certificate, and their messages seldom say so.
 fn warn_of_age(file: &str, chain: &[CertificateDer]) {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_secs() as i64);
     for certificate in chain {
         let Ok((_, certificate)) = x509_parser::parse_x509_certificate(certificate) else { continue };
         let (subject, end) = (certificate.subject(), certificate.validity().not_after);
         match end.timestamp() - now {
-            left if left < 0 => warn!(file, %subject, %end, "the certificate has expired: callers will refuse it"),
+            left if left < 0 => warn!(file, %subject, %end, "the certificate has expired: clients will refuse it"),
             left if left < SOON.as_secs() as i64 => {
                 warn!(file, %subject, %end, "the certificate expires within 30 days: renew it, then send SIGHUP");
             }
@@ -124,18 +124,18 @@ fn warn_of_age(file: &str, chain: &[CertificateDer]) {
     }
 }
 
-/// The encrypted connections of a listener. Each new one has the latest settings.
+/// The encrypted connections of a listener. Each new one uses the latest settings.
 pub fn incoming(
     listener: TcpListener,
     settings: watch::Receiver<Arc<ServerConfig>>,
 ) -> ReceiverStream<std::io::Result<TlsStream<TcpStream>>> {
-    /// Connections that wait to be served.
+    /// Accepted connections that wait to be served.
     const WAITING: usize = 16;
     let (sender, receiver) = mpsc::channel(WAITING);
     let handshakes = Arc::new(Semaphore::new(HANDSHAKES));
     tokio::spawn(async move {
         loop {
-            let place = handshakes.clone().acquire_owned().await;
+            let permit = handshakes.clone().acquire_owned().await;
             let accepted = tokio::select! {
                 accepted = listener.accept() => accepted,
                 () = sender.closed() => return,
@@ -143,7 +143,7 @@ pub fn incoming(
             let (stream, peer) = match accepted {
                 Ok(accepted) => accepted,
                 Err(error) => {
-                    // A connection that broke, or no more handles: the next one may do.
+                    // A broken connection, or no file handles left: the next one may succeed.
                     warn!(%error, "a connection could not be accepted");
                     tokio::time::sleep(Duration::from_millis(100)).await;
                     continue;
@@ -152,11 +152,11 @@ pub fn incoming(
             let _ = stream.set_nodelay(true);
             let (acceptor, sender) = (TlsAcceptor::from(settings.borrow().clone()), sender.clone());
             tokio::spawn(async move {
-                let _place = place;
+                let _permit = permit;
                 match tokio::time::timeout(HANDSHAKE, acceptor.accept(stream)).await {
                     Ok(Ok(stream)) => drop(sender.send(Ok(stream)).await),
-                    Ok(Err(error)) => debug!(%peer, %error, "no agreement on the encryption"),
-                    Err(_) => debug!(%peer, "no agreement on the encryption in time"),
+                    Ok(Err(error)) => debug!(%peer, %error, "the TLS handshake failed"),
+                    Err(_) => debug!(%peer, "the TLS handshake timed out"),
                 }
             });
         }

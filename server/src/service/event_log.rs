@@ -1,8 +1,8 @@
-//! The events of a bake on disk: one writer appends, any number of readers follow, each at its own pace.
+//! The events of a bake on disk. One writer appends; any number of readers follow at their own pace.
 //!
-//! The physics never waits for a reader, and a reader that fell behind finds everything here.
+//! The simulation never waits for a reader, and a slow reader misses nothing.
 
-use crate::trouble;
+use crate::failpoints;
 use crate::wire::proto::{BakeEvent, bake_event::Kind};
 use bytes::BytesMut;
 use prost::Message;
@@ -13,24 +13,24 @@ use tokio::io::{AsyncReadExt, Take};
 use tokio_stream::StreamExt;
 use tokio_util::codec::{Encoder, FramedRead, LengthDelimitedCodec};
 
-/// Bytes of one event: gRPC's usual limit, less what a response adds to its event. A frame of the most bodies that a scene
-/// may have, 100,000, takes 3.9 MB.
+/// Largest event, bytes: gRPC's usual limit less the response around the event. A frame of 100,000 bodies, the most
+/// that a scene may have, takes 3.9 MB.
 pub const MAX_EVENT: usize = (4 << 20) - 64;
 
-/// How messages are set apart, in the log and between server and worker.
+/// The framing of messages, in the log and between server and worker: each after its length.
 pub fn codec() -> LengthDelimitedCodec {
     LengthDelimitedCodec::builder().max_frame_length(MAX_EVENT).new_codec()
 }
 
-/// Writes one message, its length before it. `place`: where faults may happen, see [`trouble`].
+/// Writes one message after its length. Returns the bytes written. `place`: see [`failpoints`].
 pub fn write_message(place: &str, to: &mut impl Write, message: &impl Message) -> Result<usize> {
     let mut framed = BytesMut::new();
     codec().encode(&message.encode_to_vec()[..], &mut framed)?;
-    trouble::write(place, to, &framed)?;
+    failpoints::write(place, to, &framed)?;
     Ok(framed.len())
 }
 
-/// How far a log is written.
+/// The written part of a log.
 #[derive(Clone, Copy, PartialEq, Eq, prost::Message)]
 pub struct Extent {
     #[prost(uint64, tag = "1")]
@@ -41,26 +41,26 @@ pub struct Extent {
 }
 
 /// Appends events, numbered from 1.
-pub struct Writer {
+pub struct LogWriter {
     file: BufWriter<File>,
     extent: Extent,
 }
 
-impl Writer {
-    /// A new log with its first event; what was there is gone.
-    pub fn create(path: &Path, first: Kind) -> Result<Writer> {
-        trouble::at("log-create")?;
-        let mut writer = Writer { file: BufWriter::new(File::create(path)?), extent: Extent::default() };
+impl LogWriter {
+    /// Begins a new log with its first event, in place of an old one.
+    pub fn create(path: &Path, first: Kind) -> Result<LogWriter> {
+        failpoints::at("log-create")?;
+        let mut writer = LogWriter { file: BufWriter::new(File::create(path)?), extent: Extent::default() };
         writer.append(first)?;
         Ok(writer)
     }
 
-    /// A log that holds its first event only.
-    pub fn resume(path: &Path) -> Result<Writer> {
+    /// Continues a log that holds only its first event.
+    pub fn resume(path: &Path) -> Result<LogWriter> {
         let file = OpenOptions::new().append(true).open(path)?;
         let bytes = file.metadata()?.len();
         // Frames are written in large pieces.
-        Ok(Writer { file: BufWriter::with_capacity(1 << 20, file), extent: Extent { bytes, last: 1 } })
+        Ok(LogWriter { file: BufWriter::with_capacity(1 << 20, file), extent: Extent { bytes, last: 1 } })
     }
 
     pub fn append(&mut self, kind: Kind) -> Result<()> {
@@ -70,40 +70,40 @@ impl Writer {
         Ok(())
     }
 
-    /// From now on, readers may see everything appended.
+    /// Makes everything appended visible to readers.
     pub fn flush(&mut self) -> Result<Extent> {
-        trouble::at("log-flush")?;
+        failpoints::at("log-flush")?;
         self.file.flush()?;
         Ok(self.extent)
     }
 
-    /// The same, and everything appended outlives a power cut.
+    /// Flushes, and makes everything appended outlive a power cut.
     pub fn sync(&mut self) -> Result<Extent> {
         let extent = self.flush()?;
-        trouble::at("log-sync")?;
+        failpoints::at("log-sync")?;
         self.file.get_ref().sync_all()?;
         Ok(extent)
     }
 }
 
 /// Reads a log that may still grow.
-pub struct Reader {
+pub struct LogReader {
     framed: FramedRead<Take<tokio::fs::File>, LengthDelimitedCodec>,
-    /// How far it may read.
+    /// Bytes that it may read so far.
     granted: u64,
 }
 
-impl Reader {
-    pub async fn open(path: &Path) -> Result<Reader> {
+impl LogReader {
+    pub async fn open(path: &Path) -> Result<LogReader> {
         /// Bytes read at once.
         const PIECE: usize = 64 << 10;
         let file = tokio::fs::File::open(path).await?.take(0);
-        Ok(Reader { framed: FramedRead::with_capacity(file, codec(), PIECE), granted: 0 })
+        Ok(LogReader { framed: FramedRead::with_capacity(file, codec(), PIECE), granted: 0 })
     }
 
-    /// The next event among the first `bytes` of the log. An error if it has fewer.
+    /// The next event among the first `bytes` of the log. Fails if the log is shorter.
     pub async fn next(&mut self, bytes: u64) -> Result<Option<BakeEvent>> {
-        trouble::at("log-read")?;
+        failpoints::at("log-read")?;
         let more = bytes.saturating_sub(self.granted);
         self.granted += more;
         let file = self.framed.get_mut();
@@ -124,7 +124,7 @@ mod tests {
     use cairn_core::input::observer::{Frame, Shown, Stage, State};
     use glam::{DQuat, DVec3};
 
-    /// The largest frame that there may be: all bodies are new, have moved and changed their size, and say how they are held.
+    /// The largest possible frame: every body is new, has moved, has another size and has a state.
     #[test]
     fn a_frame_of_the_most_bodies_is_one_event() {
         const MOST_BODIES: usize = 100_000;
@@ -136,15 +136,15 @@ mod tests {
         let bodies: Vec<_> = (0..MOST_BODIES).map(body).collect();
         for stage in [Stage::Fill, Stage::Release] {
             let frame = Frame { stage, number: 10_000, time: 1000.0, bodies: &bodies };
-            let mut told = 0;
+            let mut count = 0;
             for kind in FrameDelta::default().next(&frame) {
                 if let Kind::Frame(frame) = &kind {
-                    told = frame.states.len().min(frame.body_indices.len());
+                    count = frame.states.len().min(frame.body_indices.len());
                 }
                 let event = BakeEvent { sequence_number: 10_000, kind: Some(kind) };
                 assert!(event.encoded_len() <= MAX_EVENT, "{stage:?}: {} bytes", event.encoded_len());
             }
-            assert_eq!(told, MOST_BODIES);
+            assert_eq!(count, MOST_BODIES);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What lies in a bake's folder, which the server makes and the worker fills.
+//! File names in a bake's folder. The server makes the folder, and the worker fills it.
 
 use crate::wire::proto::OutputFormat;
 
@@ -10,7 +10,7 @@ pub const REPORT: &str = "report.json";
 /// The scene with every parameter set.
 pub const SCENE: &str = "scene.json";
 
-/// What the result file is called.
+/// The name of the result file.
 pub fn result_name(format: OutputFormat) -> &'static str {
     match format {
         OutputFormat::Unspecified | OutputFormat::Glb => "result.glb",
@@ -22,5 +22,5 @@ pub fn result_name(format: OutputFormat) -> &'static str {
     }
 }
 
-/// The formats that a bake over the service may have: a result is one file.
+/// The formats that the service offers: those whose result is a single file.
 pub const FORMATS: [OutputFormat; 4] = [OutputFormat::Glb, OutputFormat::Json, OutputFormat::Csv, OutputFormat::Usdz];

@@ -1,4 +1,4 @@
-//! The service without a socket and without a server around it, for tests that send it any bytes.
+//! The service without sockets, for tests that send it arbitrary bytes.
 
 use crate::service::calls::Service;
 use crate::service::config::Config;
@@ -27,7 +27,7 @@ impl InProcess {
         Ok(InProcess { runtime, service: service.accept_compressed(CompressionEncoding::Gzip) })
     }
 
-    /// The gRPC status with which a call of this method and these bytes ends; `None` if it has none.
+    /// Calls a method with these bytes. Returns the gRPC status code, if there is one.
     pub fn call(&mut self, method: &str, encoding: &str, bytes: Vec<u8>) -> Option<i32> {
         let request = http::Request::post(format!("/cairn.v1.PileService/{method}"))
             .header("content-type", "application/grpc")

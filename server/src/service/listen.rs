@@ -1,9 +1,9 @@
 //! The sockets of a server.
 
+use crate::failpoints;
 use crate::problem::Problem;
 use crate::service::config::Config;
 use crate::service::secrets::Secrets;
-use crate::trouble;
 use std::net::SocketAddr;
 use std::path::Path;
 use tokio::net::TcpListener;
@@ -19,7 +19,7 @@ pub enum Listener {
 }
 
 impl Listener {
-    /// What a client is given as the server's address.
+    /// The address that clients connect to.
     pub fn address(&self) -> String {
         match self {
             Listener::Tcp(listener) => listener.local_addr().map(|addr| addr.to_string()).unwrap_or_default(),
@@ -29,7 +29,7 @@ impl Listener {
     }
 }
 
-/// Binds the sockets of the settings. Refuses to open a port beyond this machine to everybody.
+/// Binds the sockets of the settings. Refuses a port that other machines can reach without credentials.
 pub async fn bind(config: &Config, secrets: &Secrets) -> Result<Vec<Listener>, Vec<Problem>> {
     let (mut listeners, mut problems) = (Vec::new(), Vec::new());
     for address in &config.listen {
@@ -54,12 +54,15 @@ async fn bind_one(address: &str, secrets: &Secrets) -> Result<Listener, Problem>
     let found = tokio::net::lookup_host(address).await.map_err(|error| fail(error.to_string(), remedy))?;
     let found: Vec<SocketAddr> = found.collect();
     if secrets.access.is_open() && found.iter().any(|addr| !addr.ip().is_loopback()) {
-        let what = "other machines reach this address, and there is no token: everybody could use the server";
+        let what = "other machines can reach this address, and no token protects the server";
         let remedy = "Give a token by --token-file or CAIRN_TOKEN, or listen on 127.0.0.1 or a Unix socket.";
         return Err(fail(what.into(), remedy));
     }
     if secrets.tls.is_none() && found.iter().any(|addr| !addr.ip().is_loopback()) {
-        warn!(address, "the token travels unencrypted; give --tls-certificate and --tls-key, or trust the network");
+        warn!(
+            address,
+            "tokens are sent unencrypted; give --tls-certificate and --tls-key unless the network is trusted"
+        );
     }
     let remedy = "Choose a free port and an address of this machine.";
     let listener = TcpListener::bind(&found[..]).await.map_err(|error| fail(error.to_string(), remedy))?;
@@ -69,15 +72,15 @@ async fn bind_one(address: &str, secrets: &Secrets) -> Result<Listener, Problem>
 #[cfg(unix)]
 fn bind_unix(path: &Path) -> std::io::Result<Listener> {
     use std::os::unix::fs::{FileTypeExt, PermissionsExt};
-    // The socket of a server that has ended; one that lives would take the connection.
+    // Remove the socket of an ended server: a running one would accept the connection.
     let is_socket = path.symlink_metadata().is_ok_and(|found| found.file_type().is_socket());
     if is_socket && std::os::unix::net::UnixStream::connect(path).is_err() {
         std::fs::remove_file(path)?;
     }
     let listener = UnixListener::bind(path)?;
     let own = std::fs::Permissions::from_mode(0o600);
-    trouble::at("listen-mode").and_then(|()| std::fs::set_permissions(path, own)).inspect_err(|_| {
-        // Nobody is to find a socket that everybody may use.
+    failpoints::at("listen-mode").and_then(|()| std::fs::set_permissions(path, own)).inspect_err(|_| {
+        // A socket that every user may open must not stay.
         let _ = std::fs::remove_file(path);
     })?;
     Ok(Listener::Unix(listener, std::path::absolute(path)?))

@@ -1,6 +1,6 @@
-//! The gRPC service: a server, its jobs, and each bake in a process of its own.
+//! The gRPC service: a server, its jobs, and a worker process for each bake.
 
-// The server's own process uses nothing of `worker`: it decodes no model and runs no physics.
+// The server's own process does not use `worker`: it decodes no model and runs no physics.
 mod access;
 mod audit;
 mod calls;
@@ -13,15 +13,15 @@ mod folder;
 pub mod in_process;
 mod jobs;
 pub mod listen;
-pub mod news;
 mod process;
+mod quotas;
+mod scheduler;
 pub mod secrets;
 pub mod serve;
-mod shares;
 mod status;
 mod store;
 pub mod telemetry;
-mod turns;
 #[cfg(unix)]
 mod unix;
 pub mod worker;
+pub mod worker_message;

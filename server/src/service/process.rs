@@ -1,13 +1,13 @@
-//! One bake in a process of its own: the server's side. A bake that hangs is killed, one that crashes takes nothing with
-//! it, and its memory is bounded.
+//! The server's side of a worker process. Each bake has its own: a crash affects only that bake, a bake that hangs is
+//! killed, and its memory is bounded.
 
+use crate::failpoints;
 use crate::files::plain_reason;
 use crate::service::config::Config;
 use crate::service::event_log::codec;
-use crate::service::news::{News, Told};
 use crate::service::status::Fault;
 use crate::service::store::CACHE;
-use crate::trouble;
+use crate::service::worker_message::{Envelope, WorkerMessage};
 use prost::Message;
 use std::io::Result;
 use std::path::Path;
@@ -19,11 +19,11 @@ use tokio::task::JoinHandle;
 use tokio_stream::StreamExt;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
-/// What a worker does.
+/// The task of a worker.
 #[derive(Clone, Copy)]
-pub enum Task {
+pub enum WorkerTask {
     Plan,
-    /// A plan without what it would cost: a bake is to begin.
+    /// A plan without estimates, made before a bake.
     Accept,
     Bake,
 }
@@ -31,34 +31,34 @@ pub enum Task {
 /// A running worker. Dropping it kills the process.
 pub struct Worker {
     child: Child,
-    news: FramedRead<ChildStdout, LengthDelimitedCodec>,
-    /// What it says to a person.
+    messages: FramedRead<ChildStdout, LengthDelimitedCodec>,
+    /// Its standard error.
     stderr: JoinHandle<String>,
     memory_mib: u64,
-    /// The worker ends when this is closed, and thus when the server does.
+    /// The worker ends when this is closed, and so when the server ends.
     _alive: Option<ChildStdin>,
 }
 
 impl Worker {
-    pub fn start(config: &Config, task: Task, folder: &Path) -> std::result::Result<Worker, Fault> {
+    pub fn start(config: &Config, task: WorkerTask, folder: &Path) -> std::result::Result<Worker, Fault> {
         Worker::spawn(config, task, folder).map_err(|error| {
-            tracing::error!(%error, "no process could be started");
+            tracing::error!(%error, "a worker process could not be started");
             Fault::BakeNotStarted(plain_reason(&error))
         })
     }
 
-    fn spawn(config: &Config, task: Task, folder: &Path) -> Result<Worker> {
+    fn spawn(config: &Config, task: WorkerTask, folder: &Path) -> Result<Worker> {
         let program = match &config.worker_program {
             Some(program) => program.clone(),
-            // Still this version after another one was installed in its place.
+            // Stays this version even if another one is installed in its place.
             None if cfg!(target_os = "linux") => "/proc/self/exe".into(),
             None => std::env::current_exe()?,
         };
         let mut command = Command::new(program);
         command.arg("worker").arg(match task {
-            Task::Plan => "plan",
-            Task::Accept => "accept",
-            Task::Bake => "bake",
+            WorkerTask::Plan => "plan",
+            WorkerTask::Accept => "accept",
+            WorkerTask::Bake => "bake",
         });
         command.arg(folder);
         if let Some(bytes) = config.bake_memory() {
@@ -68,40 +68,45 @@ impl Worker {
             command.arg("--cache").arg(config.data.join(CACHE));
         }
         command.env("RAYON_NUM_THREADS", config.threads().to_string());
-        // Ctrl-C at the terminal is the server's to handle.
+        // The server handles Ctrl-C at the terminal.
         #[cfg(unix)]
         command.process_group(0);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
-        trouble::at("worker-spawn")?;
+        failpoints::at("worker-spawn")?;
         let mut child = command.spawn()?;
         let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
         let stdout = stdout.ok_or_else(|| std::io::Error::other("no pipe to the worker"))?;
         let stderr = tokio::spawn(async move {
-            /// Bytes kept of what a worker says.
+            /// Bytes kept of a worker's standard error.
             const MOST: u64 = 4096;
             let mut text = Vec::new();
             if let Some(mut stderr) = stderr {
                 let _ = (&mut stderr).take(MOST).read_to_end(&mut text).await;
-                // It must not wait for us to read the rest.
+                // The worker must not block on a full pipe.
                 let _ = tokio::io::copy(&mut stderr, &mut tokio::io::sink()).await;
             }
             String::from_utf8_lossy(&text).into_owned()
         });
         let alive = child.stdin.take();
-        let news = FramedRead::new(stdout, codec());
-        Ok(Worker { child, news, stderr, memory_mib: config.bake_memory_mib, _alive: alive })
+        let messages = FramedRead::new(stdout, codec());
+        Ok(Worker { child, messages, stderr, memory_mib: config.bake_memory_mib, _alive: alive })
     }
 
-    /// What the worker tells next; `None` once it has no more to say. May be dropped and called again.
-    pub async fn next(&mut self) -> std::result::Result<Option<News>, Fault> {
-        let told = self.read().await;
-        told.map_err(|error| Fault::BakeCrashed(format!("what it tells cannot be read: {}", plain_reason(&error))))
+    /// The worker's next message, or `None` after the last one; a fault that it reports of the disk is an error.
+    /// May be dropped and called again.
+    pub async fn next(&mut self) -> std::result::Result<Option<WorkerMessage>, Fault> {
+        match self.read().await {
+            Ok(Some(WorkerMessage::NotWritten(why))) => Err(Fault::StorageLimit(why)),
+            Ok(Some(WorkerMessage::Broken(why))) => Err(Fault::DataDirectory(why)),
+            Ok(message) => Ok(message),
+            Err(error) => Err(Fault::BakeCrashed(format!("its messages cannot be read: {}", plain_reason(&error)))),
+        }
     }
 
-    async fn read(&mut self) -> Result<Option<News>> {
-        trouble::at("news-read")?;
-        match self.news.next().await.transpose()? {
-            Some(told) => Ok(Told::decode(told)?.news),
+    async fn read(&mut self) -> Result<Option<WorkerMessage>> {
+        failpoints::at("message-read")?;
+        match self.messages.next().await.transpose()? {
+            Some(message) => Ok(Envelope::decode(message)?.message),
             None => Ok(None),
         }
     }
@@ -119,7 +124,7 @@ impl Worker {
         self.kill().await;
         let said = tokio::time::timeout(PATIENCE, &mut self.stderr).await;
         let said = said.ok().and_then(std::result::Result::ok).unwrap_or_default();
-        // The standard library's words when the memory limit is reached.
+        // The standard library's message at the memory limit.
         if said.contains("memory allocation of") {
             return Fault::MemoryLimit(self.memory_mib);
         }
@@ -133,8 +138,8 @@ impl Worker {
     }
 }
 
-/// Whether somebody else has ended the process: the system, since memory ran out, or an operator. A process cannot kill itself
-/// by a fault of its own in this way.
+/// Whether the system, out of memory, or an operator has killed the process. These signals never come from a crash of
+/// the process itself.
 #[cfg(unix)]
 fn was_killed(status: std::process::ExitStatus) -> bool {
     use std::os::unix::process::ExitStatusExt;

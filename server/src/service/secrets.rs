@@ -1,4 +1,4 @@
-//! What a server reads from the files that its settings name: at its start, and whenever the operator asks for it.
+//! Credentials, certificates and keys from the files of the settings, read at the start and again on SIGHUP.
 
 use crate::problem::Problem;
 use crate::service::access::Access;
@@ -10,12 +10,11 @@ pub struct Secrets {
     pub access: Access,
     /// `None`: no encryption.
     pub tls: Option<Arc<rustls::ServerConfig>>,
-    /// A token that is not in a file.
+    /// The token where the settings name no file for it.
     pub token: Option<String>,
 }
 
 impl Secrets {
-    /// Reads them. `token`: one that is not in a file.
     pub fn read(config: &Config, token: Option<String>) -> Result<Secrets, Vec<Problem>> {
         match (Access::read(config, token.clone()), encryption::read(config)) {
             (Ok(access), Ok(tls)) => Ok(Secrets { access, tls, token }),

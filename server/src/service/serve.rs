@@ -1,4 +1,4 @@
-//! The server around the service: who gets in, health, reflection, and its end.
+//! The server around the service: authentication, health, reflection and shutdown.
 
 use crate::problem::Problem;
 use crate::service::access::{self, Access};
@@ -33,28 +33,28 @@ use tracing::{error, info};
 /// All descriptors of `cairn.v1`, for reflection.
 const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
 
-/// Bytes of one request: a scene with the most bodies that one may have, 100,000, each with all its values.
+/// Largest request, bytes: a scene of 100,000 bodies, the most that one may have, with all their values.
 const MAX_REQUEST: usize = 32 << 20;
-/// Calls that one connection may have open.
+/// Open calls of one connection.
 const MAX_STREAMS_PER_CONNECTION: u32 = 2048;
-/// A connection is asked so often whether it still lives, and is closed if it says nothing for so long.
+/// Interval of keep-alive pings, and the wait for an answer before the connection is closed.
 const KEEPALIVE: [Duration; 2] = [Duration::from_secs(30), Duration::from_secs(20)];
-/// The data directory is looked at so often.
-const LOOK_AT_STORE: Duration = Duration::from_secs(2);
-/// After the last bake has ended, callers have so long to read the end of their streams.
+/// Interval between checks of the data directory.
+const STORE_CHECK: Duration = Duration::from_secs(2);
+/// Time for callers to read the end of their streams after the last bake has ended.
 const FAREWELL: Duration = Duration::from_secs(5);
 
-/// Why a server does not start, or ends.
+/// Why a server does not start, or ends early.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The settings are wrong.
-    #[error("{}", told(.0))]
+    #[error("{}", lines(.0))]
     Settings(Vec<Problem>),
     #[error("{0}")]
     Failed(String),
 }
 
-fn told(problems: &[Problem]) -> String {
+fn lines(problems: &[Problem]) -> String {
     problems.iter().map(Problem::to_string).collect::<Vec<_>>().join("\n")
 }
 
@@ -69,11 +69,11 @@ impl From<tonic::transport::Error> for ServeError {
 pub fn open_store(config: &Config) -> Result<Store, ServeError> {
     Store::open(config).map_err(|error| {
         let remedy = "Choose another folder by --data, or end the server that uses it.";
-        ServeError::Settings(vec![Problem::new(config.data.display().to_string(), error.to_string(), remedy)])
+        ServeError::Settings(vec![Problem::at(&config.data, error.to_string(), remedy)])
     })
 }
 
-/// Serves until `shutdown`, then lets running bakes end within the drain deadline. `reload`: asks for the secrets to be read
+/// Serves until `shutdown`, then lets running bakes finish within the drain time. `reload` asks to read the secrets
 /// again.
 pub async fn run(
     listeners: Vec<Listener>,
@@ -89,7 +89,7 @@ pub async fn run(
     let keeper = tokio::spawn(bakes.clone().keep_limits());
 
     let (health, health_service) = tonic_health::server::health_reporter();
-    let watcher = tokio::spawn(tell_health(bakes.clone(), health.clone()));
+    let watcher = tokio::spawn(report_health(bakes.clone(), health.clone()));
     let (access, access_now) = watch::channel(secrets.access.clone());
     let tls = secrets.tls.clone().map(watch::channel);
     let (tls, tls_now) = tls.unzip();
@@ -130,33 +130,33 @@ pub async fn run(
     }
 }
 
-/// Of the server as a whole, and of its service.
+/// Sets the health of the server as a whole and of its service.
 async fn set_health(health: &HealthReporter, status: ServingStatus) {
     for name in ["", <PileServiceServer<Service> as tonic::server::NamedService>::NAME] {
         health.set_service_status(name, status).await;
     }
 }
 
-/// Looks after the data directory: without it, nothing can be baked.
-async fn tell_health(bakes: Arc<Bakes>, health: HealthReporter) {
+/// Reports the server as unhealthy while its data directory cannot be used.
+async fn report_health(bakes: Arc<Bakes>, health: HealthReporter) {
     let mut before = None;
     loop {
         let store = bakes.clone();
         let fault = tokio::task::spawn_blocking(move || store.store.fault()).await.ok().flatten();
         if before != Some(fault.is_none()) {
             if let Some(fault) = &fault {
-                error!(fault, "the data directory cannot be used: nothing can be baked");
+                error!(fault, "the data directory cannot be used: bakes are not possible");
             } else if before.is_some() {
-                info!("the data directory is back");
+                info!("the data directory can be used again");
             }
             set_health(&health, if fault.is_none() { ServingStatus::Serving } else { ServingStatus::NotServing }).await;
             before = Some(fault.is_none());
         }
-        tokio::time::sleep(LOOK_AT_STORE).await;
+        tokio::time::sleep(STORE_CHECK).await;
     }
 }
 
-/// Reads the secrets again whenever it is asked to. What is wrong changes nothing.
+/// Reads the secrets again on each request. If any is wrong, all stay as they are.
 async fn read_again(
     reload: Arc<Notify>,
     bakes: Arc<Bakes>,
@@ -172,14 +172,14 @@ async fn read_again(
                 if let Some((sender, new)) = tls.as_ref().zip(secrets.tls) {
                     sender.send_replace(new);
                 }
-                info!("token and certificates were read again");
+                info!("token and certificates were reloaded");
             }
-            Err(problems) => error!(fault = %told(&problems), "token and certificates stay as they were"),
+            Err(problems) => error!(fault = %lines(&problems), "token and certificates were not reloaded"),
         }
     }
 }
 
-/// The services. Health is open to all: those who watch over servers have no token.
+/// The services. Health needs no credentials, because monitoring has none.
 fn routes(bakes: &Arc<Bakes>, access: &watch::Receiver<Access>) -> Result<Routes, ServeError> {
     let (access, draining) = (access.clone(), bakes.clone());
     let guard = move |request: Request<()>| {
@@ -223,7 +223,7 @@ async fn serve(
         #[cfg(unix)]
         (Listener::Unix(listener, _), _) => {
             let incoming = tokio_stream::wrappers::UnixListenerStream::new(listener);
-            let incoming = incoming.map(|stream| stream.map(unix::Connection::new));
+            let incoming = incoming.map(|stream| stream.map(unix::UnixConnection::new));
             server.serve_with_incoming_shutdown(incoming, closing).await?;
         }
     }

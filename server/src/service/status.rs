@@ -1,7 +1,7 @@
-//! What can go wrong in the service, and the only place where it becomes a gRPC status.
+//! The faults of the service, and the only place that converts them to gRPC statuses.
 //!
 //! Errors follow AIP-193: one `ErrorInfo` of the domain `cairn`, `BadRequest` with every problem of the input,
-//! `RetryInfo` where trying again helps.
+//! `RetryInfo` where a retry helps.
 
 use crate::files::plain_reason;
 use crate::wire::proto::{Failure, FieldProblem};
@@ -11,45 +11,45 @@ use tonic_types::{ErrorDetails, StatusExt};
 
 const DOMAIN: &str = "cairn";
 
-/// What is full, for a caller, who is not to know the server's folders.
+/// The message about a full disk. It does not reveal the server's folders.
 pub const DISK_FULL: &str =
     "the disk of its data directory is full; the operator can make room or choose a lower store_mib";
 
 /// A fault of a call or of a bake.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Fault {
-    #[error("the request is wrong: {}", told(.0))]
+    #[error("the request is wrong: {}", in_a_line(.0))]
     RequestInvalid(Vec<FieldProblem>),
-    #[error("the scene cannot be baked: {}", told(.0))]
+    #[error("the scene cannot be baked: {}", in_a_line(.0))]
     SceneInvalid(Vec<FieldProblem>),
-    #[error("assets have to be uploaded first: {}", told(.0))]
+    #[error("assets have to be uploaded first: {}", in_a_line(.0))]
     AssetsMissing(Vec<FieldProblem>),
     #[error("{0}")]
     AssetCorrupt(String),
-    #[error("the asset is larger than the {0} bytes that this server takes")]
+    #[error("the asset is larger than this server's limit of {0} bytes")]
     AssetTooLarge(u64),
-    #[error("the upload stood still for too long; upload the asset again")]
+    #[error("the upload stalled for too long; upload the asset again")]
     UploadStalled,
-    #[error("there is no bake {0:?} here: it was never asked for, was deleted, or is too old")]
+    #[error("there is no bake {0:?} on this server: it was never requested, was deleted, or is too old")]
     BakeNotFound(String),
-    #[error("the bake has no result: it is not done, or has failed; see GetBake")]
+    #[error("the bake has no result: it is not finished, or has failed; see GetBake")]
     BakeNotDone,
-    #[error("all workers are busy, and the queue or your share of it is full; try again later")]
+    #[error("all workers are busy, and the queue or your quota of it is full; try again later")]
     QueueFull { retry: Duration },
     #[error("too many calls are open; try again later")]
     TooManyCalls,
-    #[error("the bake needs more memory than the {0} MiB that this server gives to one")]
+    #[error("the bake needs more memory than this server's limit of {0} MiB for each bake")]
     MemoryLimit(u64),
-    #[error("there is no room on the server: {0}")]
+    #[error("the server has no space left: {0}")]
     StorageLimit(String),
     #[error(
-        "the bake's process was killed from outside, most likely by the server's system as its memory ran out; ask for fewer \
-         bodies, or tell the operator: fewer bakes at once need less"
+        "the bake's process was killed from outside, most likely by the server's system when its memory ran out; \
+         request fewer bodies, or ask the operator to run fewer bakes at once"
     )]
     BakeKilled,
-    #[error("the bake's process could not be started: {0}; try again later, or tell the operator")]
+    #[error("the bake's process could not be started: {0}; try again later, or ask the operator")]
     BakeNotStarted(String),
-    #[error("the bake took longer than the {0} s that this server gives to one")]
+    #[error("the bake took longer than this server's limit of {0} s for each bake")]
     TimeLimit(u64),
     #[error("the deadline of the call has passed")]
     Deadline,
@@ -61,13 +61,13 @@ pub enum Fault {
     CallerLimit(String),
     #[error("the bake was cancelled")]
     BakeCancelled,
-    #[error("what the server kept of this bake is damaged: {0}. Ask for the bake again, and it is made again")]
+    #[error("the server's files of this bake are damaged: {0}. Request the bake again to repeat it")]
     BakeDamaged(String),
     #[error(
         "the bake's process ended unexpectedly: {0}. This is a fault in Cairn, not in your scene; please report it"
     )]
     BakeCrashed(String),
-    #[error("the server ended while this bake ran; ask for it again")]
+    #[error("the server ended while this bake ran; request it again")]
     ServerRestarted,
     #[error("the server is shutting down; finished and unfinished bakes are kept")]
     ShuttingDown,
@@ -75,14 +75,14 @@ pub enum Fault {
     TokenInvalid,
     #[error("{0}")]
     ProtocolMismatch(String),
-    #[error("the server's data directory is at fault: {0}; tell the operator")]
+    #[error("the server's data directory has a fault: {0}; inform the operator")]
     DataDirectory(String),
     #[error("internal error: {0}")]
     Internal(String),
 }
 
-/// All problems in a line, for those who read no details.
-fn told(problems: &[FieldProblem]) -> String {
+/// All problems in a line, for clients that do not read the details.
+fn in_a_line(problems: &[FieldProblem]) -> String {
     problems.iter().map(|problem| problem.description.as_str()).collect::<Vec<_>>().join("; ")
 }
 
@@ -160,13 +160,13 @@ impl Fault {
         }
     }
 
-    /// One thing wrong with a request's field.
+    /// One problem of a request's field.
     pub fn field(field: &str, description: impl Into<String>) -> Fault {
         Fault::RequestInvalid(vec![FieldProblem { field: field.into(), description: description.into() }])
     }
 }
 
-/// Whether the server has as many files open as the system allows: that says nothing about the file that it asked for.
+/// Whether the server has reached the system's limit of open files. The file itself may be fine then.
 pub fn no_more_files(error: &std::io::Error) -> bool {
     const ENFILE: i32 = 23;
     const EMFILE: i32 = 24;
@@ -189,7 +189,7 @@ impl From<std::io::Error> for Fault {
     }
 }
 
-/// As it is kept with a bake.
+/// The form that is stored with a bake.
 impl From<&Fault> for Failure {
     fn from(fault: &Fault) -> Failure {
         Failure {
@@ -215,7 +215,7 @@ impl From<&Failure> for Status {
 }
 
 fn status(failure: &Failure, retry: Option<Duration>) -> Status {
-    /// Bytes of all descriptions together: a status travels in headers, and proxies allow little there.
+    /// Bytes of all descriptions together: a status is sent in headers, and proxies limit their size.
     const ROOM: usize = 4000;
     let mut details = ErrorDetails::new();
     details.set_error_info(&failure.reason, DOMAIN, [("version".to_owned(), crate::version::VERSION.to_owned())]);
@@ -234,7 +234,7 @@ fn status(failure: &Failure, retry: Option<Duration>) -> Status {
     Status::with_error_details(failure.code.into(), cut(&failure.message, ROOM / 4), details)
 }
 
-/// The beginning of a text that is too long.
+/// Truncates a long text.
 fn cut(text: &str, most: usize) -> String {
     if text.len() <= most { text.into() } else { format!("{} ...", &text[..text.floor_char_boundary(most)]) }
 }

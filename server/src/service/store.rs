@@ -1,19 +1,19 @@
-//! The data directory: assets by their content, and one folder per bake. What appears here is complete or not at all.
+//! The data directory: assets by their content, and one folder per bake. Files appear complete or not at all.
 //!
 //! ```text
 //! lock                 held by the server that uses the directory
 //! assets/SHA256        one file per asset
 //! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.json; assets/ while it is unfinished
-//! partial/             what is being written
-//! cache/               fills and bakes that others may use again
+//! partial/             files being written
+//! cache/               fills and bakes for reuse
 //! ```
 //!
-//! A bake has its assets as hard links, so that they may go from `assets/` at any time.
+//! A bake has its assets as hard links, so that they may be removed from `assets/` at any time.
 
+use crate::failpoints;
 use crate::files::{remove_unfinished, sync_folder, write_atomically};
 use crate::service::config::Config;
 use crate::service::folder::{ASSETS, EVENTS, FORMATS, REPORT, SPEC, result_name};
-use crate::trouble;
 use crate::wire::digest::hex;
 use crate::wire::proto::{BakeSpec, BakeState, BakeStatus};
 use prost::Message;
@@ -26,7 +26,7 @@ use tempfile::{NamedTempFile, TempDir};
 use tracing::warn;
 
 const STATUS: &str = "status.binpb";
-/// What earlier bakes left for others.
+/// The folder of the cache.
 pub const CACHE: &str = "cache";
 
 /// An open data directory.
@@ -37,7 +37,7 @@ pub struct Store {
     _lock: File,
 }
 
-/// An upload on its way into the store.
+/// An unfinished upload.
 pub struct Upload {
     file: NamedTempFile,
     hasher: Sha256,
@@ -45,14 +45,14 @@ pub struct Upload {
 }
 
 impl Store {
-    /// Opens or makes a data directory, for this server alone.
+    /// Opens or creates a data directory, for this server alone.
     pub fn open(config: &Config) -> Result<Store> {
         let root = std::path::absolute(&config.data)?;
-        trouble::at("store-open")?;
+        failpoints::at("store-open")?;
         for folder in ["assets", "bakes"] {
             fs::create_dir_all(root.join(folder))?;
         }
-        trouble::at("store-lock")?;
+        failpoints::at("store-lock")?;
         let lock = File::create(root.join("lock"))?;
         lock.try_lock().map_err(|error| match error {
             TryLockError::WouldBlock => {
@@ -65,7 +65,7 @@ impl Store {
         Ok(Store { root, most_bytes: config.store_bytes(), longest: config.store_time(), _lock: lock })
     }
 
-    /// Why nothing can be kept here.
+    /// Why the directory cannot be used, if so.
     pub fn fault(&self) -> Option<String> {
         let tried = ["assets", "bakes"].iter().try_for_each(|folder| fs::metadata(self.root.join(folder)).map(drop));
         let tried = tried.and_then(|()| tempfile::tempfile_in(self.root.join("partial")));
@@ -81,31 +81,31 @@ impl Store {
         self.root.join("assets").join(sha256)
     }
 
-    /// Whether an asset is here. From now on, it counts as used.
+    /// Whether the store has an asset. Marks it as used.
     pub fn has(&self, sha256: &str) -> bool {
         touch(&self.asset(sha256)).is_ok()
     }
 
     pub fn upload(&self) -> Result<Upload> {
-        trouble::at("upload-create")?;
+        failpoints::at("upload-create")?;
         let file = NamedTempFile::new_in(self.root.join("partial"))?;
         Ok(Upload { file, hasher: Sha256::new(), bytes: 0 })
     }
 
-    /// Keeps an upload, if its content is what was announced.
+    /// Stores an upload if its content has this hash. Returns whether it has.
     pub fn keep(&self, upload: Upload, sha256: &str) -> Result<bool> {
         if hex(&upload.hasher.finalize()) != sha256 {
             return Ok(false);
         }
-        trouble::at("upload-sync")?;
+        failpoints::at("upload-sync")?;
         upload.file.as_file().sync_all()?;
-        trouble::at("upload-rename")?;
+        failpoints::at("upload-rename")?;
         upload.file.persist(self.asset(sha256))?;
         sync_folder(&self.root.join("assets"))?;
         Ok(true)
     }
 
-    /// A fresh folder for a bake, with its request and those of its assets that are here.
+    /// Creates an empty folder for a bake, with its request and those of its assets that the store has.
     pub fn prepare(&self, id: &str, spec: &BakeSpec) -> Result<PathBuf> {
         self.remove(id)?;
         let folder = self.folder(id);
@@ -119,7 +119,7 @@ impl Store {
         Ok(BakeSpec::decode(&fs::read(self.folder(id).join(SPEC))?[..])?)
     }
 
-    /// How a bake stood when that was written down; `None` where that is gone, or was changed.
+    /// The saved status of a bake; `None` if it is missing or damaged.
     pub fn status(&self, id: &str) -> Result<Option<BakeStatus>> {
         match fs::read(self.folder(id).join(STATUS)) {
             Ok(bytes) => Ok(BakeStatus::decode(&bytes[..]).ok().filter(|status| status.bake_id == id)),
@@ -128,7 +128,7 @@ impl Store {
         }
     }
 
-    /// What is missing of a bake that has succeeded, by the sizes of its files.
+    /// The damage of a bake that has succeeded, found by the sizes of its files.
     pub fn damage(&self, status: &BakeStatus, result_bytes: i64) -> Option<String> {
         if status.state() != BakeState::Succeeded {
             return None;
@@ -136,15 +136,15 @@ impl Store {
         let folder = self.folder(&status.bake_id);
         let has = |name: &str, bytes: i64| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() as i64 == bytes);
         if !has(EVENTS, status.event_bytes) {
-            Some("its events are cut off or gone".into())
+            Some("its events are truncated or missing".into())
         } else if !FORMATS.iter().any(|format| has(result_name(*format), result_bytes)) {
-            Some("its result is cut off or gone".into())
+            Some("its result is truncated or missing".into())
         } else {
             None
         }
     }
 
-    /// A folder to plan in. It goes with the value.
+    /// A temporary folder for a plan.
     pub fn prepare_plan(&self, spec: &BakeSpec) -> Result<TempDir> {
         let folder = TempDir::new_in(self.root.join("partial"))?;
         self.fill(folder.path(), spec)?;
@@ -152,14 +152,14 @@ impl Store {
     }
 
     fn fill(&self, folder: &Path, spec: &BakeSpec) -> Result<()> {
-        trouble::at("store-folder")?;
+        failpoints::at("store-folder")?;
         fs::create_dir_all(folder.join(ASSETS))?;
         for asset in &spec.assets {
             let from = self.asset(&asset.sha256);
-            trouble::at("store-link")?;
+            failpoints::at("store-link")?;
             match fs::hard_link(&from, folder.join(ASSETS).join(&asset.sha256)) {
                 Ok(()) => touch(&from)?,
-                // The worker tells what is missing; and one asset may have several names.
+                // The worker reports missing assets, and one asset may have several names.
                 Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::AlreadyExists) => {}
                 Err(error) => return Err(error),
             }
@@ -171,7 +171,7 @@ impl Store {
         write_atomically(&self.folder(&status.bake_id).join(STATUS), &status.encode_to_vec())
     }
 
-    /// A bake has ended: its assets are no longer needed, nor is what its process left half written, nor half a result.
+    /// Removes the files that an ended bake no longer needs: assets, temporary files and incomplete results.
     pub fn tidy(&self, status: &BakeStatus) {
         let folder = self.folder(&status.bake_id);
         let _ = fs::remove_dir_all(folder.join(ASSETS));
@@ -184,18 +184,18 @@ impl Store {
         }
     }
 
-    /// A bake's results were asked for.
+    /// Marks a bake as used.
     pub fn touch(&self, id: &str) {
         let _ = touch(&self.folder(id).join(STATUS));
     }
 
-    /// All bakes with a status; folders without one are remains, and go. What no server has made stays.
+    /// Loads the status of all bakes. Removes bake folders without one, and leaves other files alone.
     pub fn load(&self) -> Result<Vec<BakeStatus>> {
         let mut found = Vec::new();
         for entry in fs::read_dir(self.root.join("bakes"))? {
             let folder = entry?.path();
             if !is_bake(&folder) {
-                warn!(path = %folder.display(), "not a bake; it is left alone");
+                warn!(path = %folder.display(), "not a bake; leaving it alone");
                 continue;
             }
             let id = folder.file_name().unwrap_or_default().to_string_lossy();
@@ -203,31 +203,31 @@ impl Store {
                 Ok(Some(status)) => found.push(status),
                 Ok(None) => {
                     if let Err(error) = fs::remove_dir_all(&folder) {
-                        warn!(path = %folder.display(), %error, "the remains of a bake cannot be removed");
+                        warn!(path = %folder.display(), %error, "an incomplete bake could not be removed");
                     }
                 }
-                Err(error) => warn!(path = %folder.display(), %error, "a bake cannot be read; it is left alone"),
+                Err(error) => warn!(path = %folder.display(), %error, "a bake cannot be read; leaving it alone"),
             }
         }
         Ok(found)
     }
 
     pub fn remove(&self, id: &str) -> Result<()> {
-        trouble::at("store-remove")?;
+        failpoints::at("store-remove")?;
         match fs::remove_dir_all(self.folder(id)) {
             Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
             _ => Ok(()),
         }
     }
 
-    /// Removes what is too old, and what was not used for longest until the rest fits. `remove_bake` removes a
-    /// bake, unless it is at work. Returns the bytes that are left.
+    /// Removes entries that are too old, then the least recently used ones until the rest fits. `remove_bake` removes a
+    /// bake unless it is unfinished, and returns whether it did. Returns the remaining bytes.
     pub fn trim(&self, remove_bake: impl Fn(&str) -> Result<bool>) -> Result<u64> {
         let mut cached = bytes_below(&self.root.join(CACHE));
         let mut entries = Vec::new();
         for (folder, is_ours) in [("assets", is_asset as fn(&Path) -> bool), ("bakes", is_bake)] {
             for entry in fs::read_dir(self.root.join(folder))? {
-                // It may have gone meanwhile.
+                // The entry may have been removed meanwhile.
                 let path = entry.ok().map(|entry| entry.path()).filter(|path| is_ours(path));
                 entries.extend(path.and_then(|path| Kept::of(path).ok()));
             }
@@ -235,7 +235,7 @@ impl Store {
         entries.sort_by_key(|kept| kept.used);
         let mut total: u64 = entries.iter().map(|kept| kept.bytes).sum();
         if cached > 0 && total + cached > self.most_bytes {
-            // Results are worth more than what only makes others quicker.
+            // Results are worth more than the cache, which only saves time.
             let _ = fs::remove_dir_all(self.root.join(CACHE));
             cached = 0;
         }
@@ -248,9 +248,9 @@ impl Store {
             }
             let name = kept.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let removed = if kept.is_bake { remove_bake(&name) } else { fs::remove_file(&kept.path).map(|()| true) };
-            // What cannot be removed keeps nothing else.
+            // One failure does not protect the other entries.
             let is_gone = removed.unwrap_or_else(|error| {
-                warn!(path = %kept.path.display(), %error, "it is over the limits and cannot be removed");
+                warn!(path = %kept.path.display(), %error, "an entry over the limits could not be removed");
                 false
             });
             total -= if is_gone { kept.bytes } else { 0 };
@@ -263,11 +263,11 @@ impl Upload {
     pub fn write(&mut self, chunk: &[u8]) -> Result<()> {
         self.hasher.update(chunk);
         self.bytes += chunk.len() as u64;
-        trouble::write("upload-write", &mut self.file, chunk)
+        failpoints::write("upload-write", &mut self.file, chunk)
     }
 }
 
-/// Of all files below a folder.
+/// Total size of the files below a folder.
 fn bytes_below(folder: &Path) -> u64 {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let bytes = entries.map(|entry| match entry.metadata() {
@@ -278,7 +278,7 @@ fn bytes_below(folder: &Path) -> u64 {
     bytes.sum()
 }
 
-/// Whether it is named as assets and bakes are. Others put files here, too: file managers, network drives.
+/// Whether a file has a name like assets and bakes. File managers and network drives put other files here.
 fn is_digest(path: &Path) -> bool {
     let is_hex = |name: &str| name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
     path.file_name().and_then(|name| name.to_str()).is_some_and(is_hex)
@@ -292,7 +292,7 @@ fn is_bake(path: &Path) -> bool {
     is_digest(path) && path.is_dir()
 }
 
-/// An asset or a bake, as the limits see it.
+/// An asset or a bake, with the values that decide its removal.
 struct Kept {
     path: PathBuf,
     is_bake: bool,
@@ -326,7 +326,7 @@ mod tests {
     use super::*;
     use crate::wire::proto::BakeState;
 
-    /// An id as bakes have it.
+    /// An id in the form of a bake's.
     fn id(name: &str) -> String {
         hex(&Sha256::digest(name))
     }
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_used_for_longest_goes_first() {
+    fn the_least_recently_used_is_removed_first() {
         let folder = tempfile::tempdir().unwrap();
         let config = Config { data: folder.path().join("data"), store_mib: 3, store_days: 1, ..Config::default() };
         let store = Store::open(&config).unwrap();

@@ -1,4 +1,4 @@
-//! What a server tells of itself: log lines and metrics.
+//! Log lines and metrics of a server.
 
 use crate::service::config::{Config, LogForm};
 use metrics::{Unit, describe_counter, describe_gauge, describe_histogram};
@@ -7,7 +7,7 @@ use std::io::IsTerminal;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
-/// Log lines go to stderr from now on; `RUST_LOG` chooses which. Lines about a bake carry its id.
+/// Sends log lines to stderr; `RUST_LOG` selects them. Lines about a bake have its id.
 pub fn log(form: LogForm) {
     let asked =
         std::env::var("RUST_LOG").ok().filter(|text| !text.is_empty()).and_then(|text| text.parse::<Targets>().ok());
@@ -18,25 +18,25 @@ pub fn log(form: LogForm) {
         LogForm::Text => lines.boxed(),
         LogForm::Json => lines.json().boxed(),
     };
-    // A second server in the same process, as in a test, keeps the first one's.
+    // A second server in the same process, as in a test, keeps the first one's logger.
     let _ = tracing_subscriber::registry().with(lines.with_filter(filter)).try_init();
 }
 
-/// Serves the metrics, if the settings have an address for them.
+/// Serves the metrics if the settings have an address for them.
 pub fn metrics(config: &Config) -> Result<(), BuildError> {
     let Some(address) = config.metrics else { return Ok(()) };
     PrometheusBuilder::new().with_http_listener(address).install()?;
-    describe_gauge!("cairn_bakes_pending", "Bakes that are planned, wait or run.");
-    describe_gauge!("cairn_bakes_running", "Bakes that run.");
-    describe_counter!("cairn_bakes_total", "Bakes that have ended, by outcome.");
+    describe_gauge!("cairn_bakes_pending", "Bakes being planned, waiting or running.");
+    describe_gauge!("cairn_bakes_running", "Running bakes.");
+    describe_counter!("cairn_bakes_total", "Ended bakes, by outcome.");
     describe_counter!("cairn_bakes_refused_total", "Bakes refused because the queue was full.");
-    describe_counter!("cairn_calls_refused_total", "Calls that were not let in, by reason.");
-    describe_counter!("cairn_bakes_shared_total", "Requests that a bake of the same request answered.");
-    describe_histogram!("cairn_bake_seconds", Unit::Seconds, "Time of a bake from its start to its end.");
+    describe_counter!("cairn_calls_refused_total", "Refused calls, by reason.");
+    describe_counter!("cairn_bakes_shared_total", "Requests answered by an existing bake of the same request.");
+    describe_histogram!("cairn_bake_seconds", Unit::Seconds, "Duration of a bake, from start to end.");
     describe_counter!("cairn_bodies_total", "Bodies baked; its rate is bodies per second.");
     describe_counter!("cairn_solves_total", "Equilibrium analyses.");
     describe_gauge!("cairn_stage_cpu_seconds_total", Unit::Seconds, "CPU time of bakes, by stage.");
-    describe_histogram!("cairn_bake_peak_memory_bytes", Unit::Bytes, "Largest memory of a bake.");
-    describe_gauge!("cairn_store_bytes", Unit::Bytes, "What assets and bakes take on the disk.");
+    describe_histogram!("cairn_bake_peak_memory_bytes", Unit::Bytes, "Peak memory of a bake.");
+    describe_gauge!("cairn_store_bytes", Unit::Bytes, "Size of assets and bakes on disk.");
     Ok(())
 }

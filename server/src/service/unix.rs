@@ -1,8 +1,9 @@
-//! Connections by a Unix socket, as clients of all libraries make them.
+//! Connections over a Unix socket, from clients of all gRPC libraries.
 //!
-//! Python's and C++'s gRPC name the socket's path as the authority of each call, percent-encoded: `tmp%2Fcairn%2Fsocket`. That
-//! is no authority of HTTP, and the library beneath refuses the call. Nobody here reads the authority, so the percent signs
-//! are taken out of it on its way in, byte by byte and in place, where it stands in plain letters in the headers.
+//! gRPC of Python and C++ sends the socket's path as the authority of each call, percent-encoded:
+//! `tmp%2Fcairn%2Fsocket`. That is no valid HTTP authority, and the HTTP library refuses the call. The server does not
+//! use the authority, so this filter replaces the percent signs in place where the authority stands in plain letters in
+//! the headers.
 
 use std::io::Result;
 use std::pin::Pin;
@@ -11,18 +12,18 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::UnixStream;
 use tonic::transport::server::{Connected, UdsConnectInfo};
 
-pub struct Connection {
+pub struct UnixConnection {
     stream: UnixStream,
-    headers: Headers,
+    filter: AuthorityFilter,
 }
 
-impl Connection {
-    pub fn new(stream: UnixStream) -> Connection {
-        Connection { stream, headers: Headers::default() }
+impl UnixConnection {
+    pub fn new(stream: UnixStream) -> UnixConnection {
+        UnixConnection { stream, filter: AuthorityFilter::default() }
     }
 }
 
-impl Connected for Connection {
+impl Connected for UnixConnection {
     type ConnectInfo = UdsConnectInfo;
 
     fn connect_info(&self) -> UdsConnectInfo {
@@ -30,16 +31,16 @@ impl Connected for Connection {
     }
 }
 
-impl AsyncRead for Connection {
+impl AsyncRead for UnixConnection {
     fn poll_read(mut self: Pin<&mut Self>, context: &mut Context, buffer: &mut ReadBuf) -> Poll<Result<()>> {
         let before = buffer.filled().len();
         ready!(Pin::new(&mut self.stream).poll_read(context, buffer))?;
-        self.headers.pass(&mut buffer.filled_mut()[before..]);
+        self.filter.pass(&mut buffer.filled_mut()[before..]);
         Poll::Ready(Ok(()))
     }
 }
 
-impl AsyncWrite for Connection {
+impl AsyncWrite for UnixConnection {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context, bytes: &[u8]) -> Poll<Result<usize>> {
         Pin::new(&mut self.stream).poll_write(context, bytes)
     }
@@ -53,33 +54,33 @@ impl AsyncWrite for Connection {
     }
 }
 
-/// What every HTTP/2 connection begins with: `PRI * HTTP/2.0`, and so on.
+/// Length of the preface of an HTTP/2 connection: `PRI * HTTP/2.0`, and so on.
 const PREFACE: usize = 24;
 const FRAME_HEADER: usize = 9;
-/// Types of frames that hold headers: HEADERS and CONTINUATION.
+/// Frame types that hold headers: HEADERS and CONTINUATION.
 const WITH_HEADERS: [u8; 2] = [1, 9];
-/// How the name of the header is written: its length, then its letters.
+/// The header's name as it is encoded: its length, then its letters.
 const NAME: &[u8] = b"\x0a:authority";
-/// A length from here on takes more bytes; no path of a socket is so long. The upper bit says that letters are packed.
+/// Lengths from here on take more bytes, and no socket path is so long. The upper bit marks Huffman-coded letters.
 const LONG: u8 = 127;
 
-/// A connection's bytes, seen one after the other.
+/// Follows the bytes of a connection.
 #[derive(Default)]
-struct Headers {
+struct AuthorityFilter {
     /// Bytes so far, up to the end of the preface.
     preface: usize,
     frame: [u8; FRAME_HEADER],
     /// Bytes of `frame` so far.
     known: usize,
-    /// Bytes of the frame's content that are to come.
+    /// Bytes of the frame's content still to come.
     left: usize,
-    /// Bytes of [`NAME`] just seen; all of them: the length comes next.
+    /// Bytes of [`NAME`] just seen. After all of them, the length follows.
     matched: usize,
-    /// Bytes of the authority that are to come.
+    /// Bytes of the authority still to come.
     authority: u8,
 }
 
-impl Headers {
+impl AuthorityFilter {
     fn pass(&mut self, mut bytes: &mut [u8]) {
         while !bytes.is_empty() {
             let taken = self.take(bytes);
@@ -87,7 +88,7 @@ impl Headers {
         }
     }
 
-    /// Takes the next of them; how many.
+    /// Processes some of the bytes and returns how many.
     fn take(&mut self, bytes: &mut [u8]) -> usize {
         if self.preface < PREFACE {
             let taken = bytes.len().min(PREFACE - self.preface);
@@ -129,7 +130,7 @@ impl Headers {
 
 #[cfg(test)]
 mod tests {
-    use super::Headers;
+    use super::AuthorityFilter;
 
     fn frame(kind: u8, content: &[u8]) -> Vec<u8> {
         [&[0, 0, content.len() as u8, kind, 4, 0, 0, 0, 1], content].concat()
@@ -145,7 +146,7 @@ mod tests {
         };
         for piece in [1, 2, 7, 1000] {
             let mut bytes = call(b"tmp%2Fs%2F.sock");
-            let mut headers = Headers::default();
+            let mut headers = AuthorityFilter::default();
             bytes.chunks_mut(piece).for_each(|piece| headers.pass(piece));
             assert_eq!(bytes, call(b"tmp.2Fs.2F.sock"), "only the authority has changed");
         }

@@ -1,4 +1,4 @@
-//! Choosing among results: their order by figures, and a contact sheet of them, as a page and as a picture.
+//! Ranks results by figures, and makes a contact sheet of them as a page and as a picture.
 
 mod page;
 mod picture;
@@ -6,4 +6,4 @@ mod rank;
 
 pub use page::page;
 pub use picture::{Shot, sheet, shot};
-pub use rank::{Candidate, Key, read, sort};
+pub use rank::{Candidate, SortKey, read, sort};

@@ -1,4 +1,4 @@
-//! The contact sheet as one page, which needs nothing beside it: no server, no network.
+//! The contact sheet as a single page, which needs no other file, server or network.
 
 use super::{Candidate, Shot};
 use base64::Engine;
@@ -10,7 +10,7 @@ const PAGE: &str = include_str!("sheet.html");
 const VIEWER: &str = include_str!("viewer.min.js");
 const JPEG_QUALITY: u8 = 88;
 
-/// The page. Results are inside, the first ones first, as long as they take no more than `room` bytes.
+/// Makes the page. It embeds the results in their order while they fit into `room` bytes.
 pub fn page(
     title: &str,
     order: &str,
@@ -18,17 +18,17 @@ pub fn page(
     shown: &[String],
     mut room: usize,
 ) -> Result<String, image::ImageError> {
-    let mut told = Vec::new();
+    let mut listed = Vec::new();
     let mut models = String::new();
     for (number, (candidate, shot)) in entries.iter().enumerate() {
         let mut jpeg = Vec::new();
         JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(shot)?;
-        // Those that order or are shown come first.
+        // The shown figures come first.
         let rest = candidate.figures.keys().filter(|name| !shown.contains(name));
         let names = shown.iter().chain(rest);
         let figures: Map<String, Value> =
-            names.filter_map(|name| Some((name.clone(), candidate.told(name)?.into()))).collect();
-        told.push(json!({
+            names.filter_map(|name| Some((name.clone(), candidate.formatted(name)?.into()))).collect();
+        listed.push(json!({
             "name": candidate.name,
             "picture": format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)),
             "figures": figures,
@@ -39,8 +39,8 @@ pub fn page(
             models += &format!("<script type=\"text/plain\" id=\"model-{number}\">{text}</script>\n");
         }
     }
-    let sheet = json!({ "title": title, "order": order, "shown": shown, "entries": told });
-    // Nothing in it may end its script.
+    let sheet = json!({ "title": title, "order": order, "shown": shown, "entries": listed });
+    // The data must not end its script element.
     let sheet = sheet.to_string().replace('<', "\\u003c");
     let parts = [("/*VIEWER*/", VIEWER), ("/*SHEET*/", &sheet), ("<!--MODELS-->", &models)];
     let mut page = String::new();

@@ -8,11 +8,11 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, register_font};
 use std::sync::Once;
 
-/// Of a result in the sheet, pixels.
+/// Size of a result's picture, pixels.
 const SIZE: [u32; 2] = [320, 240];
-/// Rays per pixel: a small picture hides the grain.
+/// Rays per pixel. Few suffice, since a small picture hides the grain.
 const SAMPLES: u32 = 8;
-/// Between and around pictures.
+/// Space between and around pictures, pixels.
 const GAP: u32 = 16;
 const LINE: u32 = 20;
 const HEAD: u32 = 64;
@@ -25,7 +25,7 @@ const MARK: RGBColor = RGBColor(0xc2, 0x57, 0x1a);
 /// A small picture of a result.
 pub type Shot = RgbImage;
 
-/// The pile as it ends.
+/// Renders the last frame.
 pub fn shot(candidate: &Candidate) -> Result<Shot, RenderError> {
     let name = candidate.path.display().to_string();
     let model =
@@ -33,7 +33,7 @@ pub fn shot(candidate: &Candidate) -> Result<Shot, RenderError> {
     render(&model, None, &Settings { size: SIZE, samples: SAMPLES, ..Settings::default() })
 }
 
-/// All pictures with their places, names and the figures `shown`.
+/// All pictures with rank, name and the figures `shown`.
 pub fn sheet(
     title: &str,
     order: &str,
@@ -45,7 +45,7 @@ pub fn sheet(
         let _ = register_font(FONT, FontStyle::Normal, notosans::REGULAR_TTF);
     });
     let count = entries.len() as u32;
-    // Half as wide again as it is high.
+    // The sheet is about 1.5 times as wide as it is high.
     let columns = (f64::from(count) * 1.5).sqrt().ceil().clamp(1.0, 12.0) as u32;
     let cell = (SIZE[0] + GAP, SIZE[1] + LINE * (shown.len() as u32 + 1) + GAP + GAP / 2);
     let size = (GAP + columns.min(count).max(2) * cell.0, HEAD + count.div_ceil(columns) * cell.1);
@@ -69,10 +69,10 @@ pub fn sheet(
         area.draw(&Text::new(candidate.name.clone(), (left + 30, y), font(16.0, INK)))?;
         for figure in shown {
             y += LINE as i32;
-            let Some(told) = candidate.told(figure) else { continue };
+            let Some(value) = candidate.formatted(figure) else { continue };
             area.draw(&Text::new(figure.replace('_', " "), (left, y), font(14.0, SOFT)))?;
             let style = font(14.0, INK).pos(Pos::new(HPos::Right, VPos::Top));
-            area.draw(&Text::new(told, (right, y), style))?;
+            area.draw(&Text::new(value, (right, y), style))?;
         }
     }
     area.present()?;

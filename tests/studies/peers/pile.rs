@@ -2,7 +2,7 @@
 
 use anyhow::{Context, anyhow};
 use cairn::job::Job;
-use cairn::job::reuse::Cache;
+use cairn::job::reuse::BakeCache;
 use cairn::scene_file::SceneTree;
 use cairn_core::FullContainer;
 use cairn_core::input::observer::Silent;
@@ -45,7 +45,7 @@ impl Full {
     /// `cache`: a folder of earlier fills.
     pub fn of(file: &Path, set: &[String], cache: &Path) -> anyhow::Result<Full> {
         let job = read(file, set)?;
-        let container = cairn_core::fill_container(&job.scene, &job.params, &mut Cache::at(cache), &mut Silent)?;
+        let container = cairn_core::fill_container(&job.scene, &job.params, &mut BakeCache::at(cache), &mut Silent)?;
         Ok(Full { file: file.to_owned(), set: set.to_vec(), job, container })
     }
 

@@ -1,8 +1,8 @@
-//! Bakes at the same time, each a `cairn bake` in a process of its own: one that fails, crashes or takes all memory is that
-//! bake's trouble alone.
+//! Runs bakes at the same time, each as a `cairn bake` process of its own: a failure, a crash or a lack of memory
+//! affects only that bake.
 
 use crate::cli::interrupt;
-use crate::trouble;
+use crate::failpoints;
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -12,61 +12,65 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-/// A bake to be made.
-pub struct Task {
-    /// Of `cairn bake`.
+/// A bake to run.
+pub struct CrewTask {
+    /// Arguments of `cairn bake`.
     pub args: Vec<OsString>,
-    /// Equal for tasks that share a fill: the first makes it, and the others find it.
+    /// Equal for tasks that share a fill: the first simulates it, and the others reuse it.
     pub fill: Option<blake3::Hash>,
 }
 
 /// How a bake ended.
 #[derive(Debug)]
-pub enum End {
+pub enum BakeEnd {
     Done,
     Cancelled,
-    /// The exit code, where there is one, and what it told.
+    /// The exit code, if any, and the error messages.
     Failed(Option<u8>, String),
 }
 
-/// What the crew tells meanwhile.
-pub enum News {
-    /// How much of its stages a task has behind it.
+/// An event of a running batch.
+pub enum CrewEvent {
+    /// The finished fraction of a task's stages.
     Progress(usize, f64),
-    Ended(usize, End),
+    Ended(usize, BakeEnd),
 }
 
-/// Between two looks at whether a bake is to end.
-const LOOK: Duration = Duration::from_millis(50);
+/// Interval of checks whether a bake has to end.
+const CHECK: Duration = Duration::from_millis(50);
 
-/// Does all tasks, so many at the same time, in their order as far as their fills allow. `tell` is called for one piece of news at
-/// a time.
-pub fn work(tasks: &[Task], workers: usize, tell: impl FnMut(News) + Send) {
-    let crew =
-        Crew { tasks, open: Mutex::new(Open::new(tasks.len())), changed: Condvar::new(), tell: Mutex::new(tell) };
+/// Runs all tasks, `workers` of them at the same time, in their order as far as shared fills permit. `report` is called
+/// for one event at a time.
+pub fn work(tasks: &[CrewTask], workers: usize, report: impl FnMut(CrewEvent) + Send) {
+    let crew = Crew {
+        tasks,
+        backlog: Mutex::new(Backlog::new(tasks.len())),
+        changed: Condvar::new(),
+        report: Mutex::new(report),
+    };
     thread::scope(|scope| {
         for _ in 0..workers.min(tasks.len()) {
-            scope.spawn(|| crew.take_turns());
+            scope.spawn(|| crew.work());
         }
     });
 }
 
-/// What is not begun yet.
-struct Open {
+/// The tasks that were not started.
+struct Backlog {
     waiting: BTreeSet<usize>,
-    /// Fills that are being made.
+    /// Fills being simulated.
     filling: Vec<blake3::Hash>,
-    /// Fills that were made.
+    /// Finished fills.
     filled: BTreeSet<[u8; 32]>,
 }
 
-impl Open {
-    fn new(tasks: usize) -> Open {
-        Open { waiting: (0..tasks).collect(), filling: Vec::new(), filled: BTreeSet::new() }
+impl Backlog {
+    fn new(tasks: usize) -> Backlog {
+        Backlog { waiting: (0..tasks).collect(), filling: Vec::new(), filled: BTreeSet::new() }
     }
 
-    /// The first task whose fill nobody else is making just now.
-    fn next(&mut self, tasks: &[Task]) -> Option<usize> {
+    /// Takes the first task whose fill no other task is simulating.
+    fn next(&mut self, tasks: &[CrewTask]) -> Option<usize> {
         let may = |task: &&usize| tasks[**task].fill.is_none_or(|fill| !self.filling.contains(&fill));
         let task = self.waiting.iter().find(may).copied()?;
         self.waiting.remove(&task);
@@ -78,17 +82,17 @@ impl Open {
         Some(task)
     }
 
-    fn is_filled(&mut self, fill: blake3::Hash) {
+    fn finish_fill(&mut self, fill: blake3::Hash) {
         self.filling.retain(|other| *other != fill);
         self.filled.insert(*fill.as_bytes());
     }
 }
 
-struct Crew<'a, Tell> {
-    tasks: &'a [Task],
-    open: Mutex<Open>,
+struct Crew<'a, Report> {
+    tasks: &'a [CrewTask],
+    backlog: Mutex<Backlog>,
     changed: Condvar,
-    tell: Mutex<Tell>,
+    report: Mutex<Report>,
 }
 
 /// A line of `--progress json`.
@@ -101,44 +105,44 @@ struct Line {
 /// The stages in their order.
 const STAGES: [&str; 6] = ["shape", "fill", "glue", "release", "hold", "measure"];
 
-impl<Tell: FnMut(News) + Send> Crew<'_, Tell> {
-    fn take_turns(&self) {
+impl<Report: FnMut(CrewEvent) + Send> Crew<'_, Report> {
+    fn work(&self) {
         while let Some(number) = self.next() {
             let end = self
                 .bake(number)
-                .unwrap_or_else(|error| End::Failed(None, format!("no process could be started for it: {error}")));
-            // A fill that failed is the next one's to make.
+                .unwrap_or_else(|error| BakeEnd::Failed(None, format!("its process could not be started: {error}")));
+            // After a failed fill, the next task has to simulate it.
             self.fill_is_done(number);
-            self.tell(News::Ended(number, end));
+            self.report(CrewEvent::Ended(number, end));
         }
     }
 
     fn next(&self) -> Option<usize> {
-        let mut open = lock(&self.open);
+        let mut backlog = lock(&self.backlog);
         loop {
-            if interrupt::asked() || open.waiting.is_empty() {
+            if interrupt::is_requested() || backlog.waiting.is_empty() {
                 return None;
             }
-            if let Some(task) = open.next(self.tasks) {
+            if let Some(task) = backlog.next(self.tasks) {
                 return Some(task);
             }
-            open = self.changed.wait_timeout(open, LOOK).unwrap_or_else(PoisonError::into_inner).0;
+            backlog = self.changed.wait_timeout(backlog, CHECK).unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 
     fn fill_is_done(&self, number: usize) {
         if let Some(fill) = self.tasks[number].fill {
-            lock(&self.open).is_filled(fill);
+            lock(&self.backlog).finish_fill(fill);
             self.changed.notify_all();
         }
     }
 
-    fn tell(&self, news: News) {
-        (lock(&self.tell))(news);
+    fn report(&self, event: CrewEvent) {
+        (lock(&self.report))(event);
     }
 
-    fn bake(&self, number: usize) -> std::io::Result<End> {
-        trouble::at("batch-spawn")?;
+    fn bake(&self, number: usize) -> std::io::Result<BakeEnd> {
+        failpoints::at("batch-spawn")?;
         let mut child = Command::new(std::env::current_exe()?)
             .arg("bake")
             .args(&self.tasks[number].args)
@@ -148,32 +152,32 @@ impl<Tell: FnMut(News) + Send> Crew<'_, Tell> {
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()?;
-        let told = child.stderr.take().expect("it was asked for");
+        let stderr = child.stderr.take().expect("it is piped");
         thread::scope(|scope| {
-            let listener = scope.spawn(|| self.listen(number, BufReader::new(told)));
+            let listener = scope.spawn(|| self.listen(number, BufReader::new(stderr)));
             let status = wait(&mut child)?;
             let errors = listener.join().unwrap_or_default();
             Ok(match status.code() {
-                Some(0) => End::Done,
-                _ if interrupt::asked() => End::Cancelled,
-                Some(code) => End::Failed(u8::try_from(code).ok(), errors),
-                None => End::Failed(None, format!("it was ended from outside ({status})")),
+                Some(0) => BakeEnd::Done,
+                _ if interrupt::is_requested() => BakeEnd::Cancelled,
+                Some(code) => BakeEnd::Failed(u8::try_from(code).ok(), errors),
+                None => BakeEnd::Failed(None, format!("it was stopped from outside ({status})")),
             })
         })
     }
 
-    /// Passes its progress on, and keeps what it says is wrong.
-    fn listen(&self, number: usize, told: impl BufRead) -> String {
+    /// Passes on its progress. Returns its error messages.
+    fn listen(&self, number: usize, stderr: impl BufRead) -> String {
         let mut errors: Vec<String> = Vec::new();
         let mut has_fill = false;
-        for line in told.lines().map_while(Result::ok) {
+        for line in stderr.lines().map_while(Result::ok) {
             if let Ok(Line { stage, fraction }) = serde_json::from_str(&line) {
                 let Some(stage) = STAGES.iter().position(|name| *name == stage) else { continue };
                 if stage > 1 && !has_fill {
                     has_fill = true;
                     self.fill_is_done(number);
                 }
-                self.tell(News::Progress(number, (stage as f64 + fraction) / STAGES.len() as f64));
+                self.report(CrewEvent::Progress(number, (stage as f64 + fraction) / STAGES.len() as f64));
             } else if let Some(error) = line.strip_prefix("error: ") {
                 errors.push(error.to_owned());
             }
@@ -182,16 +186,16 @@ impl<Tell: FnMut(News) + Send> Crew<'_, Tell> {
     }
 }
 
-/// Waits for its end; where the user wants to end, it is asked to.
+/// Waits for a child to end, and requests its end if the user cancels.
 fn wait(child: &mut Child) -> std::io::Result<std::process::ExitStatus> {
     loop {
         if let Some(status) = child.try_wait()? {
             return Ok(status);
         }
-        if interrupt::asked() {
+        if interrupt::is_requested() {
             drop(child.stdin.take());
         }
-        thread::sleep(LOOK);
+        thread::sleep(CHECK);
     }
 }
 
@@ -204,15 +208,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_fill_is_made_once_while_others_go_on() {
-        let task = |fill: &str| Task { args: Vec::new(), fill: Some(blake3::hash(fill.as_bytes())) };
+    fn a_fill_is_simulated_once_while_others_continue() {
+        let task = |fill: &str| CrewTask { args: Vec::new(), fill: Some(blake3::hash(fill.as_bytes())) };
         let tasks = ["a", "a", "b", "a"].map(task);
-        let mut open = Open::new(tasks.len());
-        assert_eq!(open.next(&tasks), Some(0));
-        assert_eq!(open.next(&tasks), Some(2), "the fill of 1 is being made");
-        assert_eq!(open.next(&tasks), None);
-        open.is_filled(tasks[0].fill.unwrap());
-        assert_eq!(open.next(&tasks), Some(1));
-        assert_eq!(open.next(&tasks), Some(3), "what was made is there for all");
+        let mut backlog = Backlog::new(tasks.len());
+        assert_eq!(backlog.next(&tasks), Some(0));
+        assert_eq!(backlog.next(&tasks), Some(2), "the fill of 1 is being simulated");
+        assert_eq!(backlog.next(&tasks), None);
+        backlog.finish_fill(tasks[0].fill.unwrap());
+        assert_eq!(backlog.next(&tasks), Some(1));
+        assert_eq!(backlog.next(&tasks), Some(3), "a finished fill serves all");
     }
 }

@@ -1,41 +1,40 @@
-//! `cairn batch`: a matrix of bakes on this machine.
+//! `cairn batch`: bakes a matrix of variants on this machine.
 
 mod crew;
-mod told;
+mod overview;
 
 use super::bounds::Bounds;
 use super::cache_args::CacheArgs;
 use super::progress::{self, Mode};
 use super::scene_args::SceneArgs;
-use super::{Failure, interrupt, output, print, tell};
-use crate::batch::finished::{Asked, Assets, is_finished};
+use super::{Failure, interrupt, output, print, print_error};
+use crate::batch::finished::{Assets, RequestHashes, is_finished};
 use crate::batch::{Matrix, Seeds, Span, Variant, Vary};
+use crate::failpoints;
 use crate::job::Job;
 use crate::problem::Problem;
-use crate::trouble;
-use anstyle::AnsiColor;
-use crew::{End, News, Task};
+use crew::{BakeEnd, CrewEvent, CrewTask};
+use overview::{BatchProgress, VariantOutcome};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::PathBuf;
-use told::{Outcome, Overall};
 
-/// Bake variants of a scene: every seed with every combination of values
+/// Bakes variants of a scene: every seed with every combination of values
 ///
-/// Each result gets its report beside it (3.glb, 3.report.json). Called again, it bakes only what is not there yet: a result is known by
-/// the hash of scene, files, parameters, seed and version in its report, and held against that of its bytes. A bake that fails does not
-/// end the others.
+/// Each result has its report beside it (3.glb, 3.report.json). Run again, it bakes only missing results. It recognizes
+/// results by the hash of scene, files, parameters, seed and version in their reports, and checks the hash of their
+/// bytes. A failed bake does not stop the others.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   cairn batch pile.toml --seeds 0..49 -o out/{seed}.glb
   cairn batch pile.toml --seeds 0..9 --vary accuracy=draft,standard --vary props.0.weight=0.2,0.8 \\
         -o out/{seed}-{accuracy}-{weight}.glb
-  cairn batch pile.toml --seeds 0..49 -o out/{seed}.glb --range 8-15     (a part of the same: for array jobs)
+  cairn batch pile.toml --seeds 0..49 -o out/{seed}.glb --range 8-15     (a part of it, for array jobs)
 
-Variants that differ only in what comes after the fill share it, and it is simulated once: give control, glue or output
-fields for that. Ends with the worst of its bakes' exit codes.")]
+Variants that differ only after the fill, in fields of control, glue or output, share one fill. The exit code is the worst
+one of the bakes.")]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
@@ -44,27 +43,27 @@ pub struct Args {
     #[arg(long)]
     seeds: Option<Seeds>,
 
-    /// A field and the values that it takes; repeat it for several fields, which are combined
+    /// A field and its values; repeat it to combine several fields
     #[arg(long, value_name = "FIELD=VALUE,VALUE")]
     vary: Vec<Vary>,
 
-    /// Results: a path with {seed}, {index} or names of varied fields in it; its ending tells the format
+    /// Paths of the results, with {seed}, {index} or names of varied fields; the extension sets the format
     #[arg(short, long, value_name = "PATTERN")]
     output: String,
 
-    /// Bake only these of the matrix, counted from 0, both ends included: 8-15, or 8
+    /// Bake only these variants, counted from 0, both ends included: 8-15, or 8
     #[arg(long, value_name = "FIRST-LAST")]
     range: Option<Span>,
 
-    /// Bakes at the same time; 0: one per core
+    /// Number of simultaneous bakes; 0: one per core
     #[arg(long, default_value_t = 0, env = "CAIRN_BATCH_JOBS")]
     jobs: usize,
 
-    /// Only tell what would be baked
+    /// Only list the variants
     #[arg(long)]
     dry_run: bool,
 
-    /// How progress is told; on stderr, where nothing else is said
+    /// Form of the progress on stderr, unless stated otherwise
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     pub progress: Mode,
 
@@ -80,21 +79,21 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let scene = args.scene.tree()?;
     let matrix = Matrix { scene: &scene, seeds: args.seeds.as_ref(), vary: &args.vary, output: &args.output };
     let variants = part(matrix.variants().map_err(Failure::Usage)?, args.range)?;
-    let asked = asked(&variants)?;
-    let finished: Vec<bool> = (variants.par_iter().zip(&asked))
-        .map(|(variant, asked)| is_finished(&variant.output, &variant.report(), &asked.hash))
+    let hashes = request_hashes(&variants)?;
+    let finished: Vec<bool> = (variants.par_iter().zip(&hashes))
+        .map(|(variant, hashes)| is_finished(&variant.output, &variant.report(), &hashes.request))
         .collect();
     let missing: Vec<usize> = (0..variants.len()).filter(|&i| !finished[i]).collect();
     if args.dry_run {
         let lines = variants.iter().zip(&finished).map(|(variant, is_there)| {
-            let state = if *is_there { "is there" } else { "to be baked" };
+            let state = if *is_there { "finished" } else { "missing" };
             format!("{}  {}  {state}\n", variant.index, variant.output.display())
         });
         return print(&lines.collect::<String>());
     }
     check(args, &variants, &missing)?;
-    let ends = bake(args, &variants, &asked, &missing)?;
-    tell_all(&variants, &finished, ends)
+    let ends = bake(args, &variants, &hashes, &missing)?;
+    report_outcomes(&variants, &finished, ends)
 }
 
 fn part(variants: Vec<Variant>, range: Option<Span>) -> Result<Vec<Variant>, Failure> {
@@ -102,26 +101,31 @@ fn part(variants: Vec<Variant>, range: Option<Span>) -> Result<Vec<Variant>, Fai
     let count = variants.len();
     if first >= count as u64 {
         let what = format!("there are {count} variants, counted from 0");
-        return Err(Failure::Usage(vec![Problem::new(format!("--range {first}-{last}"), what, "Name some of them.")]));
+        return Err(Failure::usage(format!("--range {first}-{last}"), what, "Choose some of them."));
     }
     Ok(variants.into_iter().filter(|variant| (first..=last).contains(&(variant.index as u64))).collect())
 }
 
-/// What each variant asks for; what is wrong is told once.
-fn asked(variants: &[Variant]) -> Result<Vec<Asked>, Failure> {
-    let (mut assets, mut asked, mut problems) = (Assets::default(), Vec::new(), Vec::<Problem>::new());
+/// The request of each variant.
+fn request_hashes(variants: &[Variant]) -> Result<Vec<RequestHashes>, Failure> {
+    let (mut assets, mut hashes, mut problems) = (Assets::default(), Vec::new(), Vec::new());
     for variant in variants {
-        match assets.asked(variant) {
-            Ok(one) => asked.push(one),
+        match assets.hashes(variant) {
+            Ok(one) => hashes.push(one),
             Err(found) => problems.extend(found),
         }
     }
-    let mut seen = BTreeSet::new();
-    problems.retain(|problem| seen.insert(problem.to_string()));
-    if problems.is_empty() { Ok(asked) } else { Err(Failure::Input(problems)) }
+    fail_for(problems).map(|()| hashes)
 }
 
-/// Before any work: the folders are there, and every value of what varies can be baked.
+/// Fails if there are problems, with each of them once.
+fn fail_for(mut problems: Vec<Problem>) -> Result<(), Failure> {
+    let mut seen = BTreeSet::new();
+    problems.retain(|problem| seen.insert(problem.to_string()));
+    if problems.is_empty() { Ok(()) } else { Err(Failure::Input(problems)) }
+}
+
+/// Before any work, creates the folders and checks that every varied value can be baked.
 fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Failure> {
     let inputs: Vec<PathBuf> = args.scene.scene.iter().cloned().collect();
     let mut problems: Vec<Problem> = Vec::new();
@@ -129,7 +133,7 @@ fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Fai
     for variant in missing.iter().map(|&i| &variants[i]) {
         let folder = crate::files::folder_of(&variant.output);
         if folders.insert(folder) {
-            trouble::at("batch-folder")
+            failpoints::at("batch-folder")
                 .and_then(|()| std::fs::create_dir_all(folder))
                 .map_err(|error| Failure::write(folder, error))?;
             output::check(&variant.output, &inputs)?;
@@ -150,69 +154,68 @@ fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Fai
             problems.extend(checked.err().into_iter().flatten());
         }
     });
-    let mut seen = BTreeSet::new();
-    problems.retain(|problem| seen.insert(problem.to_string()));
-    if problems.is_empty() { Ok(()) } else { Err(Failure::Input(problems)) }
+    fail_for(problems)
 }
 
-/// How each of the missing ones ended; `None`: it was not begun.
-type Ends = Vec<(usize, Option<End>)>;
+/// How each missing variant ended; `None`: it was not started.
+type Ends = Vec<(usize, Option<BakeEnd>)>;
 
-fn bake(args: &Args, variants: &[Variant], asked: &[Asked], missing: &[usize]) -> Result<Ends, Failure> {
+fn bake(args: &Args, variants: &[Variant], hashes: &[RequestHashes], missing: &[usize]) -> Result<Ends, Failure> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = if args.jobs == 0 { cores } else { args.jobs };
     let threads = (cores / jobs.min(missing.len()).max(1)).max(1);
-    let mut common = args.scene.again();
-    common.extend(args.bounds.again());
-    common.extend(args.cache.again());
+    let mut common = args.scene.to_args();
+    common.extend(args.bounds.to_args());
+    common.extend(args.cache.to_args());
     common.extend(["--threads".into(), threads.to_string().into()]);
     let task = |&number: &usize| {
         let variant = &variants[number];
         let set = variant.assignments.iter().flat_map(|assignment| ["--set".into(), OsString::from(assignment)]);
         let files = ["-o".into(), variant.output.clone().into(), "--report".into(), variant.report().into()];
-        let fill = args.cache.keeps().then_some(asked[number].fill);
-        Task { args: common.iter().cloned().chain(set).chain(files).collect(), fill }
+        let fill = args.cache.is_used().then_some(hashes[number].fill);
+        CrewTask { args: common.iter().cloned().chain(set).chain(files).collect(), fill }
     };
-    let tasks: Vec<Task> = missing.iter().map(task).collect();
+    let tasks: Vec<CrewTask> = missing.iter().map(task).collect();
     let mut ends: Ends = missing.iter().map(|&number| (number, None)).collect();
-    let mut overall = Overall::new(args.progress, tasks.len());
-    crew::work(&tasks, jobs, |news| match news {
-        News::Progress(task, fraction) => overall.progress(task, fraction),
-        News::Ended(task, end) => {
-            overall.end(task, &end, &variants[missing[task]].output.display().to_string());
+    let mut progress = BatchProgress::new(args.progress, tasks.len());
+    crew::work(&tasks, jobs, |event| match event {
+        CrewEvent::Progress(task, fraction) => progress.update(task, fraction),
+        CrewEvent::Ended(task, end) => {
+            progress.end(task, &end, &variants[missing[task]].output.display().to_string());
             ends[task].1 = Some(end);
         }
     });
-    overall.finish();
+    progress.finish();
     Ok(ends)
 }
 
-fn tell_all(variants: &[Variant], finished: &[bool], mut ends: Ends) -> Result<(), Failure> {
-    /// Exit codes of bakes, the worst first; other codes stand before them, and a bake that was killed is to be tried again.
+fn report_outcomes(variants: &[Variant], finished: &[bool], mut ends: Ends) -> Result<(), Failure> {
+    /// Exit codes of bakes, worst first; other codes are worse still. A killed bake counts as one to try again.
     const WORST: [u8; 4] = [70, 65, 2, 75];
     let mut codes = Vec::new();
-    let mut outcomes: Vec<(&Variant, Outcome)> = variants.iter().map(|variant| (variant, Outcome::Skipped)).collect();
+    let mut outcomes: Vec<(&Variant, VariantOutcome)> =
+        variants.iter().map(|variant| (variant, VariantOutcome::Skipped)).collect();
     for (number, end) in ends.drain(..) {
         debug_assert!(!finished[number]);
         outcomes[number].1 = match end {
-            Some(End::Done) => Outcome::Baked,
-            Some(End::Cancelled) | None => Outcome::NotBaked,
-            Some(End::Failed(code, why)) => {
+            Some(BakeEnd::Done) => VariantOutcome::Baked,
+            Some(BakeEnd::Cancelled) | None => VariantOutcome::NotBaked,
+            Some(BakeEnd::Failed(code, why)) => {
                 codes.push(code.unwrap_or(75));
-                Outcome::Failed(why)
+                VariantOutcome::Failed(why)
             }
         };
     }
-    print(&told::table(&outcomes))?;
+    print(&overview::table(&outcomes))?;
     for (variant, outcome) in &outcomes {
-        if let Outcome::Failed(why) = outcome {
-            tell("error", AnsiColor::Red, &format!("{}: {why}", variant.output.display()));
+        if let VariantOutcome::Failed(why) = outcome {
+            print_error(&format!("{}: {why}", variant.output.display()));
         }
     }
-    if interrupt::asked() {
-        tell("error", AnsiColor::Red, "cancelled; what is finished stays, and the same command bakes the rest");
-        return Err(Failure::Told(interrupt::code()));
+    if interrupt::is_requested() {
+        print_error("cancelled; finished results stay, and the same command bakes the others");
+        return Err(Failure::Reported(interrupt::code()));
     }
     let rank = |code: &u8| WORST.iter().position(|other| other == code).map_or(0, |at| at + 1);
-    codes.into_iter().min_by_key(rank).map_or(Ok(()), |code| Err(Failure::Told(code)))
+    codes.into_iter().min_by_key(rank).map_or(Ok(()), |code| Err(Failure::Reported(code)))
 }

@@ -1,4 +1,4 @@
-//! The calls of `cairn.v1.PileService`: messages in, messages out. No physics here, and nothing that takes long.
+//! The calls of `cairn.v1.PileService`. No simulation and no long work happens here.
 
 mod pace;
 mod request;
@@ -10,7 +10,7 @@ use crate::service::config::MAX_CHUNK;
 use crate::service::deadline;
 use crate::service::folder::{REPORT, SCENE, result_name};
 use crate::service::jobs::Bakes;
-use crate::service::shares::{Held, Shares};
+use crate::service::quotas::{Permit, Quota};
 use crate::service::status::Fault;
 use crate::wire::proto::pile_service_server::PileService;
 use crate::wire::proto::{
@@ -22,36 +22,35 @@ use crate::wire::proto::{
 };
 use crate::wire::to_proto;
 use crate::wire::versions::{PROTOCOL, versions};
-use pace::Pace;
+use pace::UploadPace;
 use std::sync::Arc;
-use stream::{Download, Events, Follow};
+use stream::{Download, Follow, ResponseStream};
 use tokio::time::Instant;
 use tokio_stream::StreamExt;
 use tonic::{Request, Response, Status, Streaming};
 
-/// Streams that may be open at once: each takes some memory.
+/// Open streams. Each takes some memory.
 const MAX_STREAMS: usize = 4096;
-/// Uploads that may be open at once: each takes as much disk as an asset may.
+/// Open uploads. Each may take as much disk as the largest asset.
 const MAX_UPLOADS: usize = 16;
 
-/// The service.
 pub struct Service {
     bakes: Arc<Bakes>,
-    streams: Shares,
-    uploads: Shares,
-    /// The slowest that an upload may be.
-    pace: Pace,
+    stream_quota: Quota,
+    upload_quota: Quota,
+    /// The slowest permitted upload.
+    pace: UploadPace,
 }
 
 impl Service {
     pub fn new(bakes: Arc<Bakes>) -> Service {
-        let streams = Shares::new(MAX_STREAMS, MAX_STREAMS / 4 * 3);
-        Service { bakes, streams, uploads: Shares::new(MAX_UPLOADS, MAX_UPLOADS / 2), pace: pace::LEAST }
+        let stream_quota = Quota::new(MAX_STREAMS, MAX_STREAMS / 4 * 3);
+        Service { bakes, stream_quota, upload_quota: Quota::new(MAX_UPLOADS, MAX_UPLOADS / 2), pace: pace::LEAST }
     }
 
-    /// Held by a stream until it ends.
-    fn stream_permit<T>(&self, request: &Request<T>) -> Result<Held, Fault> {
-        self.streams.try_hold(&caller(request)).ok_or(Fault::TooManyCalls)
+    /// A permit that a stream holds until it ends.
+    fn stream_permit<T>(&self, request: &Request<T>) -> Result<Permit, Fault> {
+        self.stream_quota.try_acquire(&caller(request)).ok_or(Fault::TooManyCalls)
     }
 
     fn limits(&self) -> Limits {
@@ -69,7 +68,7 @@ impl Service {
     }
 }
 
-/// Runs what waits for the disk where it keeps nobody else waiting.
+/// Runs work that waits for the disk on a thread for blocking work.
 async fn on_disk<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Fault> {
     tokio::task::spawn_blocking(work).await.map_err(|error| Fault::Internal(error.to_string()))
 }
@@ -82,14 +81,14 @@ impl PileService for Service {
     ) -> Result<Response<GetServerInfoResponse>, Status> {
         let theirs = request.get_ref().protocol_version;
         if theirs > PROTOCOL {
-            let told = format!(
+            let what = format!(
                 "the client speaks protocol {theirs}, this server (cairn {}) only {PROTOCOL}: update the server",
                 crate::version::VERSION
             );
-            return Err(Fault::ProtocolMismatch(told).into());
+            return Err(Fault::ProtocolMismatch(what).into());
         }
         if theirs < 0 {
-            return Err(Fault::field("protocol_version", "it is negative; give 1, or 0 not to be checked").into());
+            return Err(Fault::field("protocol_version", "it is negative; give 1, or 0 to skip the check").into());
         }
         Ok(Response::new(GetServerInfoResponse {
             versions: Some(versions()),
@@ -112,7 +111,7 @@ impl PileService for Service {
         &self,
         request: Request<Streaming<UploadAssetRequest>>,
     ) -> Result<Response<UploadAssetResponse>, Status> {
-        let _permit = self.uploads.try_hold(&caller(&request)).ok_or(Fault::TooManyCalls)?;
+        let _permit = self.upload_quota.try_acquire(&caller(&request)).ok_or(Fault::TooManyCalls)?;
         let began = Instant::now();
         let mut chunks = request.into_inner();
         let most = self.bakes.config.asset_bytes();
@@ -132,22 +131,22 @@ impl PileService for Service {
                 return Err(Fault::field("chunk", format!("larger than {MAX_CHUNK} bytes; send smaller ones")).into());
             }
             if bytes > announced.size_bytes.unsigned_abs() {
-                let told = format!("more than the {} bytes that were announced", announced.size_bytes);
-                return Err(Fault::AssetCorrupt(told).into());
+                let what = format!("more than the announced {} bytes", announced.size_bytes);
+                return Err(Fault::AssetCorrupt(what).into());
             }
             let written = on_disk(move || upload.write(&message.chunk).map(|()| upload));
             upload = written.await?.map_err(Fault::from)?;
         }
         let header = header.ok_or_else(|| Fault::field("header", "the first message needs one"))?;
         if upload.bytes != header.size_bytes.unsigned_abs() {
-            let told = format!("{} bytes of the {} that were announced", upload.bytes, header.size_bytes);
-            return Err(Fault::AssetCorrupt(told).into());
+            let what = format!("{} bytes instead of the announced {}", upload.bytes, header.size_bytes);
+            return Err(Fault::AssetCorrupt(what).into());
         }
         let (bakes, sha256) = (self.bakes.clone(), header.sha256.clone());
         if !on_disk(move || bakes.store.keep(upload, &sha256)).await?.map_err(Fault::from)? {
-            return Err(Fault::AssetCorrupt("the bytes are not those of the SHA-256 that was announced".into()).into());
+            return Err(Fault::AssetCorrupt("the content does not match the announced SHA-256".into()).into());
         }
-        self.bakes.grown();
+        self.bakes.request_trim();
         Ok(Response::new(UploadAssetResponse { sha256: header.sha256, size_bytes: header.size_bytes }))
     }
 
@@ -157,7 +156,7 @@ impl PileService for Service {
         Ok(Response::new(self.bakes.plan(&caller, spec).await?))
     }
 
-    type BakeStream = Events<BakeResponse>;
+    type BakeStream = ResponseStream<BakeResponse>;
 
     async fn bake(&self, request: Request<BakeRequest>) -> Result<Response<Self::BakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
@@ -171,14 +170,14 @@ impl PileService for Service {
         });
         let entry = entry.await??;
         audit::bake(&call, &entry.id());
-        entry.accepted().await?;
+        entry.wait_accepted().await?;
         self.bakes.store.touch(&entry.id());
         let follow = Follow { from: 1, frames: request::frames(frames)?, deadline };
         let events = follow.start(&self.bakes, entry, permit);
         Ok(Response::new(Box::pin(events.map(|event| Ok(BakeResponse { event: Some(event?) })))))
     }
 
-    type WatchBakeStream = Events<WatchBakeResponse>;
+    type WatchBakeStream = ResponseStream<WatchBakeResponse>;
 
     async fn watch_bake(&self, request: Request<WatchBakeRequest>) -> Result<Response<Self::WatchBakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
@@ -186,7 +185,11 @@ impl PileService for Service {
         let permit = self.stream_permit(&request)?;
         let WatchBakeRequest { bake_id, from_sequence_number: from, frames } = request.into_inner();
         if from < 0 {
-            return Err(Fault::field("from_sequence_number", format!("{from} is negative; give 0 or 1 for all")).into());
+            return Err(Fault::field(
+                "from_sequence_number",
+                format!("{from} is negative; give 0 or 1 for all events"),
+            )
+            .into());
         }
         let entry = self.bakes.find(&bake_id)?;
         self.bakes.store.touch(&bake_id);
@@ -219,7 +222,7 @@ impl PileService for Service {
         Ok(Response::new(DeleteBakeResponse {}))
     }
 
-    type DownloadResultStream = Events<DownloadResultResponse>;
+    type DownloadResultStream = ResponseStream<DownloadResultResponse>;
 
     async fn download_result(
         &self,

@@ -1,21 +1,21 @@
-//! How slow an upload may be: it holds one of few places.
+//! The slowest permitted upload. Only a few uploads may be open, so a stalled one has to end.
 
 use std::time::Duration;
 use tokio::time::Instant;
 
 #[derive(Clone, Copy)]
-pub struct Pace {
-    /// Longest wait for the next chunk.
+pub struct UploadPace {
+    /// Longest wait for a chunk.
     pub pause: Duration,
-    /// Bytes that there must be for each second after the first pause.
+    /// Bytes required for each second after the first pause.
     pub bytes_per_second: u64,
 }
 
-/// Slower than any line that is in use.
-pub const LEAST: Pace = Pace { pause: Duration::from_secs(60), bytes_per_second: 16 << 10 };
+/// Slower than any network connection in use.
+pub const LEAST: UploadPace = UploadPace { pause: Duration::from_secs(60), bytes_per_second: 16 << 10 };
 
-impl Pace {
-    /// When the next chunk has to be there. `began`: when the upload did, of which there are so many bytes `now`.
+impl UploadPace {
+    /// The deadline of the next chunk, for an upload that began at `began` and has sent `bytes` until `now`.
     pub fn until(&self, began: Instant, now: Instant, bytes: u64) -> Instant {
         let slowest = began + self.pause + Duration::from_secs(bytes / self.bytes_per_second);
         slowest.min(now + self.pause)
@@ -38,7 +38,7 @@ mod tests {
     use tonic_types::StatusExt;
 
     #[test]
-    fn what_comes_fast_enough_may_go_on() {
+    fn a_fast_enough_upload_continues() {
         let began = Instant::now();
         let after = |seconds: u64| began + Duration::from_secs(seconds);
         assert_eq!(LEAST.until(began, after(0), 0), after(60));
@@ -54,7 +54,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let config = Config { data: folder.path().join("data"), ..Config::default() };
         let store = Store::open(&config).unwrap();
-        let pace = Pace { pause: Duration::from_millis(300), ..LEAST };
+        let pace = UploadPace { pause: Duration::from_millis(300), ..LEAST };
         let service = Service { pace, ..Service::new(Bakes::new(config, store)) };
         let sha256 = hex(&Sha256::digest([7; BYTES]));
         let header = Some(AssetHeader { sha256, size_bytes: BYTES as i64 });

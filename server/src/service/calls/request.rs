@@ -1,9 +1,9 @@
-//! Requests, held against what they may be before anything is done for them.
+//! Checks of requests before anything is done for them.
 
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::service::access::{Caller, LAST_PRIORITY};
-use crate::service::jobs::{Entry, Order, Place};
+use crate::service::jobs::{Entry, ListPosition, Order};
 use crate::service::status::Fault;
 use crate::wire::proto::{
     AssetHeader, AssetReference, BakeRequest, BakeSpec, BakeStatus, FieldProblem, FrameSelection, ListBakesRequest,
@@ -14,23 +14,24 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Names in one request: more than any scene has files.
+/// Assets of one request: more than any scene has files.
 const MAX_ASSETS: usize = 10_000;
-/// Bytes of one uri: the longest path that systems take.
+/// Longest uri, bytes: the longest path that systems accept.
 const MAX_URI: usize = 4096;
-/// Bakes on a page.
+/// Bakes on a page, by default and at most.
 const PAGE: usize = 100;
 const MAX_PAGE: i32 = 1000;
 
-/// The request for a bake, if its form is right. What its files hold is the worker's to judge.
+/// The spec of a bake, if its form is right. The worker checks the files.
 pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
-    let spec = spec.ok_or_else(|| Fault::field("spec", "it is missing; say what to bake"))?;
+    let spec = spec.ok_or_else(|| Fault::field("spec", "it is missing; describe the bake"))?;
     let mut problems = Vec::new();
     let mut wrong = |field: String, description: String| problems.push(FieldProblem { field, description });
     if OutputFormat::try_from(spec.format).is_err() {
         wrong("spec.format".into(), format!("there is no format {}; see OutputFormat", spec.format));
     } else if matches!(spec.format(), OutputFormat::Usda | OutputFormat::Usdc) {
-        let what = "a result of this format may have pictures beside it, and the service gives one file; ask for OUTPUT_FORMAT_USDZ";
+        let what =
+            "a result of this format may have texture files, but the service returns one file; use OUTPUT_FORMAT_USDZ";
         wrong("spec.format".into(), what.into());
     }
     if spec.assets.len() > MAX_ASSETS {
@@ -42,14 +43,14 @@ pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
         if uri.is_empty() || uri.len() > MAX_URI {
             wrong(field("uri"), format!("{} bytes; give 1 to {MAX_URI}", uri.len()));
         } else if !uris.insert(Path::new(uri)) {
-            wrong(field("uri"), format!("{uri:?} stands for two assets; name each file once"));
+            wrong(field("uri"), format!("{uri:?} names two assets; name each file once"));
         }
         if !is_digest(sha256) {
             wrong(field("sha256"), format!("{uri}: {NO_DIGEST}"));
         }
     }
     match &spec.scene {
-        None => wrong("spec.scene".into(), "it is missing; say what to bake".into()),
+        None => wrong("spec.scene".into(), "it is missing; describe the scene".into()),
         Some(scene) => {
             let unknown = SceneTree::from_message(scene).problems();
             problems.extend(unknown.iter().map(|problem: &Problem| to_proto::field_problem(problem)));
@@ -58,11 +59,11 @@ pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
     if problems.is_empty() { Ok(spec) } else { Err(Fault::RequestInvalid(problems)) }
 }
 
-/// Labels of one bake, and letters of a name or a value.
+/// Labels of one bake, and letters of a label's name or value.
 const MAX_LABELS: usize = 64;
 const MAX_LABEL: usize = 63;
 
-/// The order of this caller, if its form is right.
+/// The order of a caller, if its form is right.
 pub fn order(caller: &Caller, request: BakeRequest) -> Result<Order, Fault> {
     let BakeRequest { spec, labels, priority, .. } = request;
     let spec = checked(spec)?;
@@ -75,22 +76,22 @@ pub fn order(caller: &Caller, request: BakeRequest) -> Result<Order, Fault> {
         text.len() <= MAX_LABEL && text.bytes().all(plain)
     };
     if let Some((name, _)) = labels.iter().find(|(name, value)| !(is_name(name) && is_plain(name) && is_plain(value))) {
-        let told = "names begin with a letter; names and values have a-z, 0-9, - and _, 63 at most";
-        return Err(Fault::field("labels", format!("{:?}: {told}", name.chars().take(MAX_LABEL).collect::<String>())));
+        let what = "names begin with a letter; names and values have up to 63 of a-z, 0-9, - and _";
+        return Err(Fault::field("labels", format!("{:?}: {what}", name.chars().take(MAX_LABEL).collect::<String>())));
     }
     if !(-LAST_PRIORITY..=LAST_PRIORITY).contains(&priority) {
-        let told = format!("{priority} is out of range; give -{LAST_PRIORITY} to {LAST_PRIORITY}");
-        return Err(Fault::field("priority", told));
+        let what = format!("{priority} is out of range; give -{LAST_PRIORITY} to {LAST_PRIORITY}");
+        return Err(Fault::field("priority", what));
     }
     if priority > caller.highest_priority() {
-        return Err(Fault::NotAllowed("only operators put a bake before others; give a priority of 0 or less".into()));
+        return Err(Fault::NotAllowed("only operators may give a priority above 0; give 0 or less".into()));
     }
     Ok(Order { spec, labels: labels.into_iter().collect(), priority })
 }
 
 const NO_DIGEST: &str = "not a SHA-256; give 64 lower-case hexadecimal digits";
 
-/// The only names that become part of a path.
+/// Whether a text has the form of a SHA-256. No other text of a caller becomes part of a path.
 fn is_digest(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }
@@ -106,10 +107,10 @@ pub fn check_digests(field: &str, digests: &[String]) -> Result<(), Fault> {
     if wrong.is_empty() { Ok(()) } else { Err(Fault::RequestInvalid(wrong)) }
 }
 
-/// `again`: it is not the first of its upload.
+/// Checks the header of an upload. `again`: the upload has sent one before.
 pub fn check_header(header: &AssetHeader, again: bool, most: u64) -> Result<(), Fault> {
     if again {
-        return Err(Fault::field("header", "only the first message has one"));
+        return Err(Fault::field("header", "only the first message may have one"));
     }
     if !is_digest(&header.sha256) {
         return Err(Fault::field("header.sha256", NO_DIGEST));
@@ -125,10 +126,10 @@ pub fn frames(given: i32) -> Result<FrameSelection, Fault> {
     FrameSelection::try_from(given).map_err(|_| Fault::field("frames", format!("there is no selection {given}")))
 }
 
-/// A page of the list. The token is the place of the last one of the page before, whether that is still there or not.
+/// A page of the list. The token is the position of the last bake of the page before, even if that bake is gone.
 pub fn page(mut list: Vec<Arc<Entry>>, request: &ListBakesRequest) -> Result<ListBakesResponse, Fault> {
     list.retain(|entry| {
-        let bake = &entry.now().status;
+        let bake = &entry.state().status;
         (request.owner.is_empty() || request.owner == bake.owner)
             && (request.states.is_empty() || request.states.contains(&bake.state))
             && request.labels.iter().all(|(name, value)| bake.labels.get(name) == Some(value))
@@ -141,26 +142,26 @@ pub fn page(mut list: Vec<Arc<Entry>>, request: &ListBakesRequest) -> Result<Lis
     let first = match &request.page_token[..] {
         "" => 0,
         token => {
-            let last = place_of(token)
+            let last = position_of(token)
                 .ok_or_else(|| Fault::field("page_token", "not a token of this server; leave it empty to begin"))?;
-            list.partition_point(|entry| entry.place >= last)
+            list.partition_point(|entry| entry.position >= last)
         }
     };
     let rest = &list[first..];
     let page = &rest[..size.min(rest.len())];
     let next_page_token =
-        page.last().filter(|_| rest.len() > size).map(|entry| token(&entry.place)).unwrap_or_default();
-    // A summary that the disk did not take is in memory still.
-    let status = |entry: &Arc<Entry>| BakeStatus { summary: None, ..entry.now().status.clone() };
+        page.last().filter(|_| rest.len() > size).map(|entry| token(&entry.position)).unwrap_or_default();
+    // A summary that could not be written to disk is still in memory.
+    let status = |entry: &Arc<Entry>| BakeStatus { summary: None, ..entry.state().status.clone() };
     Ok(ListBakesResponse { bakes: page.iter().map(status).collect(), next_page_token })
 }
 
-fn token((seconds, nanos, id): &Place) -> String {
+fn token((seconds, nanos, id): &ListPosition) -> String {
     format!("{seconds}.{nanos}.{id}")
 }
 
 /// The inverse of [`token`].
-fn place_of(token: &str) -> Option<Place> {
+fn position_of(token: &str) -> Option<ListPosition> {
     let mut parts = token.splitn(3, '.');
     Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?, parts.next()?.to_owned()))
 }

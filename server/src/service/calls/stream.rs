@@ -1,12 +1,12 @@
-//! What streams to a caller: events from the log and progress, and files. A caller that is slow waits for itself alone.
+//! Streams to callers: events of the log with progress, and files. A slow caller delays nobody else.
 
+use crate::failpoints;
 use crate::files::plain_reason;
-use crate::service::event_log::Reader;
+use crate::service::event_log::LogReader;
 use crate::service::folder::EVENTS;
 use crate::service::jobs::{Bakes, Entry};
-use crate::service::shares::Held;
+use crate::service::quotas::Permit;
 use crate::service::status::{Fault, no_more_files};
-use crate::trouble;
 use crate::wire::digest::hex;
 use crate::wire::proto::{BakeEvent, DownloadResultResponse, FrameSelection, Stage, bake_event::Kind};
 use crate::wire::to_proto;
@@ -21,34 +21,34 @@ use tokio_stream::{Stream, StreamExt};
 use tokio_util::io::ReaderStream;
 use tonic::Status;
 
-pub type Events<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+pub type ResponseStream<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
-/// Messages that wait for a slow reader: a frame may take megabytes.
+/// Messages buffered for a slow caller. A frame may have megabytes.
 const WAITING: usize = 4;
 /// Bytes of a chunk of a download.
 const CHUNK: usize = 64 << 10;
 
-/// Whether the caller is still there.
+/// Sends a message. Returns whether the caller is still there.
 async fn send<T>(sender: &mpsc::Sender<Result<T, Status>>, message: T) -> bool {
-    trouble::at("stream-send").is_ok() && sender.send(Ok(message)).await.is_ok()
+    failpoints::at("stream-send").is_ok() && sender.send(Ok(message)).await.is_ok()
 }
 
-/// What a caller wants to see of a bake.
+/// A caller's view of a bake's events.
 pub struct Follow {
     /// First event.
     pub from: i64,
     pub frames: FrameSelection,
-    /// When the call ends, whether the bake does or not.
+    /// End of the call, even if the bake goes on.
     pub deadline: Option<Instant>,
 }
 
 impl Follow {
-    /// The events, past and to come. Ends with the bake.
+    /// Streams past and future events until the bake ends.
     pub fn start(
         self,
         bakes: &Arc<Bakes>,
         entry: Arc<Entry>,
-        permit: Held,
+        permit: Permit,
     ) -> ReceiverStream<Result<BakeEvent, Status>> {
         let (sender, receiver) = mpsc::channel(WAITING);
         let bakes = bakes.clone();
@@ -83,12 +83,12 @@ impl Follow {
         let gone = || Fault::BakeNotFound(entry.id());
         let damaged = |error: std::io::Error| match bakes.find(&entry.id()) {
             Ok(_) if no_more_files(&error) => Fault::from(error),
-            Ok(_) => bakes.damaged(entry, format!("its events cannot be read ({})", plain_reason(&error))),
+            Ok(_) => bakes.mark_damaged(entry, format!("its events cannot be read ({})", plain_reason(&error))),
             Err(_) => gone(),
         };
-        let mut reader = Reader::open(log).await.map_err(damaged)?;
+        let mut reader = LogReader::open(log).await.map_err(damaged)?;
         let mut watch = entry.watch();
-        let mut told = None;
+        let mut sent = None;
         loop {
             let (bytes, has_ended, progress, failure) = {
                 let now = watch.borrow_and_update();
@@ -103,8 +103,8 @@ impl Follow {
             if has_ended {
                 return failure.map_or(Ok(()), |failure| Err(Status::from(&failure)));
             }
-            if progress.is_some() && progress != told {
-                told = progress;
+            if progress.is_some() && progress != sent {
+                sent = progress;
                 let event = BakeEvent { sequence_number: 0, kind: progress.map(Kind::Progress) };
                 if !send(sender, event).await {
                     return Ok(());
@@ -131,10 +131,10 @@ impl Follow {
     }
 }
 
-/// A file in chunks. Its last chunk is sent once all of it was found to be what the bake has written.
+/// A file in chunks. The last chunk is sent only if the whole file has its hash.
 pub struct Download {
     pub path: PathBuf,
-    /// SHA-256; empty if it is not known.
+    /// SHA-256; empty if unknown.
     pub sha256: String,
 }
 
@@ -143,13 +143,13 @@ impl Download {
         self,
         bakes: &Arc<Bakes>,
         entry: Arc<Entry>,
-        permit: Held,
-    ) -> Result<Events<DownloadResultResponse>, Fault> {
+        permit: Permit,
+    ) -> Result<ResponseStream<DownloadResultResponse>, Fault> {
         let damaged = |error: std::io::Error| match no_more_files(&error) {
             true => Fault::from(error),
-            false => bakes.damaged(&entry, format!("a file cannot be read ({})", plain_reason(&error))),
+            false => bakes.mark_damaged(&entry, format!("a file cannot be read ({})", plain_reason(&error))),
         };
-        trouble::at("download-open").map_err(damaged)?;
+        failpoints::at("download-open").map_err(damaged)?;
         let file = tokio::fs::File::open(&self.path).await.map_err(damaged)?;
         let size = file.metadata().await.map_err(damaged)?.len();
         let (sender, receiver) = mpsc::channel(WAITING);
@@ -157,13 +157,13 @@ impl Download {
         tokio::spawn(async move {
             let _permit = permit;
             if let Err(damage) = self.send(file, size, &sender).await {
-                let _ = sender.send(Err(bakes.damaged(&entry, damage).into())).await;
+                let _ = sender.send(Err(bakes.mark_damaged(&entry, damage).into())).await;
             }
         });
         Ok(Box::pin(ReceiverStream::new(receiver)))
     }
 
-    /// The error says what is wrong with the file.
+    /// The error describes damage of the file.
     async fn send(
         &self,
         file: tokio::fs::File,
@@ -174,7 +174,7 @@ impl Download {
         let mut hasher = Sha256::new();
         let mut held = DownloadResultResponse { size_bytes: to_proto::signed(size), ..Default::default() };
         while let Some(chunk) = chunks.next().await {
-            let chunk = trouble::at("download-read")
+            let chunk = failpoints::at("download-read")
                 .and(chunk)
                 .map_err(|error| format!("a file cannot be read ({})", plain_reason(&error)))?;
             hasher.update(&chunk);
@@ -184,7 +184,7 @@ impl Download {
             held.chunk = chunk;
         }
         if !self.sha256.is_empty() && hex(&hasher.finalize()) != self.sha256 {
-            return Err("a file is not what was written".into());
+            return Err("a file has changed since it was written".into());
         }
         send(sender, held).await;
         Ok(())

@@ -1,4 +1,4 @@
-//! One bake among those of a server: how it stands, and who waits for that.
+//! A bake of the server: its state, and waiting for changes of it.
 
 use crate::wire::proto::{BakeState, BakeStatus};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -6,35 +6,35 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-/// When a bake was asked for, in seconds and nanoseconds, and its id: the order of lists, the latest first.
-pub type Place = (i64, i32, String);
+/// Creation time in seconds and nanoseconds, and id: the sort key of lists, latest first.
+pub type ListPosition = (i64, i32, String);
 
 /// One bake.
 pub struct Entry {
-    pub place: Place,
-    pub(super) now: watch::Sender<Now>,
+    pub position: ListPosition,
+    pub(super) state: watch::Sender<EntryState>,
     pub(super) cancelled: CancellationToken,
-    /// The latest of its callers' deadlines; `None` if one of them has none.
+    /// The latest deadline of its callers; `None` if a caller has none.
     deadline: Mutex<Option<Instant>>,
 }
 
-/// How a bake stands.
+/// The state of a bake.
 #[derive(Clone)]
-pub struct Now {
-    /// A server keeps thousands of bakes: the summary of one that has ended is on the disk, and here only where the disk did not take
-    /// it ([`super::Bakes::status`]).
+pub struct EntryState {
+    /// Without the summary of an ended bake, which is on disk to save memory ([`super::Bakes::status`]), unless it
+    /// could not be written.
     pub status: BakeStatus,
-    /// Of the result of a bake that has succeeded.
+    /// Size of the result of a bake that has succeeded.
     pub(super) result_bytes: i64,
-    /// Bytes of the event log that may be read.
+    /// Readable bytes of the event log.
     pub log_bytes: u64,
-    /// Its request was found right: it has an id, a folder and a log.
+    /// The request was accepted: the bake has an id, a folder and a log.
     pub accepted: bool,
 }
 
-impl Now {
-    pub(super) fn of(status: BakeStatus) -> Now {
-        Now { status, result_bytes: 0, log_bytes: 0, accepted: false }
+impl EntryState {
+    pub(super) fn of(status: BakeStatus) -> EntryState {
+        EntryState { status, result_bytes: 0, log_bytes: 0, accepted: false }
     }
 
     pub fn has_ended(&self) -> bool {
@@ -43,15 +43,15 @@ impl Now {
 }
 
 impl Entry {
-    pub(super) fn new(now: Now, deadline: Option<Instant>) -> Arc<Entry> {
-        let time = now.status.create_time.unwrap_or_default();
-        let place = (time.seconds, time.nanos, now.status.bake_id.clone());
-        let (now, _) = watch::channel(now);
-        Arc::new(Entry { place, now, cancelled: CancellationToken::new(), deadline: Mutex::new(deadline) })
+    pub(super) fn new(state: EntryState, deadline: Option<Instant>) -> Arc<Entry> {
+        let time = state.status.create_time.unwrap_or_default();
+        let position = (time.seconds, time.nanos, state.status.bake_id.clone());
+        let (state, _) = watch::channel(state);
+        Arc::new(Entry { position, state, cancelled: CancellationToken::new(), deadline: Mutex::new(deadline) })
     }
 
-    /// Another caller waits for it, with a deadline of its own.
-    pub(super) fn put_off(&self, deadline: Option<Instant>) {
+    /// Adds the deadline of another caller.
+    pub(super) fn extend_deadline(&self, deadline: Option<Instant>) {
         let mut own = self.deadline.lock().unwrap_or_else(PoisonError::into_inner);
         *own = own.zip(deadline).map(|(a, b)| a.max(b));
     }
@@ -60,20 +60,20 @@ impl Entry {
         *self.deadline.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub fn now(&self) -> watch::Ref<'_, Now> {
-        self.now.borrow()
+    pub fn state(&self) -> watch::Ref<'_, EntryState> {
+        self.state.borrow()
     }
 
-    pub fn watch(&self) -> watch::Receiver<Now> {
-        self.now.subscribe()
+    pub fn watch(&self) -> watch::Receiver<EntryState> {
+        self.state.subscribe()
     }
 
     pub fn id(&self) -> String {
-        self.place.2.clone()
+        self.position.2.clone()
     }
 
-    /// Waits until the request was found right, or not.
-    pub async fn accepted(&self) -> Result<(), tonic::Status> {
+    /// Waits until the request is accepted or refused.
+    pub async fn wait_accepted(&self) -> Result<(), tonic::Status> {
         let mut now = self.watch();
         // The sender is ours.
         let Ok(now) = now.wait_for(|now| now.accepted || now.has_ended()).await else { return Ok(()) };
@@ -83,7 +83,7 @@ impl Entry {
         }
     }
 
-    pub(super) async fn ended(&self) {
-        let _ = self.watch().wait_for(Now::has_ended).await;
+    pub(super) async fn wait_ended(&self) {
+        let _ = self.watch().wait_for(EntryState::has_ended).await;
     }
 }

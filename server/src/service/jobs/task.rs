@@ -1,14 +1,14 @@
-//! The life of one bake: planned, queued, run, ended.
+//! The task of a bake: plan, wait, run, end.
 
-use super::{Bakes, Entry, Now, accepted_before, bake_id, now};
+use super::{Bakes, Entry, EntryState, accepted_before, bake_id, now};
+use crate::failpoints;
 use crate::service::access::Caller;
-use crate::service::event_log::{Extent, Writer};
+use crate::service::event_log::{Extent, LogWriter};
 use crate::service::folder::EVENTS;
-use crate::service::news::News;
-use crate::service::process::{Task, Worker};
-use crate::service::shares::Held;
+use crate::service::process::{Worker, WorkerTask};
+use crate::service::quotas::Permit;
 use crate::service::status::Fault;
-use crate::trouble;
+use crate::service::worker_message::WorkerMessage;
 use crate::wire::proto::bake_event::Kind;
 use crate::wire::proto::{Accepted, BakeSpec, BakeState, Summary};
 use crate::wire::versions::versions;
@@ -18,35 +18,35 @@ use std::time::Duration;
 use tokio::time::Instant;
 use tracing::{Instrument, info, info_span, warn};
 
-/// What a new bake begins with.
-pub(super) struct New {
+/// A bake to be accepted.
+pub(super) struct NewBake {
     pub spec: BakeSpec,
     pub caller: Caller,
-    /// Its place among those that run or wait.
-    pub place: Held,
+    /// Counts it among the running and waiting bakes.
+    pub permit: Permit,
 }
 
 /// Why a bake ends without a result.
-enum End {
+enum EndReason {
     Fault(Fault),
-    /// The server ends; another one may take the bake up.
+    /// The server shuts down; the next one may resume the bake.
     Unfinished,
 }
 
-impl<E: Into<Fault>> From<E> for End {
-    fn from(error: E) -> End {
-        End::Fault(error.into())
+impl<E: Into<Fault>> From<E> for EndReason {
+    fn from(error: E) -> EndReason {
+        EndReason::Fault(error.into())
     }
 }
 
 impl Bakes {
-    /// Starts a bake's task. One that is not new has its request on the disk.
-    pub(super) fn spawn(self: &Arc<Self>, entry: Arc<Entry>, new: Option<New>) {
+    /// Starts the task of a bake: a new one, or one of an earlier server, whose request is on disk.
+    pub(super) fn spawn(self: &Arc<Self>, entry: Arc<Entry>, new: Option<NewBake>) {
         let span = info_span!("bake", bake_id = %entry.id());
         let bakes = self.clone();
         let life = async move {
             metrics::gauge!("cairn_bakes_pending").increment(1);
-            let _certain = CertainEnd(&bakes, &entry);
+            let _guard = EndGuard(&bakes, &entry);
             let mut worker = None;
             let result = tokio::select! {
                 result = bakes.run(&entry, new, &mut worker) => result,
@@ -56,15 +56,15 @@ impl Bakes {
                 worker.kill().await;
             }
             bakes.finish(&entry, result);
-            bakes.grown();
+            bakes.request_trim();
         };
         self.tasks.spawn(life.instrument(span));
     }
 
-    /// Resolves when the bake has to end before its time.
-    async fn stopped(&self, entry: &Entry) -> End {
+    /// Resolves when the bake has to stop early.
+    async fn stopped(&self, entry: &Entry) -> EndReason {
         let passed = async {
-            // It may have been put off meanwhile, and never comes nearer.
+            // The deadline may be extended meanwhile, but never moves closer.
             while let Some(at) = entry.deadline() {
                 if at <= Instant::now() {
                     return;
@@ -74,39 +74,39 @@ impl Bakes {
             std::future::pending().await
         };
         tokio::select! {
-            () = entry.cancelled.cancelled() => End::Fault(Fault::BakeCancelled),
-            () = passed => End::Fault(Fault::Deadline),
-            () = self.ending.cancelled() => End::Unfinished,
+            () = entry.cancelled.cancelled() => EndReason::Fault(Fault::BakeCancelled),
+            () = passed => EndReason::Fault(Fault::Deadline),
+            () = self.ending.cancelled() => EndReason::Unfinished,
         }
     }
 
-    async fn run(&self, entry: &Entry, new: Option<New>, slot: &mut Option<Worker>) -> Result<Summary, End> {
+    async fn run(&self, entry: &Entry, new: Option<NewBake>, slot: &mut Option<Worker>) -> Result<Summary, EndReason> {
         let id = entry.id();
         let folder = self.store.folder(&id);
         let (caller, priority) = match &new {
-            Some(new) => (new.caller.clone(), entry.now.borrow().status.priority),
+            Some(new) => (new.caller.clone(), entry.state.borrow().status.priority),
             None => {
-                let now = entry.now.borrow();
+                let now = entry.state.borrow();
                 (Caller::named(&now.status.owner), now.status.priority)
             }
         };
-        let (_place, accepted) = match new {
-            Some(New { spec, caller, place }) => {
+        let (_permit, accepted) = match new {
+            Some(NewBake { spec, caller, permit }) => {
                 let accepted = self.accept(&id, &folder, &caller, &spec, slot).await?;
-                (place, accepted)
+                (permit, accepted)
             }
-            // What an earlier server had accepted waits for its place; nobody is there to be refused.
+            // A bake of an earlier server waits for its permit, because there is no caller to refuse it to.
             None => {
-                let place = self.places.hold(&caller).await;
+                let permit = self.bake_quota.acquire(&caller).await;
                 let accepted = match accepted_before(&folder.join(EVENTS)).await {
                     Some(accepted) => accepted,
                     None => self.accept_again(&id, &folder, slot).await?,
                 };
-                (place, accepted)
+                (permit, accepted)
             }
         };
-        let extent = Writer::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.sync()?;
-        entry.now.send_modify(|now| {
+        let extent = LogWriter::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.sync()?;
+        entry.state.send_modify(|now| {
             now.accepted = true;
             now.status.set_state(BakeState::Queued);
             now.reached(extent);
@@ -114,15 +114,15 @@ impl Bakes {
         self.write_status(entry)?;
         info!(owner = &*caller.name, "accepted");
 
-        let _turn = self.turns.take(&caller, priority).await;
-        entry.now.send_modify(|bake| {
+        let _slot = self.scheduler.take(&caller, priority).await;
+        entry.state.send_modify(|bake| {
             bake.status.set_state(BakeState::Running);
             bake.status.start_time = Some(now());
         });
         self.write_status(entry)?;
         info!("started");
         let _running = Running::new();
-        trouble::at("bake-task")?;
+        failpoints::at("bake-task")?;
         match self.config.bake_time() {
             Some(longest) => match tokio::time::timeout(longest, self.follow_worker(entry, &folder, slot)).await {
                 Ok(result) => result,
@@ -132,7 +132,7 @@ impl Bakes {
         }
     }
 
-    /// Has a new bake planned.
+    /// Plans a new bake.
     async fn accept(
         &self,
         id: &str,
@@ -141,17 +141,17 @@ impl Bakes {
         spec: &BakeSpec,
         slot: &mut Option<Worker>,
     ) -> Result<Accepted, Fault> {
-        let _planner = self.planners.hold(caller).await;
+        let _planner = self.planner_quota.acquire(caller).await;
         self.store.prepare(id, spec)?;
         self.plan_in(id, folder, slot).await
     }
 
-    /// An earlier server had accepted this bake, and its events are gone or of another version. This version would bake
-    /// something else under another id.
+    /// Plans a bake that an earlier server had accepted and whose events are gone or of another version. Fails if this
+    /// version would give the bake another id, and so another result.
     async fn accept_again(&self, id: &str, folder: &Path, slot: &mut Option<Worker>) -> Result<Accepted, Fault> {
         match self.store.spec(id) {
             Ok(spec) if bake_id(&spec) == id => {
-                warn!("its events are damaged; it is planned again");
+                warn!("the events are damaged; planning the bake again");
                 self.plan_in(id, folder, slot).await
             }
             _ => Err(Fault::ServerRestarted),
@@ -159,8 +159,8 @@ impl Bakes {
     }
 
     async fn plan_in(&self, id: &str, folder: &Path, slot: &mut Option<Worker>) -> Result<Accepted, Fault> {
-        let mut accepted = self.run_plan(Task::Accept, folder, slot).await?;
-        // It has said all.
+        let mut accepted = self.run_plan(WorkerTask::Accept, folder, slot).await?;
+        // The planner has finished its work.
         if let Some(mut planner) = slot.take() {
             planner.kill().await;
         }
@@ -169,21 +169,26 @@ impl Bakes {
         Ok(accepted)
     }
 
-    /// Runs the bake's process and passes on what it tells.
-    async fn follow_worker(&self, entry: &Entry, folder: &Path, slot: &mut Option<Worker>) -> Result<Summary, End> {
-        let worker = slot.insert(Worker::start(&self.config, Task::Bake, folder)?);
+    /// Runs the bake's process and processes its messages.
+    async fn follow_worker(
+        &self,
+        entry: &Entry,
+        folder: &Path,
+        slot: &mut Option<Worker>,
+    ) -> Result<Summary, EndReason> {
+        let worker = slot.insert(Worker::start(&self.config, WorkerTask::Bake, folder)?);
         loop {
             match worker.next().await? {
-                Some(News::Progress(progress)) => entry.now.send_modify(|now| now.status.progress = Some(progress)),
-                Some(News::Logged(extent)) if extent.bytes > self.config.store_bytes() => {
+                Some(WorkerMessage::Progress(progress)) => {
+                    entry.state.send_modify(|now| now.status.progress = Some(progress))
+                }
+                Some(WorkerMessage::Logged(extent)) if extent.bytes > self.config.store_bytes() => {
                     return Err(Fault::StorageLimit(format!("its events take {} bytes", extent.bytes)).into());
                 }
-                Some(News::Logged(extent)) => entry.now.send_modify(|now| now.reached(extent)),
-                Some(News::Done(summary)) => return Ok(summary),
-                Some(News::Invalid(invalid)) => return Err(Fault::SceneInvalid(invalid.problems).into()),
-                Some(News::NotWritten(why)) => return Err(Fault::StorageLimit(why).into()),
-                Some(News::Broken(why)) => return Err(Fault::DataDirectory(why).into()),
-                Some(News::Planned(_)) => {}
+                Some(WorkerMessage::Logged(extent)) => entry.state.send_modify(|now| now.reached(extent)),
+                Some(WorkerMessage::Done(summary)) => return Ok(summary),
+                Some(WorkerMessage::Invalid(invalid)) => return Err(Fault::SceneInvalid(invalid.problems).into()),
+                Some(WorkerMessage::Planned(_) | WorkerMessage::NotWritten(_) | WorkerMessage::Broken(_)) => {}
                 None => break,
             }
         }
@@ -191,9 +196,9 @@ impl Bakes {
         Err(worker.fault().await.into())
     }
 
-    /// Writes down how the bake ended, then tells its callers.
-    fn finish(&self, entry: &Entry, result: Result<Summary, End>) {
-        let mut bake = entry.now.borrow().clone();
+    /// Saves how the bake ended, then notifies its callers.
+    fn finish(&self, entry: &Entry, result: Result<Summary, EndReason>) {
+        let mut bake = entry.state.borrow().clone();
         let id = bake.status.bake_id.clone();
         match result {
             Ok(summary) => {
@@ -203,15 +208,15 @@ impl Bakes {
                 bake.result_bytes = summary.result_bytes;
                 bake.status.summary = Some(summary);
             }
-            Err(End::Fault(fault)) => {
+            Err(EndReason::Fault(fault)) => {
                 let state = if fault == Fault::BakeCancelled { BakeState::Cancelled } else { BakeState::Failed };
                 warn!(%fault, "ended without a result");
                 bake.status.end(state, Some(&fault));
             }
-            Err(End::Unfinished) => {
-                info!("left unfinished");
+            Err(EndReason::Unfinished) => {
+                info!("unfinished at shutdown");
                 bake.status.end(BakeState::Failed, Some(&Fault::ShuttingDown));
-                entry.now.send_replace(bake);
+                entry.state.send_replace(bake);
                 return;
             }
         }
@@ -227,29 +232,29 @@ impl Bakes {
                     self.store.tidy(&bake.status);
                     bake.status.summary = None;
                 }
-                // The next server takes the bake up again, and needs its assets for that.
-                Err(error) => warn!(%error, "the end of the bake could not be written down"),
+                // Keep the assets: the next server will resume the bake.
+                Err(error) => warn!(%error, "the end of the bake could not be saved"),
             }
-            entry.now.send_replace(bake);
+            entry.state.send_replace(bake);
         } else {
-            // A request that was wrong leaves nothing behind.
+            // A refused request leaves nothing behind.
             let mut entries = self.entries();
             entries.remove(&id);
             if let Err(error) = self.store.remove(&id) {
-                warn!(%error, "the folder of a refused bake stays");
+                warn!(%error, "the folder of a refused bake could not be removed");
             }
             drop(entries);
-            entry.now.send_replace(bake);
+            entry.state.send_replace(bake);
         }
     }
 
     fn write_status(&self, entry: &Entry) -> std::io::Result<()> {
-        let status = entry.now.borrow().status.clone();
+        let status = entry.state.borrow().status.clone();
         self.store.write_status(&status)
     }
 }
 
-impl Now {
+impl EntryState {
     fn reached(&mut self, extent: Extent) {
         self.log_bytes = extent.bytes;
         self.status.event_bytes = crate::wire::to_proto::signed(extent.bytes);
@@ -257,21 +262,21 @@ impl Now {
     }
 }
 
-fn duration(bake: &Now) -> Option<Duration> {
+fn duration(bake: &EntryState) -> Option<Duration> {
     let seconds = |time: prost_types::Timestamp| time.seconds as f64 + f64::from(time.nanos) * 1e-9;
     let time = seconds(bake.status.end_time?) - seconds(bake.status.start_time?);
     Duration::try_from_secs_f64(time).ok()
 }
 
-/// A panic in a bake's task ends that bake: its callers do not wait for ever.
-struct CertainEnd<'a>(&'a Bakes, &'a Entry);
+/// Ends the bake if its task panics, so that its callers do not wait forever.
+struct EndGuard<'a>(&'a Bakes, &'a Entry);
 
-impl Drop for CertainEnd<'_> {
+impl Drop for EndGuard<'_> {
     fn drop(&mut self) {
-        let CertainEnd(bakes, entry) = self;
-        let has_ended = entry.now.borrow().has_ended();
+        let EndGuard(bakes, entry) = self;
+        let has_ended = entry.state.borrow().has_ended();
         if !has_ended && std::thread::panicking() {
-            bakes.finish(entry, Err(End::Fault(Fault::Internal("the bake's task ended before its time".into()))));
+            bakes.finish(entry, Err(EndReason::Fault(Fault::Internal("the bake's task ended early".into()))));
         }
         metrics::gauge!("cairn_bakes_pending").decrement(1);
     }
@@ -293,7 +298,7 @@ impl Drop for Running {
     }
 }
 
-/// A finished bake's figures, for the metrics.
+/// Adds a finished bake to the metrics.
 fn count(summary: &Summary) {
     metrics::counter!("cairn_bodies_total").increment(summary.body_count.unsigned_abs().into());
     let analyses = summary.counts.get("analyses").copied().unwrap_or(0);

@@ -1,40 +1,40 @@
-//! What callers share: so much at once in all, and no caller more than its share, so that nobody can keep out the others.
+//! Resources that callers share. Each caller has a limit below the total, so that nobody can lock out the others.
 
 use crate::service::access::Caller;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-pub struct Shares {
+pub struct Quota {
     all: Arc<Semaphore>,
-    /// Most that one caller may hold.
+    /// Limit of each caller.
     each: usize,
     callers: Mutex<BTreeMap<Arc<str>, Weak<Semaphore>>>,
 }
 
 /// Held until it is dropped.
-pub struct Held {
+pub struct Permit {
     _of_all: OwnedSemaphorePermit,
     _own: OwnedSemaphorePermit,
 }
 
-impl Shares {
-    pub fn new(all: usize, each: usize) -> Shares {
+impl Quota {
+    pub fn new(all: usize, each: usize) -> Quota {
         let all = Arc::new(Semaphore::new(all.min(Semaphore::MAX_PERMITS)));
-        Shares { all, each: each.clamp(1, Semaphore::MAX_PERMITS), callers: Mutex::default() }
+        Quota { all, each: each.clamp(1, Semaphore::MAX_PERMITS), callers: Mutex::default() }
     }
 
-    /// The next one, if it is free for this caller.
-    pub fn try_hold(&self, caller: &Caller) -> Option<Held> {
+    /// A permit, if one is free for this caller.
+    pub fn try_acquire(&self, caller: &Caller) -> Option<Permit> {
         let own = self.own(caller).try_acquire_owned().ok()?;
-        Some(Held { _of_all: self.all.clone().try_acquire_owned().ok()?, _own: own })
+        Some(Permit { _of_all: self.all.clone().try_acquire_owned().ok()?, _own: own })
     }
 
-    /// Waits for the next one that is free for this caller.
-    pub async fn hold(&self, caller: &Caller) -> Held {
+    /// Waits for a permit.
+    pub async fn acquire(&self, caller: &Caller) -> Permit {
         let never_closed = "the semaphores are never closed";
         let own = self.own(caller).acquire_owned().await.expect(never_closed);
-        Held { _of_all: self.all.clone().acquire_owned().await.expect(never_closed), _own: own }
+        Permit { _of_all: self.all.clone().acquire_owned().await.expect(never_closed), _own: own }
     }
 
     fn own(&self, caller: &Caller) -> Arc<Semaphore> {
@@ -42,7 +42,7 @@ impl Shares {
         if let Some(own) = callers.get(&caller.name).and_then(Weak::upgrade) {
             return own;
         }
-        // Who holds nothing is forgotten.
+        // Forget callers that hold nothing.
         callers.retain(|_, own| own.strong_count() > 0);
         let own = Arc::new(Semaphore::new(self.each));
         callers.insert(caller.name.clone(), Arc::downgrade(&own));
@@ -56,16 +56,16 @@ mod tests {
 
     #[test]
     fn one_caller_leaves_room_for_another() {
-        let shares = Shares::new(4, 3);
+        let quota = Quota::new(4, 3);
         let (greedy, other) = (Caller::named("greedy"), Caller::named("other"));
-        let mut held: Vec<Held> = std::iter::from_fn(|| shares.try_hold(&greedy)).collect();
+        let mut held: Vec<Permit> = std::iter::from_fn(|| quota.try_acquire(&greedy)).collect();
         assert_eq!(held.len(), 3);
-        let last = shares.try_hold(&other).unwrap();
-        assert!(shares.try_hold(&other).is_none(), "all are held");
+        let last = quota.try_acquire(&other).unwrap();
+        assert!(quota.try_acquire(&other).is_none(), "all are held");
         held.pop();
-        assert!(shares.try_hold(&greedy).is_some());
+        assert!(quota.try_acquire(&greedy).is_some());
         drop((held, last));
-        shares.try_hold(&other).unwrap();
-        assert_eq!(shares.callers.lock().unwrap().len(), 1, "who holds nothing is forgotten");
+        quota.try_acquire(&other).unwrap();
+        assert_eq!(quota.callers.lock().unwrap().len(), 1, "callers that hold nothing are forgotten");
     }
 }

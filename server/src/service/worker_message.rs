@@ -1,27 +1,27 @@
-//! What a worker tells its server, by messages on its standard output.
+//! The messages that a worker sends to its server on its standard output.
 
 use super::event_log::Extent;
 use crate::wire::proto;
 
-/// One message.
+/// A message on the wire.
 #[derive(Clone, PartialEq, prost::Message)]
-pub struct Told {
-    #[prost(oneof = "News", tags = "1, 2, 3, 4, 5, 6, 7")]
-    pub news: Option<News>,
+pub struct Envelope {
+    #[prost(oneof = "WorkerMessage", tags = "1, 2, 3, 4, 5, 6, 7")]
+    pub message: Option<WorkerMessage>,
 }
 
 #[derive(Clone, PartialEq, prost::Oneof)]
-pub enum News {
+pub enum WorkerMessage {
     #[prost(message, boxed, tag = "1")]
     Planned(Box<proto::Accepted>),
     #[prost(message, tag = "2")]
     Progress(proto::Progress),
-    /// Events are there to be read.
+    /// More events of the log may be read.
     #[prost(message, tag = "3")]
     Logged(Extent),
     #[prost(message, tag = "4")]
     Done(proto::Summary),
-    /// The request is at fault.
+    /// The request is wrong.
     #[prost(message, tag = "5")]
     Invalid(Invalid),
     /// The disk is full.
@@ -36,7 +36,7 @@ pub enum News {
 pub struct Invalid {
     #[prost(message, repeated, tag = "1")]
     pub problems: Vec<proto::FieldProblem>,
-    /// Nothing else is wrong than that assets were not uploaded.
+    /// All problems are assets that were not uploaded.
     #[prost(bool, tag = "2")]
     pub only_missing: bool,
 }

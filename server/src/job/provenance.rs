@@ -1,4 +1,4 @@
-//! A result as the scene that it was baked of.
+//! The provenance of a result: the scene that it was baked from, and its files.
 
 use crate::files;
 use crate::model::export::{self, Format};
@@ -10,7 +10,7 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 
-/// What a result tells of itself.
+/// The provenance as it is stored in a result.
 #[derive(Debug, Deserialize)]
 pub struct Origin {
     pub scene: Value,
@@ -19,41 +19,41 @@ pub struct Origin {
     pub result_blake3: String,
 }
 
-/// A file that the scene names, or that such a file names.
+/// A file of the scene, or one that such a file names.
 #[derive(Debug, Deserialize)]
 pub struct Asset {
     pub uri: String,
     pub sha256: String,
 }
 
-/// What a result's bytes tell, where they do.
+/// Reads the provenance from a result's bytes, if they hold one.
 pub fn origin(result: &[u8]) -> Option<Origin> {
     Origin::deserialize(export::origin(result)?).ok()
 }
 
-/// The scene of a result, its files found again by their names and hashes: below `assets`; where that is not given, below the
-/// result's folder, one above it, or the current one.
+/// The scene of a result. Its files are found by name and hash: below `assets` if given, else below the result's
+/// folder, one above it, or the current folder.
 pub fn scene(path: &Path, assets: Option<&Path>) -> Result<SceneTree, Vec<Problem>> {
-    let one = |what: &str, remedy: &str| vec![Problem::new(path.display().to_string(), what, remedy)];
+    let one = |what: &str, remedy: &str| vec![Problem::at(path, what, remedy)];
     let bytes = files::read(path).map_err(|problem| vec![problem])?;
     let Some(origin) = origin(&bytes) else {
         return Err(match Format::of(path) {
             Some(Format::Glb) => one("a mesh, not a scene file", "Give it by --control, --prop or --static."),
-            _ => one("it does not tell what it was baked of", "Name a result as Cairn wrote it, or a scene file."),
+            _ => one("it does not hold its scene", "Name an unchanged result of Cairn, or a scene file."),
         });
     };
     let folder = find(&origin.assets, &places(path, assets)).map_err(|asset| {
-        let what = format!("its file {} is not here with the content that it was baked of", asset.uri);
-        one(&what, "Name the folder that it is in by --assets.")
+        let what = format!("its file {} is not here with the content that was baked", asset.uri);
+        one(&what, "Name the folder of the file by --assets.")
     })?;
     let text = origin.scene.to_string();
-    // Read as a scene file of that folder: its fields are held against the schema.
+    // Reading it as a scene file of that folder checks its fields against the schema.
     SceneTree::read(&folder.join("scene.json"), text.as_bytes())
 }
 
-/// Folders that may hold the files, the likeliest first.
+/// Folders that may hold the files, most likely first.
 fn places(result: &Path, assets: Option<&Path>) -> Vec<PathBuf> {
-    /// Folders that are looked at below each of the first ones.
+    /// Folders searched below each of the first ones.
     const MOST: usize = 1000;
     let mut tops: Vec<PathBuf> = match assets {
         Some(folder) => vec![folder.to_owned()],
@@ -69,7 +69,7 @@ fn places(result: &Path, assets: Option<&Path>) -> Vec<PathBuf> {
     tops
 }
 
-/// The folders below one, the nearest first.
+/// The folders below one, nearest first.
 fn below(top: &Path, most: usize) -> Vec<PathBuf> {
     let mut found = vec![top.to_owned()];
     let mut next = 0;
@@ -87,7 +87,7 @@ fn below(top: &Path, most: usize) -> Vec<PathBuf> {
     found.split_off(1)
 }
 
-/// The first folder that has all files; else the first file that was not found in any.
+/// The first folder that has all files, or else the first file that no folder has.
 fn find<'a>(assets: &'a [Asset], places: &[PathBuf]) -> Result<PathBuf, &'a Asset> {
     let is_there = |folder: &Path, asset: &Asset| folder.join(&asset.uri).is_file();
     let is_same = |folder: &Path, asset: &Asset| {

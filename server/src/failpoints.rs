@@ -1,18 +1,18 @@
-//! Places where tests let faults happen: a disk that is full or broken, a process that is killed, a stream that is closed.
+//! Named places where tests inject faults: a full or broken disk, a killed process, a closed stream.
 //!
-//! Each place has a name. The environment variable `FAILPOINTS` says what happens there, in the words of the crate `fail`:
-//! `files-sync=1*return(EIO)` fails once. A program that is built without the feature `failpoints`, as releases are, has no
-//! such places and does not read the variable.
+//! The environment variable `FAILPOINTS` sets what happens at each place, in the syntax of the crate `fail`:
+//! `files-sync=1*return(EIO)` fails once. Release programs are built without the feature `failpoints`; they have no
+//! such places and do not read the variable.
 
 use std::io::{Result, Write};
 
-/// Reads what is to happen. Called once, by the program.
+/// Reads the variable. The program calls this once.
 pub fn set_up() {
     #[cfg(feature = "failpoints")]
     std::mem::forget(fail::FailScenario::setup());
 }
 
-/// The fault that is to happen here.
+/// Fails if a fault is set for this place.
 #[cfg(feature = "failpoints")]
 pub fn at(place: &str) -> Result<()> {
     fail::fail_point!(place, |what| Err(error(&what.unwrap_or_default())));
@@ -25,7 +25,7 @@ pub fn at(_: &str) -> Result<()> {
     Ok(())
 }
 
-/// Writes all bytes. A fault here comes after half of them, as that of a disk does.
+/// Writes all bytes. As with a disk, a fault comes after half of them.
 pub fn write(place: &str, to: &mut impl Write, bytes: &[u8]) -> Result<()> {
     at(place).inspect_err(|_| {
         let _ = to.write_all(&bytes[..bytes.len() / 2]).and_then(|()| to.flush());
@@ -33,7 +33,7 @@ pub fn write(place: &str, to: &mut impl Write, bytes: &[u8]) -> Result<()> {
     to.write_all(bytes)
 }
 
-/// By the names that the system has for errors. `KILL` ends this process as the system does when memory runs out.
+/// The system's error of this name. `KILL` ends this process as the system does when memory runs out.
 #[cfg(feature = "failpoints")]
 fn error(name: &str) -> std::io::Error {
     std::io::Error::from_raw_os_error(match name {
