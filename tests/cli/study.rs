@@ -1,4 +1,5 @@
-//! The committed study of what accuracy costs (`tests/studies/accuracy/run`): what its figures have to say of the presets.
+//! The committed study of what accuracy costs (`tests/studies/accuracy/run`): what its figures have to say of the
+//! presets.
 
 use crate::desk::Desk;
 use serde_json::Value;
