@@ -4,9 +4,6 @@
 mod piles;
 
 use cairn::model::export::{self, Format};
-use cairn_core::equilibrium::global::{self, Objective};
-use cairn_core::equilibrium::glue::{self, GlueOptions, MOST_ROUNDS};
-use cairn_core::equilibrium::{Analyser, Options};
 use cairn_core::input::observer::{Observer, Progress, Silent, Stage};
 use cairn_core::input::params::ControlMode;
 use cairn_core::sim::control::BodyProblem;
@@ -14,6 +11,9 @@ use cairn_core::sim::glue::Sites;
 use cairn_core::sim::step::Simulation;
 use cairn_core::sim::whole::{REAL_CONTACT, Whole};
 use cairn_core::stages::cache::NoCache;
+use cairn_statics::global::{self, Objective};
+use cairn_statics::glue::{self, GlueOptions, MOST_ROUNDS};
+use cairn_statics::local::{Analyser, Options};
 use criterion::measurement::WallTime;
 use criterion::{BatchSize, BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
@@ -122,7 +122,7 @@ fn glue(group: &mut Group, full: &Full) {
     let options = GlueOptions { friction_factor: 0.5, normal_price: 0.02, strength: None, rounds: MOST_ROUNDS };
     group.bench_function("glue", |b| {
         let mut going = || ControlFlow::Continue(());
-        b.iter(|| glue::place(&problem, &options, &mut going).expect("a valid pile").dots.len())
+        b.iter(|| glue::place(&problem, &options, &mut going).expect("a valid pile").joints.len())
     });
 }
 

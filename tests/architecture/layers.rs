@@ -12,7 +12,6 @@ const CORE: &[&[&str]] = &[
     &["input"],
     &["asset"],
     &["measure"],
-    &["equilibrium"],
     &["prepare"],
     &["world"],
     &["sim"],
@@ -35,6 +34,9 @@ pub const WORLD: &[&[&str]] = &[
     &["stepping"],
     &["queries"],
 ];
+
+/// The layers of `cairn-statics`, lowest first.
+const STATICS: &[&[&str]] = &[&["local"], &["global"], &["glue"]];
 
 /// The layers of `cairn`, lowest first.
 const SERVICE: &[&[&str]] = &[
@@ -184,6 +186,14 @@ fn imports_inside_the_world_go_down() {
 }
 
 #[test]
+fn imports_of_the_statics_go_down() {
+    let code = parse("server/statics/src");
+    assert_none("modules without a layer", &without_layer(&code, &[], STATICS));
+    assert_none("imports upward", &upward(&code, &[], STATICS));
+    assert_none("circles", &circles(&code));
+}
+
+#[test]
 fn imports_of_the_service_go_down() {
     let code = parse("server/src");
     assert!(code.imports().len() > 100, "the imports are read");
@@ -205,7 +215,9 @@ fn no_module_of_the_service_leads_back_to_itself() {
 #[test]
 fn the_map_has_the_layers_in_their_order() {
     let map = crate::read("ARCHITECTURE.md");
-    for (folder, begin, layers) in [("server/core/src", "| `", CORE), ("server/src", "`", SERVICE)] {
+    for (folder, begin, layers) in
+        [("server/statics/src", "`", STATICS), ("server/core/src", "| `", CORE), ("server/src", "`", SERVICE)]
+    {
         let mut at = 0;
         for layer in layers.iter().flat_map(|layer| layer.iter()) {
             let found =

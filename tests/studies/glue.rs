@@ -6,7 +6,7 @@
 mod piles;
 
 use anyhow::{Context, anyhow};
-use cairn_core::equilibrium::glue::{self, GlueDot, GlueOptions, MOST_ROUNDS, Placement, oracle};
+use cairn_statics::glue::{self, GlueJoint, GlueOptions, MOST_ROUNDS, GluePlacement, reference};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::geometry::region::Region;
@@ -69,7 +69,7 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     let control = &full.job.scene.control.as_ref().context("the scene fills no control mesh")?.mesh;
     let ruler = Ruler::new(control, full.job.scene.props.iter().map(|prop| prop.model.mesh.clone()).collect());
     let name = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let print_row = |glue: &str, placed: &Placement, seconds: f64| -> anyhow::Result<()> {
+    let print_row = |glue: &str, placed: &GluePlacement, seconds: f64| -> anyhow::Result<()> {
         let loose: Vec<BodyId> =
             placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
         let dots = dots(&sites, placed, false, 0.0, 1.0);
@@ -89,8 +89,8 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
         Ok(())
     };
     let at = |touches: Vec<usize>| {
-        let dot = |touch: usize| GlueDot { touch, force: DVec3::ZERO, moment: DVec3::ZERO };
-        Placement { dots: touches.into_iter().map(dot).collect(), imbalance: f64::NAN, ..Placement::default() }
+        let dot = |touch: usize| GlueJoint { site: touch, force: DVec3::ZERO, moment: DVec3::ZERO };
+        GluePlacement { joints: touches.into_iter().map(dot).collect(), imbalance: f64::NAN, ..GluePlacement::default() }
     };
     let mut going = || ControlFlow::Continue(());
     print_row("none", &at(Vec::new()), 0.0)?;
@@ -99,13 +99,13 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     print_row("as few as Cairn finds", &least, begin.elapsed().as_secs_f64())?;
     if sites.ids.len() <= args.oracle {
         let begin = ThreadTime::now();
-        let placed = oracle::place(&problem, &options(None), &mut going)?;
+        let placed = reference::place(&problem, &options(None), &mut going)?;
         print_row("as few as Clarabel finds", &placed, begin.elapsed().as_secs_f64())?;
     }
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(full.job.params.seed);
-    let chance = index::sample(&mut rng, problem.touches.len(), least.dots.len()).into_vec();
+    let chance = index::sample(&mut rng, problem.sites.len(), least.joints.len()).into_vec();
     print_row("as many at random", &at(BTreeSet::from_iter(chance).into_iter().collect()), 0.0)?;
-    print_row("every touch", &at((0..problem.touches.len()).collect()), 0.0)?;
+    print_row("every touch", &at((0..problem.sites.len()).collect()), 0.0)?;
     for &strength in &args.strength {
         let begin = ThreadTime::now();
         let placed = glue::place(&problem, &options(Some(strength)), &mut going)?;

@@ -11,9 +11,6 @@
 mod piles;
 
 use cairn_core::Error;
-use cairn_core::equilibrium::{
-    Analyser, Candidacy, CandidateRules, Fit, FrictionLaw, FrictionReserve, Options, Solver, Spread,
-};
 use cairn_core::input::observer::{Observer, Progress, Silent};
 use cairn_core::input::params::{self, Params};
 use cairn_core::sim::control::BodyProblem;
@@ -21,6 +18,9 @@ use cairn_core::sim::step::Simulation;
 use cairn_core::stages::hold;
 use cairn_core::stages::release;
 use cairn_core::world::{Role, World};
+use cairn_statics::local::{
+    Analyser, Candidacy, CandidateRules, Fit, FrictionLaw, Options, ReserveRule, Solver, SpreadRule,
+};
 use clap::Parser;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -180,10 +180,10 @@ fn stands_alone(world: &mut World, id: usize) -> bool {
 fn verdict(analyser: &mut Analyser, p: &BodyProblem, law: FrictionLaw, params: &Params, length: f64) -> Candidacy {
     let control = &params.control;
     let spread = match control.spread {
-        params::Spread::Paper(alpha) => Spread::Paper(alpha / (length * length)),
-        params::Spread::Relative(share) => Spread::Relative { share, area: p.face_area },
+        params::Spread::Paper(alpha) => SpreadRule::Paper(alpha / (length * length)),
+        params::Spread::Relative(share) => SpreadRule::Relative { share, area: p.face_area },
     };
-    let reserve = FrictionReserve::Sharp;
+    let reserve = ReserveRule::Sharp;
     let rules = CandidateRules { reserve, kinetic_ratio: control.kinetic_ratio, spread, contacts: 3 };
     let options = Options { friction_law: law, solver: Solver::Fast, margin: false };
     analyser.candidate(&p.problem(), &options, &rules).expect("contacts of a checked world")

@@ -4,11 +4,11 @@
 
 mod piles;
 
-use cairn_core::equilibrium::{
-    Analyser, Candidacy, CandidateRules, FrictionLaw, FrictionReserve, Options, Solver, Spread,
-};
 use cairn_core::input::observer::{Silent, Stage};
 use cairn_core::sim::control::BodyProblem;
+use cairn_statics::local::{
+    Analyser, Candidacy, CandidateRules, FrictionLaw, Options, ReserveRule, Solver, SpreadRule,
+};
 use std::path::Path;
 use std::time::Instant;
 
@@ -97,8 +97,8 @@ fn options(solver: Solver) -> Options {
 }
 
 fn candidate(analyser: &mut Analyser, p: &BodyProblem, solver: Solver, kinetic_ratio: f64) -> bool {
-    let spread = Spread::Relative { share: 0.05, area: p.face_area };
-    let rules = CandidateRules { reserve: FrictionReserve::Sharp, kinetic_ratio, spread, contacts: 3 };
+    let spread = SpreadRule::Relative { share: 0.05, area: p.face_area };
+    let rules = CandidateRules { reserve: ReserveRule::Sharp, kinetic_ratio, spread, contacts: 3 };
     analyser.candidate(&p.problem(), &options(solver), &rules) == Ok(Candidacy::Candidate)
 }
 

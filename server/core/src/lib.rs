@@ -19,7 +19,6 @@
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
 
 pub mod asset;
-pub mod equilibrium;
 pub mod error;
 pub mod geometry;
 pub mod input;

@@ -1,6 +1,6 @@
 //! Any touches: the verdict's certificate is substituted into the equations, by code that shares nothing with the solver.
 
-use cairn_core::equilibrium::{
+use cairn_statics::local::{
     Analyser, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, FrictionLaw, LocalContact, LocalProblem, Options,
     REFERENCE_EXCLUDED_FORCE, STABLE_RESIDUAL, Verdict,
 };

@@ -6,12 +6,12 @@ use cairn::job::Job;
 use cairn::problem::Problem;
 use cairn::scene_file::SceneTree;
 use cairn_core::FullContainer;
-use cairn_core::equilibrium::global::{self, Balance, Objective};
 use cairn_core::input::observer::Silent;
 use cairn_core::sim::step::Simulation;
 use cairn_core::sim::whole::{REAL_CONTACT, Whole};
 use cairn_core::stages::cache::NoCache;
 use cairn_core::world::World;
+use cairn_statics::global::{self, Balance, Objective};
 use std::path::Path;
 
 /// Small versions of the scenes of this folder: name, scene file, what is set in it.

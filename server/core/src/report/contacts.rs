@@ -1,7 +1,7 @@
 //! Figures of contacts: how deep bodies overlap, what hangs, and what the whole pile's contacts cannot carry.
 
 use super::inputs::Figures;
-use crate::equilibrium::glue::GlueError;
+use cairn_statics::glue::GlueError;
 use crate::error::Error;
 use crate::geometry::contact::{self, Bearing};
 use crate::measure::{self, Overlap};

@@ -1,7 +1,7 @@
 //! The equilibrium problem of a whole pile, from its contact pairs.
 
-use crate::equilibrium::global::{GlobalBody, GlobalContact, GlobalProblem};
-use crate::equilibrium::glue::{self, GlueError, GlueProblem, GlueTouch};
+use cairn_statics::global::{GlobalBody, GlobalContact, GlobalProblem};
+use cairn_statics::glue::{self, GlueError, GlueProblem, GlueSite};
 use crate::world::{BodyId, ContactPair, ContactPoint, PairSide, World};
 use glam::DVec3;
 use std::ops::ControlFlow;
@@ -16,7 +16,7 @@ pub struct Whole {
     /// Shape `[body]`, in the order of `ids`.
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
-    touches: Vec<GlueTouch>,
+    touches: Vec<GlueSite>,
 }
 
 impl Whole {
@@ -37,13 +37,13 @@ impl Whole {
         for pair in &world.contact_pairs(gap) {
             let from = all.len();
             all.extend(contacts(pair, &index).into_iter().flatten());
-            touches.extend(all.get(from).map(|&GlobalContact { body, other, point, .. }| GlueTouch {
+            touches.extend(all.get(from).map(|&GlobalContact { body, other, point, .. }| GlueSite {
                 body,
                 other,
                 contacts: from..all.len(),
                 center: point,
                 arm: 1.0,
-                may: false,
+                may_glue: false,
                 normal_price: 0.0,
             }));
         }
@@ -62,7 +62,7 @@ impl Whole {
         going: &mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<(Vec<f64>, u64), GlueError> {
         let Whole { bodies, contacts, touches, .. } = self;
-        let pile = GlueProblem { bodies, contacts, touches, gravity: DVec3::NEG_Y };
+        let pile = GlueProblem { bodies, contacts, sites: touches, gravity: DVec3::NEG_Y };
         glue::missing(&pile, enough, going)
     }
 }

@@ -3,9 +3,9 @@
 
 use super::counters::{BodyProblem, ControlCounters};
 use super::eligibility::Eligibility;
-use crate::equilibrium::{
-    Analyser, Candidacy, CandidateRules, FrictionLaw, FrictionReserve, LocalContact, LocalProblem, Options, Solver,
-    Spread,
+use cairn_statics::local::{
+    Analyser, Candidacy, CandidateRules, FrictionLaw, ReserveRule, LocalContact, LocalProblem, Options, Solver,
+    SpreadRule,
 };
 use crate::geometry::contact;
 use crate::geometry::pose::Pose;
@@ -190,12 +190,12 @@ impl<'a> Analysis<'a> {
     /// The candidate rules in engine units. `length`: meters per engine unit.
     fn rules(&self, length: f64) -> Rules {
         let reserve = match self.params.friction_reserve {
-            params::FrictionReserve::Paper => FrictionReserve::Paper,
-            params::FrictionReserve::Sharp => FrictionReserve::Sharp,
+            params::FrictionReserve::Paper => ReserveRule::Paper,
+            params::FrictionReserve::Sharp => ReserveRule::Sharp,
         };
         let (spread, of_face) = match self.params.spread {
-            params::Spread::Paper(alpha) => (Spread::Paper(alpha / (length * length)), None),
-            params::Spread::Relative(share) => (Spread::Relative { share, area: 0.0 }, Some(share)),
+            params::Spread::Paper(alpha) => (SpreadRule::Paper(alpha / (length * length)), None),
+            params::Spread::Relative(share) => (SpreadRule::Relative { share, area: 0.0 }, Some(share)),
         };
         let kinetic_ratio = self.params.kinetic_ratio;
         Rules { all: CandidateRules { reserve, kinetic_ratio, spread, contacts: LEAST_CONTACTS }, of_face }
@@ -233,7 +233,7 @@ struct Rules {
 impl Rules {
     /// For a body with this smallest face.
     fn of(&self, area: f64) -> CandidateRules {
-        let spread = self.of_face.map_or(self.all.spread, |share| Spread::Relative { share, area });
+        let spread = self.of_face.map_or(self.all.spread, |share| SpreadRule::Relative { share, area });
         CandidateRules { spread, ..self.all }
     }
 }

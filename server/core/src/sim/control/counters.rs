@@ -1,7 +1,7 @@
 //! Counts of the control, and the problems that it poses.
 
-use crate::equilibrium::{LocalContact, LocalProblem};
 use crate::world::BodyId;
+use cairn_statics::local::{LocalContact, LocalProblem};
 use glam::DVec3;
 
 /// Counts of the control so far.

@@ -1,10 +1,10 @@
 //! Bodies joined by dots, and what their dots carry.
 
 use super::Dot;
-use crate::equilibrium::global::GlobalBody;
-use crate::equilibrium::glue::{GlueTouch, Loads};
 use crate::geometry::pose::Pose;
 use crate::world::{BodyId, Role, World};
+use cairn_statics::global::GlobalBody;
+use cairn_statics::glue::{GlueSite, Loads};
 use glam::{DQuat, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -160,13 +160,13 @@ impl Group {
         let index = |id: BodyId| self.members.binary_search(&id).ok();
         let touch = |&k: &usize| {
             let Dot { a, b, point, arm, .. } = dots[k];
-            Some(GlueTouch {
+            Some(GlueSite {
                 body: index(a)?,
                 other: b.and_then(index),
                 contacts: 0..0,
                 center: point,
                 arm,
-                may: true,
+                may_glue: true,
                 normal_price: 0.0,
             })
         };

@@ -1,8 +1,8 @@
-//! Where a pile could be glued: the problem of [`crate::equilibrium::glue`], from what its bodies touch.
+//! Where a pile could be glued: the problem of [`cairn_statics::glue`], from what its bodies touch.
 
 use super::Dot;
-use crate::equilibrium::global::{GlobalBody, GlobalContact};
-use crate::equilibrium::glue::{GlueProblem, GlueTouch, Placement};
+use cairn_statics::global::{GlobalBody, GlobalContact};
+use cairn_statics::glue::{GlueProblem, GlueSite, GluePlacement};
 use crate::geometry::region::DistanceGrid;
 use crate::sim::control;
 use crate::sim::whole::{self, REAL_CONTACT};
@@ -42,7 +42,7 @@ pub struct Sites {
     levels: Vec<usize>,
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
-    touches: Vec<GlueTouch>,
+    touches: Vec<GlueSite>,
 }
 
 impl Sites {
@@ -153,12 +153,12 @@ impl Sites {
     }
 
     pub fn problem(&self, gravity: DVec3) -> GlueProblem<'_> {
-        GlueProblem { bodies: &self.bodies, contacts: &self.contacts, touches: &self.touches, gravity }
+        GlueProblem { bodies: &self.bodies, contacts: &self.contacts, sites: &self.touches, gravity }
     }
 
     /// Touches, and those that glue makes where there are none: pegs and bridges.
-    pub fn real_with(&self, placement: &Placement) -> usize {
-        let made = placement.dots.iter().filter(|dot| !self.is_real(dot.touch)).count();
+    pub fn real_with(&self, placement: &GluePlacement) -> usize {
+        let made = placement.joints.iter().filter(|dot| !self.is_real(dot.site)).count();
         (0..self.touches.len()).filter(|&touch| self.is_real(touch)).count() + made
     }
 
@@ -207,13 +207,13 @@ impl Sites {
         let radius = |body: usize| self.bodies[body].radius;
         let begin = self.contacts.len();
         self.contacts.append(&mut contacts);
-        self.touches.push(GlueTouch {
+        self.touches.push(GlueSite {
             body,
             other,
             contacts: begin..self.contacts.len(),
             center,
             arm: ARM * other.map_or(f64::INFINITY, radius).min(radius(body)),
-            may: other.is_some() || anchors,
+            may_glue: other.is_some() || anchors,
             normal_price: 0.0,
         });
         self.between.push(ends);

@@ -2,7 +2,7 @@
 
 use super::Glued;
 use super::proof::{IN_PLACES, LEANS, LetGo, Proving, SAGS};
-use crate::equilibrium::glue::{self, GlueDot, GlueError, GlueOptions, Placement};
+use cairn_statics::glue::{self, GlueJoint, GlueError, GlueOptions, GluePlacement};
 use crate::error::Error;
 use crate::geometry::topology::DisjointSets;
 use crate::input::observer::{Observer, observe};
@@ -41,7 +41,7 @@ pub struct Search<'p, 'a> {
     pub sites: Sites,
     anchors_all: bool,
     /// Dots of the attempt before, if the next one goes on from them.
-    known: Vec<GlueDot>,
+    known: Vec<GlueJoint>,
     pub iterations: u64,
 }
 
@@ -104,13 +104,13 @@ impl<'p, 'a> Search<'p, 'a> {
         let placement = place(sites, &options, &self.known, &mut going)?;
         self.iterations += placement.iterations;
         // Where nothing is to prove that the foot is wide enough, all of it is glued.
-        self.anchors_all |= self.anchors && !self.proves && !placement.dots.is_empty();
+        self.anchors_all |= self.anchors && !self.proves && !placement.joints.is_empty();
         let mut dots = dots(sites, &placement, self.anchors_all, self.least_limit, glue.breaking);
         if self.bound.is_none() {
             let pressed = joining(sites, &dots, self.least_limit, |touch| sites.depths[touch] > PRESSED);
             dots.extend(pressed);
         }
-        let gaps = || placement.dots.iter().map(|dot| sites.gaps[dot.touch]).filter(|gap| *gap > 0.0);
+        let gaps = || placement.joints.iter().map(|dot| sites.gaps[dot.site]).filter(|gap| *gap > 0.0);
         let glued = Glued {
             dots,
             touches: sites.real_with(&placement),
@@ -125,7 +125,7 @@ impl<'p, 'a> Search<'p, 'a> {
             ..Glued::default()
         };
         let absent = placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
-        Ok(Attempt { glued, absent, chosen: placement.dots, moving: BTreeSet::new(), is_fastened: false })
+        Ok(Attempt { glued, absent, chosen: placement.joints, moving: BTreeSet::new(), is_fastened: false })
     }
 
     /// What to try after an attempt, and after what the pile did when it was let go. What fails in few places only is fastened there:
@@ -203,7 +203,7 @@ pub struct Attempt {
     /// Bodies that are not there when the pile is let go.
     absent: Vec<BodyId>,
     /// Dots of the certified equilibrium.
-    chosen: Vec<GlueDot>,
+    chosen: Vec<GlueJoint>,
     /// Bodies that have moved, with these dots or fewer.
     moving: BTreeSet<BodyId>,
     is_fastened: bool,
@@ -229,9 +229,9 @@ impl Attempt {
 fn place(
     sites: &Sites,
     options: &GlueOptions,
-    known: &[GlueDot],
+    known: &[GlueJoint],
     going: &mut dyn FnMut() -> ControlFlow<()>,
-) -> Result<Placement, Error> {
+) -> Result<GluePlacement, Error> {
     glue::place_again(&sites.problem(DVec3::NEG_Y), options, known, going).map_err(|error| match error {
         GlueError::Cancelled => Error::Cancelled,
         other => Error::Internal(other.to_string()),
@@ -240,14 +240,14 @@ fn place(
 
 /// The dots of a placement, engine units; and, where the foot is too narrow, dots at all that touches the ground.
 /// `least_limit`: what each dot carries at least before it breaks.
-pub fn dots(sites: &Sites, placement: &Placement, anchors_all: bool, least_limit: f64, breaking: f64) -> Vec<Dot> {
+pub fn dots(sites: &Sites, placement: &GluePlacement, anchors_all: bool, least_limit: f64, breaking: f64) -> Vec<Dot> {
     let pile = sites.problem(DVec3::NEG_Y);
     let dot = |touch: usize, force: DVec3, moment: DVec3| sites.dot(touch, force, moment, least_limit, breaking);
-    let mut dots: Vec<Dot> = placement.dots.iter().map(|d| dot(d.touch, d.force, d.moment)).collect();
+    let mut dots: Vec<Dot> = placement.joints.iter().map(|d| dot(d.site, d.force, d.moment)).collect();
     if anchors_all {
-        let chosen = |touch: usize| placement.dots.iter().any(|d| d.touch == touch);
-        let stands = |touch: usize| placement.fallen.binary_search(&pile.touches[touch].body).is_err();
-        let feet = (0..pile.touches.len()).filter(|&t| {
+        let chosen = |touch: usize| placement.joints.iter().any(|d| d.site == touch);
+        let stands = |touch: usize| placement.fallen.binary_search(&pile.sites[touch].body).is_err();
+        let feet = (0..pile.sites.len()).filter(|&t| {
             let is_foot = matches!(sites.between[t].1, PairSide::Ground | PairSide::Scenery) && sites.is_real(t);
             is_foot && !chosen(t) && stands(t)
         });
@@ -276,9 +276,9 @@ fn joining(sites: &Sites, dots: &[Dot], limit: f64, joins: impl Fn(usize) -> boo
         solids.join(index(dot.a), dot.b.map_or(still, index));
     }
     let mut more = Vec::new();
-    for (touch, site) in pile.touches.iter().enumerate() {
+    for (touch, site) in pile.sites.iter().enumerate() {
         let (a, b) = (site.body, site.other.unwrap_or(still));
-        if site.may && sites.is_real(touch) && joins(touch) && solids.find(a) != solids.find(b) {
+        if site.may_glue && sites.is_real(touch) && joins(touch) && solids.find(a) != solids.find(b) {
             solids.join(a, b);
             more.push(sites.dot(touch, DVec3::ZERO, DVec3::ZERO, limit, 1.0));
         }

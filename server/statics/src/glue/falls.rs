@@ -1,0 +1,47 @@
+//! Which bodies glue cannot hold: it is too weak, or not allowed where it would help.
+
+use super::certificate::MOST_BODIES;
+use super::program::GlueProgram;
+use super::splitting::{FIRST, GlueWeights, Length, NEAR, Splitting};
+use super::{GlueError, GlueOptions, GlueProblem, Going};
+
+/// A body that lacks support for more than this share of its weight falls.
+const MISSING: f64 = 0.01;
+const LENGTH: Length = Length { most: 2000, ..FIRST };
+
+/// Whether any body fell, and the iterations that took.
+pub struct Fall {
+    pub any: bool,
+    pub iterations: u64,
+}
+
+/// Marks the bodies that lack most support where glue is free as fallen, until the others lack none. Where none lacks
+/// any from the start, although the cone program found no balance, `worst` falls.
+pub fn fall(
+    pile: &GlueProblem,
+    options: &GlueOptions,
+    fallen: &mut [bool],
+    worst: usize,
+    going: &mut Going,
+) -> Result<Fall, GlueError> {
+    let (mut any, mut iterations) = (false, 0);
+    loop {
+        let program = GlueProgram::new(pile, options, fallen)?;
+        let allowed = program.allowed_sites();
+        let mut weights = GlueWeights::even(&program, 0.0, true);
+        weights.joints.fill(0.0);
+        let mut splitting = Splitting::new(&program, &allowed, true);
+        splitting.run(&weights, LENGTH, NEAR, going)?;
+        iterations += splitting.iterations;
+        let missing = splitting.missing(MISSING);
+        if missing.is_empty() {
+            break;
+        }
+        any = true;
+        missing.into_iter().for_each(|body| fallen[body] = true);
+    }
+    if !any && fallen.len() <= MOST_BODIES {
+        any = !std::mem::replace(&mut fallen[worst], true);
+    }
+    Ok(Fall { any, iterations })
+}

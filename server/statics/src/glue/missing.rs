@@ -1,0 +1,54 @@
+//! The weight that contacts alone cannot carry, without any glue: [`crate::global`] by splitting, about twenty times as
+//! fast.
+
+use super::program::GlueProgram;
+use super::splitting::{GlueWeights, Length, Splitting};
+use super::{GlueError, GlueOptions, GlueProblem, Going, MOST_ROUNDS};
+use crate::global::SHARPEN;
+
+const PLAIN: GlueOptions = GlueOptions { friction_factor: 1.0, normal_price: 0.0, strength: None, rounds: MOST_ROUNDS };
+/// Iterations between two looks at the imbalance.
+const LOOK: Length = Length { least: 100, most: 100 };
+/// Looks at most: first with even weights, then in the rounds that settle ties.
+const LOOKS: [usize; 3] = [40, 20, 20];
+/// A round ends once the total imbalance changes by no larger share between looks, or [`STEADY`] looks in a row find
+/// the same number of unsupported bodies: their number settles long before their imbalance does.
+const SETTLED: f64 = 0.001;
+const STEADY: usize = 10;
+
+/// The imbalance of the best contact forces found, and the iterations. Shape `[body]`, by substitution, in the body's
+/// weight. The forces obey friction, so that a body's imbalance could only be smaller if others' were larger. The
+/// search ends once no body's imbalance exceeds `enough`.
+pub fn missing(pile: &GlueProblem, enough: f64, going: &mut Going) -> Result<(Vec<f64>, u64), GlueError> {
+    let fallen = vec![false; pile.bodies.len()];
+    let program = GlueProgram::new(pile, &PLAIN, &fallen)?;
+    let mut weights = GlueWeights::even(&program, 0.0, true);
+    let mut splitting = Splitting::new(&program, &vec![false; pile.sites.len()], true);
+    let mut best: Option<(usize, Vec<f64>)> = None;
+    for (round, looks) in LOOKS.into_iter().enumerate() {
+        if round > 0 {
+            weights.reweight_missing(&splitting.state.missing, SHARPEN);
+        }
+        let (mut last, mut last_count, mut steady) = (f64::INFINITY, usize::MAX, 0);
+        for _ in 0..looks {
+            splitting.run(&weights, LOOK, 0.0, going)?;
+            let missing = splitting.left_by_contacts();
+            let total: f64 = missing.iter().sum();
+            let is_settled = (total - last).abs() <= SETTLED * total;
+            last = total;
+            let count = missing.iter().filter(|e| **e > enough).count();
+            if best.as_ref().is_none_or(|(fewest, _)| count <= *fewest) {
+                best = Some((count, missing));
+            }
+            steady = if count == last_count { steady + 1 } else { 0 };
+            last_count = count;
+            if count > 0 && (is_settled || steady == STEADY) {
+                break;
+            }
+            if count == 0 {
+                return Ok((best.map_or(Vec::new(), |(_, missing)| missing), splitting.iterations));
+            }
+        }
+    }
+    Ok((best.map_or(Vec::new(), |(_, missing)| missing), splitting.iterations))
+}

@@ -1,0 +1,293 @@
+//! Where a pile must be glued to stand: the sparsest set of contact pairs that may also pull.
+//!
+//! Friction carries a heap; it carries no overhang, no ball on a point and no arm. A *glue joint* at a *site*, a pair
+//! of bodies that touch, transmits any force and any moment. This module chooses few joints such that every body of the
+//! pile is in equilibrium **with safety**: only a share of friction counts, and normal forces have a price, since an
+//! equilibrium that wedges exists on paper alone.
+//!
+//! # Formulation
+//!
+//! The unknowns are the contact forces f_c of [`crate::global`] and, per site t, the joint's wrench g_t = (force,
+//! moment / arm) at the middle of the site:
+//!
+//! ```text
+//! minimise    sum_t w_t |g_t|  +  sum_c price_c fn_c         (a group lasso over sites)
+//! such that   every body is balanced, |ft_c| <= factor mu fn_c
+//! ```
+//!
+//! The first solve has w = 1; each round then reweights by w_t = e / (|g_t| + e), so that a joint that carries
+//! little comes to carry nothing (Candes, Wakin & Boyd 2008). The price falls by e too, or a joint would soon cost less
+//! than the normal force that replaces it. In the end, joints that carry next to nothing are dropped. To find the fewest joints
+//! is NP-hard: this finds few; [`GluePlacement::at_least`] is a bound.
+//!
+//! The strength of the glue bounds |g_t|. Where no balance is found within it, even with all joints that any round
+//! chose, some bodies fall: those that miss most support where all allowed sites are glued (`falls.rs`).
+//! [`GluePlacement::fallen`] names them, and the other bodies are balanced without them.
+//!
+//! # Method
+//!
+//! `splitting.rs` solves the rounds: projection onto balance, projection onto the friction cones and shrinkage of the
+//! joints in turn (ADMM; Boyd et al. 2011), the former by preconditioned conjugate gradients. Its choice of joints
+//! settles long before its forces balance; so `certificate.rs` balances the chosen joints, to [`BALANCED`] by
+//! substitution, with Clarabel where that fails.
+
+mod bound;
+mod certificate;
+mod factor;
+mod falls;
+mod loads;
+mod missing;
+mod program;
+pub mod reference;
+mod splitting;
+
+use crate::global::{BALANCED, GlobalBody, GlobalContact};
+use certificate::Balanced;
+use glam::DVec3;
+pub use loads::Loads;
+pub use missing::missing;
+use program::GlueProgram;
+use splitting::{GlueWeights, Splitting};
+use std::collections::BTreeSet;
+use std::iter;
+use std::ops::{ControlFlow, Range};
+
+/// A pair of bodies that could be glued, or a body and the ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GlueSite {
+    /// Index of the body that the contacts' normals point into.
+    pub body: usize,
+    /// The other body; `None` for the ground and scenery.
+    pub other: Option<usize>,
+    /// Its contacts among the pile's; none where the two are near each other without touching.
+    pub contacts: Range<usize>,
+    /// Where the joint would be.
+    pub center: DVec3,
+    /// A moment counts as the force that causes it at this distance, > 0.
+    pub arm: f64,
+    /// Whether it may be glued.
+    pub may_glue: bool,
+    /// Its normal forces cost at least so much, against a joint's force as 1; >= 0.
+    pub normal_price: f64,
+}
+
+/// The pile. Any consistent unit system.
+#[derive(Clone, Copy, Debug)]
+pub struct GlueProblem<'a> {
+    pub bodies: &'a [GlobalBody],
+    /// In the order of the sites.
+    pub contacts: &'a [GlobalContact],
+    pub sites: &'a [GlueSite],
+    pub gravity: DVec3,
+}
+
+/// How much safety, and how strong the glue.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GlueOptions {
+    /// Friction counts by this factor, 0 to 1.
+    pub friction_factor: f64,
+    /// Price of a normal force, against that of a joint's force as 1; a site may have a higher one.
+    pub normal_price: f64,
+    /// The most that a joint may carry, as |(force, moment / arm)|; a force. `None`: no bound.
+    pub strength: Option<f64>,
+    /// Rounds of reweighting, [`LEAST_ROUNDS`] to [`MOST_ROUNDS`]: fewer find somewhat more joints in less time.
+    pub rounds: usize,
+}
+
+/// A glued site.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GlueJoint {
+    /// Index among the sites.
+    pub site: usize,
+    /// On the site's body, at its center; the reverse on the other.
+    pub force: DVec3,
+    pub moment: DVec3,
+}
+
+/// Where to glue, with the forces that prove it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GluePlacement {
+    /// By site, ascending.
+    pub joints: Vec<GlueJoint>,
+    /// No choice has fewer joints than this; it may well be that none has so few.
+    pub at_least: usize,
+    /// Bodies that glue of this strength at the allowed sites cannot hold, ascending.
+    pub fallen: Vec<usize>,
+    /// SiteContact forces that balance the rest together with the joints. Shape `[contact]`.
+    pub forces: Vec<DVec3>,
+    /// Their imbalance, by substitution: sum over the bodies that stand, each by its own weight; for each thousand of
+    /// them where there are more.
+    pub imbalance: f64,
+    /// Clarabel balanced the chosen joints, since the splitting method could not.
+    pub by_cone_program: bool,
+    /// Rounds of the splitting method.
+    pub iterations: u64,
+}
+
+impl GluePlacement {
+    /// Whether every body that has not fallen is in equilibrium.
+    pub fn stands(&self) -> bool {
+        self.imbalance <= BALANCED
+    }
+}
+
+/// Why there is no answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GlueError {
+    #[error(transparent)]
+    Problem(#[from] crate::global::GlobalProblemError),
+    #[error("site {0}: its bodies, its contacts, its arm or its price mean nothing")]
+    Site(usize),
+    #[error("friction factor, price or strength is negative or no number")]
+    Options,
+    #[error("cancelled")]
+    Cancelled,
+}
+
+/// The e of each round of reweighting, in weights of the lighter body.
+const ROUNDS: [f64; MOST_ROUNDS] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
+pub const MOST_ROUNDS: usize = 7;
+/// Where this few rounds find no balance, all of them run.
+pub const LEAST_ROUNDS: usize = 2;
+/// Most rounds for a pile of more than [`LARGE`] bodies.
+const ROUNDS_LARGE: usize = LEAST_ROUNDS;
+const LARGE: usize = 4000;
+/// The first solve and all rounds but the last only weigh the joints: they may end this many times as far from balance.
+const FIRST_NEAR: f64 = 4.0;
+const EARLY_NEAR: f64 = 2.0;
+/// Rounds that are left out where joints are known.
+const KNOWN: usize = 3;
+/// A joint that carries less than this, in weights of the lighter body, is dropped.
+const NOTHING: f64 = 1e-4;
+/// Joints are chosen for a friction that is smaller still, by this factor: that leaves the certificate the room which
+/// it needs.
+const TIGHT: f64 = 0.985;
+/// Where a choice does not balance, further joints are sought at this share of the price of normal forces, and to this
+/// share of [`splitting::NEAR`].
+const REPAIR_SHARE: f64 = 0.25;
+/// In a pile of more bodies, more joints are tried before the cone program, which takes longer than all other steps
+/// together.
+const CONE_PROGRAM_FIRST: usize = 400;
+/// Called between iterations; `Break` cancels.
+pub type Going<'a> = dyn FnMut() -> ControlFlow<()> + 'a;
+
+/// Chooses the joints.
+pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Result<GluePlacement, GlueError> {
+    place_again(pile, options, &[], going)
+}
+
+/// Chooses again, starting from joints at the same sites, after contacts have changed in places: faster than [`place`],
+/// and most joints elsewhere stay.
+pub fn place_again(
+    pile: &GlueProblem,
+    options: &GlueOptions,
+    known: &[GlueJoint],
+    going: &mut Going,
+) -> Result<GluePlacement, GlueError> {
+    let mut fallen = vec![false; pile.bodies.len()];
+    let most_rounds = if pile.bodies.len() <= LARGE { MOST_ROUNDS } else { ROUNDS_LARGE };
+    let (mut iterations, mut rounds) = (0, options.rounds.clamp(LEAST_ROUNDS, most_rounds));
+    let tight_options = GlueOptions { friction_factor: options.friction_factor * TIGHT, ..*options };
+    loop {
+        let program = GlueProgram::new(pile, options, &fallen)?;
+        let tight = GlueProgram::new(pile, &tight_options, &fallen)?;
+        let allowed = tight.allowed_sites();
+        let mut splitting = Splitting::new(&tight, &allowed, false);
+        let chosen = choose(&mut splitting, known, rounds, going)?;
+        let balanced = balance(&program, &mut splitting, &chosen, going)?;
+        iterations += splitting.iterations + balanced.iterations;
+        if balanced.imbalance > BALANCED && rounds < most_rounds {
+            rounds = most_rounds;
+            continue;
+        }
+        if options.strength.is_some() && balanced.imbalance > BALANCED {
+            let worst = certificate::worst(&program, &balanced.state);
+            let fall = falls::fall(pile, &tight_options, &mut fallen, worst, going)?;
+            iterations += fall.iterations;
+            if fall.any {
+                continue;
+            }
+        }
+        return Ok(GluePlacement {
+            joints: balanced.sites.iter().map(|&site| program.joint(site, &balanced.state)).collect(),
+            at_least: bound::at_least(pile, options, &fallen),
+            fallen: (0..fallen.len()).filter(|&body| fallen[body]).collect(),
+            forces: program.forces(&balanced.state),
+            imbalance: balanced.imbalance,
+            by_cone_program: balanced.by_cone_program,
+            iterations,
+        });
+    }
+}
+
+/// The sites that each round glues, ascending; the last round first.
+fn choose(
+    splitting: &mut Splitting,
+    known: &[GlueJoint],
+    rounds: usize,
+    going: &mut Going,
+) -> Result<Vec<Vec<usize>>, GlueError> {
+    let mut weights = GlueWeights::of(splitting.program, 1.0);
+    if known.is_empty() {
+        splitting.run(&weights, splitting::FIRST, splitting::NEAR * FIRST_NEAR, going)?;
+    } else {
+        splitting.take(splitting.program.state(known));
+    }
+    let bodies = splitting.program.target.len();
+    // In a small pile, balance does not show whether the choice is settled.
+    let next = if bodies <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
+    let left_out = if known.is_empty() { 0 } else { KNOWN.min(rounds - 1) };
+    let mut chosen = Vec::new();
+    for number in left_out..rounds {
+        // Spread evenly over all of them.
+        let e = ROUNDS[(number + 1) * (MOST_ROUNDS + 1) / (rounds + 1) - 1];
+        let near = splitting::NEAR * if number + 1 < rounds { EARLY_NEAR } else { 1.0 };
+        weights.reweight(&splitting.state.joints, e);
+        weights.price(splitting.program, e);
+        // Costs have fallen by e; balance must not outweigh them.
+        splitting.set_penalty(e);
+        splitting.run(&weights, next, near, going)?;
+        chosen.push(splitting.joints(NOTHING));
+    }
+    chosen.reverse();
+    Ok(chosen)
+}
+
+/// Balances the joints of the last round; where that fails, also with the joints that a repair finds; then also with
+/// those of the earlier rounds.
+fn balance(
+    program: &GlueProgram,
+    splitting: &mut Splitting,
+    rounds: &[Vec<usize>],
+    going: &mut Going,
+) -> Result<Balanced, GlueError> {
+    let tight = splitting.program;
+    let Some((last, earlier)) = rounds.split_first() else { return Err(GlueError::Options) };
+    let mut best = certificate::balance(program, tight, splitting.state.clone(), last, false, going)?;
+    if best.imbalance <= BALANCED {
+        return Ok(best);
+    }
+    let mut iterations = best.iterations;
+    let mut sites: BTreeSet<usize> = last.iter().copied().collect();
+    // Further joints at their full price; the chosen ones are free.
+    let mut weights = GlueWeights::of(tight, REPAIR_SHARE);
+    last.iter().for_each(|&site| weights.joints[site] = 0.0);
+    splitting.set_penalty(1.0);
+    splitting.run(&weights, splitting::FIRST, splitting::NEAR * REPAIR_SHARE, going)?;
+    let repaired = splitting.joints(NOTHING);
+    for (number, more) in iter::once(&repaired).chain(earlier).enumerate() {
+        sites.extend(more);
+        let choice: Vec<usize> = sites.iter().copied().collect();
+        // The cone program may balance the largest choice, and in a small pile the smallest.
+        let by_cone_program = number == earlier.len() || number == 0 && program.target.len() <= CONE_PROGRAM_FIRST;
+        let found = certificate::balance(program, tight, splitting.state.clone(), &choice, by_cone_program, going)?;
+        iterations += found.iterations;
+        if found.imbalance < best.imbalance {
+            best = found;
+        }
+        if best.imbalance <= BALANCED {
+            break;
+        }
+    }
+    Ok(Balanced { iterations, ..best })
+}
