@@ -207,6 +207,11 @@ fn no_module_of_the_core_leads_back_to_itself() {
 }
 
 #[test]
+fn no_module_of_the_gltf_reader_leads_back_to_itself() {
+    assert_none("circles", &circles(&parse("server/gltf/src")));
+}
+
+#[test]
 fn no_module_of_the_service_leads_back_to_itself() {
     assert_none("circles", &circles(&parse("server/src")));
 }

@@ -1,4 +1,4 @@
-//! What results tell of the glue.
+//! The glue in results.
 
 use crate::files::encode;
 use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
@@ -21,7 +21,7 @@ fn extras(node: &gltf::Node) -> Option<Value> {
 }
 
 /// What the extras of the node `pile` have to say.
-fn told(glue: &BakedGlue) -> Value {
+fn entries(glue: &BakedGlue) -> Value {
     let dots: Vec<Value> = (glue.dots.iter())
         .map(|dot| {
             json!({
@@ -33,13 +33,13 @@ fn told(glue: &BakedGlue) -> Value {
     json!({ "dots": dots, "clusters": glue.clusters, "anchored": glue.anchored })
 }
 
-/// Nodes and tables tell what the report does.
+/// Nodes and tables agree with the report.
 fn tells_its_glue(pile: &BakedPile, bytes: &[u8]) {
     let glue = pile.glue.as_ref().unwrap();
     let file = read_valid(bytes);
     let node = file.document.nodes().find(|node| node.name() == Some("pile")).unwrap();
     let all = extras(&node).unwrap();
-    assert_eq!(all, json!({ "fps": pile.fps, "frames": pile.frames.len(), "cairn": { "glue": told(glue) } }));
+    assert_eq!(all, json!({ "fps": pile.fps, "frames": pile.frames.len(), "cairn": { "glue": entries(glue) } }));
     for (body, node) in node.children().enumerate() {
         let cluster = glue.clusters.iter().position(|members| members.contains(&body));
         let anchored = glue.anchored.contains(&body);
@@ -95,7 +95,7 @@ fn extras_are_merged() {
     assert_eq!(nodes[6]["extras"], json!("mine"));
     assert_eq!(nodes[7].get("extras"), None, "its only dot broke");
     let table: Value = serde_json::from_slice(&encode(Format::Json, &pile, &scene).unwrap()).unwrap();
-    assert_eq!(table["glue"], told(pile.glue.as_ref().unwrap()));
+    assert_eq!(table["glue"], entries(pile.glue.as_ref().unwrap()));
 }
 
 /// Wants nothing but the result.
@@ -162,5 +162,5 @@ fn a_baked_letter_tells_its_glue() {
         assert!((DVec3::from(dot.normal).length() - 1.0).abs() < 1e-9);
     }
     let held: BTreeSet<usize> = glue.clusters.iter().flatten().chain(&glue.anchored).copied().collect();
-    assert_eq!(held, joined, "nothing broke: whoever has a dot is held by it");
+    assert_eq!(held, joined, "nothing broke: every body with a dot is held by it");
 }

@@ -4,7 +4,7 @@ use crate::files::encode;
 use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
 use crate::glue::dot;
 use cairn::model::export::{ExportScene, Format, SourceModel};
-use cairn::model::render::{Model, Moment, RenderError, Settings, render};
+use cairn::model::render::{Moment, RenderError, RenderModel, Settings, render};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::BakedGlue;
 use glam::{DQuat, DVec3};
@@ -15,7 +15,7 @@ const SMALL: Settings =
     Settings { moment: Moment::End, size: [64, 48], azimuth: 20.0, elevation: 15.0, samples: 4, glue: false };
 
 fn picture(bytes: &[u8], settings: Settings) -> Result<RgbImage, RenderError> {
-    render(&Model { name: "file.glb", bytes, resolve: &no_files }, None, &settings)
+    render(&RenderModel { name: "file.glb", bytes, resolve: &no_files }, None, &settings)
 }
 
 fn baked(frames: Vec<Vec<Pose>>) -> Vec<u8> {
@@ -59,7 +59,7 @@ fn a_moment_shows_the_poses_of_that_moment() {
 fn the_camera_takes_in_the_ghost() {
     let cone = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cone.glb")).unwrap();
     let cube = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cube.glb")).unwrap();
-    let model = |bytes| Model { name: "file", bytes, resolve: &no_files };
+    let model = |bytes| RenderModel { name: "file", bytes, resolve: &no_files };
     let red = |picture: &RgbImage| {
         let is_red = |p: &&image::Rgb<u8>| i32::from(p.0[0]) > i32::from(p.0[1]) + 60;
         picture.pixels().filter(is_red).count()
@@ -168,7 +168,7 @@ const SHOWN: Settings = Settings { glue: true, size: [480, 180], azimuth: 0.0, e
 
 #[test]
 fn dots_are_shown() {
-    // The only dot carries most: it is bright red, in a picture in which what is glued is grey and what is not is pale.
+    // The only dot carries most: it is bright red, in a picture where glued bodies are grey and others pale.
     let red = |picture: &RgbImage| -> Vec<(u32, u32)> {
         let is_red = |p: &image::Rgb<u8>| p.0[0] > 150 && p.0[0] / 2 > p.0[1].max(p.0[2]);
         picture.enumerate_pixels().filter(|(_, _, p)| is_red(p)).map(|(x, y, _)| (x, y)).collect()
@@ -195,7 +195,7 @@ fn a_pile_without_glue_is_refused() {
     let plain = encode(Format::Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     for bytes in [&plain, &kit()] {
         let refused = picture(bytes, SHOWN).unwrap_err().to_string();
-        assert!(refused.contains("tells of no glue") && refused.contains("--set glue=as_modelled"), "{refused}");
+        assert!(refused.contains("has no glue") && refused.contains("--set glue=as_modelled"), "{refused}");
     }
     let good = json!({ "bodies": [0, null], "point": [0, 0, 0], "force": [0, 0, 0], "moment": [0, 0, 0] });
     let file = |dots: Value| {

@@ -101,22 +101,23 @@ fn scenery_stands_below_a_prim_of_its_own() {
 #[test]
 fn the_same_bake_gives_the_same_bytes_and_tells_its_origin() {
     let (cube, kit) = (textured_cube(), kit());
-    let told = json!({
-        "scene": { "name": "it's a \"\\path\"\n'''and\"\"\"", "fill": { "count": 3 } }, "assets": [{ "uri": "a'b.glb", "sha256": "0" }],
+    let stated = json!({
+        "scene": { "name": "it's a \"\\path\"\n'''and\"\"\"", "fill": { "count": 3 } },
+        "assets": [{ "uri": "a'b.glb", "sha256": "0" }],
         "versions": { "cairn": "0" }, "request_blake3": "1", "result_blake3": "2",
     });
     let measures = BTreeMap::from([("kept_shape".into(), Some(0.5)), ("control_overhead".into(), Some(1.0))]);
     let scene = ExportScene {
         props: vec![prop("cube.glb", &cube)],
         scenery: vec![prop("kit.gltf", &kit)],
-        origin: Some(&told),
+        origin: Some(&stated),
         measures: Some(&measures),
     };
     let pile = pile_of(&[(0, 1.0); 20], tumbling(20, 30));
     for format in [Usda, Usdc, Usdz] {
         let [one, two] = [0; 2].map(|_| encode(format, &pile, &scene).unwrap());
         assert_eq!((&one.bytes, &one.beside), (&two.bytes, &two.beside), "{format:?}");
-        assert_eq!(origin(&one.bytes), Some(told.clone()), "{format:?}");
+        assert_eq!(origin(&one.bytes), Some(stated.clone()), "{format:?}");
         assert_eq!(one.beside.len(), usize::from(format != Usdz), "{format:?}");
     }
     let text = text(&pile, &scene);
@@ -127,8 +128,8 @@ fn the_same_bake_gives_the_same_bytes_and_tells_its_origin() {
 #[test]
 fn damaged_files_tell_nothing_and_break_nothing() {
     let cube = textured_cube();
-    let told = json!({ "scene": {}, "assets": [], "versions": {}, "request_blake3": "1", "result_blake3": "2" });
-    let scene = ExportScene { props: vec![prop("cube.glb", &cube)], origin: Some(&told), ..Default::default() };
+    let stated = json!({ "scene": {}, "assets": [], "versions": {}, "request_blake3": "1", "result_blake3": "2" });
+    let scene = ExportScene { props: vec![prop("cube.glb", &cube)], origin: Some(&stated), ..Default::default() };
     let pile = pile_of(&[(0, 1.0); 3], tumbling(3, 3));
     for format in [Glb, Usda, Usdc, Usdz] {
         let whole = files::encode(format, &pile, &scene).unwrap();
@@ -184,12 +185,12 @@ fn glue_is_told_as_guides() {
     pile.glue = Some(BakedGlue { dots, clusters: vec![vec![1, 2]], anchored: vec![1] });
     let text = text(&pile, &scene);
     assert_eq!(lines(&text, "purpose"), ["uniform token purpose = \"guide\""]);
-    for told in [
+    for stated in [
         "int2[] primvars:cairn:bodies = [(1, 2), (1, -1)] (",
         "bool[] primvars:cairn:broken = [false, true] (",
         "int[] primvars:cairn:cluster = [-1, 0, 0] (",
         "bool[] primvars:cairn:anchored = [false, true, false] (",
     ] {
-        assert_eq!(lines(&text, told).len(), 1, "{told}");
+        assert_eq!(lines(&text, stated).len(), 1, "{stated}");
     }
 }

@@ -1,12 +1,12 @@
-//! What becomes of every glTF file of a collection, as a table; and what reading a large one costs.
+//! The outcome of reading every glTF file of a collection, as a table; and the cost of reading a large one.
 //!
 //!     cargo run --release --example gltf_table [-- FOLDER]
 //!
-//! The collection is FOLDER, or `CAIRN_DATA`, or `../shared/data` beside the workspace; without one, the example assets.
-//! Columns: file, `read`, `refused`, `panicked` or `hung`, triangles, the message. Each file is read in a process of its own,
-//! and the greatest memory of all is printed. Then a file of 100 MB, made here, is read in the same way. Ends with 1 if a file panicked,
-//! hung for a minute, or took more than 100 MB of memory beyond its own size, or if the large file took more than 300 MB. Its time is
-//! printed, not judged.
+//! The collection is FOLDER, or `CAIRN_DATA`, or `../shared/data` beside the workspace; without one, the example
+//! assets. Columns: file, `read`, `refused`, `panicked` or `hung`, triangles, message. Each file is read in a process
+//! of its own, and the greatest memory of all is printed. Then a file of 100 MB, made here, is read in the same way.
+//! Ends with 1 if a file panicked, hung for a minute, or took more than 100 MB of memory beyond its own size, or if the
+//! large file took more than 300 MB. Its time is printed, not judged.
 
 use anyhow::{Context, ensure};
 use cairn::files;
@@ -23,7 +23,7 @@ const LARGE: usize = 100_000_000;
 const MOST_MEMORY: u64 = 300_000_000;
 /// Bytes of memory that any other file may take beyond its own size.
 const MOST_BEYOND: u64 = 100_000_000;
-/// Who has not ended by then hangs.
+/// A process that runs longer hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn main() -> anyhow::Result<()> {
@@ -75,7 +75,7 @@ fn read(path: &Path, name: &str) -> anyhow::Result<Result<asset::Asset, Vec<asse
     Ok(asset::read(&Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() }))
 }
 
-/// What became of a file.
+/// The outcome of a file.
 #[derive(serde::Serialize, serde::Deserialize)]
 struct Row {
     outcome: String,
@@ -165,8 +165,8 @@ fn large() -> anyhow::Result<()> {
     let path = folder.path().join("large.glb");
     std::fs::write(&path, hills())?;
     let output = Command::new(std::env::current_exe()?).arg("--read").arg(&path).output()?;
-    let message = String::from_utf8_lossy(&output.stdout);
-    print!("{message}");
+    let printed = String::from_utf8_lossy(&output.stdout);
+    print!("{printed}");
     ensure!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     Ok(())
 }

@@ -161,8 +161,8 @@ fn topology_agrees_with_the_manifest() {
     assert!(wrong.is_empty(), "{} of {seen}", wrong.len());
 }
 
-/// All triangles of a file's default scene as the `gltf` crate reads it, if it does; it neither reads nor survives every
-/// file that is read here.
+/// All triangles of a file's default scene as the `gltf` crate reads it, if it does; it neither reads nor survives
+/// every file that is read here.
 fn second_opinion(path: &Path) -> Option<TriMesh> {
     let beside = path.parent()?;
     let file = gltf::Gltf::from_slice(&std::fs::read(path).ok()?).ok()?;

@@ -2,7 +2,7 @@
 
 use super::{Failure, interrupt, output};
 use crate::files;
-use crate::model::render::{Model, Moment, RenderError, Settings, render};
+use crate::model::render::{Moment, RenderError, RenderModel, Settings, render};
 use crate::problem::Problem;
 use image::{ImageFormat, RgbImage};
 use std::io::Cursor;
@@ -122,8 +122,8 @@ impl ModelFile {
         files::read(&path).map_err(|problem| problem.to_string())
     }
 
-    fn model<'a>(&'a self, resolve: &'a dyn Fn(&str) -> Result<Vec<u8>, String>) -> Model<'a> {
-        Model { name: &self.name, bytes: &self.bytes, resolve }
+    fn model<'a>(&'a self, resolve: &'a dyn Fn(&str) -> Result<Vec<u8>, String>) -> RenderModel<'a> {
+        RenderModel { name: &self.name, bytes: &self.bytes, resolve }
     }
 }
 

@@ -55,7 +55,7 @@ pub struct SceneArgs {
 
 /// Whether a path names a result instead of a scene file.
 pub fn is_result(path: &Path) -> bool {
-    Format::of(path).is_some_and(Format::tells_origin)
+    Format::of(path).is_some_and(Format::states_origin)
 }
 
 impl SceneArgs {

@@ -78,7 +78,7 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
     let job = Job::read_within(&tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
     let job = job.relative_to(tree.folder());
     let mut reporter = Reporter::new(args.progress);
-    let format = Format::of(path).filter(|format| format.tells_origin()).unwrap_or(Format::Glb);
+    let format = Format::of(path).filter(|format| format.states_origin()).unwrap_or(Format::Glb);
     let done = job.run(format, &path.display().to_string(), &mut BakeCache::none(), &mut reporter);
     reporter.finish(done.is_ok());
     let FinishedBake { result, hash, .. } = done?;

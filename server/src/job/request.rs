@@ -3,12 +3,12 @@
 
 use super::report;
 use super::sources::{InputFile, PortableNames, rename};
-use crate::model::document;
 use crate::model::export::Format;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
 use crate::wire::proto::{AssetReference, BakeSpec, OutputFormat, Scene};
 use crate::wire::versions::versions;
+use cairn_gltf::document;
 use prost::Message;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};

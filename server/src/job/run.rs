@@ -83,7 +83,7 @@ impl Job {
                 let full = cairn_core::fill_container(scene, params, cache, observer)?;
                 let released = cairn_core::release_pile(scene, params, &full, observer)?;
                 // A fault in the measures must not cost the finished result.
-                let early = (!format.tells_measures()).then(|| delivered(&released.pile(), None)).transpose()?;
+                let early = (!format.holds_measures()).then(|| delivered(&released.pile(), None)).transpose()?;
                 failpoints::at("measure").ok();
                 let bake = released.measured(observer)?;
                 let files = match early {

@@ -1,9 +1,9 @@
 //! The files of a scene, in memory.
 
 use crate::files::{self, split_node};
-use crate::model::document::Resolver;
 use crate::problem::Problem;
 use crate::wire::proto;
+use cairn_gltf::Resolver;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};

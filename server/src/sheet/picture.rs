@@ -1,7 +1,7 @@
 //! The contact sheet as one picture.
 
 use super::Candidate;
-use crate::model::render::{Model, RenderError, Settings, render};
+use crate::model::render::{RenderError, RenderModel, Settings, render};
 use image::RgbImage;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -29,7 +29,7 @@ pub type Shot = RgbImage;
 pub fn shot(candidate: &Candidate) -> Result<Shot, RenderError> {
     let name = candidate.path.display().to_string();
     let model =
-        Model { name: &name, bytes: &candidate.bytes, resolve: &|_| Err("a result names no other file".into()) };
+        RenderModel { name: &name, bytes: &candidate.bytes, resolve: &|_| Err("a result names no other file".into()) };
     render(&model, None, &Settings { size: SIZE, samples: SAMPLES, ..Settings::default() })
 }
 

@@ -1,13 +1,13 @@
 //! Any bytes as a glTF file, and any mesh as a prop.
 
 use super::{contents, root};
-use cairn::model::decompress;
 use cairn_core::asset::{self, Limits, ProblemKind, Source};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::input::scene::{Model, Prop, Scene};
 use cairn_core::prepare::{check, shape};
+use cairn_gltf::Document;
 use glam::DVec3;
 
 /// What a small file may cost: far less than what a large one may.
@@ -30,7 +30,7 @@ pub fn reading(bytes: &[u8]) {
             }
         }
     }
-    if let Ok(document) = decompress::open(bytes, &|path: &str| beside(path)) {
+    if let Ok(document) = Document::open(bytes, &|path: &str| beside(path)) {
         let _ = document.part("Brick");
         document.roots();
         document.parents();

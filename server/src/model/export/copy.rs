@@ -1,15 +1,14 @@
 //! Copies meshes, and all that they refer to, from source files into one new file.
 //!
 //! Vertex attributes, morph targets, materials, textures, samplers and extras stay as they came; only indices change.
-//! Left out, because what they refer to is not copied: skin weights, and extensions that are not known to be safe to
+//! Left out, because their targets are not copied: skin weights, and extensions that are not known to be safe to
 //! move. All binary data ends in one buffer, a buffer view at a time. Images in data URIs and in files that can be
 //! reached are embedded too; an image that cannot be reached keeps its URI.
 
 use super::images;
-use crate::model::accessor;
-use crate::model::document::{Document, DocumentError, Resolver, reference};
-use cairn_core::asset::compressed::DRACO;
-use serde_json::{Map, Value, json};
+use cairn_gltf::document::{DocumentError, Object, reference};
+use cairn_gltf::{DRACO, Document, Resolver};
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Extensions that change how data is read although no object of theirs stands in the file.
@@ -19,7 +18,7 @@ const DROPPED_EXTENSIONS: [&str; 1] = ["KHR_xmp_json_ld"];
 
 /// The new file while it grows.
 #[derive(Default)]
-pub struct Output {
+pub struct GlbOutput {
     /// The top-level arrays by name.
     arrays: BTreeMap<&'static str, Vec<Value>>,
     /// The one buffer.
@@ -28,7 +27,7 @@ pub struct Output {
     required: BTreeSet<String>,
 }
 
-impl Output {
+impl GlbOutput {
     /// Appends to a top-level array and gives the new entry's index.
     pub fn push(&mut self, kind: &'static str, value: impl Into<Value>) -> usize {
         let array = self.arrays.entry(kind).or_default();
@@ -37,7 +36,7 @@ impl Output {
     }
 
     /// Appends bytes, aligned for any component type, as a buffer view; `view` may hold further members.
-    pub fn push_view(&mut self, bytes: &[u8], mut view: Map<String, Value>) -> usize {
+    pub fn push_view(&mut self, bytes: &[u8], mut view: Object) -> usize {
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);
         view.insert("buffer".into(), json!(0));
         view.insert("byteOffset".into(), json!(self.bin.len()));
@@ -47,8 +46,8 @@ impl Output {
     }
 
     /// The JSON without `asset`, `scene` and `buffers`.
-    pub fn into_json(self) -> (Map<String, Value>, Vec<u8>) {
-        let mut json = Map::new();
+    pub fn into_json(self) -> (Object, Vec<u8>) {
+        let mut json = Object::new();
         for (key, names) in [("extensionsUsed", &self.used), ("extensionsRequired", &self.required)] {
             if !names.is_empty() {
                 json.insert(key.into(), names.iter().cloned().collect());
@@ -60,19 +59,19 @@ impl Output {
 }
 
 /// A source file that is being copied from; remembers where everything went, so that nothing is copied twice.
-pub struct Source<'a> {
-    pub document: Document,
+pub struct Copier<'a> {
+    pub document: Document<'a>,
     pub resolve: &'a Resolver<'a>,
     copied: BTreeMap<(&'static str, usize), usize>,
 }
 
-impl<'a> Source<'a> {
-    pub fn new(document: Document, resolve: &'a Resolver<'a>) -> Self {
-        Source { document, resolve, copied: BTreeMap::new() }
+impl<'a> Copier<'a> {
+    pub fn new(document: Document<'a>, resolve: &'a Resolver<'a>) -> Self {
+        Copier { document, resolve, copied: BTreeMap::new() }
     }
 
     /// Copies a mesh and gives its new index.
-    pub fn mesh(&mut self, index: usize, out: &mut Output) -> Result<usize, DocumentError> {
+    pub fn mesh(&mut self, index: usize, out: &mut GlbOutput) -> Result<usize, DocumentError> {
         self.once("meshes", index, out, |source, mesh, out| {
             mesh.remove("extensions");
             let Some(Value::Array(primitives)) = mesh.get_mut("primitives") else {
@@ -89,7 +88,7 @@ impl<'a> Source<'a> {
     }
 
     /// Gives the accessors of an object such as `attributes` their new indices.
-    pub fn accessors(&mut self, map: &mut Map<String, Value>, out: &mut Output) -> Result<(), DocumentError> {
+    pub fn accessors(&mut self, map: &mut Object, out: &mut GlbOutput) -> Result<(), DocumentError> {
         for (name, value) in map {
             if let Some(old) = value.as_u64() {
                 *value = json!(self.accessor(to_index(old), name == "POSITION", out)?);
@@ -99,7 +98,7 @@ impl<'a> Source<'a> {
     }
 
     /// Records that an extension is used, and required if the source requires it.
-    pub fn use_extension(&self, name: &str, out: &mut Output) {
+    pub fn use_extension(&self, name: &str, out: &mut GlbOutput) {
         out.used.insert(name.into());
         if self.lists("extensionsRequired", name) {
             out.required.insert(name.into());
@@ -116,8 +115,8 @@ impl<'a> Source<'a> {
         &mut self,
         kind: &'static str,
         index: usize,
-        out: &mut Output,
-        fill: impl FnOnce(&mut Self, &mut Map<String, Value>, &mut Output) -> Result<(), DocumentError>,
+        out: &mut GlbOutput,
+        fill: impl FnOnce(&mut Self, &mut Object, &mut GlbOutput) -> Result<(), DocumentError>,
     ) -> Result<usize, DocumentError> {
         if let Some(&new) = self.copied.get(&(kind, index)) {
             return Ok(new);
@@ -129,12 +128,7 @@ impl<'a> Source<'a> {
         Ok(new)
     }
 
-    fn primitive(
-        &mut self,
-        mesh: usize,
-        primitive: &mut Map<String, Value>,
-        out: &mut Output,
-    ) -> Result<(), DocumentError> {
+    fn primitive(&mut self, mesh: usize, primitive: &mut Object, out: &mut GlbOutput) -> Result<(), DocumentError> {
         let Some(Value::Object(attributes)) = primitive.get_mut("attributes") else {
             return Err(DocumentError::malformed("meshes", mesh, "a primitive has no attributes"));
         };
@@ -163,15 +157,15 @@ impl<'a> Source<'a> {
         Ok(())
     }
 
-    /// Bounds are those of the data: files tell wrong ones, and only those of positions are required.
-    fn accessor(&mut self, index: usize, bounded: bool, out: &mut Output) -> Result<usize, DocumentError> {
+    /// Bounds are computed from the data: files state wrong ones. Only those of positions are required.
+    fn accessor(&mut self, index: usize, bounded: bool, out: &mut GlbOutput) -> Result<usize, DocumentError> {
         self.once("accessors", index, out, |source, accessor, out| {
             accessor.remove("extensions");
-            let told = ["min", "max"].map(|key| accessor.remove(key).is_some());
+            let stated = ["min", "max"].map(|key| accessor.remove(key).is_some());
             let is_vec3 = accessor.get("type").and_then(Value::as_str) == Some("VEC3");
             if is_vec3
-                && (bounded || told[0])
-                && let Ok(Some([low, high])) = accessor::bounds::<3>(&source.document, index)
+                && (bounded || stated[0])
+                && let Ok(Some([low, high])) = source.document.bounds::<3>(index)
             {
                 accessor.insert("min".into(), json!(low));
                 accessor.insert("max".into(), json!(high));
@@ -189,14 +183,14 @@ impl<'a> Source<'a> {
     }
 
     /// Replaces the member `bufferView`.
-    fn move_view(&mut self, object: &mut Map<String, Value>, out: &mut Output) -> Result<(), DocumentError> {
+    fn move_view(&mut self, object: &mut Object, out: &mut GlbOutput) -> Result<(), DocumentError> {
         if let Some(view) = reference(object, "bufferView") {
             object.insert("bufferView".into(), json!(self.view(view, out)?));
         }
         Ok(())
     }
 
-    fn view(&mut self, index: usize, out: &mut Output) -> Result<usize, DocumentError> {
+    fn view(&mut self, index: usize, out: &mut GlbOutput) -> Result<usize, DocumentError> {
         if let Some(&new) = self.copied.get(&("bufferViews", index)) {
             return Ok(new);
         }
@@ -207,13 +201,13 @@ impl<'a> Source<'a> {
         Ok(new)
     }
 
-    fn material(&mut self, index: usize, out: &mut Output) -> Result<usize, DocumentError> {
+    fn material(&mut self, index: usize, out: &mut GlbOutput) -> Result<usize, DocumentError> {
         self.once("materials", index, out, |source, material, out| source.textures_below(material, out))
     }
 
     /// Gives every texture below a material its new index: in glTF and in all its extensions, an object with a number
     /// `index` refers to a texture.
-    fn textures_below(&mut self, object: &mut Map<String, Value>, out: &mut Output) -> Result<(), DocumentError> {
+    fn textures_below(&mut self, object: &mut Object, out: &mut GlbOutput) -> Result<(), DocumentError> {
         if let Some(Value::Object(extensions)) = object.get_mut("extensions") {
             extensions.retain(|name, _| !DROPPED_EXTENSIONS.contains(&name.as_str()));
             for name in extensions.keys() {
@@ -231,7 +225,7 @@ impl<'a> Source<'a> {
         Ok(())
     }
 
-    fn texture(&mut self, index: usize, out: &mut Output) -> Result<usize, DocumentError> {
+    fn texture(&mut self, index: usize, out: &mut GlbOutput) -> Result<usize, DocumentError> {
         self.once("textures", index, out, |source, texture, out| {
             if let Some(sampler) = reference(texture, "sampler") {
                 let copied = source.once("samplers", sampler, out, |_, sampler, _| {
@@ -242,7 +236,7 @@ impl<'a> Source<'a> {
             }
             source.move_image(texture, out)?;
             if let Some(Value::Object(extensions)) = texture.get_mut("extensions") {
-                // Those that offer the image in another format (KTX2, WebP, AVIF, DDS).
+                // Only the extensions that offer the image in another format (KTX2, WebP, AVIF, DDS).
                 extensions.retain(|_, value| value.get("source").is_some_and(Value::is_u64));
                 for (name, value) in extensions.iter_mut() {
                     source.use_extension(name, out);
@@ -259,7 +253,7 @@ impl<'a> Source<'a> {
     }
 
     /// Replaces the member `source`.
-    fn move_image(&mut self, object: &mut Map<String, Value>, out: &mut Output) -> Result<(), DocumentError> {
+    fn move_image(&mut self, object: &mut Object, out: &mut GlbOutput) -> Result<(), DocumentError> {
         let Some(index) = reference(object, "source") else { return Ok(()) };
         let new = self.once("images", index, out, |source, image, out| {
             image.remove("extensions");
@@ -271,7 +265,7 @@ impl<'a> Source<'a> {
                 return source.move_view(image, out);
             }
             if let Some((media, bytes)) = images::external(image, source.resolve) {
-                let view = out.push_view(&bytes, Map::new());
+                let view = out.push_view(&bytes, Object::new());
                 image.remove("uri");
                 image.insert("bufferView".into(), json!(view));
                 image.insert("mimeType".into(), json!(media));

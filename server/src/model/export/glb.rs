@@ -4,35 +4,38 @@
 //! `scenery` holds the static geometry and is absent when there is none. A body's node places the prop's own origin:
 //! translation, rotation and uniform scale at frame 0; the animation `pile` moves it. All bodies of a prop share its
 //! mesh data: the body's node carries the mesh itself where the prop is one mesh in its own frame, else the prop's
-//! nodes stand below it. The `pile` node's extras tell `fps` and `frames`.
+//! nodes stand below it. The `pile` node's extras have `fps` and `frames`.
 //!
-//! Where bodies may be glued, the `pile` node's extras have `cairn.glue` for those who simulate the pile further; poses are those of
-//! the last frame, in metres, newtons and newton metres. `dots`, each with `bodies` (its indices among the children of `pile`; the second
-//! is `null` for the ground or scenery), `point`, `normal` (into the first body), `force` and `moment` (on the first body, about the point:
-//! what the dot carried where it was placed) and `broken`. `clusters`: bodies that move as one. `anchored`: bodies that dots join to the
-//! ground or to scenery. A body of these has the extras `cairn`: `cluster`, the number of its cluster or `null`, and `anchored`. A prop's own
-//! extras stay.
+//! Where bodies may be glued, the `pile` node's extras have `cairn.glue` for programs that simulate the pile further;
+//! poses are those of the last frame, in metres, newtons and newton metres. `dots`, each with `bodies` (its indices
+//! among the children of `pile`; the second is `null` for the ground or scenery), `point`, `normal` (into the first
+//! body), `force` and `moment` (on the first body, about the point: what the dot carried where it was placed) and
+//! `broken`. `clusters`: bodies that move as one. `anchored`: bodies that dots join to the ground or to scenery. A body
+//! of these has the extras `cairn`: `cluster`, the number of its cluster or `null`, and `anchored`. A prop's own extras
+//! stay.
 //!
-//! The extras `cairn` of the file's `asset` tell where the result comes from: scene, files with their hashes, versions.
+//! The extras `cairn` of the file's `asset` state where the result comes from: scene, files with their hashes,
+//! versions.
 //!
-//! A body that appears later has scale 0 until then, by keys that do not blend: glTF's own way to hide a node, which every
-//! player and importer follows. Moving scenery is moved by the same animation.
+//! A body that appears later has scale 0 until then, by keys that do not blend: glTF's own way to hide a node, which
+//! every player and importer follows. Moving scenery is moved by the same animation.
 
-use super::copy::Output;
-use super::hierarchy::{Branch, Frame};
+use super::copy::GlbOutput;
+use super::glue::Held;
+use super::hierarchy::{Branch, BranchFrame};
 use super::sources::Sources;
 use super::tracks::{self, Track};
 use super::{ExportError, ExportScene, ORIGIN, glue};
-use crate::model::document::DocumentError;
-use crate::model::instances::INSTANCING;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::BakedPile;
-use serde_json::{Map, Value, json};
+use cairn_gltf::INSTANCING;
+use cairn_gltf::document::{DocumentError, Object};
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 /// The bytes of the file.
 pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
-    let mut file = File::default();
+    let mut file = GlbFile::default();
     let pile = file.out.push("nodes", Value::Null);
     // Bodies come first, so that body `i` is node `i + 1`.
     for _ in &bake.bodies {
@@ -58,27 +61,27 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportEr
 
 /// The file and the sources that it draws from.
 #[derive(Default)]
-struct File<'a> {
-    out: Output,
+struct GlbFile<'a> {
+    out: GlbOutput,
     /// Nodes whose final content is known later than their place.
     nodes: BTreeMap<usize, Value>,
     sources: Sources<'a>,
 }
 
-impl<'a> File<'a> {
+impl<'a> GlbFile<'a> {
     /// Fills the bodies' nodes and gives their indices.
     fn bodies(&mut self, bake: &BakedPile, scene: &'a ExportScene, pile: usize) -> Result<Vec<usize>, ExportError> {
         let names = super::body_names(bake, scene);
-        let mut glued = glue::of_bodies(bake.glue.as_ref(), bake.bodies.len());
+        let held = bake.glue.as_ref().map(|glue| Held::all(glue, bake.bodies.len()));
         let mut props: BTreeMap<usize, (usize, Branch)> = BTreeMap::new();
         for (i, body) in bake.bodies.iter().enumerate() {
             let model = &scene.props[body.prop];
             if let std::collections::btree_map::Entry::Vacant(slot) = props.entry(body.prop) {
-                slot.insert(self.sources.open(model, Frame::Origin)?);
+                slot.insert(self.sources.open(model, BranchFrame::Origin)?);
             }
             let (source, branch) = &props[&body.prop];
             let at = pile + 1 + i;
-            let mut node = Map::from_iter([("name".to_string(), json!(names[i]))]);
+            let mut node = Object::from_iter([("name".to_string(), json!(names[i]))]);
             let wrap = |error| ExportError::source(model, error);
             match branch.lone_mesh() {
                 Some(lone) => {
@@ -91,15 +94,13 @@ impl<'a> File<'a> {
                     node.insert("children".into(), json!(children));
                 }
             }
-            if let Some(pose) = bake.frames.first().map(|poses| poses[i]) {
-                let once = || std::iter::once(pose);
-                node.insert("translation".into(), json!(tracks::translations(once())[0]));
-                node.insert("rotation".into(), json!(tracks::rotations(once())[0]));
+            if let Some(poses) = bake.frames.first() {
+                place_node(&mut node, poses[i]);
             }
             let scale = [if body.first_frame > 0 { 0.0 } else { body.scale as f32 }; 3];
             node.insert("scale".into(), json!(scale));
-            if let Some(told) = glued[i].take() {
-                glue::add_to(&mut node, told);
+            if let Some(held) = &held {
+                held[i].add_to(&mut node);
             }
             self.nodes.insert(at, Value::Object(node));
         }
@@ -107,7 +108,7 @@ impl<'a> File<'a> {
     }
 
     /// The static geometry below one node, each file below a node of its name.
-    /// What moves is told by its number in the bake's scenery and its node.
+    /// Adds each moving piece to `moving`: its number in the bake's scenery, and its node.
     fn scenery(
         &mut self,
         bake: &BakedPile,
@@ -116,14 +117,13 @@ impl<'a> File<'a> {
     ) -> Result<Option<usize>, ExportError> {
         let mut children = Vec::new();
         for (i, model) in scene.scenery.iter().enumerate() {
-            let (source, branch) = self.sources.open(model, Frame::World)?;
+            let (source, branch) = self.sources.open(model, BranchFrame::World)?;
             let nodes = self.place(source, &branch).map_err(|error| ExportError::source(model, error))?;
-            let mut node = json!({ "name": model.name, "children": nodes });
+            let mut node =
+                Object::from_iter([("name".to_string(), json!(model.name)), ("children".into(), json!(nodes))]);
             let first = bake.scenery.get(i).and_then(|poses| poses.first()).copied();
             if let Some(pose) = first {
-                let once = || std::iter::once(pose);
-                node["translation"] = json!(tracks::translations(once())[0]);
-                node["rotation"] = json!(tracks::rotations(once())[0]);
+                place_node(&mut node, pose);
             }
             children.push(self.out.push("nodes", node));
             moving.extend(first.map(|_| (i, children[i])));
@@ -135,12 +135,7 @@ impl<'a> File<'a> {
     }
 
     /// A node's members with everything it refers to copied.
-    fn node(
-        &mut self,
-        source: usize,
-        mut json: Map<String, Value>,
-        mesh: Option<usize>,
-    ) -> Result<Map<String, Value>, DocumentError> {
+    fn node(&mut self, source: usize, mut json: Object, mesh: Option<usize>) -> Result<Object, DocumentError> {
         let source = self.sources.get(source);
         if let Some(mesh) = mesh {
             json.insert("mesh".into(), json!(source.mesh(mesh, &mut self.out)?));
@@ -198,9 +193,16 @@ impl<'a> File<'a> {
     }
 }
 
+/// Gives a node its pose at the beginning.
+fn place_node(node: &mut Object, pose: Pose) {
+    let once = || std::iter::once(pose);
+    node.insert("translation".into(), json!(tracks::translations(once())[0]));
+    node.insert("rotation".into(), json!(tracks::rotations(once())[0]));
+}
+
 /// The animation `pile`: per body and piece of moving scenery a translation and a rotation channel, without those that
 /// never change; per body that appears later a scale channel.
-fn animate(bake: &BakedPile, pile: usize, moving: &[(usize, usize)], out: &mut Output) {
+fn animate(bake: &BakedPile, pile: usize, moving: &[(usize, usize)], out: &mut GlbOutput) {
     let mut keys = Keys::default();
     for body in 0..bake.bodies.len() {
         let node = pile + 1 + body;
@@ -255,12 +257,12 @@ impl Keys {
         self.channels.push(channel);
     }
 
-    fn write(self, fps: f64, out: &mut Output) {
+    fn write(self, fps: f64, out: &mut GlbOutput) {
         let mut sets: Vec<(usize, Vec<u32>)> = self.frame_sets.into_iter().map(|(f, n)| (n, f)).collect();
         sets.sort();
         let time = |frame: u32| (f64::from(frame) / fps) as f32;
         let bytes: Vec<u8> = sets.iter().flat_map(|(_, f)| f).flat_map(|&f| time(f).to_le_bytes()).collect();
-        let view = out.push_view(&bytes, Map::new());
+        let view = out.push_view(&bytes, Object::new());
         let mut offset = 0;
         let inputs: Vec<usize> = (sets.iter())
             .map(|(_, frames)| {
@@ -272,7 +274,7 @@ impl Keys {
                 out.push("accessors", accessor)
             })
             .collect();
-        let views = self.values.map(|bytes| (!bytes.is_empty()).then(|| out.push_view(&bytes, Map::new())));
+        let views = self.values.map(|bytes| (!bytes.is_empty()).then(|| out.push_view(&bytes, Object::new())));
         let mut samplers = Vec::new();
         let mut channels = Vec::new();
         for channel in self.channels {

@@ -1,12 +1,13 @@
-//! The glue of a pile, as results tell it: SI, where the bodies are at the last frame.
+//! The glue of a pile as results have it: SI units, poses of the last frame.
 
 use cairn_core::report::{BakedGlue, BakedGlueDot};
-use serde_json::{Map, Value, json};
+use cairn_gltf::document::Object;
+use serde_json::{Value, json};
 
-/// Below this name, a node's extras have what Cairn tells of it.
+/// The key of Cairn's entries in a node's extras.
 pub const KEY: &str = "cairn";
 
-/// All of it.
+/// The glue of the whole pile.
 pub fn whole(glue: &BakedGlue) -> Value {
     let dot = |dot: &BakedGlueDot| {
         json!({
@@ -18,28 +19,37 @@ pub fn whole(glue: &BakedGlue) -> Value {
     json!({ "dots": dots, "clusters": glue.clusters, "anchored": glue.anchored })
 }
 
-/// What it does to each of so many bodies; `None` where it holds none.
-pub fn of_bodies(glue: Option<&BakedGlue>, bodies: usize) -> Vec<Option<Value>> {
-    let mut told = vec![None; bodies];
-    let Some(glue) = glue else { return told };
-    let clusters = glue.clusters.iter().enumerate().flat_map(|(k, members)| members.iter().map(move |&id| (id, k)));
-    for (id, cluster) in clusters {
-        told[id] = Some(json!({ "cluster": cluster, "anchored": false }));
-    }
-    for &id in &glue.anchored {
-        let cluster = told[id].as_ref().map_or(Value::Null, |told| told["cluster"].clone());
-        told[id] = Some(json!({ "cluster": cluster, "anchored": true }));
-    }
-    told
+/// How glue holds a body.
+#[derive(Clone, Copy, Default, PartialEq)]
+pub struct Held {
+    /// The number of its cluster.
+    pub cluster: Option<usize>,
+    pub anchored: bool,
 }
 
-/// Adds it to a node's own extras. Where those are no object, they stand beside it as `value`.
-pub fn add_to(node: &mut Map<String, Value>, told: Value) {
-    let mut extras = match node.remove("extras") {
-        Some(Value::Object(extras)) => extras,
-        Some(value) => Map::from_iter([("value".to_string(), value)]),
-        None => Map::new(),
-    };
-    extras.insert(KEY.into(), told);
-    node.insert("extras".into(), extras.into());
+impl Held {
+    /// How glue holds each of so many bodies.
+    pub fn all(glue: &BakedGlue, bodies: usize) -> Vec<Held> {
+        let mut held = vec![Held::default(); bodies];
+        for (number, members) in glue.clusters.iter().enumerate() {
+            members.iter().for_each(|&body| held[body].cluster = Some(number));
+        }
+        glue.anchored.iter().for_each(|&body| held[body].anchored = true);
+        held
+    }
+
+    /// Adds it to the extras of the body's node, unless the body is free. Extras that are not an object stand beside it
+    /// as `value`.
+    pub fn add_to(self, node: &mut Object) {
+        if self == Held::default() {
+            return;
+        }
+        let mut extras = match node.remove("extras") {
+            Some(Value::Object(extras)) => extras,
+            Some(value) => Object::from_iter([("value".to_string(), value)]),
+            None => Object::new(),
+        };
+        extras.insert(KEY.into(), json!({ "cluster": self.cluster, "anchored": self.anchored }));
+        node.insert("extras".into(), extras.into());
+    }
 }

@@ -1,9 +1,9 @@
-//! The part of a source file's node tree that is copied: the nodes that carry a mesh, and what stands above them.
+//! The part of a source file's node tree that is copied: the nodes that carry a mesh, and their ancestors.
 
 use super::glue;
-use crate::model::document::{Document, DocumentError, Part, reference, references};
-use crate::model::instances::INSTANCING;
-use serde_json::{Map, Value, json};
+use cairn_gltf::document::{DocumentError, Object, Part, reference, references};
+use cairn_gltf::{Document, INSTANCING};
+use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// Ancestors that the listed nodes of one scene may have in total: real files list nodes that have none, and each of
@@ -21,7 +21,7 @@ pub struct Branch {
 /// One node of a [`Branch`].
 pub struct BranchNode {
     /// Name, transform, morph weights, extras, and the extensions that draw geometry.
-    pub json: Map<String, Value>,
+    pub json: Object,
     /// Index into the source's meshes.
     pub mesh: Option<usize>,
     /// Indices into the branch's nodes.
@@ -30,7 +30,7 @@ pub struct BranchNode {
 
 /// Which frame a chosen node is seen in.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Frame {
+pub enum BranchFrame {
     /// The node's own origin; the rotation and scale of its world transform apply, its translation does not.
     Origin,
     /// The scene's.
@@ -38,12 +38,12 @@ pub enum Frame {
 }
 
 /// The nodes of the default scene, or those of `chosen`: at least one with a mesh.
-pub fn branch(document: &Document, chosen: Option<Part>, frame: Frame) -> Result<Branch, DocumentError> {
+pub fn branch(document: &Document, chosen: Option<Part>, frame: BranchFrame) -> Result<Branch, DocumentError> {
     // A scene's frame is that of the world.
     let (listed, frame) = match chosen {
         Some(Part::Node(node)) => (vec![node], frame),
-        Some(Part::Scene(scene)) => (document.roots_of(scene), Frame::World),
-        None => (document.roots(), Frame::World),
+        Some(Part::Scene(scene)) => (document.roots_of(scene), BranchFrame::World),
+        None => (document.roots(), BranchFrame::World),
     };
     let parents = document.parents();
     let mut branch = Branch { nodes: Vec::new(), roots: Vec::new() };
@@ -64,12 +64,12 @@ pub fn branch(document: &Document, chosen: Option<Part>, frame: Frame) -> Result
         let Some(mut top) = cut(document, root, &mut seen, &mut branch.nodes)? else { continue };
         // The linear part of a product is the product of the linear parts, so the ancestors are kept as a chain of
         // nodes: that also expresses a shear, which no single node can.
-        if frame == Frame::Origin {
+        if frame == BranchFrame::Origin {
             drop_translation(&mut branch.nodes[top].json);
         }
         for ancestor in above {
             let mut json = transform_of(document.get("nodes", ancestor)?);
-            if frame == Frame::Origin {
+            if frame == BranchFrame::Origin {
                 drop_translation(&mut json);
             }
             if !json.is_empty() {
@@ -96,7 +96,7 @@ fn ancestors(parents: &[Option<usize>], node: usize) -> Vec<usize> {
     chain
 }
 
-/// Appends the tree below `root`, pruned of what carries no mesh, and gives the root's place if anything is left.
+/// Appends the tree below `root`, without branches that carry no mesh, and gives the root's place if anything is left.
 fn cut(
     document: &Document,
     root: usize,
@@ -131,15 +131,15 @@ fn cut(
     Ok(needed[0].then_some(first))
 }
 
-/// What a copied node keeps besides mesh and children.
-fn kept(source: &Map<String, Value>) -> Map<String, Value> {
+/// The members that a copied node keeps besides mesh and children.
+fn kept(source: &Object) -> Object {
     let mut json = transform_of(source);
     for key in ["name", "weights", "extras"] {
         if let Some(value) = source.get(key) {
             json.insert(key.into(), value.clone());
         }
     }
-    // What an earlier bake told of its own bodies is not true of this one's.
+    // An earlier bake's notes on its own bodies do not hold for this one's.
     if let Some(Value::Object(extras)) = json.get_mut("extras")
         && extras.remove(glue::KEY).is_some()
         && extras.is_empty()
@@ -153,15 +153,15 @@ fn kept(source: &Map<String, Value>) -> Map<String, Value> {
     json
 }
 
-/// A node's transform without the members that say nothing.
-fn transform_of(source: &Map<String, Value>) -> Map<String, Value> {
+/// A node's transform without members that have their default.
+fn transform_of(source: &Object) -> Object {
     const IDENTITY: [(&str, &[f64]); 4] = [
         ("matrix", &[1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]),
         ("translation", &[0., 0., 0.]),
         ("rotation", &[0., 0., 0., 1.]),
         ("scale", &[1., 1., 1.]),
     ];
-    let mut json = Map::new();
+    let mut json = Object::new();
     for (key, identity) in IDENTITY {
         let Some(value) = source.get(key) else { continue };
         let numbers: Option<Vec<f64>> = value.as_array().and_then(|a| a.iter().map(Value::as_f64).collect());
@@ -173,7 +173,7 @@ fn transform_of(source: &Map<String, Value>) -> Map<String, Value> {
 }
 
 /// Moves a node to its parent's origin.
-fn drop_translation(json: &mut Map<String, Value>) {
+fn drop_translation(json: &mut Object) {
     json.remove("translation");
     if let Some(Value::Array(matrix)) = json.get_mut("matrix") {
         matrix[12..15].fill(json!(0.0));
@@ -184,7 +184,8 @@ fn drop_translation(json: &mut Map<String, Value>) {
 }
 
 impl Branch {
-    /// Whether the branch is one mesh in the branch's own frame, so that whoever places it can carry the mesh.
+    /// The only node, if the branch is one mesh in the branch's own frame: then the node that places it can carry the
+    /// mesh.
     pub fn lone_mesh(&self) -> Option<&BranchNode> {
         let [root] = self.roots[..] else { return None };
         let node = &self.nodes[root];

@@ -1,11 +1,12 @@
 //! Images of a source file.
 
-use crate::model::document::{Resolver, fetch};
-use serde_json::{Map, Value};
+use cairn_gltf::Resolver;
+use cairn_gltf::document::Object;
+use cairn_gltf::uri::fetch;
 
 /// Media type and bytes of an image that is to be embedded: a data URI, or a file that the resolver can reach. `None`
 /// leaves the image as it is: a missing picture never spoils a pile.
-pub fn external(image: &Map<String, Value>, resolve: &Resolver) -> Option<(&'static str, Vec<u8>)> {
+pub fn external(image: &Object, resolve: &Resolver) -> Option<(&'static str, Vec<u8>)> {
     let bytes = fetch(image.get("uri")?.as_str()?, resolve).ok()?;
     Some((media_type(&bytes)?, bytes))
 }

@@ -13,32 +13,34 @@ mod tracks;
 mod usd;
 
 use crate::files::{folder_of, write_atomically};
-use crate::model::document::{Document, DocumentError, Resolver};
 use cairn_core::report::Name;
 use cairn_core::report::bake::BakedPile;
+use cairn_gltf::document::DocumentError;
+use cairn_gltf::{Document, Resolver};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What a bake's bodies look like.
+/// The models of a bake's bodies and scenery.
 #[derive(Default)]
 pub struct ExportScene<'a> {
     /// In the order of the scene's props: `Body::prop` is an index into this.
     pub props: Vec<SourceModel<'a>>,
     /// Static geometry, as placed in the world.
     pub scenery: Vec<SourceModel<'a>>,
-    /// What the result tells of where it comes from.
+    /// Where the result comes from, to be stated in it.
     pub origin: Option<&'a serde_json::Value>,
-    /// The figures of the pile, for formats that tell them.
+    /// The figures of the pile, for formats that hold them.
     pub measures: Option<&'a Measures>,
 }
 
-/// As the report has them.
+/// Figures by name, as in the report.
 pub type Measures = BTreeMap<Name, Option<f64>>;
 
 /// A result.
 pub struct Encoded {
     pub bytes: Vec<u8>,
-    /// Files that it names, by their paths from its folder. Results in one folder may share them: equal names have equal content.
+    /// Files that it names, by their paths from its folder. Results in one folder may share them: equal names have
+    /// equal content.
     pub beside: BTreeMap<String, Vec<u8>>,
 }
 
@@ -47,7 +49,7 @@ impl Encoded {
         Encoded { bytes, beside: BTreeMap::new() }
     }
 
-    /// Writes what is to be beside a result of that path. What is there already stays.
+    /// Writes the files beside a result of that path. Those that exist already stay.
     pub fn write_beside(&self, path: &Path) -> std::io::Result<()> {
         for (name, bytes) in &self.beside {
             let path = folder_of(path).join(name);
@@ -64,16 +66,16 @@ impl Encoded {
 /// The folder of the files beside results.
 pub const BESIDE: &str = usd::FOLDER;
 
-/// Below which key a result tells where it comes from.
+/// The key below which a result states where it comes from.
 pub const ORIGIN: &str = "cairn";
 
 /// A model in its original file. As a prop: the whole file in its scene's frame, or a node with all that is below it,
 /// seen from that node's origin, with the rotation and scale that it has in the world.
 #[derive(Clone, Copy)]
 pub struct SourceModel<'a> {
-    /// What the result calls it.
+    /// Its name in the result.
     pub name: &'a str,
-    /// Which file this is, for messages; models of the same file share their data in the result.
+    /// The file's name in messages; models of the same file share their data in the result.
     pub file: &'a str,
     /// The file's content, glTF or GLB.
     pub bytes: &'a [u8],
@@ -83,7 +85,7 @@ pub struct SourceModel<'a> {
     pub resolve: &'a Resolver<'a>,
 }
 
-/// What is written, by the output's extension.
+/// The format of a result, by the output's extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     Glb,
@@ -97,20 +99,14 @@ pub enum Format {
 impl Format {
     /// For messages.
     pub const ENDINGS: &str = ".glb, .usdc, .usda, .usdz, .json or .csv";
-    /// As they are named on the command line.
+    /// Their names on the command line.
     pub const NAMES: [&str; 6] = ["glb", "usdc", "usda", "usdz", "json", "csv"];
 
     /// The format of a file name's ending.
     pub fn named(ending: &str) -> Option<Format> {
-        match ending.to_ascii_lowercase().as_str() {
-            "glb" => Some(Format::Glb),
-            "json" => Some(Format::Json),
-            "csv" => Some(Format::Csv),
-            "usda" => Some(Format::Usda),
-            "usdc" => Some(Format::Usdc),
-            "usdz" => Some(Format::Usdz),
-            _ => None,
-        }
+        use Format::*;
+        let named = Format::NAMES.iter().zip([Glb, Usdc, Usda, Usdz, Json, Csv]);
+        named.into_iter().find(|(name, _)| ending.eq_ignore_ascii_case(name)).map(|(_, format)| format)
     }
 
     /// The format of a file's name.
@@ -118,8 +114,8 @@ impl Format {
         Format::named(path.extension()?.to_str()?)
     }
 
-    /// Whether it tells where it comes from, and is no scene file by its ending.
-    pub fn tells_origin(self) -> bool {
+    /// Whether the format states where a result comes from, and its ending is not a scene file's.
+    pub fn states_origin(self) -> bool {
         !matches!(self, Format::Json | Format::Csv)
     }
 
@@ -128,8 +124,8 @@ impl Format {
         matches!(self, Format::Usda | Format::Usdc)
     }
 
-    /// Whether it tells the figures of the pile, so that it is written after these are found.
-    pub fn tells_measures(self) -> bool {
+    /// Whether the format holds the pile's figures, so that results are written after the measures.
+    pub fn holds_measures(self) -> bool {
         matches!(self, Format::Usda | Format::Usdc | Format::Usdz)
     }
 }
@@ -137,7 +133,7 @@ impl Format {
 /// Why a bake was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    #[error("{}: cannot tell the format from the name; end it in {}", .0.display(), Format::ENDINGS)]
+    #[error("{}: the format is not clear from the name; end it in {}", .0.display(), Format::ENDINGS)]
     UnknownFormat(PathBuf),
     #[error("{}: is a directory; name a file in it", .0.display())]
     IsDirectory(PathBuf),
@@ -146,7 +142,7 @@ pub enum ExportError {
     /// A model that cannot be copied.
     #[error("{file}: {error}")]
     Source { file: String, error: DocumentError },
-    /// Our fault.
+    /// A fault of the program, not of the input.
     #[error("body {body} has no finite pose at frame {frame}")]
     NotFinite { body: usize, frame: usize },
     #[error("the result is larger than the 4 GiB that a .glb can hold; bake fewer frames or use lighter textures")]
@@ -163,7 +159,7 @@ impl ExportError {
     }
 }
 
-/// The format that a path asks for, and whether a file can appear there. To be asked before a long bake.
+/// The format that a path asks for, and whether a file can appear there. Callers check this before a long bake.
 pub fn check_destination(path: &Path) -> Result<Format, ExportError> {
     let format = Format::of(path).ok_or_else(|| ExportError::UnknownFormat(path.into()))?;
     if path.is_dir() {
@@ -197,13 +193,13 @@ pub fn encode(format: Format, bake: &BakedPile, scene: &ExportScene) -> Result<E
         Format::Glb => glb::encode(bake, scene).map(Encoded::alone),
         Format::Json => table::encode_json(bake, scene).map(Encoded::alone),
         Format::Csv => table::encode_csv(bake, scene).map(Encoded::alone),
-        Format::Usda => usd::encode_text(bake, scene),
-        Format::Usdc => usd::encode_crate(bake, scene),
+        Format::Usda => usd::encode(usd::Encoding::Text, bake, scene),
+        Format::Usdc => usd::encode(usd::Encoding::Crate, bake, scene),
         Format::Usdz => usd::encode_package(bake, scene),
     }
 }
 
-/// What a result tells of where it comes from: a `.glb`, or one of USD's formats.
+/// Where a result comes from, as it states: a `.glb`, or one of USD's formats.
 pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
     match Document::parse(result, &|_| Err(String::new())) {
         Ok(document) => Some(document.json().get("asset")?.get("extras")?.get(ORIGIN)?.clone()),
@@ -211,7 +207,7 @@ pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
     }
 }
 
-/// What the result calls each body.
+/// The name of each body in the result.
 fn body_names(bake: &BakedPile, scene: &ExportScene) -> Vec<String> {
     let named =
         |(i, body): (usize, &cairn_core::report::bake::BakedBody)| format!("{}.{i:04}", scene.props[body.prop].name);

@@ -9,8 +9,8 @@
 //!
 //! `.json`: one object. `generator`; `fps` (1/s); `props` (names); `bodies`: per body `name` (that of its node in the
 //! `.glb`), `prop` (index into `props`), `scale`; `pose`: the names of the seven columns with their units; `frames`:
-//! shape `[frame][body][7]`, `null` where a body is not there yet; the `.csv` has no row for it then. Where bodies may be glued,
-//! `glue`: that of the `.glb`'s node `pile`.
+//! shape `[frame][body][7]`, `null` until a body appears; the `.csv` has no row for it until then. Where bodies may be
+//! glued, `glue`: that of the `.glb`'s node `pile`.
 
 use super::{ExportError, ExportScene, body_names, glue};
 use cairn_core::geometry::pose::Pose;
@@ -29,7 +29,7 @@ struct Table<'a> {
     frames: Vec<Vec<Option<[f64; 7]>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     glue: Option<serde_json::Value>,
-    /// Where it comes from, as the `.glb` tells it.
+    /// Where it comes from, as in the `.glb`.
     #[serde(skip_serializing_if = "Option::is_none")]
     cairn: Option<&'a serde_json::Value>,
 }

@@ -4,7 +4,7 @@ use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::BakedBody;
 use glam::DQuat;
 
-/// The keys of one channel that say something.
+/// The keys of one channel, without redundant ones.
 pub struct Track<const N: usize> {
     /// Frames, ascending.
     pub frames: Vec<u32>,
@@ -36,20 +36,25 @@ pub fn appearance(body: &BakedBody) -> Option<Track<3>> {
     Some(Track { frames: vec![0, first], values: vec![[0.0; 3], [body.scale as f32; 3]] })
 }
 
-/// Thins a channel: a key between two keys of the same value says nothing. Linear interpolation of what is left gives
+/// Thins a channel: a key between two keys of the same value is redundant. Linear interpolation of the others gives
 /// exactly the same value at every frame. `None` if the value never changes.
 pub fn thin<const N: usize>(values: &[[f32; N]]) -> Option<Track<N>> {
     let first = values.first()?;
     if values.iter().all(|v| v == first) {
         return None;
     }
-    let last = values.len() - 1;
-    let says = |&i: &usize| i == 0 || i == last || values[i - 1] != values[i] || values[i] != values[i + 1];
-    let frames: Vec<usize> = (0..values.len()).filter(says).collect();
+    let frames = key_frames(values);
     Some(Track {
         values: frames.iter().map(|&i| values[i]).collect(),
         frames: frames.into_iter().map(|i| i as u32).collect(),
     })
+}
+
+/// The frames whose value is not redundant, as that of a frame between two of the same value is.
+pub fn key_frames<T: PartialEq>(values: &[T]) -> Vec<usize> {
+    let last = values.len().saturating_sub(1);
+    let is_key = |&i: &usize| i == 0 || i == last || values[i - 1] != values[i] || values[i] != values[i + 1];
+    (0..values.len()).filter(is_key).collect()
 }
 
 #[cfg(test)]

@@ -1,8 +1,7 @@
 //! The first animation of a file, evaluated at a moment.
 
-use crate::model::accessor;
-use crate::model::document::{Document, DocumentError};
-use crate::model::local::{Local, unit};
+use cairn_gltf::Document;
+use cairn_gltf::document::{DocumentError, LocalTransform, unit};
 use glam::{DQuat, DVec4};
 use gltf::animation::{Interpolation, Property};
 use gltf::json::animation as json;
@@ -26,18 +25,18 @@ pub fn duration(document: &Document) -> Result<f64, DocumentError> {
     inputs.dedup();
     let mut end: f64 = 0.0;
     for input in inputs {
-        end = accessor::vectors::<1>(document, input)?.last().map_or(end, |[t]| end.max(*t));
+        end = document.vectors::<1>(input)?.last().map_or(end, |[t]| end.max(*t));
     }
     Ok(end)
 }
 
 /// Moves the nodes that the animation moves.
-pub fn apply(document: &Document, seconds: f64, locals: &mut [Local]) -> Result<(), DocumentError> {
+pub fn apply(document: &Document, seconds: f64, locals: &mut [LocalTransform]) -> Result<(), DocumentError> {
     let mut inputs: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
     for channel in channels(document) {
         let Some(local) = locals.get_mut(channel.node) else { continue };
         if let std::collections::btree_map::Entry::Vacant(slot) = inputs.entry(channel.input) {
-            slot.insert(accessor::vectors::<1>(document, channel.input)?.into_iter().map(|[t]| t).collect());
+            slot.insert(document.vectors::<1>(channel.input)?.into_iter().map(|[t]| t).collect());
         }
         let times = &inputs[&channel.input];
         if times.is_empty() {
@@ -55,7 +54,7 @@ pub fn apply(document: &Document, seconds: f64, locals: &mut [Local]) -> Result<
 impl Channel {
     /// The value at a moment; three components are filled up with zero.
     fn value<const N: usize>(&self, document: &Document, times: &[f64], seconds: f64) -> Result<DVec4, DocumentError> {
-        let keys = accessor::vectors::<N>(document, self.output)?;
+        let keys = document.vectors::<N>(self.output)?;
         let per_key = if matches!(self.interpolation, Interpolation::CubicSpline) { 3 } else { 1 };
         if keys.len() < times.len() * per_key {
             return Err(DocumentError::malformed("accessors", self.output, "has fewer keys than its times"));

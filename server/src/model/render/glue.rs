@@ -1,8 +1,8 @@
-//! The glue of a pile: dots as small balls that are seen through the bodies, and bodies told apart by what glue does to them.
+//! The glue of a pile: dots as small balls that shine through the bodies, and bodies coloured by how glue holds them.
 
-use super::Problem;
+use super::RenderFault;
 use super::nodes;
-use crate::model::document::Document;
+use cairn_gltf::Document;
 use glam::{DAffine3, DVec3, Vec3, vec3};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -11,23 +11,23 @@ use std::collections::BTreeMap;
 const LEAST: Vec3 = vec3(1.0, 0.9, 0.25);
 const MOST: Vec3 = vec3(0.9, 0.02, 0.08);
 const BROKEN: Vec3 = vec3(0.02, 0.02, 0.02);
-/// What is not glued goes pale, what is glued grey, and what is joined to the ground blue.
+/// Bodies without glue are pale, glued ones grey, and those joined to the ground blue.
 const PALE: Vec3 = vec3(0.78, 0.78, 0.78);
 const GREY: Vec3 = vec3(0.22, 0.25, 0.28);
 const BLUE: Vec3 = vec3(0.10, 0.27, 0.62);
-/// Of a ball's radius: in the stage's, and at most in that of a body.
+/// A ball's radius, in unit space; and its largest share of a body's radius.
 const RADIUS: f64 = 0.016;
 const LARGEST: f64 = 0.3;
-/// How much of a ball is seen through what is in front of it.
+/// How strongly a ball shines through a surface in front of it.
 const THROUGH: f32 = 0.8;
 
-/// What a file tells of its glue, at a moment.
-pub struct Glue {
-    dots: Vec<Dot>,
+/// The glue of a file's pile at a moment.
+pub struct PileGlue {
+    dots: Vec<GlueMark>,
     bonds: BTreeMap<usize, Bond>,
 }
 
-struct Dot {
+struct GlueMark {
     /// In the world.
     place: DVec3,
     /// N, and N m.
@@ -42,27 +42,27 @@ enum Bond {
     Anchored,
 }
 
-impl Glue {
-    /// Dots are told for the end, and have moved with their bodies since `seconds`.
-    pub fn read(document: &Document, seconds: f64, end: f64) -> Result<Glue, Problem> {
-        let told = nodes::pile(document).and_then(|(_, pile)| pile.get("extras")?.get("cairn")?.get("glue"));
-        let told = told.ok_or(Problem::NoGlue)?;
-        let list = |key: &str| told.get(key).and_then(Value::as_array).ok_or(Problem::BrokenGlue);
-        let index = |value: &Value| value.as_u64().map(|id| id as usize).ok_or(Problem::BrokenGlue);
+impl PileGlue {
+    /// The file states the dots of its end; at `seconds` they are where their bodies were.
+    pub fn read(document: &Document, seconds: f64, end: f64) -> Result<PileGlue, RenderFault> {
+        let stated = nodes::pile(document).and_then(|(_, pile)| pile.get("extras")?.get("cairn")?.get("glue"));
+        let stated = stated.ok_or(RenderFault::NoGlue)?;
+        let list = |key: &str| stated.get(key).and_then(Value::as_array).ok_or(RenderFault::BrokenGlue);
+        let index = |value: &Value| value.as_u64().map(|id| id as usize).ok_or(RenderFault::BrokenGlue);
         let (now, then) = (nodes::bodies(document, seconds)?, nodes::bodies(document, end)?);
-        let mut glue = Glue { dots: Vec::new(), bonds: BTreeMap::new() };
+        let mut glue = PileGlue { dots: Vec::new(), bonds: BTreeMap::new() };
         for dot in list("dots")? {
             let vector = |key: &str| {
                 let numbers = dot.get(key)?.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>()?;
                 <[f64; 3]>::try_from(numbers).ok().map(DVec3::from)
             };
-            let vector = |key: &str| vector(key).ok_or(Problem::BrokenGlue);
+            let vector = |key: &str| vector(key).ok_or(RenderFault::BrokenGlue);
             let body = index(dot.get("bodies").and_then(|bodies| bodies.get(0)).unwrap_or(&Value::Null))?;
             let (now, then) = (now.get(body), then.get(body));
-            let (now, then) = now.zip(then).ok_or(Problem::BrokenGlue)?;
+            let (now, then) = now.zip(then).ok_or(RenderFault::BrokenGlue)?;
             let place = (*now * then.inverse()).transform_point3(vector("point")?);
-            glue.dots.push(Dot {
-                // A body that is not there has no inverse; its dots stay where they are told.
+            glue.dots.push(GlueMark {
+                // A hidden body's transform has no inverse; its dots stay where the file states them.
                 place: if place.is_finite() { place } else { vector("point")? },
                 force: vector("force")?.length(),
                 moment: vector("moment")?.length(),
@@ -70,7 +70,7 @@ impl Glue {
             });
         }
         for cluster in list("clusters")? {
-            for id in cluster.as_array().ok_or(Problem::BrokenGlue)? {
+            for id in cluster.as_array().ok_or(RenderFault::BrokenGlue)? {
                 glue.bonds.insert(index(id)?, Bond::Cluster);
             }
         }
@@ -80,32 +80,32 @@ impl Glue {
         Ok(glue)
     }
 
-    /// On the stage. `radius`: that of a usual body, in the world; `bodies`: which body each thing on the stage is.
-    pub fn shown(&self, to_stage: DAffine3, radius: f64, bodies: impl Iterator<Item = Option<usize>>) -> Shown {
+    /// The glue in unit space. `radius`: that of a usual body, in the world; `bodies`: the body that each instance is.
+    pub fn shown(&self, to_unit: DAffine3, radius: f64, bodies: impl Iterator<Item = Option<usize>>) -> GlueOverlay {
         // A moment counts as the force that makes it at a body's radius.
-        let load = |dot: &Dot| dot.force.hypot(dot.moment / radius.max(f64::MIN_POSITIVE));
+        let load = |dot: &GlueMark| dot.force.hypot(dot.moment / radius.max(f64::MIN_POSITIVE));
         let whole = self.dots.iter().filter(|dot| !dot.is_broken);
         let largest = whole.map(load).fold(f64::MIN_POSITIVE, f64::max);
-        let size = to_stage.transform_vector3(DVec3::X).length() * radius;
-        let ball = |dot: &Dot| Ball {
-            centre: to_stage.transform_point3(dot.place).as_vec3(),
+        let size = to_unit.transform_vector3(DVec3::X).length() * radius;
+        let ball = |dot: &GlueMark| Ball {
+            centre: to_unit.transform_point3(dot.place).as_vec3(),
             radius: RADIUS.min(LARGEST * size) as f32,
             color: match dot.is_broken {
                 true => BROKEN,
                 false => LEAST.lerp(MOST, (load(dot) / largest).sqrt() as f32),
             },
         };
-        Shown {
+        GlueOverlay {
             balls: self.dots.iter().map(ball).collect(),
             bonds: bodies.map(|body| self.bonds.get(&body?).copied()).collect(),
         }
     }
 }
 
-/// Glue on the stage.
-pub struct Shown {
+/// Glue in unit space.
+pub struct GlueOverlay {
     balls: Vec<Ball>,
-    /// Beside each thing there.
+    /// Beside each instance.
     bonds: Vec<Option<Bond>>,
 }
 
@@ -116,18 +116,18 @@ pub struct Ball {
     color: Vec3,
 }
 
-impl Shown {
+impl GlueOverlay {
     /// The balls that rays within `slack` of a direction, both unit, may meet.
     pub fn near(&self, eye: Vec3, direction: Vec3, slack: f32) -> Vec<&Ball> {
         let is_near = |ball: &&Ball| {
-            let way = ball.centre - eye;
-            let along = way.dot(direction);
-            (way - direction * along).length() < ball.radius + along.abs() * slack
+            let offset = ball.centre - eye;
+            let along = offset.dot(direction);
+            (offset - direction * along).length() < ball.radius + along.abs() * slack
         };
         self.balls.iter().filter(is_near).collect()
     }
 
-    /// The colour of a thing on the stage that has this one by itself.
+    /// The colour of an instance whose own colour is this one.
     pub fn tinted(&self, number: usize, color: Vec3) -> Vec3 {
         match self.bonds.get(number).copied().flatten() {
             Some(Bond::Cluster) => color.lerp(GREY, 0.7),
@@ -137,7 +137,7 @@ impl Shown {
     }
 }
 
-/// What is seen along a ray with balls in it; `reach`: where `behind` is.
+/// The colour along a ray that meets balls, `None` if it meets none; `reach`: the distance of the colour `behind`.
 pub fn over(balls: &[&Ball], eye: Vec3, direction: Vec3, reach: f32, behind: Vec3) -> Option<Vec3> {
     let met = balls.iter().filter_map(|ball| Some((ball.distance(eye, direction)?, ball)));
     let (distance, ball) = met.min_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -149,9 +149,9 @@ pub fn over(balls: &[&Ball], eye: Vec3, direction: Vec3, reach: f32, behind: Vec
 
 impl Ball {
     fn distance(&self, eye: Vec3, direction: Vec3) -> Option<f32> {
-        let way = self.centre - eye;
-        let along = way.dot(direction);
-        let inside = self.radius * self.radius - (way - direction * along).length_squared();
+        let offset = self.centre - eye;
+        let along = offset.dot(direction);
+        let inside = self.radius * self.radius - (offset - direction * along).length_squared();
         (inside > 0.0).then(|| along - inside.sqrt()).filter(|distance| *distance > 0.0)
     }
 }

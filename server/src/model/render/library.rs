@@ -1,16 +1,15 @@
 //! The meshes, materials and pictures of a file, made ready for rays.
 
-use super::Problem;
-use super::nodes::Placed;
+use super::RenderFault;
+use super::nodes::PlacedMesh;
 use super::texture::{Material, Picture};
-use crate::model::document::{Document, Resolver, reference};
-use crate::model::primitive::Primitive;
+use cairn_gltf::document::{Triangles, reference};
+use cairn_gltf::{Document, Resolver};
 use glam::{DAffine3, DQuat, DVec2, DVec3, Vec2, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::triangle::Triangle;
-use serde_json::Value;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -23,9 +22,9 @@ pub struct Mesh {
     /// In the order of the tree's leaves.
     pub triangles: Vec<Triangle>,
     /// Beside each triangle.
-    pub surfaces: Vec<Surface>,
+    pub surfaces: Vec<FaceAttributes>,
     pub tree: Bvh2,
-    /// Of the moved points.
+    /// Bounds of the moved points.
     pub bounds: [DVec3; 2],
     /// The outermost of the moved points in many directions.
     pub outline: Vec<DVec3>,
@@ -33,10 +32,10 @@ pub struct Mesh {
     pub from_cube: DAffine3,
 }
 
-/// What belongs to a triangle besides its corners.
+/// The attributes of a triangle's corners, and its material.
 #[derive(Clone, Copy)]
-pub struct Surface {
-    /// Of the corners; zero where the file gives none.
+pub struct FaceAttributes {
+    /// Normals of the corners; zero where the file gives none.
     pub normals: [Vec3; 3],
     pub coordinates: [Vec2; 3],
     /// Index into the materials.
@@ -52,8 +51,8 @@ pub struct Library {
 }
 
 impl Library {
-    /// All that `placed` refers to.
-    pub fn read(document: &Document, placed: &[Placed], resolve: &Resolver) -> Result<Library, Problem> {
+    /// Everything that `placed` refers to.
+    pub fn read(document: &Document, placed: &[PlacedMesh], resolve: &Resolver) -> Result<Library, RenderFault> {
         let mut library = Library::default();
         for index in 0..document.array("materials").len() {
             let material = Material::read(document, index).unwrap_or_else(|| Material::fallback(index));
@@ -76,11 +75,9 @@ impl Library {
         Ok(library)
     }
 
-    fn mesh(&mut self, document: &Document, index: usize, budget: &mut usize) -> Result<Mesh, Problem> {
-        let mesh = document.get("meshes", index)?;
-        let primitives = mesh.get("primitives").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    fn mesh(&mut self, document: &Document, index: usize, budget: &mut usize) -> Result<Mesh, RenderFault> {
         let (mut triangles, mut surfaces) = (Vec::new(), Vec::new());
-        for primitive in primitives.iter().filter_map(Value::as_object) {
+        for primitive in document.primitives(index)? {
             let material = match reference(primitive, "material") {
                 Some(material) if material < self.materials.len() => material,
                 _ => {
@@ -89,15 +86,19 @@ impl Library {
                 }
             };
             let set = self.materials[material].texture.as_ref().map(|t| t.set);
-            let primitive = Primitive::read(document, index, primitive)?;
+            let primitive = Triangles::read(document, index, primitive)?;
             let coordinates = set.map(|set| primitive.vectors::<2>(&format!("TEXCOORD_{set}"))).transpose()?.flatten();
             let normals = primitive.vectors::<3>("NORMAL")?;
             let normal = |i: usize| normals.as_ref().map_or(Vec3::ZERO, |n| DVec3::from(n[i]).as_vec3());
             let coordinate = |i: usize| coordinates.as_ref().map_or(Vec2::ZERO, |c| DVec2::from(c[i]).as_vec2());
-            *budget = budget.checked_sub(primitive.corners.len()).ok_or(Problem::TooLarge)?;
+            *budget = budget.checked_sub(primitive.corners.len()).ok_or(RenderFault::TooLarge)?;
             for &corners in &primitive.corners {
                 triangles.push(corners.map(|i| primitive.points[i]));
-                surfaces.push(Surface { normals: corners.map(normal), coordinates: corners.map(coordinate), material });
+                surfaces.push(FaceAttributes {
+                    normals: corners.map(normal),
+                    coordinates: corners.map(coordinate),
+                    material,
+                });
             }
         }
         Ok(Mesh::new(triangles, surfaces))
@@ -105,7 +106,7 @@ impl Library {
 }
 
 impl Mesh {
-    fn new(triangles: Vec<[DVec3; 3]>, surfaces: Vec<Surface>) -> Mesh {
+    fn new(triangles: Vec<[DVec3; 3]>, surfaces: Vec<FaceAttributes>) -> Mesh {
         let low = triangles.iter().flatten().fold(DVec3::INFINITY, |low, p| low.min(*p));
         let high = triangles.iter().flatten().fold(DVec3::NEG_INFINITY, |high, p| high.max(*p));
         let (centre, half) =

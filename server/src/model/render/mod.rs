@@ -5,22 +5,22 @@ mod camera;
 mod glue;
 mod library;
 mod nodes;
+mod ray_scene;
 mod shade;
-mod stage;
 mod texture;
 
-use crate::model::decompress;
-use crate::model::document::{DocumentError, Resolver};
+use cairn_gltf::document::DocumentError;
+use cairn_gltf::{Document, Resolver};
 use camera::Camera;
 use glam::{DAffine3, DQuat, DVec3};
-use glue::Glue;
+use glue::PileGlue;
 use image::RgbImage;
 use library::Library;
-use nodes::Placed;
+use nodes::PlacedMesh;
+use ray_scene::RayScene;
 use shade::Shot;
-use stage::Stage;
 
-/// What the picture shows and how large it is.
+/// Content and size of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     pub moment: Moment,
@@ -46,7 +46,7 @@ impl Default for Settings {
 /// A moment of the file's first animation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Moment {
-    /// From 0. Needs a file that tells its frame rate.
+    /// From 0. Needs a file that states its frame rate.
     Frame(u64),
     Seconds(f64),
     End,
@@ -54,7 +54,7 @@ pub enum Moment {
 
 /// A file to be rendered.
 #[derive(Clone, Copy)]
-pub struct Model<'a> {
+pub struct RenderModel<'a> {
     /// For messages.
     pub name: &'a str,
     /// glTF or GLB.
@@ -68,15 +68,15 @@ pub struct Model<'a> {
 pub enum RenderError {
     /// The input is wrong.
     #[error("{file}: {problem}")]
-    File { file: String, problem: Problem },
+    File { file: String, problem: RenderFault },
     /// The command is wrong.
     #[error("{0}")]
     Settings(&'static str),
 }
 
-/// What is wrong with a file.
+/// Why a file cannot be rendered.
 #[derive(Debug, thiserror::Error)]
-pub enum Problem {
+pub enum RenderFault {
     #[error(transparent)]
     Document(#[from] DocumentError),
     #[error("has more triangles than can be rendered")]
@@ -85,17 +85,21 @@ pub enum Problem {
     Empty,
     #[error("has no frame {0}; the last one is {1}")]
     NoFrame(u64, u64),
-    #[error("does not tell its frame rate; choose the moment in seconds")]
+    #[error("states no frame rate; choose the moment in seconds")]
     NoFrameRate,
-    #[error("tells of no glue; bake it to a .glb with glue (--set glue=as_modelled, or tacky), or leave out --glue")]
+    #[error("has no glue; bake it to a .glb with glue (--set glue=as_modelled, or tacky), or leave out --glue")]
     NoGlue,
-    #[error("tells of its glue in a way that cannot be read; bake it again, or leave out --glue")]
+    #[error("describes its glue in a form that cannot be read; bake it again, or leave out --glue")]
     BrokenGlue,
 }
 
 /// Renders `model`; the camera is fitted to its node `pile`, or to everything where there is none. `control` is shown
 /// as a translucent ghost.
-pub fn render(model: &Model, control: Option<&Model>, settings: &Settings) -> Result<RgbImage, RenderError> {
+pub fn render(
+    model: &RenderModel,
+    control: Option<&RenderModel>,
+    settings: &Settings,
+) -> Result<RgbImage, RenderError> {
     if settings.size.iter().any(|side| !(1..=16384).contains(side)) || settings.samples == 0 {
         return Err(RenderError::Settings("a picture is 1 to 16384 pixels wide and high and has at least 1 sample"));
     }
@@ -113,22 +117,22 @@ pub fn render(model: &Model, control: Option<&Model>, settings: &Settings) -> Re
     let (low, high) = bounds(&subject);
     let size = ((high - low).length() / 2.0).max(f64::MIN_POSITIVE);
     let middle = (low + high) / 2.0;
-    let to_stage = DAffine3::from_scale_rotation_translation(DVec3::splat(1.0 / size), DQuat::IDENTITY, -middle / size);
-    let seen: Vec<DVec3> = subject.iter().map(|p| to_stage.transform_point3(*p)).collect();
+    let to_unit = DAffine3::from_scale_rotation_translation(DVec3::splat(1.0 / size), DQuat::IDENTITY, -middle / size);
+    let seen: Vec<DVec3> = subject.iter().map(|p| to_unit.transform_point3(*p)).collect();
 
     // At rest, the pile's lowest point is on the ground.
     let at_rest = loaded.points(&loaded.at_end, loaded.at_end.iter().any(|p| p.in_pile));
     let ground = bounds(&at_rest).0.y.min(bounds(&pile).0.y);
-    let stage = Stage::new(&loaded.library, &loaded.placed, to_stage);
-    if stage.is_empty() {
-        return Err(Problem::Empty.of(model));
+    let rays = RayScene::new(&loaded.library, &loaded.placed, to_unit);
+    if rays.is_empty() {
+        return Err(RenderFault::Empty.of(model));
     }
     let bodies = || loaded.placed.iter().map(|p| p.body);
     let shot = Shot {
-        glue: loaded.glue.as_ref().map(|glue| glue.shown(to_stage, loaded.usual_radius(), bodies())),
-        stage,
+        glue: loaded.glue.as_ref().map(|glue| glue.shown(to_unit, loaded.usual_radius(), bodies())),
+        scene: rays,
         library: &loaded.library,
-        ghost: ghost.as_ref().map(|ghost| Stage::new(&ghost.library, &ghost.placed, to_stage)),
+        ghost: ghost.as_ref().map(|ghost| RayScene::new(&ghost.library, &ghost.placed, to_unit)),
         ground: ((ground - middle.y) / size) as f32,
         camera: Camera::fitted(&seen, settings.azimuth, settings.elevation, settings.size),
         size: settings.size,
@@ -137,33 +141,33 @@ pub fn render(model: &Model, control: Option<&Model>, settings: &Settings) -> Re
     Ok(shot.take())
 }
 
-impl Problem {
-    fn of(self, model: &Model) -> RenderError {
+impl RenderFault {
+    fn of(self, model: &RenderModel) -> RenderError {
         RenderError::File { file: model.name.into(), problem: self }
     }
 }
 
 /// A file at a moment.
 struct Loaded {
-    placed: Vec<Placed>,
+    placed: Vec<PlacedMesh>,
     /// When the animation is over.
-    at_end: Vec<Placed>,
+    at_end: Vec<PlacedMesh>,
     library: Library,
     /// If it is wanted.
-    glue: Option<Glue>,
+    glue: Option<PileGlue>,
 }
 
 impl Loaded {
-    fn read(model: &Model, moment: Moment, with_glue: bool) -> Result<Loaded, Problem> {
-        let document = decompress::open(model.bytes, model.resolve)?;
+    fn read(model: &RenderModel, moment: Moment, with_glue: bool) -> Result<Loaded, RenderFault> {
+        let document = Document::open(model.bytes, model.resolve)?;
         let end = animation::duration(&document)?;
         let seconds = match moment {
             Moment::End => end,
             Moment::Seconds(seconds) => seconds,
             Moment::Frame(frame) => {
-                let (fps, frames) = nodes::frame_clock(&document).ok_or(Problem::NoFrameRate)?;
+                let (fps, frames) = nodes::frame_clock(&document).ok_or(RenderFault::NoFrameRate)?;
                 if frame >= frames.max(1) {
-                    return Err(Problem::NoFrame(frame, frames.max(1) - 1));
+                    return Err(RenderFault::NoFrame(frame, frames.max(1) - 1));
                 }
                 frame as f64 / fps
             }
@@ -171,18 +175,18 @@ impl Loaded {
         let placed = nodes::placed(&document, seconds)?;
         let at_end = nodes::placed(&document, end)?;
         let library = Library::read(&document, &placed, model.resolve)?;
-        let glue = with_glue.then(|| Glue::read(&document, seconds, end)).transpose()?;
+        let glue = with_glue.then(|| PileGlue::read(&document, seconds, end)).transpose()?;
         let loaded = Loaded { placed, at_end, library, glue };
         let points = loaded.points(&loaded.placed, false);
         if points.is_empty() || points.iter().any(|p| !p.is_finite()) {
-            return Err(Problem::Empty);
+            return Err(RenderFault::Empty);
         }
         Ok(loaded)
     }
 
-    /// The median radius of what the pile is made of.
+    /// The median radius of the pile's bodies.
     fn usual_radius(&self) -> f64 {
-        let radius = |p: &Placed| {
+        let radius = |p: &PlacedMesh| {
             let mesh = self.library.meshes.get(&p.mesh)?;
             Some((p.world * mesh.from_cube).transform_vector3(mesh.bounds[1]).length())
         };
@@ -192,7 +196,7 @@ impl Loaded {
     }
 
     /// The outlines of every instance, in the world.
-    fn points(&self, placed: &[Placed], only_pile: bool) -> Vec<DVec3> {
+    fn points(&self, placed: &[PlacedMesh], only_pile: bool) -> Vec<DVec3> {
         let shown = placed.iter().filter(|p| p.in_pile || !only_pile);
         shown
             .filter_map(|p| Some((p.world, self.library.meshes.get(&p.mesh)?)))

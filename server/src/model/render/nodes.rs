@@ -1,16 +1,15 @@
 //! Where every node of a file stands at a moment of its animation.
 
 use super::animation;
-use crate::model::document::{Document, DocumentError, reference, references};
-use crate::model::instances::instances;
-use crate::model::local::{self, Local};
+use cairn_gltf::Document;
+use cairn_gltf::document::{self, DocumentError, LocalTransform, Object, reference, references};
 use glam::{DAffine3, DMat4};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 const PILE: &str = "pile";
 
 /// A mesh somewhere in the world.
-pub struct Placed {
+pub struct PlacedMesh {
     pub mesh: usize,
     pub world: DAffine3,
     /// Below the node `pile`.
@@ -20,7 +19,7 @@ pub struct Placed {
 }
 
 /// Every mesh of the default scene, `seconds` into the first animation.
-pub fn placed(document: &Document, seconds: f64) -> Result<Vec<Placed>, DocumentError> {
+pub fn placed(document: &Document, seconds: f64) -> Result<Vec<PlacedMesh>, DocumentError> {
     let locals = locals(document, seconds)?;
     let mut seen = vec![false; locals.len()];
     let mut placed = Vec::new();
@@ -35,13 +34,13 @@ pub fn placed(document: &Document, seconds: f64) -> Result<Vec<Placed>, Document
         let world = above * locals[index];
         let in_pile = in_pile || node.get("name").and_then(Value::as_str) == Some(PILE);
         if let Some(mesh) = reference(node, "mesh") {
-            let copies = match instances(document, node)? {
+            let copies = match document.instances(node)? {
                 Some(copies) => copies.into_iter().map(|copy| world * copy.affine()).collect(),
                 None => vec![world],
             };
             // A scale of 0 hides a node.
             let seen = copies.into_iter().filter(|world| world.matrix3.determinant() != 0.0);
-            placed.extend(seen.map(|world| Placed { mesh, world, in_pile, body }));
+            placed.extend(seen.map(|world| PlacedMesh { mesh, world, in_pile, body }));
         }
         let children = references(node, "children").into_iter().enumerate().rev();
         let body_of = |k: usize| body.or((pile == Some(index)).then_some(k));
@@ -50,7 +49,7 @@ pub fn placed(document: &Document, seconds: f64) -> Result<Vec<Placed>, Document
     Ok(placed)
 }
 
-/// Frames per second and number of frames, where the file's node `pile` tells them.
+/// Frames per second and number of frames, if the file's node `pile` states them.
 pub fn frame_clock(document: &Document) -> Option<(f64, u64)> {
     let extras = pile(document)?.1.get("extras")?;
     let fps = extras.get("fps")?.as_f64().filter(|fps| *fps > 0.0)?;
@@ -58,7 +57,7 @@ pub fn frame_clock(document: &Document) -> Option<(f64, u64)> {
 }
 
 /// The node that holds the bodies, and its index.
-pub fn pile(document: &Document) -> Option<(usize, &Map<String, Value>)> {
+pub fn pile<'a>(document: &'a Document) -> Option<(usize, &'a Object)> {
     let nodes = document.array("nodes").iter().filter_map(Value::as_object).enumerate();
     nodes.into_iter().find(|(_, node)| node.get("name").and_then(Value::as_str) == Some(PILE))
 }
@@ -77,11 +76,11 @@ fn locals(document: &Document, seconds: f64) -> Result<Vec<DAffine3>, DocumentEr
     let mut matrices = Vec::with_capacity(count);
     for index in 0..count {
         let node = document.get("nodes", index)?;
-        matrices.push(local::matrix(node));
-        parts.push(Local::of(node));
+        matrices.push(document::matrix(node));
+        parts.push(LocalTransform::of(node));
     }
     animation::apply(document, seconds, &mut parts)?;
-    let pose = |(matrix, local): (Option<[f64; 16]>, Local)| match matrix {
+    let pose = |(matrix, local): (Option<[f64; 16]>, LocalTransform)| match matrix {
         Some(matrix) => DAffine3::from_mat4(DMat4::from_cols_array(&matrix)),
         None => local.affine(),
     };

@@ -6,7 +6,7 @@
 use super::camera::Camera;
 use super::glue::{self, Ball};
 use super::library::Library;
-use super::stage::{Hit, Stage};
+use super::ray_scene::{RayScene, SurfaceHit};
 use glam::{Vec2, Vec3, vec3};
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
@@ -21,7 +21,7 @@ const SKY: [Vec3; 3] = [vec3(1.04, 1.07, 1.13), vec3(0.70, 0.72, 0.75), vec3(0.3
 const BOUNCE: f32 = 0.35;
 /// The paper: in the middle of the picture and in its corners.
 const PAPER: [Vec3; 2] = [vec3(0.80, 0.80, 0.80), vec3(0.50, 0.51, 0.53)];
-/// Beyond this distance from the middle of the stage, shadows on the ground begin to fade, and end at twice as much.
+/// Beyond this distance from the middle of unit space, shadows on the ground begin to fade, and end at twice as much.
 const SHADOW_REACH: f32 = 3.0;
 /// How far rays start from the surface that they leave.
 const LIFT: f32 = 2e-4;
@@ -30,13 +30,13 @@ const PROBES: u32 = 4;
 
 /// Everything that a picture depends on.
 pub struct Shot<'a> {
-    pub stage: Stage<'a>,
+    pub scene: RayScene<'a>,
     pub library: &'a Library,
-    /// Shown as if made of frosted glass.
-    pub ghost: Option<Stage<'a>>,
-    /// Shown through everything.
-    pub glue: Option<glue::Shown>,
-    /// Height of the ground, stage space.
+    /// GlueOverlay as if made of frosted glass.
+    pub ghost: Option<RayScene<'a>>,
+    /// GlueOverlay through everything.
+    pub glue: Option<glue::GlueOverlay>,
+    /// Height of the ground, unit space.
     pub ground: f32,
     pub camera: Camera,
     pub size: [u32; 2],
@@ -86,7 +86,7 @@ impl Shot<'_> {
         Rgb(display(sum / taken as f32).map(|c| (c * 255.0 + dither) as u8))
     }
 
-    /// What a picture element may show of the glue.
+    /// The balls of glue that a picture element may show.
     fn balls(&self, x: f32, y: f32, [width, height]: [f32; 2]) -> Vec<&Ball> {
         let Some(glue) = &self.glue else { return Vec::new() };
         let ray = |x: f32, y: f32| self.camera.ray(2.0 * x / width - 1.0, 1.0 - 2.0 * y / height);
@@ -99,7 +99,7 @@ impl Shot<'_> {
         let eye = self.camera.eye;
         let to_ground = if direction.y < 0.0 { (self.ground - eye.y) / direction.y } else { f32::INFINITY };
         let to_ground = if to_ground > 0.0 { to_ground } else { f32::INFINITY };
-        let hit = self.stage.first(eye, direction, to_ground);
+        let hit = self.scene.first(eye, direction, to_ground);
         let (color, reach, is_paper) = match &hit {
             Some(hit) => {
                 (self.surface(hit, eye + direction * hit.distance, direction, sun, random), hit.distance, false)
@@ -128,7 +128,7 @@ impl Shot<'_> {
         }
     }
 
-    fn surface(&self, hit: &Hit, place: Vec3, direction: Vec3, sun: Vec3, random: [Vec2; 2]) -> Vec3 {
+    fn surface(&self, hit: &SurfaceHit, place: Vec3, direction: Vec3, sun: Vec3, random: [Vec2; 2]) -> Vec3 {
         let material = &self.library.materials[hit.surface.material];
         let mut color = material.color;
         if let Some(texture) = &material.texture
@@ -140,15 +140,15 @@ impl Shot<'_> {
         if let Some(glue) = &self.glue {
             color = glue.tinted(hit.number, color);
         }
-        // Equal props side by side are told apart by a shade.
+        // Equal props side by side differ by a shade.
         color *= 1.0 + 0.16 * (hash(hit.number as u32) as f32 / u32::MAX as f32 - 0.5);
         let place = place + hit.facet * LIFT;
         let to_sun = around(sun, random[0], SUN_RADIUS);
         let lit = hit.normal.dot(to_sun).max(0.0) * f32::from(hit.facet.dot(to_sun) > 0.0);
-        let lit = if lit > 0.0 && self.stage.is_clear(place, to_sun) { lit } else { 0.0 };
+        let lit = if lit > 0.0 && self.scene.is_clear(place, to_sun) { lit } else { 0.0 };
         let out = scattered(hit.normal, random[1]);
         let ambient =
-            if out.dot(hit.facet) <= 0.0 || !self.stage.is_clear(place, out) { color * BOUNCE } else { sky(out) };
+            if out.dot(hit.facet) <= 0.0 || !self.scene.is_clear(place, out) { color * BOUNCE } else { sky(out) };
         let matte = color * (1.0 - 0.6 * material.metallic);
         let shine = shine(hit.normal, -direction, to_sun, material.roughness) * lit;
         let gloss = Vec3::splat(0.04).lerp(color, material.metallic);
@@ -167,10 +167,10 @@ impl Shot<'_> {
         let out = scattered(Vec3::Y, random[1]);
         let ambient = 0.9;
         let mut light = 0.12;
-        if self.stage.is_clear(place, to_sun) {
+        if self.scene.is_clear(place, to_sun) {
             light += direct;
         }
-        if self.stage.is_clear(place, out) {
+        if self.scene.is_clear(place, out) {
             light += ambient;
         }
         let shade = light / (direct + ambient + 0.12);

@@ -1,15 +1,16 @@
 //! Base colours: a factor, and a picture where there is one that can be read.
 
-use crate::model::document::{Document, Resolver, fetch, reference};
+use cairn_gltf::document::{Object, reference};
+use cairn_gltf::{Document, Resolver};
 use glam::{Vec2, Vec3, vec3};
 use image::{ImageDecoder, ImageReader, RgbImage};
-use serde_json::{Map, Value};
+use serde_json::Value;
 use std::io::Cursor;
 
-/// Larger pictures are passed over: a still has no use for them, and they may be bombs.
+/// Larger pictures are skipped: a still has no use for them, and they may be bombs.
 const MOST_PIXELS_PER_SIDE: u32 = 8192;
 
-/// What a surface looks like. Colours are linear.
+/// The look of a surface. Colours are linear.
 #[derive(Clone)]
 pub struct Material {
     pub color: Vec3,
@@ -36,7 +37,7 @@ enum Wrap {
 }
 
 impl Material {
-    /// What stands in for a material that a file does not give: the same for the same place in the file.
+    /// A replacement for a material that a file lacks: the same for the same place in the file.
     pub fn fallback(index: usize) -> Material {
         const PALETTE: [[f32; 3]; 8] = [
             [0.74, 0.45, 0.23],
@@ -51,10 +52,10 @@ impl Material {
         Material { color: PALETTE[index % PALETTE.len()].into(), roughness: 0.6, metallic: 0.0, texture: None }
     }
 
-    /// A material of the file; what cannot be read takes glTF's default.
+    /// A material of the file; an unreadable member takes glTF's default.
     pub fn read(document: &Document, index: usize) -> Option<Material> {
         let material = document.get("materials", index).ok()?;
-        let empty = Map::new();
+        let empty = Object::new();
         let pbr = material.get("pbrMetallicRoughness").and_then(Value::as_object).unwrap_or(&empty);
         let number = |key: &str| pbr.get(key).and_then(Value::as_f64).map_or(1.0, |v| v.clamp(0.0, 1.0) as f32);
         let factor = pbr.get("baseColorFactor").and_then(Value::as_array);
@@ -72,7 +73,7 @@ impl Material {
 }
 
 impl Texture {
-    fn read(document: &Document, info: &Map<String, Value>) -> Option<Texture> {
+    fn read(document: &Document, info: &Object) -> Option<Texture> {
         let texture = document.get("textures", reference(info, "index")?).ok()?;
         let sampler = reference(texture, "sampler").and_then(|s| document.get("samplers", s).ok());
         let wrap = |key: &str| match sampler.and_then(|s| s.get(key)).and_then(Value::as_u64) {
@@ -128,13 +129,9 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// PNG or JPEG; `None` for what cannot be found, read or afforded.
+    /// PNG or JPEG; `None` for a picture that cannot be found or decoded, or is too large.
     pub fn read(document: &Document, index: usize, resolve: &Resolver) -> Option<Picture> {
-        let image = document.get("images", index).ok()?;
-        let bytes = match reference(image, "bufferView") {
-            Some(view) => document.view(view).ok()?.to_vec(),
-            None => fetch(image.get("uri")?.as_str()?, resolve).ok()?,
-        };
+        let bytes = document.image(index, resolve)?;
         let mut limits = image::Limits::default();
         limits.max_image_width = Some(MOST_PIXELS_PER_SIDE);
         limits.max_image_height = Some(MOST_PIXELS_PER_SIDE);

@@ -3,11 +3,12 @@
 use base64::Engine;
 use serde_json::{Value, json};
 
-use super::model::{Model, tetrahedron, told};
+use super::model::{Model, messages, tetrahedron};
 use crate::asset::Limits;
 use crate::geometry::topology::inspect;
 
-/// The reference encoder's streams of the tetrahedron with positions of 11 bits: by edges, and one vertex after another.
+/// The reference encoder's streams of the tetrahedron with positions of 11 bits: by edges, and one vertex after
+/// another.
 pub const DRACO: [&str; 2] = [
     "RFJBQ08CAgEBAAAABAQAAwAAAS8BARAB/wAAAQAJAwAAAgEBAQADAwEQATADAFCCJJEEAAAAAP8HAAAAAAAAAAAAAAAAAAAAAIA/Cw==",
     "RFJBQ08CAgEAAAAEBAEAAgEAAQMAAwIBAgMBAQAJAwAAAgABAQADAwEgASADACCEiIEBAAAAAP8HAAAAAAAAAAAAAAAAAAAAAIA/Cw==",
@@ -89,7 +90,7 @@ fn compressed_files_are_the_plain_ones() {
 fn integers_of_a_draco_stream_are_as_the_accessor_says() {
     let quantized = draco(&bytes(DRACO[0])).set("/extensionsUsed", json!(["KHR_mesh_quantization"]));
     assert!(quantized.read().is_ok(), "floats stay allowed");
-    let text = told(
+    let text = messages(
         draco(&bytes(DRACO[0]))
             .set("/meshes/0/primitives/0/extensions/KHR_draco_mesh_compression/attributes/POSITION", json!(7))
             .read(),
@@ -102,14 +103,14 @@ fn broken_streams_are_told_with_the_setting_that_avoids_them() {
     let stream = bytes(DRACO[0]);
     for length in 0..stream.len() - 1 {
         if let Err(problems) = draco(&stream[..length]).read() {
-            let text = told(Err(problems));
+            let text = messages(Err(problems));
             assert!(text.contains("node `Brick`") && text.contains("Compression off"), "{length}: {text}");
         }
     }
     let model = meshopt("EXT_meshopt_compression", POSITIONS[0], INDICES[0]);
     let at = "/bufferViews/0/extensions/EXT_meshopt_compression";
     let said = |key: &str, value: Value, part: &str| {
-        let text = told(model.clone().set(&format!("{at}/{key}"), value).read());
+        let text = messages(model.clone().set(&format!("{at}/{key}"), value).read());
         assert!(text.contains(part), "{part:?} is not said in: {text}");
     };
     said("mode", json!("STRIPS"), "mode STRIPS");
@@ -127,7 +128,7 @@ fn broken_streams_are_told_with_the_setting_that_avoids_them() {
 #[test]
 fn little_bytes_cannot_stand_for_much() {
     let with = |model: &Model, limits: Limits| {
-        told(super::model::read_with(&model.glb(), None, &super::model::no_files, limits))
+        messages(super::model::read_with(&model.glb(), None, &super::model::no_files, limits))
     };
     let few = Limits { triangles: 3, ..Limits::default() };
     assert!(with(&draco(&bytes(DRACO[0])), few).contains("over the caller's ceiling of 3"));
@@ -138,5 +139,5 @@ fn little_bytes_cannot_stand_for_much() {
     let mut many = draco(&bytes(DRACO[0])[..40]);
     let primitive = many.json["meshes"][0]["primitives"][0].clone();
     many.json["meshes"][0]["primitives"] = json!(vec![primitive; 300]);
-    assert!(told(many.read()).contains("it is not tried"));
+    assert!(messages(many.read()).contains("it is not tried"));
 }

@@ -29,7 +29,9 @@ fn good_files() -> Vec<Model> {
                 { "name": "Top", "scale": [-1, 2, 1], "children": [1, 2] },
                 { "name": "Brick", "mesh": 0, "rotation": [0, 0, 0, 1], "translation": [1, 2, 3] },
                 { "mesh": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 5, 0, 0, 1], "children": [3] },
-                { "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 0, "SCALE": 0 } } } }
+                { "mesh": 0, "extensions": {
+                    "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 0, "SCALE": 0 } }
+                } }
             ]),
         )
         .set("/scenes/0/nodes", json!([0, 1]));

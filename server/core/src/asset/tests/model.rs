@@ -119,7 +119,7 @@ pub fn read_with(
 }
 
 /// All problems in one text.
-pub fn told(result: Result<Asset, Vec<AssetProblem>>) -> String {
+pub fn messages(result: Result<Asset, Vec<AssetProblem>>) -> String {
     match result {
         Ok(asset) => panic!("it was read: {asset:?}"),
         Err(problems) => problems.iter().map(AssetProblem::to_string).collect::<Vec<_>>().join("\n"),

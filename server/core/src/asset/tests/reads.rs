@@ -1,9 +1,9 @@
-//! What is read, and as what.
+//! Files that are read, and the meshes that they give.
 
 use glam::{DMat3, DVec3};
 use serde_json::json;
 
-use super::model::{CORNERS, FACES, Model, glb, read, read_with, tetrahedron, told};
+use super::model::{CORNERS, FACES, Model, glb, messages, read, read_with, tetrahedron};
 use crate::asset::{Asset, Limits};
 use crate::geometry::topology::inspect;
 
@@ -114,7 +114,7 @@ fn points_and_lines_are_left_out_with_a_note() {
     assert_eq!(asset.mesh, mesh_of(&tetrahedron()).mesh);
     assert_eq!(asset.notes, ["node `Brick`, mesh 0, primitive 1: points and lines are left out"]);
     let alone = tetrahedron().set("/meshes/0/primitives/0/mode", json!(0));
-    assert!(told(alone.read()).contains("it holds no triangles: only points and lines"));
+    assert!(messages(alone.read()).contains("it holds no triangles: only points and lines"));
 }
 
 #[test]

@@ -1,8 +1,8 @@
-//! What is refused, and what is said about it.
+//! Files that are refused, and the messages.
 
 use serde_json::{Value, json};
 
-use super::model::{Model, glb, no_files, read, read_with, tetrahedron, told};
+use super::model::{Model, glb, messages, no_files, read, read_with, tetrahedron};
 use crate::asset::{Limits, ProblemKind};
 
 /// The tetrahedron with one value changed is refused, and all of `parts` are said.
@@ -13,7 +13,7 @@ fn refused(pointer: &str, value: Value, parts: &[&str]) {
 
 #[track_caller]
 fn said(model: &Model, parts: &[&str]) {
-    let text = told(model.read());
+    let text = messages(model.read());
     assert!(text.starts_with("thing.glb: "), "{text}");
     for part in parts {
         assert!(text.contains(part), "{part:?} is not said in: {text}");
@@ -101,8 +101,8 @@ fn sparse_accessors() {
         model.set("/accessors/0/sparse", json!({ "count": count, "indices": indices, "values": { "bufferView": 0 } }))
     };
     assert!(sparse(2, &[0, 3], 5121).read().is_ok());
-    said(&sparse(2, &[3, 0], 5121), &["/accessors/0/sparse/indices", "do not rise strictly"]);
-    said(&sparse(2, &[1, 1], 5121), &["do not rise strictly"]);
+    said(&sparse(2, &[3, 0], 5121), &["/accessors/0/sparse/indices", "do not ascend strictly"]);
+    said(&sparse(2, &[1, 1], 5121), &["do not ascend strictly"]);
     said(&sparse(2, &[0, 4], 5121), &["reach beyond 4 elements"]);
     said(&sparse(5, &[0, 1, 2, 3, 4], 5121), &["5 sparse elements replace 4"]);
     said(&sparse(1 << 62, &[0], 5121), &["/accessors/0/sparse"]);
@@ -121,11 +121,11 @@ fn nodes() {
     said(&pair, &["nodes contain themselves: ", "node `A` > node `B`", "one parent"]);
     let tail = nodes(json!([{ "children": [1] }, { "children": [2] }, { "mesh": 0, "children": [1] }]));
     said(&tail, &["nodes contain themselves: ", "node 1 > node 2 > node 1"]);
-    assert!(told(tail.read_node("A")).contains("no node has a name"));
+    assert!(messages(tail.read_node("A")).contains("no node has a name"));
     let mut rootless = pair.clone();
     rootless.json.as_object_mut().expect("an object").retain(|key, _| key != "scene" && key != "scenes");
     said(&rootless, &["nodes contain themselves"]);
-    assert!(told(pair.read_node("B")).contains("nodes contain themselves"));
+    assert!(messages(pair.read_node("B")).contains("nodes contain themselves"));
 
     let two =
         nodes(json!([{ "children": [1, 2] }, { "children": [3] }, { "name": "C", "children": [3] }, { "mesh": 0 }]));
@@ -149,7 +149,7 @@ fn transforms() {
     assert!(loose.notes[0].contains("normalised"));
     // A matrix given as text that JSON cannot hold.
     let text = tetrahedron().set("/nodes/0/translation", json!(["X", 0, 0])).json.to_string().replace("\"X\"", "1e999");
-    let text = told(read(text.as_bytes()));
+    let text = messages(read(text.as_bytes()));
     assert!(text.contains("/nodes/0/translation: the JSON cannot be read: number out of range."), "{text}");
 }
 
@@ -158,12 +158,12 @@ fn node_names() {
     let nodes = json!([{ "name": "Brick", "mesh": 0 }, { "name": "Brick_large", "mesh": 0 }, { "name": "Roof" }, {}]);
     let model = tetrahedron().set("/nodes", nodes);
     assert!(model.read_node("Brick").is_ok());
-    assert!(told(model.read_node("Birck")).contains("no node is called `Birck`; near it: `Brick`"));
-    assert!(told(model.read_node("brick")).contains("near it: `Brick`"));
-    assert!(told(model.read_node("Zeppelin")).contains("there are: `Brick`, `Brick_large`, `Roof`"));
-    assert!(told(model.read_node("Roof")).contains("it holds no triangles"));
+    assert!(messages(model.read_node("Birck")).contains("no node is called `Birck`; near it: `Brick`"));
+    assert!(messages(model.read_node("brick")).contains("near it: `Brick`"));
+    assert!(messages(model.read_node("Zeppelin")).contains("there are: `Brick`, `Brick_large`, `Roof`"));
+    assert!(messages(model.read_node("Roof")).contains("it holds no triangles"));
     let twice = model.set("/nodes/2/name", json!("Brick"));
-    assert!(told(twice.read_node("Brick")).contains("2 nodes are called `Brick` (nodes 0, 2)"));
+    assert!(messages(twice.read_node("Brick")).contains("2 nodes are called `Brick` (nodes 0, 2)"));
 }
 
 #[test]
@@ -172,7 +172,7 @@ fn uris() {
         let model = tetrahedron().set("/buffers/0/uri", json!(uri));
         let text = model.json.to_string();
         let asked = |path: &str| -> Result<Vec<u8>, String> { panic!("{path} was asked for") };
-        let text = told(read_with(text.as_bytes(), None, &asked, Limits::default()));
+        let text = messages(read_with(text.as_bytes(), None, &asked, Limits::default()));
         assert!(text.contains("/buffers/0/uri: the URI") && text.contains("is refused"), "{text}");
         assert!(text.contains("folder or below"), "{text}");
     }
@@ -181,10 +181,10 @@ fn uris() {
     refused("/buffers/0/uri", json!("data:;base64,AAAA"), &["/buffers/0", "72 bytes but has 3"]);
     refused("/buffers/0/uri", json!(3), &["/buffers/0/uri: expected a URI, found 3"]);
     let text = tetrahedron().json.to_string();
-    assert!(told(read(text.as_bytes())).contains("/buffers/0: the buffer has no data"));
+    assert!(messages(read(text.as_bytes())).contains("/buffers/0: the buffer has no data"));
     // A long URI is not repeated in full.
     let long = format!("{}.bin", "x".repeat(100_000));
-    assert!(told(tetrahedron().set("/buffers/0/uri", json!(long)).read()).len() < 400);
+    assert!(messages(tetrahedron().set("/buffers/0/uri", json!(long)).read()).len() < 400);
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn extensions() {
 #[test]
 fn limits() {
     let model = tetrahedron();
-    let with = |limits: Limits| told(read_with(&model.glb(), None, &no_files, limits));
+    let with = |limits: Limits| messages(read_with(&model.glb(), None, &no_files, limits));
     let default = Limits::default();
     assert!(with(Limits { bytes: 100, ..default }).contains("is more than the limit of 100"));
     assert!(with(Limits { triangles: 3, ..default }).contains("more than the limit of"));
@@ -208,18 +208,18 @@ fn limits() {
     // Instances count each time.
     let nodes: Vec<_> = (0..100).map(|_| json!({ "mesh": 0 })).collect();
     let many = model.clone().set("/nodes", json!(nodes)).set("/scenes/0/nodes", json!((0..100).collect::<Vec<_>>()));
-    let text = told(read_with(&many.glb(), None, &no_files, Limits { triangles: 399, ..default }));
+    let text = messages(read_with(&many.glb(), None, &no_files, Limits { triangles: 399, ..default }));
     assert!(text.contains("triangles: 400 is more than the limit of 399"), "{text}");
     // Fetched buffers count as well.
     let external = model.clone().set("/buffers/0/uri", json!("big.bin")).json.to_string();
     let big = |_: &str| Ok(vec![0; 10_000]);
-    let text = told(read_with(external.as_bytes(), None, &big, Limits { bytes: 5000, ..default }));
+    let text = messages(read_with(external.as_bytes(), None, &big, Limits { bytes: 5000, ..default }));
     assert!(text.contains("/buffers/0/uri: bytes: "), "{text}");
     // A document of nothing but brackets must not fill the memory.
     let bomb = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{}0]}}"#, "0,".repeat(5_000_000));
-    assert!(told(read(bomb.as_bytes())).contains("too many values"));
+    assert!(messages(read(bomb.as_bytes())).contains("too many values"));
     let deep = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":{}"#, "[".repeat(1_000_000));
-    assert!(told(read(deep.as_bytes())).contains("the JSON cannot be read: EOF while parsing"));
+    assert!(messages(read(deep.as_bytes())).contains("the JSON cannot be read: EOF while parsing"));
 }
 
 #[test]
@@ -232,14 +232,14 @@ fn versions() {
     assert!(tetrahedron().set("/asset/version", json!("2.1")).read().is_ok());
     let mut old = tetrahedron().glb();
     old[4] = 1;
-    assert!(told(read(&old)).contains("glTF version \"1\" is not read"));
+    assert!(messages(read(&old)).contains("glTF version \"1\" is not read"));
 }
 
 #[test]
 fn broken_glb() {
     let whole = tetrahedron().glb();
     for length in 0..whole.len() {
-        let text = told(read(&whole[..length]));
+        let text = messages(read(&whole[..length]));
         let expected = match length {
             0 => "the file is empty",
             1..4 => "this is not glTF",
@@ -256,13 +256,13 @@ fn broken_glb() {
         (glb(&[(b"JSON", b"[1, 2]")]), "this is not glTF; it looks like some other JSON"),
         (glb(&[(b"JSON", tetrahedron().json.to_string().as_bytes())]), "/buffers/0: the buffer has no data"),
     ] {
-        let text = told(read(&bytes));
+        let text = messages(read(&bytes));
         assert!(text.contains(part), "{text}");
     }
     let mut long = whole.clone();
     long[12] = 0xff;
     long[15] = 0xff;
-    assert!(told(read(&long)).contains("a chunk of"));
+    assert!(messages(read(&long)).contains("a chunk of"));
 }
 
 #[test]
@@ -283,7 +283,7 @@ fn other_files_are_named() {
         (b"{\"name\": \"package\"}", "some other JSON"),
     ];
     for (bytes, seems) in files {
-        let text = told(read(bytes));
+        let text = messages(read(bytes));
         assert!(text.contains(seems), "{text}");
         assert!(text.contains("xport it"), "{text}");
     }
@@ -310,11 +310,11 @@ fn everything_wrong_is_told_at_once() {
     assert_eq!(problems.len(), 3, "{problems:#?}");
     // Faults of nodes do not hide those of meshes.
     let model = model.set("/nodes/0/rotation", json!([0, 0, 0, 0])).set("/nodes/1/children", json!([1, 99]));
-    let text = told(model.read());
+    let text = messages(model.read());
     for part in ["length 0", "there is no node 99", "contain themselves", "there is no mesh 7", "no buffer view 9"] {
         assert!(text.contains(part), "{part:?} is not said in: {text}");
     }
-    // The same fault is told once, and not without end.
+    // The same fault is reported once, and their number is bounded.
     let nodes: Vec<_> = (0..1000).map(|i| json!({ "mesh": 100 + i })).collect();
     let model = tetrahedron().set("/nodes", json!(nodes)).set("/scenes/0/nodes", json!((0..1000).collect::<Vec<_>>()));
     let problems = model.read().expect_err("much is wrong");

@@ -1,9 +1,11 @@
 //! The binary form of a layer, as every USD reads it.
 //!
-//! Three things of what openusd 0.6 writes are put right; the versions of it that need no correction need a newer Rust than ours.
+//! Corrects three faults in the output of openusd 0.6; the versions without these faults need a newer Rust than ours.
 //!
-//! - The names of children and properties are marked as an array of tokens, where USD looks for a vector of tokens, and finds nothing.
-//! - Lists of 4 to 15 whole numbers are compressed, where USD compresses none that is shorter than 16, and reads them wrongly.
+//! - The names of children and properties are marked as an array of tokens, where USD looks for a vector of tokens, and
+//!   finds nothing.
+//! - Lists of 4 to 15 whole numbers are compressed, where USD compresses none that is shorter than 16, and reads them
+//!   wrongly.
 //! - The file states the newest version of the format, and programs refuse a version newer than their own.
 
 use openusd::sdf::{Data, Value};
@@ -20,7 +22,7 @@ const ENTRY: usize = 32;
 const ENTRY_NAME: usize = 16;
 /// Fields that are vectors of tokens, as the format calls them.
 const VECTORS: [&str; 2] = ["primChildren", "properties"];
-/// A value's kind is told by eight bits, its place in the file by the lowest 48; two bits tell that it is an array, and compressed.
+/// Eight bits are a value's kind, the lowest 48 its place in the file; two more bits mark arrays and compressed values.
 const KIND: u64 = 0xff << 48;
 const PLACE: u64 = (1 << 48) - 1;
 const TOKEN_VECTOR: u64 = 41 << 48;
@@ -33,7 +35,7 @@ pub fn encode(data: &Data) -> Result<Vec<u8>> {
     let mut file = Cursor::new(Vec::new());
     CrateWriter::write(data, &mut file).map_err(Error::other)?;
     let mut bytes = file.into_inner();
-    // What is put right goes to the end of the file, so that nothing else moves.
+    // Corrected values go to the end of the file, so that nothing else moves.
     bytes.resize(bytes.len().next_multiple_of(8), 0);
     let mut added = Vec::new();
     let mut file = CrateFile::open(Cursor::new(&bytes)).map_err(Error::other)?;
@@ -42,19 +44,19 @@ pub fn encode(data: &Data) -> Result<Vec<u8>> {
     let start = file.sections[entry].start as usize;
     let mut values = Vec::with_capacity(8 * file.fields.len());
     for field in std::mem::take(&mut file.fields) {
-        let mut told = field.value_rep.0;
+        let mut value = field.value_rep.0;
         if VECTORS.contains(&file.tokens[field.token_index].as_str()) {
-            told = told & PLACE | TOKEN_VECTOR;
-        } else if told & COMPRESSED != 0 && number(&bytes, (told & PLACE) as usize) < SHORTEST_COMPRESSED {
+            value = value & PLACE | TOKEN_VECTOR;
+        } else if value & COMPRESSED != 0 && number(&bytes, (value & PLACE) as usize) < SHORTEST_COMPRESSED {
             let list = plain(&file.value(field.value_rep).map_err(Error::other)?)?;
-            told = told & KIND | ARRAY | (bytes.len() + added.len()) as u64;
+            value = value & KIND | ARRAY | (bytes.len() + added.len()) as u64;
             added.extend(list);
             added.resize(added.len().next_multiple_of(8), 0);
         }
-        values.extend(told.to_le_bytes());
+        values.extend(value.to_le_bytes());
     }
 
-    // The section: the number of fields; how many bytes tell which fields these are, and those bytes; their values likewise.
+    // The section: the number of fields; the size of the list of their names, and that list; the values likewise.
     let which = start + 16 + number(&bytes, start + 8);
     let mut section = bytes[start..which].to_vec();
     // A compressed block of one part begins with a zero.
@@ -72,9 +74,9 @@ pub fn encode(data: &Data) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Whether the sizes that a file tells fit into it. The crate takes memory for as much as it is told, before it looks.
+/// Whether the sizes that a file states fit into it. The crate allocates what a file states before it reads it.
 pub fn is_sound(bytes: &[u8]) -> bool {
-    /// Of each section how many numbers it begins with, and how many compressed blocks follow, each behind its size.
+    /// For each section, how many numbers it begins with, and how many compressed blocks follow, each behind its size.
     const SECTIONS: [(&[u8], usize, usize); 6] = [
         (b"TOKENS", 2, 1),
         (b"STRINGS", 1, 0),
@@ -83,7 +85,7 @@ pub fn is_sound(bytes: &[u8]) -> bool {
         (b"PATHS", 2, 3),
         (b"SPECS", 1, 3),
     ];
-    /// What one byte may tell of at most: four numbers of two bits each, compressed 255 times.
+    /// Numbers that one byte may hold at most: four of two bits each, compressed 255 times.
     const MOST: usize = 4 * 255;
     let word = |at: usize| -> Option<usize> {
         let word: [u8; 8] = bytes.get(at..at.checked_add(8)?)?.try_into().ok()?;

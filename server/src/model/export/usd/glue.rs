@@ -1,6 +1,6 @@
-//! The dots of glue as points, for those who simulate the pile further: they are no part of a picture.
+//! The glue joints as points, for programs that simulate the pile further. Renderers do not show them.
 
-use super::bounds::Bounds;
+use super::bounding_box::BoundingBox;
 use super::layer::{Layer, vector};
 use cairn_core::report::{BakedGlue, BakedGlueDot};
 use glam::DVec3;
@@ -11,14 +11,14 @@ use openusd::tf::Token;
 /// m.
 const WIDTH: f32 = 0.01;
 
-/// Writes the dots below the pile's prim.
+/// Writes the joints below the pile's prim.
 pub fn write(layer: &mut Layer, pile: &Path, glue: &BakedGlue) {
     let prim = layer.prim(pile, "Glue", "Points");
     let vectors = |of: fn(&BakedGlueDot) -> [f64; 3]| -> Vec<gf::Vec3f> {
         glue.dots.iter().map(|dot| vector(DVec3::from(of(dot)))).collect()
     };
     let points = vectors(|dot| dot.point);
-    let mut bounds = Bounds::default();
+    let mut bounds = BoundingBox::default();
     let half = DVec3::splat(f64::from(WIDTH) / 2.0);
     for point in glue.dots.iter().map(|dot| DVec3::from(dot.point)) {
         bounds.add(point - half);

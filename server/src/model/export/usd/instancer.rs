@@ -1,13 +1,13 @@
 //! The bodies of a pile: one `PointInstancer`.
 
-use super::super::hierarchy::Frame;
+use super::super::glue::Held;
+use super::super::hierarchy::BranchFrame;
 use super::super::{ExportError, ExportScene, tracks};
 use super::binary::SHORTEST_COMPRESSED;
-use super::bounds::Bounds;
+use super::bounding_box::BoundingBox;
 use super::layer::{short_name, vector};
-use super::model::Stage;
+use super::model::UsdStage;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::report::BakedGlue;
 use cairn_core::report::bake::BakedPile;
 use glam::{DAffine3, DQuat, DVec3};
 use openusd::gf;
@@ -19,7 +19,7 @@ type Samples = Vec<(f64, Value)>;
 
 /// Writes the bodies below the pile's prim.
 pub fn write<'a>(
-    stage: &mut Stage<'a>,
+    stage: &mut UsdStage<'a>,
     pile: &Path,
     bake: &BakedPile,
     scene: &'a ExportScene,
@@ -33,7 +33,7 @@ pub fn write<'a>(
     layer.attribute(&instancer, "int[] protoIndices", indices);
     layer.attribute(&instancer, "int64[] ids", (0..bake.bodies.len() as i64).collect::<Vec<_>>());
 
-    let frames = told_frames(bake);
+    let frames = tracks::key_frames(&bake.frames);
     let at = |values: &dyn Fn(usize) -> Value| -> Samples { frames.iter().map(|&f| (f as f64, values(f))).collect() };
     let points = |v: Vec<DVec3>| Value::Vec3fVec(v.into_iter().map(vector).collect());
     let positions = at(&|f| points(bake.frames[f].iter().map(|pose| pose.translation).collect()));
@@ -52,18 +52,20 @@ pub fn write<'a>(
     }
     layer.animated(&instancer, "float3[] extent", at(&|f| Value::Vec3fVec(room(bake, f, &bounds).extent())));
     if let Some(glue) = &bake.glue {
-        let (clusters, anchored) = held(glue, bake.bodies.len());
+        let held = Held::all(glue, bake.bodies.len());
+        let clusters: Vec<i32> = held.iter().map(|held| held.cluster.map_or(-1, |number| number as i32)).collect();
+        let anchored: Vec<bool> = held.iter().map(|held| held.anchored).collect();
         layer.primvar(&instancer, "int[] primvars:cairn:cluster", "vertex", clusters);
         layer.primvar(&instancer, "bool[] primvars:cairn:anchored", "vertex", anchored);
     }
     Ok(())
 }
 
-/// The props that bodies have, by their numbers: place among the prototypes, and prim. And what room each takes.
-type Prototypes = (BTreeMap<usize, (usize, Path)>, BTreeMap<usize, Bounds>);
+/// The props that bodies have, by their numbers: place among the prototypes, and prim. And the bounding box of each.
+type Prototypes = (BTreeMap<usize, (usize, Path)>, BTreeMap<usize, BoundingBox>);
 
 fn prototypes<'a>(
-    stage: &mut Stage<'a>,
+    stage: &mut UsdStage<'a>,
     instancer: &Path,
     bake: &BakedPile,
     scene: &'a ExportScene,
@@ -76,18 +78,10 @@ fn prototypes<'a>(
         let prim = stage.layer.prim(&scope, short_name(model.name), "Xform");
         let shown = stage.layer.text(model.name);
         stage.layer.set(&prim, FieldKey::DisplayName, shown);
-        bounds.insert(prop, stage.model(&prim, model, Frame::Origin)?);
+        bounds.insert(prop, stage.model(&prim, model, BranchFrame::Origin)?);
         prims.insert(prop, (place, prim));
     }
     Ok((prims, bounds))
-}
-
-/// The frames that say something: one between two like it does not.
-fn told_frames(bake: &BakedPile) -> Vec<usize> {
-    let frames = &bake.frames;
-    let last = frames.len().saturating_sub(1);
-    let says = |&f: &usize| f == 0 || f == last || frames[f - 1] != frames[f] || frames[f] != frames[f + 1];
-    (0..frames.len()).filter(says).collect()
 }
 
 /// Per frame and body, each in the half space of the one before it.
@@ -102,7 +96,8 @@ fn rotations(bake: &BakedPile) -> Vec<Vec<gf::Quatf>> {
     rotations
 }
 
-/// The scales of the bodies: nothing until they appear. The steps are one frame long, in which [`invisible`] hides them.
+/// The scales of the bodies: nothing until they appear. The steps are one frame long, in which [`invisible`] hides
+/// them.
 fn scales(bake: &BakedPile) -> Samples {
     let at = |frame: usize| {
         let scale =
@@ -113,7 +108,7 @@ fn scales(bake: &BakedPile) -> Samples {
     steps.collect::<BTreeSet<_>>().into_iter().map(|frame| (frame as f64, at(frame))).collect()
 }
 
-/// The bodies that are not there yet. So few that their list is too short for USD to compress are told several times over, which says
+/// The bodies that have not appeared yet. A list that is too short for USD to compress repeats its bodies, which means
 /// the same: see `binary`.
 fn invisible(bake: &BakedPile) -> Samples {
     let at = |frame: usize| {
@@ -130,8 +125,8 @@ fn appearances(bake: &BakedPile) -> BTreeSet<usize> {
     std::iter::once(0).chain(bake.bodies.iter().map(|body| body.first_frame)).collect()
 }
 
-/// How fast something changes from a frame to the next, per second: USD moves bodies on from a frame by that, so that they arrive
-/// where the next one has them. The last frame goes on as the one before it.
+/// How fast something changes from a frame to the next, per second: USD moves bodies on from a frame by that, so that
+/// they arrive where the next one has them. The last frame goes on as the one before it.
 fn motion(bake: &BakedPile, frame: usize, change: impl Fn(&Pose, &Pose) -> DVec3) -> Vec<DVec3> {
     let from = frame.min(bake.frames.len() - 2);
     let pairs = bake.frames[from].iter().zip(&bake.frames[from + 1]);
@@ -145,9 +140,9 @@ fn turn(from: DQuat, to: DQuat) -> DVec3 {
     axis * angle.to_degrees()
 }
 
-/// The room of all bodies that are there.
-fn room(bake: &BakedPile, frame: usize, bounds: &BTreeMap<usize, Bounds>) -> Bounds {
-    let mut all = Bounds::default();
+/// The bounding box of all bodies that have appeared.
+fn room(bake: &BakedPile, frame: usize, bounds: &BTreeMap<usize, BoundingBox>) -> BoundingBox {
+    let mut all = BoundingBox::default();
     for (body, pose) in bake.bodies.iter().zip(&bake.frames[frame]).filter(|(body, _)| body.first_frame <= frame) {
         let scale = DVec3::splat(body.scale);
         let placed = DAffine3::from_scale_rotation_translation(scale, pose.rotation, pose.translation);
@@ -156,18 +151,8 @@ fn room(bake: &BakedPile, frame: usize, bounds: &BTreeMap<usize, Bounds>) -> Bou
     all
 }
 
-/// Of each body the number of its cluster, -1 where it has none, and whether it is anchored.
-fn held(glue: &BakedGlue, bodies: usize) -> (Vec<i32>, Vec<bool>) {
-    let (mut clusters, mut anchored) = (vec![-1; bodies], vec![false; bodies]);
-    for (number, members) in glue.clusters.iter().enumerate() {
-        members.iter().for_each(|&body| clusters[body] = number as i32);
-    }
-    glue.anchored.iter().for_each(|&body| anchored[body] = true);
-    (clusters, anchored)
-}
-
 /// Writes a prim that is placed by poses.
-pub fn place(stage: &mut Stage, prim: &Path, poses: &[Pose]) {
+pub fn place(stage: &mut UsdStage, prim: &Path, poses: &[Pose]) {
     let moments = |track: Option<Vec<u32>>| track.unwrap_or_else(|| vec![0]);
     let translations = tracks::translations(poses.iter().copied());
     let frames = moments(tracks::thin(&translations).map(|track| track.frames));

@@ -17,7 +17,7 @@ pub enum Encoding {
     Crate,
 }
 
-/// The layer. What is added stays in the order in which it was added.
+/// The layer. Prims and properties stay in the order in which they were added.
 pub struct Layer {
     encoding: Encoding,
     data: sdf::Data,
@@ -33,8 +33,8 @@ impl Layer {
         Layer { encoding, data, prims: BTreeMap::new(), properties: BTreeMap::new() }
     }
 
-    /// A text as the layer has to hold it: a reader of `.usda` takes a backslash for the beginning of an escape, and the writer
-    /// writes none of these.
+    /// A text as the layer has to hold it: a reader of `.usda` takes a backslash for the beginning of an escape, and
+    /// the writer writes none of these.
     pub fn text(&self, text: &str) -> String {
         match self.encoding {
             Encoding::Text => text.replace('\\', "\\\\"),
@@ -42,8 +42,8 @@ impl Layer {
         }
     }
 
-    /// Defines a prim below another one. `name` becomes one that USD takes and that no other child has; where that changes it, the
-    /// prim is displayed by it.
+    /// Defines a prim below another one. `name` becomes one that USD takes and that no other child has; where that
+    /// changes it, the prim is displayed by it.
     pub fn prim(&mut self, parent: &Path, name: &str, kind: &str) -> Path {
         let taken = self.prims.entry(parent.as_str().to_owned()).or_default();
         let plain = identifier(name);
@@ -142,8 +142,8 @@ impl Layer {
         self.attribute(prim, "uniform token[] xformOpOrder", ops);
     }
 
-    /// The rotations of an instancer at its moments. Beside the precise ones stand those in half precision, which older programs know
-    /// alone; others prefer the precise ones.
+    /// The rotations of an instancer at its moments. Beside the precise ones stand those in half precision, which older
+    /// programs know alone; others prefer the precise ones.
     pub fn orientations(&mut self, instancer: &Path, samples: Vec<(f64, Vec<gf::Quatf>)>) {
         let half = |q: &gf::Quatf| gf::Quath::from([q.w, q.x, q.y, q.z].map(gf::f16::from_f32));
         let halves = samples.iter().map(|(time, all)| (*time, all.iter().map(half).collect::<Vec<_>>().into()));
@@ -187,7 +187,7 @@ pub fn quaternion(q: DQuat) -> gf::Quatf {
     gf::Quatf { w, x, y, z }
 }
 
-/// What a model is called, without its file's folder and ending; of a part of a file, the part's name.
+/// A model's name without its file's folder and ending; of a part of a file, the part's name.
 pub fn short_name(name: &str) -> &str {
     if let (_, Some(node)) = files::split_node(name) {
         return node;

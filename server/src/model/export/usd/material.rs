@@ -1,29 +1,27 @@
 //! glTF materials as `UsdPreviewSurface`.
 //!
-//! Base colour, metallic and roughness, normal, occlusion, emission, alpha, index of refraction and clear coat; what else a
-//! material has, a preview surface does not. Vertex colours tint a material without a base-colour picture only: a preview surface
-//! multiplies nothing.
+//! Base colour, metallic and roughness, normal, occlusion, emission, alpha, index of refraction and clear coat; what
+//! else a material has, a preview surface does not. Vertex colours tint a material without a base-colour picture only:
+//! a preview surface multiplies nothing.
 
-use super::super::copy::Source;
+use super::super::copy::Copier;
 use super::layer::Layer;
 use super::textures::Textures;
-use crate::model::document::reference;
+use cairn_gltf::document::{Object, reference};
 use glam::DVec2;
 use openusd::gf;
 use openusd::sdf::{AssetPath, Path};
 use openusd::tf::Token;
-use serde_json::{Map, Value};
-
-type Object = Map<String, Value>;
+use serde_json::Value;
 
 /// Writes materials of one source below one prim.
 pub struct Materials<'w, 'a> {
     pub layer: &'w mut Layer,
     pub textures: &'w mut Textures,
-    pub source: &'w Source<'a>,
+    pub source: &'w Copier<'a>,
 }
 
-/// What a picture's values are made of: each is scaled, then moved.
+/// How a picture's values are used: each is scaled, then moved.
 struct Use {
     color_space: &'static str,
     scale: [f64; 4],
@@ -100,7 +98,7 @@ impl Materials<'_, '_> {
     }
 
     fn metal(&mut self, material: &Path, surface: &Path, json: &Object) {
-        let empty = Map::new();
+        let empty = Object::new();
         let pbr = object(json, "pbrMetallicRoughness").unwrap_or(&empty);
         let (metallic, roughness) = (number(pbr, "metallicFactor", 1.0), number(pbr, "roughnessFactor", 1.0));
         let used = Use::raw([1.0, roughness, metallic, 1.0], [0.0; 4]);
@@ -198,8 +196,8 @@ impl Materials<'_, '_> {
         Some(shader)
     }
 
-    /// glTF scales, turns and moves coordinates whose second axis points down, USD such whose second axis points up: what is the same
-    /// seen on the picture has another translation.
+    /// The second axis of texture coordinates points down in glTF and up in USD. The same transform, seen on the
+    /// picture, has another translation in USD.
     fn place(&mut self, transform: &Path, moved: &Object) {
         let offset = DVec2::from(numbers(moved.get("offset")).unwrap_or([0.0; 2]));
         let scale = DVec2::from(numbers(moved.get("scale")).unwrap_or([1.0; 2]));
@@ -245,7 +243,7 @@ fn number(of: &Object, key: &str, default: f64) -> f64 {
     of.get(key).and_then(Value::as_f64).unwrap_or(default)
 }
 
-/// So many numbers; a list may be longer.
+/// The first `N` numbers of a list.
 fn numbers<const N: usize>(list: Option<&Value>) -> Option<[f64; N]> {
     let list: Vec<f64> = list?.as_array()?.iter().map(Value::as_f64).collect::<Option<_>>()?;
     list.get(..N)?.try_into().ok()

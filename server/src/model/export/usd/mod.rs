@@ -2,20 +2,21 @@
 //!
 //! The default prim `Pile` has below it:
 //!
-//! - `Bodies`, a `PointInstancer`: `ids` are the bodies' numbers, in all formats the same; `Prototypes` holds the props, each with its
-//!   own materials, so that it can be referred to by itself. A time code is a frame. `velocities` (per second) and
-//!   `angularVelocities` (degrees per second) lead from each frame to the next. Bodies that appear later are among the `invisibleIds`
-//!   until then, and without size for programs that do not look at these.
+//! - `Bodies`, a `PointInstancer`: `ids` are the bodies' numbers, in all formats the same; `Prototypes` holds the
+//!   props, each with its own materials, so that it can be referred to by itself. A time code is a frame. `velocities`
+//!   (per second) and `angularVelocities` (degrees per second) lead from each frame to the next. Bodies that appear
+//!   later are among the `invisibleIds` until then, and without size for programs that do not look at these.
 //! - `Scenery`, where there is any: each file below a prim of its name. What moves has time samples.
-//! - `Glue`, where bodies may be glued: a point for each dot, where it is at the last frame, with the purpose `guide`. Its primvars
-//!   `cairn:bodies` (the second is -1 for the ground or scenery), `cairn:normal`, `cairn:force`, `cairn:moment` and `cairn:broken` are
-//!   those of the `.glb`; the bodies' primvars `cairn:cluster` (-1: none) and `cairn:anchored`, too.
+//! - `Glue`, where bodies may be glued: a point for each dot, where it is at the last frame, with the purpose `guide`.
+//!   Its primvars `cairn:bodies` (the second is -1 for the ground or scenery), `cairn:normal`, `cairn:force`,
+//!   `cairn:moment` and `cairn:broken` are those of the `.glb`; the bodies' primvars `cairn:cluster` (-1: none) and
+//!   `cairn:anchored`, too.
 //!
-//! Metres, Y up. The figures of the pile are custom data of `Pile`, so that they go where it is referred to; where the result comes
-//! from is custom data of the layer.
+//! Metres, Y up. The figures of the pile are custom data of `Pile`, so that they go where it is referred to; where the
+//! result comes from is custom data of the layer.
 
 mod binary;
-mod bounds;
+mod bounding_box;
 mod glue;
 mod instancer;
 mod layer;
@@ -24,12 +25,13 @@ mod model;
 mod origin;
 mod textures;
 
-use super::hierarchy::Frame;
+use super::hierarchy::BranchFrame;
 use super::{Encoded, ExportError, ExportScene, ORIGIN};
 use cairn_core::report::TIMED_FIGURES;
 use cairn_core::report::bake::BakedPile;
-use layer::{Encoding, Layer, short_name};
-use model::Stage;
+pub use layer::Encoding;
+use layer::{Layer, short_name};
+use model::UsdStage;
 use openusd::sdf::{FieldKey, Path, Value};
 use openusd::tf::Token;
 use openusd::usdz::ArchiveWriter;
@@ -38,19 +40,9 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::{Cursor, Error};
 pub use textures::FOLDER;
 
-/// The `.usda`, and its pictures.
-pub fn encode_text(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    encode(Encoding::Text, bake, scene)
-}
-
-/// The `.usdc`, and its pictures.
-pub fn encode_crate(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    encode(Encoding::Crate, bake, scene)
-}
-
 /// The `.usdz`.
 pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    let Encoded { bytes, beside } = encode_crate(bake, scene)?;
+    let Encoded { bytes, beside } = encode(Encoding::Crate, bake, scene)?;
     let mut package = ArchiveWriter::new(Cursor::new(Vec::new()));
     let mut files =
         std::iter::once(("pile.usdc", &bytes)).chain(beside.iter().map(|(name, file)| (name.as_str(), file)));
@@ -59,7 +51,8 @@ pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, 
     Ok(Encoded { bytes: bytes.into_inner(), beside: BTreeMap::new() })
 }
 
-fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+/// The `.usda` or `.usdc`, and its pictures.
+pub fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
     let mut layer = Layer::new(encoding);
     let root = Path::abs_root();
     let last = bake.frames.len().saturating_sub(1) as f64;
@@ -77,19 +70,19 @@ fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<E
     let pile = layer.prim(&root, "Pile", "Xform");
     layer.set(&pile, FieldKey::Kind, Token::from("component"));
     if let Some(measures) = scene.measures {
-        let told = measures.iter().filter(|(name, _)| !TIMED_FIGURES.contains(&&***name));
-        let told = told.filter_map(|(name, value)| Some((name.to_string(), Value::Double((*value)?))));
-        let measures = HashMap::from([("measures".to_owned(), Value::Dictionary(told.collect()))]);
+        let figures = measures.iter().filter(|(name, _)| !TIMED_FIGURES.contains(&&***name));
+        let figures = figures.filter_map(|(name, value)| Some((name.to_string(), Value::Double((*value)?))));
+        let measures = HashMap::from([("measures".to_owned(), Value::Dictionary(figures.collect()))]);
         let data = HashMap::from([(ORIGIN.to_owned(), Value::Dictionary(measures))]);
         layer.set(&pile, FieldKey::CustomData, Value::Dictionary(data));
     }
 
-    let mut stage = Stage::new(layer);
+    let mut stage = UsdStage::new(layer);
     instancer::write(&mut stage, &pile, bake, scene)?;
     if !scene.scenery.is_empty() {
         scenery(&mut stage, &pile, bake, scene)?;
     }
-    let Stage { mut layer, textures, .. } = stage;
+    let UsdStage { mut layer, textures, .. } = stage;
     if let Some(glue) = &bake.glue {
         glue::write(&mut layer, &pile, glue);
     }
@@ -98,7 +91,7 @@ fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<E
 
 /// The static geometry below one prim, each file below a prim of its name.
 fn scenery<'a>(
-    stage: &mut Stage<'a>,
+    stage: &mut UsdStage<'a>,
     pile: &Path,
     bake: &BakedPile,
     scene: &'a ExportScene,
@@ -111,7 +104,7 @@ fn scenery<'a>(
         if let Some(poses) = bake.scenery.get(i).filter(|poses| !poses.is_empty()) {
             instancer::place(stage, &prim, poses);
         }
-        stage.model(&prim, model, Frame::World)?;
+        stage.model(&prim, model, BranchFrame::World)?;
     }
     Ok(())
 }

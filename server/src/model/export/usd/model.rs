@@ -1,65 +1,59 @@
 //! Models as prims: the nodes of a source, its triangles, and materials beside them.
 
-use super::super::copy::Source;
-use super::super::hierarchy::{Branch, BranchNode, Frame};
+use super::super::copy::Copier;
+use super::super::hierarchy::{Branch, BranchFrame, BranchNode};
 use super::super::sources::Sources;
 use super::super::{ExportError, SourceModel};
-use super::bounds::Bounds;
+use super::bounding_box::BoundingBox;
 use super::layer::{Layer, quaternion, vector};
 use super::material::{self, Materials};
 use super::textures::Textures;
-use crate::model::document::{DocumentError, reference};
-use crate::model::instances::instances;
-use crate::model::local::{self, Local};
-use crate::model::primitive::Primitive;
+use cairn_gltf::document::{self, DocumentError, LocalTransform, Object, Triangles, reference};
 use glam::{DAffine3, DMat4, DVec3};
 use openusd::gf;
 use openusd::sdf::Path;
 use openusd::tf::Token;
-use serde_json::Map;
 use std::collections::BTreeMap;
 
-type Object = Map<String, serde_json::Value>;
-
-/// What models are written into, and drawn from.
-pub struct Stage<'a> {
+/// The stage under construction: its layer and textures, and the source files.
+pub struct UsdStage<'a> {
     pub layer: Layer,
     pub textures: Textures,
     sources: Sources<'a>,
 }
 
-impl<'a> Stage<'a> {
-    pub fn new(layer: Layer) -> Stage<'a> {
-        Stage { layer, textures: Textures::default(), sources: Sources::default() }
+impl<'a> UsdStage<'a> {
+    pub fn new(layer: Layer) -> UsdStage<'a> {
+        UsdStage { layer, textures: Textures::default(), sources: Sources::default() }
     }
 
-    /// Writes a model below a prim that is there, and tells what room it takes in that prim's frame. Its materials are below the prim,
-    /// too, so that it can be referred to by itself.
-    pub fn model(&mut self, at: &Path, model: &'a SourceModel, frame: Frame) -> Result<Bounds, ExportError> {
+    /// Writes a model below an existing prim, and gives its bounding box in that prim's frame. Its materials stand
+    /// below the prim, too, so that others can refer to the prim alone.
+    pub fn model(&mut self, at: &Path, model: &'a SourceModel, frame: BranchFrame) -> Result<BoundingBox, ExportError> {
         let (source, branch) = self.sources.open(model, frame)?;
         let source = &*self.sources.get(source);
         let (layer, textures) = (&mut self.layer, &mut self.textures);
-        let mut writer = Writer { layer, textures, source, top: at, scope: None, materials: BTreeMap::new() };
+        let mut writer = ModelWriter { layer, textures, source, top: at, scope: None, materials: BTreeMap::new() };
         writer.branch(&branch).map_err(|error| ExportError::source(model, error))
     }
 }
 
 /// Writes one model.
-struct Writer<'w, 'a> {
+struct ModelWriter<'w, 'a> {
     layer: &'w mut Layer,
     textures: &'w mut Textures,
-    source: &'w Source<'a>,
+    source: &'w Copier<'a>,
     /// The prim that it is below.
     top: &'w Path,
     /// The prim of its materials, once there is one.
     scope: Option<Path>,
-    /// By index, and whether they are tinted; `None` for one that the source does not have.
+    /// By index, and whether they are tinted; `None` for one that the source lacks.
     materials: BTreeMap<(usize, bool), Option<Path>>,
 }
 
-impl Writer<'_, '_> {
-    fn branch(&mut self, branch: &Branch) -> Result<Bounds, DocumentError> {
-        let mut bounds = Bounds::default();
+impl ModelWriter<'_, '_> {
+    fn branch(&mut self, branch: &Branch) -> Result<BoundingBox, DocumentError> {
+        let mut bounds = BoundingBox::default();
         if let Some(lone) = branch.lone_mesh() {
             self.meshes(self.top, lone, DAffine3::IDENTITY, &mut bounds)?;
             return Ok(bounds);
@@ -78,7 +72,7 @@ impl Writer<'_, '_> {
 
     /// Places a node's prim as the node, and gives the transform.
     fn transform(&mut self, prim: &Path, node: &Object) -> DAffine3 {
-        let (ops, transform) = match local::matrix(node) {
+        let (ops, transform) = match document::matrix(node) {
             Some(matrix) => {
                 // By rows, and points stand before their matrix: the same sixteen numbers.
                 let op = "xformOp:transform";
@@ -86,7 +80,7 @@ impl Writer<'_, '_> {
                 (vec![op], DAffine3::from_mat4(DMat4::from_cols_array(&matrix)))
             }
             None => {
-                let local = Local::of(node);
+                let local = LocalTransform::of(node);
                 let ops = ["xformOp:translate", "xformOp:orient", "xformOp:scale"];
                 self.layer.attribute(prim, "double3 xformOp:translate", gf::Vec3d::from(local.translation.to_array()));
                 self.layer.attribute(prim, "quatf xformOp:orient", quaternion(local.rotation));
@@ -104,17 +98,17 @@ impl Writer<'_, '_> {
         prim: &Path,
         node: &BranchNode,
         world: DAffine3,
-        bounds: &mut Bounds,
+        bounds: &mut BoundingBox,
     ) -> Result<(), DocumentError> {
         let Some(mesh) = node.mesh else { return Ok(()) };
-        let Some(copies) = instances(&self.source.document, &node.json)? else {
+        let Some(copies) = self.source.document.instances(&node.json)? else {
             bounds.join(&self.mesh(prim, mesh)?, world);
             return Ok(());
         };
         let instancer = self.layer.prim(prim, "Copies", "PointInstancer");
         let prototype = self.layer.prim(&instancer, "Prototype", "Xform");
         let own = self.mesh(&prototype, mesh)?;
-        let mut all = Bounds::default();
+        let mut all = BoundingBox::default();
         copies.iter().for_each(|copy| all.join(&own, copy.affine()));
         bounds.join(&all, world);
         let layer = &mut *self.layer;
@@ -131,12 +125,11 @@ impl Writer<'_, '_> {
     }
 
     /// A prim for each of a mesh's primitives that has triangles.
-    fn mesh(&mut self, parent: &Path, index: usize) -> Result<Bounds, DocumentError> {
-        let mut bounds = Bounds::default();
+    fn mesh(&mut self, parent: &Path, index: usize) -> Result<BoundingBox, DocumentError> {
+        let mut bounds = BoundingBox::default();
         let json = self.source.document.get("meshes", index)?;
-        let primitives = json.get("primitives").and_then(serde_json::Value::as_array).map_or(&[][..], Vec::as_slice);
-        for primitive in primitives.iter().filter_map(serde_json::Value::as_object) {
-            let triangles = Primitive::read(&self.source.document, index, primitive)?;
+        for primitive in self.source.document.primitives(index)? {
+            let triangles = Triangles::read(&self.source.document, index, primitive)?;
             if !triangles.corners.is_empty() {
                 let prim = self.layer.prim(parent, name(json, "Mesh"), "Mesh");
                 let own = self.triangles(&prim, &triangles, reference(primitive, "material"));
@@ -146,10 +139,10 @@ impl Writer<'_, '_> {
         Ok(bounds)
     }
 
-    fn triangles(&mut self, prim: &Path, triangles: &Primitive, material: Option<usize>) -> Bounds {
+    fn triangles(&mut self, prim: &Path, triangles: &Triangles, material: Option<usize>) -> BoundingBox {
         let json = material.and_then(|index| self.source.document.get("materials", index).ok());
         let is_double = json.and_then(|json| json.get("doubleSided")).and_then(serde_json::Value::as_bool);
-        let mut bounds = Bounds::default();
+        let mut bounds = BoundingBox::default();
         triangles.points.iter().for_each(|point| bounds.add(*point));
         let layer = &mut *self.layer;
         layer.attribute(prim, "uniform token subdivisionScheme", Token::from("none"));
@@ -160,7 +153,7 @@ impl Writer<'_, '_> {
         layer.attribute(prim, "int[] faceVertexIndices", corners);
         let points: Vec<gf::Vec3f> = triangles.points.iter().map(|&point| vector(point)).collect();
         layer.attribute(prim, "point3f[] points", points);
-        // Of what only adorns, a part that cannot be read is left out.
+        // An unreadable attribute that only decorates is left out.
         let (normals, of) = match triangles.vectors::<3>("NORMAL") {
             Ok(Some(normals)) => (normals.into_iter().map(DVec3::from).collect(), "vertex"),
             // glTF has flat triangles then, other programs would round them off.
@@ -184,7 +177,7 @@ impl Writer<'_, '_> {
     }
 
     /// The colours of the vertices, times that of the material; whether there are any.
-    fn colors(&mut self, prim: &Path, triangles: &Primitive, material: Option<&Object>) -> bool {
+    fn colors(&mut self, prim: &Path, triangles: &Triangles, material: Option<&Object>) -> bool {
         let Ok(Some(colors)) = triangles.vectors::<3>("COLOR_0") else { return false };
         let base = material.map_or([1.0; 4], material::base_color);
         let tint = DVec3::new(base[0], base[1], base[2]);
@@ -209,14 +202,14 @@ impl Writer<'_, '_> {
     }
 }
 
-/// Of each triangle; zero where it has no area.
-fn flat_normals(triangles: &Primitive) -> Vec<DVec3> {
+/// The normal of each triangle; zero where it has no area.
+fn flat_normals(triangles: &Triangles) -> Vec<DVec3> {
     let point = |i: usize| triangles.points[i];
     let normal = |&[a, b, c]: &[usize; 3]| (point(b) - point(a)).cross(point(c) - point(a)).normalize_or_zero();
     triangles.corners.iter().map(normal).collect()
 }
 
-/// What a source calls an entry.
+/// The name of a source's entry.
 fn name<'j>(entry: &'j Object, default: &'j str) -> &'j str {
     entry.get("name").and_then(serde_json::Value::as_str).filter(|name| !name.is_empty()).unwrap_or(default)
 }

@@ -1,7 +1,7 @@
 //! Where a USD result comes from: below `cairn` in the layer's custom data.
 //!
-//! `versions`, `request_blake3` and `result_blake3` are plain values, `scene` and `assets` are JSON: a dictionary of USD cannot hold
-//! lists of groups.
+//! `versions`, `request_blake3` and `result_blake3` are plain values, `scene` and `assets` are JSON: a dictionary of
+//! USD cannot hold lists of groups.
 
 use super::super::{ExportError, ORIGIN};
 use super::binary;
@@ -19,7 +19,7 @@ const JSON: [&str; 2] = ["scene", "assets"];
 
 /// Writes it into a layer.
 pub fn write(layer: &mut Layer, origin: &serde_json::Value) -> Result<(), ExportError> {
-    let mut told = Dictionary::new();
+    let mut entries = Dictionary::new();
     for (key, value) in origin.as_object().into_iter().flatten() {
         let value = match value {
             _ if JSON.contains(&key.as_str()) => {
@@ -27,18 +27,18 @@ pub fn write(layer: &mut Layer, origin: &serde_json::Value) -> Result<(), Export
                 let json = serde_json::to_string(value).map_err(std::io::Error::from)?.replace('\'', "\\u0027");
                 Value::String(layer.text(&json))
             }
-            serde_json::Value::Object(entries) => {
+            serde_json::Value::Object(members) => {
                 let entry = |(key, value): (&String, &serde_json::Value)| Some((key.clone(), text(layer, value)?));
-                Value::Dictionary(entries.iter().filter_map(entry).collect())
+                Value::Dictionary(members.iter().filter_map(entry).collect())
             }
             plain => match text(layer, plain) {
                 Some(text) => text,
                 None => continue,
             },
         };
-        told.insert(key.clone(), value);
+        entries.insert(key.clone(), value);
     }
-    let data = Dictionary::from([(ORIGIN.to_owned(), Value::Dictionary(told))]);
+    let data = Dictionary::from([(ORIGIN.to_owned(), Value::Dictionary(entries))]);
     layer.set(&Path::abs_root(), FieldKey::CustomLayerData, Value::Dictionary(data));
     Ok(())
 }
@@ -47,17 +47,17 @@ fn text(layer: &Layer, value: &serde_json::Value) -> Option<Value> {
     value.as_str().map(|text| Value::String(layer.text(text)))
 }
 
-/// What a file tells, whatever USD's formats it is in; `None` for one that tells nothing.
+/// The origin that a file states, in any of USD's formats; `None` if it states none.
 pub fn read(bytes: &[u8]) -> Option<serde_json::Value> {
     const TEXT: &[u8] = b"#usda";
     const CRATE: &[u8] = b"PXR-USDC";
     const ZIP: &[u8] = b"PK\x03\x04";
     if bytes.starts_with(TEXT) {
-        // What is told stands before the first prim, without a line of its own that begins as one.
+        // The layer's data stands before the first prim, and no line of it begins as a prim does.
         const PRIM: &[u8] = b"\ndef ";
         let end = bytes.windows(PRIM.len()).position(|line| line == PRIM).unwrap_or(bytes.len());
         let layer = usda::parse(std::str::from_utf8(&bytes[..end]).ok()?).ok()?;
-        return told(&layer, |text| text.replace("\\\\", "\\"));
+        return read_layer(&layer, |text| text.replace("\\\\", "\\"));
     }
     // The crate's readers trust what they read: some damaged files make them panic.
     let read = || -> Option<serde_json::Value> {
@@ -68,22 +68,22 @@ pub fn read(bytes: &[u8]) -> Option<serde_json::Value> {
         } else {
             return None;
         };
-        told(&*layer, str::to_owned)
+        read_layer(&*layer, str::to_owned)
     };
     std::panic::catch_unwind(read).ok().flatten()
 }
 
-fn told(layer: &dyn AbstractData, plain: impl Fn(&str) -> String) -> Option<serde_json::Value> {
+fn read_layer(layer: &dyn AbstractData, plain: impl Fn(&str) -> String) -> Option<serde_json::Value> {
     let data = layer.try_field(&Path::abs_root(), FieldKey::CustomLayerData.as_str()).ok()??.into_owned();
-    let told = data.try_as_dictionary()?.remove(ORIGIN)?.try_as_dictionary()?;
+    let entries = data.try_as_dictionary()?.remove(ORIGIN)?.try_as_dictionary()?;
     let mut origin = serde_json::Map::new();
-    for (key, value) in told {
+    for (key, value) in entries {
         let value = match value {
             Value::String(text) if JSON.contains(&key.as_str()) => serde_json::from_str(&plain(&text)).ok()?,
             Value::String(text) => plain(&text).into(),
-            Value::Dictionary(entries) => {
+            Value::Dictionary(members) => {
                 let entry = |(key, value): (String, Value)| Some((key, plain(&value.try_as_string()?).into()));
-                serde_json::Value::Object(entries.into_iter().filter_map(entry).collect())
+                serde_json::Value::Object(members.into_iter().filter_map(entry).collect())
             }
             _ => continue,
         };

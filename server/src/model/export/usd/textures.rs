@@ -2,9 +2,8 @@
 //!
 //! A picture's name is a hash of its content: results in one folder share their pictures, and none replaces another's.
 
-use super::super::copy::Source;
+use super::super::copy::Copier;
 use super::super::images;
-use crate::model::document::reference;
 use std::collections::BTreeMap;
 
 /// The folder that they are in, beside the layer.
@@ -15,21 +14,17 @@ pub const FOLDER: &str = "textures";
 pub struct Textures(pub BTreeMap<String, Vec<u8>>);
 
 impl Textures {
-    /// Takes in a picture of a source, and gives its path. `None` for one that cannot be found, or that is of a kind which USD's
-    /// programs do not read: they read PNG and JPEG.
-    pub fn add(&mut self, source: &Source, image: usize) -> Option<String> {
-        let image = source.document.get("images", image).ok()?;
-        let bytes = match reference(image, "bufferView") {
-            Some(view) => source.document.view(view).ok()?.to_vec(),
-            None => images::external(image, source.resolve)?.1,
-        };
+    /// Takes in a picture of a source, and gives its path. `None` for one that cannot be found, or that is of a kind
+    /// which USD's programs do not read: they read PNG and JPEG.
+    pub fn add(&mut self, source: &Copier, image: usize) -> Option<String> {
+        let bytes = source.document.image(image, source.resolve)?;
         let ending = match images::media_type(&bytes)? {
             "image/png" => "png",
             "image/jpeg" => "jpg",
             _ => return None,
         };
         let path = format!("{FOLDER}/{}.{ending}", &blake3::hash(&bytes).to_hex()[..16]);
-        self.0.insert(path.clone(), bytes);
+        self.0.insert(path.clone(), bytes.into_owned());
         Some(path)
     }
 }

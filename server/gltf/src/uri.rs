@@ -1,4 +1,4 @@
-//! URIs of buffers: data URIs are decoded, relative paths are checked, everything else is refused.
+//! URIs of buffers and images: data URIs are decoded, relative paths are checked, everything else is refused.
 
 use std::borrow::Cow;
 
@@ -6,11 +6,21 @@ use base64::Engine;
 use base64::alphabet;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
+use crate::source::Resolver;
+
 /// Padding is often forgotten and its absence loses nothing.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
     &alphabet::STANDARD,
     GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
 );
+
+/// The bytes that a URI stands for: its own data, or a file below the glTF's folder.
+pub fn fetch(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, String> {
+    if is_data(uri) {
+        return decode_data(uri);
+    }
+    resolve(&relative_path(uri).map_err(|why| format!("{uri}: {why}"))?)
+}
 
 /// Is it a `data:` URI?
 pub fn is_data(uri: &str) -> bool {
@@ -37,15 +47,15 @@ pub fn decode_data(uri: &str) -> Result<Vec<u8>, String> {
 
 /// The path of a file at or below the glTF's own folder, `/` between its parts; or why it is not one.
 ///
-/// Percent-encoding is undone once, so that `my%20bin` works; but whoever encodes a dot, a slash, a backslash or a
-/// colon wants to get past this check. Colons are refused wherever they stand: schemes, drives, alternate streams.
+/// Percent-encoding is undone once, so that `my%20bin` works; but a URI that encodes a dot, a slash, a backslash or a
+/// colon tries to get past this check. Colons are refused wherever they stand: schemes, drives, alternate streams.
 pub fn relative_path(uri: &str) -> Result<String, &'static str> {
     if encodes_path_syntax(uri) {
         return Err("it hides a dot, slash, backslash or colon by %-encoding");
     }
     let bytes = decode_percent(uri).ok_or("a % is not followed by two hexadecimal digits")?;
     let path = String::from_utf8(bytes).map_err(|_| "its %-encoding is not UTF-8")?;
-    // A second round must find nothing either, should anything behind this decode once more.
+    // A second decoding must find nothing either, in case the resolver decodes once more.
     if encodes_path_syntax(&path) {
         return Err("it hides a dot, slash, backslash or colon by %-encoding");
     }

@@ -1,27 +1,23 @@
-//! The triangles of a primitive, whatever they are stored as.
+//! The triangles of a primitive, in whichever form the file stores them.
 
-use crate::model::accessor;
-use crate::model::document::{Document, DocumentError, reference};
-use cairn_core::asset::compressed::DRACO;
 use glam::DVec3;
-use serde_json::{Map, Value};
+use serde_json::Value;
+
+use super::{Document, DocumentError, Object, reference};
+use crate::compressed::DRACO;
 
 /// Triangles that share their vertices.
-pub struct Primitive<'a> {
-    document: &'a Document,
-    attributes: Option<&'a Map<String, Value>>,
+pub struct Triangles<'a> {
+    document: &'a Document<'a>,
+    attributes: Option<&'a Object>,
     pub points: Vec<DVec3>,
     /// Indices into the points, and into every attribute.
     pub corners: Vec<[usize; 3]>,
 }
 
-impl<'a> Primitive<'a> {
+impl<'a> Triangles<'a> {
     /// A primitive of the mesh of that index. One of points or lines has no corners.
-    pub fn read(
-        document: &'a Document,
-        mesh: usize,
-        json: &'a Map<String, Value>,
-    ) -> Result<Primitive<'a>, DocumentError> {
+    pub fn read(document: &'a Document<'a>, mesh: usize, json: &'a Object) -> Result<Triangles<'a>, DocumentError> {
         let malformed = |problem: &str| DocumentError::malformed("meshes", mesh, problem);
         if json.get("extensions").is_some_and(|extensions| extensions.get(DRACO).is_some()) {
             return Err(malformed("has compressed data that cannot be decoded"));
@@ -29,10 +25,10 @@ impl<'a> Primitive<'a> {
         let attributes = json.get("attributes").and_then(Value::as_object);
         let positions = attributes.and_then(|a| reference(a, "POSITION"));
         let positions = positions.ok_or_else(|| malformed("has a primitive without positions"))?;
-        let points: Vec<DVec3> = accessor::vectors::<3>(document, positions)?.into_iter().map(DVec3::from).collect();
+        let points: Vec<DVec3> = document.vectors::<3>(positions)?.into_iter().map(DVec3::from).collect();
         let count = points.len();
         let order: Vec<usize> = match reference(json, "indices") {
-            Some(indices) => accessor::indices(document, indices)?.into_iter().map(|i| i as usize).collect(),
+            Some(indices) => document.indices(indices)?,
             None => (0..count).collect(),
         };
         if order.iter().any(|&i| i >= count) {
@@ -48,13 +44,13 @@ impl<'a> Primitive<'a> {
             6 if !order.is_empty() => order[1..].windows(2).map(|w| [order[0], w[0], w[1]]).collect(),
             _ => Vec::new(),
         };
-        Ok(Primitive { document, attributes, points, corners })
+        Ok(Triangles { document, attributes, points, corners })
     }
 
-    /// An attribute with a value for each point; `None` if there is no such.
+    /// An attribute with a value for each point; `None` if there is none.
     pub fn vectors<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f64; N]>>, DocumentError> {
         let Some(index) = self.attributes.and_then(|a| reference(a, name)) else { return Ok(None) };
-        let values = accessor::vectors::<N>(self.document, index)?;
+        let values = self.document.vectors::<N>(index)?;
         Ok((values.len() == self.points.len()).then_some(values))
     }
 }

@@ -1,59 +1,53 @@
-//! Makes the compressed geometry of a document plain: what is written or rendered needs no decoder.
+//! Decodes the compressed geometry of a document, so that writers and renderer need no decoder.
 //!
-//! What cannot be decoded stays as it is: that only matters to who needs it, and the reader of scenes has told it.
+//! A stream that cannot be decoded stays as it is: a fault only matters if the geometry is needed, and the reader of
+//! scenes has reported it.
 
-use crate::model::document::{Document, DocumentError, Resolver, reference};
-use cairn_core::asset::Limits;
-use cairn_core::asset::compressed::{Attribute, DRACO, DracoMesh, MESHOPT, Meshopt};
 use gltf::accessor::DataType;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-/// Streams that may turn out to be broken before no more are tried: each may take long.
-const MOST_BROKEN: u32 = 8;
+use super::{Document, Object, reference};
+use crate::compressed::{Attribute, DRACO, DracoMesh, MESHOPT, MOST_BROKEN, Meshopt};
+use crate::source::Limits;
 
-/// What may still be decoded.
+/// The amount that may still be decoded.
 struct Budget {
     bytes: u64,
     triangles: u64,
     broken: u32,
 }
 
-/// Parses a file and makes its geometry plain: so the exporter and the renderer begin.
-pub fn open(bytes: &[u8], resolve: &Resolver) -> Result<Document, DocumentError> {
-    let mut document = Document::parse(bytes, resolve)?;
-    all(&mut document);
-    Ok(document)
-}
-
-/// Every compressed view and primitive.
-fn all(document: &mut Document) {
-    let limits = Limits::default();
-    let mut budget = Budget { bytes: limits.bytes, triangles: limits.triangles, broken: 0 };
-    for index in 0..document.array("bufferViews").len() {
-        if let Some(plain) = meshopt(document, index, &mut budget) {
-            let buffer = document.push_buffer(plain);
-            if let Some(view) = document.get_mut("bufferViews", index) {
-                view.insert("buffer".into(), json!(buffer));
-                view.remove("byteOffset");
-                remove_extensions(view, &MESHOPT);
+impl Document<'_> {
+    /// Replaces every compressed view and primitive by a decoded one.
+    pub(super) fn decompress(&mut self) {
+        let limits = Limits::default();
+        let mut budget = Budget { bytes: limits.bytes, triangles: limits.triangles, broken: 0 };
+        for index in 0..self.array("bufferViews").len() {
+            if let Some(plain) = meshopt(self, index, &mut budget) {
+                let buffer = self.push_buffer(plain);
+                if let Some(view) = self.get_mut("bufferViews", index) {
+                    view.insert("buffer".into(), json!(buffer));
+                    view.remove("byteOffset");
+                    remove_extensions(view, &MESHOPT);
+                }
             }
         }
-    }
-    for mesh in 0..document.array("meshes").len() {
-        let count = document.array("meshes")[mesh].get("primitives").and_then(Value::as_array).map_or(0, Vec::len);
-        for primitive in 0..count {
-            if let Some(plain) = draco(document, mesh, primitive, &mut budget) {
-                let primitives = document.get_mut("meshes", mesh).and_then(|mesh| mesh.get_mut("primitives"));
-                if let Some(slot) = primitives.and_then(|list| list.get_mut(primitive)) {
-                    *slot = Value::Object(plain);
+        for mesh in 0..self.array("meshes").len() {
+            let count = self.array("meshes")[mesh].get("primitives").and_then(Value::as_array).map_or(0, Vec::len);
+            for primitive in 0..count {
+                if let Some(plain) = draco(self, mesh, primitive, &mut budget) {
+                    let primitives = self.get_mut("meshes", mesh).and_then(|mesh| mesh.get_mut("primitives"));
+                    if let Some(slot) = primitives.and_then(|list| list.get_mut(primitive)) {
+                        *slot = Value::Object(plain);
+                    }
                 }
             }
         }
     }
 }
 
-/// The plain bytes of a compressed view; `None` if it is none, or has plain bytes of its own.
-fn meshopt(document: &Document, index: usize, budget: &mut Budget) -> Option<Vec<u8>> {
+/// The decoded bytes of a view; `None` if it is not compressed, or has plain bytes of its own.
+fn meshopt(document: &Document<'_>, index: usize, budget: &mut Budget) -> Option<Vec<u8>> {
     let view = document.get("bufferViews", index).ok()?;
     let extensions = view.get("extensions")?;
     let (name, compressed) = MESHOPT.iter().find_map(|&name| Some((name, extensions.get(name)?.as_object()?)))?;
@@ -62,19 +56,13 @@ fn meshopt(document: &Document, index: usize, budget: &mut Budget) -> Option<Vec
     if !marked && document.view(index).is_ok() {
         return None;
     }
-    let number = |key: &str| compressed.get(key).and_then(Value::as_u64);
-    let meshopt = Meshopt {
-        count: number("count")?,
-        stride: number("byteStride")?,
-        mode: compressed.get("mode")?.as_str()?,
-        filter: compressed.get("filter").and_then(Value::as_str).unwrap_or("NONE"),
-    };
+    let meshopt = Meshopt::read(compressed)?;
     budget.bytes = budget.bytes.checked_sub(meshopt.bytes())?;
     meshopt.decode(document.range("bufferViews", index, compressed).ok()?).ok()
 }
 
-/// A compressed primitive with accessors of its own; `None` if it is none.
-fn draco(document: &mut Document, mesh: usize, index: usize, budget: &mut Budget) -> Option<Map<String, Value>> {
+/// A primitive with accessors of its decoded data; `None` if it is not compressed.
+fn draco(document: &mut Document<'_>, mesh: usize, index: usize, budget: &mut Budget) -> Option<Object> {
     let primitive = document.get("meshes", mesh).ok()?.get("primitives")?.get(index)?.as_object()?;
     let compressed = primitive.get("extensions")?.get(DRACO)?.as_object()?;
     let mut primitive = primitive.clone();
@@ -112,12 +100,7 @@ fn draco(document: &mut Document, mesh: usize, index: usize, budget: &mut Budget
 }
 
 /// Adds the accessor of a decoded attribute, and gives its index. `template` is the accessor that had no data.
-fn accessor(
-    document: &mut Document,
-    attribute: &Attribute,
-    count: usize,
-    template: &Map<String, Value>,
-) -> Option<usize> {
+fn accessor(document: &mut Document<'_>, attribute: &Attribute, count: usize, template: &Object) -> Option<usize> {
     let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"].get(attribute.components.checked_sub(1)?)?;
     // Vertices begin at multiples of four bytes.
     let width = attribute.components * attribute.component_type.size();
@@ -137,7 +120,7 @@ fn accessor(
     Some(document.push("accessors", accessor))
 }
 
-fn view(document: &mut Document, bytes: Vec<u8>, stride: Option<usize>) -> usize {
+fn view(document: &mut Document<'_>, bytes: Vec<u8>, stride: Option<usize>) -> usize {
     let length = bytes.len();
     let buffer = document.push_buffer(bytes);
     let mut view = json!({ "buffer": buffer, "byteLength": length });
@@ -147,7 +130,7 @@ fn view(document: &mut Document, bytes: Vec<u8>, stride: Option<usize>) -> usize
     document.push("bufferViews", view)
 }
 
-fn remove_extensions(object: &mut Map<String, Value>, names: &[&str]) {
+fn remove_extensions(object: &mut Object, names: &[&str]) {
     if let Some(Value::Object(extensions)) = object.get_mut("extensions") {
         extensions.retain(|name, _| !names.contains(&name.as_str()));
         if extensions.is_empty() {

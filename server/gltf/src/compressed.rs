@@ -1,7 +1,7 @@
-//! Compressed geometry, made plain: Draco streams (KHR_draco_mesh_compression) and meshopt views
+//! Decoders of compressed geometry: Draco streams (KHR_draco_mesh_compression) and meshopt views
 //! (EXT_meshopt_compression, KHR_meshopt_compression).
 //!
-//! A few bytes can stand for millions of triangles, so that whoever calls says how much may come out.
+//! A few bytes can stand for millions of triangles, so the caller says how much may come out.
 
 use draco_core::DataType;
 use draco_core::decode_limits::DecodeLimits;
@@ -12,6 +12,7 @@ use draco_core::mesh::Mesh;
 use draco_core::mesh_decoder::MeshDecoder;
 use draco_gltf::meshopt::{MeshoptFilter, MeshoptMode, decode_buffer_view};
 use gltf::json::accessor::ComponentType;
+use serde_json::{Map, Value};
 
 /// The extension of a primitive whose data is a Draco stream.
 pub const DRACO: &str = "KHR_draco_mesh_compression";
@@ -19,6 +20,10 @@ pub const DRACO: &str = "KHR_draco_mesh_compression";
 /// The extensions of a buffer view whose data is a meshopt stream. The second is the first with one more version of the
 /// vertex stream and one more filter.
 pub const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
+
+/// Draco streams of one file that may turn out to be broken before no more are tried: decoding a broken one may take as
+/// long as decoding a sound one, and its length does not say how long.
+pub(crate) const MOST_BROKEN: u32 = 8;
 
 /// Vertices to a triangle, at most: where no two triangles share one.
 const CORNERS: u64 = 3;
@@ -38,7 +43,8 @@ pub struct Attribute {
 }
 
 impl DracoMesh {
-    /// Decodes a stream of at most so many triangles, whose data takes at most so many bytes; or tells why it is none.
+    /// Decodes a stream of at most so many triangles, whose data takes at most so many bytes; or gives the reason why
+    /// not.
     pub fn decode(stream: &[u8], most_triangles: u64, most_bytes: u64) -> Result<DracoMesh, String> {
         let limits = DecodeLimits::default()
             .with_max_faces(most_triangles)
@@ -114,7 +120,7 @@ fn raw(attribute: &PointAttribute, vertices: usize) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// What a meshopt view's extension says of it.
+/// The members of a meshopt view's extension.
 #[derive(Clone, Copy, Debug)]
 pub struct Meshopt<'a> {
     /// Elements.
@@ -127,28 +133,36 @@ pub struct Meshopt<'a> {
     pub filter: &'a str,
 }
 
-impl Meshopt<'_> {
-    /// Bytes of the plain view.
+impl<'a> Meshopt<'a> {
+    /// The members of a view's extension; `None` if one is missing.
+    pub fn read(extension: &'a Map<String, Value>) -> Option<Meshopt<'a>> {
+        let number = |key: &str| extension.get(key).and_then(Value::as_u64);
+        let word = |key: &str| extension.get(key).and_then(Value::as_str);
+        let filter = word("filter").unwrap_or("NONE");
+        Some(Meshopt { count: number("count")?, stride: number("byteStride")?, mode: word("mode")?, filter })
+    }
+
+    /// Bytes of the decoded view.
     pub fn bytes(&self) -> u64 {
         self.count.saturating_mul(self.stride)
     }
 
-    /// The plain view; or why there is none. It takes [`Meshopt::bytes`], which the caller bounds first.
+    /// The decoded view, or why there is none. It takes [`Meshopt::bytes`], which the caller bounds first.
     pub fn decode(&self, stream: &[u8]) -> Result<Vec<u8>, String> {
-        // Its messages begin with the extension's name, which the problem tells already.
-        let told = |error: draco_gltf::GltfError| {
+        // Its messages begin with the extension's name, which the problem states already.
+        let clean = |error: draco_gltf::GltfError| {
             let text = error.to_string();
             text.rsplit(MESHOPT[0]).next().unwrap_or_default().trim_start_matches([':', ' ']).to_owned()
         };
-        let mode = MeshoptMode::from_name(self.mode).map_err(told)?;
-        let filter = MeshoptFilter::from_name(self.filter).map_err(told)?;
+        let mode = MeshoptMode::from_name(self.mode).map_err(clean)?;
+        let filter = MeshoptFilter::from_name(self.filter).map_err(clean)?;
         let size = usize::try_from(self.bytes()).map_err(|_| "it is too large".to_owned())?;
         if !(1..=256).contains(&self.stride) {
             return Err(format!("its byteStride of {} is not 1 to 256", self.stride));
         }
         let mut plain = vec![0; size];
         decode_buffer_view(&mut plain, stream, mode, filter, self.count as usize, self.stride as usize)
-            .map_err(told)?;
+            .map_err(clean)?;
         Ok(plain)
     }
 }

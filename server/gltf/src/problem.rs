@@ -1,4 +1,4 @@
-//! What can be wrong with a file, where it is, and what its owner can do about it.
+//! The faults of a file, where they are, and what the file's owner can do about them.
 
 use std::fmt;
 
@@ -8,13 +8,13 @@ const MOST_TEXT: usize = 80;
 /// One reason why a file was refused.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AssetProblem {
-    /// What messages call the file.
+    /// The file's name in messages.
     pub file: String,
-    /// Where in it: a JSON path (`/accessors/3/count`), or the way from the node down
+    /// Where in it: a JSON path (`/accessors/3/count`), or the path from the node down
     /// (``node 4 `Brick`, mesh 0, primitive 1, accessor 3 (POSITION)``). Empty for the file as a whole.
     pub place: String,
     pub what: ProblemKind,
-    /// A sentence: what to do about it.
+    /// A sentence: what the owner can do.
     pub remedy: String,
 }
 
@@ -124,7 +124,7 @@ fn list(nodes: &[usize]) -> String {
 }
 
 /// Foreign text made fit for a message: one line, of bounded length.
-pub(super) fn clip(text: &str) -> String {
+pub(crate) fn clip(text: &str) -> String {
     let clean = |c: char| if c.is_control() { '\u{fffd}' } else { c };
     let mut out: String = text.chars().take(MOST_TEXT).map(clean).collect();
     if text.chars().nth(MOST_TEXT).is_some() {

@@ -1,18 +1,18 @@
-//! The outside of a file: is it glTF, and where are its JSON and its binary chunk?
+//! The outermost form of a file: is it glTF, and where are its JSON and its binary chunk?
 
-use super::problem::ProblemKind;
+use crate::problem::ProblemKind;
 
 const MAGIC: &[u8] = b"glTF";
 const CHUNK_JSON: &[u8] = b"JSON";
 const CHUNK_BIN: &[u8] = b"BIN\0";
 
 /// The JSON text and, in a GLB, the first binary chunk.
-pub struct Container<'a> {
+pub struct Chunks<'a> {
     pub json: &'a [u8],
     pub bin: Option<&'a [u8]>,
 }
 
-pub fn open(bytes: &[u8]) -> Result<Container<'_>, ProblemKind> {
+pub fn open(bytes: &[u8]) -> Result<Chunks<'_>, ProblemKind> {
     if bytes.is_empty() {
         return Err(ProblemKind::EmptyFile);
     }
@@ -21,12 +21,12 @@ pub fn open(bytes: &[u8]) -> Result<Container<'_>, ProblemKind> {
     }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     if text.trim_ascii_start().first() == Some(&b'{') {
-        return Ok(Container { json: text, bin: None });
+        return Ok(Chunks { json: text, bin: None });
     }
     Err(ProblemKind::NotGltf { seems: guess(bytes) })
 }
 
-fn open_glb(bytes: &[u8]) -> Result<Container<'_>, ProblemKind> {
+fn open_glb(bytes: &[u8]) -> Result<Chunks<'_>, ProblemKind> {
     let broken = |fault: String| ProblemKind::Glb { fault };
     let word = |at: usize| {
         let bytes = at.checked_add(4).and_then(|end| bytes.get(at..end))?;
@@ -70,10 +70,10 @@ fn open_glb(bytes: &[u8]) -> Result<Container<'_>, ProblemKind> {
     let json = json.ok_or_else(|| broken("it has no JSON chunk".to_owned()))?;
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
     let end = json.iter().rposition(|&b| b != 0).map_or(0, |last| last + 1);
-    Ok(Container { json: &json[..end], bin })
+    Ok(Chunks { json: &json[..end], bin })
 }
 
-/// What a file that is not glTF seems to be, from its first bytes.
+/// The likely format of a file that is not glTF, from its first bytes.
 fn guess(bytes: &[u8]) -> &'static str {
     const SIGNS: [(&[u8], &str); 28] = [
         (b"\x89PNG", "a PNG picture"),

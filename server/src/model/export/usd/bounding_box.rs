@@ -1,30 +1,30 @@
-//! What room something takes.
+//! Boxes along the axes.
 
 use super::layer::vector;
 use glam::{DAffine3, DVec3};
 use openusd::gf;
 
-/// A box along the axes; of nothing at first.
+/// A box along the axes; empty at first.
 #[derive(Clone, Copy)]
-pub struct Bounds {
+pub struct BoundingBox {
     low: DVec3,
     high: DVec3,
 }
 
-impl Default for Bounds {
+impl Default for BoundingBox {
     fn default() -> Self {
-        Bounds { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY }
+        BoundingBox { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY }
     }
 }
 
-impl Bounds {
+impl BoundingBox {
     pub fn add(&mut self, point: DVec3) {
         self.low = self.low.min(point);
         self.high = self.high.max(point);
     }
 
     /// Takes in another box, moved.
-    pub fn join(&mut self, other: &Bounds, by: DAffine3) {
+    pub fn join(&mut self, other: &BoundingBox, by: DAffine3) {
         if other.low.x > other.high.x {
             return;
         }
@@ -34,7 +34,7 @@ impl Bounds {
         }
     }
 
-    /// As prims have it.
+    /// The attribute `extent` of a prim.
     pub fn extent(&self) -> Vec<gf::Vec3f> {
         let is_empty = self.low.x > self.high.x;
         if is_empty { vec![gf::Vec3f::from([0.0; 3]); 2] } else { vec![vector(self.low), vector(self.high)] }

@@ -1,20 +1,21 @@
-//! Where a node stands relative to the one above it.
+//! The transform of a node relative to its parent.
 
 use glam::{DAffine3, DQuat, DVec3};
-use serde_json::{Map, Value};
+
+use super::Object;
 
 /// Translation, rotation and scale.
 #[derive(Clone, Copy)]
-pub struct Local {
+pub struct LocalTransform {
     pub translation: DVec3,
     pub rotation: DQuat,
     pub scale: DVec3,
 }
 
-impl Local {
-    /// That of a node without a matrix; what is no number takes glTF's default.
-    pub fn of(node: &Map<String, Value>) -> Local {
-        Local {
+impl LocalTransform {
+    /// Of a node without a matrix; a member that is no list of numbers takes glTF's default.
+    pub fn of(node: &Object) -> LocalTransform {
+        LocalTransform {
             translation: numbers(node, "translation").map_or(DVec3::ZERO, DVec3::from_array),
             rotation: numbers(node, "rotation").map_or(DQuat::IDENTITY, |q| unit(DQuat::from_array(q))),
             scale: numbers(node, "scale").map_or(DVec3::ONE, DVec3::from_array),
@@ -32,11 +33,11 @@ pub fn unit(q: DQuat) -> DQuat {
 }
 
 /// The matrix of a node that has one, column by column.
-pub fn matrix(node: &Map<String, Value>) -> Option<[f64; 16]> {
+pub fn matrix(node: &Object) -> Option<[f64; 16]> {
     numbers(node, "matrix")
 }
 
-fn numbers<const N: usize>(node: &Map<String, Value>, key: &str) -> Option<[f64; N]> {
+fn numbers<const N: usize>(node: &Object, key: &str) -> Option<[f64; N]> {
     let items = node.get(key)?.as_array()?.iter();
     let numbers: Option<Vec<f64>> = items.map(|v| v.as_f64().filter(|v| v.is_finite())).collect();
     numbers?.try_into().ok()

@@ -1,10 +1,10 @@
-//! Everything that a ray can meet: instances of meshes in a tree of their own.
+//! All surfaces that rays can meet: instances of meshes in a tree of their own.
 //!
-//! Stage space is the world moved and scaled so that what the camera looks at lies around the origin within radius 1:
+//! Unit space is the world moved and scaled so that the camera's subject lies around the origin within radius 1:
 //! one set of tolerances fits piles of any size.
 
-use super::library::{Library, Mesh, Surface};
-use super::nodes::Placed;
+use super::library::{FaceAttributes, Library, Mesh};
+use super::nodes::PlacedMesh;
 use glam::{Affine3A, DAffine3, DVec3, Mat3A, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
@@ -13,31 +13,31 @@ use obvhs::bvh2::builder::build_bvh2;
 use obvhs::ray::{Ray, RayHit};
 use std::time::Duration;
 
-/// Single precision's error of a place on the stage, generously.
+/// Single precision's error of a point in unit space, generously.
 const ROUNDING: f32 = 1e-5;
 
 /// Instances, and the tree above them.
-pub struct Stage<'a> {
+pub struct RayScene<'a> {
     /// In the order of the tree's leaves.
-    instances: Vec<Instance<'a>>,
+    instances: Vec<MeshInstance<'a>>,
     tree: Option<Bvh2>,
 }
 
-struct Instance<'a> {
+struct MeshInstance<'a> {
     mesh: &'a Mesh,
     to_cube: Affine3A,
     /// The mesh's bounds, a little widened.
     cube_bounds: [Vec3A; 2],
-    /// Takes normals of the mesh to the stage.
+    /// Takes normals of the mesh to unit space.
     normals: Mat3A,
     /// Which body this is, in the order of the file.
     number: usize,
 }
 
 /// Where a ray ends.
-pub struct Hit<'a> {
+pub struct SurfaceHit<'a> {
     pub distance: f32,
-    pub surface: &'a Surface,
+    pub surface: &'a FaceAttributes,
     /// Unit, facing the ray.
     pub facet: Vec3,
     /// Unit, between the corners' normals where there are some; on the facet's side.
@@ -47,15 +47,15 @@ pub struct Hit<'a> {
     pub number: usize,
 }
 
-impl<'a> Stage<'a> {
-    /// What `library` shows at `placed`; `to_stage` takes the world to the stage. What is squeezed flat has no inside
-    /// to look at and is left out.
-    pub fn new(library: &'a Library, placed: &[Placed], to_stage: DAffine3) -> Stage<'a> {
+impl<'a> RayScene<'a> {
+    /// The meshes of `library` at `placed`; `to_unit` takes the world to unit space. Meshes without volume have no
+    /// inverse transform and are left out.
+    pub fn new(library: &'a Library, placed: &[PlacedMesh], to_unit: DAffine3) -> RayScene<'a> {
         let mut instances = Vec::new();
         let mut boxes = Vec::new();
         for (number, placed) in placed.iter().enumerate() {
             let mesh = &library.meshes[&placed.mesh];
-            let to_mesh = to_stage * placed.world;
+            let to_mesh = to_unit * placed.world;
             let map = to_mesh * mesh.from_cube;
             let volume = map.matrix3.determinant();
             if mesh.triangles.is_empty() || !map.is_finite() || !volume.is_normal() {
@@ -63,7 +63,7 @@ impl<'a> Stage<'a> {
             }
             boxes.push(bounds(mesh, &map));
             let inverse = map.inverse();
-            instances.push(Instance {
+            instances.push(MeshInstance {
                 mesh,
                 to_cube: Affine3A::from_mat3_translation(inverse.matrix3.as_mat3(), inverse.translation.as_vec3()),
                 cube_bounds: [mesh.bounds[0].as_vec3a() - ROUNDING, mesh.bounds[1].as_vec3a() + ROUNDING],
@@ -72,20 +72,20 @@ impl<'a> Stage<'a> {
             });
         }
         if boxes.is_empty() {
-            return Stage { instances, tree: None };
+            return RayScene { instances, tree: None };
         }
         let tree = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
-        let mut slots: Vec<Option<Instance>> = instances.into_iter().map(Some).collect();
+        let mut slots: Vec<Option<MeshInstance>> = instances.into_iter().map(Some).collect();
         let instances = tree.primitive_indices.iter().filter_map(|&i| slots[i as usize].take()).collect();
-        Stage { instances, tree: Some(tree) }
+        RayScene { instances, tree: Some(tree) }
     }
 
     pub fn is_empty(&self) -> bool {
         self.instances.is_empty()
     }
 
-    /// The first thing in the way of a ray, nearer than `reach`.
-    pub fn first(&self, origin: Vec3, direction: Vec3, reach: f32) -> Option<Hit<'a>> {
+    /// The first surface on a ray, nearer than `reach`.
+    pub fn first(&self, origin: Vec3, direction: Vec3, reach: f32) -> Option<SurfaceHit<'a>> {
         let tree = self.tree.as_ref()?;
         let ray = Ray::new(origin.into(), direction.into(), 0.0, reach);
         let mut best: Option<(usize, usize, Ray)> = None;
@@ -110,7 +110,7 @@ impl<'a> Stage<'a> {
         Some(self.instances[i].describe(triangle, &local, hit.t, direction))
     }
 
-    /// Whether nothing is in the way of a ray.
+    /// Whether a ray meets nothing.
     pub fn is_clear(&self, origin: Vec3, direction: Vec3) -> bool {
         let Some(tree) = &self.tree else { return true };
         let ray = Ray::new(origin.into(), direction.into(), 0.0, f32::INFINITY);
@@ -125,8 +125,8 @@ impl<'a> Stage<'a> {
         })
     }
 
-    /// Calls `visit` for everything in the way of a ray, in no particular order.
-    pub fn all(&self, origin: Vec3, direction: Vec3, reach: f32, mut visit: impl FnMut(Hit<'a>)) {
+    /// Calls `visit` for every surface on a ray, in no particular order.
+    pub fn all(&self, origin: Vec3, direction: Vec3, reach: f32, mut visit: impl FnMut(SurfaceHit<'a>)) {
         let Some(tree) = &self.tree else { return };
         let ray = Ray::new(origin.into(), direction.into(), 0.0, reach);
         tree.ray_traverse_anyhit(ray, |ray, i| {
@@ -142,7 +142,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-impl<'a> Instance<'a> {
+impl<'a> MeshInstance<'a> {
     /// A ray in the mesh's cube, with a unit direction; distances there are `stretch` times as long.
     #[inline]
     fn localise(&self, ray: &Ray) -> (Ray, f32) {
@@ -161,7 +161,7 @@ impl<'a> Instance<'a> {
         a.min(b).max_element().max(local.tmin) <= a.max(b).min_element().min(local.tmax)
     }
 
-    fn describe(&self, triangle: usize, local: &Ray, distance: f32, direction: Vec3) -> Hit<'a> {
+    fn describe(&self, triangle: usize, local: &Ray, distance: f32, direction: Vec3) -> SurfaceHit<'a> {
         let (corners, surface) = (&self.mesh.triangles[triangle], &self.mesh.surfaces[triangle]);
         let shares = shares(corners, local);
         let world = |normal: Vec3A| Vec3::from(self.normals * normal).normalize_or_zero();
@@ -170,7 +170,7 @@ impl<'a> Instance<'a> {
         let [a, b, c] = surface.normals;
         let between = towards(world((a * shares.x + b * shares.y + c * shares.z).into()), facet);
         let normal = if between == Vec3::ZERO { facet } else { between };
-        Hit { distance, surface, facet, normal, shares, number: self.number }
+        SurfaceHit { distance, surface, facet, normal, shares, number: self.number }
     }
 }
 
@@ -184,7 +184,7 @@ fn shares(t: &obvhs::triangle::Triangle, ray: &Ray) -> Vec3 {
     if shares.is_finite() { shares } else { Vec3::splat(1.0 / 3.0) }
 }
 
-/// The box around a mesh on the stage: around all its points, where these are not too many to look at for every body.
+/// The box around a mesh in unit space: around all its points, unless these are too many to visit for every body.
 fn bounds(mesh: &Mesh, map: &DAffine3) -> Aabb {
     const MANY: usize = 50_000;
     if mesh.triangles.len() > MANY {
@@ -200,7 +200,7 @@ fn bounds(mesh: &Mesh, map: &DAffine3) -> Aabb {
     Aabb::new(bounds.min - ROUNDING, bounds.max + ROUNDING)
 }
 
-/// Of a box.
+/// The corners of a box.
 fn corners([low, high]: [DVec3; 2]) -> [DVec3; 8] {
     std::array::from_fn(|i| {
         let pick = |axis: usize| if i >> axis & 1 == 1 { high[axis] } else { low[axis] };
@@ -211,7 +211,7 @@ fn corners([low, high]: [DVec3; 2]) -> [DVec3; 8] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::document::Document;
+    use cairn_gltf::Document;
     use glam::{DQuat, EulerRot};
 
     /// Distance along a unit direction to a triangle.
@@ -231,13 +231,13 @@ mod tests {
         let resolve = |uri: &str| Err(uri.to_string());
         let document = Document::parse(bytes, &resolve).unwrap();
         let wave = |i: usize, k: f64| (i as f64 * k).sin();
-        let placed: Vec<Placed> = (0..40)
+        let placed: Vec<PlacedMesh> = (0..40)
             .map(|i| {
                 let turn = DQuat::from_euler(EulerRot::XYZ, wave(i, 1.1) * 3.0, wave(i, 2.3), wave(i, 0.7) * 3.0);
                 let scale = DVec3::new(2.0 + wave(i, 1.0), 2.0, if i % 3 == 0 { -2.0 } else { 1.0 });
                 let place = DVec3::new(wave(i, 1.7), wave(i, 2.9), wave(i, 0.4)) * 0.5;
                 let world = DAffine3::from_scale_rotation_translation(scale, turn, place);
-                Placed { mesh: 0, world, in_pile: true, body: None }
+                PlacedMesh { mesh: 0, world, in_pile: true, body: None }
             })
             .collect();
         let library = Library::read(&document, &placed, &resolve).unwrap();
@@ -249,7 +249,7 @@ mod tests {
                 mesh.triangles.iter().map(move |t| [t.v0, t.v1, t.v2].map(|v| map.transform_point3(v.as_dvec3())))
             })
             .collect();
-        let stage = Stage::new(&library, &placed, DAffine3::IDENTITY);
+        let scene = RayScene::new(&library, &placed, DAffine3::IDENTITY);
         let mut met = 0;
         for i in 0..600 {
             let origin = DVec3::new(wave(i, 1.3), wave(i, 3.1), wave(i, 0.9)) * 2.0;
@@ -257,21 +257,21 @@ mod tests {
             let direction = (towards - origin).normalize();
             let (from, to) = (origin.as_vec3(), direction.as_vec3());
             let expected = world.iter().filter_map(|t| distance(*t, origin, direction)).reduce(f64::min);
-            let found = stage.first(from, to, f32::INFINITY).map(|hit| f64::from(hit.distance));
+            let found = scene.first(from, to, f32::INFINITY).map(|hit| f64::from(hit.distance));
             match (expected, found) {
                 (Some(expected), Some(found)) => assert!((expected - found).abs() < 1e-4, "{expected} {found}"),
                 (expected, found) => assert_eq!(expected.is_some(), found.is_some()),
             }
-            assert_eq!(stage.is_clear(from, to), expected.is_none());
+            assert_eq!(scene.is_clear(from, to), expected.is_none());
             if let Some(distance) = expected {
                 met += 1;
                 let mut nearest = f32::INFINITY;
-                stage.all(from, to, f32::INFINITY, |hit| nearest = nearest.min(hit.distance));
+                scene.all(from, to, f32::INFINITY, |hit| nearest = nearest.min(hit.distance));
                 assert!((f64::from(nearest) - distance).abs() < 1e-4);
                 // A reach that ends before the surface, by more or less than rounding.
                 for share in [0.5, 0.999_999] {
                     assert!(
-                        stage.first(from, to, (distance * share) as f32).is_none_or(|h| h.distance <= distance as f32)
+                        scene.first(from, to, (distance * share) as f32).is_none_or(|h| h.distance <= distance as f32)
                     );
                 }
             }

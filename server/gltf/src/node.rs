@@ -7,14 +7,14 @@ use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 use gltf::json::Index;
 use gltf::json::scene::{Node, Scene};
 
-use super::gate::{Gate, Kind, MAY, Member, NODES, NUMBER, Piece, SCENES};
-use super::log::{Checked, Log};
-use super::problem::{ProblemKind, clip};
+use crate::gate::{Gate, MAY, Member, MemberKind, NODES, NUMBER, Piece, SCENES};
+use crate::log::{Log, Logged};
+use crate::problem::{ProblemKind, clip};
 
-/// A quaternion whose length is further from 1 is told of; exporters round to single precision.
+/// A quaternion whose length is further from 1 gets a note; exporters round to single precision.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
-/// Names told of when one is not found.
+/// Names listed when one is not found.
 const MOST_NAMES: usize = 8;
 
 /// Names compared with one that is not found.
@@ -23,19 +23,22 @@ const MOST_COMPARED: usize = 20_000;
 /// Likeness (Jaro-Winkler, 1 is equal) from which a name is offered for a mistyped one.
 const NEAR: f64 = 0.8;
 
-const NODE: &[Member] = &[("children", Kind::Nodes, MAY), ("mesh", NUMBER, MAY), ("name", Kind::Name, MAY)];
+/// Draws a node's mesh many times; its attributes are accessors.
+pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
-const SCENE: &[Member] = &[("nodes", Kind::Nodes, MAY)];
+const NODE: &[Member] = &[("children", MemberKind::Nodes, MAY), ("mesh", NUMBER, MAY), ("name", MemberKind::Name, MAY)];
+
+const SCENE: &[Member] = &[("nodes", MemberKind::Nodes, MAY)];
 
 /// A node that is read, and where it stands in the frame of the result.
-pub(super) struct Placed {
+pub(crate) struct PlacedNode {
     pub index: usize,
     pub map: DAffine3,
 }
 
-/// What was asked for.
-pub(super) struct Placement {
-    pub placed: Vec<Placed>,
+/// The nodes to read.
+pub(crate) struct Selection {
+    pub placed: Vec<PlacedNode>,
     /// The chosen node.
     pub root: Option<usize>,
     /// The linear part of its world transform.
@@ -43,18 +46,18 @@ pub(super) struct Placement {
 }
 
 /// All nodes of a file, with the first parent of each.
-pub(super) struct Nodes<'a, 'g> {
+pub(crate) struct Nodes<'a, 'g> {
     gate: &'g Gate<'a>,
-    /// Without what is wrong in them, and whether anything is: that is told when the node is visited.
+    /// Without their faulty members; and whether a node has any: a visit of the node reports them.
     pub items: Vec<Node>,
     faulty: Vec<bool>,
     parents: Vec<Option<usize>>,
-    /// Transforms relative to the parent, once asked for.
+    /// Transforms relative to the parent, as far as they were needed.
     locals: Vec<Option<DAffine3>>,
 }
 
 impl<'a, 'g> Nodes<'a, 'g> {
-    pub fn new(gate: &'g Gate<'a>, limit: usize, log: &mut Log) -> Checked<Self> {
+    pub fn new(gate: &'g Gate<'a>, limit: usize, log: &mut Log) -> Logged<Self> {
         let count = gate.count(NODES, log)?;
         if count > limit {
             let what = ProblemKind::Limit { what: "nodes", found: count as u64, limit: limit as u64 };
@@ -75,7 +78,7 @@ impl<'a, 'g> Nodes<'a, 'g> {
         Ok(Nodes { gate, items, faulty, parents, locals: vec![None; count] })
     }
 
-    /// What messages call node `i`.
+    /// The name of node `i` in messages.
     pub fn place(&self, i: usize) -> String {
         match self.items[i].name.as_deref() {
             Some(name) if !name.is_empty() => format!("node `{}`", clip(name)),
@@ -85,8 +88,8 @@ impl<'a, 'g> Nodes<'a, 'g> {
 
     /// Everything below the node called `wanted`, or the scene of that name where no node has it; or the default scene.
     ///
-    /// What is wrong is in the log and has a stand-in here, so that the meshes below are looked at all the same.
-    pub fn place_all(&mut self, wanted: Option<&str>, log: &mut Log) -> Checked<Placement> {
+    /// A faulty value is reported and replaced by a default, so that the meshes below are checked all the same.
+    pub fn place_all(&mut self, wanted: Option<&str>, log: &mut Log) -> Logged<Selection> {
         let has_name = |scene: &usize, name: &str| {
             let word = self.gate.find(SCENES, *scene).and_then(|scene| scene.member("name")?.word());
             word.as_deref() == Some(name)
@@ -100,15 +103,15 @@ impl<'a, 'g> Nodes<'a, 'g> {
             let roots = self.scene_roots(scene, log)?;
             let worlds = self.worlds(&roots, log);
             let placed = self.descend(roots.into_iter().zip(worlds).collect(), log);
-            return Ok(Placement { placed, root: None, linear: DMat3::IDENTITY });
+            return Ok(Selection { placed, root: None, linear: DMat3::IDENTITY });
         }
         let chosen = self.find(wanted.unwrap_or_default(), log)?;
         let linear = self.worlds(&[chosen], log).first().map_or(DMat3::IDENTITY, |world| world.matrix3);
         let placed = self.descend(vec![(chosen, DAffine3::from_mat3(linear))], log);
-        Ok(Placement { placed, root: Some(chosen), linear })
+        Ok(Selection { placed, root: Some(chosen), linear })
     }
 
-    fn find(&self, wanted: &str, log: &mut Log) -> Checked<usize> {
+    fn find(&self, wanted: &str, log: &mut Log) -> Logged<usize> {
         let names = || self.items.iter().map(|node| node.name.as_deref());
         let found: Vec<usize> = names().enumerate().filter(|(_, name)| *name == Some(wanted)).map(|(i, _)| i).collect();
         match found[..] {
@@ -139,16 +142,16 @@ impl<'a, 'g> Nodes<'a, 'g> {
         }
     }
 
-    /// The roots of a scene, of the default one if none is `wanted`; of the first, if none is the default; or all roots,
-    /// if there is no scene.
-    fn scene_roots(&self, wanted: Option<usize>, log: &mut Log) -> Checked<Vec<usize>> {
+    /// The roots of a scene, of the default one if none is `wanted`; of the first, if none is the default; or all
+    /// roots, if there is no scene.
+    fn scene_roots(&self, wanted: Option<usize>, log: &mut Log) -> Logged<Vec<usize>> {
         let count = self.gate.count(SCENES, log)?;
         let chosen = self.gate.root("scene").map(|scene| scene.whole(log)).transpose()?.map(|scene| scene as usize);
         if count == 0 && chosen.is_none() {
             log.note("the file has no scene: all its nodes are read", "");
             let mut roots: Vec<usize> = (0..self.items.len()).filter(|&i| self.parents[i].is_none()).collect();
             if roots.is_empty() && !self.items.is_empty() {
-                roots.push(0); // only cycles: the walk will tell which
+                roots.push(0); // only cycles: the walk reports which
             }
             return Ok(roots);
         }
@@ -160,7 +163,7 @@ impl<'a, 'g> Nodes<'a, 'g> {
         Ok(scene.iter().flat_map(|scene| &scene.nodes).map(Index::value).collect())
     }
 
-    /// World transforms of `starts`, through all their parents. Each node is worked out once.
+    /// World transforms of `starts`, through all their parents. Each node's is computed once.
     fn worlds(&mut self, starts: &[usize], log: &mut Log) -> Vec<DAffine3> {
         let mut known: Vec<Option<DAffine3>> = vec![None; self.items.len()];
         let mut on_chain = vec![false; self.items.len()];
@@ -187,7 +190,7 @@ impl<'a, 'g> Nodes<'a, 'g> {
     }
 
     /// Every node at and below `starts`, in the order of the file's lists.
-    fn descend(&mut self, starts: Vec<(usize, DAffine3)>, log: &mut Log) -> Vec<Placed> {
+    fn descend(&mut self, starts: Vec<(usize, DAffine3)>, log: &mut Log) -> Vec<PlacedNode> {
         let mut visited = vec![false; self.items.len()];
         let mut placed = Vec::new();
         // A node that hangs below another start is found from there, with the same transform.
@@ -202,7 +205,7 @@ impl<'a, 'g> Nodes<'a, 'g> {
                     log.refuse(self.place(index), ProblemKind::Transform { fault });
                     map = DAffine3::IDENTITY;
                 }
-                placed.push(Placed { index, map });
+                placed.push(PlacedNode { index, map });
                 if let Some(node) = self.gate.find(NODES, index).filter(|_| self.faulty[index]) {
                     self.gate.read_good::<Node>(&node, NODE, log);
                 }
@@ -242,7 +245,7 @@ impl<'a, 'g> Nodes<'a, 'g> {
         false
     }
 
-    /// Tells the circle from `top` down to `bottom`, its descendant, which lists `top` among its children.
+    /// Reports the circle from `top` down to `bottom`, its descendant, which lists `top` among its children.
     fn refuse_cycle(&self, top: usize, bottom: usize, log: &mut Log) {
         let mut path = vec![bottom];
         let mut at = bottom;
@@ -272,8 +275,8 @@ impl<'a, 'g> Nodes<'a, 'g> {
         *self.locals[i].insert(read.unwrap_or(DAffine3::IDENTITY))
     }
 
-    /// Read in double precision: the crate's types hold single, which far from the origin tears parts asunder.
-    fn read_local(&self, node: &Piece<'a>, place: &str, log: &mut Log) -> Checked<DAffine3> {
+    /// In double precision: the crate's types hold single, which moves parts visibly far from the origin.
+    fn read_local(&self, node: &Piece<'a>, place: &str, log: &mut Log) -> Logged<DAffine3> {
         let [matrix, translation, rotation, scale] = node.members_of(["matrix", "translation", "rotation", "scale"]);
         if let Some(matrix) = matrix {
             let matrix = DMat4::from_cols_array(&matrix.numbers("sixteen numbers", log)?);
@@ -297,7 +300,7 @@ fn children(node: &Node) -> impl DoubleEndedIterator<Item = usize> {
 }
 
 /// A quaternion made exactly unit; one of length zero has no direction to keep.
-pub(super) fn unit(q: [f64; 4], place: &str, log: &mut Log) -> Checked<DQuat> {
+pub(crate) fn unit(q: [f64; 4], place: &str, log: &mut Log) -> Logged<DQuat> {
     let q = DQuat::from_array(q);
     let length = q.length();
     if !length.is_normal() {

@@ -1,11 +1,11 @@
-//! What the owner of a refused file can do about it: one sentence for each kind of problem.
+//! What the owner of a refused file can do: one sentence for each kind of problem.
 
-use super::problem::ProblemKind;
+use crate::problem::ProblemKind;
 
 const EXPORT_AGAIN: &str = "Export the file again from the program that made it.";
 
 /// The sentence for `what`.
-pub(super) fn of(what: &ProblemKind) -> String {
+pub(crate) fn of(what: &ProblemKind) -> String {
     use ProblemKind::*;
     let text = match what {
         EmptyFile => "Export it again, and check that the export or download finished.",
@@ -42,7 +42,7 @@ pub(super) fn of(what: &ProblemKind) -> String {
                              and export again."
         }
         TooFar { .. } => "Check the unit and the scale of the model: lengths are metres.",
-        More { .. } => "Mend those above first.",
+        More { .. } => "Fix those above first.",
         Internal { .. } => "Please report this with the file.",
     };
     text.to_owned()
@@ -62,8 +62,8 @@ fn extension(name: &str) -> String {
                 .to_owned()
         }
         "EXT_mesh_gpu_instancing" => {
-            "Export without GPU instancing (in Blender: glTF export > Scene > GPU Instances off), so that each instance \
-             is a node."
+            "Export without GPU instancing (in Blender: glTF export > Scene > GPU Instances off), so that each \
+             instance is a node."
                 .to_owned()
         }
         _ => format!("Export the file again without {name}."),

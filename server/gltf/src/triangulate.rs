@@ -1,29 +1,29 @@
-//! Lists, strips and fans of vertices, taken apart into triangles whose every index is in range.
+//! Triangles of lists, strips and fans of vertices. Every index is in range.
 
 use gltf::mesh::Mode;
 
-use super::accessor::{Elements, largest};
-use super::log::{Checked, Log};
-use super::problem::ProblemKind;
+use crate::accessor::{Elements, largest};
+use crate::log::{Log, Logged};
+use crate::problem::ProblemKind;
 
 /// The most triangles that so many corners make.
-pub(super) fn at_most(mode: Mode, corners: u64) -> u64 {
+pub(crate) fn at_most(mode: Mode, corners: u64) -> u64 {
     if mode == Mode::Triangles { corners / 3 } else { corners.saturating_sub(2) }
 }
 
-/// The triangles of a primitive. In a strip or fan the largest index that the format holds begins a new one, as
-/// graphics hardware does it; glTF itself forbids that index.
-pub(super) fn triangles(
+/// The triangles of a primitive. In a strip or fan, the largest index of the format begins a new strip, as in
+/// graphics hardware; glTF itself forbids that index.
+pub(crate) fn triangles(
     mode: Mode,
     positions: &Elements<'_>,
     indices: Option<&Elements<'_>>,
     place: &str,
     log: &mut Log,
-) -> Checked<Vec<[u32; 3]>> {
+) -> Logged<Vec<[u32; 3]>> {
     let corners = indices.map_or(positions.count, |i| i.count);
     let vertices = positions.count;
     let mut out = Vec::with_capacity(at_most(mode, corners) as usize);
-    let read = |position: u64, log: &mut Log| -> Checked<u32> {
+    let read = |position: u64, log: &mut Log| -> Logged<u32> {
         // A vertex count is below 2^32: it is held against the limit of triangles.
         let vertex = indices.map_or(position as u32, |i| i.index(position));
         if u64::from(vertex) < vertices {

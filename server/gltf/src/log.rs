@@ -1,22 +1,23 @@
-//! Gathers everything that is wrong with a file. A [`Reported`] in a `Result` says that the reason is already in the [`Log`].
+//! Gathers everything that is wrong with a file. A [`Reported`] in a `Result` says that the reason is already in the
+//! [`Log`].
 
-use super::problem::{AssetProblem, ProblemKind};
-use super::remedy;
+use crate::problem::{AssetProblem, ProblemKind};
+use crate::remedy;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Problems told of one file; the rest is counted. A broken exporter repeats itself, and nobody reads further.
+/// Problems reported of one file; the rest is counted. A broken exporter repeats itself, and nobody reads further.
 const MOST_PROBLEMS: usize = 40;
 
-/// The reason stands in the log already.
+/// An error whose reason is already in the log.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Reported;
+pub struct Reported;
 
-pub(super) type Checked<T> = Result<T, Reported>;
+pub type Logged<T> = Result<T, Reported>;
 
 /// Everything found in one file so far.
-pub(super) struct Log {
+pub struct Log {
     file: String,
-    /// Extensions told of already: one that every primitive uses is one reason.
+    /// Extensions reported already: one that every primitive uses is one reason.
     extensions: BTreeSet<String>,
     problems: Vec<AssetProblem>,
     more: usize,
@@ -34,6 +35,7 @@ impl Log {
         }
     }
 
+    /// Adds a problem: the file is refused.
     pub fn refuse(&mut self, place: impl Into<String>, what: ProblemKind) -> Reported {
         if let ProblemKind::Extension { name } = &what
             && !self.extensions.insert(name.clone())
@@ -49,34 +51,35 @@ impl Log {
         Reported
     }
 
-    /// Remembers something that was read otherwise than it stands there. The same `what` is told once,
-    /// with the first place and how often.
+    /// Adds a note of something that is not read as it stands in the file. The same `what` makes one note, with the
+    /// first place and a count.
     pub fn note(&mut self, what: &'static str, place: &str) {
         self.notes.entry(what).or_insert_with(|| (0, place.to_owned())).0 += 1;
     }
 
+    /// Whether the file is refused.
     pub fn any(&self) -> bool {
         !self.problems.is_empty()
     }
 
-    /// Problems so far, those that are only counted as well.
-    pub fn count(&self) -> usize {
+    /// Problems so far, including those that are only counted.
+    pub(crate) fn count(&self) -> usize {
         self.problems.len() + self.more
     }
 
-    /// Further problems are only counted.
-    pub fn is_full(&self) -> bool {
+    /// Whether further problems are only counted.
+    pub(crate) fn is_full(&self) -> bool {
         self.problems.len() >= MOST_PROBLEMS
     }
 
     /// The notes in the order of their text, one sentence each.
     pub fn notes(&self) -> Vec<String> {
-        let told = |(what, (count, place)): (&&str, &(usize, String))| match (count, place.is_empty()) {
+        let sentence = |(what, (count, place)): (&&str, &(usize, String))| match (count, place.is_empty()) {
             (_, true) => (*what).to_owned(),
             (1, false) => format!("{place}: {what}"),
             (n, false) => format!("{place} and {} more: {what}", n - 1),
         };
-        self.notes.iter().map(told).collect()
+        self.notes.iter().map(sentence).collect()
     }
 
     pub fn into_problems(mut self) -> Vec<AssetProblem> {

@@ -1,22 +1,34 @@
 //! A glTF file as it lies on disk: its JSON and its buffers, nothing interpreted.
 //!
-//! The exporter copies from it and the renderer reads from it, both once its compressed geometry is plain. Every index,
-//! offset and length in the JSON is untrusted: the accessors here check them, and nothing panics on a hostile file.
+//! Writers copy from it and the renderer reads from it, both once its compressed geometry is decoded. Every index,
+//! offset and length in the JSON is untrusted: the methods here check them, and nothing panics on a hostile file.
 
-use cairn_core::asset::container::{self, Container};
-use cairn_core::asset::{ProblemKind, uri};
+mod decompress;
+mod instances;
+mod local;
+mod numbers;
+mod triangles;
+
+use std::borrow::Cow;
+
 use serde_json::{Map, Value, json};
 
-/// Gives the bytes of an external file, or why not. The path is relative to the glTF's folder, `/` between its parts,
-/// and does not lead out of it: no root, drive, scheme, `..` or backslash.
-pub type Resolver<'a> = dyn Fn(&str) -> Result<Vec<u8>, String> + 'a;
+use crate::container::{self, Chunks};
+use crate::problem::ProblemKind;
+use crate::source::Resolver;
+use crate::uri;
+pub use local::{LocalTransform, matrix, unit};
+pub use triangles::Triangles;
+
+/// A JSON object.
+pub type Object = Map<String, Value>;
 
 /// A parsed file with all its buffers.
 #[derive(Debug)]
-pub struct Document {
-    json: Map<String, Value>,
-    /// One per entry of `buffers`: its bytes, or why there are none. That only matters to who needs them.
-    buffers: Vec<Result<Vec<u8>, String>>,
+pub struct Document<'a> {
+    json: Object,
+    /// One per entry of `buffers`: its bytes, or why there are none. A reason only matters when the bytes are needed.
+    buffers: Vec<Result<Cow<'a, [u8]>, String>>,
 }
 
 /// A part of a file.
@@ -33,7 +45,7 @@ pub enum DocumentError {
     #[error("not a glTF file: {0}")]
     Json(#[from] serde_json::Error),
     #[error(transparent)]
-    Container(#[from] ProblemKind),
+    Problem(#[from] ProblemKind),
     #[error("{kind}[{index}] does not exist")]
     Missing { kind: &'static str, index: usize },
     #[error("{kind}[{index}]: {problem}")]
@@ -50,16 +62,23 @@ impl DocumentError {
     }
 }
 
-impl Document {
-    /// Parses a `.gltf` or `.glb` and gathers its buffers, from data URIs or through `resolve`. Compressed geometry stays
-    /// so.
-    pub fn parse(bytes: &[u8], resolve: &Resolver) -> Result<Document, DocumentError> {
+impl<'a> Document<'a> {
+    /// Parses a `.gltf` or `.glb`, gathers its buffers, from data URIs or through `resolve`, and decodes its compressed
+    /// geometry. A stream that cannot be decoded stays as it is.
+    pub fn open(bytes: &'a [u8], resolve: &Resolver) -> Result<Document<'a>, DocumentError> {
+        let mut document = Document::parse(bytes, resolve)?;
+        document.decompress();
+        Ok(document)
+    }
+
+    /// As [`Document::open`], but compressed geometry stays compressed.
+    pub fn parse(bytes: &'a [u8], resolve: &Resolver) -> Result<Document<'a>, DocumentError> {
         let (json, mut bin) = split(bytes)?;
         let read = |(index, entry): (usize, &Value)| {
             let bin = if index == 0 { bin.take() } else { None };
             match entry.get("uri").and_then(Value::as_str) {
-                Some(uri) => fetch(uri, resolve),
-                None => bin.map(<[u8]>::to_vec).ok_or_else(|| "has no data".into()),
+                Some(uri) => uri::fetch(uri, resolve).map(Cow::Owned),
+                None => bin.map(Cow::Borrowed).ok_or_else(|| "has no data".into()),
             }
         };
         let entries = json.get("buffers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
@@ -68,7 +87,7 @@ impl Document {
     }
 
     /// The root object.
-    pub fn json(&self) -> &Map<String, Value> {
+    pub fn json(&self) -> &Object {
         &self.json
     }
 
@@ -78,12 +97,12 @@ impl Document {
     }
 
     /// An entry of a top-level array.
-    pub fn get(&self, kind: &'static str, index: usize) -> Result<&Map<String, Value>, DocumentError> {
+    pub fn get(&self, kind: &'static str, index: usize) -> Result<&Object, DocumentError> {
         self.array(kind).get(index).and_then(Value::as_object).ok_or(DocumentError::Missing { kind, index })
     }
 
-    /// An entry of a top-level array, to be changed.
-    pub fn get_mut(&mut self, kind: &str, index: usize) -> Option<&mut Map<String, Value>> {
+    /// An entry of a top-level array, to change it.
+    pub fn get_mut(&mut self, kind: &str, index: usize) -> Option<&mut Object> {
         self.json.get_mut(kind)?.get_mut(index)?.as_object_mut()
     }
 
@@ -101,7 +120,7 @@ impl Document {
     /// Appends a buffer of these bytes, and gives its index.
     pub fn push_buffer(&mut self, bytes: Vec<u8>) -> usize {
         let index = self.push("buffers", json!({ "byteLength": bytes.len() }));
-        self.buffers.push(Ok(bytes));
+        self.buffers.push(Ok(Cow::Owned(bytes)));
         index
     }
 
@@ -111,7 +130,7 @@ impl Document {
     }
 
     /// The range of a buffer that `view` names, which belongs to entry `index` of the array `kind`.
-    pub fn range(&self, kind: &'static str, index: usize, view: &Map<String, Value>) -> Result<&[u8], DocumentError> {
+    pub fn range(&self, kind: &'static str, index: usize, view: &Object) -> Result<&[u8], DocumentError> {
         let malformed = |problem: &str| DocumentError::malformed(kind, index, problem);
         let buffer = reference(view, "buffer").ok_or_else(|| malformed("no buffer"))?;
         let entry = self.buffers.get(buffer).ok_or(DocumentError::Missing { kind: "buffers", index: buffer })?;
@@ -122,13 +141,28 @@ impl Document {
         data.get(start..end).ok_or_else(|| malformed("reaches beyond its buffer"))
     }
 
-    /// Whether the file needs no other: no buffer and no image lies outside.
+    /// The bytes of an image, in the file or beside it; `None` if they cannot be found.
+    pub fn image(&self, index: usize, resolve: &Resolver) -> Option<Cow<'_, [u8]>> {
+        let image = self.get("images", index).ok()?;
+        match reference(image, "bufferView") {
+            Some(view) => self.view(view).ok().map(Cow::Borrowed),
+            None => uri::fetch(image.get("uri")?.as_str()?, resolve).ok().map(Cow::Owned),
+        }
+    }
+
+    /// The primitives of a mesh.
+    pub fn primitives(&self, mesh: usize) -> Result<impl Iterator<Item = &Object>, DocumentError> {
+        let list = self.get("meshes", mesh)?.get("primitives").and_then(Value::as_array);
+        Ok(list.map_or(&[][..], Vec::as_slice).iter().filter_map(Value::as_object))
+    }
+
+    /// Whether all buffers and images are inside the file.
     pub fn is_self_contained(&self) -> bool {
         let outside = |entry: &Value| entry.get("uri").and_then(Value::as_str).is_some_and(|u| !uri::is_data(u));
         !self.array("buffers").iter().any(outside) && !self.array("images").iter().any(outside)
     }
 
-    /// The nodes listed by the default scene. Without any scene: all that are nobody's child.
+    /// The nodes listed by the default scene. Without any scene: all nodes without a parent.
     pub fn roots(&self) -> Vec<usize> {
         self.roots_of(reference(&self.json, "scene").unwrap_or(0))
     }
@@ -165,22 +199,14 @@ impl Document {
 }
 
 /// A member that is a non-negative integer.
-pub fn reference(object: &Map<String, Value>, key: &str) -> Option<usize> {
+pub fn reference(object: &Object, key: &str) -> Option<usize> {
     object.get(key).and_then(Value::as_u64).and_then(|v| usize::try_from(v).ok())
 }
 
-/// A member that is a list of non-negative integers; anything else in it is passed over.
-pub fn references(object: &Map<String, Value>, key: &str) -> Vec<usize> {
+/// A member that is a list of non-negative integers; other items are skipped.
+pub fn references(object: &Object, key: &str) -> Vec<usize> {
     let items = object.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     items.iter().filter_map(|v| v.as_u64().and_then(|v| usize::try_from(v).ok())).collect()
-}
-
-/// The bytes that a URI stands for: its own data, or a file below the glTF's folder.
-pub fn fetch(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, String> {
-    if uri::is_data(uri) {
-        return uri::decode_data(uri);
-    }
-    resolve(&uri::relative_path(uri).map_err(|why| format!("{uri}: {why}"))?)
 }
 
 /// The files beside a glTF file that its buffers and images name, as paths relative to its folder.
@@ -192,9 +218,7 @@ pub fn external_files(bytes: &[u8]) -> Result<Vec<String>, DocumentError> {
 }
 
 /// The root object, and the binary chunk of a GLB.
-type Parts<'a> = (Map<String, Value>, Option<&'a [u8]>);
-
-fn split(bytes: &[u8]) -> Result<Parts<'_>, DocumentError> {
-    let Container { json, bin } = container::open(bytes)?;
+fn split(bytes: &[u8]) -> Result<(Object, Option<&[u8]>), DocumentError> {
+    let Chunks { json, bin } = container::open(bytes)?;
     Ok((serde_json::from_slice(json)?, bin))
 }

@@ -1,10 +1,10 @@
-//! The gate before the `gltf` crate: of each entry of the document only what leads to geometry, and only in the types that
-//! the crate reads.
+//! The gate before the `gltf` crate: of each entry of the document only what leads to geometry, and only in the types
+//! that the crate reads.
 //!
-//! The crate refuses a whole file for one wrong type, in a texture too, and panics where a number leads to no entry. So the
-//! text is held in pieces, a piece of each entry is cut out when geometry asks for it, everything wrong with it is told, and
-//! the crate's types are made of what is left. What is wrong elsewhere does not matter. Only the lists are counted: all
-//! else is text in place until it is asked for.
+//! The crate refuses a whole file for one wrong type, in a texture too, and panics where a number leads to no entry. So
+//! the gate keeps the text in pieces. When the geometry needs an entry, the gate cuts out the members that it reads,
+//! reports every fault in them, and makes the crate's types of the rest. Faults elsewhere do not matter. Only the lists
+//! are counted: all else stays text in place until it is needed.
 
 use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
@@ -16,65 +16,66 @@ use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value, from_str, from_value};
 
-use super::log::{Checked, Log, Reported};
-use super::problem::{ProblemKind, clip};
+use crate::log::{Log, Logged, Reported};
+use crate::problem::{ProblemKind, clip};
 
-/// Items of lists in one file: eight for each node, accessor and primitive of the largest scenes that the other limits admit.
+/// Items of lists in one file: eight for each node, accessor and primitive of the largest scenes that the other limits
+/// admit.
 const MOST_ITEMS: usize = 4_000_000;
 
 /// Numbers of the longest member that holds them: a matrix.
 const MOST_NUMBERS: usize = 16;
 
-/// A list of the document that leads to geometry, and what messages call an entry.
-pub(super) type List = (&'static str, &'static str);
-pub(super) const SCENES: List = ("scenes", "scene");
-pub(super) const NODES: List = ("nodes", "node");
-pub(super) const MESHES: List = ("meshes", "mesh");
-pub(super) const ACCESSORS: List = ("accessors", "accessor");
-pub(super) const VIEWS: List = ("bufferViews", "buffer view");
-pub(super) const BUFFERS: List = ("buffers", "buffer");
+/// A list of the document that leads to geometry, and the name of an entry in messages.
+pub(crate) type List = (&'static str, &'static str);
+pub(crate) const SCENES: List = ("scenes", "scene");
+pub(crate) const NODES: List = ("nodes", "node");
+pub(crate) const MESHES: List = ("meshes", "mesh");
+pub(crate) const ACCESSORS: List = ("accessors", "accessor");
+pub(crate) const VIEWS: List = ("bufferViews", "buffer view");
+pub(crate) const BUFFERS: List = ("buffers", "buffer");
 
-/// What is read of the document itself: the lists, and besides.
+/// The members of the document itself that are read: the lists, and besides.
 const LISTS: [List; 6] = [SCENES, NODES, MESHES, ACCESSORS, VIEWS, BUFFERS];
 const BESIDES: [&str; 4] = ["asset", "scene", "extensionsUsed", "extensionsRequired"];
 
-/// What a member must be.
+/// The form that a member must have.
 #[derive(Clone, Copy)]
-pub(super) enum Kind {
+pub(crate) enum MemberKind {
     /// An integer, 0 up to this.
     Natural(u64),
     /// Numbers of nodes that are there.
     Nodes,
     Uri,
-    /// Text; anything else is none.
+    /// Text; anything else counts as missing.
     Name,
-    /// Text; anything else, and none, is this.
+    /// Text; without one, this.
     Word(&'static str),
-    /// An object of these members; none is an empty one.
+    /// An object of these members; a missing one counts as empty.
     Part(&'static [Member]),
 }
 
-pub(super) const NATURAL: Kind = Kind::Natural(u64::MAX);
-/// The number of an entry, or a code: the crate holds 32 bits of them, and drops any above.
-pub(super) const NUMBER: Kind = Kind::Natural(u32::MAX as u64);
+pub(crate) const NATURAL: MemberKind = MemberKind::Natural(u64::MAX);
+/// The number of an entry, or a code: the crate holds 32 bits, and drops any above.
+pub(crate) const NUMBER: MemberKind = MemberKind::Natural(u32::MAX as u64);
 
 /// A member that is read, and whether it must be there.
-pub(super) type Member = (&'static str, Kind, bool);
+pub(crate) type Member = (&'static str, MemberKind, bool);
 
-pub(super) const MUST: bool = true;
-pub(super) const MAY: bool = false;
+pub(crate) const MUST: bool = true;
+pub(crate) const MAY: bool = false;
 
-/// A value of the document, whose text is sound JSON.
-pub(super) struct Piece<'a> {
+/// A value of the document: a text of valid JSON.
+pub(crate) struct Piece<'a> {
     pub text: &'a str,
     /// Where it stands.
     pub path: String,
 }
 
-pub(super) struct Gate<'a> {
-    /// What the document has of [`BESIDES`].
+pub(crate) struct Gate<'a> {
+    /// The document's members of [`BESIDES`].
     root: BTreeMap<&'static str, Piece<'a>>,
-    /// The entries of its lists; or why there are none.
+    /// The entries of its lists; or why a list has none.
     lists: BTreeMap<&'static str, Result<Vec<&'a RawValue>, ProblemKind>>,
     /// Items that may still be listed.
     left: Cell<usize>,
@@ -84,8 +85,8 @@ pub(super) struct Gate<'a> {
 }
 
 impl<'a> Gate<'a> {
-    /// Takes a document apart. `is_read` tells which extensions may be required.
-    pub fn open(bytes: &'a [u8], is_read: fn(&str) -> bool, log: &mut Log) -> Checked<Gate<'a>> {
+    /// Takes a document apart. `is_read`: whether a file may require an extension.
+    pub fn open(bytes: &'a [u8], is_read: fn(&str) -> bool, log: &mut Log) -> Logged<Gate<'a>> {
         let names: Vec<&'static str> = LISTS.iter().map(|list| list.0).chain(BESIDES).collect();
         let mut reader = serde_json::Deserializer::from_slice(bytes);
         let found = reader.deserialize_map(Picked { names: &names }).and_then(|found| reader.end().map(|()| found));
@@ -107,7 +108,7 @@ impl<'a> Gate<'a> {
         Ok(gate)
     }
 
-    /// A member of the document that is no list of entries.
+    /// A member of the document that is not a list of entries.
     pub fn root(&self, name: &str) -> Option<&Piece<'a>> {
         self.root.get(name)
     }
@@ -128,15 +129,15 @@ impl<'a> Gate<'a> {
         self.unread.iter().map(move |name| (name.as_str(), met.contains(name)))
     }
 
-    /// Does the file have this list, whatever it is?
+    /// Does the file have a member of this name, list or not?
     pub fn has(&self, (list, _): List) -> bool {
         self.lists.contains_key(list)
     }
 
     /// How many entries a list has.
-    pub fn count(&self, (list, _): List, log: &mut Log) -> Checked<usize> {
-        let told = |what: &ProblemKind| log.refuse(format!("/{list}"), what.clone());
-        self.lists.get(list).map_or(Ok(0), |items| items.as_ref().map(Vec::len).map_err(told))
+    pub fn count(&self, (list, _): List, log: &mut Log) -> Logged<usize> {
+        let refuse = |what: &ProblemKind| log.refuse(format!("/{list}"), what.clone());
+        self.lists.get(list).map_or(Ok(0), |items| items.as_ref().map(Vec::len).map_err(refuse))
     }
 
     /// An entry, if it is there.
@@ -146,14 +147,14 @@ impl<'a> Gate<'a> {
     }
 
     /// An entry by its number, which stands at `place`.
-    pub fn entry(&self, list: List, index: usize, place: &str, log: &mut Log) -> Checked<Piece<'a>> {
+    pub fn entry(&self, list: List, index: usize, place: &str, log: &mut Log) -> Logged<Piece<'a>> {
         let count = self.count(list, log)?;
         let what = ProblemKind::Reference { what: list.1, index: index as u64, count };
         self.find(list, index).ok_or_else(|| log.refuse(place, what))
     }
 
-    /// A piece in a type of the crate, without any fault.
-    pub fn read<T: DeserializeOwned>(&self, piece: &Piece<'a>, members: &[Member], log: &mut Log) -> Checked<T> {
+    /// A piece in a type of the crate; refused if it has a fault.
+    pub fn read<T: DeserializeOwned>(&self, piece: &Piece<'a>, members: &[Member], log: &mut Log) -> Logged<T> {
         let good = self.members(piece, members, log)?;
         // Every member that the type needs is there: this only fails if it needs another.
         from_value(Value::Object(good)).map_err(|error| {
@@ -161,19 +162,19 @@ impl<'a> Gate<'a> {
         })
     }
 
-    /// A piece in a type of the crate, without what is wrong in it; none if the type needs that.
+    /// A piece in a type of the crate, without its faulty members; `None` if the type needs one of these.
     pub fn read_good<T: DeserializeOwned>(&self, piece: &Piece<'a>, members: &[Member], log: &mut Log) -> Option<T> {
         from_value(Value::Object(self.cut(piece, members, log))).ok()
     }
 
     /// The members of a piece, all of them good.
-    pub fn members(&self, piece: &Piece<'a>, members: &[Member], log: &mut Log) -> Checked<Map<String, Value>> {
+    pub fn members(&self, piece: &Piece<'a>, members: &[Member], log: &mut Log) -> Logged<Map<String, Value>> {
         let before = log.count();
         let good = self.cut(piece, members, log);
         if log.count() == before { Ok(good) } else { Err(Reported) }
     }
 
-    /// Remembers which of the extensions that are not read a piece has.
+    /// Remembers the piece's extensions that are required but not read.
     pub fn meet(&self, piece: &Piece<'a>) {
         if !self.unread.is_empty()
             && let Some(extensions) = piece.member("extensions")
@@ -183,24 +184,24 @@ impl<'a> Gate<'a> {
         }
     }
 
-    /// The items of a member that is a list; none is an empty one.
+    /// The items of a member that is a list; a missing list is empty.
     pub fn items(
         &self,
         piece: &Piece<'a>,
         name: &str,
         log: &mut Log,
-    ) -> Checked<impl Iterator<Item = Piece<'a>> + use<'a>> {
+    ) -> Logged<impl Iterator<Item = Piece<'a>> + use<'a>> {
         let list = piece.member(name).unwrap_or_else(|| piece.below(name, "[]"));
         let items = list.items(&self.left).map_err(|what| log.refuse(list.path.as_str(), what))?;
         Ok(items.into_iter().enumerate().map(move |(k, item)| list.below(k, item.get())))
     }
 
-    /// The good ones of a piece's members; the others are told.
+    /// The sound members of a piece; faults are reported.
     fn cut(&self, piece: &Piece<'a>, members: &[Member], log: &mut Log) -> Map<String, Value> {
         let names: Vec<&str> = members.iter().map(|(name, ..)| *name).collect();
         let mut good = Map::new();
         for (&(name, kind, must), text) in members.iter().zip(piece.pick(&names)) {
-            let always = matches!(kind, Kind::Part(_) | Kind::Word(_));
+            let always = matches!(kind, MemberKind::Part(_) | MemberKind::Word(_));
             match text.map(RawValue::get).or(always.then_some("null")) {
                 Some(text) => {
                     let value = self.value(kind, &piece.below(name, text), log);
@@ -215,23 +216,23 @@ impl<'a> Gate<'a> {
         good
     }
 
-    /// What becomes of a member; told and left out if it is wrong.
-    fn value(&self, kind: Kind, piece: &Piece<'a>, log: &mut Log) -> Option<Value> {
+    /// The value of a member; a fault is reported, and the member left out.
+    fn value(&self, kind: MemberKind, piece: &Piece<'a>, log: &mut Log) -> Option<Value> {
         match kind {
-            Kind::Natural(most) => {
+            MemberKind::Natural(most) => {
                 let number = piece.whole(log).ok()?;
-                let number = piece.told(Some(number).filter(|&n| n <= most), "an integer of 32 bits at most", log);
+                let number = piece.expect(Some(number).filter(|&n| n <= most), "an integer of 32 bits at most", log);
                 number.ok().map(Value::from)
             }
-            Kind::Uri => piece.told(piece.word(), "a URI", log).ok().map(Value::from),
-            Kind::Name => piece.word().map(Value::from),
-            Kind::Word(other) => Some(piece.word().map_or(Value::from(other), Value::from)),
-            Kind::Nodes => Some(self.nodes(piece, log)),
-            Kind::Part(members) => Some(Value::Object(self.cut(piece, members, log))),
+            MemberKind::Uri => piece.expect(piece.word(), "a URI", log).ok().map(Value::from),
+            MemberKind::Name => piece.word().map(Value::from),
+            MemberKind::Word(other) => Some(piece.word().map_or(Value::from(other), Value::from)),
+            MemberKind::Nodes => Some(self.nodes(piece, log)),
+            MemberKind::Part(members) => Some(Value::Object(self.cut(piece, members, log))),
         }
     }
 
-    /// The good ones of a list of node numbers.
+    /// The valid numbers in a list of nodes; faults are reported.
     fn nodes(&self, list: &Piece<'a>, log: &mut Log) -> Value {
         let count = self.count(NODES, log).unwrap_or(0);
         let items = list.items(&self.left).unwrap_or_else(|what| {
@@ -291,7 +292,7 @@ impl<'a> Piece<'a> {
         self.member("extensions")?.member(name)
     }
 
-    /// The members of these names; what is no object has none.
+    /// The members of these names; only objects have members.
     fn pick(&self, names: &[&str]) -> Vec<Option<&'a RawValue>> {
         let found = serde_json::Deserializer::from_str(self.text).deserialize_map(Picked { names });
         found.unwrap_or_else(|_| vec![None; names.len()])
@@ -303,33 +304,33 @@ impl<'a> Piece<'a> {
 
     /// An integer, 0 or more. Some exporters write `4.0`, which is one too.
     pub fn natural(&self) -> Option<u64> {
-        const EXACT: f64 = 9_007_199_254_740_992.0; // 2^53: above, a real no longer tells integers apart
+        const EXACT: f64 = 9_007_199_254_740_992.0; // 2^53: larger reals are not exact
         let whole = |x: &f64| (0.0..=EXACT).contains(x) && x.fract() == 0.0;
         from_str(self.text).or_else(|_| from_str(self.text).ok().filter(whole).map(|x| x as u64).ok_or(())).ok()
     }
 
-    /// As [`Piece::natural`], which it must be.
-    pub fn whole(&self, log: &mut Log) -> Checked<u64> {
-        self.told(self.natural(), "an integer, 0 or more", log)
+    /// As [`Piece::natural`]; anything else is a fault.
+    pub fn whole(&self, log: &mut Log) -> Logged<u64> {
+        self.expect(self.natural(), "an integer, 0 or more", log)
     }
 
-    /// `N` numbers, which it must be.
-    pub fn numbers<const N: usize>(&self, expected: &'static str, log: &mut Log) -> Checked<[f64; N]> {
+    /// `N` numbers; anything else is a fault.
+    pub fn numbers<const N: usize>(&self, expected: &'static str, log: &mut Log) -> Logged<[f64; N]> {
         let numbers = if self.length() == N { from_str::<Vec<f64>>(self.text).ok() } else { None };
-        self.told(numbers.and_then(|numbers| numbers.try_into().ok()), expected, log)
+        self.expect(numbers.and_then(|numbers| numbers.try_into().ok()), expected, log)
     }
 
-    /// What was read of this, or that it is not what is expected.
-    fn told<T>(&self, read: Option<T>, expected: &'static str, log: &mut Log) -> Checked<T> {
+    /// The value that was read, or a report that the piece is not as expected.
+    fn expect<T>(&self, read: Option<T>, expected: &'static str, log: &mut Log) -> Logged<T> {
         read.ok_or_else(|| log.refuse(self.path.as_str(), self.unlike(expected)))
     }
 
-    /// Items of a list; anything else has none.
+    /// The number of items of a list; 0 for anything else.
     fn length(&self) -> usize {
         from_str::<Vec<IgnoredAny>>(self.text).map_or(0, |items| items.len())
     }
 
-    /// What is there, for a message.
+    /// The value's description in a message.
     pub fn describe(&self) -> String {
         match self.text.as_bytes().first() {
             Some(b'[') => format!("a list of {}", self.length()),
@@ -340,7 +341,7 @@ impl<'a> Piece<'a> {
         }
     }
 
-    /// The fault of not being what is expected, or of being nothing that JSON can hold.
+    /// The fault of an unexpected value, or of a number that is out of JSON's range.
     fn unlike(&self, expected: &'static str) -> ProblemKind {
         let numbers = if self.length() <= MOST_NUMBERS { from_str::<Vec<f64>>(self.text).err() } else { None };
         let mut broken = from_str::<f64>(self.text).err().into_iter().chain(numbers);

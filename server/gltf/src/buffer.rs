@@ -1,6 +1,6 @@
-//! Buffers and their views: bytes that are only fetched when geometry asks for them.
+//! Buffers and their views: bytes that are only fetched when the geometry needs them.
 //!
-//! A buffer of pictures or animations may therefore be missing. Each is fetched, and complained of, once.
+//! A buffer of pictures or animations may therefore be missing. Each buffer is fetched, and its faults reported, once.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -9,11 +9,12 @@ use std::rc::Rc;
 use gltf::json;
 use serde_json::Value;
 
-use super::compressed::{MESHOPT, Meshopt};
-use super::gate::{BUFFERS, Gate, Kind, MAY, MUST, Member, NATURAL, NUMBER, Piece, VIEWS};
-use super::log::{Checked, Log, Reported};
-use super::problem::{ProblemKind, clip};
-use super::uri;
+use crate::compressed::{MESHOPT, Meshopt};
+use crate::gate::{BUFFERS, Gate, MAY, MUST, Member, MemberKind, NATURAL, NUMBER, Piece, VIEWS};
+use crate::log::{Log, Logged, Reported};
+use crate::problem::{ProblemKind, clip};
+use crate::source::Resolver;
+use crate::uri;
 
 const VIEW: &[Member] = &[
     ("buffer", NUMBER, MUST),
@@ -22,18 +23,18 @@ const VIEW: &[Member] = &[
     ("byteStride", NATURAL, MAY),
 ];
 
-/// A view's extension that says it is compressed.
+/// The extension of a compressed view.
 const STREAM: &[Member] = &[
     ("buffer", NUMBER, MUST),
     ("byteOffset", NATURAL, MAY),
     ("byteLength", NATURAL, MUST),
     ("byteStride", NATURAL, MUST),
     ("count", NATURAL, MUST),
-    ("mode", Kind::Word("(no mode)"), MAY),
-    ("filter", Kind::Word("NONE"), MAY),
+    ("mode", MemberKind::Word("(no mode)"), MAY),
+    ("filter", MemberKind::Word("NONE"), MAY),
 ];
 
-const BUFFER: &[Member] = &[("byteLength", NATURAL, MUST), ("uri", Kind::Uri, MAY)];
+const BUFFER: &[Member] = &[("byteLength", NATURAL, MUST), ("uri", MemberKind::Uri, MAY)];
 
 /// Shared bytes: those of the GLB in place, others as they were fetched.
 #[derive(Clone)]
@@ -44,7 +45,7 @@ enum Bytes<'a> {
 
 /// A range of a buffer, inside of what the buffer holds.
 #[derive(Clone)]
-pub(super) struct View<'a> {
+pub(crate) struct BufferView<'a> {
     bytes: Bytes<'a>,
     range: Range<usize>,
     /// Bytes from one element to the next, if the file says so.
@@ -53,16 +54,22 @@ pub(super) struct View<'a> {
     pub path: String,
 }
 
-impl View<'_> {
-    /// Bytes that stand in no buffer: what was compressed, made plain.
-    pub fn fetched(bytes: Vec<u8>, stride: Option<u64>, path: String) -> View<'static> {
-        View { range: 0..bytes.len(), bytes: Bytes::Fetched(Rc::new(bytes)), stride, path }
+impl BufferView<'_> {
+    /// Decompressed bytes, which no buffer of the file holds.
+    pub fn fetched(bytes: Vec<u8>, stride: Option<u64>, path: String) -> BufferView<'static> {
+        BufferView { range: 0..bytes.len(), bytes: Bytes::Fetched(Rc::new(bytes)), stride, path }
+    }
+
+    /// Bytes in place, such as a document's.
+    pub fn in_place(bytes: &[u8], stride: Option<u64>) -> BufferView<'_> {
+        BufferView { range: 0..bytes.len(), bytes: Bytes::InPlace(bytes), stride, path: String::new() }
     }
 
     pub fn len(&self) -> u64 {
         self.range.len() as u64
     }
 
+    #[inline]
     pub fn bytes(&self) -> &[u8] {
         let all = match &self.bytes {
             Bytes::InPlace(bytes) => bytes,
@@ -72,27 +79,25 @@ impl View<'_> {
     }
 }
 
-pub(super) type Resolve<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, String>;
-
-pub(super) struct Buffers<'a, 'g> {
+pub(crate) struct Buffers<'a, 'g> {
     gate: &'g Gate<'a>,
     bin: Option<&'a [u8]>,
-    resolve: Resolve<'a>,
-    /// Bytes that may still be fetched, and the limit that they were taken from.
+    resolve: &'a Resolver<'a>,
+    /// Bytes that may still be fetched, and the limit of all.
     left: u64,
     limit: u64,
-    views: BTreeMap<usize, Checked<View<'a>>>,
-    buffers: BTreeMap<usize, Checked<(Bytes<'a>, u64)>>,
+    views: BTreeMap<usize, Logged<BufferView<'a>>>,
+    buffers: BTreeMap<usize, Logged<(Bytes<'a>, u64)>>,
 }
 
 impl<'a, 'g> Buffers<'a, 'g> {
-    pub fn new(gate: &'g Gate<'a>, bin: Option<&'a [u8]>, resolve: Resolve<'a>, limit: u64, used: u64) -> Self {
+    pub fn new(gate: &'g Gate<'a>, bin: Option<&'a [u8]>, resolve: &'a Resolver<'a>, limit: u64, used: u64) -> Self {
         let left = limit.saturating_sub(used);
         Buffers { gate, bin, resolve, left, limit, views: BTreeMap::new(), buffers: BTreeMap::new() }
     }
 
-    /// The view of number `index`; `place` is who asks.
-    pub fn view(&mut self, index: usize, place: &str, log: &mut Log) -> Checked<View<'a>> {
+    /// The view of number `index`, which `place` needs.
+    pub fn view(&mut self, index: usize, place: &str, log: &mut Log) -> Logged<BufferView<'a>> {
         if let Some(known) = self.views.get(&index) {
             return known.clone();
         }
@@ -101,7 +106,7 @@ impl<'a, 'g> Buffers<'a, 'g> {
         view
     }
 
-    fn open_view(&mut self, index: usize, place: &str, log: &mut Log) -> Checked<View<'a>> {
+    fn open_view(&mut self, index: usize, place: &str, log: &mut Log) -> Logged<BufferView<'a>> {
         let piece = self.gate.entry(VIEWS, index, place, log)?;
         self.gate.meet(&piece);
         let view: json::buffer::View = self.gate.read(&piece, VIEW, log)?;
@@ -121,14 +126,14 @@ impl<'a, 'g> Buffers<'a, 'g> {
                     let what = ProblemKind::OutOfBytes { what: "the decoded view", start: 0, end: length, available };
                     return Err(log.refuse(stream.path, what));
                 }
-                return Ok(View::fetched(plain, stride, stream.path));
+                return Ok(BufferView::fetched(plain, stride, stream.path));
             }
         }
         let (bytes, range) = self.slice(at, view.byte_offset.map_or(0, |offset| offset.0), length, &path, log)?;
-        Ok(View { bytes, range, stride, path })
+        Ok(BufferView { bytes, range, stride, path })
     }
 
-    /// A range of a buffer, fetched if it is not yet. `path` is that of the view that asks.
+    /// A range of a buffer, which is fetched if it is not yet. `path`: the view's.
     fn slice(
         &mut self,
         at: usize,
@@ -136,7 +141,7 @@ impl<'a, 'g> Buffers<'a, 'g> {
         length: u64,
         path: &str,
         log: &mut Log,
-    ) -> Checked<(Bytes<'a>, Range<usize>)> {
+    ) -> Logged<(Bytes<'a>, Range<usize>)> {
         let buffer = self.gate.entry(BUFFERS, at, &format!("{path}/buffer"), log)?;
         let (bytes, available) = match self.buffers.get(&at) {
             Some(known) => known.clone()?,
@@ -155,21 +160,16 @@ impl<'a, 'g> Buffers<'a, 'g> {
         Ok((bytes, offset as usize..end as usize))
     }
 
-    /// The plain bytes of a view that is a meshopt stream.
-    fn decompress(&mut self, stream: &Piece<'a>, name: &str, log: &mut Log) -> Checked<Vec<u8>> {
+    /// The decoded bytes of a meshopt stream.
+    fn decompress(&mut self, stream: &Piece<'a>, name: &str, log: &mut Log) -> Logged<Vec<u8>> {
         let view = self.gate.members(stream, STREAM, log)?;
-        let word = |key: &str| view.get(key).and_then(Value::as_str).unwrap_or_default();
         let number = |key: &str| view.get(key).and_then(Value::as_u64).unwrap_or_default();
-        let meshopt = Meshopt {
-            count: number("count"),
-            stride: number("byteStride"),
-            mode: word("mode"),
-            filter: word("filter"),
-        };
+        let missing = || log.refuse(stream.path.as_str(), ProblemKind::Missing);
+        let meshopt = Meshopt::read(&view).ok_or_else(missing)?;
         let at = number("buffer") as usize;
         let (bytes, range) = self.slice(at, number("byteOffset"), number("byteLength"), &stream.path, log)?;
         self.take(meshopt.bytes(), &stream.path, log)?;
-        let bytes = View { bytes, range, stride: None, path: String::new() };
+        let bytes = BufferView { bytes, range, stride: None, path: String::new() };
         let broken = |why: String| {
             let what = ProblemKind::Compressed { extension: name.to_owned(), why: clip(&why) };
             log.refuse(stream.path.as_str(), what)
@@ -183,13 +183,13 @@ impl<'a, 'g> Buffers<'a, 'g> {
     }
 
     /// Counts bytes that come into memory against the limit.
-    pub fn take(&mut self, bytes: u64, path: &str, log: &mut Log) -> Checked<()> {
+    pub fn take(&mut self, bytes: u64, path: &str, log: &mut Log) -> Logged<()> {
         self.left = self.left.checked_sub(bytes).ok_or_else(|| self.too_much(path, log))?;
         Ok(())
     }
 
     /// A buffer's bytes and how many of them count.
-    fn fetch(&mut self, at: usize, piece: &Piece<'a>, log: &mut Log) -> Checked<(Bytes<'a>, u64)> {
+    fn fetch(&mut self, at: usize, piece: &Piece<'a>, log: &mut Log) -> Logged<(Bytes<'a>, u64)> {
         let buffer: json::Buffer = self.gate.read(piece, BUFFER, log)?;
         let (declared, path) = (buffer.byte_length.0, piece.path.as_str());
         let uri_path = format!("{path}/uri");
@@ -209,7 +209,7 @@ impl<'a, 'g> Buffers<'a, 'g> {
         Ok((bytes, declared))
     }
 
-    fn fetch_uri(&self, text: &str, declared: u64, path: &str, log: &mut Log) -> Checked<Vec<u8>> {
+    fn fetch_uri(&self, text: &str, declared: u64, path: &str, log: &mut Log) -> Logged<Vec<u8>> {
         if declared > self.left {
             return Err(self.too_much(path, log));
         }

@@ -1,80 +1,142 @@
-//! Primitives of the placed nodes, made into one welded mesh.
+//! The geometry that a scene shows: primitives with checked accessors, and where each stands.
 //!
-//! Each mesh is checked once and then laid down for each node that shows it. The number of triangles is known and held
-//! against its limit before any is made.
+//! Each mesh is checked once, for all nodes that show it. The number of triangles is known and held against its limit
+//! before any is made.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use gltf::accessor::DataType;
 use gltf::json::mesh::Primitive as Described;
 use gltf::json::validation::Checked::Valid;
 use gltf::mesh::{Mode, Semantic};
 use serde_json::Value;
 
-use super::accessor::{Accessors, Elements, Role};
-use super::compressed::{Attribute, DRACO, DracoMesh};
-use super::gate::{ACCESSORS, Gate, Kind, MAY, MESHES, MUST, Member, NODES, NUMBER, Piece};
-use super::log::{Checked, Log};
-use super::node::{Nodes, Placed, unit};
-use super::problem::{ProblemKind, clip};
-use super::strip;
-use crate::geometry::mesh::TriMesh;
-use crate::geometry::weld::Welder;
+use crate::accessor::{Accessors, Elements, Purpose};
+use crate::buffer::Buffers;
+use crate::compressed::{Attribute, DRACO, DracoMesh, MOST_BROKEN};
+use crate::gate::{ACCESSORS, Gate, MAY, MESHES, MUST, Member, MemberKind, NODES, NUMBER, Piece};
+use crate::log::{Log, Logged};
+use crate::node::{INSTANCING, Nodes, PlacedNode, unit};
+use crate::problem::{ProblemKind, clip};
+use crate::source::Source;
+use crate::triangulate;
 
-/// Metres from the origin beyond which a point is taken for a mistake: the sun is nearer.
-const FARTHEST: f64 = 1e12;
+/// Above this many triangles, their corners could not be numbered in 32 bits.
+const MOST_TRIANGLES: u64 = 1_000_000_000;
 
-/// Draco streams of one file that may turn out to be broken: decoding one that is may take as long as one that is not,
-/// and its length does not tell how long.
-const MOST_BROKEN: u32 = 8;
-
-const INSTANCING: &str = "EXT_mesh_gpu_instancing";
-
-const PRIMITIVE: &[Member] = &[("attributes", Kind::Part(&[("POSITION", NUMBER, MAY)]), MAY), ("indices", NUMBER, MAY)];
+const PRIMITIVE: &[Member] =
+    &[("attributes", MemberKind::Part(&[("POSITION", NUMBER, MAY)]), MAY), ("indices", NUMBER, MAY)];
 
 const STREAM: &[Member] =
-    &[("bufferView", NUMBER, MUST), ("attributes", Kind::Part(&[("POSITION", NUMBER, MUST)]), MAY)];
+    &[("bufferView", NUMBER, MUST), ("attributes", MemberKind::Part(&[("POSITION", NUMBER, MUST)]), MAY)];
 
-/// What came of the primitives.
-#[derive(Default)]
-pub(super) struct Built {
-    pub mesh: TriMesh,
-    /// Triangles with two equal corners, left out.
-    pub degenerate: usize,
+/// The triangles that a file, or a node of it, shows.
+pub struct Geometry<'a> {
+    /// Each with its transforms into the frame of the result, one for each time that it is shown.
+    pub parts: Vec<(Primitive<'a>, Rc<Vec<DAffine3>>)>,
+    /// Number of the chosen node in the file.
+    pub root: Option<usize>,
+    /// The linear part (rotation, scale, shear) of the chosen node's world transform; identity for a whole file.
+    ///
+    /// The parts of a whole file stand in its scene's frame. Those of a chosen node stand in a frame with the node's
+    /// own origin and the world's axes: the rotation and scale of all that is above the node are applied, the
+    /// translation is not.
+    pub linear: DMat3,
     /// Why there may be no triangle.
     pub why_empty: Option<String>,
+    pub unread: UnreadExtensions,
 }
 
-/// A primitive whose accessors are good.
-struct Primitive<'a> {
-    positions: Rc<Elements<'a>>,
+/// Extensions that the file requires and that are not read; and whether anything with geometry uses them.
+pub struct UnreadExtensions(Vec<(String, bool)>);
+
+/// A primitive of triangles whose accessors are good.
+pub struct Primitive<'a> {
+    pub positions: Rc<Elements<'a>>,
     indices: Option<Rc<Elements<'a>>>,
     mode: Mode,
-    place: String,
+    /// Where it stands, for messages.
+    pub place: String,
+}
+
+impl<'a> Geometry<'a> {
+    /// Reads what a file shows. Everything that is wrong is in the log.
+    pub fn open(source: &Source<'a>, log: &mut Log) -> Logged<Geometry<'a>> {
+        let limits = source.limits;
+        let (gate, bin) = source.open(log)?;
+        let gate = &gate;
+        let most_triangles = limits.triangles.min(MOST_TRIANGLES);
+        let buffers = Buffers::new(gate, bin, source.resolve, limits.bytes, source.bytes.len() as u64);
+        let mut reader = Reader {
+            gate,
+            accessors: Accessors::new(gate, buffers, 3 * most_triangles),
+            quantized: gate.declares("KHR_mesh_quantization"),
+            most_triangles,
+            most_instances: limits.nodes as u64,
+            broken: 0,
+        };
+        let mut nodes = Nodes::new(gate, limits.nodes, log)?;
+        let selection = nodes.place_all(source.node, log)?;
+        let (parts, why_empty) = reader.parts(&nodes, &selection.placed, log)?;
+        let unread = UnreadExtensions(gate.unread().map(|(name, met)| (name.to_owned(), met)).collect());
+        Ok(Geometry { parts, root: selection.root, linear: selection.linear, why_empty, unread })
+    }
+}
+
+impl UnreadExtensions {
+    /// A required extension that is not read refuses the file only if something that carries geometry uses it.
+    pub fn check(&self, log: &mut Log) {
+        for (name, met) in &self.0 {
+            if *met {
+                log.refuse("/extensionsRequired", ProblemKind::Extension { name: clip(name) });
+            } else {
+                log.note(
+                    "it requires an extension that is not read, but nothing with geometry uses it",
+                    "/extensionsRequired",
+                );
+            }
+        }
+    }
 }
 
 impl Primitive<'_> {
     fn corners(&self) -> u64 {
         self.indices.as_ref().map_or(self.positions.count, |i| i.count)
     }
+
+    /// Three vertices of each triangle. Every vertex is there, and its position is finite.
+    pub fn triangles(&self, log: &mut Log) -> Logged<Vec<[u32; 3]>> {
+        let Primitive { positions, indices, mode, place } = self;
+        let triangles = triangulate::triangles(*mode, positions, indices.as_deref(), place, log)?;
+        let bad = triangles.iter().flatten().find(|&&v| !positions.vector(u64::from(v)).is_finite());
+        if let Some(&vertex) = bad {
+            let value = positions.vector(u64::from(vertex)).to_string();
+            return Err(log.refuse(place.clone(), ProblemKind::NotFinite { vertex: u64::from(vertex), value }));
+        }
+        Ok(triangles)
+    }
 }
 
-pub(super) struct Builder<'a, 'g> {
-    pub gate: &'g Gate<'a>,
-    pub accessors: Accessors<'a, 'g>,
-    pub quantized: bool,
-    pub most_triangles: u64,
-    pub most_instances: u64,
+/// Reads the primitives that nodes show.
+struct Reader<'a, 'g> {
+    gate: &'g Gate<'a>,
+    accessors: Accessors<'a, 'g>,
+    quantized: bool,
+    most_triangles: u64,
+    most_instances: u64,
     /// Draco streams that could not be decoded.
-    pub broken: u32,
+    broken: u32,
 }
 
-impl<'a, 'g> Builder<'a, 'g> {
-    pub fn build(&mut self, nodes: &Nodes<'a, 'g>, placed: &[Placed], log: &mut Log) -> Checked<Built> {
+/// Primitives with their transforms; and why there may be no triangle.
+type Parts<'a> = (Vec<(Primitive<'a>, Rc<Vec<DAffine3>>)>, Option<String>);
+
+impl<'a, 'g> Reader<'a, 'g> {
+    fn parts(&mut self, nodes: &Nodes<'a, 'g>, placed: &[PlacedNode], log: &mut Log) -> Logged<Parts<'a>> {
         // Nodes by mesh, in the order in which the meshes are met.
-        let mut order: Vec<(usize, Vec<&Placed>)> = Vec::new();
+        let mut order: Vec<(usize, Vec<&PlacedNode>)> = Vec::new();
         let mut known: BTreeMap<usize, usize> = BTreeMap::new();
         for place in placed {
             let node = &nodes.items[place.index];
@@ -95,7 +157,7 @@ impl<'a, 'g> Builder<'a, 'g> {
         }
 
         let mut left = self.most_triangles;
-        let mut work = Vec::new();
+        let mut parts = Vec::new();
         let mut left_out = BTreeSet::new();
         for (mesh, places) in &order {
             let Some(first) = places.first() else { continue };
@@ -103,7 +165,7 @@ impl<'a, 'g> Builder<'a, 'g> {
             let Ok(primitives) = self.primitives(*mesh, &place, &mut left_out, log) else { continue };
             let Ok(maps) = self.instances(nodes, places, log) else { continue };
             for primitive in primitives {
-                let triangles = strip::at_most(primitive.mode, primitive.corners());
+                let triangles = triangulate::at_most(primitive.mode, primitive.corners());
                 match triangles.checked_mul(maps.len() as u64).and_then(|n| left.checked_sub(n)) {
                     Some(rest) => left = rest,
                     None => {
@@ -113,19 +175,12 @@ impl<'a, 'g> Builder<'a, 'g> {
                     }
                 }
                 if triangles > 0 {
-                    work.push((primitive, Rc::clone(&maps)));
+                    parts.push((primitive, Rc::clone(&maps)));
                 }
             }
         }
-        let mut welder = Welder::default();
-        let mut built = Built::default();
-        for (primitive, maps) in work {
-            lay(&primitive, &maps, &mut welder, &mut built, log);
-        }
-        built.mesh.points = welder.into_points();
         let meshes = self.gate.count(MESHES, &mut Log::new("")).unwrap_or(0);
-        built.why_empty = why_empty(placed, &order, &left_out, meshes);
-        Ok(built)
+        Ok((parts, why_empty(placed, &order, &left_out, meshes)))
     }
 
     /// The primitives of a mesh that make triangles, with good accessors.
@@ -135,7 +190,7 @@ impl<'a, 'g> Builder<'a, 'g> {
         place: &str,
         left_out: &mut BTreeSet<&'static str>,
         log: &mut Log,
-    ) -> Checked<Vec<Primitive<'a>>> {
+    ) -> Logged<Vec<Primitive<'a>>> {
         let mesh = self.gate.entry(MESHES, mesh, place, log)?;
         self.gate.meet(&mesh);
         let mut good = Vec::new();
@@ -153,7 +208,7 @@ impl<'a, 'g> Builder<'a, 'g> {
         place: String,
         left_out: &mut BTreeSet<&'static str>,
         log: &mut Log,
-    ) -> Checked<Option<Primitive<'a>>> {
+    ) -> Logged<Option<Primitive<'a>>> {
         self.gate.meet(piece);
         let mode = match piece.member("mode").map_or(Ok(4), |mode| mode.whole(log))? {
             4 => Mode::Triangles,
@@ -182,18 +237,18 @@ impl<'a, 'g> Builder<'a, 'g> {
         if targets.is_some() {
             log.note("its morph targets are not applied: the base shape is read", &place);
         }
-        let role = Role::Position { quantized: self.quantized };
+        let purpose = Purpose::Position { quantized: self.quantized };
         // Compressed geometry may stand beside a plain copy: then the accessors have views.
         let has_data = |accessor| self.accessor(accessor, "bufferView").is_some();
         if let Some(stream) = extensions.and_then(|extensions| extensions.member(DRACO))
             && !(has_data(position) && indices.is_none_or(has_data))
         {
-            let (positions, indices) = self.draco(&stream, role, position, &place, log)?;
+            let (positions, indices) = self.draco(&stream, purpose, position, &place, log)?;
             // The stream holds triangles, whatever they were made from.
             return Ok(Some(Primitive { positions, indices: Some(indices), mode: Mode::Triangles, place }));
         }
-        let positions = self.accessors.get(position, role, &place, log);
-        let indices = indices.map(|i| self.accessors.get(i, Role::Index, &place, log)).transpose();
+        let positions = self.accessors.get(position, purpose, &place, log);
+        let indices = indices.map(|i| self.accessors.get(i, Purpose::Index, &place, log)).transpose();
         Ok(Some(Primitive { positions: positions?, indices: indices?, mode, place }))
     }
 
@@ -206,11 +261,11 @@ impl<'a, 'g> Builder<'a, 'g> {
     fn draco(
         &mut self,
         piece: &Piece<'a>,
-        role: Role,
+        purpose: Purpose,
         position: usize,
         place: &str,
         log: &mut Log,
-    ) -> Checked<(Rc<Elements<'a>>, Rc<Elements<'a>>)> {
+    ) -> Logged<(Rc<Elements<'a>>, Rc<Elements<'a>>)> {
         let stream = Value::Object(self.gate.members(piece, STREAM, log)?);
         let number = |pointer: &str| stream.pointer(pointer).and_then(Value::as_u64).unwrap_or_default();
         let (view, id) = (number("/bufferView") as usize, number("/attributes/POSITION"));
@@ -232,14 +287,14 @@ impl<'a, 'g> Builder<'a, 'g> {
         let normalized = self.accessor(position, "normalized").is_some_and(|normalized| normalized.text == "true");
         let corners = mesh.corners().flat_map(u32::to_le_bytes).collect();
         let corners = Attribute { components: 1, component_type: DataType::U32, bytes: corners };
-        let positions = Elements::decoded(attribute, role, normalized);
-        let indices = Elements::decoded(corners, Role::Index, false);
+        let positions = Elements::decoded(attribute, purpose, normalized);
+        let indices = Elements::decoded(corners, Purpose::Index, false);
         let mut good = |elements: Result<_, _>| elements.map(Rc::new).map_err(|what| log.refuse(place, what));
         Ok((good(positions)?, good(indices)?))
     }
 
     /// Where a mesh is shown: once for each node, or more often if the node is instanced.
-    fn instances(&mut self, nodes: &Nodes<'a, 'g>, places: &[&Placed], log: &mut Log) -> Checked<Rc<Vec<DAffine3>>> {
+    fn instances(&mut self, nodes: &Nodes<'a, 'g>, places: &[&PlacedNode], log: &mut Log) -> Logged<Rc<Vec<DAffine3>>> {
         let mut maps = Vec::new();
         for place in places {
             let node = self.gate.find(NODES, place.index);
@@ -249,14 +304,14 @@ impl<'a, 'g> Builder<'a, 'g> {
             };
             let name = nodes.place(place.index);
             let attributes = extension.member("attributes");
-            let mut read = |key: &'static str, role| -> Checked<Option<Rc<Elements<'a>>>> {
+            let mut read = |key: &'static str, purpose| -> Logged<Option<Rc<Elements<'a>>>> {
                 let Some(attributes) = &attributes else { return Ok(None) };
                 let members = self.gate.members(attributes, &[(key, NUMBER, MAY)], log)?;
                 let index = members.get(key).and_then(Value::as_u64);
-                index.map(|index| self.accessors.get(index as usize, role, &name, log)).transpose()
+                index.map(|index| self.accessors.get(index as usize, purpose, &name, log)).transpose()
             };
-            let (translation, scale) = (read("TRANSLATION", Role::Vector)?, read("SCALE", Role::Vector)?);
-            let rotation = read("ROTATION", Role::Rotation)?;
+            let (translation, scale) = (read("TRANSLATION", Purpose::Vector)?, read("SCALE", Purpose::Vector)?);
+            let rotation = read("ROTATION", Purpose::Rotation)?;
             let counts = [&translation, &scale, &rotation].map(|e| e.as_ref().map(|e| e.count));
             let found = counts.into_iter().flatten().min().unwrap_or(0);
             if found > self.most_instances.saturating_sub(maps.len() as u64) {
@@ -266,7 +321,7 @@ impl<'a, 'g> Builder<'a, 'g> {
             for i in 0..found {
                 let t = translation.as_ref().map_or(DVec3::ZERO, |e| e.vector(i));
                 let s = scale.as_ref().map_or(DVec3::ONE, |e| e.vector(i));
-                let q = rotation.as_ref().map_or([0.0, 0.0, 0.0, 1.0], |e| e.quaternion(i));
+                let q = rotation.as_ref().map_or([0.0, 0.0, 0.0, 1.0], |e| e.numbers(i));
                 let local = DAffine3::from_scale_rotation_translation(s, unit(q, &name, log)?, t);
                 maps.push(place.map * local);
             }
@@ -275,57 +330,10 @@ impl<'a, 'g> Builder<'a, 'g> {
     }
 }
 
-/// Adds a primitive to the mesh, once for each of `maps`.
-fn lay(primitive: &Primitive<'_>, maps: &[DAffine3], welder: &mut Welder, built: &mut Built, log: &mut Log) {
-    let Primitive { positions, indices, mode, place } = primitive;
-    let Ok(triangles) = strip::triangles(*mode, positions, indices.as_deref(), place, log) else { return };
-    let bad = triangles.iter().flatten().find(|&&v| !positions.vector(u64::from(v)).is_finite());
-    if let Some(&vertex) = bad {
-        let value = positions.vector(u64::from(vertex)).to_string();
-        log.refuse(place.clone(), ProblemKind::NotFinite { vertex: u64::from(vertex), value });
-        return;
-    }
-    // Welded numbers by vertex; without the memory if few of many vertices are used.
-    const UNKNOWN: u32 = u32::MAX;
-    let remember = positions.count <= 8 * triangles.len() as u64 + 1024;
-    let mut numbers = vec![UNKNOWN; if remember { positions.count as usize } else { 0 }];
-    for map in maps {
-        let mirrored = map.matrix3.determinant() < 0.0;
-        numbers.fill(UNKNOWN);
-        for &triangle in &triangles {
-            let mut welded = [0; 3];
-            for (corner, vertex) in welded.iter_mut().zip(triangle) {
-                if let Some(&number) = numbers.get(vertex as usize)
-                    && number != UNKNOWN
-                {
-                    *corner = number;
-                    continue;
-                }
-                let point = map.transform_point3(positions.vector(u64::from(vertex)));
-                if !point.is_finite() || point.abs().max_element() > FARTHEST {
-                    let (vertex, value) = (u64::from(vertex), point.to_string());
-                    log.refuse(place.clone(), ProblemKind::TooFar { vertex, value, limit: FARTHEST });
-                    return;
-                }
-                *corner = welder.insert(point);
-                if let Some(number) = numbers.get_mut(vertex as usize) {
-                    *number = *corner;
-                }
-            }
-            let [a, b, c] = welded;
-            if a == b || b == c || c == a {
-                built.degenerate += 1;
-            } else {
-                built.mesh.triangles.push(if mirrored { [a, c, b] } else { [a, b, c] });
-            }
-        }
-    }
-}
-
 /// Why a file without triangles has none.
 fn why_empty(
-    placed: &[Placed],
-    order: &[(usize, Vec<&Placed>)],
+    placed: &[PlacedNode],
+    order: &[(usize, Vec<&PlacedNode>)],
     left_out: &BTreeSet<&'static str>,
     meshes: usize,
 ) -> Option<String> {

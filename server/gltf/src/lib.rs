@@ -1,0 +1,24 @@
+#![doc = include_str!("../README.md")]
+
+mod accessor;
+mod buffer;
+mod compressed;
+mod container;
+pub mod document;
+mod gate;
+mod geometry;
+pub mod log;
+mod node;
+mod problem;
+mod remedy;
+mod source;
+mod triangulate;
+pub mod uri;
+
+pub use accessor::Elements;
+pub use compressed::DRACO;
+pub use document::Document;
+pub use geometry::{Geometry, Primitive};
+pub use node::INSTANCING;
+pub use problem::{AssetProblem, ProblemKind};
+pub use source::{Limits, Resolver, Source};
