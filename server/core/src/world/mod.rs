@@ -26,11 +26,11 @@
 //! 6. A pile that bobs gets more substeps (`corrections::bobbing`).
 //! 7. Debug builds hold the invariants (`validation`).
 //!
-//! The modules, lowest first; none imports, or calls on the world, one that is behind it
-//! (`tests/architecture/layers.rs` holds that):
+//! The modules, lowest first. None imports one above it, or calls a method of `World` that one above it defines
+//! (`tests/architecture/` holds that):
 //!
-//! - `units`, `colliders` (their owners), `manifold` (contact points of convex polyhedra), `settings` of
-//!   the engine
+//! - `units`, `colliders` (their owners), `manifold` (contact points of convex polyhedra), `settings` of the
+//!   engine
 //! - `bodies`: records, poses, velocities, and the changes that a body may undergo
 //! - `corrections`: additions to the engine's step; they know the engine and the bodies, not the world
 //! - `scenery`: ground, container, scenery
