@@ -7,8 +7,7 @@
 //!    control mesh becomes a container.
 //! 2. **Fill** ([`stages::fill`]): props fill the container under upward gravity, as if it stood on its head, and
 //!    settle in it.
-//! 3. **Turn over** ([`stages::turn_over`]): the container is gone, gravity points down, and every body waits where it
-//!    is.
+//! 3. **Turn over** ([`stages::turn_over`]): the container is gone, gravity points down, and every body waits in place.
 //! 4. **Glue** ([`stages::glue`]): where the parameters ask for it, contacts are glued until the pile stands by itself.
 //! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
 //!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`equilibrium`]) and holds them still, which
@@ -79,8 +78,7 @@ pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64
     Ok(ladder.iter().map(|params| estimate::of(scene, params, &checked, &shapes, machine)).collect())
 }
 
-/// The method: fill, turn over, glue, release, hold, and the report. A scene may bring its bodies along instead of a
-/// fill.
+/// The method: fill, turn over, glue, release, hold, report. A scene may bring its bodies along instead of a fill.
 pub fn bake(scene: &Scene, params: &Params, observer: &mut dyn Observer) -> Result<Bake, Error> {
     bake_with(scene, params, &mut NoCache, observer)
 }
@@ -113,8 +111,11 @@ pub struct FullContainer {
 impl FullContainer {
     /// The pile right after turning over, for tools that examine a release.
     pub fn turn_over<'a>(&'a self, scene: &'a Scene, params: &'a Params) -> Result<Simulation<'a>, Error> {
-        let resolved = Resolved::new(scene, params, &self.checked, &summaries(&self.shapes));
-        self.turn_over_as(scene, params, &resolved)
+        self.turn_over_as(scene, params, &self.resolved(scene, params))
+    }
+
+    fn resolved(&self, scene: &Scene, params: &Params) -> Resolved {
+        Resolved::new(scene, params, &self.checked, &summaries(&self.shapes))
     }
 
     fn turn_over_as<'a>(
@@ -218,15 +219,14 @@ pub struct Released<'a> {
     clock: Clock,
 }
 
-/// The second half of [`bake`]: turn over, glue, release, hold. `params` may differ from the fill's in what comes after
-/// it.
+/// The second half of [`bake`]: turn over, glue, release, hold. `params` may differ from the fill's in later stages.
 pub fn release_pile<'a>(
     scene: &'a Scene,
     params: &'a Params,
     full: &'a FullContainer,
     observer: &mut dyn Observer,
 ) -> Result<Released<'a>, Error> {
-    let resolved = Resolved::new(scene, params, &full.checked, &summaries(&full.shapes));
+    let resolved = full.resolved(scene, params);
     let plan = plan::of(scene, params, &full.checked, &resolved);
     let mut clock = full.clock.clone();
     clock.skip(observer);

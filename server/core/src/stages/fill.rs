@@ -77,7 +77,7 @@ pub fn run(
     let task = FillTask::new(scene, shapes, params, units, container);
     let (fill, wanted) = (&params.fill, task.wanted());
     let mut method = method::of(fill.method);
-    let mut filling = Filling::new(task, method.gravity(task.height()));
+    let mut filling = Filling::new(task, method.gravity(task.height()), true);
     filling.place_given()?;
     let zones = Zones::new(&task, &mut filling.rng);
     let poured = if method.is_open() { Some(fill_open(&mut *method, &mut filling, observer)?) } else { None };
@@ -192,7 +192,7 @@ pub(crate) fn pour_only(
 ) -> Result<Vec<Instance>, Error> {
     let task = FillTask::new(scene, shapes, params, units, container);
     let mut method = method::of(params.fill.method);
-    let mut filling = Filling::new(task, method.gravity(task.height())).without_frames();
+    let mut filling = Filling::new(task, method.gravity(task.height()), false);
     fill_open(&mut *method, &mut filling, observer)?;
     Ok(filling.world.present().map(|id| filling.world.instance(id)).collect())
 }

@@ -1,5 +1,4 @@
-//! The core of a pile that is a shell of props: the inside of the control mesh below them. It is not seen, and stands
-//! still.
+//! The core of a pile that is a shell of props: the inside of the control mesh below them, unseen and at rest.
 
 use super::{MAX_GRID_NODES, simplify, surface, without_base};
 use crate::geometry::Closed;
@@ -25,8 +24,7 @@ const SPACING: f64 = 0.2;
 const MAX_NODES: usize = MAX_GRID_NODES / 8;
 /// Its surface may be made coarser by this much.
 const TOLERANCE: f64 = 0.05;
-/// Its convex hull stands for it where that takes less than this times its volume: on a mesh, some props never come to
-/// rest.
+/// Its convex hull replaces it where that takes less than this times its volume: on a mesh, some props never rest.
 const CONVEX: f64 = 1.03;
 /// It reaches so deep into the ground.
 const DEPTH: f64 = 0.5;

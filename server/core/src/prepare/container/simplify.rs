@@ -29,8 +29,7 @@ fn coarser(mesh: &TriMesh, bound: f64) -> Option<CollisionMesh> {
     Some(CollisionMesh { mesh: coarse, saved, deviation })
 }
 
-/// `None` without a bound, and beyond the library's bounds of work and memory: a mesh that is not simplified only costs
-/// time.
+/// `None` without a bound, and beyond the library's bounds of work and memory: a fine mesh only costs time.
 fn collapsed(mesh: &TriMesh, bound: f64) -> Option<Vec<[u32; 3]>> {
     if bound <= 0.0 {
         return None;

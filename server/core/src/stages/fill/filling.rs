@@ -100,23 +100,17 @@ const STILL_FALLING: f64 = 0.1;
 const LONGEST_FALL: f64 = 1.5;
 
 impl<'a> Filling<'a> {
-    /// An empty world, under upward gravity of this strength, as a share of the scene's.
-    pub fn new(task: FillTask<'a>, gravity: f64) -> Filling<'a> {
+    /// An empty world, under upward gravity of this strength, as a share of the scene's. `with_frames`: for observers.
+    pub fn new(task: FillTask<'a>, gravity: f64, with_frames: bool) -> Filling<'a> {
         let compounds = task.shapes.iter().any(|s| s.solid.parts() > 1);
         let physics = task.params.fill_physics(task.units.time);
         let world = FillWorld::new(World::new(task.units, &physics, task.least_thickness(), compounds));
         let rng = Pcg64Mcg::seed_from_u64(task.params.seed);
-        let (removed, progress) = (Removed::default(), FillProgress::default());
+        let (removed, progress) = (Removed::default(), FillProgress::new(with_frames));
         let mut filling = Filling { task, world, rng, removed, progress, gravity };
         // An upright container is filled as if it stood on its head.
         filling.point_gravity(DVec3::Y);
         filling
-    }
-
-    /// The same, without frames for the observer.
-    pub fn without_frames(mut self) -> Filling<'a> {
-        self.progress.hide_frames();
-        self
     }
 
     /// Bodies taken out so far, by reason.

@@ -24,11 +24,10 @@ impl Filling<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// Takes out the newest bodies beyond `limit`. Those from `round` on are equally new: of them, some from
-    /// everywhere.
-    pub fn cut_to(&mut self, limit: usize, round: BodyId) {
+    /// Takes out the newest bodies beyond `limit`. Bodies from `round` on are equally new: some from everywhere go.
+    pub fn cut_to(&mut self, limit: usize, round: Option<BodyId>) {
         let beyond = self.world.loose().count().saturating_sub(limit);
-        let round: Vec<BodyId> = self.world.loose().filter(|&id| id >= round).collect();
+        let round: Vec<BodyId> = self.world.loose().filter(|&id| round.is_some_and(|first| id >= first)).collect();
         let out: Vec<BodyId> = match beyond {
             0 => Vec::new(),
             _ if beyond <= round.len() => (0..beyond).map(|i| round[i * round.len() / beyond]).collect(),
@@ -80,8 +79,7 @@ impl Filling<'_> {
         self.world.depenetrate(residual, going)
     }
 
-    /// Takes out bodies from `first` on until none of these pairs is left: those in most of them first. Returns how
-    /// many.
+    /// Takes out bodies from `first` on until none of these pairs is left: those in most pairs first. Returns the count.
     pub fn separate(&mut self, pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
         let may_go = |id: BodyId| id >= first && self.world.is_loose(id);
         let mut others = BTreeMap::<BodyId, Vec<BodyId>>::new();

@@ -18,15 +18,9 @@ pub struct FillProgress {
     next_frame: Option<usize>,
 }
 
-impl Default for FillProgress {
-    fn default() -> FillProgress {
-        FillProgress { work: 0.0, next_frame: Some(0) }
-    }
-}
-
 impl FillProgress {
-    pub fn hide_frames(&mut self) {
-        self.next_frame = None;
+    pub fn new(with_frames: bool) -> FillProgress {
+        FillProgress { work: 0.0, next_frame: with_frames.then_some(0) }
     }
 
     /// After a step.

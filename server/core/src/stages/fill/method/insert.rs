@@ -42,15 +42,10 @@ const LEAST_KEPT: f64 = 0.25;
 /// Fewer seeds than this say nothing of whether the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
 
+#[derive(Default)]
 pub struct Insert {
     /// The first body of the latest round.
-    round: BodyId,
-}
-
-impl Default for Insert {
-    fn default() -> Insert {
-        Insert { round: BodyId::MAX }
-    }
+    round: Option<BodyId>,
 }
 
 impl Method for Insert {
@@ -58,7 +53,7 @@ impl Method for Insert {
         (TALL / height).min(1.0)
     }
 
-    fn latest_round(&self) -> BodyId {
+    fn latest_round(&self) -> Option<BodyId> {
         self.round
     }
 
@@ -83,7 +78,7 @@ impl Method for Insert {
             let missing = ((pass.limit - before) as f64 / keeps.max(LEAST_KEPT)).ceil();
             let wanted = (share * expected).ceil().min(missing) as usize;
             let first = filling.world.next_id();
-            self.round = first;
+            self.round = Some(first);
             let seeds = plant(filling, pass, wanted, &inside)?;
             if seeds.is_empty() {
                 return Ok(true);
@@ -164,8 +159,7 @@ fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) ->
     seeds.into_iter().map(insert).collect()
 }
 
-/// Where a point of the unit cube is on the Z-order curve through it (Morton 1966), on which near points are mostly
-/// near.
+/// Position of a point of the unit cube on its Z-order curve (Morton 1966), on which near points are mostly near.
 fn morton(p: DVec3) -> u64 {
     let spread = |x: f64| {
         let cell = (x.clamp(0.0, 1.0) * MORTON_CELLS) as u64;

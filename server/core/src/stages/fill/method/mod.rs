@@ -47,19 +47,18 @@ pub trait Method {
     /// Adds bodies. Returns whether the container is full; if not, the pass has reached its limit.
     fn run(&mut self, filling: &mut Filling, pass: &Pass, observer: &mut dyn Observer) -> Result<bool, Error>;
 
-    /// The first body of the latest round, for methods that add bodies in rounds: all bodies of a round are equally
-    /// new.
-    fn latest_round(&self) -> BodyId {
-        BodyId::MAX
+    /// The first body of the latest round, for methods with rounds: all bodies of a round are equally new.
+    fn latest_round(&self) -> Option<BodyId> {
+        None
     }
 }
 
 /// The method that the parameters ask for.
 pub fn of(method: FillMethod) -> Box<dyn Method> {
     match method {
-        FillMethod::Insert => Box::new(insert::Insert::default()),
+        FillMethod::Insert => Box::<insert::Insert>::default(),
         FillMethod::Pour => Box::new(pour::Pour),
-        FillMethod::Stack => Box::new(stack::Stack::default()),
+        FillMethod::Stack => Box::<stack::Stack>::default(),
         FillMethod::Off => Box::new(off::Off),
     }
 }

@@ -71,7 +71,7 @@ impl Method for Stack {
         if filling.task.params.fill.lying() < 1.0 { self.insert.run(filling, pass, observer) } else { Ok(full) }
     }
 
-    fn latest_round(&self) -> BodyId {
+    fn latest_round(&self) -> Option<BodyId> {
         self.insert.latest_round()
     }
 }
