@@ -170,7 +170,7 @@ fn what_the_guard_does_is_told() {
     squeezed.bodies[11].mass = Some(1000.0);
     let warnings = |scene: &Scene, guard: Switch| {
         let report = bake(scene, &long_steps(guard, 20.0), &mut Silent).unwrap().report;
-        let is_told = report.warnings.iter().any(|text| text.contains("taken again in smaller ones"));
+        let is_told = report.warnings.iter().any(|text| text.contains("repeated in smaller ones"));
         (report.counts["guard_retries"] > 0, is_told, report.counts["guard_steps"] > 0)
     };
     assert_eq!(warnings(&squeezed, Switch::Auto), (true, true, true));

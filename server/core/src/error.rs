@@ -10,7 +10,7 @@ pub enum Error {
     Invalid(Vec<Problem>),
     #[error("cancelled")]
     Cancelled,
-    /// Our fault.
+    /// A fault of the program.
     #[error("internal error: {0}")]
     Internal(String),
 }

@@ -122,7 +122,7 @@ fn topology_agrees_with_the_manifest() {
         let found = inspect(&asset.mesh);
         let (repaired, repair) = oriented(&asset.mesh);
         let after = inspect(&repaired);
-        println!("{}\t{}\t{found:?}\t{:?}\t{after:?}", entry.name, entry.watertight, repair.told());
+        println!("{}\t{}\t{found:?}\t{:?}\t{after:?}", entry.name, entry.watertight, repair.describe());
 
         // Seams between nodes with transforms of their own meet to within rounding only.
         let near = inspect(&weld(&asset.mesh, WELD_TOLERANCE));

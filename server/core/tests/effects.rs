@@ -1,4 +1,4 @@
-//! Effects are decided once: what the plan tells is what the bake does.
+//! Effects are decided once: the bake has the effects of its plan.
 
 mod common;
 
@@ -35,10 +35,10 @@ fn the_plan_of_a_scene_is_that_of_its_bake() {
         let mut params = Params::new(Accuracy::Draft);
         params.fill.count = Some(6);
         params.hold.patience = 2.0;
-        let told = plan(&scene, &params).unwrap();
+        let plan = plan(&scene, &params).unwrap();
         let report = bake(&scene, &params, &mut Silent).unwrap().report;
-        assert_eq!(told.effects, report.plan.effects, "{name}");
-        let is_on = |effect: EffectName| told.effects.iter().any(|e| e.name == effect && e.on);
+        assert_eq!(plan.effects, report.plan.effects, "{name}");
+        let is_on = |effect: EffectName| plan.effects.iter().any(|e| e.name == effect && e.on);
         let steps = report.counts[&Count::StepsWithStiffContacts];
         assert_eq!(steps > 0, is_on(EffectName::StiffContacts), "{name}: {steps} steps");
         stiff += u32::from(steps > 0);
@@ -47,13 +47,13 @@ fn the_plan_of_a_scene_is_that_of_its_bake() {
 }
 
 #[test]
-fn each_effect_is_told_once_in_the_order_of_the_list() {
+fn a_plan_has_each_effect_once_in_the_order_of_the_list() {
     let scene = scene(cone(1.2, 1.6), stick());
     let effects = plan(&scene, &Params::new(Accuracy::Standard)).unwrap().effects;
     let names: Vec<EffectName> = effects.iter().map(|effect| effect.name).collect();
     assert_eq!(names, EffectName::VARIANTS);
     for effect in effects {
-        assert_eq!(serde_json::to_value(effect.name).unwrap(), effect.name.name(), "written as it is called");
+        assert_eq!(serde_json::to_value(effect.name).unwrap(), effect.name.name(), "serialized by its name");
         for count in effect.counters {
             assert_eq!(serde_json::to_value(count).unwrap(), count.name());
         }
@@ -61,7 +61,7 @@ fn each_effect_is_told_once_in_the_order_of_the_list() {
 }
 
 #[test]
-fn figures_that_nobody_wants_are_not_measured() {
+fn figures_switched_off_are_not_measured() {
     let scene = scene(cone(0.6, 0.8), stick());
     let mut params = Params::new(Accuracy::Draft);
     params.fill.count = Some(20);
@@ -77,7 +77,7 @@ fn figures_that_nobody_wants_are_not_measured() {
     for (switches, wanted) in [
         ([auto, auto, auto], [true, false, false]),
         ([off, auto, auto], [false; 3]),
-        // There are no pictures of what is not measured.
+        // Without shape figures, there are no pictures.
         ([off, on, on], [false, false, true]),
         ([on, on, on], [true; 3]),
     ] {
@@ -86,7 +86,7 @@ fn figures_that_nobody_wants_are_not_measured() {
     }
 }
 
-/// Steps, bodies that the engine moved and pairs that it kept: what a fill costs, without a clock.
+/// The cost of a fill without a clock: steps, bodies that the engine moved, pairs that it kept.
 #[test]
 fn a_fill_does_no_more_work_than_it_did() {
     let mut params = Params::new(Accuracy::Standard);

@@ -55,7 +55,7 @@ fn is_refusal(text: &str) -> bool {
     text.contains("larger than the control mesh")
         || text.contains("found room")
         || text.contains("find room")
-        || text.contains("there is none; give a closed mesh")
+        || text.contains("the scene has none; give a closed mesh")
 }
 
 fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {

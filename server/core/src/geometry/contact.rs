@@ -1,10 +1,10 @@
-//! Who rests on whom, from plain lists: no engine's types.
+//! Which bodies rest on which, from plain lists: no types of the engine.
 
 use glam::DVec3;
 
 /// Gap up to which a contact carries, relative to d (the definition of `hanging`).
 pub const CARRYING_GAP: f64 = 1.0 / 200.0;
-/// A contact points upward if its normal rises by more than this: walls are vertical only up to f32's rounding and
+/// A contact points upward if its normal does by more than this: a vertical face is so only up to f32's rounding and
 /// the engine's tolerances. It is a slope of 0.6 degrees, on which no friction holds anything.
 const UPWARD: f64 = 0.01;
 
@@ -17,7 +17,7 @@ pub enum End {
     Fixed,
 }
 
-/// A place where one thing may bear on another: they touch, or nearly.
+/// A point where a body may bear on another one, or on something that stands still: they touch, or nearly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bearing {
     pub a: End,

@@ -1,4 +1,4 @@
-//! A triangle soup with shared points: what the core knows of a model's geometry.
+//! A triangle soup with shared points: the geometry of a model, as the core keeps it.
 //!
 //! SI metres, glTF axes (Y up, right-handed), counter-clockwise triangles seen from outside.
 
@@ -44,7 +44,7 @@ impl TriMesh {
     /// Smallest and largest corner of the axis-aligned box around all points.
     /// Both are NaN-free; an empty mesh gives `(+inf, -inf)`.
     pub fn bounds(&self) -> (DVec3, DVec3) {
-        self.points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)))
+        bounds(self.points.iter().copied())
     }
 
     /// Volume enclosed, in m^3: negative for a mesh that is inside out, meaningless for an open one.
@@ -58,7 +58,7 @@ impl TriMesh {
             .sum()
     }
 
-    /// The same mesh, its triangles turned around if it is inside out as a whole.
+    /// The same mesh, with all triangles reversed if it is inside out as a whole.
     pub fn outward(&self) -> std::borrow::Cow<'_, TriMesh> {
         if self.signed_volume() >= 0.0 {
             return std::borrow::Cow::Borrowed(self);
@@ -66,4 +66,19 @@ impl TriMesh {
         let triangles = self.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
         std::borrow::Cow::Owned(TriMesh { points: self.points.clone(), triangles })
     }
+}
+
+/// Smallest and largest corner of the axis-aligned box around some points; `(+inf, -inf)` without any.
+pub(crate) fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
+}
+
+/// Signed solid angle of a triangle, seen from `p` (Van Oosterom & Strackee 1983, Eq. 8). Finite everywhere, also on
+/// the triangle.
+pub(crate) fn solid_angle(p: DVec3, triangle: &[DVec3; 3]) -> f64 {
+    let [a, b, c] = triangle.map(|v| v - p);
+    let (la, lb, lc) = (a.length(), b.length(), c.length());
+    let volume = a.dot(b.cross(c));
+    let denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+    2.0 * volume.atan2(denominator)
 }

@@ -1,4 +1,4 @@
-//! Meshes and poses, and what can be said of them without physics.
+//! Meshes and poses, and computations on them without physics.
 
 pub mod closed;
 pub mod contact;

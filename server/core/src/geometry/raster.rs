@@ -2,8 +2,9 @@
 
 use glam::DVec2;
 
-/// Calls with the index of a cell, that of a sample of it, and a height, wherever the triangle is above or below a sample. `samples`: where they
-/// are in a cell, along each axis, cells from its middle. Corners: where they are, seen from above, and how high.
+/// Calls `met` with the index of a cell, that of a sample of it, and a height, wherever the triangle is above or below
+/// a sample. `samples`: their places in a cell, along each axis, in cells from its middle. `triangle`: the corners seen
+/// from above, with their heights; metres.
 pub fn rasterise(
     triangle: [(DVec2, f64); 3],
     cell: f64,

@@ -3,8 +3,9 @@
 use glam::DVec2;
 use std::f64::consts::FRAC_PI_2;
 
-/// The turn about Y, as seen in X and Z, that lays the longer edge of the smallest rectangle around these points along X, and the
-/// rectangle's edges, the longer one first. It has an edge along one of the convex hull's (Freeman & Shapira 1975).
+/// The turn about Y, as seen in X and Z, that lays the longer edge of the smallest rectangle around these points along
+/// X, and the rectangle's edges, the longer one first. It has an edge along one of the convex hull's (Freeman & Shapira
+/// 1975).
 pub fn smallest_rectangle(points: &[DVec2]) -> (f64, DVec2) {
     let hull = convex_hull(points);
     let edges = |turn: f64| {

@@ -12,7 +12,7 @@ mod ray;
 #[cfg(test)]
 mod tests;
 
-use crate::geometry::mesh::TriMesh;
+use crate::geometry::mesh::{TriMesh, bounds};
 use bvh::Bvh;
 use glam::DVec3;
 pub use grid::DistanceGrid;
@@ -60,7 +60,7 @@ impl Region {
     pub fn new(mesh: &TriMesh) -> Region {
         assert!(!mesh.triangles.is_empty(), "a region needs a triangle");
         let used = mesh.triangles.iter().flatten().map(|&v| mesh.points[v as usize]);
-        let bounds = used.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+        let bounds = bounds(used);
         let (mesh, closed) = ray::welded(mesh, bounds.0.distance(bounds.1));
         let enclosed = enclosed_volume(&mesh);
         let inside_out = enclosed < 0.0;
@@ -144,8 +144,8 @@ impl Region {
         (hit.squared.sqrt(), hit.place)
     }
 
-    /// Sets `row[i]` to whether `start + i step X` is inside. Points within the distance to the surface share one answer,
-    /// and so do two such balls that meet: winding numbers are only needed where the surface is passed.
+    /// Sets `row[i]` to whether `start + i step X` is inside. Points within the distance to the surface share one
+    /// answer, and so do two such balls that meet: winding numbers are only needed where the surface is passed.
     pub(crate) fn mark_row(&self, start: DVec3, step: f64, row: &mut [u8]) {
         let (mut i, mut guess) = (0, 0);
         let mut last: Option<u8> = None;
@@ -226,9 +226,9 @@ pub fn farthest(mesh: &TriMesh, points: &[DVec3]) -> f64 {
     distances.map(|hit| hit.squared).reduce(|| 0.0, f64::max).sqrt()
 }
 
-/// Volume of the solid. What a closed mesh encloses counts each point as often as the mesh winds around it: what a
-/// sampled grid says was counted too often (or with the wrong sign) is taken off, and a simple mesh keeps its exact
-/// volume. That of an open mesh is sampled as a whole.
+/// Volume of the solid. The enclosed volume of a closed mesh counts each point as often as the mesh winds around it:
+/// the excess (or the wrong sign) at the points of a sampled grid is subtracted, and a simple mesh keeps its exact
+/// volume. The volume of an open mesh is sampled as a whole.
 fn solid_volume(all: &Winding, (lo, hi): (DVec3, DVec3), enclosed: f64) -> f64 {
     let block = (hi - lo) / VOLUME_BLOCKS as f64;
     let tallies: Vec<f64> = (0..VOLUME_BLOCKS.pow(3))

@@ -1,4 +1,4 @@
-//! How a mesh's triangles hang together: open or closed, in how many parts, facing which way.
+//! How a mesh's triangles are connected: open or closed, in how many parts, facing outward or inward.
 //!
 //! Two triangles are neighbours if they share an edge, that is, both points of it: meshes split at seams of texture or
 //! normals must be welded before. Bit-exact welding is done here; [`weld`] does it within a tolerance.
@@ -11,22 +11,20 @@ mod repair;
 #[cfg(test)]
 mod tests;
 
-use std::collections::HashMap;
-
 use glam::DVec3;
 
 use crate::geometry::mesh::TriMesh;
-use crate::geometry::weld::Welder;
+use crate::geometry::weld::merged;
 pub use flat::{Flat, drop_flat};
 pub use holes::{Holes, close_holes};
 pub use orient::oriented;
 pub use repair::Repair;
 
-/// A good tolerance for [`weld`], relative to the diagonal: what single precision leaves of a point of a model that
+/// A good tolerance for [`weld`], relative to the diagonal: the error of single precision at a point of a model that
 /// stands a few times its own size from the origin. Parts modelled apart stay apart.
 pub const WELD_TOLERANCE: f64 = 1e-6;
 
-/// What [`inspect`] finds, after welding equal points and leaving out triangles with two equal corners.
+/// The findings of [`inspect`], after welding equal points and leaving out triangles with two equal corners.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Topology {
     pub triangles: usize,
@@ -43,7 +41,7 @@ pub struct Topology {
     /// m^2.
     pub area: f64,
     /// There are triangles, and an even number of them meets at every edge: the surface parts space into inside and
-    /// outside. Says nothing about the way it faces, or whether any volume is inside.
+    /// outside. Says nothing about which side faces outward, or whether any volume is inside.
     pub closed: bool,
     /// Metres, of the axis-aligned box around the triangles.
     pub diagonal: f64,
@@ -80,19 +78,14 @@ pub fn inspect(mesh: &TriMesh) -> Topology {
     topology
 }
 
-/// One point for all that are equal, or nearer than `tolerance` times the diagonal to the first of their kind; triangles
-/// left with two equal corners, and points left without triangles, go. With `tolerance` 0, only bit-equal points (and 0
-/// and -0) are one. The order of points and triangles stays, so a mesh without fault comes back as it is.
+/// One point for all that are equal, or nearer than `tolerance` times the diagonal to the first of their kind;
+/// triangles left with two equal corners, and points left without triangles, go. With `tolerance` 0, only bit-equal
+/// points (and 0 and -0) are one. The order of points and triangles stays, so a mesh without fault comes back as it is.
 ///
 /// A point joins the first point within reach, not the nearest, so that the result does not depend on chance; a row of
 /// points each within reach of the next does not collapse into one.
 pub fn weld(mesh: &TriMesh, tolerance: f64) -> TriMesh {
-    let reach = tolerance * diagonal(mesh);
-    let merged = if reach > 0.0 { snap(&mesh.points, reach) } else { Vec::new() };
-    let mut welder = Welder::default();
-    let places = if reach > 0.0 { &merged } else { &mesh.points };
-    let numbers: Vec<u32> = places.iter().map(|&p| welder.insert(p)).collect();
-    let points = welder.into_points();
+    let (numbers, points) = merged(&mesh.points, tolerance * diagonal(mesh));
     let mut triangles: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(|v| numbers[v as usize])).collect();
     triangles.retain(|&[a, b, c]| a != b && b != c && c != a);
 
@@ -108,28 +101,6 @@ pub fn weld(mesh: &TriMesh, tolerance: f64) -> TriMesh {
     TriMesh { points, triangles }
 }
 
-/// Each point moved onto the first one within `reach` of it.
-fn snap(points: &[DVec3], reach: f64) -> Vec<DVec3> {
-    // Points by cell of side `reach`: what is within reach lies in the cells around. Floored reals as keys have no
-    // range to overflow.
-    let mut cells: HashMap<[u64; 3], Vec<DVec3>> = HashMap::new();
-    let key = |cell: DVec3| (cell + 0.0).to_array().map(f64::to_bits);
-    let near = |cells: &HashMap<[u64; 3], Vec<DVec3>>, cell: DVec3, p: DVec3| {
-        (0..27).find_map(|k| {
-            let step = DVec3::new(f64::from(k % 3), f64::from(k / 3 % 3), f64::from(k / 9)) - 1.0;
-            cells.get(&key(cell + step))?.iter().find(|q| q.distance_squared(p) <= reach * reach).copied()
-        })
-    };
-    let place = |&p: &DVec3| {
-        let cell = (p / reach).floor();
-        near(&cells, cell, p).unwrap_or_else(|| {
-            cells.entry(key(cell)).or_default().push(p);
-            p
-        })
-    };
-    points.iter().map(place).collect()
-}
-
 fn area([a, b, c]: [DVec3; 3]) -> f64 {
     0.5 * (b - a).cross(c - a).length()
 }
@@ -141,7 +112,7 @@ fn diagonal(mesh: &TriMesh) -> f64 {
 
 /// One triangle's side of an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Side {
+struct HalfEdge {
     /// The edge: its points, the smaller number first.
     edge: [u32; 2],
     face: u32,
@@ -150,7 +121,7 @@ struct Side {
 }
 
 /// All sides of all triangles, those of one edge together.
-struct Edges(Vec<Side>);
+struct Edges(Vec<HalfEdge>);
 
 impl Edges {
     fn new(triangles: &[[u32; 3]]) -> Edges {
@@ -162,19 +133,19 @@ impl Edges {
         let mut sides = Vec::with_capacity(3 * triangles.size_hint().1.unwrap_or(0));
         for (face, &[a, b, c]) in triangles {
             for (from, to) in [(a, b), (b, c), (c, a)] {
-                sides.push(Side { edge: [from.min(to), from.max(to)], face: face as u32, forward: from < to });
+                sides.push(HalfEdge { edge: [from.min(to), from.max(to)], face: face as u32, forward: from < to });
             }
         }
         sides.sort_unstable();
         Edges(sides)
     }
 
-    fn iter(&self) -> impl Iterator<Item = &[Side]> {
+    fn iter(&self) -> impl Iterator<Item = &[HalfEdge]> {
         self.0.chunk_by(|a, b| a.edge == b.edge)
     }
 }
 
-/// Disjoint sets of triangles, or of whatever else is numbered.
+/// Disjoint sets of numbered triangles, bodies, ... (union-find).
 pub(crate) struct DisjointSets(Vec<u32>);
 
 impl DisjointSets {

@@ -1,8 +1,42 @@
-//! Points that are one point: bit-exact welding, in the order of first appearance.
+//! Points that are one point: bit-exact welding, or within a reach, in the order of first appearance.
 
 use glam::DVec3;
+use std::collections::HashMap;
 
 const FREE: u32 = u32::MAX;
+
+/// The points without those that are equal to an earlier one, or within `reach` (m, 0: none) of it; and for each given
+/// point the number of the one that stands for it.
+pub(crate) fn merged(points: &[DVec3], reach: f64) -> (Vec<u32>, Vec<DVec3>) {
+    let mut welder = Welder::default();
+    let numbers = match reach > 0.0 {
+        true => snap(points, reach).into_iter().map(|p| welder.insert(p)).collect(),
+        false => points.iter().map(|&p| welder.insert(p)).collect(),
+    };
+    (numbers, welder.points)
+}
+
+/// Each point moved onto the first one within `reach` of it.
+fn snap(points: &[DVec3], reach: f64) -> Vec<DVec3> {
+    // Points by cell of side `reach`: all points within reach lie in the cells around. Floored reals as keys have no
+    // range to overflow.
+    let mut cells: HashMap<[u64; 3], Vec<DVec3>> = HashMap::new();
+    let key = |cell: DVec3| (cell + 0.0).to_array().map(f64::to_bits);
+    let near = |cells: &HashMap<[u64; 3], Vec<DVec3>>, cell: DVec3, p: DVec3| {
+        (0..27).find_map(|k| {
+            let step = DVec3::new(f64::from(k % 3), f64::from(k / 3 % 3), f64::from(k / 9)) - 1.0;
+            cells.get(&key(cell + step))?.iter().find(|q| q.distance_squared(p) <= reach * reach).copied()
+        })
+    };
+    let place = |&p: &DVec3| {
+        let cell = (p / reach).floor();
+        near(&cells, cell, p).unwrap_or_else(|| {
+            cells.entry(key(cell)).or_default().push(p);
+            p
+        })
+    };
+    points.iter().map(place).collect()
+}
 
 /// A set of points that gives each a number. An open table of indices keeps it at 8 bytes a point beside the
 /// points themselves, and its numbers depend on nothing but the order of insertion.

@@ -1,17 +1,18 @@
-//! How large a prop is: its bounding sphere and its smallest extent, from the points that its triangles use.
+//! The size of a prop: its bounding sphere and its smallest extent, from the points that its triangles use.
 
-use crate::geometry::mesh::TriMesh;
+use crate::geometry::mesh::{TriMesh, bounds};
 use glam::DVec3;
 
 /// A point outside the ball by less than this share of its radius is on it.
 const BALL_TOLERANCE: f64 = 1e-9;
 /// Rounds of the bounding sphere: ten or so suffice; the bound only guards against cycling on rounding errors.
 const BALL_ROUNDS: usize = 200;
-/// Points in a cluster: about the square root of a large prop's, so that neither the clusters nor their points are many.
+/// Points in a cluster: about the square root of a large prop's, so that neither the clusters nor their points are
+/// many.
 const CLUSTER: usize = 64;
-/// Directions on the half sphere in which widths are looked at, before the best one is refined.
+/// Directions on the half sphere in which widths are measured, before the best one is refined.
 const DIRECTIONS: usize = 512;
-/// Directions on the half sphere that the outermost points are looked for in.
+/// Directions on the half sphere in which the outermost points are sought.
 const OUTWARD: usize = 64;
 /// At most this many face normals join them.
 const NORMALS: usize = 1024;
@@ -34,13 +35,13 @@ pub fn bounding_sphere(mesh: &TriMesh) -> (DVec3, f64) {
         support.push(p);
         (ball, support) = smallest_ball(&support);
     }
-    // Covers what rounding has left outside.
+    // Covers points that rounding has left outside.
     let radius = points.iter().map(|p| ball.0.distance(*p)).fold(0.0, f64::max);
     (ball.0, radius)
 }
 
-/// Points whose hull is nearly that of the mesh: all that its triangles use, if they are few, else the outermost along a fixed set of
-/// directions.
+/// Points whose hull is nearly that of the mesh: all that its triangles use, if they are few, else the outermost along
+/// a fixed set of directions.
 pub fn outermost_points(mesh: &TriMesh) -> Vec<DVec3> {
     extreme_points(&used_points(mesh), &spread(OUTWARD))
 }
@@ -105,19 +106,18 @@ pub(super) fn used_points(mesh: &TriMesh) -> Vec<DVec3> {
 }
 
 /// Neighbouring points, and a ball around them.
-pub(super) struct Cluster {
+pub(super) struct PointCluster {
     pub centre: DVec3,
     pub radius: f64,
     pub points: Vec<DVec3>,
 }
 
 /// The points that triangles use, halved across their longest extent until no group is above [`CLUSTER`].
-pub(super) fn clusters(mesh: &TriMesh) -> Vec<Cluster> {
+pub(super) fn clusters(mesh: &TriMesh) -> Vec<PointCluster> {
     let mut done = Vec::new();
     let mut groups = vec![used_points(mesh)];
     while let Some(mut points) = groups.pop() {
-        let bounds = |(lo, hi): (DVec3, DVec3), p: &DVec3| (lo.min(*p), hi.max(*p));
-        let (lo, hi) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), bounds);
+        let (lo, hi) = bounds(points.iter().copied());
         if points.len() > CLUSTER {
             let axis = (hi - lo).max_position();
             points.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
@@ -126,7 +126,7 @@ pub(super) fn clusters(mesh: &TriMesh) -> Vec<Cluster> {
         } else if !points.is_empty() {
             let centre = (lo + hi) / 2.0;
             let radius = points.iter().map(|p| p.distance(centre)).fold(0.0, f64::max);
-            done.push(Cluster { centre, radius, points });
+            done.push(PointCluster { centre, radius, points });
         }
     }
     done

@@ -1,8 +1,8 @@
 //! The figures of a pile's shape, each by itself and all together.
 
-use super::extent::Cluster;
+use super::extent::PointCluster;
 use super::gauge::{Gauge, HEIGHT_SHARE, placed, ratio};
-use super::solid::Solid;
+use super::solid::SolidCells;
 use super::{Instances, PictureMeasures, PropSolid, ShapeMeasures, pictures};
 use crate::geometry::pose::Pose;
 use glam::DVec3;
@@ -15,7 +15,7 @@ impl Gauge<'_> {
     /// The figures of the shape of a pile of the same props.
     pub fn measure(&self, pile: &Instances) -> ShapeMeasures {
         assert_eq!(pile.props.len(), self.props.len());
-        let solid = |s: &Solid| PropSolid { source: s.source, volume: s.volume, capped: s.capped };
+        let solid = |s: &SolidCells| PropSolid { source: s.source, volume: s.volume, capped: s.capped };
         ShapeMeasures {
             bodies: pile.bodies.len(),
             prop_diameter: self.diameter,
@@ -30,7 +30,7 @@ impl Gauge<'_> {
         }
     }
 
-    /// What a camera sees of it.
+    /// The figures of the shape as a camera sees it.
     pub fn look(&self, pile: &Instances) -> PictureMeasures {
         PictureMeasures {
             silhouette_iou: pictures::silhouette_iou(self, pile),
@@ -54,7 +54,8 @@ impl Gauge<'_> {
         ratio(bodies.iter().map(|b| b.1).sum(), bodies.iter().map(|b| b.0).sum())
     }
 
-    /// Volume of the bodies' parts inside the control mesh / its volume, without that of a core. Overlapping bodies count twice.
+    /// Volume of the bodies' parts inside the control mesh / its volume, without that of a core. Overlapping bodies
+    /// count twice.
     pub fn fill_fraction(&self, pile: &Instances) -> f64 {
         let inside: Vec<f64> = pile.bodies.par_iter().map(|b| self.volume(b) * self.share_inside(b)).collect();
         let core = self.core.as_ref().map_or(0.0, |core| core.count() as f64 * self.lattice.cell.powi(3));
@@ -94,8 +95,8 @@ impl Gauge<'_> {
         outside.into_iter().fold(0.0, f64::max) / self.diameter
     }
 
-    /// Metres. A signed distance changes by no more than the way: a cluster whose ball cannot reach farther out than
-    /// what is known already is skipped, and the most promising one goes first.
+    /// Metres. A signed distance changes by no more than the displacement: a cluster whose ball cannot reach farther
+    /// out than the largest distance so far is skipped, and the most promising one goes first.
     fn protrusion(&self, body: &(usize, f64, Pose)) -> f64 {
         let solid = self.solid(body);
         if self.region.signed_distance(placed(body, solid.centre)) + solid.reach * body.1 <= 0.0 {
@@ -105,7 +106,7 @@ impl Gauge<'_> {
             let reach = self.region.signed_distance(placed(body, c.centre)) + c.radius * body.1;
             (reach, c)
         });
-        let mut clusters: Vec<(f64, &Cluster)> = clusters.collect();
+        let mut clusters: Vec<(f64, &PointCluster)> = clusters.collect();
         clusters.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut largest = 0.0f64;
         for (reach, cluster) in clusters {
@@ -134,7 +135,8 @@ impl Gauge<'_> {
         inside as f64 / solid.samples.len() as f64
     }
 
-    /// Where the control mesh's eight cells around a point agree, so does the point; elsewhere its winding number tells.
+    /// Where the control mesh's eight cells around a point agree, so does the point; elsewhere its winding number
+    /// decides.
     fn is_inside(&self, p: DVec3) -> bool {
         let [x, y, z] = self.lattice.cell_of(p - self.lattice.cell / 2.0);
         let full = (0..8).filter(|i| self.control_cells.get([x + (i & 1), y + (i >> 1 & 1), z + (i >> 2)])).count();

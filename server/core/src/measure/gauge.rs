@@ -1,13 +1,13 @@
-//! Measures piles of the same props against one control mesh. What depends on the shapes alone (solids, the control
-//! mesh's cells) is prepared once; a pile is then measured as often as wanted, always on the same lattice.
+//! Measures piles of the same props against one control mesh. Everything that depends on the shapes alone (solids, the
+//! control mesh's cells) is prepared once; a pile is then measured as often as wanted, always on the same lattice.
 //!
 //! Time and memory are bounded: grids are capped and say so. The same pile gives the same bits for any number of
 //! threads: work is split by rows and bodies, and sums run in their order.
 
 use super::Instances;
-use super::extent::{Cluster, clusters, percentile};
-use super::solid::{Outline, Solid};
-use super::voxels::{Block, Lattice};
+use super::extent::{PointCluster, clusters, percentile};
+use super::solid::{PropSize, SolidCells};
+use super::voxels::{CellBlock, Lattice};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::geometry::region::Region;
@@ -37,18 +37,18 @@ pub struct Gauge<'a> {
     pub(super) control: &'a TriMesh,
     pub(super) region: &'a Region,
     pub(super) props: &'a [TriMesh],
-    pub(super) solids: Vec<Option<Solid>>,
+    pub(super) solids: Vec<Option<SolidCells>>,
     /// Shape `[prop][cluster]`: the points that the prop's triangles use.
-    pub(super) clusters: Vec<Vec<Cluster>>,
+    pub(super) clusters: Vec<Vec<PointCluster>>,
     /// d, metres.
     pub(super) diameter: f64,
     pub(super) wanted_cell: f64,
     pub(super) lattice: Lattice,
-    pub(super) control_cells: Block,
+    pub(super) control_cells: CellBlock,
     pub(super) solid_iou: f64,
     pub(super) solid_height: f64,
     /// Cells of the control mesh that a core takes, where there is one: they belong to every pile.
-    pub(super) core: Option<Block>,
+    pub(super) core: Option<CellBlock>,
 }
 
 impl<'a> Gauge<'a> {
@@ -60,11 +60,11 @@ impl<'a> Gauge<'a> {
             let scales = pile.bodies.iter().filter(|b| b.0 == prop).map(|b| b.1);
             scales.fold(0.0, f64::max)
         };
-        let outlines: Vec<Option<Outline>> = (0..pile.props.len())
+        let outlines: Vec<Option<PropSize>> = (0..pile.props.len())
             .into_par_iter()
-            .map(|i| (largest_scale(i) > 0.0).then(|| Outline::new(&pile.props[i])))
+            .map(|i| (largest_scale(i) > 0.0).then(|| PropSize::new(&pile.props[i])))
             .collect();
-        let median = |size: fn(&Outline) -> f64| {
+        let median = |size: fn(&PropSize) -> f64| {
             let sizes = pile.bodies.iter().filter_map(|b| outlines[b.0].as_ref().map(|o| size(o) * b.1));
             percentile(&sizes.collect::<Vec<_>>(), 0.5)
         };
@@ -75,10 +75,10 @@ impl<'a> Gauge<'a> {
         let used = outlines.iter().flatten().count();
         let max_cells = SOLID_CELLS.min(ALL_SOLID_CELLS / used);
         let max_samples = (ALL_SAMPLES / pile.bodies.len()).clamp(SAMPLES.0, SAMPLES.1);
-        let solid = |(i, outline): (usize, &Option<Outline>)| {
+        let solid = |(i, outline): (usize, &Option<PropSize>)| {
             let outline = outline.as_ref()?;
             let wanted = (lattice.cell / largest_scale(i)).min(outline.thickness) / SOLID_FINER;
-            Some(Solid::new(outline, wanted, max_cells, max_samples))
+            Some(SolidCells::new(outline, wanted, max_cells, max_samples))
         };
         let mut gauge = Gauge {
             control,
@@ -115,7 +115,7 @@ impl<'a> Gauge<'a> {
     }
 
     /// Closes the cells by d/2 and compares them with the control mesh's; `lost` m^3 of the pile are elsewhere.
-    pub(super) fn iou(&self, mut cells: Block, lost: f64) -> f64 {
+    pub(super) fn iou(&self, mut cells: CellBlock, lost: f64) -> f64 {
         cells.close(self.diameter / 2.0 / self.lattice.cell);
         let common = cells.common(&self.control_cells) as f64;
         let lost = lost / self.lattice.cell.powi(3);
@@ -126,7 +126,7 @@ impl<'a> Gauge<'a> {
         self.solid(body).volume * body.1.powi(3)
     }
 
-    pub(super) fn solid(&self, body: &(usize, f64, Pose)) -> &Solid {
+    pub(super) fn solid(&self, body: &(usize, f64, Pose)) -> &SolidCells {
         self.solids[body.0].as_ref().expect("a prop that the gauge's pile did not use")
     }
 
@@ -142,7 +142,7 @@ pub(super) fn placed(body: &(usize, f64, Pose), p: DVec3) -> DVec3 {
 
 /// The lattice, and the empty block around the control mesh with room to close it: as fine as wanted, or as the cap
 /// allows.
-fn control_grid(region: &Region, wanted_cell: f64, closing: f64) -> (Lattice, Block) {
+fn control_grid(region: &Region, wanted_cell: f64, closing: f64) -> (Lattice, CellBlock) {
     let (lo, hi) = region.bounds();
     let mut cell = wanted_cell;
     let padded = |cell: f64| ((hi - lo + 2.0 * closing) / cell).ceil() + 4.0;
@@ -152,11 +152,11 @@ fn control_grid(region: &Region, wanted_cell: f64, closing: f64) -> (Lattice, Bl
     let lattice = Lattice { origin: lo, cell };
     let room = (closing / cell).ceil() as i64 + 1;
     let last = ((hi - lo) / cell).ceil().to_array().map(|n| n as i64);
-    (lattice, Block::new([-room; 3], last.map(|n| n + room)))
+    (lattice, CellBlock::new([-room; 3], last.map(|n| n + room)))
 }
 
 /// The height, in cells above lattice height 0, below which a share of the full cells lies; within a layer linearly.
-fn layer_height(block: &Block, share: f64) -> f64 {
+fn layer_height(block: &CellBlock, share: f64) -> f64 {
     let mut left = share * block.count() as f64;
     for (middle, count) in block.layers() {
         if left <= count as f64 && count > 0 {

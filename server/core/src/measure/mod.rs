@@ -1,4 +1,4 @@
-//! The figures that say how good a pile is: its shape against the control mesh, its contacts, its motion.
+//! Figures of how good a pile is: its shape against the control mesh, its contacts, its motion.
 //!
 //! Every length is in metres, heights are along Y, and `d` is the median diameter of the bodies (bounding sphere of
 //! the prop, scaled). A figure never stands alone where it could mislead: the structs carry the caveats.
@@ -18,7 +18,7 @@ mod voxels;
 pub use extent::{bounding_sphere, outermost_points, percentile, smallest_extent};
 pub use gauge::Gauge;
 pub use overlap::{Overlap, Penetration, penetration};
-pub use solid::Source;
+pub use solid::SolidSource;
 
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
@@ -33,7 +33,7 @@ pub struct Instances<'a> {
     pub bodies: &'a [(usize, f64, Pose)],
 }
 
-/// The figures of a pile's shape, and what they rest on.
+/// The figures of a pile's shape, and the grid and solids behind them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ShapeMeasures {
     pub bodies: usize,
@@ -56,7 +56,7 @@ pub struct ShapeMeasures {
     pub solids: Vec<Option<PropSolid>>,
 }
 
-/// What a camera sees of the shape.
+/// Figures of the shape as a camera sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PictureMeasures {
     /// Mean IoU of the silhouettes from 8 azimuths.
@@ -70,7 +70,7 @@ pub struct PictureMeasures {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ShapeIou {
     pub value: f64,
-    /// What the solid control mesh itself scores on this grid with the same closing: below 1 where the closing
+    /// The score of the solid control mesh itself on this grid with the same closing: below 1 where the closing
     /// fills corners of the control mesh that no prop fits into.
     pub solid: f64,
     /// Edge of a cell, metres.
@@ -79,14 +79,14 @@ pub struct ShapeIou {
     pub wanted_cell: f64,
     /// Whether the grid is coarser than that, to bound memory and time.
     pub capped: bool,
-    /// Bodies that lie wholly or partly beyond the grid; what is beyond counts by its volume.
+    /// Bodies that lie wholly or partly beyond the grid; parts beyond it count by their volume.
     pub beyond: usize,
 }
 
-/// What a prop's volume rests on.
+/// How a prop's volume was found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PropSolid {
-    pub source: Source,
+    pub source: SolidSource,
     /// At scale 1, m^3.
     pub volume: f64,
     /// Whether its own cells are coarser than wanted, to bound memory and time.
@@ -108,7 +108,7 @@ impl ShapeMeasures {
         ]
     }
 
-    /// What a reader of the figures must know, in sentences; empty when all is as defined.
+    /// Deviations from the figures' definitions, in sentences; empty without any.
     pub fn caveats(&self) -> Vec<String> {
         let mut caveats = Vec::new();
         let iou = &self.shape_iou;
@@ -124,10 +124,10 @@ impl ShapeMeasures {
         for (i, solid) in self.solids.iter().enumerate() {
             let Some(solid) = solid else { continue };
             match solid.source {
-                Source::Closed => {}
-                Source::Capped => caveats.push(format!("prop {i} is open: its holes count as capped")),
-                Source::Hull => caveats.push(format!("prop {i} encloses next to nothing: its convex hull counts")),
-                Source::Plate => caveats.push(format!("prop {i} is flat: a plate of 2 % of its diameter counts")),
+                SolidSource::Closed => {}
+                SolidSource::Capped => caveats.push(format!("prop {i} is open: its holes count as capped")),
+                SolidSource::Hull => caveats.push(format!("prop {i} encloses next to nothing: its convex hull counts")),
+                SolidSource::Plate => caveats.push(format!("prop {i} is flat: a plate of 2 % of its diameter counts")),
             }
             if solid.capped {
                 caveats.push(format!("prop {i} is too fine for its grid: its cells are coarser than wanted"));

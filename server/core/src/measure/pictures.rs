@@ -1,9 +1,9 @@
-//! What a camera sees: silhouettes from the side and the top surface from above. The props' own triangles are drawn,
-//! with their gaps: nothing is closed here.
+//! The pile as a camera sees it: silhouettes from the side and the top surface from above. The props' own triangles are
+//! drawn, with their gaps: nothing is closed here.
 
 use super::Instances;
 use super::gauge::{Gauge, placed};
-use super::raster::Frame;
+use super::raster::PixelGrid;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use glam::{DVec2, DVec3};
@@ -16,8 +16,8 @@ const PIXELS: f64 = 512.0;
 /// The top surface has pixels of half a cell, but no more than this many along each side.
 const HEIGHT_PIXELS: f64 = 1024.0;
 
-/// Mean over the azimuths of the IoU of the two silhouettes, in horizontal parallel projection. What is below the control
-/// mesh's base does not count: a heap may stand on others.
+/// Mean over the azimuths of the IoU of the two silhouettes, in horizontal parallel projection. Pixels below the
+/// control mesh's base do not count: a heap may stand on others.
 pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Instances) -> f64 {
     let (lo, hi) = picture_box(gauge, pile);
     let (control_lo, control_hi) = gauge.control_bounds();
@@ -27,10 +27,10 @@ pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Instances) -> f64 {
         .into_par_iter()
         .map(|k| {
             let (sin, cos) = (k as f64 / AZIMUTHS as f64 * std::f64::consts::PI).sin_cos();
-            let view = View { right: DVec3::new(cos, 0.0, sin), up: DVec3::Y, toward: DVec3::ZERO };
+            let view = Projection { right: DVec3::new(cos, 0.0, sin), up: DVec3::Y, toward: DVec3::ZERO };
             let corner = |i: usize| DVec3::from_array([0, 1, 2].map(|a| if i >> a & 1 == 1 { hi[a] } else { lo[a] }));
             let corners = || (0..8).map(|i| DVec2::new(corner(i).dot(view.right), corner(i).y));
-            let frame = Frame::covering(
+            let frame = PixelGrid::covering(
                 corners().fold(DVec2::INFINITY, DVec2::min),
                 corners().fold(DVec2::NEG_INFINITY, DVec2::max),
                 pixel,
@@ -49,7 +49,7 @@ pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Instances) -> f64 {
     views.iter().sum::<f64>() / AZIMUTHS as f64
 }
 
-/// The box around what pictures show, metres: the control mesh and the bodies, as far as the control mesh's
+/// The box that the pictures show, metres: the control mesh and the bodies, as far as the control mesh's
 /// largest extent around it.
 fn picture_box(gauge: &Gauge, pile: &Instances) -> (DVec3, DVec3) {
     let (lo, hi) = gauge.region.bounds();
@@ -64,8 +64,8 @@ fn picture_box(gauge: &Gauge, pile: &Instances) -> (DVec3, DVec3) {
 pub(super) fn height_rms_rel(gauge: &Gauge, pile: &Instances) -> f64 {
     let (lo, hi) = gauge.control_bounds();
     let pixel = (gauge.lattice.cell / 2.0).max((hi.x - lo.x).max(hi.z - lo.z) / HEIGHT_PIXELS);
-    let frame = Frame::covering(DVec2::new(lo.x, lo.z), DVec2::new(hi.x, hi.z), pixel);
-    let view = View { right: DVec3::X, up: DVec3::Z, toward: DVec3::Y };
+    let frame = PixelGrid::covering(DVec2::new(lo.x, lo.z), DVec2::new(hi.x, hi.z), pixel);
+    let view = Projection { right: DVec3::X, up: DVec3::Z, toward: DVec3::Y };
     let mut control = vec![f64::NEG_INFINITY; frame.len()];
     view.draw(gauge.control, 1.0, &Pose::IDENTITY, &frame, |i, y| control[i] = control[i].max(y));
     let mut top = vec![lo.y; frame.len()];
@@ -78,16 +78,16 @@ pub(super) fn height_rms_rel(gauge: &Gauge, pile: &Instances) -> f64 {
 }
 
 /// A parallel projection.
-struct View {
+struct Projection {
     right: DVec3,
     up: DVec3,
-    /// Toward the camera: what the depth that `draw` reports is measured along.
+    /// Toward the camera: the direction of the depth that `draw` reports.
     toward: DVec3,
 }
 
-impl View {
+impl Projection {
     /// Calls `plot(pixel, depth)` for every pixel of every triangle of a body.
-    fn draw(&self, mesh: &TriMesh, scale: f64, pose: &Pose, frame: &Frame, mut plot: impl FnMut(usize, f64)) {
+    fn draw(&self, mesh: &TriMesh, scale: f64, pose: &Pose, frame: &PixelGrid, mut plot: impl FnMut(usize, f64)) {
         let back = pose.rotation.inverse();
         let [right, up, toward] = [self.right, self.up, self.toward].map(|a| back * a * scale);
         let shift = DVec2::new(pose.translation.dot(self.right), pose.translation.dot(self.up));

@@ -4,7 +4,7 @@ use glam::DVec2;
 
 /// A rectangle of square pixels; pixel `[i, j]` has its centre at `lo + (i + 1/2, j + 1/2) pixel`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Frame {
+pub(super) struct PixelGrid {
     pub lo: DVec2,
     /// Metres.
     pub pixel: f64,
@@ -12,19 +12,18 @@ pub(super) struct Frame {
     pub height: usize,
 }
 
-impl Frame {
+impl PixelGrid {
     /// The pixels of the given size that cover a rectangle.
-    pub fn covering(lo: DVec2, hi: DVec2, pixel: f64) -> Frame {
+    pub fn covering(lo: DVec2, hi: DVec2, pixel: f64) -> PixelGrid {
         let count = ((hi - lo) / pixel).ceil().max(DVec2::ONE);
-        Frame { lo, pixel, width: count.x as usize, height: count.y as usize }
+        PixelGrid { lo, pixel, width: count.x as usize, height: count.y as usize }
     }
 
     pub fn len(&self) -> usize {
         self.width * self.height
     }
 
-    /// Calls `visit(index, point)` for every pixel whose centre lies in the triangle; what is outside the frame is
-    /// left out.
+    /// Calls `visit(index, point)` for every pixel of the grid whose centre lies in the triangle.
     pub fn cover(&self, triangle: [DVec2; 3], mut visit: impl FnMut(usize, DVec2)) {
         let [a, b, c] = triangle.map(|p| (p - self.lo) / self.pixel - 0.5);
         let (lo, hi) = (a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
@@ -63,7 +62,7 @@ mod tests {
 
     #[test]
     fn triangles_that_share_an_edge_leave_no_crack() {
-        let frame = Frame::covering(DVec2::ZERO, DVec2::splat(10.0), 0.1);
+        let frame = PixelGrid::covering(DVec2::ZERO, DVec2::splat(10.0), 0.1);
         let corners = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0), (3.7, 6.1)].map(|(x, y)| DVec2::new(x, y));
         let mut hits = vec![0; frame.len()];
         for k in 0..4 {
@@ -74,8 +73,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_outside_is_left_out() {
-        let frame = Frame::covering(DVec2::ZERO, DVec2::ONE, 0.25);
+    fn pixels_outside_are_left_out() {
+        let frame = PixelGrid::covering(DVec2::ZERO, DVec2::ONE, 0.25);
         let mut count = 0;
         frame.cover([DVec2::new(-9.0, -9.0), DVec2::new(9.0, -9.0), DVec2::new(0.0, 30.0)], |_, _| count += 1);
         assert_eq!(count, 16);

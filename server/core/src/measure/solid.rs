@@ -2,7 +2,7 @@
 //!
 //! The solid is where the generalised winding number exceeds one half. An open prop is thereby capped. One that
 //! encloses next to nothing (a sheet, a bundle of planes) counts as its convex hull, and as a thin plate when that is
-//! flat too; [`Source`] tells.
+//! flat too; [`SolidSource`] says which.
 
 use super::extent::{bounding_sphere, smallest_extent};
 use crate::geometry::mesh::TriMesh;
@@ -22,10 +22,10 @@ const PLATE: f64 = 0.02;
 /// Seeds the choice of sample points: any fixed value.
 const SAMPLE_SEED: u64 = 1;
 
-/// What a prop's solid is made from.
+/// How a prop's solid was made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Source {
+pub enum SolidSource {
     /// A closed mesh.
     Closed,
     /// An open mesh, capped where its winding number exceeds one half.
@@ -37,9 +37,9 @@ pub enum Source {
 }
 
 /// A prop's sizes at scale 1, before its cells are chosen.
-pub(super) struct Outline {
+pub(super) struct PropSize {
     region: Region,
-    source: Source,
+    source: SolidSource,
     /// Centre and radius of the mesh's bounding sphere, metres.
     middle: DVec3,
     pub radius: f64,
@@ -47,12 +47,12 @@ pub(super) struct Outline {
     pub thickness: f64,
 }
 
-impl Outline {
+impl PropSize {
     /// The mesh must have a triangle, and more than a single point.
-    pub fn new(mesh: &TriMesh) -> Outline {
+    pub fn new(mesh: &TriMesh) -> PropSize {
         let (middle, radius) = bounding_sphere(mesh);
         assert!(radius > 0.0, "a prop without size");
-        let outline = |mesh: &TriMesh, region, source| Outline {
+        let outline = |mesh: &TriMesh, region, source| PropSize {
             region,
             source,
             middle,
@@ -62,27 +62,27 @@ impl Outline {
         let region = Region::new(mesh);
         let some = FLAT * radius.powi(3);
         if !region.is_open() && region.volume() > some {
-            return outline(mesh, region, Source::Closed);
+            return outline(mesh, region, SolidSource::Closed);
         }
         let hull = hull(&mesh.points, middle, radius);
         let hull_volume = hull.signed_volume().abs();
         if region.volume() > some.max(OPEN_SHARE * hull_volume) {
-            return outline(mesh, region, Source::Capped);
+            return outline(mesh, region, SolidSource::Capped);
         }
         if hull_volume > some {
-            return outline(&hull, Region::new(&hull), Source::Hull);
+            return outline(&hull, Region::new(&hull), SolidSource::Hull);
         }
         let half = PLATE * radius;
         let thick: Vec<DVec3> =
             mesh.points.iter().flat_map(|&p| DVec3::AXES.map(|a| [p + a * half, p - a * half])).flatten().collect();
         let plate = self::hull(&thick, middle, radius);
-        outline(&plate, Region::new(&plate), Source::Plate)
+        outline(&plate, Region::new(&plate), SolidSource::Plate)
     }
 }
 
 /// A prop for measuring, at scale 1, in its own frame, metres.
-pub(super) struct Solid {
-    pub source: Source,
+pub(super) struct SolidCells {
+    pub source: SolidSource,
     /// m^3.
     pub volume: f64,
     /// Centre of mass at even density.
@@ -103,9 +103,9 @@ pub(super) struct Solid {
     pub capped: bool,
 }
 
-impl Solid {
+impl SolidCells {
     /// Cells of at most `wanted` metres, unless that would need more than `max_cells`; at most `max_samples` samples.
-    pub fn new(outline: &Outline, wanted: f64, max_cells: usize, max_samples: usize) -> Solid {
+    pub fn new(outline: &PropSize, wanted: f64, max_cells: usize, max_samples: usize) -> SolidCells {
         let region = &outline.region;
         let (lo, hi) = region.bounds();
         let counts = |edge: f64| ((hi - lo) / edge).ceil().max(DVec3::ONE);
@@ -131,13 +131,13 @@ impl Solid {
             (spread(&full, max_samples.max(1)), full.iter().sum::<DVec3>() / full.len() as f64)
         };
         let box_corner = (centre - lo).abs().max((hi - centre).abs()).length();
-        let reach = box_corner.min(if outline.source == Source::Plate {
+        let reach = box_corner.min(if outline.source == SolidSource::Plate {
             f64::INFINITY
         } else {
             outline.radius + centre.distance(outline.middle)
         });
         let (source, volume) = (outline.source, region.volume());
-        Solid { source, volume, centre, reach, samples, lo, cell, size, cells, capped: edge > wanted }
+        SolidCells { source, volume, centre, reach, samples, lo, cell, size, cells, capped: edge > wanted }
     }
 
     /// Whether a point of the prop's frame lies in a full cell.

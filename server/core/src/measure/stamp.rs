@@ -1,8 +1,9 @@
 //! The volume IoU: bodies stamped onto the gauge's lattice, closed, and compared with the control mesh's cells.
 
 use super::gauge::{Gauge, placed, ratio};
-use super::voxels::Block;
+use super::voxels::CellBlock;
 use super::{Instances, ShapeIou};
+use crate::geometry::mesh::bounds;
 use crate::geometry::pose::Pose;
 use glam::DVec3;
 
@@ -43,7 +44,7 @@ impl Gauge<'_> {
 
     /// The cells that bodies may fill (the control mesh's box, and as much again on each side as the cap allows), and
     /// an empty block that holds the bodies within, with room to close them.
-    fn pile_grid(&self, boxes: &[CellBox]) -> (CellBox, Block) {
+    fn pile_grid(&self, boxes: &[CellBox]) -> (CellBox, CellBlock) {
         let control = self.cells_of(self.region.bounds());
         let room = self.closing_room();
         let mut margin = (0..3).map(|a| control[1][a] - control[0][a]).max().unwrap_or(0);
@@ -57,12 +58,12 @@ impl Gauge<'_> {
                 }
             }
             if (0..3).any(|a| lo[a] >= hi[a]) {
-                return (clip, Block::new(clip[0], clip[0]));
+                return (clip, CellBlock::new(clip[0], clip[0]));
             }
             let (lo, hi) = (lo.map(|x| x - room), hi.map(|x| x + room));
             let cells: f64 = (0..3).map(|a| (hi[a] - lo[a]) as f64).product();
             if cells <= PILE_CELLS || margin == 0 {
-                return (clip, Block::new(lo, hi));
+                return (clip, CellBlock::new(lo, hi));
             }
             margin = margin * 4 / 5;
         }
@@ -74,7 +75,7 @@ impl Gauge<'_> {
     }
 
     /// Fills the cells of `block` within `clip` whose centres are in a body; `boxes` are the bodies'.
-    fn stamp(&self, pile: &Instances, boxes: &[CellBox], clip: CellBox, mut block: Block) -> Block {
+    fn stamp(&self, pile: &Instances, boxes: &[CellBox], clip: CellBox, mut block: CellBlock) -> CellBlock {
         let mut layers = vec![Vec::new(); block.size[2]];
         let first = block.lo[2];
         for (i, b) in boxes.iter().enumerate() {
@@ -135,12 +136,11 @@ impl Gauge<'_> {
             let pick = DVec3::from_array([0, 1, 2].map(|a| (i >> a & 1) as f64 * solid.size[a] as f64));
             placed(body, solid.lo + solid.cell * pick)
         };
-        let bounds = |(lo, hi): (DVec3, DVec3), p: DVec3| (lo.min(p), hi.max(p));
-        self.cells_of((0..8).map(corner).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), bounds))
+        self.cells_of(bounds((0..8).map(corner)))
     }
 
     fn cells_of(&self, (lo, hi): (DVec3, DVec3)) -> CellBox {
-        // Bodies that flew away by light years must not overflow what follows.
+        // Bodies that flew away by light years must not overflow the numbers of cells.
         let bounded = |p: DVec3| self.lattice.cell_of(p).map(|x| x.clamp(-(1 << 40), 1 << 40));
         [bounded(lo), bounded(hi).map(|x| x + 1)]
     }

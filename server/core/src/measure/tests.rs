@@ -235,7 +235,7 @@ fn open_and_flat_props_have_a_stated_solid() {
     let bodies: Vec<_> = (0..3).map(|i| (i, 1.0, at(i as f64 * 2.0, 0.0, 0.0))).collect();
     let m = measured(&cuboid([0.0; 3], [6.0, 3.0, 3.0]), &props, &bodies);
     let solids: Vec<_> = m.solids.iter().flatten().map(|s| s.source).collect();
-    assert_eq!(solids, [Source::Capped, Source::Plate, Source::Hull]);
+    assert_eq!(solids, [SolidSource::Capped, SolidSource::Plate, SolidSource::Hull]);
     assert!(m.solids[3].is_none());
     let volume = |i: usize| m.solids[i].unwrap().volume;
     assert!(volume(0) > 0.7 && volume(0) < 1.01, "{}", volume(0));

@@ -24,7 +24,7 @@ impl Lattice {
 
 /// A box of lattice cells, each full (1) or empty (0).
 #[derive(Clone, Debug)]
-pub(super) struct Block {
+pub(super) struct CellBlock {
     /// The first cell.
     pub lo: [i64; 3],
     /// Cells along X, Y, Z.
@@ -33,11 +33,11 @@ pub(super) struct Block {
     pub cells: Vec<u8>,
 }
 
-impl Block {
+impl CellBlock {
     /// The empty block of the cells from `lo` up to but without `hi`.
-    pub fn new(lo: [i64; 3], hi: [i64; 3]) -> Block {
+    pub fn new(lo: [i64; 3], hi: [i64; 3]) -> CellBlock {
         let size = [0, 1, 2].map(|a| (hi[a] - lo[a]).max(0) as usize);
-        Block { lo, size, cells: vec![0; size.iter().product()] }
+        CellBlock { lo, size, cells: vec![0; size.iter().product()] }
     }
 
     pub fn get(&self, at: [i64; 3]) -> bool {
@@ -61,7 +61,7 @@ impl Block {
     }
 
     /// Cells full in both.
-    pub fn common(&self, other: &Block) -> usize {
+    pub fn common(&self, other: &CellBlock) -> usize {
         let [nx, ny, _] = self.size;
         let at = |i: usize| {
             let [x, y, z] = [i % nx, i / nx % ny, i / (nx * ny)].map(|x| x as i64);
@@ -70,13 +70,13 @@ impl Block {
         self.cells.par_iter().enumerate().filter(|(i, c)| **c != 0 && other.get(at(*i))).count()
     }
 
-    /// Empties what is empty in a block of the same cells.
-    pub fn keep_common(&mut self, other: &Block) {
+    /// Empties the cells that are empty in a block of the same cells.
+    pub fn keep_common(&mut self, other: &CellBlock) {
         self.cells.iter_mut().zip(&other.cells).for_each(|(cell, other)| *cell &= other);
     }
 
-    /// Fills what is full in the other block.
-    pub fn add(&mut self, other: &Block) {
+    /// Fills the cells that are full in the other block.
+    pub fn add(&mut self, other: &CellBlock) {
         self.rows_mut(|[x, y, z], row| {
             let full = |i: usize| other.get([x + i as i64, y, z]);
             row.iter_mut().enumerate().for_each(|(i, cell)| *cell |= u8::from(full(i)));
@@ -122,7 +122,7 @@ fn distance_transform(cells: &[u8], [nx, ny, nz]: [usize; 3], wanted: u8) -> Vec
         for (out, row) in out.chunks_mut(nx).zip(cells.chunks(nx)) {
             along_row(row, wanted, out);
         }
-        let mut scratch = Scratch::new(ny);
+        let mut scratch = Envelope::new(ny);
         for x in 0..nx {
             scratch.column(ny, |y| out[y * nx + x]);
             for y in 0..ny {
@@ -132,7 +132,7 @@ fn distance_transform(cells: &[u8], [nx, ny, nz]: [usize; 3], wanted: u8) -> Vec
     });
     let mut turned = vec![FAR; cells.len()];
     turned.par_chunks_mut(nx * nz).enumerate().for_each(|(y, out)| {
-        let mut scratch = Scratch::new(nz);
+        let mut scratch = Envelope::new(nz);
         for x in 0..nx {
             scratch.column(nz, |z| planes[(z * ny + y) * nx + x]);
             for z in 0..nz {
@@ -158,7 +158,7 @@ fn along_row(row: &[u8], wanted: u8, out: &mut [i32]) {
 }
 
 /// Buffers for the lower envelope of parabolas over a column.
-struct Scratch {
+struct Envelope {
     values: Vec<i32>,
     result: Vec<i32>,
     /// Places of the parabolas in the envelope, and where each takes over.
@@ -166,9 +166,9 @@ struct Scratch {
     starts: Vec<f64>,
 }
 
-impl Scratch {
-    fn new(n: usize) -> Scratch {
-        Scratch { values: vec![0; n], result: vec![0; n], places: vec![0; n], starts: vec![0.0; n + 1] }
+impl Envelope {
+    fn new(n: usize) -> Envelope {
+        Envelope { values: vec![0; n], result: vec![0; n], places: vec![0; n], starts: vec![0.0; n + 1] }
     }
 
     /// `result[q]` = min over p of value(p) + (q - p)^2.
@@ -236,7 +236,7 @@ mod tests {
 
     #[test]
     fn closing_fills_narrow_gaps_only() {
-        let mut block = Block::new([0; 3], [40, 20, 20]);
+        let mut block = CellBlock::new([0; 3], [40, 20, 20]);
         block.rows_mut(|[_, y, z], row| {
             if (6..14).contains(&y) && (6..14).contains(&z) {
                 row.iter_mut().enumerate().for_each(|(x, c)| {
@@ -253,9 +253,9 @@ mod tests {
 
     #[test]
     fn an_empty_block_closes_to_nothing() {
-        let mut block = Block::new([0; 3], [5, 5, 5]);
+        let mut block = CellBlock::new([0; 3], [5, 5, 5]);
         block.close(2.0);
         assert_eq!(block.count(), 0);
-        Block::new([0; 3], [0, 5, 5]).close(2.0);
+        CellBlock::new([0; 3], [0, 5, 5]).close(2.0);
     }
 }

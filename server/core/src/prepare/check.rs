@@ -1,5 +1,4 @@
-//! Everything that can be said about a scene before anything runs: all problems at once, and the sizes that the rest
-//! is measured in.
+//! Checks a scene before anything runs: all problems at once, the warnings, and the sizes that the rest is measured in.
 
 mod added;
 mod narrow;
@@ -15,7 +14,7 @@ use crate::prepare::container::core::Core;
 use crate::prepare::extremes;
 use crate::prepare::shape::Size;
 
-/// What checking found out.
+/// A scene without problems, and the findings of the check.
 #[derive(Clone, Debug)]
 pub struct CheckedScene {
     /// d: the median prop diameter (bounding sphere, scaled, by weight), m.
@@ -24,9 +23,9 @@ pub struct CheckedScene {
     pub ground: f64,
     /// The control mesh, where there is one.
     pub control: Option<Closed>,
-    /// The mesh that says where the control acts, where it is not the control mesh.
+    /// The mesh inside which the control acts, where that is not the control mesh.
     pub region: Option<Closed>,
-    /// What stands in the pile, where only its surface is made of props.
+    /// The core of a pile of which only the surface is made of props.
     pub core: Option<Core>,
     /// One per prop.
     pub sizes: Vec<Size>,
@@ -42,54 +41,90 @@ impl CheckedScene {
     }
 }
 
+/// The findings so far.
+struct Findings {
+    problems: Vec<Problem>,
+    warnings: Vec<String>,
+}
+
+impl Findings {
+    fn problem(&mut self, field: impl Into<String>, text: impl Into<String>) {
+        self.problems.push(Problem::new(field, text));
+    }
+
+    /// Checks of the values below a field; `whose`: the name of the model that has it, or nothing.
+    fn below(&mut self, field: &str, whose: &str) -> FieldChecks<'_> {
+        let whose = if whose.is_empty() { String::new() } else { format!(" ({whose})") };
+        FieldChecks { field: field.into(), whose, findings: self }
+    }
+}
+
+/// Checks of the values below one field of the scene.
+struct FieldChecks<'a> {
+    field: String,
+    whose: String,
+    findings: &'a mut Findings,
+}
+
+impl FieldChecks<'_> {
+    fn problem(&mut self, name: &str, text: &str) {
+        let field = format!("{}.{name}", self.field);
+        let text = format!("{field}{}: {text}", self.whose);
+        self.findings.problem(field, text);
+    }
+
+    fn range(&mut self, name: &str, value: f64, [lo, hi]: [f64; 2]) {
+        if !(lo..=hi).contains(&value) {
+            self.problem(name, &format!("{value} is out of range; give a value from {lo} to {hi}"));
+        }
+    }
+}
+
 /// Checks scene and parameters.
 pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<Problem>> {
-    let mut problems = params.problems();
-    let mut warnings = Vec::new();
-    let told = (&mut problems, &mut warnings);
-    let control = scene.control.as_ref().and_then(|model| closed("control_mesh", "control mesh", model, told));
-    let told = (&mut problems, &mut warnings);
-    let region = scene.region.as_ref().and_then(|model| closed("region", "region", model, told));
+    let mut found = Findings { problems: params.problems(), warnings: Vec::new() };
+    let control = scene.control.as_ref().and_then(|model| closed("control_mesh", "control mesh", model, &mut found));
+    let region = scene.region.as_ref().and_then(|model| closed("region", "region", model, &mut found));
     if scene.control.is_none() && scene.bodies.is_empty() && scene.emitters.is_empty() {
-        let text = "control_mesh: there is none; give a closed mesh to fill, or bodies or emitters without one";
-        problems.push(Problem::new("control_mesh", text));
+        let text = "control_mesh: the scene has none; give a closed mesh to fill, or bodies or emitters without one";
+        found.problem("control_mesh", text);
     }
     if !params.ground && scene.statics.is_empty() && scene.bodies.iter().all(|body| !body.pinned) {
-        let text = "ground: there is none, so that every body falls for ever; set ground = true, or add statics or \
+        let text = "ground: the scene has none, so that every body falls forever; set ground = true, or add statics or \
                     kept bodies to fall on";
-        problems.push(Problem::new("ground", text));
+        found.problem("ground", text);
     }
     if scene.props.is_empty() {
-        problems.push(Problem::new("props", "props: none given; name at least one prop, such as a stick or a book"));
+        found.problem("props", "props: none given; name at least one prop, such as a stick or a book");
     }
     for (i, prop) in scene.props.iter().enumerate() {
-        prop_values(i, prop, &mut problems);
+        prop_values(&mut found.below(&format!("props.{i}"), &prop.model.name), prop);
     }
     for (i, model) in scene.statics.iter().enumerate() {
-        let field = format!("statics.{i}");
-        range(&format!("{field}.friction"), &model.model.name, model.friction, [0.0, 2.0], &mut problems);
+        let (field, name) = (format!("statics.{i}"), &model.model.name);
+        found.below(&field, name).range("friction", model.friction, [0.0, 2.0]);
         if model.model.mesh.triangles.is_empty() {
-            let text = format!("{}: static geometry without triangles; remove it or give it a mesh", model.model.name);
-            problems.push(Problem::new(field, text));
+            found.problem(field, format!("{name}: the static geometry has no triangles; remove it or give it a mesh"));
         }
     }
-    added::check(scene, params, &mut problems);
+    added::check(scene, params, &mut found);
     let sizes: Vec<Size> = scene.props.iter().map(|p| Size::of(&p.model.mesh)).collect();
     for (i, (prop, size)) in scene.props.iter().zip(&sizes).enumerate() {
-        if let Err(text) = prop_mesh(scene, params, prop, size, &mut warnings) {
-            problems.push(Problem::new(format!("props.{i}"), text));
+        if let Err(text) = prop_mesh(scene, params, prop, size, &mut found.warnings) {
+            found.problem(format!("props.{i}"), text);
         }
     }
-    if problems.is_empty() {
-        room(scene, params, control.as_ref(), &sizes, (&mut problems, &mut warnings));
-        problems.extend(shell::too_thin(scene, params, &sizes));
+    if found.problems.is_empty() {
+        room(scene, params, control.as_ref(), &sizes, &mut found);
+        found.problems.extend(shell::too_thin(scene, params, &sizes));
     }
+    let Findings { problems, mut warnings } = found;
     if !problems.is_empty() {
         return Err(problems);
     }
     let method = params.fill.method.traits();
     if params.fill.order > 0.0 && method.fills && !method.has_order {
-        let text = "fill.order: only what is stacked lies in order; leave fill.method out, or set it to \"stack\"";
+        let text = "fill.order: only stacked props lie in order; leave fill.method out, or set it to \"stack\"";
         warnings.push(text.into());
     }
     let low = control.as_ref().map(|c| c.mesh.bounds().0.y);
@@ -97,7 +132,8 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<Problem>>
     if let (Some(model), Some(control)) = (&scene.control, &control) {
         let below = ground - low.unwrap_or(ground);
         if below > 0.0 {
-            warnings.push(format!("{}: {below:.3} m of it lie below the ground and stay empty", model.name));
+            let text = format!("{}: its lowest {below:.3} m lie below the ground and stay empty", model.name);
+            warnings.push(text);
         }
         warnings.extend(base(&model.name, &control.mesh, ground, params.base.height));
     }
@@ -111,39 +147,35 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<Problem>>
     Ok(CheckedScene { diameter, ground, control, region, core, sizes, shares, warnings })
 }
 
-/// A closed mesh as it will be used: welded, its parts facing outward. What was repaired is a warning.
-fn closed(
-    field: &str,
-    what: &str,
-    model: &Model,
-    (problems, warnings): (&mut Vec<Problem>, &mut Vec<String>),
-) -> Option<Closed> {
+/// A closed mesh as it will be used: welded, its parts facing outward. Every repair is a warning.
+fn closed(field: &str, what: &str, model: &Model, found: &mut Findings) -> Option<Closed> {
     let name = &model.name;
-    let mut told = |text| problems.push(Problem::new(field, text));
     let welded = topology::weld(&model.mesh, WELD_TOLERANCE);
     let (mesh, repair) = topology::oriented(&welded);
-    let found = topology::inspect(&mesh);
-    warnings.extend(repair.told().into_iter().map(|t| format!("{name}: {t}")));
+    let topology = topology::inspect(&mesh);
+    found.warnings.extend(repair.describe().into_iter().map(|t| format!("{name}: {t}")));
     if mesh.triangles.is_empty() {
-        told(format!("{name}: the {what} has no triangles; model the pile's rough shape as a closed mesh"));
+        let text = format!("{name}: the {what} has no triangles; model the pile's rough shape as a closed mesh");
+        found.problem(field, text);
         return None;
     }
-    if !found.closed {
-        let closed = without_holes(&mesh);
-        match &closed {
-            Some((_, holes)) => warnings.push(format!("{name}: {}", holes.told())),
-            None => told(format!(
+    if !topology.closed {
+        let Some((closed, holes)) = without_holes(&mesh) else {
+            let text = format!(
                 "{name}: the {what} is open: {} edges belong to one face only; fill its holes (in Blender: Mesh, Clean \
                  Up, Fill Holes)",
-                found.boundary_edges
-            )),
-        }
-        return closed.map(|(closed, _)| closed);
+                topology.boundary_edges
+            );
+            found.problem(field, text);
+            return None;
+        };
+        found.warnings.push(format!("{name}: {}", holes.describe()));
+        return Some(closed);
     }
     if is_hollow(&mesh) {
-        told(format!("{name}: the {what} encloses next to no volume; give it thickness"));
+        found.problem(field, format!("{name}: the {what} encloses next to no volume; give it thickness"));
     }
-    Some(Closed::new(found, mesh))
+    Some(Closed::new(topology, mesh))
 }
 
 /// An open mesh with its holes closed, if they can be closed and it then has an inside.
@@ -161,44 +193,39 @@ fn is_hollow(mesh: &TriMesh) -> bool {
     mesh.signed_volume().abs() < MIN_CONTROL_FILL * size.x * size.y * size.z || size.min_element() <= 0.0
 }
 
-/// If less of the control mesh than this share is as thick as the thinnest prop, the scene is refused: the pile would have another
-/// shape.
+/// If less of the control mesh than this share is as thick as the thinnest prop, the scene is refused: the pile would
+/// have another shape.
 const LEAST_THICK: f64 = 0.1;
-/// If less than this share is, the user is told.
+/// If less than this share is, the user is warned.
 const MOSTLY_THICK: f64 = 0.5;
 
-/// Whether the props fit between the control mesh's own walls.
-fn room(
-    scene: &Scene,
-    params: &Params,
-    control: Option<&Closed>,
-    sizes: &[Size],
-    (problems, warnings): (&mut Vec<Problem>, &mut Vec<String>),
-) {
+/// Whether the control mesh is thick enough for the props.
+fn room(scene: &Scene, params: &Params, control: Option<&Closed>, sizes: &[Size], found: &mut Findings) {
     let (Some(model), Some(control)) = (&scene.control, control.filter(|_| scene.is_filled(params))) else { return };
     let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
     let thickness = drawn.map(|(prop, size)| size.extents.x * prop.scale[0]).fold(f64::INFINITY, f64::min);
     let share = narrow::thick_share(control, thickness);
-    let told = |end: &str| {
+    let text = |effect: &str| {
         let percent = if share < 0.01 { "less than 1".into() } else { format!("only {:.0}", 100.0 * share) };
         format!(
-            "{}: {percent} % of the control mesh is as thick as the thinnest prop ({thickness:.3} m){end}; make it thicker (is it a \
-             hollow shell?), or the props smaller",
+            "{}: {percent} % of the control mesh is as thick as the thinnest prop ({thickness:.3} m){effect}; make it \
+             thicker (is it a hollow shell?), or the props smaller",
             model.name
         )
     };
     if share < LEAST_THICK {
-        problems.push(Problem::new("control_mesh", told(", so that next to none would find room")));
+        found.problem("control_mesh", text(", so that next to none would find room"));
     } else if share < MOSTLY_THICK {
-        warnings.push(told(": the rest stays empty"));
+        found.warnings.push(text(": the rest stays empty"));
     }
 }
 
-/// Less of the underside than this on the ground is worth a word.
+/// If less of the underside than this lies on the ground, the user is warned.
 const FLAT_BASE: f64 = 0.5;
 
-/// The base is what lies within `height` (a share of the mesh's height) above the ground: a pour's opening is cut there, and
-/// the pile stands on it. Told where most of the underside is higher: a ball, hooves, a hill's hollow underside.
+/// A warning about a small base. The base is the part of the underside within `height` (a share of the mesh's height)
+/// above the ground: a pour's opening is cut there, and the pile stands on it. It is small for a ball, hooves, a hill
+/// with a hollow underside.
 fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<String> {
     let cut = ground + height * (mesh.bounds().1.y - ground);
     let (mut underside, mut base) = (0.0, 0.0);
@@ -215,8 +242,8 @@ fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<String> 
         let share = 100.0 * base / underside;
         let cut = cut - ground;
         format!(
-            "{name}: only {share:.0} % of its underside lies within {cut:.3} m of the ground and counts as its base (base.height); a \
-             pour enters there, and the pile stands on it"
+            "{name}: the pile stands on a small foot: {share:.0} % of its underside lies within {cut:.3} m of the \
+             ground (base.height), where a pour enters, too; flatten the underside, or raise base.height"
         )
     })
 }
@@ -224,8 +251,7 @@ fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<String> 
 /// A control mesh that fills less of its own box than this has no inside to speak of.
 const MIN_CONTROL_FILL: f64 = 1e-4;
 
-fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<Problem>) {
-    let name = &prop.model.name;
+fn prop_values(checks: &mut FieldChecks, prop: &Prop) {
     let [lo, hi] = prop.scale;
     for (field, value, bounds) in [
         ("weight", prop.weight, [0.0, 1e9]),
@@ -237,19 +263,10 @@ fn prop_values(i: usize, prop: &Prop, problems: &mut Vec<Problem>) {
         ("tilt_max", prop.tilt_max, [0.0, 180.0]),
         ("scale_skew", prop.scale_skew, [-1.0, 1.0]),
     ] {
-        range(&format!("props.{i}.{field}"), name, value, bounds, problems);
+        checks.range(field, value, bounds);
     }
     if lo > hi {
-        let field = format!("props.{i}.scale_min");
-        let text = format!("{field} ({name}): the smallest scale {lo} is above the largest {hi}");
-        problems.push(Problem::new(field, text));
-    }
-}
-
-fn range(field: &str, name: &str, value: f64, [lo, hi]: [f64; 2], problems: &mut Vec<Problem>) {
-    if !(lo..=hi).contains(&value) {
-        let text = format!("{field} ({name}): {value} is out of range; give a value from {lo} to {hi}");
-        problems.push(Problem::new(field, text));
+        checks.problem("scale_min", &format!("the smallest scale {lo} is above the largest {hi}"));
     }
 }
 
@@ -274,8 +291,8 @@ fn prop_mesh(
     let prop_extents = size.extents * prop.scale[1];
     if (0..3).any(|k| prop_extents[k] > room[k]) {
         return Err(format!(
-            "{name}: at {:.3} x {:.3} x {:.3} m the prop is larger than the control mesh ({:.3} x {:.3} x {:.3} m); scale one of \
-             them, and check that both files are in metres",
+            "{name}: at {:.3} x {:.3} x {:.3} m the prop is larger than the control mesh ({:.3} x {:.3} x {:.3} m); \
+             scale one of them, and check that both files are in metres",
             prop_extents.x, prop_extents.y, prop_extents.z, room[0], room[1], room[2]
         ));
     }

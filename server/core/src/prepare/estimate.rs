@@ -1,7 +1,7 @@
-//! What a bake will cost and how accurate it will be, told before it runs: a model fitted on measured bakes.
+//! Estimates of the cost and accuracy of a bake before it runs: a model fitted on measured bakes.
 //!
-//! For each stage a power law: its CPU time is a product of powers of the numbers that decide it ([`Workload`]). The example
-//! `fit_estimate` fits the exponents to measured bakes and tells how far the model is from them.
+//! For each stage a power law: its CPU time is a product of powers of the numbers that decide it ([`Workload`]). The
+//! example `fit_estimate` fits the exponents to measured bakes and prints how far the model is from them.
 
 mod model;
 
@@ -14,7 +14,7 @@ use crate::prepare::effects::EffectName;
 use crate::prepare::shape::Shape;
 use crate::prepare::{packing, plan};
 
-/// What a bake is expected to cost and to reach.
+/// The expected cost and accuracy of a bake.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Estimate {
     pub accuracy: Accuracy,
@@ -25,11 +25,12 @@ pub struct Estimate {
     pub fill_seconds: f64,
     /// CPU seconds of placing glue and of the proof; 0 where nothing is glued.
     pub glue_seconds: f64,
-    /// Dots of glue, more or less: shapes that hang over need several times as many as shapes that stand almost by themselves. 0 where
-    /// nothing is glued, and where the strength is bounded: there bakes differ too much to tell.
+    /// Glue joints, more or less: shapes that hang over need several times as many as shapes that stand almost by
+    /// themselves. 0 where nothing is glued, and where the strength is bounded: there bakes differ too much for an
+    /// estimate.
     pub glue_dots: f64,
-    /// Expected `kept_shape`, with the glue that is set: of ten bakes, five are below the second, and eight between the first and the
-    /// third. `None` without a fill, and where the control holds the pile to the end.
+    /// Expected `kept_shape`, with the glue that is set: of ten bakes, five are below the second, and eight between the
+    /// first and the third. `None` without a fill, and where the control holds the pile to the end.
     pub kept_shape: Option<[f64; 3]>,
     /// CPU seconds of release and hold; the rest is for shapes and measures.
     pub release_seconds: f64,
@@ -39,7 +40,7 @@ pub struct Estimate {
     pub penetration_mean_rel: f64,
     /// The same in metres: of these props' thickness.
     pub overlap: f64,
-    /// Expected share of the bodies that moves once all are let go, without control or glue.
+    /// Expected share of the bodies that moves once all are released, without control or glue.
     pub imbalance: f64,
     /// Expected distance of the shape's IoU from that of `reference`.
     pub shape_error: f64,
@@ -54,7 +55,7 @@ impl Estimate {
         self.cpu_seconds * (1.0 - PARALLEL + PARALLEL / threads.max(1) as f64)
     }
 
-    /// The share of the whole that an effect which is on will take; `None` for those that are part of others.
+    /// The share of the CPU time that an effect will take where it is on; `None` for effects that are part of others.
     pub fn share(&self, effect: EffectName) -> Option<f64> {
         let seconds = match effect {
             EffectName::Fill => self.fill_seconds,
@@ -66,7 +67,7 @@ impl Estimate {
     }
 }
 
-/// The numbers that decide what a bake costs.
+/// The numbers that decide the cost of a bake.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Workload {
     pub bodies: f64,
@@ -80,9 +81,9 @@ pub struct Workload {
     pub slenderness: f64,
     /// Triangles of the container.
     pub walls: f64,
-    /// Natural times of release and hold.
+    /// Characteristic times of release and hold.
     pub times: f64,
-    /// Steps per natural time.
+    /// Steps per characteristic time.
     pub step_rate: f64,
     pub substeps: f64,
     /// How much longer a fill of this accuracy takes than one of `standard`.
@@ -93,7 +94,8 @@ pub struct Workload {
     /// The pile is glued where friction does not carry it.
     #[serde(default)]
     pub glued: bool,
-    /// Volume of the control mesh over the mean volume of a prop, and what decides how densely they pack; 0 without a fill.
+    /// Volume of the control mesh over the mean volume of a prop, and the features that decide how densely they pack; 0
+    /// without a fill.
     #[serde(default)]
     pub room: f64,
     #[serde(default)]
@@ -104,7 +106,7 @@ fn usual() -> f64 {
     1.0
 }
 
-/// What the power laws are of.
+/// The factors of the power laws.
 pub const FEATURES: [&str; 10] =
     ["1", "bodies", "corners", "parts", "slenderness", "walls", "times", "step_rate", "substeps", "coulomb"];
 /// An exponent for each of the features.
@@ -163,8 +165,8 @@ impl Workload {
         ]
     }
 
-    /// Expected CPU seconds of fill, of glue, of release and hold, and of shapes and measures, on the machine that the model was
-    /// fitted on.
+    /// Expected CPU seconds of fill, of glue, of release and hold, and of shapes and measures, on the machine that the
+    /// model was fitted on.
     pub fn stage_seconds(&self) -> [f64; 4] {
         let features = self.features();
         let law = |weights: &CostExponents| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
@@ -188,7 +190,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
     let thickness = |((shape, prop), share): ((&Shape, &Prop), &f64)| {
         share * shape.thickness() * (prop.scale[0] + prop.scale[1]) / 2.0
     };
-    // What the control holds to the end keeps its shape, glued or not.
+    // A pile that the control holds to the end keeps its shape, glued or not.
     let held = params.control.mode != ControlMode::Off && params.control.stand == Switch::Off;
     let bound = params.glue_bound(scene.is_filled(params));
     let kept = model::kept(bound);

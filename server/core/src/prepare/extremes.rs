@@ -1,19 +1,19 @@
-//! How far apart the sizes and masses of a scene's bodies are, and what that asks of the engine.
+//! How far apart the sizes and masses of a scene's bodies are, and the engine's settings for that.
 
 use crate::input::params::{Params, Physics, Switch};
 use crate::input::scene::Scene;
 
-/// Beyond these the bodies are no longer simulated well, and the user is told.
+/// Beyond these the bodies are no longer simulated well, and the user is warned.
 pub const MOST_SIZE_RATIO: f64 = 100.0;
 pub const MOST_MASS_RATIO: f64 = 1000.0;
 
-/// A light body under one of r times its mass sinks by this share of its edge times r, at a contact frequency of 1 per natural
-/// time: a spring's sag under the load. Measured on two cubes.
+/// A light body under one of r times its mass sinks by this share of its edge times r, at a contact frequency of 1 per
+/// characteristic time: a spring's sag under the load. Measured on two cubes.
 const SAG: f64 = 0.1;
-/// What it may sink by.
+/// The share of its edge by which it may sink.
 const MOST_SAG: f64 = 0.008;
 
-/// The bodies that the world will have: prop, and the range of a value of theirs.
+/// The bodies that the world will have: their props, each with the value of one that may occur.
 fn bodies<'a>(
     scene: &'a Scene,
     params: &Params,
@@ -25,8 +25,8 @@ fn bodies<'a>(
     };
     let ends =
         (0..scene.props.len()).filter(move |&i| drawn(i)).flat_map(|i| scene.props[i].scale.map(|s| (i, s, None)));
-    // What stays where it is carries like scenery; what is thrown in later is no part of the pile, and the guard looks after
-    // what it sinks into.
+    // Kept bodies carry like scenery. Bodies thrown in later are no part of the pile: where they sink in, the guard
+    // acts.
     let moving = scene.bodies.iter().filter(|b| b.is_stacked() && (!b.pinned || b.pinned_until.is_some()));
     let given = moving.map(|b| (b.prop, b.scale, b.mass));
     ends.chain(given).map(move |(prop, scale, mass)| (prop, value(prop, scale, mass)))
@@ -40,13 +40,13 @@ fn ratio(values: impl Iterator<Item = (usize, f64)>) -> Option<(f64, usize, usiz
     (least.1 > 0.0).then(|| (most.1 / least.1, least.0, most.0))
 }
 
-/// Largest mass over smallest, where `mass` tells a prop's at scale 1; 1 where there are no bodies.
+/// Largest mass over smallest; 1 without bodies. `mass`: of a prop at scale 1, kg.
 pub fn mass_ratio(scene: &Scene, params: &Params, mass: impl Fn(usize) -> f64) -> f64 {
     let of = move |prop: usize, scale: f64, kg: Option<f64>| kg.unwrap_or_else(|| mass(prop) * scale.powi(3));
     ratio(bodies(scene, params, of)).map_or(1.0, |found| found.0)
 }
 
-/// Smallest thickness that a body may have, m, where `thickness` tells a prop's at scale 1; infinite where there are no bodies.
+/// Smallest thickness that a body may have, m; infinite without bodies. `thickness`: of a prop at scale 1, m.
 pub fn least_thickness(scene: &Scene, params: &Params, thickness: impl Fn(usize) -> f64) -> f64 {
     let filled = (0..scene.props.len()).filter(|&i| scene.is_filled(params) && scene.props[i].weight > 0.0);
     let emitted = scene.emitters.iter().flat_map(|e| scene.emitted(e));
@@ -55,7 +55,7 @@ pub fn least_thickness(scene: &Scene, params: &Params, thickness: impl Fn(usize)
     drawn.chain(placed).map(|(prop, scale)| thickness(prop) * scale).fold(f64::INFINITY, f64::min)
 }
 
-/// What is too far apart, in words. `diameter` and `mass` tell a prop's at scale 1.
+/// Warnings about sizes and masses that are too far apart. `diameter` (m) and `mass` (kg): of a prop at scale 1.
 pub fn warnings(
     scene: &Scene,
     params: &Params,
@@ -67,8 +67,8 @@ pub fn warnings(
     let sizes = ratio(bodies(scene, params, size_of)).filter(|found| found.0 > MOST_SIZE_RATIO * 1.001);
     let sizes = sizes.map(|(ratio, small, large)| {
         format!(
-            "sizes differ by {ratio:.0}:1 ({} and {}); beyond {MOST_SIZE_RATIO:.0}:1 the small ones are simulated coarsely: bake \
-             them apart, or bring the sizes nearer to each other",
+            "sizes differ by {ratio:.0}:1 ({} and {}); beyond {MOST_SIZE_RATIO:.0}:1 the small ones are simulated \
+             coarsely: bake them apart, or bring the sizes nearer to each other",
             name(small),
             name(large)
         )
@@ -77,8 +77,8 @@ pub fn warnings(
     let masses = ratio(bodies(scene, params, mass_of)).filter(|found| found.0 > MOST_MASS_RATIO * 1.001);
     let masses = masses.map(|(ratio, light, heavy)| {
         format!(
-            "masses differ by {ratio:.0}:1 ({} and {}); beyond {MOST_MASS_RATIO:.0}:1 a heavy body sinks into a light one below it: \
-             bring densities or sizes nearer to each other",
+            "masses differ by {ratio:.0}:1 ({} and {}); beyond {MOST_MASS_RATIO:.0}:1 a heavy body sinks into a light \
+             one below it: bring densities or sizes nearer to each other",
             name(light),
             name(heavy)
         )
@@ -87,7 +87,8 @@ pub fn warnings(
 }
 
 /// The engine's settings under which a heavy body does not sink into a light one: contacts as stiff as the ratio of the
-/// masses (up to [`MOST_MASS_RATIO`]) asks. `thickness` of the thinnest body, in d: that it is thin stiffens the contacts by itself.
+/// masses (up to [`MOST_MASS_RATIO`]) needs. `thickness`: of the thinnest body, in d; a thin one stiffens the contacts
+/// by itself.
 pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64) -> Physics {
     let ratio = match physics.switches.stiff_contacts {
         Switch::Auto => ratio.min(MOST_MASS_RATIO),
@@ -103,7 +104,7 @@ pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64) -> Physics {
 }
 
 /// As many substeps as a pile of such contacts needs to stand calmly. `thickness`: as in [`stiffened`].
-pub fn calmed(physics: &Physics, thickness: f64, natural_time: f64) -> Physics {
-    let step = physics.step.seconds(natural_time) / natural_time;
+pub fn calmed(physics: &Physics, thickness: f64, characteristic_time: f64) -> Physics {
+    let step = physics.step.seconds(characteristic_time) / characteristic_time;
     Physics { substeps: physics.calm_substeps_for(physics.stiffness(thickness), step), ..physics.clone() }
 }

@@ -1,5 +1,5 @@
-//! Everything before the first step: what is wrong with a scene, collision shapes and container, what will be simulated and
-//! what that costs.
+//! Everything before the first step: checks of the scene, collision shapes and container, the effects, the plan, the
+//! estimate.
 
 pub mod check;
 pub mod container;

@@ -1,4 +1,4 @@
-//! What would be simulated, told before anything runs.
+//! The plan of a bake: its stages, effects and warnings, before anything runs.
 
 use crate::geometry::Closed;
 use crate::input::observer::Stage;
@@ -18,17 +18,17 @@ pub struct Plan {
     pub expected_steps: usize,
     /// Length unit d: the median prop diameter, m.
     pub prop_diameter: f64,
-    /// Natural time sqrt(d / g), s.
+    /// Characteristic time sqrt(d / g), s.
     pub natural_time: f64,
     pub stages: Vec<Stage>,
     pub effects: Vec<Effect>,
-    /// What the user should know before baking: open props, a control mesh below the ground, ...
+    /// Sentences for a person: open props, a control mesh below the ground, ...
     pub warnings: Vec<String>,
 }
 
 /// Steps that an `insert` fill usually takes.
 const USUAL_FILL_STEPS: usize = 150;
-/// Natural times from the last release to rest, usually.
+/// Characteristic times from the last release to rest, usually.
 const USUAL_HOLD: f64 = 8.0;
 
 /// The plan of a checked scene.
@@ -42,7 +42,10 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
         [Some(Stage::Shape), fill_stage, glue_stage, Some(Stage::Release), Some(Stage::Hold), Some(Stage::Measure)];
     let most = params.fill.max_bodies;
     let limited = (fill_bodies == most as usize && params.fill.count.is_none()).then(|| {
-        format!("more bodies would fit than fill.max_bodies = {most}: the control mesh will not be full; raise it, or use larger props")
+        format!(
+            "more bodies would fit than fill.max_bodies = {most}: the control mesh will not be full; raise it, or use \
+             larger props"
+        )
     });
     Plan {
         expected_bodies: fill_bodies + scene.added_bodies(),
@@ -55,11 +58,12 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
     }
 }
 
-/// `fill.full_below` of the fills that the packing was fitted on, and the share of the bodies that is missing for each unit beyond it.
+/// `fill.full_below` of the fills that the packing was fitted on, and the share of the bodies that is missing for each
+/// unit beyond it.
 const USUAL_FULL_BELOW: f64 = 0.04;
 const MISSING: f64 = 0.55;
 
-/// Bodies that the fill will place. One that ends sooner leaves more gaps.
+/// Bodies that the fill will place: fewer where `fill.full_below` ends it sooner.
 pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedScene) -> usize {
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
     let full = 1.0 - MISSING * (params.fill.full_below - USUAL_FULL_BELOW).max(0.0);
@@ -68,13 +72,13 @@ pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedSce
     })
 }
 
-/// What is to be filled.
+/// The room that is to be filled.
 pub(crate) fn room(control: &Closed, core: Option<&Core>) -> Room {
     let (volume, area) = core.map_or((0.0, 0.0), |core| (core.volume, core.area));
     Room { volume: control.volume - volume, area: control.topology.area + area }
 }
 
-/// Steps of release and hold, as far as they can be foretold.
+/// Steps of release and hold, as far as they can be predicted.
 pub(crate) fn release_steps(scene: &Scene, params: &Params, checked: &CheckedScene) -> f64 {
     let natural_time = (checked.diameter / params.gravity).sqrt();
     let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));

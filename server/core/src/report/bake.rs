@@ -1,10 +1,10 @@
-//! A finished bake: what the stages leave behind.
+//! The types of a finished bake.
 
 use crate::geometry::pose::Pose;
 use crate::report::Report;
 use crate::sim::pile::Pile;
 
-/// A finished bake: the pile, and what is told of it.
+/// A finished bake: the pile and its report.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Bake {
     pub pile: BakedPile,
@@ -18,12 +18,12 @@ pub struct BakedPile {
     pub fps: f64,
     /// In the order of insertion.
     pub bodies: Vec<BakedBody>,
-    /// Shape `[frame][body]`: from the prop's own frame, scaled, to the world; metres. A body that is not there yet has the
-    /// pose in which it will appear.
+    /// Shape `[frame][body]`: from the prop's own frame, scaled, to the world; metres. A body that is not there yet has
+    /// the pose in which it will appear.
     pub frames: Vec<Vec<Pose>>,
     /// Shape `[static][frame]`: from where the file places it to the world; empty for one that stands still.
     pub scenery: Vec<Vec<Pose>>,
-    /// What is glued; `None` where nothing may be.
+    /// `None` where nothing may be glued.
     pub glue: Option<BakedGlue>,
 }
 
@@ -41,17 +41,17 @@ impl BakedPile {
     }
 }
 
-/// The glue of a finished pile, SI, where its bodies are at the last frame: so that others can simulate it further.
+/// The glue of a finished pile, SI, for the poses of the last frame: for programs that simulate the pile further.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct BakedGlue {
     pub dots: Vec<BakedGlueDot>,
-    /// Bodies that move as one, by their indices, rising: joined by dots that hold.
+    /// Bodies that move as one, by their indices, ascending: joined by glue joints that hold.
     pub clusters: Vec<Vec<usize>>,
-    /// Bodies that dots join to the ground or to scenery, directly or through others, rising.
+    /// Bodies that glue joints join to the ground or to scenery, directly or through others, ascending.
     pub anchored: Vec<usize>,
 }
 
-/// A glued touch.
+/// A glue joint.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct BakedGlueDot {
     pub body: usize,
@@ -59,13 +59,13 @@ pub struct BakedGlueDot {
     pub other: Option<usize>,
     /// m.
     pub point: [f64; 3],
-    /// Of the touch, unit, into `body`.
+    /// Of the contact, unit, into `body`.
     pub normal: [f64; 3],
-    /// What it carries in the equilibrium for which it was placed, beside the contacts: on `body`, N.
+    /// The force on `body` in the equilibrium for which the joint was placed, beside the contacts', N.
     pub force: [f64; 3],
     /// About `point`, N m.
     pub moment: [f64; 3],
-    /// It broke while the bake ran.
+    /// It broke during the bake.
     pub is_broken: bool,
 }
 
@@ -76,7 +76,7 @@ pub struct BakedBody {
     pub prop: usize,
     /// Uniform scale applied to the prop before its pose.
     pub scale: f64,
-    /// The first frame that has it; 0 for all that the fill or the scene put there at the beginning.
+    /// The first frame that has it; 0 for bodies of the fill, and those that the scene places at the beginning.
     pub first_frame: usize,
 }
 

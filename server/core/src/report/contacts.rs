@@ -1,8 +1,9 @@
-//! Figures of contacts: how deep bodies overlap, what hangs, and what the whole pile's contacts cannot carry.
+//! Figures of contacts: how deep bodies overlap, which bodies hang, and which ones the contacts of the whole pile
+//! cannot carry.
 
-use super::inputs::Figures;
-use cairn_statics::glue::GlueError;
+use super::inputs::NamedFigures;
 use crate::error::Error;
+use cairn_statics::glue::GlueError;
 use crate::geometry::contact::{self, Bearing};
 use crate::measure::{self, Overlap};
 use crate::sim::pile::REST_SPEED;
@@ -14,20 +15,24 @@ use std::ops::ControlFlow;
 /// A body is unsupported if its contacts leave more than this unbalanced, in its weight.
 const UNBALANCED: f64 = 0.1;
 
-/// Figures of all contacts of the end.
-pub fn figures(world: &World) -> Figures {
-    // `hanging` counts contacts up to d/200, which may be more than the thickness tolerance of thin props.
+/// The gap up to which [`figures`] need the contact pairs, in thicknesses of the thinner body. `hanging` counts
+/// contacts up to d/200, which is more than [`REAL_CONTACT`] where props are thin.
+pub fn widest_gap(world: &World) -> f64 {
     let thinnest = world.present().map(|id| world.bodies()[id].thickness).fold(f64::INFINITY, f64::min);
-    let touches = world.contact_pairs(REAL_CONTACT.max(contact::CARRYING_GAP / thinnest));
-    let mut contacts: Vec<Bearing> = touches.iter().flat_map(|t| t.bearings(world)).collect();
+    REAL_CONTACT.max(contact::CARRYING_GAP / thinnest)
+}
+
+/// Figures of all contacts at the end. `pairs`: up to [`widest_gap`].
+pub fn figures(world: &World, pairs: &[ContactPair]) -> NamedFigures {
+    let mut contacts: Vec<Bearing> = pairs.iter().flat_map(|pair| pair.bearings(world)).collect();
     contacts.extend(world.glue_bearings());
     let is_movable = |id: BodyId| world.is_present(id) && !world.bodies()[id].role.stands();
     let at_rest: Vec<bool> =
         (0..world.bodies().len()).map(|id| is_movable(id) && world.speed(id) < REST_SPEED).collect();
     // Engine units: d is 1.
     let hanging = contact::hanging(&at_rest, &contacts, 1.0).len();
-    let overlap = |t: &ContactPair| Overlap { depth: t.depth(), thickness: world.pair_thickness(t) };
-    let penetration = measure::penetration(&touches.iter().map(overlap).collect::<Vec<_>>());
+    let overlap = |pair: &ContactPair| Overlap { depth: pair.depth(), thickness: world.pair_thickness(pair) };
+    let penetration = measure::penetration(&pairs.iter().map(overlap).collect::<Vec<_>>());
     BTreeMap::from([
         ("hanging", Some(hanging as f64)),
         ("penetration_max_rel", Some(penetration.max_rel)),
@@ -36,29 +41,30 @@ pub fn figures(world: &World) -> Figures {
     ])
 }
 
-/// What the contacts of the whole pile can carry.
+/// How far contacts alone support the whole pile.
 #[derive(Default)]
-pub struct Support {
-    /// `unsupported_fraction`: share of the resting bodies that the best global distribution of contact forces found leaves
-    /// unbalanced by more than [`UNBALANCED`]. All contacts count, up to a gap of [`REAL_CONTACT`]. `None` where there is none.
+pub struct PileSupport {
+    /// `unsupported_fraction`: share of the resting bodies that the best global distribution of contact forces found
+    /// leaves unbalanced by more than [`UNBALANCED`]. All contacts count, up to a gap of [`REAL_CONTACT`]. `None` where
+    /// there is none.
     pub unsupported: Option<f64>,
-    /// Those bodies, rising.
+    /// Those bodies, ascending.
     pub bodies: Vec<BodyId>,
     pub iterations: u64,
 }
 
-/// Weighs the whole pile.
-pub fn support(world: &World, going: &mut dyn FnMut() -> ControlFlow<()>) -> Result<Support, Error> {
+/// Looks for contact forces that balance the whole pile.
+pub fn support(world: &World, going: &mut dyn FnMut() -> ControlFlow<()>) -> Result<PileSupport, Error> {
     let whole = Whole::new(world, REAL_CONTACT);
     let (missing, iterations) = match whole.missing(UNBALANCED, going) {
         Ok(found) => found,
         Err(GlueError::Cancelled) => return Err(Error::Cancelled),
-        Err(_) => return Ok(Support::default()),
+        Err(_) => return Ok(PileSupport::default()),
     };
     let is_resting = |id: BodyId| world.speed(id) < REST_SPEED;
     let resting = whole.ids.iter().filter(|&&id| is_resting(id)).count();
     let unbalanced = |(&id, &e): (&BodyId, &f64)| is_resting(id) && e > UNBALANCED;
     let bodies: Vec<BodyId> =
         whole.ids.iter().zip(&missing).filter(|&pair| unbalanced(pair)).map(|(&id, _)| id).collect();
-    Ok(Support { unsupported: Some(bodies.len() as f64 / resting.max(1) as f64), bodies, iterations })
+    Ok(PileSupport { unsupported: Some(bodies.len() as f64 / resting.max(1) as f64), bodies, iterations })
 }

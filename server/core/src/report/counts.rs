@@ -1,4 +1,4 @@
-//! What was done, counted.
+//! The counts of a bake.
 
 use super::inputs::ReportInputs;
 use crate::prepare::effects::{Count, EffectName};
@@ -7,7 +7,7 @@ use crate::sim::step::Simulation;
 use crate::world::WorldCounters;
 use std::collections::BTreeMap;
 
-/// All counts. `freed_steps`: of the further simulation that tells what stands by itself.
+/// All counts. `freed_steps`: of the further simulation without control.
 pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<Count, u64> {
     let (scene, pile) = (inputs.scene, &sim.pile);
     let filled = inputs.filled.map(|(_, filled)| filled);

@@ -1,7 +1,7 @@
-//! Figures of the glue, and what a person should know of it.
+//! Figures of the glue, and warnings about it.
 
 use super::bake::{BakedGlue, BakedGlueDot};
-use super::inputs::{Figures, ReportInputs};
+use super::inputs::{NamedFigures, ReportInputs};
 use crate::measure;
 use crate::sim::glue::Dot;
 use crate::sim::step::Simulation;
@@ -33,11 +33,11 @@ pub fn baked(sim: &Simulation) -> BakedGlue {
     }
 }
 
-/// Beyond this share of the touches, the pile is nearly one solid.
+/// Beyond this share of glued contact pairs, the pile is nearly one solid.
 const SOLID: f64 = 0.3;
 
-/// How much is glued, and what it carries. Forces are in weights of the median prop, which in engine units is 1.
-pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
+/// The extent of the glue, and its loads. Forces are in weights of the median prop, which in engine units is 1.
+pub fn figures(glued: &Glued, sim: &Simulation) -> NamedFigures {
     let count = sim.pile.instances.len().max(1) as f64;
     let touched: BTreeSet<BodyId> = glued.dots.iter().flat_map(Dot::bodies).collect();
     let forces: Vec<f64> = glued.dots.iter().map(|dot| dot.force.length()).collect();
@@ -63,13 +63,15 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> Figures {
     ])
 }
 
-/// What could not be glued, and what does not stand for all the glue.
+/// Warnings about bodies that could not be glued, and piles that do not stand in spite of the glue.
 pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
     let bodies = |n: usize| if n == 1 { "1 body".to_owned() } else { format!("{n} bodies") };
     let mut warnings = Vec::new();
     if glued.apart > 0 {
         let who = bodies(glued.apart);
-        warnings.push(format!("{who} touched nothing that stands on the ground, and could not be glued: they fall"));
+        warnings.push(format!(
+            "{who} touched no part of the pile that stands on the ground and could not be glued: they fall"
+        ));
     }
     if glued.bridges > 0 {
         let (dots, widest) = (glued.bridges, glued.widest * inputs.plan.prop_diameter);
@@ -81,7 +83,9 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
     }
     if glued.fallen > 0 {
         let (who, bound) = (bodies(glued.fallen), inputs.resolved.glue_bound);
-        warnings.push(format!("{who} would need stronger glue than {bound} weights per dot: they were left to fall"));
+        warnings.push(format!(
+            "{who} would need stronger glue than {bound} weights per dot: they fall; raise glue.strength to hold them"
+        ));
     }
     if !glued.stands() {
         let moved = glued.moved.unwrap_or(0.0);
@@ -90,15 +94,16 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
             false => format!("the bodies sank by {:.3} m in the mean", glued.way * inputs.plan.prop_diameter),
         };
         warnings.push(format!(
-            "let go without any hold, {what} though they were glued; smaller props, or a broader foot, stand better"
+            "released on trial without any hold, {what} in spite of the glue; smaller props, or a broader foot, stand \
+             better"
         ));
     }
     if glued.anchors_all {
-        warnings.push("the foot is narrow: whatever touches the ground was glued to it".into());
+        warnings.push("the foot is narrow: every body that touches the ground was glued to it".into());
     }
     let share = glued.dots.len() as f64 / glued.touches.max(1) as f64;
     if share > SOLID {
-        warnings.push(format!("{:.0} % of all touches are glued: the pile is nearly one solid", 100.0 * share));
+        warnings.push(format!("{:.0} % of all contact pairs are glued: the pile is nearly one solid", 100.0 * share));
     }
     warnings
 }

@@ -1,8 +1,9 @@
-//! What a report is made of.
+//! The inputs of a report.
 
 use super::bake::BakedPile;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
+use crate::input::observer::{Progress, Stage};
 use crate::input::params::Params;
 use crate::input::scene::Scene;
 use crate::prepare::container::Container;
@@ -16,9 +17,9 @@ use crate::stages::hold::HoldOutcome;
 use std::collections::BTreeMap;
 
 /// Figures by name; `None` where a figure has no meaning for the scene.
-pub type Figures = BTreeMap<&'static str, Option<f64>>;
+pub type NamedFigures = BTreeMap<&'static str, Option<f64>>;
 
-/// What a report is made of.
+/// The inputs of a report.
 pub struct ReportInputs<'a> {
     pub scene: &'a Scene,
     pub params: &'a Params,
@@ -28,7 +29,7 @@ pub struct ReportInputs<'a> {
     /// The shape that the pile is to have, welded and facing outward.
     pub target: Option<&'a TriMesh>,
     pub filled: Option<&'a (Container, Filled)>,
-    /// What stands in the pile, where it is a shell.
+    /// The core, where the pile is a shell.
     pub core: Option<&'a Core>,
     pub held: HoldOutcome,
     /// `None`: nothing is glued.
@@ -40,6 +41,12 @@ pub struct ReportInputs<'a> {
 }
 
 impl ReportInputs<'_> {
+    /// How far the measures have come: a share.
+    pub fn progress(&self, fraction: f64) -> Progress {
+        let bodies = self.pile.bodies.len();
+        Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 }
+    }
+
     /// The bodies that a frame has, as the measures take them: prop, scale and pose.
     pub fn placed(&self, number: usize) -> Vec<(usize, f64, Pose)> {
         let there = self.pile.bodies.iter().zip(&self.pile.frames[number]).filter(|(b, _)| b.first_frame <= number);

@@ -1,11 +1,12 @@
-//! Measures the pile, and says what a person should know.
+//! Measures the pile, and gathers the warnings.
 
-use super::inputs::{Figures, ReportInputs};
+use super::inputs::{NamedFigures, ReportInputs};
 use super::{Name, Report, contacts, counts, glue, motion, order, shape, warnings};
 use crate::error::Error;
-use crate::input::observer::{Observer, Progress, Stage, observe};
+use crate::input::observer::{Observer, Stage, observe};
 use crate::prepare::effects::{Count, EffectName, OwnSeconds, bill};
 use crate::sim::step::Simulation;
+use crate::sim::whole::REAL_CONTACT;
 use crate::stages::{free_pour, free_standing};
 use std::collections::BTreeMap;
 
@@ -17,13 +18,10 @@ pub fn report(
     observer: &mut dyn Observer,
 ) -> Result<Report, Error> {
     let ReportInputs { scene, params, shapes, filled, resolved, .. } = *inputs;
-    let bodies = inputs.pile.bodies.len();
-    let progress =
-        |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
-    observe(observer, &progress(0.0))?;
-    let mut told = inputs.plan.warnings.clone();
-    told.extend(filled.map_or(Vec::new(), |(container, filled)| warnings::container(inputs, container, filled)));
-    told.append(&mut sim.pile.notes);
+    observe(observer, &inputs.progress(0.0))?;
+    let mut notes = inputs.plan.warnings.clone();
+    notes.extend(filled.map_or(Vec::new(), |(container, filled)| warnings::container(inputs, container, filled)));
+    notes.append(&mut sim.pile.notes);
     let begin = observer.cpu_seconds();
     let shape = match inputs.target {
         Some(target) if resolved.is_on(EffectName::ShapeFigures) => {
@@ -33,15 +31,19 @@ pub fn report(
         None => None,
     };
     let shape_seconds = observer.cpu_seconds() - begin;
-    let mut measures = shape.as_ref().map_or(Figures::new(), |shape| shape.figures.clone());
+    let mut measures = shape.as_ref().map_or(NamedFigures::new(), |shape| shape.figures.clone());
     if let Some(first) = shape.as_ref().and_then(|shape| shape.first.as_ref()) {
         if let Some((_, filled)) = filled {
-            told.extend(warnings::fill(inputs, filled, first));
+            notes.extend(warnings::fill(inputs, filled, first));
         }
-        told.extend(first.caveats());
+        notes.extend(first.caveats());
     }
+    let gap = contacts::widest_gap(&sim.pile.world);
+    let pairs = sim.pile.world.contact_pairs(gap);
     if resolved.is_on(EffectName::ShapeFigures) {
-        measures.extend(order::figures(&sim.pile.world, shapes));
+        // With a wider gap, a pair may have more points.
+        let real = (gap > REAL_CONTACT).then(|| sim.pile.world.contact_pairs(REAL_CONTACT));
+        measures.extend(order::figures(&sim.pile.world, shapes, real.as_ref().unwrap_or(&pairs)));
     }
     if let Some((_, filled)) = filled {
         measures.insert("pocket_fraction", Some(filled.pockets));
@@ -49,14 +51,14 @@ pub fn report(
     }
     if let Some(glued) = inputs.glued {
         measures.extend(glue::figures(glued, sim));
-        told.extend(glue::warnings(inputs, glued));
+        notes.extend(glue::warnings(inputs, glued));
     }
-    observe(observer, &progress(0.8))?;
-    measures.extend(contacts::figures(&sim.pile.world));
+    observe(observer, &inputs.progress(0.8))?;
+    measures.extend(contacts::figures(&sim.pile.world, &pairs));
     let begin = observer.cpu_seconds();
     let support = match resolved.is_on(EffectName::SupportFigures) {
-        true => contacts::support(&sim.pile.world, &mut || observer.progress(&progress(0.9)))?,
-        false => contacts::Support::default(),
+        true => contacts::support(&sim.pile.world, &mut || observer.progress(&inputs.progress(0.9)))?,
+        false => contacts::PileSupport::default(),
     };
     measures.insert("unsupported_fraction", support.unsupported);
     let support_seconds = observer.cpu_seconds() - begin;
@@ -69,11 +71,11 @@ pub fn report(
     };
     let freed_seconds = observer.cpu_seconds() - begin;
     let freed_steps = freed.as_ref().map_or(0, |freed| freed.steps);
-    measures.extend(freed.map_or(Figures::new(), |freed| freed.figures));
+    measures.extend(freed.map_or(NamedFigures::new(), |freed| freed.figures));
     if resolved.is_on(EffectName::FreePour) {
         measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
     }
-    told.extend(warnings::end(sim, inputs.held, &measures));
+    notes.extend(warnings::end(sim, inputs.held, &measures));
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);
     let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
     let (picture_seconds, shapes_measured, pictures_measured) =
@@ -97,7 +99,7 @@ pub fn report(
     };
     Ok(Report {
         seed: params.seed,
-        bodies,
+        bodies: inputs.pile.bodies.len(),
         plan: inputs.plan.clone(),
         params: params.clone(),
         measures: named(measures),
@@ -108,7 +110,7 @@ pub fn report(
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds: own.stages,
         unsupported: support.bodies,
-        warnings: told,
+        warnings: notes,
     })
 }
 

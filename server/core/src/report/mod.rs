@@ -1,4 +1,4 @@
-//! What a bake leaves behind: bodies, frames and the figures. Everything but seconds is the same for the same scene, seed and
+//! The result of a bake: bodies, frames and figures. Everything but seconds is the same for the same scene, seed and
 //! version.
 
 pub mod bake;
@@ -27,10 +27,10 @@ use std::collections::BTreeMap;
 /// The name of a figure.
 pub type Name = Cow<'static, str>;
 
-/// Figures that are made of times, so that they differ from run to run.
+/// Figures made of times: they differ from run to run.
 pub const TIMED_FIGURES: [&str; 2] = ["control_overhead", "analysis_us_per_body"];
 
-/// What a bake tells of itself.
+/// The report of a bake.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Report {
     pub seed: u64,
@@ -40,27 +40,27 @@ pub struct Report {
     pub params: Params,
     /// Figures by name; `null` where a figure has no meaning for this scene.
     pub measures: BTreeMap<Name, Option<f64>>,
-    /// What keeps the result from the truth, in d, by the parameter that lessens it.
+    /// Lengths by which the result may differ from the true one, in d, by the parameter that lessens each.
     pub error_sources: BTreeMap<Name, f64>,
     /// The largest of them: the parameter that limits the accuracy.
     pub limited_by: Option<Name>,
     /// Counts by name: steps, solves, verdicts, nails, removed bodies.
     pub counts: BTreeMap<Count, u64>,
-    /// Per prop: what its collision shape is and how far it is from the mesh.
+    /// Per prop: its collision shape, and how far that is from the mesh.
     pub shapes: Vec<ShapeFit>,
     /// CPU seconds by stage.
     pub seconds: BTreeMap<Stage, f64>,
-    /// The bodies behind `unsupported_fraction`, rising.
+    /// The bodies behind `unsupported_fraction`, ascending.
     #[serde(default)]
     pub unsupported: Vec<usize>,
-    /// What each effect did and cost.
+    /// The counts and the CPU time of each effect.
     pub bill: Vec<Charge>,
-    /// Sentences for a person: what was repaired, removed, left empty, not at rest.
+    /// Sentences for a person: repaired meshes, removed bodies, empty places, bodies not at rest.
     pub warnings: Vec<String>,
 }
 
 impl Report {
-    /// The fill was known, and nothing of it was simulated: what it once took is told apart.
+    /// For a fill from the cache: its steps move to a count of their own, since none was simulated.
     pub fn recall_fill(&mut self) {
         if let Some(steps) = self.counts.insert(Count::FillSteps, 0).filter(|&steps| steps > 0) {
             self.counts.insert(Count::FillStepsRecalled, steps);
@@ -73,7 +73,7 @@ impl Report {
         }
     }
 
-    /// The whole bake was known. Counts other than those of the steps stay: they tell how the result came about, then.
+    /// For a whole bake from the cache. Counts other than those of the steps stay: they show how the result came about.
     pub fn recall(&mut self) {
         self.recall_fill();
         if let Some(steps) = self.counts.insert(Count::Steps, 0).filter(|&steps| steps > 0) {

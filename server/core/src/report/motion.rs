@@ -1,6 +1,6 @@
-//! Figures of motion and control, and what limits the accuracy.
+//! Figures of motion and control, and the limits of the accuracy.
 
-use super::inputs::{Figures, ReportInputs};
+use super::inputs::{NamedFigures, ReportInputs};
 use crate::geometry::pose::Pose;
 use crate::input::params::ControlMode;
 use crate::input::scene::PlacedBody;
@@ -11,7 +11,7 @@ use crate::world::World;
 use std::collections::BTreeMap;
 
 /// How the bodies moved.
-pub fn figures(inputs: &ReportInputs, pile: &Pile) -> Figures {
+pub fn figures(inputs: &ReportInputs, pile: &Pile) -> NamedFigures {
     let units = pile.world.units;
     let count = pile.instances.len() as f64;
     // In engine units m g d is the mass.
@@ -34,7 +34,7 @@ pub fn figures(inputs: &ReportInputs, pile: &Pile) -> Figures {
     if let Some(rest) = inputs.held.rest {
         let seconds = rest.steps as f64 * pile.world.step_length() * units.time;
         figures.insert("rest_seconds", Some(seconds));
-        // Where frames are not kept, nobody knows where the bodies were then.
+        // Without frames, the poses of that time are lost.
         let from = pile.recorder.keeps().then_some(rest.frame.min(last));
         let creep = from.map(|from| displacements(from, last).into_iter().fold(0.0, f64::max));
         figures.insert("creep_max_rel", creep);
@@ -58,8 +58,8 @@ pub fn figures(inputs: &ReportInputs, pile: &Pile) -> Figures {
 /// A body whose centre of mass has come down by more than this, in d, has fallen.
 const FALLEN: f64 = 0.25;
 
-/// What the control did, and what it cost.
-pub fn control(sim: &Simulation) -> Figures {
+/// Figures of the control: nails, loads, CPU time.
+pub fn control(sim: &Simulation) -> NamedFigures {
     let tally = sim.pile.control.counters();
     let ratio = |a: f64, b: f64| (b > 0.0).then_some(a / b);
     BTreeMap::from([
@@ -72,10 +72,10 @@ pub fn control(sim: &Simulation) -> Figures {
     ])
 }
 
-/// Lengths by which a pile may differ from the true one, in d, by the parameter that lessens each: how far the collision
-/// shapes are from the meshes, how far contacts sink in, the gap across which bodies may be held, and how far a body falls
-/// within a step.
-pub fn error_sources(inputs: &ReportInputs, world: &World, measures: &Figures) -> BTreeMap<&'static str, f64> {
+/// Lengths by which a pile may differ from the true one, in d, by the parameter that lessens each: how far the
+/// collision shapes are from the meshes, how far contacts sink in, the gap across which bodies may be held, and how far
+/// a body falls within a step.
+pub fn error_sources(inputs: &ReportInputs, world: &World, measures: &NamedFigures) -> BTreeMap<&'static str, f64> {
     let mut thickness: Vec<f64> = world.present().map(|id| world.bodies()[id].thickness).collect();
     thickness.sort_by(f64::total_cmp);
     let thickness = thickness.get(thickness.len() / 2).copied().unwrap_or(0.0);

@@ -1,25 +1,27 @@
 //! How tidily the bodies lie.
 
-use super::inputs::Figures;
+use super::inputs::NamedFigures;
 use crate::geometry::pose::Pose;
 use crate::geometry::rectangle::{convex_hull, smallest_rectangle};
 use crate::prepare::shape::{Shape, corners};
-use crate::sim::whole::REAL_CONTACT;
-use crate::world::{BodyId, PairSide, World};
+use crate::world::{BodyId, ContactPair, PairSide, World};
 use glam::DVec2;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::FRAC_PI_2;
 
 /// A body lies flat if it is tilted by no more than about this, rad; two are aligned up to it.
 const STRAIGHT: f64 = 0.18;
-/// A body whose outline fills less than this of the rectangle around it has no direction: it is round.
+/// A body whose outline from above fills less than this of the rectangle around it is round: it has no direction.
 const ANGULAR: f64 = 0.85;
-/// Contacts whose normals point upward more than this carry.
+/// A contact pair carries if its normals point upward by more than this.
 const UPWARD: f64 = 0.5;
 
-/// `flat_share`: bodies that are hardly higher than their thickness. `aligned_share`: of the pairs that touch and are not round, those
-/// turned alike, or by quarter turns. `bonded_share`: of the bodies that lie on others, those that lie on two or more.
-pub fn figures(world: &World, shapes: &[Shape]) -> Figures {
+/// `flat_share`: bodies that are hardly higher than their thickness. `aligned_share`: of the contact pairs of two
+/// bodies that are not round, those turned alike, or by quarter turns. `bonded_share`: of the bodies that lie on
+/// others, those that lie on two or more.
+///
+/// `pairs`: the contact pairs up to [`crate::sim::whole::REAL_CONTACT`].
+pub fn figures(world: &World, shapes: &[Shape], pairs: &[ContactPair]) -> NamedFigures {
     let length = world.units.length;
     let bodies: Vec<BodyId> = world.present().collect();
     let flat = |&&id: &&BodyId| {
@@ -36,20 +38,20 @@ pub fn figures(world: &World, shapes: &[Shape]) -> Figures {
             Some((id, direction(&shapes[body.prop], body.scale / length, &world.pose(id))?))
         })
         .collect();
-    let (mut pairs, mut aligned) = (0, 0);
+    let (mut compared, mut aligned) = (0, 0);
     let mut below: BTreeMap<BodyId, BTreeSet<PairSide>> = BTreeMap::new();
-    for touch in world.contact_pairs(REAL_CONTACT) {
-        if let PairSide::Body(b) = touch.b
-            && let (Some(one), Some(other)) = (directions.get(&touch.a), directions.get(&b))
+    for pair in pairs {
+        if let PairSide::Body(b) = pair.b
+            && let (Some(one), Some(other)) = (directions.get(&pair.a), directions.get(&b))
         {
             let apart = (one - other).rem_euclid(FRAC_PI_2);
-            pairs += 1;
+            compared += 1;
             aligned += usize::from(apart.min(FRAC_PI_2 - apart) <= STRAIGHT);
         }
-        let up = touch.points.iter().map(|p| p.normal.y).sum::<f64>() / touch.points.len().max(1) as f64;
-        match touch.b {
-            PairSide::Body(b) if up < -UPWARD => below.entry(b).or_default().insert(PairSide::Body(touch.a)),
-            side if up > UPWARD => below.entry(touch.a).or_default().insert(side),
+        let up = pair.points.iter().map(|p| p.normal.y).sum::<f64>() / pair.points.len().max(1) as f64;
+        match pair.b {
+            PairSide::Body(b) if up < -UPWARD => below.entry(b).or_default().insert(PairSide::Body(pair.a)),
+            side if up > UPWARD => below.entry(pair.a).or_default().insert(side),
             _ => false,
         };
     }
@@ -57,7 +59,7 @@ pub fn figures(world: &World, shapes: &[Shape]) -> Figures {
     let share = |some: usize, all: usize| (all > 0).then(|| some as f64 / all as f64);
     BTreeMap::from([
         ("flat_share", share(bodies.iter().filter(flat).count(), bodies.len())),
-        ("aligned_share", share(aligned, pairs)),
+        ("aligned_share", share(aligned, compared)),
         ("bonded_share", share(on_others().filter(|below| below.len() > 1).count(), on_others().count())),
     ])
 }

@@ -1,18 +1,18 @@
 //! Figures of the pile's shape against the control mesh.
 
-use super::inputs::{Figures, ReportInputs};
+use super::inputs::{NamedFigures, ReportInputs};
 use crate::error::Error;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::geometry::region::Region;
-use crate::input::observer::{Observer, Progress, Stage, observe};
+use crate::input::observer::{Observer, observe};
 use crate::measure::{self, Gauge, ShapeMeasures};
 use crate::prepare::effects::EffectName;
 use crate::sim::instance::Instance;
 use crate::sim::pile::Pile;
 use std::collections::BTreeSet;
 
-/// What is null where nothing is measured.
+/// The figures that are null where nothing is measured.
 const NAMES: [&str; 14] = [
     "fill_fraction",
     "height_p95_rel",
@@ -30,9 +30,9 @@ const NAMES: [&str; 14] = [
     "silhouette_iou_start",
 ];
 
-/// What was measured, and what it took.
+/// The figures of the shape, and the work for them.
 pub struct Measured {
-    pub figures: Figures,
+    pub figures: NamedFigures,
     /// Right after turning over, or of the first pile that there is.
     pub first: Option<ShapeMeasures>,
     /// How often shapes were measured, and pictures taken.
@@ -47,6 +47,11 @@ impl Measured {
         let figures = NAMES.iter().map(|&name| (name, None)).collect();
         Measured { figures, first: None, shapes: 0, pictures: 0, picture_seconds: 0.0 }
     }
+
+    fn measure(&mut self, gauge: &Gauge, pile: &measure::Instances) -> ShapeMeasures {
+        self.shapes += 1;
+        gauge.measure(pile)
+    }
 }
 
 /// Figures of the end of the hold under their names; those right after turning over with `_start` behind; where
@@ -57,15 +62,12 @@ pub fn figures(
     pile: &Pile,
     observer: &mut dyn Observer,
 ) -> Result<Measured, Error> {
-    let bodies = inputs.pile.bodies.len();
-    let progress =
-        |fraction| Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
     let region = Region::new(target);
     let props: Vec<TriMesh> = inputs.scene.props.iter().map(|p| p.model.mesh.clone()).collect();
     let last = inputs.pile.frames.len() - 1;
     let hold_end = pile.recorder.disturbed_frame.unwrap_or(last).min(last);
     let [start, held, after] = [0, hold_end, last].map(|number| inputs.placed(number));
-    // The pile is what it is made of at the beginning: a ball thrown into it has no part in its shape.
+    // The props at the beginning make the pile: a ball thrown into it has no part in its shape.
     let made_of: BTreeSet<usize> = if start.is_empty() { &after } else { &start }.iter().map(|b| b.0).collect();
     let only =
         |bodies: Vec<(usize, f64, Pose)>| -> Vec<_> { bodies.into_iter().filter(|b| made_of.contains(&b.0)).collect() };
@@ -77,7 +79,7 @@ pub fn figures(
     };
     let mut measured = Measured::nothing();
     let first = (!start.is_empty()).then(|| measured.measure(&gauge, &pile_of(&props, &start)));
-    observe(observer, &progress(0.4))?;
+    observe(observer, &inputs.progress(0.4))?;
     let at_end = (!held.is_empty()).then(|| measured.measure(&gauge, &pile_of(&props, &held)));
     if let Some(at_end) = &at_end {
         measured.figures.extend(at_end.figures().map(|(name, value)| (name, Some(value))));
@@ -94,7 +96,7 @@ pub fn figures(
         ]);
     }
     if let Some(glued) = inputs.glued {
-        // Let go without any hold, glued and not.
+        // Released without any hold, glued and not.
         for (name, poses) in [("kept_shape_freed", &glued.freed), ("kept_shape_natural", &glued.natural)] {
             let bodies = poses.as_ref().map(|poses| only(freed(pile, poses)));
             let shape = bodies.map(|bodies| measured.measure(&gauge, &pile_of(&props, &bodies)));
@@ -129,14 +131,7 @@ pub fn figures(
     Ok(measured)
 }
 
-impl Measured {
-    fn measure(&mut self, gauge: &Gauge, pile: &measure::Instances) -> ShapeMeasures {
-        self.shapes += 1;
-        gauge.measure(pile)
-    }
-}
-
-/// The bodies that were still there when the pile had been let go: prop, scale and pose.
+/// The bodies that were left after the release on trial: prop, scale and pose.
 fn freed(pile: &Pile, poses: &[Option<Pose>]) -> Vec<(usize, f64, Pose)> {
     let units = pile.world.units;
     let body = |(b, pose): (&Instance, &Option<Pose>)| {

@@ -1,6 +1,6 @@
-//! Sentences for a person: what was removed, left empty, not at rest.
+//! The warnings of a report: removed bodies, empty places, bodies not at rest.
 
-use super::inputs::{Figures, ReportInputs};
+use super::inputs::{NamedFigures, ReportInputs};
 use crate::measure::ShapeMeasures;
 use crate::prepare::container::Container;
 use crate::sim::guard;
@@ -9,18 +9,18 @@ use crate::stages::fill::{Filled, Removed};
 use crate::stages::hold::HoldOutcome;
 use crate::world::BodyId;
 
-/// More of the volume than this in pockets is worth a word.
+/// If more of the volume than this lies in pockets, the user is warned.
 const MOST_POCKETS: f64 = 0.02;
-/// Emptier than this, the fill is worth a warning: half of what random props reach.
+/// If less of the control mesh than this is filled, the user is warned: half of what random props reach.
 const POOR_FILL: f64 = 0.2;
 
-/// What the container had to become, and what left it.
+/// How the container was made, and which bodies were removed from it.
 pub fn container(inputs: &ReportInputs, container: &Container, filled: &Filled) -> Vec<String> {
     let mut warnings = Vec::new();
     if container.remeshed {
         let spacing = container.distance.spacing() * inputs.plan.prop_diameter;
         warnings.push(format!(
-            "{}: filled inside a surface around the union of its parts, {spacing:.3} m between samples",
+            "{}: filled inside a surface around the union of its parts, sampled every {spacing:.3} m",
             inputs.scene.control.as_ref().map_or("", |model| &model.name)
         ));
     }
@@ -43,37 +43,40 @@ pub fn fill(inputs: &ReportInputs, filled: &Filled, first: &ShapeMeasures) -> Ve
     let mut warnings = Vec::new();
     if filled.full && first.fill_fraction < POOR_FILL {
         warnings.push(format!(
-            "only {:.0} % of the control mesh could be filled: its parts are narrow for these props; smaller props reach farther",
+            "only {:.0} % of the control mesh could be filled: its parts are narrow for these props; smaller props \
+             reach farther",
             100.0 * first.fill_fraction
         ));
     }
     if filled.full && filled.pockets > MOST_POCKETS {
         warnings.push(format!(
-            "{:.0} % of the control mesh's volume lies in pockets that the fill did not reach; smaller props{} reach farther",
+            "{:.0} % of the control mesh's volume lies in pockets that the fill did not reach; smaller props{} reach \
+             farther",
             100.0 * filled.pockets,
             if inputs.params.fill.method.traits().falls { ", or fill.method = \"insert\"," } else { "" }
         ));
     }
     if filled.shaken.is_some_and(|shaken| shaken.taken_back) {
-        warnings.push("shaking made the shape worse and was taken back; shake for less time, or not at all".into());
+        warnings.push("shaking made the shape worse and was undone; lower fill.shake, or leave it out".into());
     }
     if !filled.full && inputs.params.fill.count.is_none() {
         warnings.push(format!(
-            "the fill stopped at its limit of {} bodies before the control mesh was full; raise fill.max_bodies or use larger props",
+            "the fill stopped at its limit of {} bodies before the control mesh was full; raise fill.max_bodies or use \
+             larger props",
             inputs.params.fill.max_bodies
         ));
     }
     warnings
 }
 
-/// What the guard did.
+/// Warnings about the guard's actions.
 fn guard(sim: &Simulation) -> Vec<String> {
     let name = |id: BodyId| format!("{id} ({})", sim.pile.scene.props[sim.pile.instances[id].prop].model.name);
     let actions = &sim.guard.actions;
     let mut warnings = guard::describe_aside(&actions.aside, name);
     warnings.iter_mut().for_each(|text| text.push_str(" and were set aside"));
     if actions.retries > 0 {
-        warnings.push(format!("{} steps gained energy or speed and were taken again in smaller ones", actions.retries));
+        warnings.push(format!("{} steps gained energy or speed and were repeated in smaller ones", actions.retries));
     }
     let deep = if actions.sinks { sim.guard.still_deep(&sim.pile.world) } else { 0 };
     if deep > 0 {
@@ -86,21 +89,21 @@ fn guard(sim: &Simulation) -> Vec<String> {
 }
 
 /// How the pile ended.
-pub fn end(sim: &Simulation, held: HoldOutcome, measures: &Figures) -> Vec<String> {
+pub fn end(sim: &Simulation, held: HoldOutcome, measures: &NamedFigures) -> Vec<String> {
     let mut warnings = Vec::new();
     if !held.at_rest {
         warnings.push("the pile was still moving at the last frame; bake more frames, or raise hold.patience".into());
     }
     if sim.fallen > 0 {
-        let who = if sim.fallen == 1 { "1 body".into() } else { format!("{} bodies", sim.fallen) };
-        warnings.push(format!("{who} fell past the scenery and were set aside: there is no ground"));
+        let bodies = if sim.fallen == 1 { "1 body".into() } else { format!("{} bodies", sim.fallen) };
+        warnings.push(format!("{bodies} fell past the scenery and were set aside: there is no ground"));
     }
     warnings.extend(guard(sim));
     if let Some(Some(hanging)) = measures.get("hanging")
         && *hanging > 0.0
     {
-        let who = if *hanging == 1.0 { "1 body rests".into() } else { format!("{hanging} bodies rest") };
-        warnings.push(format!("{who} without a chain of contacts down to the ground"));
+        let rest = if *hanging == 1.0 { "1 body rests".into() } else { format!("{hanging} bodies rest") };
+        warnings.push(format!("{rest} without a chain of contacts down to the ground"));
     }
     warnings
 }

@@ -3,9 +3,10 @@
 //! The winding number follows Barill et al., "Fast winding numbers for soups and clouds" (2018): a far node is
 //! replaced by its dipole (their Eq. 8) and the next term of the Taylor series (their Eq. 9).
 
+use crate::geometry::mesh::{bounds, solid_angle};
 use glam::{DMat3, DVec3};
 
-/// Triangles in a leaf. Fewer make the tree deeper, more make every visit to a leaf dearer.
+/// Triangles in a leaf. Fewer make the tree deeper, more raise the price of a visit to a leaf.
 const LEAF: usize = 4;
 /// Deep enough for the median split of 2^32 triangles, with two entries per level.
 const STACK: usize = 80;
@@ -28,7 +29,7 @@ struct Node {
     far: Multipole,
 }
 
-/// What a node looks like from afar.
+/// A node seen from afar.
 struct Multipole {
     area: f64,
     /// Centre of the area.
@@ -43,7 +44,7 @@ struct Multipole {
 
 /// The closest point of the surface to a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Hit {
+pub(crate) struct NearestPoint {
     pub point: DVec3,
     pub squared: f64,
     /// Place in the tree's order: a good first guess for a query nearby.
@@ -78,7 +79,7 @@ impl Bvh {
 
     /// The closest point of any triangle. `guess` is the place of a triangle that is likely near.
     /// `None` when there is no triangle.
-    pub fn nearest(&self, p: DVec3, guess: u32) -> Option<Hit> {
+    pub fn nearest(&self, p: DVec3, guess: u32) -> Option<NearestPoint> {
         if self.nodes.is_empty() {
             return None;
         }
@@ -113,9 +114,9 @@ impl Bvh {
         Some(best)
     }
 
-    fn hit(&self, p: DVec3, place: u32) -> Hit {
+    fn hit(&self, p: DVec3, place: u32) -> NearestPoint {
         let point = closest_on_triangle(p, &self.corners[place as usize]);
-        Hit { point, squared: p.distance_squared(point), place }
+        NearestPoint { point, squared: p.distance_squared(point), place }
     }
 
     /// Visits every triangle in boxes that `enter` lets pass, until `triangle` returns false; whether it never did.
@@ -215,7 +216,7 @@ impl Multipole {
     }
 }
 
-/// A triangle on its way into the tree.
+/// A triangle before it has its place in the tree.
 struct Item {
     name: u32,
     corners: [DVec3; 3],
@@ -258,22 +259,9 @@ fn split(nodes: &mut Vec<Node>, items: &mut [Item], first: usize, count: usize) 
     at
 }
 
-fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
-    points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
-}
-
 /// The matrix whose product with x is a (b . x).
 fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
-}
-
-/// Signed solid angle of a triangle (Van Oosterom & Strackee 1983, Eq. 8). Finite everywhere, also on the triangle.
-fn solid_angle(p: DVec3, t: &[DVec3; 3]) -> f64 {
-    let [a, b, c] = t.map(|v| v - p);
-    let (la, lb, lc) = (a.length(), b.length(), c.length());
-    let volume = a.dot(b.cross(c));
-    let denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-    2.0 * volume.atan2(denominator)
 }
 
 /// Ericson, "Real-Time Collision Detection" (2005), 5.1.5; flat triangles fall back to their edges.

@@ -24,7 +24,7 @@ pub struct DistanceGrid {
 
 impl DistanceGrid {
     /// A grid of the wanted spacing (metres), or of the finest one that needs no more than `max_nodes`
-    /// (at least a thousand are taken): [`DistanceGrid::spacing`] and [`DistanceGrid::capped`] tell.
+    /// (at least a thousand are used): see [`DistanceGrid::spacing`] and [`DistanceGrid::capped`].
     pub fn new(region: &Region, spacing: f64, max_nodes: usize) -> DistanceGrid {
         assert!(spacing > 0.0 && spacing.is_finite());
         let max_nodes = max_nodes.max(1000) as f64;
@@ -49,7 +49,7 @@ impl DistanceGrid {
         DistanceGrid { origin, spacing: h, size, values, capped: h > spacing }
     }
 
-    /// Takes out what is inside `other`, which is around the same place: there it is outside, too.
+    /// Removes the inside of `other`, a grid around the same place, from the region.
     pub fn cut_out(&mut self, other: &DistanceGrid) {
         let [nx, ny, _] = self.size;
         let (origin, spacing) = (self.origin, self.spacing);

@@ -6,6 +6,7 @@
 
 use super::bvh::Bvh;
 use crate::geometry::mesh::TriMesh;
+use crate::geometry::weld::merged;
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -18,18 +19,22 @@ const WELD: f64 = 1e-6;
 /// A ray that meets a triangle within this share of its size starts on it: where two parts touch, rounding must not
 /// count one of the two faces alone.
 const ON_FACE: f64 = 1e-12;
-/// A box is entered although rounding says that the ray passes it by this share of the way.
+/// A box is entered although rounding says that the ray passes it by this share of its length.
 const BOX_SLACK: f64 = 1e-12;
 
 /// The mesh with points that are the same merged, and whether it is then closed: every edge is used as often in one
 /// direction as in the other. Then, and only then, is the winding number a whole number everywhere. Points are the same
 /// when their coordinates are; if that leaves holes, also when they are nearer than [`WELD`].
 pub(super) fn welded(mesh: &TriMesh, diagonal: f64) -> (TriMesh, bool) {
-    let exact = renamed(mesh, &mut |p, names| names.name(p, 0.0));
+    let welded = |mesh: &TriMesh, reach: f64| {
+        let (numbers, points) = merged(&mesh.points, reach);
+        TriMesh { points, triangles: mesh.triangles.iter().map(|t| t.map(|v| numbers[v as usize])).collect() }
+    };
+    let exact = welded(mesh, 0.0);
     if is_closed(&exact) {
         return (exact, true);
     }
-    let near = renamed(&exact, &mut |p, names| names.name(p, WELD * diagonal));
+    let near = welded(&exact, WELD * diagonal);
     if is_closed(&near) { (near, true) } else { (exact, false) }
 }
 
@@ -41,42 +46,6 @@ fn is_closed(mesh: &TriMesh) -> bool {
         }
     }
     balance.values().all(|&b| b == 0)
-}
-
-fn renamed(mesh: &TriMesh, name: &mut impl FnMut(DVec3, &mut Names) -> u32) -> TriMesh {
-    let mut names = Names::default();
-    let new: Vec<u32> = mesh.points.iter().map(|&p| name(p, &mut names)).collect();
-    TriMesh { points: names.points, triangles: mesh.triangles.iter().map(|t| t.map(|v| new[v as usize])).collect() }
-}
-
-/// Points by first appearance.
-#[derive(Default)]
-struct Names {
-    points: Vec<DVec3>,
-    cells: HashMap<[u64; 3], Vec<u32>>,
-}
-
-impl Names {
-    /// The first point within `tolerance` of `p` (with exactly its coordinates when that is 0), or `p` itself.
-    fn name(&mut self, p: DVec3, tolerance: f64) -> u32 {
-        // Adding zero turns a negative zero into a positive one.
-        let cell = |shift: DVec3| match tolerance {
-            0.0 => p.to_array().map(|x| (x + 0.0).to_bits()),
-            _ => ((p / tolerance).floor() + shift).to_array().map(|x| (x + 0.0).to_bits()),
-        };
-        let around = if tolerance > 0.0 { 27 } else { 1 };
-        for i in 0..around {
-            let shift = DVec3::new((i % 3) as f64, (i / 3 % 3) as f64, (i / 9) as f64) - 1.0;
-            let known = self.cells.get(&cell(shift)).into_iter().flatten();
-            if let Some(&same) = known.into_iter().find(|&&n| self.points[n as usize].distance(p) <= tolerance) {
-                return same;
-            }
-        }
-        let new = self.points.len() as u32;
-        self.points.push(p);
-        self.cells.entry(cell(DVec3::ZERO)).or_default().push(new);
-        new
-    }
 }
 
 /// How often the mesh winds around a point. `None` if every ray meets an edge exactly, or the point is on a triangle.
@@ -116,12 +85,12 @@ fn cross(triangle: [DVec3; 3], x: f64, y: f64) -> Option<i32> {
     if u == 0.0 || v == 0.0 || w == 0.0 {
         return None;
     }
-    let way = (u * a.z + v * b.z + w * c.z) / (u + v + w);
+    let along = (u * a.z + v * b.z + w * c.z) / (u + v + w);
     let size = a.abs().max(b.abs()).max(c.abs()).max_element();
-    if way.abs() <= ON_FACE * size {
+    if along.abs() <= ON_FACE * size {
         return None;
     }
-    Some(if way < 0.0 {
+    Some(if along < 0.0 {
         0
     } else if high < 0.0 {
         1

@@ -1,11 +1,11 @@
-//! Triangles that are there twice: which of them a clean surface keeps.
+//! Triangles that are there twice: the copies that a clean surface keeps.
 
 use std::collections::HashMap;
 
 use super::{DisjointSets, Edges, Repair};
 use crate::geometry::mesh::TriMesh;
 
-/// Takes away triangles that share all three corners with another, whichever way they face, where that leaves the
+/// Removes triangles that share all three corners with another, whichever way they face, where that leaves the
 /// surface at least as closed:
 ///
 /// - Of three or more, pairs go: the number at each edge stays odd or even.

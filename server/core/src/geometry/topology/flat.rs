@@ -13,26 +13,26 @@ use crate::geometry::mesh::TriMesh;
 /// of double precision. Slivers of single precision are wider and stay.
 const COLLINEAR: f64 = 1e-12;
 
-/// What [`drop_flat`] did with triangles of no area.
+/// The triangles of no area that [`drop_flat`] found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flat {
-    /// Taken away, the neighbour being split in two.
+    /// Removed, the neighbour being split in two.
     pub folded: usize,
-    /// Taken away, having no neighbour at the longest side.
+    /// Removed, having no neighbour at the longest side.
     pub dropped: usize,
-    /// Left, because to take them away would tear or knot the surface.
+    /// Left, because their removal would tear or knot the surface.
     pub left: usize,
 }
 
-/// Takes away triangles of no area (points must be welded) without opening the surface.
+/// Removes triangles of no area (points must be welded) without opening the surface.
 pub fn drop_flat(mesh: &mut TriMesh) -> Flat {
     let mut result = Flat::default();
     let mut waiting: Vec<usize> = (0..mesh.triangles.len()).filter(|&i| is_flat(mesh.corners(i))).collect();
     if waiting.is_empty() {
         return result;
     }
-    let mut surface = Surface::new(mesh);
-    // One may wait for another, so passes go on while there is progress; each takes one away for good.
+    let mut surface = EdgeFaces::new(mesh);
+    // One may wait for another, so passes go on while each removes some.
     loop {
         let before = waiting.len();
         waiting.retain(|&face| match surface.remove_flat(mesh, face) {
@@ -62,7 +62,7 @@ fn is_flat([a, b, c]: [DVec3; 3]) -> bool {
 }
 
 /// Which triangles stand at which edge.
-struct Surface {
+struct EdgeFaces {
     edges: HashMap<[u32; 2], Vec<usize>>,
     gone: Vec<bool>,
 }
@@ -75,9 +75,9 @@ fn sides([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
     [key(a, b), key(b, c), key(c, a)]
 }
 
-impl Surface {
-    fn new(mesh: &TriMesh) -> Surface {
-        let mut surface = Surface { edges: HashMap::new(), gone: vec![false; mesh.triangles.len()] };
+impl EdgeFaces {
+    fn new(mesh: &TriMesh) -> EdgeFaces {
+        let mut surface = EdgeFaces { edges: HashMap::new(), gone: vec![false; mesh.triangles.len()] };
         mesh.triangles.iter().enumerate().for_each(|(face, &t)| surface.link(face, t));
         surface
     }
@@ -92,7 +92,7 @@ impl Surface {
         }
     }
 
-    /// Takes a flat triangle away: `Some(true)` by splitting its neighbour, `Some(false)` alone, `None` not yet.
+    /// Removes a flat triangle: `Some(true)` by splitting its neighbour, `Some(false)` alone, `None` not yet.
     fn remove_flat(&mut self, mesh: &mut TriMesh, face: usize) -> Option<bool> {
         let flat = mesh.triangles[face];
         // The longest side, from x to y, and the corner between.

@@ -1,5 +1,5 @@
-//! Closing the holes of a surface that an artist would call closed: small ones, such as those in the foot of a scan, and those
-//! with a flat rim, such as a vessel without its lid or a hill without its underside.
+//! Closing the holes of a surface that an artist would call closed: small ones, such as those in the foot of a scan,
+//! and those with a flat rim, such as a vessel without its lid or a hill without its underside.
 
 use super::{Edges, area, diagonal};
 use crate::geometry::mesh::TriMesh;
@@ -12,7 +12,7 @@ const SMALL: f64 = 0.2;
 /// A rim is flat if it leaves its plane by no more than this, relative to the hole's width.
 const FLAT: f64 = 0.05;
 
-/// What [`close_holes`] did.
+/// The result of [`close_holes`] in figures.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Holes {
     pub count: usize,
@@ -26,11 +26,11 @@ pub struct Holes {
 
 impl Holes {
     /// One sentence for a person.
-    pub fn told(&self) -> String {
+    pub fn describe(&self) -> String {
         let holes = if self.count == 1 { "1 hole was".to_owned() } else { format!("{} holes were", self.count) };
         format!(
-            "{holes} closed: the widest is {:.3} m across, rims are up to {:.4} m from flat, and the new faces are {:.1} % \
-             of the surface",
+            "{holes} closed: the widest is {:.3} m across, rims are up to {:.4} m from flat, and the new faces are \
+             {:.1} % of the surface",
             self.width,
             self.deviation,
             100.0 * self.area
@@ -38,8 +38,8 @@ impl Holes {
     }
 }
 
-/// The mesh with its holes closed; `None` if one is neither small nor flat, or is no ring. Points must be welded, and triangles
-/// must face one way.
+/// The mesh with its holes closed; `None` if one is neither small nor flat, or is no ring. Points must be welded, and
+/// triangles must face one way.
 pub fn close_holes(mesh: &TriMesh) -> Option<(TriMesh, Holes)> {
     let diagonal = diagonal(mesh);
     let mut closed = mesh.clone();
@@ -69,7 +69,7 @@ fn rims(mesh: &TriMesh) -> Option<Vec<Vec<u32>>> {
     let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for edge in edges.iter() {
         if let [side] = edge {
-            // Against the way that the face runs.
+            // Against the direction of the face.
             let [low, high] = side.edge;
             let (from, to) = if side.forward { (high, low) } else { (low, high) };
             next.entry(from).or_default().push(to);
@@ -123,14 +123,15 @@ impl Plane {
     }
 }
 
-/// Faces within a rim: ears of the polygon that it is in its plane; a fan from its middle where it crosses itself there.
+/// Faces within a rim: ears of the polygon that it is in its plane; a fan from its middle where it crosses itself
+/// there.
 fn cover(mesh: &mut TriMesh, rim: &[u32], plane: &Plane, points: &[DVec3]) {
     let (u, v) = plane.normal.try_normalize().unwrap_or(DVec3::Y).any_orthonormal_pair();
     let flat = points.iter().map(|&p| [u.dot(p - plane.middle), v.dot(p - plane.middle)]);
     let mut ears: Vec<u32> = Vec::new();
     Earcut::new().earcut(flat, &[], &mut ears);
     if ears.len() == 3 * (rim.len() - 2) {
-        // The ears face one way together: the one at the first edge tells which.
+        // All ears face the same side: the one at the first edge shows which.
         let runs = |a: u32, b: u32| a == 0 && b == 1;
         let agrees = ears.chunks_exact(3).any(|t| runs(t[0], t[1]) || runs(t[1], t[2]) || runs(t[2], t[0]));
         let number = |ear: u32| rim[ear as usize];

@@ -1,22 +1,22 @@
-//! Turning triangles until a mesh faces outward, and taking away what is there twice.
+//! Turns triangles until a mesh faces outward, and removes second copies.
 
 use glam::DVec3;
 
 use super::double::drop_doubles;
 use super::{DisjointSets, Edges, Repair, area, drop_flat, weld};
-use crate::geometry::mesh::TriMesh;
+use crate::geometry::mesh::{TriMesh, bounds, solid_angle};
 
-/// Volume, relative to the cube of a part's own diagonal, below which it encloses nothing that could tell in from out.
+/// Volume, relative to the cube of a part's own diagonal, below which the part has no inside.
 const FLAT: f64 = 1e-9;
 
-/// Triangles that the search for cavities may look at: seconds of one core. Beyond, all parts are taken for solids.
+/// Triangles that the search for cavities may look at: seconds of one core. Beyond, all parts count as solids.
 const MOST_CAVITY_WORK: usize = 200_000_000;
 
 /// The same surface, consistently oriented and facing outward, points welded bit-exactly.
 ///
 /// - Doubled triangles become single, also back to back, unless that opens the surface (an inner wall, a fin).
 /// - Triangles of no area are merged with those beside them.
-/// - Orientation is spread over edges of two triangles; what most of the area said before decides.
+/// - Orientation is spread over edges of two triangles; most of the area keeps its side.
 /// - A closed part faces outward (positive volume), unless it is a cavity: it lies inside another closed part, and
 ///   the file had the two facing opposite ways. One that faces the same way as the part around it is a solid too.
 /// - An open part faces outward as if a fan from the middle of its rim closed it; a flat one stays as it was.
@@ -27,7 +27,7 @@ pub fn oriented(mesh: &TriMesh) -> (TriMesh, Repair) {
     drop_doubles(&mut result, &mut repair);
     repair.flat = drop_flat(&mut result);
     if repair != Repair::default() {
-        result = weld(&result, 0.0); // points of what was taken away
+        result = weld(&result, 0.0); // drops the points of removed triangles
     }
 
     let edges = Edges::new(&result.triangles);
@@ -104,8 +104,8 @@ fn spread(mesh: &TriMesh, edges: &Edges, repair: &mut Repair) -> Vec<bool> {
     turn.into_iter().map(|t| t == Some(true)).collect()
 }
 
-/// Triangles that hang together, and what they enclose.
-struct Part {
+/// Connected triangles, and the volume that they enclose.
+struct MeshPart {
     faces: Vec<usize>,
     low: DVec3,
     high: DVec3,
@@ -114,7 +114,7 @@ struct Part {
     volume: f64,
 }
 
-fn parts(mesh: &TriMesh, edges: &Edges) -> Vec<Part> {
+fn parts(mesh: &TriMesh, edges: &Edges) -> Vec<MeshPart> {
     let mut sets = DisjointSets::new(mesh.triangles.len());
     for edge in edges.iter() {
         edge.iter().for_each(|side| sets.join(edge[0].face as usize, side.face as usize));
@@ -131,9 +131,7 @@ fn parts(mesh: &TriMesh, edges: &Edges) -> Vec<Part> {
         }
     }
     let part = |(faces, (sum, n)): (Vec<usize>, (DVec3, f64))| {
-        let corners = || faces.iter().flat_map(|&f| mesh.corners(f));
-        let low = corners().fold(DVec3::INFINITY, DVec3::min);
-        let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let (low, high) = bounds(faces.iter().flat_map(|&f| mesh.corners(f)));
         let origin = if n > 0.0 { sum / n } else { low };
         let volume = faces
             .iter()
@@ -142,19 +140,20 @@ fn parts(mesh: &TriMesh, edges: &Edges) -> Vec<Part> {
                 a.dot(b.cross(c)) / 6.0
             })
             .sum();
-        Part { faces, low, high, closed: n == 0.0, volume }
+        MeshPart { faces, low, high, closed: n == 0.0, volume }
     };
     faces.into_iter().zip(rims).map(part).collect()
 }
 
 /// Which parts to turn as a whole.
-fn outward(mesh: &TriMesh, parts: &[Part], repair: &mut Repair) -> Vec<bool> {
-    let solid = |p: &Part| p.volume.abs() > FLAT * p.low.distance(p.high).powi(3);
-    // Larger ones first: what contains a part is larger and has been decided on.
+fn outward(mesh: &TriMesh, parts: &[MeshPart], repair: &mut Repair) -> Vec<bool> {
+    let solid = |p: &MeshPart| p.volume.abs() > FLAT * p.low.distance(p.high).powi(3);
+    // Larger ones first: a part that contains another is larger, and decided before.
     let mut order: Vec<usize> = (0..parts.len()).filter(|&i| parts[i].closed && solid(&parts[i])).collect();
     order.sort_by(|&a, &b| parts[b].volume.abs().total_cmp(&parts[a].volume.abs()).then(a.cmp(&b)));
 
-    let holds = |outer: &Part, inner: &Part| outer.low.cmple(inner.low).all() && outer.high.cmpge(inner.high).all();
+    let holds =
+        |outer: &MeshPart, inner: &MeshPart| outer.low.cmple(inner.low).all() && outer.high.cmpge(inner.high).all();
     let mut work = 0usize;
     let mut faces_inward = vec![false; parts.len()];
     for (rank, &inner) in order.iter().enumerate() {
@@ -181,7 +180,7 @@ fn outward(mesh: &TriMesh, parts: &[Part], repair: &mut Repair) -> Vec<bool> {
 }
 
 /// Is `inner` inside the closed surface `outer`? Three of its points must be: parts that merely cross are apart.
-fn contains(mesh: &TriMesh, outer: &Part, inner: &Part) -> bool {
+fn contains(mesh: &TriMesh, outer: &MeshPart, inner: &MeshPart) -> bool {
     let n = inner.faces.len();
     [0, n / 2, n - 1].iter().all(|&k| {
         let [a, b, c] = mesh.corners(inner.faces[k]);
@@ -189,13 +188,8 @@ fn contains(mesh: &TriMesh, outer: &Part, inner: &Part) -> bool {
     })
 }
 
-/// How often a surface winds around a point, by the solid angles of its triangles (Van Oosterom and Strackee 1983).
-fn winding(mesh: &TriMesh, part: &Part, point: DVec3) -> f64 {
-    let angle = |&face: &usize| {
-        let [a, b, c] = mesh.corners(face).map(|p| p - point);
-        let (la, lb, lc) = (a.length(), b.length(), c.length());
-        let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-        2.0 * f64::atan2(a.dot(b.cross(c)), below)
-    };
+/// How often a surface winds around a point.
+fn winding(mesh: &TriMesh, part: &MeshPart, point: DVec3) -> f64 {
+    let angle = |&face: &usize| solid_angle(point, &mesh.corners(face));
     part.faces.iter().map(angle).sum::<f64>() / (4.0 * std::f64::consts::PI)
 }

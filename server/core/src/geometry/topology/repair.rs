@@ -1,15 +1,15 @@
-//! What was done to a mesh to make it face outward, and how a person is told.
+//! The repairs that make a mesh face outward, and their description for a person.
 
 use super::Flat;
 
-/// What [`super::oriented`] did.
+/// The repairs of [`super::oriented`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Repair {
-    /// Triangles with two equal corners, taken away.
+    /// Triangles with two equal corners, removed.
     pub degenerate: usize,
-    /// Triangles that were there twice, taken away.
+    /// Second copies of triangles, removed.
     pub duplicates: usize,
-    /// What came of triangles of no area.
+    /// The treatment of triangles of no area.
     pub flat: Flat,
     /// Triangles turned to face the same way as those around them.
     pub turned: usize,
@@ -25,22 +25,22 @@ pub struct Repair {
 
 impl Repair {
     /// One sentence for each thing that was done or could not be done; nothing for a clean mesh.
-    pub fn told(&self) -> Vec<String> {
+    pub fn describe(&self) -> Vec<String> {
         let counted = [
-            (self.degenerate, "triangles with two equal corners were taken away"),
+            (self.degenerate, "triangles with two equal corners were removed"),
             (self.flat.folded + self.flat.dropped, "triangles of no area were merged with those beside them"),
             (self.flat.left, "triangles of no area could not be taken away"),
-            (self.duplicates, "triangles that were there twice were taken away"),
+            (self.duplicates, "triangles that were there twice were removed"),
             (self.turned, "triangles were turned to face the same way as those around them"),
             (self.inside_out, "parts were inside out and were turned"),
             (self.cavities, "parts are cavities in others"),
             (self.unorientable, "edges cannot be made consistent: the surface has one side only"),
         ];
-        let mut told: Vec<String> =
+        let mut sentences: Vec<String> =
             counted.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
         if self.cavities_not_sought {
-            told.push("there are too many parts to look for cavities: all were taken for solids".to_owned());
+            sentences.push("there are too many parts to look for cavities: all count as solids".to_owned());
         }
-        told
+        sentences
     }
 }

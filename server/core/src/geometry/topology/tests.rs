@@ -106,7 +106,7 @@ fn repaired(mesh: &TriMesh, volume: f64) -> Repair {
 fn a_clean_mesh_stays_as_it_is() {
     let mesh = cube(1.0, DVec3::new(3.0, 4.0, 5.0));
     assert_eq!(oriented(&mesh), (mesh, Repair::default()));
-    assert!(Repair::default().told().is_empty());
+    assert!(Repair::default().describe().is_empty());
 }
 
 #[test]
@@ -121,7 +121,7 @@ fn faces_at_random_become_consistent_and_outward() {
     mesh.triangles[3].swap(0, 1);
     let repair = repaired(&mesh, 1.0);
     assert_eq!((repair.turned, repair.inside_out), (1, 0));
-    assert_eq!(repair.told(), ["1 triangles were turned to face the same way as those around them"]);
+    assert_eq!(repair.describe(), ["1 triangles were turned to face the same way as those around them"]);
     let repair = repaired(&inside_out(&cube(1.0, DVec3::ZERO)), 1.0);
     assert_eq!((repair.turned, repair.inside_out), (0, 1));
 }
@@ -177,7 +177,7 @@ fn a_surface_of_one_side_is_told() {
     };
     let (_, repair) = oriented(&TriMesh { points, triangles: (0..count).flat_map(quad).collect() });
     assert_eq!(repair.unorientable, 1);
-    assert!(repair.told().iter().any(|t| t.contains("one side only")), "{:?}", repair.told());
+    assert!(repair.describe().iter().any(|t| t.contains("one side only")), "{:?}", repair.describe());
 }
 
 #[test]

@@ -1,20 +1,21 @@
-//! Control meshes that are thinner than the props: shells, sheets, frames. The fill would find no room in them, or next to
-//! none, after a long search.
+//! Control meshes that are thinner than the props: shells, sheets, frames. The fill would search for long, and find
+//! next to no room in them.
 
 use crate::geometry::Closed;
 use crate::geometry::region::Region;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-/// Points of the inside that are looked at.
+/// Points of the inside that are tested.
 const SAMPLES: usize = 1000;
-/// Props are taken for this much thinner than they are: a rounded one fits where its box does not.
+/// Props count as this much thinner than they are: a rounded one fits where its box does not.
 const ROUNDING: f64 = 0.9;
 
-/// Share of a mesh's volume that is as thick as `thickness` (m), where it may be small: 1 where the mesh is thick by its
-/// volume and area.
+/// Share of a mesh's volume that is as thick as `thickness` (m), where it may be small: 1 where the mesh is thick by
+/// its volume and area.
 ///
-/// A place is thick enough if a ball of that diameter fits there: around it, or inside the surface that is nearest to it.
+/// A place is thick enough if a ball of that diameter fits there: around it, or inside the surface that is nearest to
+/// it.
 pub fn thick_share(control: &Closed, thickness: f64) -> f64 {
     let radius = ROUNDING * thickness / 2.0;
     // Of a slab, its thickness; of a ball, a third of its diameter.
@@ -28,7 +29,7 @@ pub fn thick_share(control: &Closed, thickness: f64) -> f64 {
     let is_thick = |&p: &_| {
         let (surface, depth, _) = region.nearest(p);
         let center = if depth < radius { surface + (p - surface).normalize_or_zero() * radius } else { p };
-        // The ball just fits: rounding must not count.
+        // The ball just fits: rounding must not decide.
         region.signed_distance(center) <= -0.999 * radius
     };
     match points.len() {

@@ -18,7 +18,8 @@ pub fn too_thin(scene: &Scene, params: &Params, sizes: &[Size]) -> Option<Proble
     let least = thickness(&thickest);
     (shell * diameter < least).then(|| {
         let text = format!(
-            "fill.shell: {shell} is a shell of {:.3} m, and {} is {least:.3} m thick, so that it finds no room there; give at least {:.2}",
+            "fill.shell: {shell} is a shell of {:.3} m, and {} is {least:.3} m thick, so that it finds no room there; \
+             give at least {:.2}",
             shell * diameter,
             thickest.0.model.name,
             (least / diameter * 100.0).ceil() / 100.0
@@ -27,7 +28,7 @@ pub fn too_thin(scene: &Scene, params: &Params, sizes: &[Size]) -> Option<Proble
     })
 }
 
-/// What stands in the pile, if it is to be a shell.
+/// The core of a pile that is to be a shell; `None`, with a warning, where no place is deep enough.
 pub fn core(
     scene: &Scene,
     params: &Params,

@@ -1,11 +1,11 @@
-//! What each effect did in a bake, and what it cost.
+//! The bill of a bake: the counts of each effect, and its CPU time.
 
 use super::table::ROWS;
 use super::{Count, Effect, EffectName};
 use crate::input::observer::Stage;
 use std::collections::BTreeMap;
 
-/// What an effect did in a bake, and what it cost.
+/// An effect's part in a bake.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Charge {
     pub name: EffectName,

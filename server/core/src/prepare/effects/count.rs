@@ -1,4 +1,4 @@
-//! What a report counts.
+//! The counts of a report.
 
 use std::borrow::Borrow;
 

@@ -1,8 +1,8 @@
-//! What a bake may leave out: every effect, whether the scene calls for it, and the user's word on it.
+//! Effects: the parts of a bake that may be left out; whether the scene calls for each, and the user's word on it.
 //!
-//! [`Resolved`] decides once; the stages obey it, and the plan prints it with [`Effect::reason`]. An effect that is off costs
-//! nothing: its counts in the report are 0. A new effect is a variant of [`EffectName`], its row in `table`, and the code
-//! that obeys it; a new count is a variant of [`Count`].
+//! [`Resolved`] decides once; the stages obey it, and the plan prints it with [`Effect::reason`]. An effect that is off
+//! costs nothing: its counts in the report are 0. A new effect is a variant of [`EffectName`], its row in `table`, and
+//! the code that obeys it; a new count is a variant of [`Count`].
 
 mod bill;
 mod count;
@@ -76,7 +76,7 @@ impl EffectName {
     }
 }
 
-/// What there is to know about an effect.
+/// The definition of an effect.
 struct Row {
     name: EffectName,
     switch: Switched,

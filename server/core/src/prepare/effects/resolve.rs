@@ -1,4 +1,4 @@
-//! What a bake simulates: decided here, once, from the scene, the user's word and the props' shapes.
+//! The decision on all effects of a bake, made once, from the scene, the user's word and the props' shapes.
 
 use super::table::ROWS;
 use super::{Effect, EffectName, Row, Switched};
@@ -8,12 +8,13 @@ use crate::prepare::check::CheckedScene;
 use crate::prepare::extremes;
 use crate::prepare::shape::{ShapeKind, ShapeSummary};
 
-/// The effects as they will be: what the stages of a bake obey.
+/// The decided effects: the stages of a bake obey these.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resolved {
     /// One for each [`EffectName`], in that order.
     pub effects: Vec<Effect>,
-    /// The engine's settings for release and hold: contacts as stiff as the masses ask for, and the substeps that those need.
+    /// The engine's settings for release and hold: contacts as stiff as the masses ask for, and the substeps that those
+    /// need.
     pub physics: Physics,
     /// Heaviest body of the pile over the lightest.
     pub mass_ratio: f64,
@@ -25,7 +26,7 @@ pub struct Resolved {
     pub glue_bound: f64,
 }
 
-/// What an effect is decided by.
+/// The facts on which effects are decided.
 pub(super) struct Case<'a> {
     pub scene: &'a Scene,
     pub params: &'a Params,

@@ -1,5 +1,6 @@
-//! Every effect, a row each, in the order of the stages: its name, the switch that forces it, the counts that show what it did, and
-//! whether a scene calls for it, with the reason. `seconds` follows where an effect has CPU time of its own.
+//! Every effect, a row each, in the order of the stages: its name, the switch that forces it, the counts that show what
+//! it did, and whether a scene calls for it, with the reason. `seconds` follows where an effect has CPU time of its
+//! own.
 
 use super::Switched::{By, ByValue, Never};
 use super::{Case, Count, Count::*, EffectName, EffectName::*, Row};
@@ -95,10 +96,8 @@ pub(super) const ROWS: &[Row] = &[
         By("effects.continuous_collision", |c| c.params.physics.switches.continuous_collision),
         &[SpeculativeBodySteps, CcdBodySteps],
         |_| {
-            yes(
-                "a body that moves by more than half of its thickness in a step is swept along its path; the contacts of \
-                 one of several parts are found a step ahead",
-            )
+            yes("a body that moves by more than half of its thickness in a step is swept along its path; the contacts \
+                 of one of several parts are found a step ahead")
         },
     ),
     row(FrictionPerPoint, ByValue("physics.friction_model"), &[StepsWithFrictionPerPoint], |c| {

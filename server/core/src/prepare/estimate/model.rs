@@ -5,23 +5,26 @@ use crate::input::params::Accuracy;
 
 /// CPU seconds of the calibration on the machine that the runs were made on.
 pub const CALIBRATION_SECONDS: f64 = 0.0581;
-/// Nine of ten bakes of props and control meshes of others are within about this factor of the model (2.1 and 2.2 where a law of its own was fitted to other pairs). What is the same in all of them (times, step_rate, substeps, coulomb), and release and hold, was fitted on the study.
+/// Nine of ten bakes of props and control meshes of others are within about this factor of the model (2.1 and 2.2 where
+/// a law of its own was fitted to other pairs). Exponents of numbers that are the same in all of these bakes (times,
+/// step_rate, substeps, coulomb), and those of release and hold, were fitted on the study.
 pub const FACTOR: f64 = 2.5;
 
 /// The control's share of the CPU time of release and hold: median over the study's scenes.
 pub const CONTROL_SHARE: f64 = 0.36;
 
-/// Exponents of the fill's CPU time: of 1, bodies, corners, parts, slenderness, walls, times, step_rate, substeps, coulomb.
+/// Exponents of the fill's CPU time, for [`super::FEATURES`].
 pub const FILL: CostExponents = [-7.719, 1.000, 0.000, 0.533, 0.278, 0.070, 0.000, 0.000, 0.083, 0.000];
 /// The same for glue and its proof.
 pub const GLUE: CostExponents = [-6.871, 1.000, 0.497, 0.143, -0.152, 0.022, 0.204, 0.000, 0.000, 0.000];
-/// Dots of glue for each body: median over the bakes.
+/// Glue joints for each body: median over the bakes.
 pub const DOTS_PER_BODY: f64 = 0.45;
-/// How much of that there is at `draft`, which chooses dots in fewer rounds and does not try the pile.
+/// The factor on that at `draft`, which chooses joints in fewer rounds and does not try the pile.
 pub const DRAFT_DOTS: f64 = 2.1;
-/// With dots up to a strength, in weights of the median prop: `kept_shape`, below which one, five and nine of ten bakes are. The first row
-/// is of piles without glue, the last one without a bound. Of 46 pairs, at `draft`, of props and control meshes of others, most of which
-/// hang over. How many dots a bounded strength takes is not told: at 8, between 0.006 and 1.1 for a body.
+/// With glue joints up to a strength, in weights of the median prop: `kept_shape`, below which one, five and nine of
+/// ten bakes are. The first row is of piles without glue, the last one without a bound. Of 46 pairs, at `draft`, of
+/// props and control meshes of others, most of which hang over. The number of joints at a bounded strength varies too
+/// much for an estimate: at 8, between 0.006 and 1.1 for a body.
 pub const KEPT: [(f64, [f64; 3]); 6] = [
     (0.05, [0.05, 0.25, 0.49]),
     (0.5, [0.05, 0.19, 0.82]),
@@ -31,7 +34,7 @@ pub const KEPT: [(f64, [f64; 3]); 6] = [
     (128.0, [0.997, 1.0, 1.004]),
 ];
 
-/// What [`KEPT`] has for a strength: in between, by its logarithm.
+/// [`KEPT`] for a strength: between rows, by its logarithm.
 pub fn kept(strength: f64) -> [f64; 3] {
     let [first, .., last] = KEPT;
     let above = KEPT.iter().position(|row| strength < row.0);
@@ -48,7 +51,7 @@ pub fn kept(strength: f64) -> [f64; 3] {
 pub const RELEASE_AND_HOLD: CostExponents = [-11.217, 1.000, 0.592, 0.193, -0.173, 0.068, 0.784, 0.519, 0.221, 0.080];
 /// The same for shapes and measures.
 pub const MEASURE: CostExponents = [-11.317, 1.000, 0.000, 0.916, 0.137, 0.038, 0.261, 0.539, 0.184, 0.531];
-/// What release and hold of a glued pile take, against those of one that is held: median over the bakes.
+/// CPU time of release and hold of a glued pile over that of a held one: median over the bakes.
 pub const GLUED_RELEASE: f64 = 0.044;
 
 /// CPU time of a fill over that of a fill at `standard`: medians over the study's scenes.
@@ -63,8 +66,8 @@ pub fn fill_care(accuracy: Accuracy) -> f64 {
     }
 }
 
-/// What the study found: `penetration_mean_rel`, the median over its scenes; the headline figures imbalance and shape, their means, which
-/// differ less between the presets than between seeds.
+/// The study's results: `penetration_mean_rel`, the median over its scenes; the headline figures imbalance and shape,
+/// their means, which differ less between the presets than between seeds.
 pub fn errors(accuracy: Accuracy) -> [f64; 3] {
     match accuracy {
         Accuracy::Draft => [0.014, 0.13, 0.039],
@@ -85,8 +88,8 @@ mod tests {
             assert_eq!(kept(strength), shape, "as measured");
         }
         assert_eq!((kept(0.0), kept(f64::INFINITY)), (kept(KEPT[0].0), kept(128.0)));
-        let told: Vec<[f64; 3]> = (0..100).map(|n| kept(0.5 * 1.06f64.powi(n))).collect();
-        assert!(told.windows(2).all(|pair| pair[0][1] <= pair[1][1]));
-        assert!(told.iter().all(|[low, middle, high]| low <= middle && middle <= high));
+        let shares: Vec<[f64; 3]> = (0..100).map(|n| kept(0.5 * 1.06f64.powi(n))).collect();
+        assert!(shares.windows(2).all(|pair| pair[0][1] <= pair[1][1]));
+        assert!(shares.iter().all(|[low, middle, high]| low <= middle && middle <= high));
     }
 }

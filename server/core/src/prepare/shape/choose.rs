@@ -53,7 +53,7 @@ fn primitive(
     })
 }
 
-/// What the solid of a closed mesh will be, without splitting it.
+/// The kind that the solid of a closed mesh will have, without splitting it.
 pub fn kind(mesh: &TriMesh, diameter: f64, physics: &Physics) -> ShapeKind {
     match primitive(mesh, &fit::oriented_box(mesh), diameter, true, physics.switches.primitives) {
         Some((solid, _)) => solid.kind(),

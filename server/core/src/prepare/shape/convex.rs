@@ -17,10 +17,11 @@ const MAX_HULL_POINTS: usize = 48;
 /// A hull leaves out corners that stand out by less than this, in prop diameters: the thickness of a sheet of paper on
 /// a book.
 const HULL_TOLERANCE: f32 = 1.0 / 500.0;
-/// The same for the hulls of a coarser shape, coarsest first: the first is taken that is no farther from the mesh than may be.
+/// The same for the hulls of a coarser shape, coarsest first: the first is taken that is no farther from the mesh than
+/// may be.
 const COARSER: [f32; 3] = [1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0];
-/// A coarser shape may be farther from the mesh than the finest by this factor, or by this share of [`Physics::shape_tolerance`],
-/// in thicknesses.
+/// A coarser shape may be farther from the mesh than the finest by this factor, or by this share of
+/// [`Physics::shape_tolerance`], in thicknesses.
 const FARTHER: f64 = 1.1;
 const FARTHER_SHARE: f64 = 0.5;
 /// Points sampled on each surface to measure the deviation.
@@ -28,8 +29,9 @@ const DEVIATION_SAMPLES: usize = 600;
 /// Voxels along the longest side for the decomposition: fine enough for parts of a fiftieth of the prop.
 const DECOMPOSITION_RESOLUTION: u32 = 64;
 
-/// One hull where that is close enough to the mesh, else up to `max_parts` convex parts, with few corners. `thickness`: of the prop,
-/// m. The second value is the deviation, m: the largest distance, both ways, between sampled points of mesh and shape.
+/// One hull where that is close enough to the mesh, else up to `max_parts` convex parts, with few corners. `thickness`:
+/// of the prop, m. The second value is the deviation, m: the largest distance, both ways, between sampled points of
+/// mesh and shape.
 pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
     let unit = Unit::new(mesh, diameter, closed);
     let mut best = vec![unit.hull()];
@@ -69,7 +71,7 @@ fn tolerance(physics: &Physics) -> f64 {
     }
 }
 
-/// Whether one hull would do: known without a decomposition.
+/// Whether one hull is close enough: known without a decomposition.
 pub fn is_one_hull(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> bool {
     let unit = Unit::new(mesh, diameter, closed);
     physics.max_parts == 1 || unit.deviation(&[unit.hull()]) <= tolerance(physics)
@@ -115,7 +117,7 @@ impl<'a> Unit<'a> {
             if self.closed { FillMode::FloodFill { detect_cavities: false } } else { FillMode::SurfaceOnly };
         let resolution = DECOMPOSITION_RESOLUTION;
         let params = VHACDParameters { concavity, resolution, fill_mode, ..VHACDParameters::default() };
-        // The library panics on some dirty meshes; one hull is then the answer, and the report tells its deviation.
+        // The library panics on some dirty meshes; one hull is then the answer, and the report states its deviation.
         let parts = catch_unwind(AssertUnwindSafe(|| {
             let split = VHACD::decompose(&params, &self.points, self.triangles, true);
             split.compute_exact_convex_hulls(&self.points, self.triangles)
@@ -153,7 +155,7 @@ fn reduced(points: Vec<Vector>, tolerance: f32) -> Vec<Vector> {
         let hull = Hull::new(&corners);
         let outside = |p: Vector| match &hull {
             Some(hull) => hull.distance_to_local_point(p, true),
-            // Flat as yet.
+            // Flat so far.
             None => corners.iter().map(|c| c.distance(p)).fold(f32::INFINITY, f32::min),
         };
         let far = (0..points.len()).map(|i| (i, outside(points[i]))).max_by(|a, b| a.1.total_cmp(&b.1));
@@ -199,7 +201,7 @@ fn deviation(mesh: &EngineMesh, closed: bool, parts: &[Vec<Vector>]) -> f64 {
         for p in surface_samples(surface) {
             let buried = hulls.iter().enumerate().any(|(j, h)| j != i && h.0.contains_local_point(p));
             if !buried {
-                // Outside the mesh only: where a part runs inside a closed mesh it takes no space that is not the prop's.
+                // Outside the mesh only: inside a closed mesh, a part takes no space but the prop's.
                 let inside = closed && mesh_contains(mesh, p);
                 worst = worst.max(if inside { 0.0 } else { mesh.distance_to_local_point(p, false) });
             }

@@ -1,7 +1,7 @@
-//! Recognises meshes that are boxes or balls, and finds the box around any mesh.
+//! Recognizes meshes that are boxes or balls, and finds the box around any mesh.
 
 use super::mass;
-use crate::geometry::mesh::TriMesh;
+use crate::geometry::mesh::{TriMesh, bounds};
 use glam::{DMat3, DQuat, DVec3};
 
 /// A box with its own axes.
@@ -50,11 +50,7 @@ fn tightness(b: &OrientedBox) -> f64 {
 
 fn box_along(mesh: &TriMesh, frame: DMat3) -> OrientedBox {
     let back = frame.transpose();
-    let (lo, hi) = mesh
-        .points
-        .iter()
-        .map(|&p| back * p)
-        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    let (lo, hi) = bounds(mesh.points.iter().map(|&p| back * p));
     let rotation = DQuat::from_mat3(&frame).normalize();
     OrientedBox { center: frame * ((lo + hi) / 2.0), rotation, half: (hi - lo) / 2.0 }
 }

@@ -1,7 +1,7 @@
 //! A convex polyhedron, with facets that are flat.
 //!
-//! The engine's own takes faces for one plane whose normals differ by up to a degree and a half, and forgets the corners
-//! between them: a point of such a face may be off by a hundredth of the prop, which is more than a thin prop's thickness.
+//! The engine's own merges faces whose normals differ by up to a degree and a half, and forgets the corners between
+//! them: a point of such a face may be off by a hundredth of the prop, which is more than a thin prop's thickness.
 
 use rapier3d::math::{Pose, Vector};
 use rapier3d::parry::bounding_volume::{Aabb, BoundingSphere};
@@ -23,7 +23,7 @@ const FLATNESS: f32 = 1e-4;
 pub struct Hull {
     solid: ConvexPolyhedron,
     facets: Arc<[Facet]>,
-    edges: Arc<[Edge]>,
+    edges: Arc<[HullEdge]>,
 }
 
 /// A convex polygon of the surface.
@@ -46,14 +46,14 @@ impl Facet {
     }
 }
 
-/// Corners beyond the bits are taken for all of them.
+/// A corner beyond the bits sets them all.
 fn corner_mask(corners: &[u32]) -> u64 {
     corners.iter().fold(0, |mask, &i| mask | 1u64.checked_shl(i).unwrap_or(u64::MAX))
 }
 
 /// Where two facets meet. Indices.
 #[derive(Clone, Debug)]
-pub struct Edge {
+pub struct HullEdge {
     pub corners: [u32; 2],
     pub facets: [u32; 2],
     /// A bit for each corner.
@@ -75,7 +75,7 @@ impl Hull {
         Some(Hull { solid, facets: facets.into(), edges: edges.into() })
     }
 
-    /// The same hull, `factor` times as large: nothing is sought anew.
+    /// The same hull, `factor` times as large, without a search.
     pub fn scaled(&self, factor: f32) -> Hull {
         let solid = self.solid.clone().scaled(Vector::splat(factor));
         Hull { solid: solid.unwrap_or_else(|| self.solid.clone()), ..self.clone() }
@@ -89,7 +89,7 @@ impl Hull {
         &self.facets
     }
 
-    pub fn edges(&self) -> &[Edge] {
+    pub fn edges(&self) -> &[HullEdge] {
         &self.edges
     }
 }
@@ -139,7 +139,7 @@ fn facets(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Facet> {
     facets
 }
 
-fn edges(facets: &[Facet]) -> Vec<Edge> {
+fn edges(facets: &[Facet]) -> Vec<HullEdge> {
     let mut facet_of: BTreeMap<[u32; 2], u32> = BTreeMap::new();
     for (k, facet) in facets.iter().enumerate() {
         let around = facet.corners.iter().zip(facet.corners.iter().cycle().skip(1));
@@ -151,7 +151,7 @@ fn edges(facets: &[Facet]) -> Vec<Edge> {
         if i < j || twin.is_none() {
             let name = PackedFeatureId::edge(edges.len() as u32);
             let facets = [facet, twin.unwrap_or(facet)];
-            edges.push(Edge { corners: [i, j], facets, mask: corner_mask(&[i, j]), name });
+            edges.push(HullEdge { corners: [i, j], facets, mask: corner_mask(&[i, j]), name });
         }
     }
     edges
@@ -240,7 +240,8 @@ impl Shape for Hull {
         ShapeType::Custom
     }
 
-    /// For continuous collision detection: the engine sweeps its own polyhedra many times faster than shapes unknown to it.
+    /// For continuous collision detection: the engine sweeps its own polyhedra many times faster than shapes unknown to
+    /// it.
     fn as_typed_shape(&self) -> TypedShape<'_> {
         TypedShape::ConvexPolyhedron(&self.solid)
     }
@@ -307,17 +308,17 @@ mod tests {
     fn a_scaled_hull_is_the_hull_of_scaled_points() {
         let points = [[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [0.2, 0.9, 0.0], [0.1, 0.2, 0.7], [0.8, 0.7, 0.6]];
         let at = |factor: f32| points.map(|p| Vector::from(p) * factor);
-        let (scaled, anew) = (Hull::new(&at(1.0)).unwrap().scaled(0.25), Hull::new(&at(0.25)).unwrap());
-        assert_eq!(scaled.points(), anew.points());
+        let (scaled, direct) = (Hull::new(&at(1.0)).unwrap().scaled(0.25), Hull::new(&at(0.25)).unwrap());
+        assert_eq!(scaled.points(), direct.points());
         let facets = |hull: &Hull| hull.facets().iter().map(|f| (f.corners.clone(), f.mask)).collect::<Vec<_>>();
-        assert_eq!(facets(&scaled), facets(&anew));
+        assert_eq!(facets(&scaled), facets(&direct));
         let direction = Vector::new(0.3, -0.5, 0.8);
-        assert_eq!(scaled.local_support_point(direction), anew.local_support_point(direction));
-        assert!((scaled.mass_properties(1.0).mass() - anew.mass_properties(1.0).mass()).abs() < 1e-6);
+        assert_eq!(scaled.local_support_point(direction), direct.local_support_point(direction));
+        assert!((scaled.mass_properties(1.0).mass() - direct.mass_properties(1.0).mass()).abs() < 1e-6);
     }
 
     #[test]
-    fn what_is_no_body_has_no_hull() {
+    fn points_without_a_volume_have_no_hull() {
         assert!(Hull::new(&[]).is_none());
         assert!(Hull::new(&[Vector::NAN; 5]).is_none());
     }

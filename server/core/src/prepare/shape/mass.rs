@@ -14,12 +14,12 @@ pub struct Moments {
     pub inertia: DMat3,
 }
 
-/// What rounding may add to a moment, as a share of their sum: a needle's smallest is nearly zero.
+/// The most that rounding adds to a moment, as a share of their sum: a needle's smallest is nearly zero.
 const MOMENT_ROUNDING: f64 = 1e-9;
 
 impl Moments {
-    /// Whether a body within these bounds can have them. Of a closed mesh whose parts lie across each other, some inside out, the
-    /// volume may be positive and yet the centre lie outside, and moments be negative.
+    /// Whether a body within these bounds can have them. A closed mesh whose parts cross each other, some inside out,
+    /// may have a positive volume and yet a centre outside, and negative moments.
     pub fn are_of_a_body(&self, bounds: (DVec3, DVec3)) -> bool {
         let (moments, _) = principal(self.inertia);
         let sum = moments.element_sum();

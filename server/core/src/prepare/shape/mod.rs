@@ -36,7 +36,7 @@ pub use nest::Seat;
 pub use size::Size;
 pub use summary::{ShapeSummary, summaries};
 
-/// What is wrong with the prop of this index.
+/// The error for a prop, from its text.
 fn fault(index: usize) -> impl Fn(String) -> Error {
     move |text| Error::Invalid(vec![Problem::new(format!("props.{index}"), text)])
 }
@@ -84,7 +84,7 @@ pub struct Shape {
     pub thin_axis: DVec3,
     pub solid: Solid,
     pub report: ShapeFit,
-    /// The hulls of a convex solid's parts, at a size of about 1: each scale's are made of these.
+    /// The hulls of a convex solid's parts, at a size of about 1: those of each scale are made from these.
     #[serde(skip)]
     hulls: OnceLock<Option<Vec<Hull>>>,
 }
@@ -101,7 +101,8 @@ pub enum Solid {
     Convex(Vec<Vec<DVec3>>),
 }
 
-/// A mesh whose own volume is below this share of its hull's has no usable inside: a sheet, or an open or inverted mesh.
+/// A mesh whose own volume is below this share of its hull's has no usable inside: a sheet, or an open or inverted
+/// mesh.
 const MIN_VOLUME_SHARE: f64 = 0.01;
 /// Flat props are given this thickness, as a share of their diameter.
 const FLAT_THICKNESS: f64 = 0.01;
@@ -121,7 +122,7 @@ impl Shape {
             Some(why) if solid_moments.are_of_a_body(mesh.bounds()) => {
                 (solid_moments, Some(format!("{why}: mass and inertia are those of its collision shape")))
             }
-            // Parts as thin as paper: what is left of their volume is rounding.
+            // The volume of parts as thin as paper is rounding.
             Some(why) => {
                 let text = format!("{why}: mass and inertia are those of the box around it");
                 (Solid::Box(around).moments(), Some(text))
@@ -161,7 +162,6 @@ impl Shape {
         })
     }
 
-    /// What decides on effects.
     pub fn summary(&self) -> ShapeSummary {
         let Shape { solid, mass, .. } = self;
         ShapeSummary { kind: solid.kind(), mass: *mass, thickness: self.thickness() }
@@ -182,8 +182,8 @@ impl Shape {
         Pose { translation: body.transform_point(-self.center * scale), rotation: body.rotation }
     }
 
-    /// The engine's shape and its place in the body's frame, `scale` engine units per metre of the prop. `None` where the
-    /// engine finds no volume.
+    /// The engine's shape and its place in the body's frame, `scale` engine units per metre of the prop. `None` where
+    /// the engine finds no volume.
     pub fn collider(&self, scale: f64) -> Option<(EnginePose, SharedShape)> {
         match &self.solid {
             Solid::Box(b) => {

@@ -11,9 +11,9 @@ use std::f64::consts::TAU;
 const CELLS: usize = 96;
 /// Halvings of the distance.
 const HALVINGS: usize = 16;
-/// Beyond every prop, and below every gap, diameters: where a plane begins that is to rest on something.
+/// Where a plane starts before it finds its rest, diameters: beyond every prop, and below every gap.
 const FAR: f64 = 100.0;
-/// Steps to a plane at rest, at most, and how far above it nothing more is looked for, diameters.
+/// Most steps to a plane at rest; and how far above the plane a point may be then, diameters.
 const MAX_STEPS: usize = 60;
 const AT_REST: f64 = 1e-9;
 
@@ -21,13 +21,14 @@ const AT_REST: f64 = 1e-9;
 #[derive(Clone, Copy, Debug)]
 pub struct Seat {
     pub rotation: DQuat,
-    /// How far its centre of mass is up, m at scale 1.
+    /// The height of its centre of mass above the other's, m at scale 1.
     pub pitch: f64,
 }
 
 impl Shape {
-    /// How the prop comes to lie in another one of its kind, both with `up` (unit, in the body's frame) up: for so many turns about
-    /// it, evenly spaced. None for what is convex. What is not quite round leans a little, each turn to another side.
+    /// How the prop comes to lie in another one of its kind, both with `up` (unit, in the body's frame) up: for so many
+    /// turns about it, evenly spaced. None for a convex prop. One that is not quite round leans a little, each turn to
+    /// another side.
     pub fn seats(&self, up: DVec3, turns: usize) -> Vec<Seat> {
         let Solid::Convex(parts) = &self.solid else { return Vec::new() };
         if parts.len() < 2 {
@@ -71,7 +72,7 @@ impl Shape {
 
 /// The highest or lowest of the triangles above each cell; NaN where there is none.
 fn heights(triangles: &[[DVec3; 3]], of: fn(f64, f64) -> f64) -> Vec<f64> {
-    // The diameter about the centre of mass is 1: nothing is further from it than that.
+    // The diameter is 1: no point is further than that from the centre of mass.
     let mut heights = vec![f64::NAN; CELLS * CELLS];
     for triangle in triangles {
         let placed = triangle.map(|p| (DVec2::new(p.x, p.z) + 1.0, p.y));
@@ -89,8 +90,8 @@ fn gaps(below: &[f64], above: &[f64]) -> Vec<DVec3> {
     (0..below.len()).map(gap).filter(|gap| gap.y.is_finite()).collect()
 }
 
-/// Slopes along X and Z of the lowest plane, at the origin, that is nowhere below these points: how a body lies at rest on three of
-/// them. By the simplex method on the dual program, the weights of the points that carry.
+/// Slopes along X and Z of the lowest plane, at the origin, that is nowhere below these points: how a body lies at rest
+/// on three of them. By the simplex method on the dual program, the weights of the points that carry.
 fn resting_slope(points: &[DVec3]) -> [f64; 2] {
     let mut carry = [0.0, 1.0, 2.0].map(|i| DVec3::new(libm::cos(TAU * i / 3.0), -1.0, libm::sin(TAU * i / 3.0)) * FAR);
     for _ in 0..MAX_STEPS {

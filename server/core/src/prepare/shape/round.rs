@@ -1,4 +1,4 @@
-//! Which props roll: those that are round about an axis.
+//! Props that roll: they are round about an axis.
 
 use super::fit::OrientedBox;
 use crate::geometry::mesh::TriMesh;
@@ -9,7 +9,7 @@ const DIRECTIONS: u32 = 32;
 /// The least radius over the largest one: a regular prism of 12 sides is round, a pencil of six is not.
 const ROUNDNESS: f64 = 0.96;
 
-/// The radius on which a prop rolls, m: that of a ball, a cylinder, a capsule, a coin or what is nearly one of these, about one
+/// The radius on which a prop rolls, m: that of a ball, a cylinder, a capsule, a coin or nearly one of these, about one
 /// of the axes of its box. `None` where it does not roll. The largest, where there are several.
 pub fn rolling_radius(mesh: &TriMesh, around: &OrientedBox) -> Option<f64> {
     let back = around.rotation.inverse();

@@ -1,4 +1,4 @@
-//! How large a prop is: what is known without building its collision shape.
+//! The size of a prop, known without its collision shape.
 
 use super::{FLAT_THICKNESS, MIN_VOLUME_SHARE, fit, hull_mesh, round};
 use crate::geometry::mesh::TriMesh;
@@ -6,12 +6,12 @@ use crate::geometry::topology;
 use crate::measure::outermost_points;
 use glam::DVec3;
 
-/// What is known of a prop without building its collision shape; at scale 1.
+/// The size of a prop at scale 1, known without its collision shape.
 #[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Size {
     /// Of the bounding sphere, m.
     pub diameter: f64,
-    /// Edges of the tightest box around the prop, rising, m.
+    /// Edges of the tightest box around the prop, ascending, m.
     pub extents: DVec3,
     /// m^3; of an open mesh, half its box: an estimate.
     pub volume: f64,

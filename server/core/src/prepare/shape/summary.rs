@@ -1,11 +1,11 @@
-//! What decides on effects, of each prop, before its collision shape is made.
+//! The part of a prop's collision shape that decides on effects, known before the shape is made.
 
 use super::{Shape, ShapeKind, Size, choose, fault, mass};
 use crate::error::Error;
 use crate::input::params::{Params, Physics};
 use crate::input::scene::{Prop, Scene};
 
-/// What decides on effects, of one prop at scale 1.
+/// The kind, mass and thickness of a prop's collision shape, at scale 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapeSummary {
     pub kind: ShapeKind,
@@ -15,8 +15,8 @@ pub struct ShapeSummary {
     pub thickness: f64,
 }
 
-/// What the collision shape of a checked prop will be, without splitting it where that can be known so. An open prop has the
-/// mass of its collision shape, which must be made.
+/// The summary of a checked prop, without splitting the prop where it is closed. An open prop has the mass of its
+/// collision shape, which must be made.
 fn summary(prop: &Prop, size: &Size, physics: &Physics) -> Result<ShapeSummary, String> {
     let mesh = &prop.model.mesh.outward();
     if !size.closed {
