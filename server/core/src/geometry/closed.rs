@@ -19,7 +19,7 @@ impl Closed {
         Closed::new(topology::inspect(&mesh), mesh)
     }
 
-    /// The same, looked at before.
+    /// The same, of a mesh that was inspected before.
     pub fn new(topology: Topology, mesh: TriMesh) -> Closed {
         let volume = if topology.components > 1 { Region::new(&mesh).volume() } else { mesh.signed_volume().abs() };
         Closed { mesh, topology, volume }

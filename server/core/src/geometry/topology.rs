@@ -54,7 +54,7 @@ impl Topology {
     }
 }
 
-/// Looks at a mesh as it is, after bit-exact welding.
+/// Inspects a mesh as it is, after bit-exact welding.
 pub fn inspect(mesh: &TriMesh) -> Topology {
     let mesh = weld(mesh, 0.0);
     let edges = Edges::new(&mesh.triangles);

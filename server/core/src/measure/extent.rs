@@ -47,7 +47,7 @@ pub fn outermost_points(mesh: &TriMesh) -> Vec<DVec3> {
 }
 
 /// Smallest width of the mesh over all directions, metres: of its thinnest oriented slab, so that a stick's is its
-/// thickness, however it lies in its frame. Looked for along face normals, the axes, and a fixed set of directions
+/// thickness, however it lies in its frame. Sought along face normals, the axes, and a fixed set of directions
 /// whose best is refined; on shapes whose true minimum lies between, it is within about 1 % above.
 pub fn smallest_extent(mesh: &TriMesh) -> f64 {
     let points = used_points(mesh);

@@ -35,6 +35,16 @@ pub struct CheckedScene {
 }
 
 impl CheckedScene {
+    /// The control mesh, where it is to be filled.
+    pub fn filled(&self, scene: &Scene, params: &Params) -> Option<&Closed> {
+        self.control.as_ref().filter(|_| scene.is_filled(params))
+    }
+
+    /// sqrt(d / g), s.
+    pub fn characteristic_time(&self, params: &Params) -> f64 {
+        (self.diameter / params.gravity).sqrt()
+    }
+
     /// The shape that the pile is measured against.
     pub fn target(&self) -> Option<&Closed> {
         self.control.as_ref().or(self.region.as_ref())

@@ -115,7 +115,7 @@ pub type CostExponents = [f64; FEATURES.len()];
 impl Workload {
     /// Of a checked scene, with its collision shapes: how many parts a prop needs is known only once it has been split.
     pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shape]) -> Workload {
-        let natural_time = (checked.diameter / params.gravity).sqrt();
+        let characteristic_time = checked.characteristic_time(params);
         let filled = plan::filled_bodies(scene, params, checked);
         let mut mean = [0.0; 3];
         let all: f64 = checked.shares.iter().sum();
@@ -127,8 +127,8 @@ impl Workload {
             }
         }
         let [parts, corners, slenderness] = mean;
-        let step_rate = natural_time / params.physics.step.seconds(natural_time);
-        let container = checked.control.as_ref().filter(|_| scene.is_filled(params));
+        let step_rate = characteristic_time / params.physics.step.seconds(characteristic_time);
+        let container = checked.filled(scene, params);
         let (room, packing) =
             container.map_or(Default::default(), |c| plan::room(c, checked.core.as_ref()).load(scene, &checked.sizes));
         Workload {

@@ -33,8 +33,7 @@ const USUAL_HOLD: f64 = 8.0;
 
 /// The plan of a checked scene.
 pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Resolved) -> Plan {
-    let natural_time = (checked.diameter / params.gravity).sqrt();
-    let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
+    let filled = checked.filled(scene, params);
     let fill_bodies = filled_bodies(scene, params, checked);
     let fill_stage = filled.map(|_| Stage::Fill);
     let glue_stage = resolved.is_on(EffectName::Glue).then_some(Stage::Glue);
@@ -51,7 +50,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
         expected_bodies: fill_bodies + scene.added_bodies(),
         expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + release_steps(scene, params, checked) as usize,
         prop_diameter: checked.diameter,
-        natural_time,
+        natural_time: checked.characteristic_time(params),
         stages: stages.into_iter().flatten().collect(),
         effects: resolved.effects.clone(),
         warnings: checked.warnings.iter().cloned().chain(limited).collect(),
@@ -65,7 +64,7 @@ const MISSING: f64 = 0.55;
 
 /// Bodies that the fill will place: fewer where `fill.full_below` ends it sooner.
 pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedScene) -> usize {
-    let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
+    let filled = checked.filled(scene, params);
     let full = 1.0 - MISSING * (params.fill.full_below - USUAL_FULL_BELOW).max(0.0);
     filled.map_or(0, |control| {
         expected_bodies(scene, &checked.sizes, &room(control, checked.core.as_ref()), &params.fill, full)
@@ -80,19 +79,19 @@ pub(crate) fn room(control: &Closed, core: Option<&Core>) -> Room {
 
 /// Steps of release and hold, as far as they can be predicted.
 pub(crate) fn release_steps(scene: &Scene, params: &Params, checked: &CheckedScene) -> f64 {
-    let natural_time = (checked.diameter / params.gravity).sqrt();
-    let filled = checked.control.as_ref().filter(|_| scene.is_filled(params));
+    let characteristic_time = checked.characteristic_time(params);
+    let filled = checked.filled(scene, params);
     let height = filled.map_or(0.0, |control| {
         let (lo, hi) = control.mesh.bounds();
         hi.y - lo.y.max(checked.ground)
     });
-    let step = params.physics.step.seconds(natural_time);
+    let step = params.physics.step.seconds(characteristic_time);
     let layers = (height / checked.diameter / params.release.layer).ceil();
-    let release = layers * params.release.interval.seconds(natural_time) / step;
+    let release = layers * params.release.interval.seconds(characteristic_time) / step;
     let hold = match params.output.frames {
         Some(n) => (f64::from(n) / params.output.fps / step - release).max(0.0),
         None => {
-            (USUAL_HOLD * natural_time).max(params.hold.least) / step
+            (USUAL_HOLD * characteristic_time).max(params.hold.least) / step
                 + (last_event(scene, params) / step - release).max(0.0)
         }
     };

@@ -2,6 +2,7 @@
 
 use super::bake::{BakedGlue, BakedGlueDot};
 use super::inputs::{NamedFigures, ReportInputs};
+use super::warnings::bodies;
 use crate::measure;
 use crate::sim::glue::Dot;
 use crate::sim::step::Simulation;
@@ -65,12 +66,11 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> NamedFigures {
 
 /// Warnings about bodies that could not be glued, and piles that do not stand in spite of the glue.
 pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
-    let bodies = |n: usize| if n == 1 { "1 body".to_owned() } else { format!("{n} bodies") };
     let mut warnings = Vec::new();
     if glued.apart > 0 {
-        let who = bodies(glued.apart);
+        let apart = bodies(glued.apart);
         warnings.push(format!(
-            "{who} touched no part of the pile that stands on the ground and could not be glued: they fall"
+            "{apart} touched no part of the pile that stands on the ground and could not be glued: they fall"
         ));
     }
     if glued.bridges > 0 {
@@ -82,9 +82,9 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
         ));
     }
     if glued.fallen > 0 {
-        let (who, bound) = (bodies(glued.fallen), inputs.resolved.glue_bound);
+        let (weak, bound) = (bodies(glued.fallen), inputs.resolved.glue_bound);
         warnings.push(format!(
-            "{who} would need stronger glue than {bound} weights per dot: they fall; raise glue.strength to hold them"
+            "{weak} would need stronger glue than {bound} weights per dot: they fall; raise glue.strength to hold them"
         ));
     }
     if !glued.stands() {

@@ -1,6 +1,6 @@
 //! Measures the pile, and gathers the warnings.
 
-use super::inputs::{NamedFigures, ReportInputs};
+use super::inputs::ReportInputs;
 use super::{Name, Report, contacts, counts, glue, motion, order, shape, warnings};
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage, observe};
@@ -19,20 +19,22 @@ pub fn report(
 ) -> Result<Report, Error> {
     let ReportInputs { scene, params, shapes, filled, resolved, .. } = *inputs;
     observe(observer, &inputs.progress(0.0))?;
+    let mut own = OwnSeconds::default();
     let mut notes = inputs.plan.warnings.clone();
     notes.extend(filled.map_or(Vec::new(), |(container, filled)| warnings::container(inputs, container, filled)));
     notes.append(&mut sim.pile.notes);
     let begin = observer.cpu_seconds();
     let shape = match inputs.target {
         Some(target) if resolved.is_on(EffectName::ShapeFigures) => {
-            Some(shape::figures(inputs, target, &sim.pile, observer)?)
+            shape::figures(inputs, target, &sim.pile, observer)?
         }
-        Some(_) => Some(shape::Measured::nothing()),
-        None => None,
+        Some(_) => shape::Measured::nothing(),
+        None => shape::Measured::default(),
     };
-    let shape_seconds = observer.cpu_seconds() - begin;
-    let mut measures = shape.as_ref().map_or(NamedFigures::new(), |shape| shape.figures.clone());
-    if let Some(first) = shape.as_ref().and_then(|shape| shape.first.as_ref()) {
+    own.pictures = shape.picture_seconds;
+    own.shape_figures = observer.cpu_seconds() - begin - own.pictures;
+    let mut measures = shape.figures;
+    if let Some(first) = &shape.first {
         if let Some((_, filled)) = filled {
             notes.extend(warnings::fill(inputs, filled, first));
         }
@@ -52,6 +54,7 @@ pub fn report(
     if let Some(glued) = inputs.glued {
         measures.extend(glue::figures(glued, sim));
         notes.extend(glue::warnings(inputs, glued));
+        own.glue_proof = glued.proof_seconds;
     }
     observe(observer, &inputs.progress(0.8))?;
     measures.extend(contacts::figures(&sim.pile.world, &pairs));
@@ -61,42 +64,32 @@ pub fn report(
         false => contacts::PileSupport::default(),
     };
     measures.insert("unsupported_fraction", support.unsupported);
-    let support_seconds = observer.cpu_seconds() - begin;
+    own.support = observer.cpu_seconds() - begin;
     measures.extend(motion::figures(inputs, &sim.pile));
     measures.extend(motion::control(sim));
-    let begin = observer.cpu_seconds();
-    let freed = match resolved.is_on(EffectName::FreeStanding) {
-        true => Some(free_standing::run(&mut sim.pile, observer)?),
-        false => None,
-    };
-    let freed_seconds = observer.cpu_seconds() - begin;
-    let freed_steps = freed.as_ref().map_or(0, |freed| freed.steps);
-    measures.extend(freed.map_or(NamedFigures::new(), |freed| freed.figures));
+    let mut freed_steps = 0;
+    if resolved.is_on(EffectName::FreeStanding) {
+        let begin = observer.cpu_seconds();
+        let freed = free_standing::run(&mut sim.pile, observer)?;
+        own.free_standing = observer.cpu_seconds() - begin;
+        freed_steps = freed.steps;
+        measures.extend(freed.figures);
+    }
     if resolved.is_on(EffectName::FreePour) {
         measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
     }
     notes.extend(warnings::end(sim, inputs.held, &measures));
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);
     let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
-    let (picture_seconds, shapes_measured, pictures_measured) =
-        shape.map_or((0.0, 0, 0), |shape| (shape.picture_seconds, shape.shapes, shape.pictures));
     let mut counts = counts::counts(inputs, sim, freed_steps);
     counts.extend([
-        (Count::ShapesMeasured, shapes_measured),
-        (Count::PicturesMeasured, pictures_measured),
+        (Count::ShapesMeasured, shape.shapes),
+        (Count::PicturesMeasured, shape.pictures),
         (Count::SupportIterations, support.iterations),
     ]);
+    (own.control, own.frames) = (sim.seconds.control(), sim.seconds.frames());
     spent.lap(Stage::Measure, observer);
-    let own = OwnSeconds {
-        stages: spent.into_seconds(),
-        glue_proof: inputs.glued.map_or(0.0, |glued| glued.proof_seconds),
-        control: sim.seconds.control(),
-        frames: sim.seconds.frames(),
-        shape_figures: shape_seconds - picture_seconds,
-        pictures: picture_seconds,
-        support: support_seconds,
-        free_standing: freed_seconds,
-    };
+    own.stages = spent.into_seconds();
     Ok(Report {
         seed: params.seed,
         bodies: inputs.pile.bodies.len(),

@@ -31,6 +31,7 @@ const NAMES: [&str; 14] = [
 ];
 
 /// The figures of the shape, and the work for them.
+#[derive(Default)]
 pub struct Measured {
     pub figures: NamedFigures,
     /// Right after turning over, or of the first pile that there is.
@@ -43,9 +44,9 @@ pub struct Measured {
 }
 
 impl Measured {
+    /// All figures are null.
     pub fn nothing() -> Measured {
-        let figures = NAMES.iter().map(|&name| (name, None)).collect();
-        Measured { figures, first: None, shapes: 0, pictures: 0, picture_seconds: 0.0 }
+        Measured { figures: NAMES.iter().map(|&name| (name, None)).collect(), ..Measured::default() }
     }
 
     fn measure(&mut self, gauge: &Gauge, pile: &measure::Instances) -> ShapeMeasures {

@@ -69,6 +69,11 @@ pub fn fill(inputs: &ReportInputs, filled: &Filled, first: &ShapeMeasures) -> Ve
     warnings
 }
 
+/// "1 body" or "2 bodies".
+pub fn bodies(count: usize) -> String {
+    if count == 1 { "1 body".into() } else { format!("{count} bodies") }
+}
+
 /// Warnings about the guard's actions.
 fn guard(sim: &Simulation) -> Vec<String> {
     let name = |id: BodyId| format!("{id} ({})", sim.pile.scene.props[sim.pile.instances[id].prop].model.name);
@@ -95,7 +100,7 @@ pub fn end(sim: &Simulation, held: HoldOutcome, measures: &NamedFigures) -> Vec<
         warnings.push("the pile was still moving at the last frame; bake more frames, or raise hold.patience".into());
     }
     if sim.fallen > 0 {
-        let bodies = if sim.fallen == 1 { "1 body".into() } else { format!("{} bodies", sim.fallen) };
+        let bodies = bodies(sim.fallen);
         warnings.push(format!("{bodies} fell past the scenery and were set aside: there is no ground"));
     }
     warnings.extend(guard(sim));

@@ -35,16 +35,11 @@ pub fn drop_flat(mesh: &mut TriMesh) -> Flat {
     // One may wait for another, so passes go on while each removes some.
     loop {
         let before = waiting.len();
-        waiting.retain(|&face| match surface.remove_flat(mesh, face) {
-            Some(true) => {
-                result.folded += 1;
-                false
-            }
-            Some(false) => {
-                result.dropped += 1;
-                false
-            }
-            None => true,
+        waiting.retain(|&face| {
+            let folded = surface.remove_flat(mesh, face);
+            result.folded += usize::from(folded == Some(true));
+            result.dropped += usize::from(folded == Some(false));
+            folded.is_none()
         });
         if waiting.is_empty() || waiting.len() == before {
             break;
@@ -106,13 +101,8 @@ impl EdgeFaces {
                 self.gone[face] = true;
                 return Some(false);
             }
-            [a, b] => {
-                if a == face {
-                    b
-                } else {
-                    a
-                }
-            }
+            [a, b] if a == face => b,
+            [a, _] => a,
             _ => return None,
         };
         let triangle = mesh.triangles[neighbour];

@@ -82,8 +82,8 @@ struct Row {
     switch: Switched,
     /// Counts of the report: all 0 where it is off.
     counts: &'static [Count],
-    /// Whether the scene and its parameters call for it, and why: one sentence.
-    decide: fn(&Case) -> (bool, String),
+    /// Whether the scene and its parameters call for it.
+    decide: fn(&Case) -> Decision,
     /// `None`: its CPU time is part of the engine's steps or of another effect's.
     seconds: Option<fn(&OwnSeconds) -> f64>,
 }
@@ -96,6 +96,14 @@ enum Switched {
     ByValue(&'static str),
     /// A field that takes "auto", "on" and "off", and how it is read.
     By(&'static str, fn(&Case) -> Switch),
+}
+
+/// Whether a scene calls for an effect, and why: one sentence.
+enum Decision {
+    Yes(String),
+    No(String),
+    /// The scene has no use for it: the user's word counts for nothing.
+    Useless(String),
 }
 
 /// Something that costs time and may be left out: whether it is on, and why.

@@ -1,8 +1,8 @@
 //! The decision on all effects of a bake, made once, from the scene, the user's word and the props' shapes.
 
 use super::table::ROWS;
-use super::{Effect, EffectName, Row, Switched};
-use crate::input::params::{ControlMode, Params, Physics, Switch};
+use super::{Decision, Effect, EffectName, Row, Switched};
+use crate::input::params::{ControlMode, ControlSwitches, Params, Physics, PhysicsSwitches, Switch};
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
 use crate::prepare::extremes;
@@ -30,6 +30,10 @@ pub struct Resolved {
 pub(super) struct Case<'a> {
     pub scene: &'a Scene,
     pub params: &'a Params,
+    /// The user's words on effects of shapes and engine.
+    pub engine: &'a PhysicsSwitches,
+    /// The user's words on effects of the control.
+    pub hold: &'a ControlSwitches,
     pub checked: &'a CheckedScene,
     /// One per prop.
     pub summaries: &'a [ShapeSummary],
@@ -52,14 +56,15 @@ impl Resolved {
     pub fn new(scene: &Scene, params: &Params, checked: &CheckedScene, summaries: &[ShapeSummary]) -> Resolved {
         let mass_ratio = extremes::mass_ratio(scene, params, |prop| summaries[prop].mass);
         let thickness = extremes::least_thickness(scene, params, |prop| summaries[prop].thickness) / checked.diameter;
-        let characteristic_time = (checked.diameter / params.gravity).sqrt();
         let stiffened = extremes::stiffened(&params.physics, mass_ratio, thickness);
-        let physics = extremes::calmed(&stiffened, thickness, characteristic_time);
+        let physics = extremes::calmed(&stiffened, thickness, checked.characteristic_time(params));
         let fills = scene.is_filled(params);
         let glue_bound = params.glue_bound(fills);
         let case = Case {
             scene,
             params,
+            engine: &params.physics.switches,
+            hold: &params.control.switches,
             checked,
             summaries,
             fills,
@@ -90,12 +95,12 @@ fn effect(row: &Row, case: &Case) -> Effect {
         Switched::ByValue(field) => (Some(field), Switch::Auto),
         Switched::By(field, word) => (Some(field), word(case)),
     };
-    let (called_for, why) = (row.decide)(case);
-    let reason = match word {
-        Switch::Auto => why,
-        Switch::On => format!("switched on by {}", switch.unwrap_or_default()),
-        Switch::Off => format!("switched off by {}", switch.unwrap_or_default()),
+    let field = switch.unwrap_or_default();
+    let (on, reason) = match ((row.decide)(case), word) {
+        (Decision::Useless(why), _) | (Decision::No(why), Switch::Auto) => (false, why),
+        (Decision::Yes(why), Switch::Auto) => (true, why),
+        (_, Switch::On) => (true, format!("switched on by {field}")),
+        (_, Switch::Off) => (false, format!("switched off by {field}")),
     };
-    let (switch, counters) = (switch.map(str::to_owned), row.counts.to_vec());
-    Effect { name: row.name, on: word.is_on(called_for), reason, switch, counters }
+    Effect { name: row.name, on, reason, switch: switch.map(str::to_owned), counters: row.counts.to_vec() }
 }

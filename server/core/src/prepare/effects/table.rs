@@ -2,8 +2,9 @@
 //! it did, and whether a scene calls for it, with the reason. `seconds` follows where an effect has CPU time of its
 //! own.
 
-use super::Switched::{By, ByValue, Never};
-use super::{Case, Count, Count::*, EffectName, EffectName::*, Row};
+use super::Decision::{self, No, Useless, Yes};
+use super::Switched::{self, By, ByValue, Never};
+use super::{Case, Count, Count::*, EffectName, EffectName::*, OwnSeconds, Row};
 use crate::input::observer::Stage;
 use crate::input::params::{Accuracy, ControlMode, FrictionCone, FrictionModel, GlueMode};
 use crate::input::params::{ReleaseOrder, Switch};
@@ -12,12 +13,12 @@ use crate::prepare::shape::ShapeKind;
 use strum::VariantArray;
 
 pub(super) const ROWS: &[Row] = &[
-    row(Primitives, By("effects.primitives", |c| c.params.physics.switches.primitives), &[PropsAsPrimitives], |c| {
+    row(Primitives, By("effects.primitives", |c| c.engine.primitives), &[PropsAsPrimitives], |c| {
         c.some_props("box or ball: ", "no prop is a box or a ball", |i| c.summaries[i].kind.is_primitive())
     }),
-    row(Decomposition, By("effects.decomposition", |c| c.params.physics.switches.decomposition), &[PropsSplit], |c| {
+    row(Decomposition, By("effects.decomposition", |c| c.engine.decomposition), &[PropsSplit], |c| {
         match c.some_props("nonconvex: ", "", |i| c.summaries[i].kind == ShapeKind::Parts) {
-            (true, props) => yes(format!("{props}; at most {} parts each", c.params.physics.max_parts)),
+            Yes(props) => yes(format!("{props}; at most {} parts each", c.params.physics.max_parts)),
             _ => no("one convex shape is close enough to each prop"),
         }
     })
@@ -36,28 +37,29 @@ pub(super) const ROWS: &[Row] = &[
         (Some(d), Some(_)) => yes(format!("props lie no deeper than {d} d below the control mesh's surface")),
         (Some(d), None) => no(format!("no place of the control mesh is deeper than {d} d")),
     }),
-    row(WallSimplification, ByValue("fill.wall_tolerance"), &[WallTrianglesSaved], |c| {
-        match (c.checked.control.as_ref().filter(|_| c.fills), c.params.fill.wall_tolerance) {
-            (None, _) => no(NO_FILL),
-            (Some(closed), _) if !container::has_fine_walls(&closed.topology, c.checked.diameter) => {
+    row(WallSimplification, ByValue("fill.wall_tolerance"), &[WallTrianglesSaved], |c| match &c.checked.control {
+        Some(closed) if c.fills => match c.params.fill.wall_tolerance {
+            _ if !container::has_fine_walls(&closed.topology, c.checked.diameter) => {
                 no("the control mesh is not finer than the props need")
             }
-            (_, 0.0) => no("fill.wall_tolerance is 0"),
-            (_, d) => {
-                yes(format!("the control mesh is finer than the props need: the container is within {d} d of it"))
-            }
-        }
+            0.0 => no("fill.wall_tolerance is 0"),
+            d => yes(format!("the control mesh is finer than the props need: the container is within {d} d of it")),
+        },
+        _ => no("there is no fill"),
     }),
     row(Depenetration, ByValue("fill.residual_overlap"), &[DepenetrationSteps], |c| {
         match c.params.fill.residual_overlap {
-            _ if !c.fills => no(NO_FILL),
+            _ if !c.fills => no("there is no fill"),
             1.0 => no("bodies that overlap after the fill stay so"),
             share => {
                 yes(format!("bodies that overlap by more than {}% after the fill are pushed apart", share * 100.0))
             }
         }
     }),
-    row(TurnOver, Never, &[FillSteps], |c| either(c.fills, "the container is filled upside down", NO_FILL)),
+    row(TurnOver, Never, &[FillSteps], |c| match c.fills {
+        true => yes("the container is filled upside down"),
+        false => no("there is no fill"),
+    }),
     row(Glue, ByValue("glue.mode"), &[GlueIterations, GlueDots, GlueClusters], |c| match c.glue_bound {
         0.0 if c.params.glue.mode == GlueMode::Natural => no("the scene asks for a natural pile"),
         0.0 => no("nothing is filled, or the glue has no strength"),
@@ -66,9 +68,10 @@ pub(super) const ROWS: &[Row] = &[
     })
     .seconds(|spent| spent.of(Stage::Glue) - spent.glue_proof),
     row(GlueProof, ByValue("glue.proof"), &[GlueProofSteps], |c| {
-        let proves = c.glues() && c.params.glue.proof.is_on(c.params.accuracy != Accuracy::Draft);
-        let tried = "the glued pile is released on trial first, to check that it stands";
-        either(proves, tried, "nothing is glued, or the glued pile is not tried at this accuracy")
+        match c.glues() && c.params.glue.proof.is_on(c.params.accuracy != Accuracy::Draft) {
+            true => yes("the glued pile is released on trial first, to check that it stands"),
+            false => no("nothing is glued, or the glued pile is not tried at this accuracy"),
+        }
     })
     .seconds(|spent| spent.glue_proof),
     row(StagedRelease, ByValue("release.order"), &[ReleaseLayers], |c| match c.params.release.order {
@@ -77,11 +80,9 @@ pub(super) const ROWS: &[Row] = &[
         ReleaseOrder::TopDown => yes("layers are released from the top to the bottom"),
         ReleaseOrder::AtOnce => no("all bodies are released at frame 0"),
     }),
-    row(Scenery, Never, &[SceneryPieces], |c| {
-        match c.scene.statics.iter().filter(|model| !model.keys.is_empty()).count() {
-            _ if c.scene.statics.is_empty() => no("there is no geometry besides the ground"),
-            moving => yes(format!("geometry besides the ground: {}, of which {moving} moving", c.scene.statics.len())),
-        }
+    row(Scenery, Never, &[SceneryPieces], |c| match c.scene.statics.iter().filter(|m| !m.keys.is_empty()).count() {
+        _ if c.scene.statics.is_empty() => no("there is no geometry besides the ground"),
+        moving => yes(format!("geometry besides the ground: {}, of which {moving} moving", c.scene.statics.len())),
     }),
     row(Bodies, Never, &[BodiesPlaced], |c| match c.scene.bodies.len() {
         0 => no("no body is placed by hand"),
@@ -93,7 +94,7 @@ pub(super) const ROWS: &[Row] = &[
     }),
     row(
         ContinuousCollision,
-        By("effects.continuous_collision", |c| c.params.physics.switches.continuous_collision),
+        By("effects.continuous_collision", |c| c.engine.continuous_collision),
         &[SpeculativeBodySteps, CcdBodySteps],
         |_| {
             yes("a body that moves by more than half of its thickness in a step is swept along its path; the contacts \
@@ -106,32 +107,27 @@ pub(super) const ROWS: &[Row] = &[
             FrictionModel::Coulomb => yes("one friction force per contact point"),
         }
     }),
-    row(Restitution, By("effects.restitution", |c| c.params.physics.switches.restitution), &[BouncingBodies], |c| {
+    row(Restitution, By("effects.restitution", |c| c.engine.restitution), &[BouncingBodies], |c| {
         c.some_props("bounces: ", "no prop bounces", |i| c.scene.props[i].restitution > 0.0)
     }),
     row(
         RollingResistance,
-        By("effects.rolling_resistance", |c| c.params.physics.switches.rolling_resistance),
+        By("effects.rolling_resistance", |c| c.engine.rolling_resistance),
         &[RollingBodySteps],
         |c| match c.some_props("round: ", "no prop is round", |i| c.checked.sizes[i].round.is_some()) {
-            (true, _) if c.params.physics.rolling_resistance == 0.0 => no("physics.rolling_resistance is 0"),
-            (true, props) => yes(format!("{props}; rolling resistance {}", c.params.physics.rolling_resistance)),
+            Yes(_) if c.params.physics.rolling_resistance == 0.0 => no("physics.rolling_resistance is 0"),
+            Yes(props) => yes(format!("{props}; rolling resistance {}", c.params.physics.rolling_resistance)),
             none => none,
         },
     ),
-    row(
-        StiffContacts,
-        By("effects.stiff_contacts", |c| c.params.physics.switches.stiff_contacts),
-        &[StepsWithStiffContacts],
-        |c| match c.mass_ratio {
-            ratio if c.stiffens => yes(format!(
-                "the masses of the pile differ by {ratio:.0}:1: contact frequency {:.0}, {} substeps",
-                c.physics.contact_frequency, c.physics.substeps
-            )),
-            ratio if ratio < 1.5 => no("the bodies of the pile have about the same mass"),
-            ratio => no(format!("the masses of the pile differ by {ratio:.0}:1, which the contacts carry as they are")),
-        },
-    ),
+    row(StiffContacts, By("effects.stiff_contacts", |c| c.engine.stiff_contacts), &[StepsWithStiffContacts], |c| {
+        let (ratio, frequency, substeps) = (c.mass_ratio, c.physics.contact_frequency, c.physics.substeps);
+        match format!("the masses of the pile differ by {ratio:.0}:1") {
+            differ if c.stiffens => yes(format!("{differ}: contact frequency {frequency:.0}, {substeps} substeps")),
+            _ if ratio < 1.5 => no("the bodies of the pile have about the same mass"),
+            differ => no(format!("{differ}, which the contacts carry as they are")),
+        }
+    }),
     row(
         Guard,
         By("effects.guard", |c| c.params.guard),
@@ -152,29 +148,17 @@ pub(super) const ROWS: &[Row] = &[
         FrictionCone::Pyramid => yes("four-sided friction pyramid, as in the paper"),
         FrictionCone::Cone => yes("exact friction cone"),
     }),
-    row(
-        KeptVerdicts,
-        By("effects.kept_verdicts", |c| c.word_if(c.freezes(), c.params.control.switches.kept_verdicts)),
-        &[VerdictsKept],
-        |c| match c.control {
-            _ if c.glues() => no(GLUED),
-            ControlMode::Off => no(NO_CONTROL),
-            ControlMode::Nails => no(NO_HOLD),
-            ControlMode::Freeze => yes("a verdict holds until a body that this one rests on changes"),
-        },
-    ),
-    row(
-        Region,
-        By("effects.region", |c| c.word_if(c.supports() && c.has_target(), c.params.control.switches.region)),
-        &[RegionTests],
-        |c| match c.supports() {
-            false => no(NO_CONTROL),
-            true => {
-                let everywhere = "there is no region: the control acts everywhere";
-                either(c.has_target(), "bodies outside are neither controlled nor glued", everywhere)
-            }
-        },
-    ),
+    row(KeptVerdicts, By("effects.kept_verdicts", |c| c.hold.kept_verdicts), &[VerdictsKept], |c| match c.control {
+        _ if c.glues() => useless(GLUED),
+        ControlMode::Off => useless(NO_CONTROL),
+        ControlMode::Nails => useless(NO_HOLD),
+        ControlMode::Freeze => yes("a verdict holds until a body that this one rests on changes"),
+    }),
+    row(Region, By("effects.region", |c| c.hold.region), &[RegionTests], |c| match c.scene.target() {
+        _ if c.control == ControlMode::Off && !c.glues() => useless(NO_CONTROL),
+        Some(_) => yes("bodies outside are neither controlled nor glued"),
+        None => useless("there is no region: the control acts everywhere"),
+    }),
     row(Nails, ByValue("control.mode"), &[NailsDriven], |c| match c.control {
         ControlMode::Off => no(NO_CONTROL),
         ControlMode::Nails => yes("certified pairs are nailed together until the next verdict"),
@@ -182,129 +166,106 @@ pub(super) const ROWS: &[Row] = &[
     }),
     row(
         Breaking,
-        By("effects.breaking", |c| c.word_if(c.supports(), c.params.control.switches.breaking)),
+        By("effects.breaking", |c| c.hold.breaking),
         &[BreakChecks, NailsBroken, HoldsBroken, GlueLoads, GlueDotsBroken],
         |c| match c.params.control.kappa {
-            _ if c.glues() => {
-                let breaks = "glue joints that carry too much break when a body hits the pile or moves";
-                either(c.scene.something_hits(), breaks, "no body flies into the glued pile, falls or moves")
-            }
-            _ if c.control == ControlMode::Off => no(NO_CONTROL),
+            _ if c.glues() && c.scene.something_hits() => yes("something hits the pile: overloaded glue joints break"),
+            _ if c.glues() => no("nothing hits the glued pile"),
+            _ if c.control == ControlMode::Off => useless(NO_CONTROL),
             kappa => yes(format!("holds and nails that carry more than kappa = {kappa} N s per kg break")),
         },
     ),
-    row(
-        Impact,
-        By("effects.impact", |c| c.word_if(c.freezes(), c.params.control.switches.impact)),
-        &[ImpactLooks, Shaken],
-        |c| match c.control {
-            ControlMode::Off => no(NO_CONTROL),
-            ControlMode::Nails => no(NO_HOLD),
-            ControlMode::Freeze => {
-                let hits = "a body flies, falls or moves, or kept bodies are released";
-                either(c.scene.something_hits(), hits, "no body flies in, falls or moves")
-            }
-        },
-    ),
-    row(
-        Stand,
-        By("control.stand", |c| c.word_if(c.control != ControlMode::Off, c.params.control.stand)),
-        &[StandSteps],
-        |c| {
-            // A later event needs the control until then.
-            let is_last = c.params.control.until.is_none() && !c.scene.something_hits();
-            let stands = "once the pile rests, the control ends gently: the finished pile stands by itself";
-            let held = "nothing is filled and held to the end, or the scene keeps the hold";
-            either(c.freezes() && c.fills && is_last, stands, held)
-        },
-    ),
+    row(Impact, By("effects.impact", |c| c.hold.impact), &[ImpactLooks, Shaken], |c| match c.control {
+        ControlMode::Off => useless(NO_CONTROL),
+        ControlMode::Nails => useless(NO_HOLD),
+        _ if c.scene.something_hits() => yes("a body flies, falls or moves, or kept bodies are released"),
+        ControlMode::Freeze => no("no body flies in, falls or moves"),
+    }),
+    row(Stand, By("control.stand", |c| c.params.control.stand), &[StandSteps], |c| match c.control {
+        ControlMode::Off => useless(NO_CONTROL),
+        ControlMode::Nails => no(NO_HOLD),
+        // A later event needs the control until then.
+        _ if c.params.control.until.is_some() || c.scene.something_hits() => no("a later event needs the hold"),
+        ControlMode::Freeze if c.fills => {
+            yes("once the pile rests, the control ends gently: the pile stands by itself")
+        }
+        ControlMode::Freeze => no("nothing is filled"),
+    }),
     row(EffectName::Frames, By("effects.frames", |c| c.params.output.keeps_frames), &[Count::Frames], |c| {
         yes(format!("{} per second; without them, the result is the final pose", c.params.output.fps))
     })
     .seconds(|spent| spent.frames),
-    row(
-        ShapeFigures,
-        By("report.shape", |c| c.word_if(c.has_target(), c.params.report.shape)),
-        &[ShapesMeasured],
-        |c| either(c.has_target(), "the pile is compared with the control mesh", NO_TARGET),
-    )
+    row(ShapeFigures, By("report.shape", |c| c.params.report.shape), &[ShapesMeasured], |c| match c.scene.target() {
+        Some(_) => yes("the pile is compared with the control mesh"),
+        None => useless("there is no control mesh to compare with"),
+    })
     .seconds(|spent| spent.shape_figures),
-    row(
-        PictureFigures,
-        By("report.pictures", |c| match c.params.report.shape {
-            Switch::Off => c.word_if(c.has_target(), Switch::Off),
-            _ => c.word_if(c.has_target(), c.params.report.pictures),
-        }),
-        &[PicturesMeasured],
-        |c| match c.params.accuracy {
-            _ if !c.has_target() => no(NO_TARGET),
+    row(PictureFigures, By("report.pictures", |c| c.params.report.pictures), &[PicturesMeasured], |c| {
+        match c.params.accuracy {
+            _ if c.scene.target().is_none() => useless("there is no control mesh to compare with"),
+            _ if c.params.report.shape == Switch::Off => useless("switched off by report.shape"),
             Accuracy::Draft => no(NOT_AT_THIS_ACCURACY),
             _ => yes("the pile is compared with the control mesh as a camera sees them"),
-        },
-    )
+        }
+    })
     .seconds(|spent| spent.pictures),
     row(SupportFigures, By("report.support", |c| c.params.report.support), &[SupportIterations], |c| {
-        match c.params.accuracy {
-            _ if c.params.output.free_standing => yes(WHOLE_PILE),
-            _ if c.glues() => no("the equilibrium of the glued pile is certified already"),
-            Accuracy::Draft | Accuracy::Preview => no(NOT_AT_THIS_ACCURACY),
-            _ => yes(WHOLE_PILE),
+        let is_rough = matches!(c.params.accuracy, Accuracy::Draft | Accuracy::Preview);
+        match c.params.output.free_standing {
+            false if c.glues() => no("the equilibrium of the glued pile is certified already"),
+            false if is_rough => no(NOT_AT_THIS_ACCURACY),
+            _ => yes("the forces at all contacts of the pile are solved for at the end"),
         }
     })
     .seconds(|spent| spent.support),
     row(FreeStanding, ByValue("output.free_standing"), &[FreeStandingSteps], |c| {
-        on_request(c.params.output.free_standing)
+        further_simulation(c.params.output.free_standing)
     })
     .seconds(|spent| spent.free_standing),
-    row(FreePour, ByValue("output.free_pour"), &[], |c| on_request(c.params.output.free_pour)),
+    row(FreePour, ByValue("output.free_pour"), &[], |c| further_simulation(c.params.output.free_pour)),
 ];
 
 const _: () = {
-    let mut row = 0;
     assert!(ROWS.len() == EffectName::VARIANTS.len());
+    let mut row = 0;
     while row < ROWS.len() {
         assert!(ROWS[row].name as usize == row, "the rows are in the order of `EffectName`, one for each");
         row += 1;
     }
 };
 
-const NO_FILL: &str = "there is no fill";
-const NO_TARGET: &str = "there is no control mesh to compare with";
 const NO_CONTROL: &str = "nothing is controlled";
 const NO_HOLD: &str = "no body is held";
 const GLUED: &str = "glued bodies stand without being held, and are all released at once";
-const WHOLE_PILE: &str = "the forces at all contacts of the pile are solved for at the end";
 const NOT_AT_THIS_ACCURACY: &str = "not at this accuracy, unless the scene asks for it";
 
-const fn row(
-    name: EffectName,
-    switch: super::Switched,
-    counts: &'static [Count],
-    decide: fn(&Case) -> (bool, String),
-) -> Row {
+const fn row(name: EffectName, switch: Switched, counts: &'static [Count], decide: fn(&Case) -> Decision) -> Row {
     Row { name, switch, counts, decide, seconds: None }
 }
 
 impl Row {
-    const fn seconds(self, seconds: fn(&super::OwnSeconds) -> f64) -> Row {
+    const fn seconds(self, seconds: fn(&OwnSeconds) -> f64) -> Row {
         Row { seconds: Some(seconds), ..self }
     }
 }
 
-fn yes(reason: impl Into<String>) -> (bool, String) {
-    (true, reason.into())
+fn yes(reason: impl Into<String>) -> Decision {
+    Yes(reason.into())
 }
 
-fn no(reason: impl Into<String>) -> (bool, String) {
-    (false, reason.into())
+fn no(reason: impl Into<String>) -> Decision {
+    No(reason.into())
 }
 
-fn either(is_on: bool, why: &str, why_not: &str) -> (bool, String) {
-    (is_on, if is_on { why } else { why_not }.into())
+fn useless(reason: &str) -> Decision {
+    Useless(reason.into())
 }
 
-fn on_request(is_on: bool) -> (bool, String) {
-    either(is_on, "the scene asks for a further simulation", "only on request: it is a further simulation")
+fn further_simulation(is_on: bool) -> Decision {
+    match is_on {
+        true => yes("the scene asks for it: a further simulation"),
+        false => no("only on request: it is a further simulation"),
+    }
 }
 
 impl Case<'_> {
@@ -312,26 +273,8 @@ impl Case<'_> {
         self.glue_bound > 0.0
     }
 
-    fn freezes(&self) -> bool {
-        self.control == ControlMode::Freeze
-    }
-
-    /// Bodies are held, nailed or glued.
-    fn supports(&self) -> bool {
-        self.control != ControlMode::Off || self.glues()
-    }
-
-    fn has_target(&self) -> bool {
-        self.scene.target().is_some()
-    }
-
-    /// The user's word on an effect, where the scene has a use for the effect.
-    fn word_if(&self, has_use: bool, word: Switch) -> Switch {
-        if has_use { word } else { Switch::Auto }
-    }
-
-    /// On for props of a kind, with their names after `some`: "round: a, b, c and 3 more". Off without such a prop.
-    fn some_props(&self, some: &str, none: &str, is: impl Fn(usize) -> bool) -> (bool, String) {
+    /// For props of a kind, with their names after `some`: "round: a, b, c and 3 more". Not without such a prop.
+    fn some_props(&self, some: &str, none: &str, is: impl Fn(usize) -> bool) -> Decision {
         const SHOWN: usize = 3;
         let props = self.scene.props.iter().enumerate().filter(|(i, _)| is(*i));
         let names: Vec<&str> = props.map(|(_, prop)| &*prop.model.name).collect();

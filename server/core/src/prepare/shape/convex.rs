@@ -131,12 +131,14 @@ impl<'a> Unit<'a> {
     }
 }
 
-/// Corners of the hull, or the points themselves where they have none (flat, or fewer than four).
+/// Corners and triangles of the hull. `None` where the points have none: flat, fewer than four, or a panic of the library.
+fn hull(points: &[Vector]) -> Option<(Vec<Vector>, Vec<[u32; 3]>)> {
+    catch_unwind(AssertUnwindSafe(|| try_convex_hull(points))).ok()?.ok()
+}
+
+/// Corners of the hull, or the points themselves where they have none.
 fn hull_points(points: &[Vector]) -> Vec<Vector> {
-    match catch_unwind(AssertUnwindSafe(|| try_convex_hull(points))) {
-        Ok(Ok((corners, _))) => corners,
-        _ => points.to_vec(),
-    }
+    hull(points).map_or_else(|| points.to_vec(), |(corners, _)| corners)
 }
 
 /// At most [`MAX_HULL_POINTS`] of a hull's corners: from the extreme ones along the axes on, always the one farthest
@@ -170,12 +172,8 @@ fn reduced(points: Vec<Vector>, tolerance: f32) -> Vec<Vector> {
 /// The hull of some points as a closed mesh.
 pub fn hull_mesh(points: &[DVec3]) -> TriMesh {
     let near: Vec<Vector> = points.iter().map(|p| p.as_vec3()).collect();
-    match catch_unwind(AssertUnwindSafe(|| try_convex_hull(&near))) {
-        Ok(Ok((corners, triangles))) => {
-            TriMesh { points: corners.into_iter().map(|p| p.as_dvec3()).collect(), triangles }
-        }
-        _ => TriMesh::default(),
-    }
+    let Some((corners, triangles)) = hull(&near) else { return TriMesh::default() };
+    TriMesh { points: corners.into_iter().map(|p| p.as_dvec3()).collect(), triangles }
 }
 
 /// Largest distance between sampled points of the mesh and the parts, and of the parts' outer surface and the mesh;

@@ -7,7 +7,7 @@ use crate::measure::outermost_points;
 use glam::DVec3;
 
 /// The size of a prop at scale 1, known without its collision shape.
-#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Size {
     /// Of the bounding sphere, m.
     pub diameter: f64,
@@ -26,14 +26,7 @@ pub struct Size {
 impl Size {
     pub fn of(mesh: &TriMesh) -> Size {
         if mesh.triangles.is_empty() {
-            return Size {
-                diameter: 0.0,
-                extents: DVec3::ZERO,
-                volume: 0.0,
-                hull_volume: 0.0,
-                closed: false,
-                round: None,
-            };
+            return Size::default();
         }
         let (center, radius) = fit::bounding_sphere(mesh);
         let diameter = 2.0 * radius;
