@@ -6,7 +6,6 @@
 mod piles;
 
 use anyhow::{Context, anyhow};
-use cairn_statics::glue::{self, GlueJoint, GlueOptions, MOST_ROUNDS, GluePlacement, reference};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::geometry::region::Region;
@@ -16,6 +15,7 @@ use cairn_core::sim::instance::Instance;
 use cairn_core::sim::pile::Pile;
 use cairn_core::stages::glue::{dots, let_go};
 use cairn_core::world::BodyId;
+use cairn_statics::glue::{self, GlueJoint, GlueOptions, GluePlacement, MOST_ROUNDS, reference};
 use clap::Parser;
 use cpu_time::ThreadTime;
 use glam::DVec3;
@@ -90,7 +90,11 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     };
     let at = |touches: Vec<usize>| {
         let dot = |touch: usize| GlueJoint { site: touch, force: DVec3::ZERO, moment: DVec3::ZERO };
-        GluePlacement { joints: touches.into_iter().map(dot).collect(), imbalance: f64::NAN, ..GluePlacement::default() }
+        GluePlacement {
+            joints: touches.into_iter().map(dot).collect(),
+            imbalance: f64::NAN,
+            ..GluePlacement::default()
+        }
     };
     let mut going = || ControlFlow::Continue(());
     print_row("none", &at(Vec::new()), 0.0)?;

@@ -3,12 +3,12 @@
 
 use super::inputs::NamedFigures;
 use crate::error::Error;
-use cairn_statics::glue::GlueError;
 use crate::geometry::contact::{self, Bearing};
 use crate::measure::{self, Overlap};
 use crate::sim::pile::REST_SPEED;
 use crate::sim::whole::{REAL_CONTACT, Whole};
 use crate::world::{BodyId, ContactPair, World};
+use cairn_statics::glue::GlueError;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 

@@ -1,8 +1,8 @@
 //! The equilibrium problem of a whole pile, from its contact pairs.
 
+use crate::world::{BodyId, ContactPair, ContactPoint, PairSide, World};
 use cairn_statics::global::{GlobalBody, GlobalContact, GlobalProblem};
 use cairn_statics::glue::{self, GlueError, GlueProblem, GlueSite};
-use crate::world::{BodyId, ContactPair, ContactPoint, PairSide, World};
 use glam::DVec3;
 use std::ops::ControlFlow;
 

@@ -112,7 +112,7 @@ mod tests {
                     {{ "buffer": 0, "byteOffset": 8, "byteLength": 8 }}],
                 "buffers": [{{ "byteLength": 16, "uri": "data:;base64,AAECAwQFBgcAAIA/AAAAQA==" }}] }}"#
         );
-        Document::parse(json.as_bytes(), &|uri| Err(uri.into())).unwrap()
+        Document::parse(json.leak().as_bytes(), &|uri| Err(uri.into())).unwrap()
     }
 
     #[test]

@@ -3,14 +3,14 @@
 
 use super::counters::{BodyProblem, ControlCounters};
 use super::eligibility::Eligibility;
-use cairn_statics::local::{
-    Analyser, Candidacy, CandidateRules, FrictionLaw, ReserveRule, LocalContact, LocalProblem, Options, Solver,
-    SpreadRule,
-};
 use crate::geometry::contact;
 use crate::geometry::pose::Pose;
 use crate::input::params::{self, ContactSelection, Control as ControlParams, FrictionCone};
 use crate::world::{BodyId, ContactPair, PairSide, Role, World};
+use cairn_statics::local::{
+    Analyser, Candidacy, CandidateRules, FrictionLaw, LocalContact, LocalProblem, Options, ReserveRule, Solver,
+    SpreadRule,
+};
 use glam::DVec3;
 use rayon::prelude::*;
 

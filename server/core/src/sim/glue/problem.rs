@@ -1,12 +1,12 @@
 //! Where a pile could be glued: the problem of [`cairn_statics::glue`], from what its bodies touch.
 
 use super::Dot;
-use cairn_statics::global::{GlobalBody, GlobalContact};
-use cairn_statics::glue::{GlueProblem, GlueSite, GluePlacement};
 use crate::geometry::region::DistanceGrid;
 use crate::sim::control;
 use crate::sim::whole::{self, REAL_CONTACT};
 use crate::world::{BodyId, ContactPair, PairSide, Role, World};
+use cairn_statics::global::{GlobalBody, GlobalContact};
+use cairn_statics::glue::{GluePlacement, GlueProblem, GlueSite};
 use glam::DVec3;
 use std::collections::BTreeSet;
 

@@ -2,7 +2,6 @@
 
 use super::Glued;
 use super::proof::{IN_PLACES, LEANS, LetGo, Proving, SAGS};
-use cairn_statics::glue::{self, GlueJoint, GlueError, GlueOptions, GluePlacement};
 use crate::error::Error;
 use crate::geometry::topology::DisjointSets;
 use crate::input::observer::{Observer, observe};
@@ -10,6 +9,7 @@ use crate::input::params::{Params, Switch};
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::sim::glue::{Dot, Sites};
 use crate::world::{BodyId, PairSide};
+use cairn_statics::glue::{self, GlueError, GlueJoint, GlueOptions, GluePlacement};
 use glam::DVec3;
 use std::collections::BTreeSet;
 use std::ops::{ControlFlow, Range};
