@@ -1,13 +1,14 @@
-"""Which numeric constants of the physics matter? Changes each of them by a factor of 2 both ways over twelve small scenes.
+"""Which numeric constants of the physics matter? Halves and doubles each of them over twelve small scenes.
 
-A constant counts as felt in a scene if one of the headline figures leaves the range that five seeds span there, widened by half
-of its width on both sides. Called again, it continues where it ended.
+A constant counts as felt in a scene if one of the headline figures leaves the range that five seeds span there, widened
+by half of its width on both sides. Called again, it continues where it ended.
 
     python3 tests/studies/ablation/ablate.py            everything: some hours of two cores
     python3 tests/studies/ablation/ablate.py --only glue --jobs 1
 
 How: a copy of the sources in target/ablation gets a function in place of each constant, which reads its factor from the
-environment; that copy is built once. Constants that the compiler needs (lengths of arrays, patterns) stay, and are listed.
+environment; that copy is built once. Constants that the compiler needs (lengths of arrays, patterns) stay, and are
+listed.
 """
 
 import argparse
@@ -56,7 +57,9 @@ use std::io::Write;
 pub trait Number: Copy {
     fn times(self, factor: f64) -> Self;
 }
-macro_rules! real { ($($t:ty)*) => { $(impl Number for $t { fn times(self, f: f64) -> $t { (self as f64 * f) as $t } })* } }
+macro_rules! real {
+    ($($t:ty)*) => { $(impl Number for $t { fn times(self, f: f64) -> $t { (self as f64 * f) as $t } })* }
+}
 macro_rules! whole { ($($t:ty)*) => { $(impl Number for $t {
     fn times(self, f: f64) -> $t {
         let to = (self as f64 * f).round() as $t;
@@ -118,7 +121,7 @@ def in_code(text, change):
 
 
 def rewrite(path, name, kept, everywhere):
-    """A file with functions for constants. `kept`: constants that stay; `everywhere`: names that some file's functions have."""
+    """A file with functions for constants. `kept`: constants that stay; `everywhere`: names of any file's functions."""
     text = path.read_text()
     head, tests = without_tests(text), text[len(without_tests(text)) :]
     own = {m[2] for m in CONSTANT.finditer(head)}
@@ -310,9 +313,11 @@ def page(known, kept, names, effect):
     text = [
         "# Which constants matter",
         "",
-        "Each numeric constant of the physics was halved and doubled over twelve small scenes (`scenes.json`). A constant is",
-        "*felt* if a headline figure leaves the range of five seeds, widened by half of its width on both sides. Constants that",
-        "are never felt are candidates to be removed or merged. Made by `python3 tests/studies/ablation/ablate.py`.",
+        "Each numeric constant of the physics was halved and doubled over twelve small scenes (`scenes.json`).",
+        "A constant is *felt* if a headline figure leaves the range of five seeds, widened by half of its width",
+        "on both sides.",
+        "Constants that are never felt are candidates to be removed or merged.",
+        "Made by `python3 tests/studies/ablation/ablate.py`.",
         "",
         f"{len(known)} constants: "
         + ", ".join(f"{len(r)} {kind}" for kind, r in rows.items())
