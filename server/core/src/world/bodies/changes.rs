@@ -1,6 +1,6 @@
 //! Changes of a body: its place, its size, its mass, and how it is treated.
 
-use super::{BodySize, Role, scaled};
+use super::{BodySize, Role, scaled, stop};
 use crate::geometry::pose;
 use crate::prepare::shape::Shape;
 use crate::world::{BodyId, World, colliders::OUTSIDE, units::to_engine};
@@ -17,8 +17,7 @@ impl World {
     pub fn put_back(&mut self, id: BodyId, pose: &pose::Pose) {
         if let Some(rigid) = self.engine.bodies.get_mut(self.bodies[id].carrier) {
             rigid.set_position(to_engine(pose), true);
-            rigid.set_linvel(Vector::ZERO, false);
-            rigid.set_angvel(Vector::ZERO, false);
+            stop(rigid);
         }
     }
 
@@ -77,8 +76,7 @@ impl World {
         let rigid = &mut self.engine.bodies[self.bodies[id].carrier];
         let engine_type = role.engine_type();
         if rigid.body_type() != engine_type {
-            rigid.set_linvel(Vector::ZERO, false);
-            rigid.set_angvel(Vector::ZERO, false);
+            stop(rigid);
             rigid.set_body_type(engine_type, true);
         }
     }

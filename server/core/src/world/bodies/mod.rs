@@ -184,3 +184,9 @@ pub(super) fn scaled(shape: &Shape, scale: f64, units: &Units) -> (BodySize, f64
     };
     (body, shape.size.extents.x * shape.size.extents.y * size * size)
 }
+
+/// Takes a rigid body's velocities.
+pub(super) fn stop(rigid: &mut RigidBody) {
+    rigid.set_linvel(Vector::ZERO, false);
+    rigid.set_angvel(Vector::ZERO, false);
+}

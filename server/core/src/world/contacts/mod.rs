@@ -72,18 +72,13 @@ const STALE_INDEX: f64 = 0.02;
 
 impl World {
     /// The engine's spatial index of all colliders.
-    fn query(&self) -> QueryPipeline<'_> {
+    pub(super) fn query(&self) -> QueryPipeline<'_> {
         self.engine.broad_phase.as_query_pipeline(
             &DefaultQueryDispatcher,
             &self.engine.bodies,
             &self.engine.colliders,
             QueryFilter::default(),
         )
-    }
-
-    /// Whether the spatial index finds nothing at all.
-    pub(super) fn index_is_empty(&self) -> bool {
-        self.query().bvh.is_empty()
     }
 
     /// The side that a collider is in a contact pair; `None` for a container.

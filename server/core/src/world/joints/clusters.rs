@@ -3,7 +3,8 @@
 //! A body that joins a cluster lends it its collider; its own rigid body rests meanwhile. Joints in place of merging
 //! fight with the contacts within the cluster, and creep.
 
-use crate::world::{BodyId, BodySize, ClusterId, Momentum, Role, World, bodies::GlueCluster};
+use crate::world::bodies::{GlueCluster, stop};
+use crate::world::{BodyId, BodySize, ClusterId, Momentum, Role, World};
 use glam::{DMat3, DVec3};
 use rapier3d::prelude::*;
 
@@ -24,8 +25,7 @@ impl World {
             size.thickness = size.thickness.min(body.thickness);
             (body.cluster, body.carrier, body.offset) = (Some(id), carrier, offset);
             let own = &mut self.engine.bodies[body.own];
-            own.set_linvel(Vector::ZERO, false);
-            own.set_angvel(Vector::ZERO, false);
+            stop(own);
             own.set_body_type(RigidBodyType::Fixed, false);
             let (collider, place) = (body.collider, offset * body.collider_pose);
             self.move_collider(collider, carrier, place);

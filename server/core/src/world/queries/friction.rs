@@ -17,8 +17,9 @@ impl World {
     /// Friction against Coulomb's law, over the contact patches that carry more than `least` (engine units of force);
     /// from the forces of the engine's last substep.
     pub fn friction_excess(&self, least: f64) -> FrictionExcess {
-        let patches =
-            self.engine.narrow_phase.contact_pairs().filter(|pair| self.moves(pair.collider1, pair.collider2));
+        let is_awake = |h: ColliderHandle| self.body_of(h).is_some_and(|id| self.is_awake(id));
+        let pairs = self.engine.narrow_phase.contact_pairs();
+        let patches = pairs.filter(|pair| is_awake(pair.collider1) || is_awake(pair.collider2));
         let mut total = FrictionExcess::default();
         for (excess, limit) in patches.flat_map(|pair| pair.manifolds()).filter_map(|m| self.excess(m, least)) {
             total.max = total.max.max(excess / limit);
@@ -44,10 +45,5 @@ impl World {
             FrictionModel::Coulomb => tangents.sum(),
         };
         Some(((tangent.length() as f64 - limit).max(0.0), limit))
-    }
-
-    fn moves(&self, a: ColliderHandle, b: ColliderHandle) -> bool {
-        let awake = |h: ColliderHandle| self.body_of(h).is_some_and(|id| self.is_awake(id));
-        awake(a) || awake(b)
     }
 }

@@ -1,8 +1,7 @@
 //! Depenetration: removes overlaps by moving bodies apart.
 
-use crate::world::{BodyId, World, contacts::PairSide, settings};
+use crate::world::{BodyId, PairSide, World, bodies::stop, settings};
 use glam::DVec3;
-use rapier3d::prelude::Vector;
 
 /// Share of the pairs in contact that may overlap by more than the residual.
 const DEEPER: f64 = 0.05;
@@ -24,7 +23,9 @@ impl World {
         self.zero_step();
         let mut steps = 0;
         let ended = loop {
-            bodies.iter().for_each(|&id| self.stop(id));
+            for &id in &bodies {
+                self.engine.bodies.get_mut(self.bodies[id].carrier).into_iter().for_each(stop);
+            }
             if !self.overlaps_by_more_than(residual) {
                 break Ok(());
             }
@@ -41,14 +42,6 @@ impl World {
         self.engine.integration_parameters = before;
         self.set_gravity(gravity.as_dvec3());
         ended.map(|()| steps)
-    }
-
-    /// Sets a body's velocities to zero.
-    fn stop(&mut self, id: BodyId) {
-        if let Some(body) = self.engine.bodies.get_mut(self.bodies[id].carrier) {
-            body.set_linvel(Vector::ZERO, false);
-            body.set_angvel(Vector::ZERO, false);
-        }
     }
 
     fn overlaps_by_more_than(&self, residual: f64) -> bool {

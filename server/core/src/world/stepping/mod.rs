@@ -45,7 +45,7 @@ impl World {
         self.engine.step();
         // The engine (rapier 0.36.1) may leave such a step with its tree still set aside for optimization, and finds
         // nothing until the next step puts it back.
-        if self.index_is_empty() {
+        if self.query().bvh.is_empty() {
             self.engine.step();
         }
         self.engine.integration_parameters.dt = dt;
