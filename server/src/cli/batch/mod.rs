@@ -33,8 +33,8 @@ Examples:
         -o out/{seed}-{accuracy}-{weight}.glb
   cairn batch pile.toml --seeds 0..49 -o out/{seed}.glb --range 8-15     (a part of it, for array jobs)
 
-Variants that differ only after the fill, in fields of control, glue or output, share one fill. The exit code is the worst
-one of the bakes.")]
+Variants that differ only after the fill, in fields of control, glue or output, share one fill. The exit code is the
+worst one of the bakes.")]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
