@@ -5,7 +5,7 @@
 //! cargo run --release --example client -- examples/assets/cone-small.glb examples/assets/stick.glb pile.glb
 //! ```
 //!
-//! The first model is the shape, those between are props. The types are those that any protobuf compiler makes of
+//! The first model is the shape, the models between are props. Any protobuf compiler makes the types from
 //! `proto/cairn/v1`.
 
 use anyhow::{Context, Result, bail};
@@ -67,7 +67,7 @@ async fn upload(server: &mut PileServiceClient<Channel>, path: &str) -> Result<S
     Ok(sha256)
 }
 
-/// Bakes, and tells what happens. A stream that breaks off could be taken up by `watch_bake`.
+/// Bakes, and prints the events. `watch_bake` could resume a broken stream.
 async fn bake(server: &mut PileServiceClient<Channel>, spec: BakeSpec) -> Result<String> {
     let request = BakeRequest { spec: Some(spec), frames: FrameSelection::Result.into(), ..Default::default() };
     let mut events = server.bake(request).await?.into_inner();

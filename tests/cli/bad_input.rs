@@ -1,4 +1,4 @@
-//! Bad input: a message with the place and the remedy, an exit code that tells whose fault it is, and no output file.
+//! Bad input: a message with place and remedy, an exit code for the kind of fault, and no output file.
 
 use crate::desk::{Desk, box_data, box_json, glb};
 use serde_json::json;
@@ -139,7 +139,7 @@ fn check_tells_the_same_as_json() {
     assert_eq!(told["problems"][0]["remedy"], "Did you mean stick.glb?");
 }
 
-/// A number is told as a number, and a long text is shortened.
+/// Messages show numbers as numbers, and shorten long texts.
 #[test]
 fn values_out_of_range_are_told_shortly() {
     let desk = Desk::new();
@@ -154,7 +154,7 @@ fn values_out_of_range_are_told_shortly() {
     assert!(done.stderr.len() < 500, "{}", done.stderr);
 }
 
-/// A file of so many instances of four boxes.
+/// A file of this many instances of four boxes.
 fn instances(desk: &Desk, name: &str, count: usize) {
     let mut document = box_json();
     document["nodes"] = (0..count).map(|_| json!({ "mesh": 0 })).collect();
@@ -173,7 +173,7 @@ fn a_small_file_that_unfolds_to_millions() {
         .fails(65, &["triangles: ", "more than the limit of 4000000"]);
 }
 
-/// Memory is bounded where that is asked for: the scene is at fault, and nothing is left behind.
+/// A memory limit: the scene is at fault, and nothing is left behind.
 #[test]
 #[cfg(target_os = "linux")]
 fn more_memory_than_allowed() {
@@ -187,7 +187,7 @@ fn more_memory_than_allowed() {
     let before = desk.files();
     let done = desk.line("bake -o pile.glb --control cone.glb --prop many.glb --max-memory-mib 512");
     assert_eq!((done.code, desk.files()), (65, before), "{}", done.stderr);
-    // The standard library has the first word.
+    // The standard library's message comes first.
     let told = done.stderr.lines().find(|line| line.starts_with("error: ")).unwrap_or_default();
     for part in ["it needs more memory than the limit of 512 MiB", "simpler meshes", "--max-memory-mib"] {
         assert!(told.contains(part), "`{part}` is missing in:\n{}", done.stderr);

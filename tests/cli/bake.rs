@@ -85,7 +85,7 @@ fn progress_goes_to_stderr_in_the_form_asked_for() {
     assert!(done.stderr.contains("pile.glb in"), "{}", done.stderr);
     assert_eq!(done.ok(), "");
 
-    // For a farm, on stdout, where nothing else may go then; so are faults.
+    // Progress for farms goes to stdout, which then carries nothing else; faults, too.
     let done = desk.line(&format!("bake {SCENE} -o pile.glb --progress openjd"));
     assert!(done.stdout.lines().all(|line| line.starts_with("openjd_")), "{}", done.stdout);
     assert!(done.ok().contains("openjd_progress: 100\n"));
@@ -104,7 +104,7 @@ fn ctrl_c_leaves_nothing_behind() {
     a_signal_leaves_nothing_behind("-INT", 130, "cancelled");
 }
 
-/// As a farm ends a task that is to run again.
+/// A farm stops a task like this, to run it again.
 #[cfg(unix)]
 #[test]
 fn sigterm_leaves_nothing_behind() {

@@ -1,4 +1,4 @@
-//! Many bakes of one scene, and results that are baked again.
+//! Batches of bakes of one scene, and results that are baked again.
 
 use crate::desk::{Desk, Done};
 use serde_json::Value;
@@ -34,7 +34,7 @@ fn a_matrix_is_baked_once() {
     assert!(table.ends_with("4 baked\n"), "{table}");
     let names = ["3-hold", "3-off", "4-hold", "4-off"].map(|name| format!("out/{name}.glb"));
     let hashes = names.each_ref().map(|name| hash(&desk, name));
-    // The fill does not depend on the control: one of the two makes it, and the other finds it.
+    // The fill does not depend on the control: one bake simulates it, and the other reuses it.
     for seed in [3, 4] {
         let recalled = ["hold", "off"].map(|control| {
             report(&desk, &format!("out/{seed}-{control}.report.json"))["counts"]["fill_steps_recalled"]
@@ -43,12 +43,12 @@ fn a_matrix_is_baked_once() {
         });
         assert_eq!(recalled.iter().filter(|steps| **steps > 0).count(), 1, "{recalled:?}");
     }
-    // A single bake of the same gives the same.
+    // A single bake of the same variant gives the same result.
     desk.line(&format!("bake {SCENE} --seed 3 --set control=off -o single.glb -q")).ok();
     assert_eq!(hash(&desk, "single.glb"), hashes[1]);
 
     assert!(run(&desk, args).ok().ends_with("4 finished before\n"));
-    // What was changed, what is missing and what has no report is baked again, and nothing else.
+    // Only changed results, missing ones and ones without a report are baked again.
     desk.write(&names[0], "of before");
     std::fs::remove_file(desk.path(&names[1])).unwrap();
     std::fs::remove_file(desk.path("out/4-hold.report.json")).unwrap();
@@ -92,8 +92,8 @@ fn what_is_wrong_is_told_before_any_work() {
     assert_eq!(desk.files(), before);
 }
 
-/// At each place where a bake or the batch changes a file, it is killed, once in the bake and once in all: nothing is
-/// half written under a result's name, and the same command completes it.
+/// The bake and the batch are killed at each place where they change a file. No result is half written, and the same
+/// command completes the batch.
 #[cfg(unix)]
 #[test]
 fn a_batch_that_is_killed() {
@@ -126,7 +126,7 @@ fn a_result_is_its_scene() {
     desk.write("shot/scene.toml", scene);
     std::fs::remove_file(desk.path("cone.glb")).unwrap();
     desk.line("bake shot/scene.toml -o pile.glb -q").ok();
-    // Wherever the scene lies and whoever names it, the bytes are the same, and tell nothing of the machine.
+    // The bytes do not depend on the scene's location and reveal nothing of the machine.
     let absolute = desk.path("shot/scene.toml");
     desk.line(&format!("bake {} -o other.glb -q", absolute.display())).ok();
     assert_eq!(hash(&desk, "other.glb"), hash(&desk, "pile.glb"));
@@ -143,7 +143,7 @@ fn a_result_is_its_scene() {
     desk.write("changed.glb", changed);
     let done = desk.line("verify changed.glb");
     assert_eq!((done.code, done.stdout.contains("changed.glb: DIFFERS")), (1, true), "{}", done.stdout);
-    // A file that is not the same any more is not taken for it.
+    // A changed file is not accepted.
     std::fs::copy(desk.path("stick.glb"), desk.path("shot/models/cone.glb")).unwrap();
     desk.line("bake pile.glb -o again.glb -q").fails(65, &["models/cone.glb is not here", "--assets"]);
     desk.line("verify stick.glb").fails(65, &["a mesh, not a scene file"]);

@@ -19,12 +19,12 @@ fn a_study_of_a_small_pile() {
     let names: Vec<&str> = rows.iter().map(|row| row["variant"].as_str().unwrap()).collect();
     assert_eq!(names[..5], PRESETS);
     assert_eq!(names[5], "physics.substeps=2");
-    // Counted work, not time. Neighbouring presets may change places: so small a pile rests sooner or later by chance.
+    // Counted work, not time. Neighboring presets may swap: such a small pile comes to rest sooner or later by chance.
     let work = [0, 2, 4].map(|row: usize| rows[row]["substeps"]["median"].as_f64().unwrap());
     assert!(work.is_sorted_by(|a, b| a < b), "{work:?}");
     let sunk = |row: usize| rows[row]["errors"]["overlap"]["median"].as_f64().unwrap();
     assert!(sunk(0) > sunk(2), "draft {} sinks in less than standard {}", sunk(0), sunk(2));
-    // Of one seed, an error is what its run measured, or how far that is from the reference's.
+    // With one seed, an error is the run's measured value, or its distance from the reference's.
     let runs_made: Vec<Value> = made.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let measured = |row: usize, figure: &str| {
         let run = runs_made.iter().find(|run| run["variant"] == rows[row]["variant"]).unwrap();
@@ -44,7 +44,7 @@ fn a_study_of_a_small_pile() {
             assert_eq!(error(figure), measured(k, of), "{figure} of row {k}");
         }
         assert_eq!(error("imbalance"), 1.0 - measured(k, "free_standing_fraction"), "row {k}");
-        // It stands on contacts that give way, and on an engine that balances them to a part of a weight.
+        // It stands on compliant contacts, which the engine balances to a fraction of a weight.
         assert!((1e-7..0.2).contains(&error("overlap")), "{}", error("overlap"));
         assert!((1e-9..1.0).contains(&error("equilibrium_residual_p95")), "{}", error("equilibrium_residual_p95"));
         for (figure, of) in [("shape", "shape_iou"), ("kept_shape", "kept_shape"), ("silhouette_iou", "silhouette_iou")]
@@ -57,16 +57,16 @@ fn a_study_of_a_small_pile() {
     assert!(PRESETS.iter().all(|name| table.contains(&format!("| {name} |"))), "{table}");
     let plot = std::fs::read_to_string(desk.path("study/cost.svg")).unwrap();
     assert!(plot.contains("overlap: mean over contact pairs") && plot.contains("CPU time, s"));
-    // What to choose, in the table and above the plot; and each preset is labelled once in each of the three panels.
+    // The recommendation is in the table and above the plot; each preset has one label in each of the three panels.
     assert!(table.contains("Choose `") && plot.contains("Choose "), "{table}");
     assert!(plot.contains("1 seed,"));
     assert_eq!(plot.matches("\nreference\n").count(), 3);
     assert!(std::fs::read(desk.path("study/cost.png")).unwrap().starts_with(b"\x89PNG"));
 
-    // Called again, it has nothing to bake; without a budget for more, it says what is missing.
+    // Run again, it has nothing to bake; without a budget for more, it lists the missing runs.
     assert_eq!(desk.line(line).ok(), table);
     assert_eq!(runs(), made);
-    // The plots, which come after two tables, appear complete or not at all.
+    // The plots are written after two tables, and appear complete or not at all.
     let plot = std::fs::read(desk.path("study/cost.svg")).unwrap();
     let mut command = desk.command(&line.split_whitespace().collect::<Vec<_>>());
     let full = command.env("FAILPOINTS", "files-write=2*off->return(ENOSPC)").output().unwrap();

@@ -10,7 +10,7 @@ pub struct Desk {
     folder: TempDir,
 }
 
-/// What a run left behind.
+/// The outcome of a run.
 pub struct Done {
     pub code: i32,
     pub stdout: String,
@@ -45,7 +45,7 @@ impl Desk {
 
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_cairn"));
-        // Each run is to show what it does itself; a test of the cache takes this back.
+        // Each run simulates everything itself; tests of the cache remove this.
         command.env_remove("CAIRN_CACHE").env("CAIRN_NO_CACHE", "1");
         command.args(args).current_dir(self.folder.path()).stdin(Stdio::null());
         command
@@ -72,14 +72,14 @@ impl Done {
         }
     }
 
-    /// Ended well; the output.
+    /// Asserts success. Returns the output.
     #[track_caller]
     pub fn ok(self) -> String {
         assert_eq!(self.code, 0, "{}", self.stderr);
         self.stdout
     }
 
-    /// Failed with this code and told all of these; where it takes long, how long comes before.
+    /// Asserts failure with this code and all of these texts. Long runs print their time first.
     #[track_caller]
     pub fn fails(&self, code: i32, told: &[&str]) {
         assert_eq!(self.code, code, "{}", self.stderr);

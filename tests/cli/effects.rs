@@ -1,5 +1,5 @@
-//! What a scene does not need costs nothing, what it needs comes on by itself, and the user's word counts. And what was
-//! simulated before is not simulated again.
+//! Effects that a scene needs are on, others are off and cost nothing, and the user's setting overrides. Cached
+//! simulations are not repeated.
 
 use crate::desk::{Desk, Done};
 use serde_json::Value;
@@ -39,7 +39,7 @@ mass = 1000
 start_seconds = 1
 "#;
 
-/// An effect, and the counts that only it makes.
+/// An effect, and the counts that only it increases.
 const FORCIBLE: [(&str, &[&str]); 12] = [
     ("primitives", &["props_as_primitives"]),
     ("decomposition", &["props_split"]),
@@ -55,7 +55,7 @@ const FORCIBLE: [(&str, &[&str]); 12] = [
     ("frames", &["frames"]),
 ];
 
-/// Bakes, and gives the report.
+/// Bakes, and returns the report.
 fn bake(desk: &Desk, args: &str) -> Value {
     desk.line(&format!("bake {args} -o pile.json --report report.json --quiet")).ok();
     serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap()
@@ -71,7 +71,7 @@ fn is_on(report: &Value, effect: &str) -> bool {
     effects.iter().find(|e| e["name"] == effect).unwrap_or_else(|| panic!("there is no effect {effect}"))["on"] == true
 }
 
-/// Effects without which the lively pile becomes another one.
+/// Effects that change the lively pile.
 const DECISIVE: [&str; 6] =
     ["primitives", "decomposition", "stiff_contacts", "rolling_resistance", "restitution", "impact"];
 
@@ -160,7 +160,7 @@ fn the_final_pose_alone() {
     }
     assert!(still["measures"]["creep_max_rel"].is_null(), "it takes frames");
 
-    // Cut off while it falls.
+    // Ends while it falls.
     bake(&desk, &format!("{PILE} --frames 3"));
     let (_, pose) = last(&desk);
     bake(&desk, &format!("{PILE} --frames 3 --set effects.frames=off"));

@@ -1,4 +1,4 @@
-//! The example scenes show what they promise: baked as they are where that is quick, else in small.
+//! The example scenes show what they promise: baked as they are if that is fast, or else reduced.
 
 use crate::desk::Desk;
 use serde_json::Value;
@@ -95,7 +95,8 @@ fn a_column_of_sticks_keeps_its_shape() {
 
 #[test]
 fn bananas_are_heaped_above_the_rim() {
-    const FEW: &str = "accuracy=draft report.pictures=on props.0.scale_min=1.6 props.0.scale_max=1.6 emitters.0.count=250 emitters.0.rate=40";
+    const FEW: &str = "accuracy=draft report.pictures=on props.0.scale_min=1.6 props.0.scale_max=1.6 \
+                       emitters.0.count=250 emitters.0.rate=40";
     let heap = Figures::of("bananas.toml", FEW);
     assert!(heap.get("silhouette_iou") > 0.8, "{}", heap.get("silhouette_iou"));
     assert!(heap.get("resting_speed_max_rel") < 0.01);

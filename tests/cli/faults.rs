@@ -1,4 +1,4 @@
-//! A fault at each place where the command line writes: a message, an exit code that says try again, and nothing half
+//! A fault at each place where the command line writes: a message, the exit code to try again, and nothing half
 //! written.
 
 use crate::desk::{Desk, Done};
@@ -10,8 +10,8 @@ fn with_faults(desk: &Desk, faults: &str, line: &str) -> Done {
     Done::of(desk.command(&args).env("FAILPOINTS", faults).output().unwrap())
 }
 
-/// What was there stays until all of the result is on the disk. The result comes first: it does not wait for its
-/// report, and no report of another result is left beside it.
+/// An old result stays until the whole new one is on the disk. The result is written before its report, and no report
+/// of another result is left beside it.
 #[test]
 fn a_result_and_its_report() {
     let desk = Desk::new();
@@ -44,7 +44,7 @@ fn a_result_and_its_report() {
             std::fs::remove_file(desk.path("pile.json")).unwrap();
             assert_eq!(desk.files(), nothing, "{place}");
         }
-        // They have their names, but a power cut might take them back.
+        // They have their names, but a power cut might undo that.
         with_faults(&desk, "files-sync-folder=return(EIO)", &line).fails(75, &["cannot be written"]);
         assert!(desk.files().iter().all(|name| !name.ends_with(".part")));
         desk.line(&line).ok();
@@ -55,7 +55,7 @@ fn a_result_and_its_report() {
     }
 }
 
-/// A fault while the figures are found does not take the result back.
+/// A fault in the measures does not remove the result.
 #[test]
 fn a_result_does_not_wait_for_its_figures() {
     let desk = Desk::new();
@@ -66,7 +66,7 @@ fn a_result_does_not_wait_for_its_figures() {
     assert!(!desk.path("report.json").exists());
 }
 
-/// What is written through cannot be taken back, but it is told; and the report does not appear.
+/// Output to a stream cannot be undone, but the fault is reported, and the report does not appear.
 #[test]
 fn streams() {
     let desk = Desk::new();
@@ -84,7 +84,7 @@ fn streams() {
     assert_eq!(with_faults(&desk, "stdout-write=return(EPIPE)", scene).code, 0, "a reader that goes away is no fault");
 }
 
-/// A picture appears complete or not at all, too; and what only makes a later bake quicker may fail.
+/// Pictures also appear complete or not at all. A fault in the cache does not fail the bake.
 #[test]
 fn pictures_and_caches() {
     let desk = Desk::new();
@@ -105,7 +105,7 @@ fn pictures_and_caches() {
     desk.line(render).ok();
 }
 
-/// A line of a study's ledger that was cut off is left out, and the study goes on after it.
+/// A truncated line of a study's ledger is skipped, and the study continues after it.
 #[test]
 fn a_ledger_that_is_cut_off() {
     let desk = Desk::new();
@@ -118,7 +118,7 @@ fn a_ledger_that_is_cut_off() {
     assert_eq!(lines().lines().filter(is_record).count(), 1);
 }
 
-/// Whether the ledger can be opened is found out before anything is baked.
+/// The ledger is opened before anything is baked.
 #[test]
 fn a_ledger_that_cannot_be_opened() {
     let desk = Desk::new();
@@ -128,8 +128,7 @@ fn a_ledger_that_cannot_be_opened() {
     assert_eq!(desk.files(), before);
 }
 
-/// With a bound of memory, a process of its own does the work; where there is none to be had, nothing is wrong with the
-/// scene.
+/// With a memory limit, a child process does the work. If none can be started, the scene is not at fault.
 #[test]
 fn a_process_that_cannot_be_started() {
     let desk = Desk::new();
@@ -140,14 +139,14 @@ fn a_process_that_cannot_be_started() {
     desk.line(&line).ok();
 }
 
-/// A command that is killed leaves no half result under its name, and the next one clears away what it had begun.
+/// A killed command leaves no incomplete result, and the next one removes its temporary files.
 #[cfg(unix)]
 #[test]
 fn a_command_that_is_killed() {
     use std::os::unix::process::ExitStatusExt;
     let line = format!("bake {SCENE} -o pile.json --report report.json -q");
     let args: Vec<&str> = line.split_whitespace().collect();
-    // At the first file that is written, and at the second: the result is complete then.
+    // At the first written file, and at the second, when the result is complete.
     for (before, has_result) in [("", false), ("1*off->", true)] {
         for place in ["files-create", "files-write", "files-sync", "files-rename"] {
             let desk = Desk::new();
@@ -160,7 +159,7 @@ fn a_command_that_is_killed() {
             assert!(!left.contains(&"report.json".to_owned()), "{faults}: {left:?}");
             let parts: Vec<_> = left.iter().filter(|name| name.ends_with(".part")).collect();
             assert_eq!(parts.len(), usize::from(place != "files-create"), "{faults}: {left:?}");
-            // What has just been begun may be another command's.
+            // A new temporary file may belong to another command.
             let hour_ago = std::time::SystemTime::now() - std::time::Duration::from_secs(3600);
             for part in parts {
                 std::fs::File::options().append(true).open(desk.path(part)).unwrap().set_modified(hour_ago).unwrap();

@@ -1,4 +1,4 @@
-//! The program `cairn` as its users meet it: arguments in, files, messages and exit codes out.
+//! The program `cairn` as users run it: arguments in, files, messages and exit codes out.
 
 mod bad_input;
 mod bake;

@@ -1,4 +1,4 @@
-//! The guide's page of measures has every figure and count that a report can tell, and no other.
+//! The guide's page of measures lists every measure and count of reports, and no others.
 
 use crate::desk::Desk;
 use serde_json::Value;
@@ -30,8 +30,7 @@ fn told(reports: &[Value], part: &str) -> BTreeSet<String> {
     reports.iter().flat_map(|report| report[part].as_object().unwrap().keys().cloned()).collect()
 }
 
-/// A pile with all that is measured on request, and a stack into which something is thrown: together they have every
-/// figure.
+/// A pile with all optional measures, and a stack hit by a thrown body: together they have every measure.
 fn reports() -> [Value; 2] {
     let desk = Desk::new();
     desk.write(
@@ -53,8 +52,8 @@ velocity = [1, 0, 0]
 start_seconds = 0.5
 "#,
     );
-    let pile = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12 --set output.free_standing=true \
-                --set output.free_pour=true --set glue.proof=on --set report.pictures=on";
+    let pile = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12 \
+                --set output.free_standing=true --set output.free_pour=true --set glue.proof=on --set report.pictures=on";
     [pile, "stack.toml --set report.pictures=on"].map(|args| {
         desk.line(&format!("bake {args} -o pile.json --report report.json --quiet")).ok();
         serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap()

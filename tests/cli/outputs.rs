@@ -1,4 +1,4 @@
-//! Where results go: checked before any work, complete or not at all.
+//! Outputs: checked before any work, written complete or not at all.
 
 use crate::desk::Desk;
 
@@ -69,7 +69,7 @@ fn a_reader_that_goes_away_is_no_fault() {
     assert!(done.status.success() && done.stderr.is_empty(), "{done:?}");
 }
 
-/// Files may grow to 30 or 60 kilobytes only, which is enough for the report: what a full disk does, without one.
+/// The size of files is limited to 30 or 60 kilobytes, enough for the report, to act like a full disk.
 #[cfg(unix)]
 #[test]
 fn a_full_disk_leaves_nothing_and_says_try_again() {
@@ -77,7 +77,8 @@ fn a_full_disk_leaves_nothing_and_says_try_again() {
     let before = desk.files();
     let program = env!("CARGO_BIN_EXE_cairn");
     let script = format!(
-        "trap '' XFSZ; ulimit -f 60; exec {program} bake --no-cache {SCENE} --frames 200 --report report.json -o pile.json"
+        "trap '' XFSZ; ulimit -f 60; exec {program} bake --no-cache {SCENE} --frames 200 --report report.json \
+         -o pile.json"
     );
     let done = std::process::Command::new("sh").args(["-c", &script]).current_dir(desk.path("")).output().unwrap();
     let told = String::from_utf8(done.stderr).unwrap();
@@ -86,8 +87,7 @@ fn a_full_disk_leaves_nothing_and_says_try_again() {
     assert_eq!(desk.files(), before);
 }
 
-/// A link is followed, a FIFO is written into, the standard output takes a result, and a file that nobody may write
-/// stays.
+/// Links are followed, FIFOs and the standard output receive results, and read-only files stay.
 #[cfg(unix)]
 #[test]
 fn results_go_where_a_path_leads() {

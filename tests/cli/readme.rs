@@ -1,4 +1,4 @@
-//! What the README, the guide and the examples show works.
+//! The commands in the README, the guide and the examples work.
 
 use crate::desk::Desk;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// A folder with the files that the README speaks of.
+/// A folder with the files of the README's commands.
 fn desk() -> Desk {
     let desk = Desk::new();
     for name in ["dome.glb", "book.glb"] {
@@ -85,7 +85,7 @@ fn examples() {
     }
 }
 
-/// A folder that has the examples, as the repository's own has.
+/// A folder with the examples, as in the repository.
 fn desk_with_examples() -> Desk {
     let desk = Desk::new();
     for folder in ["examples", "examples/assets", "examples/guide"] {
@@ -126,7 +126,7 @@ fn guide() {
     assert!(tried >= 15, "{tried}");
 }
 
-/// The guide's pages lead to files that are there.
+/// The links in the guide lead to existing files.
 #[test]
 fn links_of_the_guide() {
     let folder = root().join("examples/guide");

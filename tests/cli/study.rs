@@ -1,5 +1,4 @@
-//! The committed study of what accuracy costs (`tests/studies/accuracy/run`): what its figures have to say of the
-//! presets.
+//! The committed study of the cost of accuracy (`tests/studies/accuracy/run`): its figures support the presets.
 
 use crate::desk::Desk;
 use serde_json::Value;
@@ -39,7 +38,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     if values.len() % 2 == 1 { values[half] } else { (values[half - 1] + values[half]) / 2.0 }
 }
 
-/// From the cheapest to the dearest, in every scene that takes more than hundredths of a second.
+/// From the cheapest to the most expensive, in every scene that takes more than hundredths of a second.
 #[test]
 fn presets_are_ordered_by_their_price() {
     let mut spans = Vec::new();
@@ -54,13 +53,13 @@ fn presets_are_ordered_by_their_price() {
     assert!(median(spans.clone()) > 8.0, "{spans:?}");
 }
 
-/// A dearer preset overlaps less, and what is delivered overlaps by less than anybody sees.
+/// A more expensive preset overlaps less, and delivered piles have no visible overlap.
 #[test]
 fn presets_are_ordered_by_what_overlaps() {
     for scene in FILLED {
         let study = study(scene);
         let overlaps = PRESETS.map(|preset| error(row(&study, preset), "overlap").unwrap());
-        // Up to what the seeds differ by.
+        // Up to the difference between seeds.
         let most = PRESETS.map(|preset| row(&study, preset)["errors"]["overlap"]["high"].as_f64().unwrap());
         assert!((1..PRESETS.len()).all(|n| overlaps[n] <= most[n - 1]), "{scene}: {overlaps:?}, {most:?}");
         assert!(overlaps[0] > 30.0 * overlaps[4], "{scene}: {overlaps:?}");
@@ -93,8 +92,7 @@ fn no_change_of_one_parameter_beats_a_preset() {
     }
 }
 
-/// What `cairn plan` tells of the errors is what the study found: the median of the scenes' overlaps, and the means of
-/// the others.
+/// `cairn plan` shows the errors that the study found: the median of the scenes' overlaps, and the means of the others.
 #[test]
 fn a_plan_tells_what_the_study_found() {
     let desk = Desk::new();

@@ -1,4 +1,4 @@
-//! What makes the program pleasant to use: completions, manual pages, scene schema, colours, diagnosis.
+//! Tools around the program: completions, manual pages, scene schema, colors, diagnosis.
 
 use crate::desk::Desk;
 use serde_json::Value;
@@ -95,7 +95,7 @@ fn a_plan_tells_what_each_accuracy_is_expected_to_cost() {
     let plan: Value = serde_json::from_str(&desk.line("plan --json --control cone.glb --prop stick.glb").ok()).unwrap();
     let seconds = |i: usize| plan["estimates"][i]["cpu_seconds"].as_f64().unwrap();
     assert!((1..5).all(|i| seconds(i - 1) < seconds(i)), "{plan:#}");
-    // A field of the scene's own holds at each accuracy.
+    // A field that the scene sets holds at each accuracy.
     let fewer = desk.line("plan --json --control cone.glb --prop stick.glb --set fill.count=5").ok();
     let fewer: Value = serde_json::from_str(&fewer).unwrap();
     assert!(fewer["estimates"][4]["cpu_seconds"].as_f64().unwrap() < seconds(4));

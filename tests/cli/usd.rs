@@ -1,4 +1,4 @@
-//! USD as a result: with its pictures, again, verified, in batches.
+//! USD results: with textures, baked again, verified, in batches.
 
 use crate::desk::Desk;
 
@@ -20,7 +20,7 @@ fn the_same_bytes_in_every_process_and_again_from_the_result() {
         assert_eq!(whole, bytes(&desk, &format!("two.{ending}")), "{ending}");
         desk.line(&format!("bake one.{ending} -o again.{ending} -q")).ok();
         assert_eq!(whole, bytes(&desk, &format!("again.{ending}")), "{ending}");
-        // Whatever it was, its scene gives any other format.
+        // Its scene bakes to any other format.
         desk.line(&format!("bake one.{ending} -o {ending}.glb -q")).ok();
         assert_eq!(bytes(&desk, &format!("{ending}.glb")), bytes(&desk, "usda.glb"));
     }
@@ -35,7 +35,7 @@ fn what_is_not_as_it_was_written_differs() {
     std::fs::remove_file(&picture).unwrap();
     let done = desk.line("verify pile.usdc");
     assert_eq!((done.code, done.stdout.contains("DIFFERS: textures/")), (1, true), "{}", done.stdout);
-    // A bake into the same folder puts it back.
+    // A bake into the same folder restores it.
     desk.line(&format!("bake {SCENE} -o pile.usdc -q")).ok();
     assert!(desk.line("verify pile.usdc").ok().contains("the same"));
     desk.write("text.usda", "#usda 1.0\n");

@@ -1,4 +1,4 @@
-//! Who gets in, and by which door.
+//! Access: tokens, addresses and sockets.
 
 use crate::server::{Server, assert_fault, begin, channel, command, events, request, short, until};
 use cairn::client::{Connection, Target};
@@ -23,7 +23,7 @@ async fn a_token_is_asked_for_everywhere_but_at_health() {
     assert!(server.log().contains("missing or wrong token"), "{}", server.log());
     let target = Target { token: Some("open sesame".into()), ..server.target() };
     Connection::open(&target).await.unwrap();
-    // The scheme's case does not matter, and what is read again is another token.
+    // The case of the scheme does not matter, and reloading changes the token.
     let address = format!("http://{}", server.addresses[0]);
     let mut plain = PileServiceClient::new(channel(&address).await);
     let mut list = async |token: &str| {
@@ -75,7 +75,7 @@ async fn a_unix_socket() {
     let mut by_socket = Connection::open(&Target { address: socket.clone(), ..Default::default() }).await.unwrap();
     let id = begin(&mut by_socket, short(1)).await;
     until(&mut by_port, &id, BakeState::Succeeded).await;
-    // What a killed server leaves behind is no hindrance, and one that ends well leaves nothing.
+    // The socket of a killed server does not matter, and a server that ends normally leaves none.
     server.signal("-KILL");
     server.wait();
     let mut server = Server::start_in(folder.path(), &["--listen", &socket]);
@@ -179,7 +179,7 @@ async fn refused_calls_are_counted() {
     assert!(metrics.contains("cairn_calls_refused_total{reason=\"token\"} 3"), "{metrics}");
 }
 
-/// The body that a page of HTTP has.
+/// The body of an HTTP page.
 fn get(address: &str) -> String {
     let mut stream = std::net::TcpStream::connect(address).unwrap();
     write!(stream, "GET /metrics HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").unwrap();

@@ -59,8 +59,7 @@ async fn broken_uploads_leave_nothing() {
     }
 }
 
-/// More uploads at once than one caller may have: they are refused, and a place is free again when one goes. Another
-/// caller finds places meanwhile.
+/// More simultaneous uploads than a caller may have are refused until one ends. Another caller can upload meanwhile.
 #[tokio::test]
 async fn uploads_are_bounded() {
     const SHARE: usize = 8;

@@ -1,4 +1,4 @@
-//! The line in the log that each call has.
+//! The log line of each call.
 
 use crate::callers::until_logged;
 use crate::server::{Server, accepted_id, begin, endless, events, request, short};
@@ -6,7 +6,7 @@ use cairn::client::{Connection, Target};
 use cairn::wire::proto::ListBakesRequest;
 use tonic::Code;
 
-/// A stream's line tells how it ended, and which bake it was about.
+/// The line of a stream has its final status and its bake.
 #[tokio::test]
 async fn a_stream_is_told_with_its_end() {
     let server = Server::start(&["--bake-seconds", "1"]);
@@ -31,11 +31,11 @@ async fn who_goes_away_is_told() {
     let mut connection = server.ready().await;
     let id = begin(&mut connection, endless(1)).await;
     until_logged(&server, &format!("call=\"Bake\" status=\"1\" bake=\"{id}\"")).await;
-    // Of what has no bake, none is told.
+    // A call without a bake has none in its line.
     until_logged(&server, "call=\"UploadAsset\" status=\"0\" milliseconds=").await;
 }
 
-/// Calls that are refused at the door have their lines, too.
+/// Refused calls have lines, too.
 #[tokio::test]
 async fn refused_calls_are_told() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! A bake's way through the service: planned, baked, watched, listed, fetched, deleted.
+//! A bake in the service: planned, baked, watched, listed, downloaded, deleted.
 
 use crate::server::{
     Server, accepted_id, assert_contiguous, assert_fault, content, events, fields, numbered, poses, request, sha256,
@@ -47,7 +47,7 @@ async fn a_plan_simulates_nothing() {
     let list = service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner();
     assert!(list.bakes.is_empty());
 
-    // The bake then has the id that was told.
+    // The bake then has the announced id.
     let (told, end) = events(service.bake(crate::server::request(short(1))).await.unwrap().into_inner()).await;
     end.unwrap();
     assert_eq!(accepted_id(&told), planned.bake_id);
@@ -101,7 +101,7 @@ async fn a_bake_tells_its_events_in_order_and_leaves_its_result() {
     let place = |stage: &Stage| order.iter().position(|s| s == stage);
     assert!(!progress.is_empty() && progress.is_sorted_by_key(place));
 
-    // What the frames say in the end is what the result says.
+    // The last frame matches the result.
     let result: serde_json::Value =
         serde_json::from_slice(&download(&mut connection, &accepted.bake_id, 0).await).unwrap();
     let frames = result["frames"].as_array().unwrap();
@@ -178,7 +178,7 @@ async fn a_fill_is_simulated_once() {
     assert!(first.0 > 0 && first.1 == 0, "{first:?}");
     assert_eq!(second, (0, first.0));
 
-    // Where that is not wanted, nothing is kept.
+    // Without the setting, nothing is cached.
     let server = Server::start(&["--reuse", "false"]);
     let mut connection = server.ready().await;
     for change in ["release.layer=0.5", "release.layer=1"] {
@@ -319,7 +319,7 @@ async fn requests_of_the_wrong_form() {
     let found = fields(&assert_fault(&told, Code::InvalidArgument, "REQUEST_INVALID"));
     assert_eq!(found, ["spec.format", "spec.assets[2].uri", "spec.assets[3].sha256", "spec.scene.accuracy"]);
 
-    // Assets that are not there are all that is wrong.
+    // The only problems are missing assets.
     let mut missing = short(1);
     missing.assets[1].sha256 = sha256(b"never uploaded");
     missing.assets.push(AssetReference { uri: "texture.png".into(), sha256: sha256(b"nor this") });
@@ -338,7 +338,7 @@ async fn requests_of_the_wrong_form() {
     assert_fault(&service.watch_bake(watch).await.unwrap_err(), Code::InvalidArgument, "REQUEST_INVALID");
 }
 
-/// A model whose buffer lies beside it.
+/// A model whose buffer is a file beside it.
 #[tokio::test]
 async fn files_beside_a_model() {
     let server = Server::start(&[]);

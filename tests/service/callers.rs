@@ -50,7 +50,7 @@ async fn rights_limits_and_labels() {
     let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
     anna.upload(&files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect()).await.unwrap();
 
-    // One runs, one waits, and a third is refused, though there are places.
+    // One runs, one waits, and a third is refused, although the server has free permits.
     let labels = |shot: &str| [("shot".to_owned(), shot.to_owned())].into();
     let first = begin(&mut anna, BakeRequest { labels: labels("a1"), ..request(endless(1)) }).await;
     let second = begin(&mut anna, BakeRequest { labels: labels("a2"), ..request(endless(2)) }).await;
@@ -69,7 +69,7 @@ async fn rights_limits_and_labels() {
     let states = vec![BakeState::Queued.into()];
     assert_eq!(ids(&mut ben, ListBakesRequest { states, ..Default::default() }).await, [second.as_str()]);
 
-    // Ben may watch what is hers, and not end it; the farm may.
+    // Ben may watch her bake, but not end it; the farm may.
     let cancel = |id: &str| CancelBakeRequest { bake_id: id.into() };
     assert_fault(&ben.service.cancel_bake(cancel(&first)).await.unwrap_err(), Code::PermissionDenied, "NOT_YOURS");
     let delete = DeleteBakeRequest { bake_id: first.clone() };
@@ -79,7 +79,7 @@ async fn rights_limits_and_labels() {
     for id in [&first, &second, &third] {
         farm.service.cancel_bake(cancel(id)).await.unwrap();
     }
-    // No bytes are the farm's, not even those of its first bake.
+    // The farm may store no bytes, not even those of its first bake.
     let wrong = BakeRequest { labels: [("Shot 1".to_owned(), String::new())].into(), ..request(short(1)) };
     assert_fault(&ben.service.bake(wrong).await.unwrap_err(), Code::InvalidArgument, "REQUEST_INVALID");
     let refused = farm.service.bake(request(short(1))).await.unwrap_err();
@@ -87,7 +87,7 @@ async fn rights_limits_and_labels() {
     until_logged(&server, "caller=\"ben\" call=\"CancelBake\" status=\"7\"").await;
 }
 
-/// A call's line is there a moment after its answer.
+/// A call's log line appears a moment after its answer.
 pub async fn until_logged(server: &Server, told: &str) {
     for _ in 0..1000 {
         if server.log().contains(told) {
@@ -98,7 +98,7 @@ pub async fn until_logged(server: &Server, told: &str) {
     panic!("{told} is missing in:\n{}", server.log());
 }
 
-/// A limit of those that wait holds without one of those that run, too: those are as many as the server has workers.
+/// A limit of waiting bakes also holds without a limit of running ones, which is then the number of workers.
 #[tokio::test]
 async fn a_limit_of_the_queue_alone() {
     let folder = tempfile::tempdir().unwrap();
@@ -115,7 +115,7 @@ async fn a_limit_of_the_queue_alone() {
     assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
 }
 
-/// SIGHUP takes up the file as it is now, and keeps what was where the file is wrong.
+/// SIGHUP reloads the file, and keeps the old callers if the file is wrong.
 #[tokio::test]
 async fn callers_are_read_again() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Encryption, and callers that are known by their certificates.
+//! TLS, and callers identified by certificates.
 
 use crate::server::{Server, assert_fault, command};
 use cairn::client::{Connection, Target};
@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::{Duration, SystemTime};
 use tonic::Code;
 
-/// Who signs.
+/// An authority.
 struct Authority {
     pem: String,
     issuer: Issuer<'static, KeyPair>,
@@ -29,7 +29,7 @@ impl Authority {
         (certificate.signed_by(&key, &self.issuer).unwrap().pem(), key.serialize_pem())
     }
 
-    /// What shows this common name; `None`: one without any.
+    /// A certificate with this common name; `None`: without one.
     fn sign_subject(&self, common_name: Option<&str>) -> Option<(Vec<u8>, Vec<u8>)> {
         let mut certificate = CertificateParams::new(vec!["somebody".into()]).unwrap();
         certificate.distinguished_name = rcgen::DistinguishedName::new();
@@ -48,7 +48,7 @@ fn signed(name: &str) -> (String, String, String) {
     (authority.pem, certificate, key)
 }
 
-/// The settings of a server that asks for certificates, and who signed its own.
+/// The settings of a server that requires certificates, and the authority of its own.
 fn asks_for_certificates(folder: &Path, clients: &Authority) -> ([&'static str; 6], Vec<u8>) {
     let (ca, certificate, key) = signed("localhost");
     for (name, text) in [("cert.pem", &certificate), ("key.pem", &key), ("clients.pem", &clients.pem)] {
@@ -68,7 +68,7 @@ name = 'farm'
 certificate = 'farm.studio'
 ";
 
-/// A certificate without a name, or with one that nobody has, makes nobody of those who have a token alone.
+/// A certificate without a name, or with an unknown one, does not identify a caller that has only a token.
 #[tokio::test]
 async fn callers_by_the_subject_of_their_certificate() {
     let folder = tempfile::tempdir().unwrap();
@@ -87,7 +87,7 @@ async fn callers_by_the_subject_of_their_certificate() {
     for common_name in [None, Some(""), Some("anna"), Some("farm.studio.example")] {
         let refused = Connection::open(&by(common_name, None)).await.err().expect("nobody's certificate");
         assert_fault(&refused, Code::Unauthenticated, "TOKEN_INVALID");
-        // A token is as good as before.
+        // Tokens still work.
         Connection::open(&by(common_name, Some("token of anna"))).await.unwrap();
     }
     let mut farm = Connection::open(&by(Some("farm.studio"), None)).await.unwrap();
@@ -126,7 +126,8 @@ async fn encrypted_and_with_certificates_on_both_sides() {
     assert!(Connection::open(&unknown).await.is_err());
 }
 
-/// A pair that does not fit is told before anything listens; one that expires soon is warned of; a new one is taken up.
+/// A certificate with a wrong key is reported before the server listens; one that expires soon gives a warning; a new
+/// one is reloaded.
 #[tokio::test]
 async fn certificates_are_checked_and_read_again() {
     let folder = tempfile::tempdir().unwrap();
@@ -161,7 +162,7 @@ async fn certificates_are_checked_and_read_again() {
     }
 }
 
-/// One that ends soon is told of at the start, with what to do.
+/// A certificate that expires soon gives a warning with a remedy at the start.
 #[tokio::test]
 async fn a_certificate_that_expires_soon_is_warned_of() {
     let folder = tempfile::tempdir().unwrap();

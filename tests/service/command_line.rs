@@ -8,7 +8,7 @@ use prost::Message;
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// Runs `cairn LINE` where the example models lie.
+/// Runs `cairn LINE` in the folder of the example models.
 fn cairn(folder: &Path, line: &str) -> Output {
     for name in ["cone-small.glb", "stick.glb"] {
         std::fs::copy(asset(name), folder.join(name)).unwrap();
@@ -95,7 +95,7 @@ async fn ctrl_c_cancels_on_the_server() {
     assert!(!server.path("far.glb").exists());
 }
 
-/// What a link beside a model points to elsewhere is nothing that the model may send.
+/// A file outside the folder that a link beside a model points to is not sent.
 #[cfg(unix)]
 #[test]
 fn nothing_outside_of_a_models_folder_is_sent() {
@@ -116,7 +116,7 @@ fn nothing_outside_of_a_models_folder_is_sent() {
     assert_eq!(std::fs::read_dir(server.path("data/assets")).unwrap().count(), 0);
 }
 
-/// A path that leads out of the scene's folder says so in the scene: by `../`. A link says nothing.
+/// A path may visibly lead out of the scene's folder, by `../`. A link is not visible.
 #[cfg(unix)]
 #[test]
 fn a_model_behind_a_link_is_not_sent() {
@@ -158,8 +158,7 @@ fn a_model_behind_a_link_is_not_sent() {
     assert_eq!(code, 0, "{told}");
 }
 
-/// A result that the disk has changed is written by nobody: neither where the server finds it out nor where only its
-/// caller can.
+/// A result that has changed on disk is not delivered, whether the server or only its caller can detect it.
 #[tokio::test]
 async fn a_changed_result_is_not_written() {
     let server = Server::start(&[]);

@@ -1,4 +1,4 @@
-//! What others do to a server's folder: files of theirs, and files that are cut off, emptied or changed.
+//! Foreign changes in a server's folder: other files, and truncated, emptied or changed ones.
 
 use crate::server::{Server, accepted_id, assert_fault, channel, events, numbered, request, short, status, watch};
 use cairn::client::Connection;
@@ -28,7 +28,7 @@ fn cut(path: &std::path::Path, bytes: u64) {
     std::fs::File::options().write(true).open(path).unwrap().set_len(bytes).unwrap();
 }
 
-/// A summary is not kept in memory: what is told of it comes from the disk.
+/// Summaries are not kept in memory: they come from the disk.
 #[tokio::test]
 async fn a_summary_that_is_cut_off_is_found_out_and_the_bake_made_again() {
     let server = Server::start(&[]);
@@ -56,7 +56,7 @@ async fn files_of_others_are_left_alone() {
     std::fs::create_dir(server.path("data/bakes/@eaDir")).unwrap();
     let next = Server::start_in(server.folder(), &["--store-mib", "0"]);
     let mut connection = next.connect().await;
-    // The limit of 0 bytes removes what is the server's own.
+    // The limit of 0 bytes removes only the server's own files.
     for _ in 0..500 {
         if connection.watch(&id, |_| {}).await.is_err() {
             break;
@@ -79,15 +79,15 @@ async fn a_log_that_is_cut_off_is_found_out_and_the_bake_made_again() {
     for left in [|_| 0, |_| 1, |_| 100, |whole| whole - 1] {
         let left: fn(u64) -> u64 = left;
         cut(&log, left(std::fs::metadata(&log).unwrap().len()));
-        // Who only watches is told.
+        // A watcher gets the fault.
         let (_, end) = events(watch(&mut connection, &id, 1).await).await;
         assert_fault(&end.unwrap_err(), Code::DataLoss, "BAKE_DAMAGED");
         assert_eq!(status(&mut connection, &id).await.failure.unwrap().reason, "BAKE_DAMAGED");
-        // Who asks for the bake has it made again.
+        // A new request bakes it again.
         assert_eq!(baked(&server, &mut connection).await.0, id);
         assert_eq!(status(&mut connection, &id).await.state(), BakeState::Succeeded);
     }
-    // Who asks before anybody has watched does not even notice.
+    // A request before any watcher does not notice the damage.
     cut(&log, 0);
     assert_eq!(baked(&server, &mut connection).await.0, id);
     assert!(server.log().contains("damaged"), "{}", server.log());
@@ -122,7 +122,7 @@ async fn an_unfinished_bake_without_its_events_is_planned_again() {
     assert_eq!((accepted_id(&told), numbered(&told)[0].sequence_number), (id, 1));
 }
 
-/// A token of a page is a place in the list, which is there without the bake, too.
+/// A page token is a position in the list, which stays valid without the bake.
 #[tokio::test]
 async fn a_page_goes_on_where_a_bake_was_deleted() {
     let server = Server::start(&[]);
@@ -140,7 +140,7 @@ async fn a_page_goes_on_where_a_bake_was_deleted() {
     assert_eq!(second.bakes[0].bake_id, ids[1]);
 }
 
-/// A data directory that is gone is told by the health, and one that is back, too.
+/// The health reports a missing data directory, and its return.
 #[tokio::test]
 async fn health_knows_the_data_directory() {
     let server = Server::start(&[]);
@@ -159,7 +159,7 @@ async fn health_knows_the_data_directory() {
     assert!(server.log().contains("the data directory cannot be used"), "{}", server.log());
 }
 
-/// A server that is about to end says so to all who ask, and takes no calls.
+/// A server that shuts down reports that to all callers, and accepts no calls.
 #[tokio::test]
 async fn health_of_a_server_that_ends() {
     let server = Server::start(&["--drain-seconds", "20"]);
@@ -174,7 +174,7 @@ async fn health_of_a_server_that_ends() {
         }
     }
     let service = &mut connection.service;
-    // The health is told a moment before the door closes.
+    // The health changes a moment before calls are refused.
     while service.list_bakes(ListBakesRequest::default()).await.is_ok() {
         tokio::time::sleep(std::time::Duration::from_millis(10)).await;
     }
@@ -197,7 +197,7 @@ async fn health_of_a_server_that_ends() {
     }
 }
 
-/// Some libraries compress what they send.
+/// Some libraries compress their messages.
 #[tokio::test]
 async fn requests_compressed_by_gzip() {
     let server = Server::start(&[]);
@@ -210,7 +210,7 @@ async fn requests_compressed_by_gzip() {
     assert_eq!(bake.unwrap().state(), BakeState::Succeeded);
 }
 
-/// The cache of fills counts among what the store may take, and goes before any result.
+/// The cache of fills counts toward the store's limit, and is removed before any result.
 #[tokio::test]
 async fn the_cache_counts_and_goes_first() {
     let server = Server::start(&["--store-mib", "2"]);

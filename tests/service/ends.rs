@@ -1,4 +1,4 @@
-//! How bakes and servers end: cancelled, past their deadline, left by their caller, killed and started again.
+//! Ends of bakes and servers: cancelled, past their deadline, abandoned by their caller, killed and restarted.
 
 use crate::server::{
     Server, accepted_id, assert_contiguous, assert_fault, begin, endless, events, long, numbered, request, short,
@@ -47,13 +47,13 @@ async fn cancel_ends_the_physics() {
     let (_, end) = events(running).await;
     assert_fault(&end.unwrap_err(), Code::Cancelled, "BAKE_CANCELLED");
 
-    // The worker is free, and the same request begins anew.
+    // The worker is free, and the same request starts again.
     let again = begin(&mut connection, endless(1)).await;
     assert_eq!(again, id);
     until(&mut connection, &again, BakeState::Running).await;
 }
 
-/// Callers may cancel bakes all day long: the latest thousand are kept to be told of, and what has a result stays.
+/// Of many cancelled bakes, the latest thousand are kept; bakes with a result stay.
 #[tokio::test]
 async fn bakes_without_a_result_are_forgotten_in_the_end() {
     let mut server = Server::start(&[]);
@@ -88,7 +88,7 @@ async fn bakes_without_a_result_are_forgotten_in_the_end() {
     assert_eq!(connection.service.get_bake(oldest).await.unwrap_err().code(), Code::NotFound);
 }
 
-/// Deadlines to try, the shortest first. tonic ends a call whose answer has not begun by its deadline, at both ends: on
+/// Deadlines to try, shortest first. tonic ends a call whose answer has not begun by its deadline, at both ends: on
 /// a busy machine, only a longer one leaves a bake the time to be planned.
 fn deadlines() -> impl Iterator<Item = Duration> {
     (0..9).map(|doubled| Duration::from_millis(700 << doubled))
@@ -123,7 +123,7 @@ async fn the_deadline_of_a_bake_ends_the_physics() {
     panic!("no deadline was long enough");
 }
 
-/// Libraries set deadlines on every call: those end the call alone.
+/// Libraries set deadlines on every call; they end only the call.
 #[tokio::test]
 async fn a_deadline_ends_the_call_alone_by_default() {
     let server = Server::start(&[]);
@@ -154,11 +154,11 @@ async fn the_latest_deadline_counts_and_that_of_a_watcher_does_not() {
     let watched = watch_within_deadline(&mut connection, &id).await;
     assert_eq!(events(watched).await.1.unwrap_err().code(), Code::DeadlineExceeded);
     assert_eq!(events(brief).await.1.unwrap_err().code(), Code::DeadlineExceeded);
-    // Both deadlines have passed, and the physics goes on.
+    // Both deadlines have passed, and the simulation continues.
     until(&mut connection, &id, BakeState::Running).await;
     let mut live = watch(&mut connection, &id, 1).await;
     let mut progress = 0;
-    // The first one may be of before.
+    // The first one may be older.
     while progress < 2 {
         let event = live.message().await.unwrap().expect("the stream goes on").event.unwrap();
         progress += i32::from(matches!(event.kind, Some(Kind::Progress(_))));
@@ -166,7 +166,7 @@ async fn the_latest_deadline_counts_and_that_of_a_watcher_does_not() {
     assert_eq!(status(&mut connection, &id).await.state(), BakeState::Running);
 }
 
-/// A bake that a caller with a deadline began, and that one without any joined in time; and the first one's stream.
+/// A bake started by a caller with a deadline and joined in time by one without, and the first caller's stream.
 async fn with_two_callers(connection: &mut Connection) -> (String, Streaming<BakeResponse>) {
     for (seed, deadline) in (1..).zip(deadlines()) {
         // The server's own clock of the deadline starts later.
@@ -224,7 +224,7 @@ async fn who_comes_back_finds_the_place() {
 async fn a_reader_that_stands_still_holds_up_nothing() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;
-    // Little room on the way, and many frames: what is not read stays with the server.
+    // With small buffers and many frames, unread events stay on the server.
     let endpoint = Endpoint::from_shared(format!("http://{}", server.addresses[0])).unwrap();
     let channel = endpoint.initial_stream_window_size(4096).initial_connection_window_size(4096).connect_lazy();
     let mut slow = PileServiceClient::new(channel);
@@ -268,7 +268,7 @@ async fn a_killed_server_is_taken_over() {
     let mut connection = server.connect().await;
     let kept = events(watch(&mut connection, &accepted_id(&finished), 1).await).await.0;
     assert_eq!(numbered(&kept), numbered(&finished));
-    // The bake begins anew, and tells the same: its watcher finds its place.
+    // The bake starts again with the same events, so that its watcher can resume.
     let (more, end) = events(watch(&mut connection, &id, 31).await).await;
     end.unwrap();
     told.extend(more);

@@ -1,5 +1,5 @@
-//! A fault at each place where the service writes, syncs, renames, starts a process or sends: its caller is told what
-//! it was, nothing is left behind, and the same call succeeds once the fault is gone. The places are named in
+//! A fault at each place where the service writes, syncs, renames, starts a process or sends: the caller gets a
+//! message, nothing is left behind, and the same call succeeds once the fault is gone. The places are named in
 //! `server/src/`.
 
 use crate::server::{
@@ -21,23 +21,24 @@ const NOT_STARTED: (Code, &str) = (Code::Unavailable, "BAKE_NOT_STARTED");
 const BUSY: (Code, &str) = (Code::ResourceExhausted, "TOO_MANY_CALLS");
 const DAMAGED: (Code, &str) = (Code::DataLoss, "BAKE_DAMAGED");
 
-/// Faults, and what their caller is told.
+/// Faults, and the messages to their callers.
 type Case = (&'static str, (Code, &'static str));
 
-/// One place, and none to wait: what keeps it keeps out everybody.
+/// One worker and no queue: a permit that is not released blocks everybody.
 const ONE: [&str; 4] = ["--workers", "1", "--queue", "0"];
 
 fn server_of_one(folder: &Path, faults: &str) -> Server {
     server_with(folder, faults, &ONE[2..])
 }
 
-/// A server with one worker whose processes have the faults that the file `TASK.faults` names, if it is there. `args`:
-/// besides.
+/// A server with one worker whose processes have the faults in the file `TASK.faults`, if it exists. `args`: further
+/// arguments.
 pub fn server_with(folder: &Path, faults: &str, args: &[&str]) -> Server {
     let program = folder.join("worker.sh");
     let faults_of_task = folder.join("$2.faults");
     let script = format!(
-        "#!/bin/sh\nunset FAILPOINTS\nif [ -e {0} ]; then export FAILPOINTS=\"$(cat {0})\"; fi\nexec {PROGRAM} \"$@\"\n",
+        "#!/bin/sh\nunset FAILPOINTS\nif [ -e {0} ]; then export FAILPOINTS=\"$(cat {0})\"; fi\n\
+         exec {PROGRAM} \"$@\"\n",
         faults_of_task.display()
     );
     std::fs::write(&program, script).unwrap();
@@ -63,7 +64,7 @@ fn below(folder: &Path) -> Vec<String> {
     found
 }
 
-/// What a fault may leave: no process, nothing half written, and of a bake that has failed neither assets nor results.
+/// A fault leaves no process and no temporary file, and a failed bake leaves neither assets nor results.
 #[track_caller]
 fn assert_clean(server: &Server, faults: &str) {
     assert!(server.children().is_empty(), "{faults}: a process is left");
@@ -75,7 +76,7 @@ fn assert_clean(server: &Server, faults: &str) {
     assert!(left.is_empty(), "{faults}: {left:?}");
 }
 
-/// The caller is told this, in words that name no folder of the server.
+/// The caller gets this message, which names no folder of the server.
 #[track_caller]
 fn assert_told(server: &Server, faults: &str, told: &Status, expected: (Code, &str)) {
     println!("{faults}: {}", told.message());
@@ -140,12 +141,12 @@ async fn faults_of_the_process() {
         }
         bake_again(&mut connection).await;
     }
-    // What only makes others quicker may fail.
+    // A fault in the cache does not fail the bake.
     std::fs::write(folder.path().join("bake.faults"), "cache-write=return(ENOSPC)").unwrap();
     bake_again(&mut connection).await;
 }
 
-/// The bake that has failed succeeds, and is deleted, so that the next one is new.
+/// The failed bake succeeds now, and is deleted, so that the next one is new.
 async fn bake_again(connection: &mut Connection) {
     let events = bake(connection, request(short(1))).await.unwrap();
     let bake_id = accepted_id(&events);
@@ -153,7 +154,7 @@ async fn bake_again(connection: &mut Connection) {
     connection.service.delete_bake(DeleteBakeRequest { bake_id }).await.unwrap();
 }
 
-/// A fault of the server itself, while it takes a bake and while it looks after one.
+/// A fault of the server itself, while it accepts a bake and while it runs one.
 #[tokio::test]
 async fn faults_of_the_server_end_one_bake() {
     for (faults, expected) in [
@@ -196,7 +197,7 @@ async fn listed(connection: &mut Connection) -> Vec<String> {
     list.bakes.into_iter().map(|bake| bake.bake_id).collect()
 }
 
-/// The last thing that is written of a bake is that it has succeeded. Whoever asks the next server has it made again.
+/// The success of a bake is saved last. If that fails, a request to the next server bakes it again.
 #[tokio::test]
 async fn an_end_that_cannot_be_written_down() {
     let folder = tempfile::tempdir().unwrap();
@@ -234,7 +235,7 @@ async fn faults_of_a_plan() {
     }
 }
 
-/// A plan's process is killed when its call ends, and collected soon after.
+/// A plan's process is killed when its call ends, and reaped soon after.
 async fn gone(server: &Server) {
     for _ in 0..500 {
         if server.children().is_empty() {
@@ -270,7 +271,7 @@ async fn faults_of_an_upload() {
     }
 }
 
-/// What is wrong with reading says whether the bake is damaged, or only the server busy.
+/// A fault in reading shows whether the bake is damaged or the server only busy.
 #[tokio::test]
 async fn faults_of_those_who_read() {
     for (faults, expected) in [
@@ -300,14 +301,14 @@ async fn faults_of_those_who_read() {
     }
 }
 
-/// Streams that break off give back their place: more break off than one caller may have open.
+/// Broken streams release their permits: more of them break than one caller may have open.
 #[tokio::test]
 async fn streams_that_break_off() {
     const BROKEN_OFF: usize = 3200;
     let folder = tempfile::tempdir().unwrap();
     let server = server_of_one(folder.path(), &format!("stream-send={BROKEN_OFF}*return(EPIPE)"));
     let mut connection = server.ready().await;
-    // It goes on without its caller.
+    // It continues without its caller.
     bake(&mut connection, request(short(1))).await.unwrap();
     let id = listed(&mut connection).await.remove(0);
     crate::server::until(&mut connection, &id, BakeState::Succeeded).await;
@@ -322,7 +323,7 @@ async fn streams_that_break_off() {
     assert!(told.len() > 3);
 }
 
-/// So do downloads; and what is cut off is told, not taken for the whole file.
+/// So do downloads; and an incomplete file is reported, not taken for the whole.
 #[tokio::test]
 async fn downloads_that_break_off() {
     const BROKEN_OFF: usize = 3200;
@@ -341,7 +342,7 @@ async fn downloads_that_break_off() {
     assert_eq!(listed(&mut connection).await, [id]);
 }
 
-/// A bake that cannot be removed is still there, and can be removed once the disk allows it.
+/// A bake that cannot be removed stays, and can be removed once the disk permits it.
 #[tokio::test]
 async fn a_bake_that_cannot_be_removed_stays() {
     let folder = tempfile::tempdir().unwrap();
@@ -355,7 +356,7 @@ async fn a_bake_that_cannot_be_removed_stays() {
     assert!(below(&server.path("data/bakes")).is_empty());
 }
 
-/// A full disk keeps no server from starting: it is the server that makes room.
+/// A server starts on a full disk, since the server makes room.
 #[tokio::test]
 async fn a_server_starts_on_a_full_disk() {
     let folder = tempfile::tempdir().unwrap();
@@ -371,7 +372,7 @@ async fn a_server_starts_on_a_full_disk() {
     bake(&mut connection, request(short(1))).await.unwrap();
 }
 
-/// A socket that everybody could use does not stay.
+/// A socket that every user could open does not stay.
 #[test]
 fn a_socket_whose_mode_cannot_be_set() {
     let folder = tempfile::tempdir().unwrap();
@@ -382,7 +383,7 @@ fn a_socket_whose_mode_cannot_be_set() {
     assert!(!folder.path().join("socket").exists());
 }
 
-/// A data directory that cannot be made or locked is told before anything listens; the next server starts.
+/// A data directory that cannot be created or locked is reported before the server listens; the next server starts.
 #[test]
 fn a_data_directory_that_cannot_be_opened() {
     let folder = tempfile::tempdir().unwrap();

@@ -4,7 +4,7 @@ use crate::server::Server;
 use cairn::wire::proto::{BakeState, BakeStatus, ListBakesRequest};
 use prost::Message;
 
-/// A page that is asked to be larger than pages are is as large as they are, as AIP-158 has it.
+/// A page size above the limit gives the largest page, as in AIP-158.
 #[tokio::test]
 async fn a_page_size_beyond_the_limit_is_lowered() {
     const LIMIT: usize = 1000;

@@ -1,4 +1,4 @@
-//! More callers than places.
+//! More callers than the server serves at once.
 
 use crate::server::{
     Server, accepted_id, assert_fault, begin, channel, endless, events, fields, request, short, until,
@@ -21,15 +21,14 @@ async fn a_full_queue_refuses_and_says_when_to_come_back() {
     let refused = connection.service.bake(request(endless(3))).await.unwrap_err();
     let details = assert_fault(&refused, Code::ResourceExhausted, "QUEUE_FULL");
     assert!(details.retry_info().unwrap().retry_delay.is_some() && fields(&details).is_empty());
-    // Who asks for what runs already is not refused.
+    // A request for a running bake is not refused.
     assert_eq!(begin(&mut connection, endless(1)).await, first);
-    // A plan does not need a place of a bake.
+    // A plan does not need a bake's permit.
     let plan = cairn::wire::proto::PlanBakeRequest { spec: Some(endless(3)) };
     connection.service.plan_bake(plan).await.unwrap();
 }
 
-/// Who has taken its share of the places, as many as it could, leaves room for others. Without names, those who call
-/// from elsewhere are others.
+/// A caller that has used its whole quota leaves room for others. Without names, callers differ by their addresses.
 #[tokio::test]
 async fn one_caller_leaves_places_to_others() {
     let folder = tempfile::tempdir().unwrap();
@@ -51,12 +50,12 @@ async fn one_caller_leaves_places_to_others() {
     }
     let refused = other.service.bake(request(endless(102))).await.unwrap_err();
     assert_fault(&refused, Code::ResourceExhausted, "QUEUE_FULL");
-    // A place that is given back is taken again.
+    // A released permit can be taken again.
     greedy.cancel(&held[0]).await.unwrap();
     begin(&mut other, endless(102)).await;
 }
 
-/// Two plans of one caller that do not end leave planning to another.
+/// Two endless plans of one caller do not block another caller's plans.
 #[tokio::test]
 async fn heavy_plans_leave_planning_to_others() {
     let folder = tempfile::tempdir().unwrap();
@@ -72,7 +71,7 @@ async fn heavy_plans_leave_planning_to_others() {
             tokio::spawn(async move { service.plan_bake(plan(seed)).await })
         })
         .collect();
-    // It has read its faults once it is no shell any more.
+    // It has read its faults once the shell has become the worker.
     let command = |process: u32| std::fs::read_to_string(format!("/proc/{process}/cmdline")).unwrap_or_default();
     while !server.children().into_iter().any(|process| command(process).contains("cairn\0worker\0plan")) {
         tokio::time::sleep(Duration::from_millis(10)).await;
@@ -82,15 +81,15 @@ async fn heavy_plans_leave_planning_to_others() {
     assert!(heavy.iter().all(|plan| !plan.is_finished()), "they are planned still, or wait for that");
 }
 
-/// A thousand callers at once: as many as there are places are served, each once; the others are refused.
+/// A thousand simultaneous callers: as many as there are permits are served, each once; the others are refused.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_thousand_callers() {
     const CALLERS: usize = 1000;
-    /// Of two workers and a queue of eight: the share of one caller, which they all are.
+    /// The quota of one caller, with two workers and a queue of eight. All calls are of one caller.
     const PLACES: usize = 8;
     let server = Server::start(&["--workers", "2", "--queue", "8"]);
     let mut connection = server.ready().await;
-    // The places are taken, so that none is free again before all have asked.
+    // The permits are held until all have called.
     let mut ids = BTreeSet::new();
     for seed in 0..PLACES as i64 - 4 {
         ids.insert(begin(&mut connection, endless(seed)).await);
@@ -149,7 +148,7 @@ async fn callers_of_the_same_pile_share_it() {
     assert_eq!(server.log().matches("started").count(), 1, "{}", server.log());
 }
 
-/// What waits is baked when its turn comes, in the order of asking.
+/// Waiting bakes start in the order of the requests.
 #[tokio::test]
 async fn the_queue_keeps_its_order() {
     let server = Server::start(&["--workers", "1"]);

@@ -1,4 +1,4 @@
-//! The real server as its callers meet it: started on port 0, spoken to by gRPC.
+//! The real server as callers use it: started on port 0, called over gRPC.
 
 mod access;
 mod assets;

@@ -1,5 +1,4 @@
-//! `proto/README.md` and `examples/guide/scene.md` say what the comments of the schema say. `UPDATE_PAGE=1` writes them
-//! anew.
+//! `proto/README.md` and `examples/guide/scene.md` match the comments of the schema. `UPDATE_PAGE=1` writes them again.
 
 use cairn::scene_file::schema::{self, comment, plain};
 use prost_reflect::{EnumDescriptor, FileDescriptor, Kind, MessageDescriptor, MethodDescriptor};
@@ -18,7 +17,7 @@ fn the_pages_are_the_schema() {
     }
 }
 
-/// Every field, value and call says what it is.
+/// Every field, value and call has a comment.
 #[test]
 fn nothing_is_without_a_comment() {
     for name in ["service", "event"] {
@@ -122,7 +121,7 @@ fn paragraph(page: &mut String, text: &str) {
     }
 }
 
-/// What a file says of itself, above its syntax.
+/// The comment at the top of a file.
 fn head(file: &FileDescriptor) -> String {
     let source = file.file_descriptor_proto().source_code_info.as_ref().expect("descriptors keep their comments");
     let syntax = source.location.iter().find(|location| location.path == [12]).expect("a file has a syntax");

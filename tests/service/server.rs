@@ -1,4 +1,4 @@
-//! A server in a folder of its own, and scenes for it.
+//! A server in its own folder, and scenes for it.
 
 use cairn::client::{Connection, Target};
 use cairn::scene_file::SceneTree;
@@ -20,7 +20,7 @@ use tonic_types::{ErrorDetails, StatusExt};
 
 pub const PROGRAM: &str = env!("CARGO_BIN_EXE_cairn");
 
-/// A running server. It ends, hard, with the value.
+/// A running server. Dropping it kills the server.
 pub struct Server {
     process: Child,
     pub addresses: Vec<String>,
@@ -33,17 +33,17 @@ enum Folder {
 }
 
 impl Server {
-    /// `cairn serve` on a port of its own, with these arguments.
+    /// `cairn serve` on a free port, with these arguments.
     pub fn start(args: &[&str]) -> Server {
         Server::launch(Folder::Own(tempfile::tempdir().unwrap()), args, "")
     }
 
-    /// Another server on the data of one that has ended.
+    /// Another server on the data of an ended one.
     pub fn start_in(folder: &Path, args: &[&str]) -> Server {
         Server::launch(Folder::Other(folder.to_owned()), args, "")
     }
 
-    /// The same, with these faults: see `server/src/failpoints.rs`.
+    /// A server with these faults: see `server/src/failpoints.rs`.
     pub fn start_with_faults(folder: &Path, args: &[&str], faults: &str) -> Server {
         Server::launch(Folder::Other(folder.to_owned()), args, faults)
     }
@@ -93,7 +93,7 @@ impl Server {
         server
     }
 
-    /// The same, past the server: no fault of its own happens on the way.
+    /// A connection whose uploads bypass the server, so that none of its faults happens.
     pub async fn ready_without_faults(&self) -> Connection {
         for name in ["cone-small.glb", "stick.glb"] {
             std::fs::copy(asset(name), self.path("data/assets").join(sha256(&content(name)))).unwrap();
@@ -106,12 +106,12 @@ impl Server {
         assert!(Command::new("kill").args([signal, &self.process.id().to_string()]).status().unwrap().success());
     }
 
-    /// Waits for its end; the exit code.
+    /// Waits for its end. Returns the exit code.
     pub fn wait(&mut self) -> Option<i32> {
         self.process.wait().unwrap().code()
     }
 
-    /// Processes that it has started.
+    /// Its child processes.
     pub fn children(&self) -> Vec<u32> {
         children(self.process.id())
     }
@@ -127,7 +127,7 @@ impl Drop for Server {
     }
 }
 
-/// A bare connection, for services of others.
+/// A plain channel, for other services.
 pub async fn channel(address: &str) -> Channel {
     Endpoint::from_shared(address.to_owned()).unwrap().connect().await.unwrap()
 }
@@ -140,7 +140,7 @@ pub fn command(folder: &Path) -> Command {
     command
 }
 
-/// Processes started by this one. Linux tells.
+/// Child processes, on Linux.
 pub fn children(process: u32) -> Vec<u32> {
     let mut found = Vec::new();
     for task in std::fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten() {
@@ -162,7 +162,7 @@ pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Sticks in a small cone, by the names that the command line in the examples' folder has for them.
+/// Sticks in a small cone, with the names of the command line in the examples' folder.
 pub fn spec(assignments: &[&str]) -> BakeSpec {
     let mut tree = SceneTree::from_message(&Scene {
         control_mesh: Some(ControlMesh { path: "cone-small.glb".into() }),
@@ -196,7 +196,7 @@ pub fn request(spec: BakeSpec) -> BakeRequest {
     BakeRequest { spec: Some(spec), ..Default::default() }
 }
 
-/// All events, and how the stream ended.
+/// All events, and the end of the stream.
 pub async fn events<T: Event>(stream: Streaming<T>) -> (Vec<BakeEvent>, Result<(), Status>) {
     take(stream, usize::MAX).await
 }
@@ -233,7 +233,7 @@ impl Event for cairn::wire::proto::WatchBakeResponse {
     }
 }
 
-/// The events that are kept, without progress.
+/// The logged events, without progress.
 pub fn numbered(events: &[BakeEvent]) -> Vec<&BakeEvent> {
     events.iter().filter(|event| event.sequence_number > 0).collect()
 }
@@ -253,7 +253,7 @@ pub fn accepted_id(events: &[BakeEvent]) -> String {
     }
 }
 
-/// Starts a bake and leaves it alone. Its id.
+/// Starts a bake and leaves it. Returns its id.
 pub async fn begin(server: &mut Connection, spec: BakeSpec) -> String {
     let stream = server.service.bake(request(spec)).await.unwrap().into_inner();
     accepted_id(&take(stream, 1).await.0)
@@ -288,7 +288,7 @@ pub fn within<T>(timeout: Duration, message: T) -> Request<T> {
     request
 }
 
-/// The error's details, if it is this one.
+/// The details of the error, if it has this reason.
 #[track_caller]
 pub fn assert_fault(status: &Status, code: Code, reason: &str) -> ErrorDetails {
     assert_eq!(status.code(), code, "{status:?}");
@@ -298,7 +298,7 @@ pub fn assert_fault(status: &Status, code: Code, reason: &str) -> ErrorDetails {
     details
 }
 
-/// Field paths of all problems told.
+/// Field paths of all reported problems.
 pub fn fields(details: &ErrorDetails) -> Vec<String> {
     details.bad_request().iter().flat_map(|request| &request.field_violations).map(|v| v.field.clone()).collect()
 }
@@ -341,7 +341,10 @@ pub fn sphere(n: u32) -> Vec<u8> {
         "nodes": [{ "mesh": 0 }],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1 }] }],
         "accessors": [
-            { "bufferView": 0, "componentType": 5126, "count": points, "type": "VEC3", "min": [-1, -1, -1], "max": [1, 1, 1] },
+            {
+                "bufferView": 0, "componentType": 5126, "count": points, "type": "VEC3",
+                "min": [-1, -1, -1], "max": [1, 1, 1]
+            },
             { "bufferView": 1, "componentType": 5125, "count": 6 * n * n, "type": "SCALAR" }
         ],
         "bufferViews": [

@@ -1,4 +1,4 @@
-//! Bakes whose process misbehaves: each is that bake's own trouble.
+//! Bakes whose process misbehaves: only that bake is affected.
 
 use crate::server::{
     PROGRAM, Server, accepted_id, assert_fault, begin, endless, events, request, short, status, until,
@@ -7,7 +7,7 @@ use cairn::wire::proto::{BakeState, CancelBakeRequest};
 use std::os::unix::fs::PermissionsExt;
 use tonic::Code;
 
-/// A server whose workers plan as they should and, for bakes, run this shell command; seed 2 is spared.
+/// A server whose workers plan normally but run this shell command for bakes, except for seed 2.
 fn server_with(folder: &std::path::Path, bake: &str, args: &[&str]) -> Server {
     let script = format!(
         "#!/bin/sh\nif [ $2 = bake ] && ! grep -q spared $3/spec.binpb; then {bake}; fi\nexec {PROGRAM} \"$@\"\n"
@@ -36,7 +36,7 @@ async fn a_crash_is_internal_for_its_call_alone() {
     events(connection.service.bake(request(spared)).await.unwrap().into_inner()).await.1.unwrap();
 }
 
-/// What the system does when memory runs out.
+/// As the system does when memory runs out.
 #[tokio::test]
 async fn a_killed_worker_is_no_fault_of_ours() {
     let folder = tempfile::tempdir().unwrap();
@@ -66,7 +66,7 @@ async fn time_and_memory_are_bounded() {
     assert_fault(&end.unwrap_err(), Code::DeadlineExceeded, "TIME_LIMIT");
     assert!(server.children().is_empty());
 
-    // The limit is the kernel's: what asks for more does not get it.
+    // The kernel enforces the limit: further allocations fail.
     let folder = tempfile::tempdir().unwrap();
     let hungry = "echo memory allocation of 9999 bytes failed >&2; kill -ABRT $$";
     let server = server_with(folder.path(), hungry, &["--bake-memory-mib", "512"]);
@@ -75,7 +75,7 @@ async fn time_and_memory_are_bounded() {
     assert_fault(&end.unwrap_err(), Code::ResourceExhausted, "MEMORY_LIMIT");
 }
 
-/// A mesh of a million triangles does not fit into what the limit leaves.
+/// A mesh of a million triangles does not fit within the limit.
 #[tokio::test]
 async fn a_plan_is_bounded_as_well() {
     let server = Server::start(&["--bake-memory-mib", "64"]);

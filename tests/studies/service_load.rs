@@ -1,10 +1,10 @@
-//! What the service costs, and what it bears: the figures of `examples/README.md`.
+//! Cost and load limits of the service: the figures of `examples/README.md`.
 //!
 //! ```text
 //! cargo build --release && cargo run --release --example service_load
 //! ```
 //!
-//! Times are this machine's at this moment: each comparison runs its two sides in turn.
+//! Times vary with the machine and its load, so each comparison alternates between its two sides.
 
 mod serving;
 

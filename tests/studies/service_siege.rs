@@ -1,4 +1,4 @@
-//! A server under fire: callers of every bad habit at once, for as long as wished, and what it cost.
+//! A stress test of the server: misbehaving callers of every kind at once, for a given time, and the cost.
 //!
 //! ```text
 //! cargo build --release && cargo run --release --example service_siege -- --seconds 600
@@ -37,14 +37,14 @@ struct Args {
     callers: usize,
 }
 
-/// What became of the calls of a habit.
+/// The outcomes of the calls of a habit.
 #[derive(Default)]
 struct Tally {
     accepted: u64,
     refused: u64,
-    /// By their words.
+    /// Counts by message.
     failed: BTreeMap<String, u64>,
-    /// Until the first answer.
+    /// Times until the first answer.
     times: Vec<Duration>,
 }
 
@@ -77,7 +77,7 @@ async fn main() -> Result<()> {
         ["cone-small.glb", "stick.glb"].iter().map(|name| std::fs::read(asset(name))).collect();
     connection.upload(&files?.into_iter().map(|content| (sha256(&content), content.into())).collect()).await?;
     read(connection.service.bake(short(0)).await?.into_inner()).await?;
-    // What a server needs to be warm is no leak.
+    // Memory of the warm-up is no leak.
     fire(&args, Duration::from_secs(args.seconds / 10), 0, &connection, &server).await?;
     rest(&server).await;
     let before = size(&server)?;
@@ -116,7 +116,7 @@ const HABITS: [&str; 7] = ["connections", "half uploads", "cancel storms", "slow
 /// Their place among the habits.
 const BAKES: usize = 4;
 
-/// All habits at once, for so long. `phase`: makes its bakes others than those of another one.
+/// All habits at once, for this time. Another `phase` has other bakes.
 async fn fire(
     args: &Args,
     time: Duration,

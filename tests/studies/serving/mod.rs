@@ -1,4 +1,4 @@
-//! A server of its own for an example, and bakes for it.
+//! A server for a study, and bakes for it.
 
 use anyhow::{Context, Result};
 use cairn::client::Target;
@@ -54,7 +54,7 @@ pub fn program() -> Result<PathBuf> {
     Ok(std::env::current_exe()?.parent().and_then(Path::parent).context("no folder")?.join("cairn"))
 }
 
-/// A server that ends with the value.
+/// A server. Dropping it ends it.
 pub struct Server {
     pub process: Child,
     pub target: Target,
@@ -71,7 +71,7 @@ impl Server {
         Ok(Server { process, target })
     }
 
-    /// Its largest memory so far. Linux tells.
+    /// Its peak memory, on Linux.
     pub fn peak_mib(&self) -> Result<f64> {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id()))?;
         let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).context("no VmHWM")?;
