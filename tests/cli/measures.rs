@@ -53,7 +53,8 @@ start_seconds = 0.5
 "#,
     );
     let pile = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12 \
-                --set output.free_standing=true --set output.free_pour=true --set glue.proof=on --set report.pictures=on";
+                --set output.free_standing=true --set output.free_pour=true --set glue.proof=on \
+                --set report.pictures=on";
     [pile, "stack.toml --set report.pictures=on"].map(|args| {
         desk.line(&format!("bake {args} -o pile.json --report report.json --quiet")).ok();
         serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap()

@@ -3,7 +3,8 @@
 use crate::desk::Desk;
 
 const FLAGS: &str = "--control cone.glb --prop stick.glb --prop brick.glb#Brick:0.3 --static brick.glb \
-                     --accuracy draft --seed 7 --frames 20 --fps 30 --set fill.count=12 --set control=off --set physics.step_seconds=0.01";
+                     --accuracy draft --seed 7 --frames 20 --fps 30 \
+                     --set fill.count=12 --set control=off --set physics.step_seconds=0.01";
 
 #[test]
 fn flags_become_a_scene_file_and_back() {
