@@ -5,9 +5,9 @@ use serde_json::json;
 
 /// Bakes `--control cone.glb` with other arguments and expects exit code 65, these words, and nothing written.
 #[track_caller]
-fn refused(desk: &Desk, args: &str, told: &[&str]) {
+fn refused(desk: &Desk, args: &str, words: &[&str]) {
     let before = desk.files();
-    desk.line(&format!("bake -o pile.glb --report report.json {args}")).fails(65, told);
+    desk.line(&format!("bake -o pile.glb --report report.json {args}")).fails(65, words);
     assert_eq!(desk.files(), before);
 }
 
@@ -55,7 +55,7 @@ fn weights_that_are_none() {
 fn values_out_of_range() {
     let desk = Desk::new();
     let scene = "--control cone.glb --prop stick.glb";
-    for (set, told) in [
+    for (set, words) in [
         ("gravity=0", "gravity"),
         ("gravity=nan", "gravity"),
         ("physics.step_seconds=0", "physics.step"),
@@ -65,7 +65,7 @@ fn values_out_of_range() {
         ("fill.count=0", "fill.count"),
         ("output.fps=0", "output.fps"),
     ] {
-        refused(&desk, &format!("{scene} --set {set}"), &[told]);
+        refused(&desk, &format!("{scene} --set {set}"), &[words]);
     }
 }
 
@@ -83,8 +83,8 @@ fn open_and_flat_control_meshes() {
     // A box without its lid is filled; two walls of one enclose nothing.
     open["accessors"][1]["count"] = json!(30);
     desk.write("open.glb", glb(&open, &box_data([4.0, 4.0, 4.0])));
-    let told = desk.line("check --control open.glb --prop brick.glb").ok();
-    assert!(told.contains("1 hole was closed"), "{told}");
+    let words = desk.line("check --control open.glb --prop brick.glb").ok();
+    assert!(words.contains("1 hole was closed"), "{words}");
     open["accessors"][1]["count"] = json!(12);
     desk.write("open.glb", glb(&open, &box_data([4.0, 4.0, 4.0])));
     refused(&desk, "--control open.glb --prop brick.glb", &["open.glb", "open", "fill its holes"]);
@@ -133,10 +133,10 @@ fn check_tells_the_same_as_json() {
     let desk = Desk::new();
     let done = desk.line("check --json --control cone.glb --prop stik.glb");
     assert_eq!(done.code, 65);
-    let told: serde_json::Value = serde_json::from_str(&done.stdout).unwrap();
-    assert_eq!(told["ok"], false);
-    assert_eq!(told["problems"][0]["place"], "stik.glb");
-    assert_eq!(told["problems"][0]["remedy"], "Did you mean stick.glb?");
+    let words: serde_json::Value = serde_json::from_str(&done.stdout).unwrap();
+    assert_eq!(words["ok"], false);
+    assert_eq!(words["problems"][0]["place"], "stik.glb");
+    assert_eq!(words["problems"][0]["remedy"], "Did you mean stick.glb?");
 }
 
 /// Messages show numbers as numbers, and shorten long texts.
@@ -188,9 +188,9 @@ fn more_memory_than_allowed() {
     let done = desk.line("bake -o pile.glb --control cone.glb --prop many.glb --max-memory-mib 512");
     assert_eq!((done.code, desk.files()), (65, before), "{}", done.stderr);
     // The standard library's message comes first.
-    let told = done.stderr.lines().find(|line| line.starts_with("error: ")).unwrap_or_default();
+    let words = done.stderr.lines().find(|line| line.starts_with("error: ")).unwrap_or_default();
     for part in ["it needs more memory than the limit of 512 MiB", "simpler meshes", "--max-memory-mib"] {
-        assert!(told.contains(part), "`{part}` is missing in:\n{}", done.stderr);
+        assert!(words.contains(part), "`{part}` is missing in:\n{}", done.stderr);
     }
 }
 

@@ -112,7 +112,7 @@ fn sigterm_leaves_nothing_behind() {
 }
 
 #[cfg(unix)]
-fn a_signal_leaves_nothing_behind(signal: &str, code: i32, told: &str) {
+fn a_signal_leaves_nothing_behind(signal: &str, code: i32, message: &str) {
     let desk = Desk::new();
     let before = desk.files();
     let mut bake =
@@ -123,6 +123,6 @@ fn a_signal_leaves_nothing_behind(signal: &str, code: i32, told: &str) {
     let id = bake.id().to_string();
     assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
     assert_eq!(bake.wait().unwrap().code(), Some(code));
-    assert!(lines.any(|line| line.contains(told)));
+    assert!(lines.any(|line| line.contains(message)));
     assert_eq!(desk.files(), before);
 }

@@ -66,8 +66,8 @@ fn parts_make_the_whole() {
     assert!(run(&desk, &format!("{args} --range 2-9")).ok().ends_with("2 baked\n"));
     assert!(run(&desk, args).ok().ends_with("4 finished before\n"));
     run(&desk, &format!("{args} --range 4-5")).fails(2, &["there are 4 variants"]);
-    let told = run(&desk, &format!("{args} --dry-run --set fill.count=6")).ok();
-    assert_eq!(told.lines().filter(|line| line.ends_with("missing")).count(), 4, "{told}");
+    let listing = run(&desk, &format!("{args} --dry-run --set fill.count=6")).ok();
+    assert_eq!(listing.lines().filter(|line| line.ends_with("missing")).count(), 4, "{listing}");
 }
 
 #[test]

@@ -81,11 +81,11 @@ impl Done {
 
     /// Asserts failure with this code and all of these texts. Long runs print their time first.
     #[track_caller]
-    pub fn fails(&self, code: i32, told: &[&str]) {
+    pub fn fails(&self, code: i32, texts: &[&str]) {
         assert_eq!(self.code, code, "{}", self.stderr);
         let first = self.stderr.lines().find(|line| !line.starts_with("read: "));
         assert!(first.is_some_and(|line| line.starts_with("error: ")), "{}", self.stderr);
-        for part in told {
+        for part in texts {
             assert!(self.stderr.contains(part), "`{part}` is missing in:\n{}", self.stderr);
         }
     }

@@ -26,7 +26,7 @@ fn named(heading: &str) -> BTreeSet<String> {
 }
 
 /// The names in this part of the reports.
-fn told(reports: &[Value], part: &str) -> BTreeSet<String> {
+fn reported(reports: &[Value], part: &str) -> BTreeSet<String> {
     reports.iter().flat_map(|report| report[part].as_object().unwrap().keys().cloned()).collect()
 }
 
@@ -64,13 +64,13 @@ start_seconds = 0.5
 #[test]
 fn the_page_of_measures_is_the_report() {
     let reports = reports();
-    let (figures, counts) = (told(&reports, "measures"), told(&reports, "counts"));
+    let (figures, counts) = (reported(&reports, "measures"), reported(&reports, "counts"));
     assert!(figures.len() > 40 && counts.len() > 40, "{figures:?}, {counts:?}");
     assert_eq!(named("figure"), figures, "figures: the page, and the reports");
     assert_eq!(named("count"), counts, "counts: the page, and the reports");
     // Any report has all counts; figures may be missing.
     for report in &reports {
-        assert_eq!(told(std::slice::from_ref(report), "counts"), counts);
+        assert_eq!(reported(std::slice::from_ref(report), "counts"), counts);
     }
 
     // The text around the tables speaks of parts of the report.

@@ -9,18 +9,18 @@ fn places_where_no_file_can_be() {
     let desk = Desk::new();
     std::fs::create_dir(desk.path("folder.glb")).unwrap();
     let before = desk.files();
-    for (output, told) in [
+    for (output, message) in [
         ("pile.fbx", ".glb, .usdc, .usda, .usdz, .json or .csv"),
         ("pile", ".json or .csv"),
         ("folder.glb", "folder.glb"),
         ("gone/pile.glb", "gone"),
         ("stick.glb", "the scene reads this file"),
     ] {
-        desk.line(&format!("bake {SCENE} -o {output}")).fails(2, &[told]);
+        desk.line(&format!("bake {SCENE} -o {output}")).fails(2, &[message]);
         assert_eq!(desk.files(), before);
     }
-    for (report, told) in [("gone/report.json", "gone"), (".", "folder"), ("pile.json", "replace")] {
-        desk.line(&format!("bake {SCENE} -o pile.json --report {report}")).fails(2, &[told]);
+    for (report, message) in [("gone/report.json", "gone"), (".", "folder"), ("pile.json", "replace")] {
+        desk.line(&format!("bake {SCENE} -o pile.json --report {report}")).fails(2, &[message]);
         assert_eq!(desk.files(), before);
     }
 }
@@ -81,9 +81,9 @@ fn a_full_disk_leaves_nothing_and_says_try_again() {
          -o pile.json"
     );
     let done = std::process::Command::new("sh").args(["-c", &script]).current_dir(desk.path("")).output().unwrap();
-    let told = String::from_utf8(done.stderr).unwrap();
-    assert_eq!(done.status.code(), Some(75), "{told}");
-    assert!(told.contains("pile.json: cannot be written") && told.contains("Make room"), "{told}");
+    let message = String::from_utf8(done.stderr).unwrap();
+    assert_eq!(done.status.code(), Some(75), "{message}");
+    assert!(message.contains("pile.json: cannot be written") && message.contains("Make room"), "{message}");
     assert_eq!(desk.files(), before);
 }
 

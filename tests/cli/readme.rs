@@ -116,9 +116,9 @@ fn guide() {
             };
             let words = format!("{command}{smaller}");
             let words = words.strip_prefix("cairn ").unwrap_or_else(|| panic!("{line} is no command of cairn"));
-            let told = desk.line(words).ok();
+            let printed = desk.line(words).ok();
             if let Some(file) = file {
-                desk.write(file, told);
+                desk.write(file, printed);
             }
             tried += 1;
         }

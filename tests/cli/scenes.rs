@@ -13,8 +13,8 @@ fn flags_become_a_scene_file_and_back() {
         let text = desk.line(&format!("scene {FLAGS} {json}")).ok();
         desk.write(name, &text);
         assert_eq!(desk.line(&format!("scene {name} {json}")).ok(), text);
-        let told = desk.line(&format!("check {name}")).ok();
-        assert_eq!(told, desk.line(&format!("check {FLAGS}")).ok());
+        let printed = desk.line(&format!("check {name}")).ok();
+        assert_eq!(printed, desk.line(&format!("check {FLAGS}")).ok());
     }
 }
 
@@ -91,7 +91,7 @@ fn unknown_fields_and_wrong_types_all_at_once_with_their_lines() {
 #[test]
 fn texts_that_are_no_scene() {
     let desk = Desk::new();
-    for (name, text, told) in [
+    for (name, text, printed) in [
         ("a.toml", "seed = \n", "a.toml:1:"),
         ("a.toml", "seed = 1\nseed = 2\n", "a.toml:2: duplicate key"),
         ("a.json", "{\n\"seed\": 1,\n}", "a.json:3:"),
@@ -101,7 +101,7 @@ fn texts_that_are_no_scene() {
         ("cone.glb", "glTF", "--control"),
     ] {
         desk.write(name, text);
-        desk.line(&format!("check {name}")).fails(65, &[told]);
+        desk.line(&format!("check {name}")).fails(65, &[printed]);
     }
     desk.write("latin.toml", b"# \xff\n");
     desk.line("check latin.toml").fails(65, &["latin.toml", "UTF-8"]);
@@ -126,7 +126,7 @@ fn set_changes_any_field() {
         let text = desk.line(&format!("{scene} --set {set}")).ok();
         assert!(text.contains(line), "{set}:\n{text}");
     }
-    for (set, told) in [
+    for (set, printed) in [
         ("fill.coutn=3", "Did you mean `count`?"),
         ("props.weight=3", "props.0"),
         ("props.7.weight=3", "the list has 2 elements"),
@@ -137,6 +137,6 @@ fn set_changes_any_field() {
         ("control=of", "Did you mean `off`?"),
         ("physics.substeps=5000000000", "whole number up to"),
     ] {
-        desk.line(&format!("{scene} --set {set}")).fails(2, &[&format!("--set {set}: "), told]);
+        desk.line(&format!("{scene} --set {set}")).fails(2, &[&format!("--set {set}: "), printed]);
     }
 }

@@ -100,15 +100,18 @@ fn a_plan_tells_what_the_study_found() {
     let estimates = plan["estimates"].as_array().unwrap();
     let studies = SCENES.map(study);
     for (preset, estimate) in PRESETS.iter().zip(estimates) {
-        for (figure, told) in
+        for (figure, estimated) in
             [("overlap", "penetration_mean_rel"), ("imbalance", "imbalance"), ("shape", "shape_error")]
         {
             let all: Vec<f64> = studies.iter().filter_map(|study| error(row(study, preset), figure)).collect();
             let mean = all.iter().sum::<f64>() / all.len() as f64;
             let found = if figure == "overlap" { median(all) } else { mean };
-            let told = estimate[told].as_f64().unwrap();
+            let estimated = estimate[estimated].as_f64().unwrap();
             // Two digits.
-            assert!((told - found).abs() <= 0.06 * found + 1e-6, "{preset}: {figure} of {told}, the study has {found}");
+            assert!(
+                (estimated - found).abs() <= 0.06 * found + 1e-6,
+                "{preset}: {figure} of {estimated}, the study has {found}"
+            );
         }
     }
 }

@@ -59,7 +59,7 @@ fn the_scene_schema_knows_every_field() {
 #[test]
 fn colours_obey_no_color() {
     let desk = Desk::new();
-    let told = |no_color: bool| {
+    let printed = |no_color: bool| {
         let mut command = desk.command(&["check", "nothing.toml"]);
         command.env_remove("NO_COLOR").env("CLICOLOR_FORCE", "1");
         if no_color {
@@ -67,30 +67,30 @@ fn colours_obey_no_color() {
         }
         String::from_utf8(command.output().unwrap().stderr).unwrap()
     };
-    assert!(told(false).contains("\x1b["));
-    assert!(told(true).contains("error: nothing.toml") && !told(true).contains('\x1b'));
+    assert!(printed(false).contains("\x1b["));
+    assert!(printed(true).contains("error: nothing.toml") && !printed(true).contains('\x1b'));
 }
 
 #[test]
 fn the_doctor_tells_the_machine_and_tries_a_bake() {
     let desk = Desk::new();
-    let told = desk.line("doctor --skip-bake").ok();
+    let printed = desk.line("doctor --skip-bake").ok();
     for part in ["cairn", env!("CARGO_PKG_VERSION"), "rapier3d", "threads", "memory", "GiB free"] {
-        assert!(told.contains(part), "{part} is not in: {told}");
+        assert!(printed.contains(part), "{part} is not in: {printed}");
     }
-    let told: Value = serde_json::from_str(&desk.line("doctor --json").ok()).unwrap();
-    let findings = &told["findings"];
-    assert_eq!(findings["result"], "the same with one thread", "{told:#}");
-    assert!(findings["kept_shape"].as_str().is_some_and(|told| told.contains("expected")), "{told:#}");
+    let printed: Value = serde_json::from_str(&desk.line("doctor --json").ok()).unwrap();
+    let findings = &printed["findings"];
+    assert_eq!(findings["result"], "the same with one thread", "{printed:#}");
+    assert!(findings["kept_shape"].as_str().is_some_and(|printed| printed.contains("expected")), "{printed:#}");
     assert!(desk.files().iter().all(|name| name.ends_with(".glb")), "it leaves nothing behind");
 }
 
 #[test]
 fn a_plan_tells_what_each_accuracy_is_expected_to_cost() {
     let desk = Desk::new();
-    let told = desk.line("plan --control cone.glb --prop stick.glb").ok();
+    let printed = desk.line("plan --control cone.glb --prop stick.glb").ok();
     for word in ["bodies", "control", "draft", "reference", "CPU time", "overlap by", "of the thickness"] {
-        assert!(told.contains(word), "{told}");
+        assert!(printed.contains(word), "{printed}");
     }
     let plan: Value = serde_json::from_str(&desk.line("plan --json --control cone.glb --prop stick.glb").ok()).unwrap();
     let seconds = |i: usize| plan["estimates"][i]["cpu_seconds"].as_f64().unwrap();

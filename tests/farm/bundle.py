@@ -53,13 +53,13 @@ def main(program):
             for asset in ("cone-small.glb", "stick.glb"):
                 (scenes / asset).write_bytes((ROOT / "examples" / "assets" / asset).read_bytes())
             (scenes / f"{name}.toml").write_text(text)
-        told = run(program, scenes, output)
-        assert told.returncode == 0, told.stdout[-3000:]
+        printed = run(program, scenes, output)
+        assert printed.returncode == 0, printed.stdout[-3000:]
         piles = sorted(str(path.relative_to(output)) for path in output.rglob("*.glb"))
         assert piles == [f"{scene}/{seed}.glb" for scene in ("column", "sticks") for seed in range(4)], piles
-        shares = [float(share) for share in re.findall(r"openjd_progress: ([\d.]+)", told.stdout)]
+        shares = [float(share) for share in re.findall(r"openjd_progress: ([\d.]+)", printed.stdout)]
         assert shares.count(100.0) == 4, f"one of each task: {shares}"
-        assert "openjd_status: 2 of 2 bakes, 0 failed" in told.stdout
+        assert "openjd_status: 2 of 2 bakes, 0 failed" in printed.stdout
 
         # Again: all is there. Then with what cannot be baked: the fault is told as the format has it.
         again = run(program, scenes, output)

@@ -1,5 +1,5 @@
 """examples/farm/slurm.sh on a Slurm of two nodes, all on this machine: 64 bakes, and one node is killed in the middle.
-Every result is there, whole, and has the hash that it has without Slurm. Then: a task that is told to end runs again.
+Every result is there, whole, and has the hash that it has without Slurm. Then: a stopped task runs again.
 
 slurm.py PROGRAM      with slurmctld, slurmd and munged on this machine, as root
 """
@@ -193,7 +193,7 @@ def main(program):
         assert not list(late.iterdir()), "something half-written is left"
         assert "ExitCode=75:0" in farm.ask("scontrol", "show", "job", job)
         farm.ask("scancel", job)
-        print("slurm: a task that was told to end left nothing, ended with 75, and was queued again")
+        print("slurm: a stopped task left nothing, ended with 75, and was queued again")
     shutil.rmtree(work)
 
 

@@ -54,14 +54,14 @@ fn no_open_port_beyond_this_machine() {
         let done = command(folder.path()).args(args).output().unwrap();
         (done.status.code(), String::from_utf8(done.stderr).unwrap())
     };
-    let (code, told) = run(&["--listen", "0.0.0.0:0"]);
+    let (code, message) = run(&["--listen", "0.0.0.0:0"]);
     assert_eq!(code, Some(2));
-    assert!(told.contains("no token protects the server") && told.contains("--token-file"), "{told}");
-    let (code, told) = run(&["--listen", "nowhere", "--listen", "127.0.0.1:99999"]);
-    assert!(code == Some(2) && told.contains("nowhere") && told.contains("99999"), "{told}");
-    let (code, told) = run(&["--tls-key", "gone.pem", "--token-file", "gone"]);
-    assert!(code == Some(2) && told.contains("gone.pem") && told.contains("token_file"), "{told}");
-    assert!(told.contains("only one of certificate and key is given"), "{told}");
+    assert!(message.contains("no token protects the server") && message.contains("--token-file"), "{message}");
+    let (code, message) = run(&["--listen", "nowhere", "--listen", "127.0.0.1:99999"]);
+    assert!(code == Some(2) && message.contains("nowhere") && message.contains("99999"), "{message}");
+    let (code, message) = run(&["--tls-key", "gone.pem", "--token-file", "gone"]);
+    assert!(code == Some(2) && message.contains("gone.pem") && message.contains("token_file"), "{message}");
+    assert!(message.contains("only one of certificate and key is given"), "{message}");
     assert!(!folder.path().join("data").exists(), "nothing is made before all is right");
 }
 
@@ -138,8 +138,8 @@ async fn settings_from_file_environment_and_flags() {
         assert_eq!(done.status.code(), Some(2));
         String::from_utf8(done.stderr).unwrap()
     };
-    let told = run("CAIRN_CONFIG", "cairn.toml");
-    assert!(told.contains("workres") && told.contains("cairn.toml"), "{told}");
+    let message = run("CAIRN_CONFIG", "cairn.toml");
+    assert!(message.contains("workres") && message.contains("cairn.toml"), "{message}");
     assert!(run("CAIRN_WORKERS", "many").contains("many"));
 }
 
@@ -148,7 +148,7 @@ async fn metrics_tell_of_bakes() {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let server = Server::start(&["--metrics", &port.to_string(), "--log", "json"]);
     let mut connection = server.ready().await;
-    let (told, end) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+    let (message, end) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
     end.unwrap();
     let metrics = get(&port.to_string());
     for line in ["cairn_bakes_total{outcome=\"succeeded\"} 1", "cairn_bodies_total 12", "cairn_bakes_running 0"] {
@@ -159,7 +159,7 @@ async fn metrics_tell_of_bakes() {
         assert!(metrics.contains(name), "{metrics}");
     }
     // Each line about the bake carries its id.
-    let id = crate::server::accepted_id(&told);
+    let id = crate::server::accepted_id(&message);
     let log = server.log();
     let lines: Vec<serde_json::Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let of_bake = lines.iter().filter(|line| line["span"]["bake_id"] == id.as_str()).count();

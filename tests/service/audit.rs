@@ -12,14 +12,14 @@ async fn a_stream_is_told_with_its_end() {
     let server = Server::start(&["--bake-seconds", "1"]);
     let mut connection = server.ready().await;
     let stream = connection.service.bake(request(short(1))).await.unwrap().into_inner();
-    let (told, end) = events(stream).await;
+    let (answer, end) = events(stream).await;
     if end.is_ok() {
-        until_logged(&server, &format!("call=\"Bake\" status=\"0\" bake=\"{}\"", accepted_id(&told))).await;
+        until_logged(&server, &format!("call=\"Bake\" status=\"0\" bake=\"{}\"", accepted_id(&answer))).await;
     }
     let stream = connection.service.bake(request(endless(1))).await.unwrap().into_inner();
-    let (told, end) = events(stream).await;
+    let (answer, end) = events(stream).await;
     assert_eq!(end.unwrap_err().code(), Code::DeadlineExceeded);
-    until_logged(&server, &format!("call=\"Bake\" status=\"4\" bake=\"{}\"", accepted_id(&told))).await;
+    until_logged(&server, &format!("call=\"Bake\" status=\"4\" bake=\"{}\"", accepted_id(&answer))).await;
     assert!(connection.watch("nothing", |_| {}).await.is_err());
     until_logged(&server, "call=\"WatchBake\" status=\"5\" bake=\"nothing\"").await;
 }

@@ -48,11 +48,11 @@ async fn a_plan_simulates_nothing() {
     assert!(list.bakes.is_empty());
 
     // The bake then has the announced id.
-    let (told, end) = events(service.bake(crate::server::request(short(1))).await.unwrap().into_inner()).await;
+    let (answer, end) = events(service.bake(crate::server::request(short(1))).await.unwrap().into_inner()).await;
     end.unwrap();
-    assert_eq!(accepted_id(&told), planned.bake_id);
+    assert_eq!(accepted_id(&answer), planned.bake_id);
     // Its events are the same on every machine.
-    let Some(Kind::Accepted(accepted)) = &told[0].kind else { panic!("{told:?}") };
+    let Some(Kind::Accepted(accepted)) = &answer[0].kind else { panic!("{answer:?}") };
     assert!(accepted.plan.as_ref().unwrap().estimates.is_empty());
 }
 
@@ -63,16 +63,16 @@ async fn usd_comes_in_one_file() {
     let mut wanted = short(1);
     for format in [OutputFormat::Usda, OutputFormat::Usdc] {
         wanted.set_format(format);
-        let told = connection.service.plan_bake(PlanBakeRequest { spec: Some(wanted.clone()) }).await.unwrap_err();
-        let details = assert_fault(&told, Code::InvalidArgument, "REQUEST_INVALID");
+        let answer = connection.service.plan_bake(PlanBakeRequest { spec: Some(wanted.clone()) }).await.unwrap_err();
+        let details = assert_fault(&answer, Code::InvalidArgument, "REQUEST_INVALID");
         assert_eq!(fields(&details), ["spec.format"]);
     }
     wanted.set_format(OutputFormat::Usdz);
     let stream = connection.service.bake(request(wanted)).await.unwrap().into_inner();
-    let (told, end) = events(stream).await;
+    let (answer, end) = events(stream).await;
     end.unwrap();
-    let result = download(&mut connection, &accepted_id(&told), Artifact::Result.into()).await;
-    let Some(Kind::Summary(summary)) = &told.last().unwrap().kind else { panic!("the summary last") };
+    let result = download(&mut connection, &accepted_id(&answer), Artifact::Result.into()).await;
+    let Some(Kind::Summary(summary)) = &answer.last().unwrap().kind else { panic!("the summary last") };
     assert_eq!(sha256(&result), summary.result_sha256);
     let origin = cairn::model::export::origin(&result).unwrap();
     assert_eq!(origin["result_blake3"], summary.result_blake3.as_str());
@@ -85,18 +85,18 @@ async fn a_bake_tells_its_events_in_order_and_leaves_its_result() {
     let mut wanted = short(1);
     wanted.set_format(OutputFormat::Json);
     let stream = connection.service.bake(request(wanted.clone())).await.unwrap().into_inner();
-    let (told, end) = events(stream).await;
+    let (answer, end) = events(stream).await;
     end.unwrap();
 
-    assert_contiguous(&told, 1);
-    let Some(Kind::Accepted(accepted)) = &told[0].kind else { panic!("accepted first") };
+    assert_contiguous(&answer, 1);
+    let Some(Kind::Accepted(accepted)) = &answer[0].kind else { panic!("accepted first") };
     assert_eq!(accepted.plan.as_ref().unwrap().expected_body_count, 12);
     assert_eq!(accepted.effective_scene.as_ref().unwrap().physics.unwrap().substeps, Some(8));
     assert!(!accepted.versions.as_ref().unwrap().rapier3d.is_empty());
-    let Some(Kind::Summary(summary)) = &told.last().unwrap().kind else { panic!("the summary last") };
+    let Some(Kind::Summary(summary)) = &answer.last().unwrap().kind else { panic!("the summary last") };
     assert_eq!(summary.body_count, 12);
     assert!(summary.measures.contains_key("kept_shape") && summary.counts["steps"] > 0);
-    let progress: Vec<Stage> = told.iter().filter_map(progress).collect();
+    let progress: Vec<Stage> = answer.iter().filter_map(progress).collect();
     let order = [Stage::Shape, Stage::Fill, Stage::Glue, Stage::Release, Stage::Hold, Stage::Measure];
     let place = |stage: &Stage| order.iter().position(|s| s == stage);
     assert!(!progress.is_empty() && progress.is_sorted_by_key(place));
@@ -106,7 +106,7 @@ async fn a_bake_tells_its_events_in_order_and_leaves_its_result() {
         serde_json::from_slice(&download(&mut connection, &accepted.bake_id, 0).await).unwrap();
     let frames = result["frames"].as_array().unwrap();
     assert_eq!(frames.len(), summary.frame_count as usize);
-    let of_result: Vec<BakeEvent> = told.iter().filter(|event| is_of_result(event)).cloned().collect();
+    let of_result: Vec<BakeEvent> = answer.iter().filter(|event| is_of_result(event)).cloned().collect();
     let numbers = of_result.iter().filter_map(|event| match &event.kind {
         Some(Kind::Frame(frame)) => Some(frame.frame_number),
         _ => None,
@@ -120,7 +120,7 @@ async fn a_bake_tells_its_events_in_order_and_leaves_its_result() {
         assert!(turned.abs() > 0.999_999);
     }
     assert_eq!(poses(&of_result).len(), 12);
-    assert!(told.iter().any(|event| matches!(&event.kind, Some(Kind::Frame(f)) if f.stage() == Stage::Fill)));
+    assert!(answer.iter().any(|event| matches!(&event.kind, Some(Kind::Frame(f)) if f.stage() == Stage::Fill)));
 
     // The report, and the file's own figures.
     let report: serde_json::Value =
@@ -157,24 +157,24 @@ async fn download(connection: &mut cairn::client::Connection, id: &str, artifact
 async fn a_fill_is_simulated_once() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;
-    let mut told = Vec::new();
+    let mut answer = Vec::new();
     for change in ["release.layer=0.5", "release.layer=1"] {
         let stream = connection.service.bake(request(spec(&["fill.count=12", change]))).await.unwrap().into_inner();
         let (events, end) = events(stream).await;
         end.unwrap();
-        told.push(events);
+        answer.push(events);
     }
     let fill = |events: &[BakeEvent]| -> Vec<Kind> {
         let frames = numbered(events).into_iter().filter_map(|event| event.kind.clone());
         frames.filter(|kind| matches!(kind, Kind::Frame(frame) if frame.stage() == Stage::Fill)).collect()
     };
-    assert!(fill(&told[0]).len() > 1);
-    assert_eq!(fill(&told[0]), fill(&told[1]), "who watches sees the same");
+    assert!(fill(&answer[0]).len() > 1);
+    assert_eq!(fill(&answer[0]), fill(&answer[1]), "who watches sees the same");
     let counts = |events: &[BakeEvent]| match &events.last().unwrap().kind {
         Some(Kind::Summary(summary)) => (summary.counts["fill_steps"], summary.counts["fill_steps_recalled"]),
         _ => panic!("the summary last"),
     };
-    let (first, second) = (counts(&told[0]), counts(&told[1]));
+    let (first, second) = (counts(&answer[0]), counts(&answer[1]));
     assert!(first.0 > 0 && first.1 == 0, "{first:?}");
     assert_eq!(second, (0, first.0));
 
@@ -283,15 +283,15 @@ async fn every_problem_is_told_with_its_field() {
     let mut connection = server.ready().await;
     let mut wrong = spec(&["physics.substeps=-1", "fill.count=0", "props.0.weight=-1"]);
     wrong.scene.as_mut().unwrap().props.push(Prop { path: "gone.glb".into(), ..Default::default() });
-    let told = connection.service.plan_bake(PlanBakeRequest { spec: Some(wrong.clone()) }).await.unwrap_err();
-    let details = assert_fault(&told, Code::InvalidArgument, "SCENE_INVALID");
+    let answer = connection.service.plan_bake(PlanBakeRequest { spec: Some(wrong.clone()) }).await.unwrap_err();
+    let details = assert_fault(&answer, Code::InvalidArgument, "SCENE_INVALID");
     let mut found = fields(&details);
     found.sort();
     let scene = |field: &str| format!("spec.scene.{field}");
     let expected = ["fill.count", "physics.substeps", "props[0].weight", "props[1].path"].map(scene);
-    assert_eq!(found, expected, "{told:?}");
-    let told = connection.service.bake(request(wrong)).await.unwrap_err();
-    assert_eq!(fields(&assert_fault(&told, Code::InvalidArgument, "SCENE_INVALID")).len(), 4);
+    assert_eq!(found, expected, "{answer:?}");
+    let answer = connection.service.bake(request(wrong)).await.unwrap_err();
+    assert_eq!(fields(&assert_fault(&answer, Code::InvalidArgument, "SCENE_INVALID")).len(), 4);
     assert!(std::fs::read_dir(server.path("data/bakes")).unwrap().next().is_none(), "nothing is left of it");
 
     // A broken model, and an open one in the place of the shape.
@@ -299,32 +299,32 @@ async fn every_problem_is_told_with_its_field() {
     connection.upload(&[(sha256(&broken), broken.clone().into())].into()).await.unwrap();
     let mut wrong = short(1);
     wrong.assets[1].sha256 = sha256(&broken);
-    let told = connection.service.plan_bake(PlanBakeRequest { spec: Some(wrong) }).await.unwrap_err();
-    assert_eq!(fields(&assert_fault(&told, Code::InvalidArgument, "SCENE_INVALID")), ["spec.scene.props[0].path"]);
+    let answer = connection.service.plan_bake(PlanBakeRequest { spec: Some(wrong) }).await.unwrap_err();
+    assert_eq!(fields(&assert_fault(&answer, Code::InvalidArgument, "SCENE_INVALID")), ["spec.scene.props[0].path"]);
 }
 
 #[tokio::test]
 async fn requests_of_the_wrong_form() {
     let server = Server::start(&[]);
     let mut service = server.ready().await.service;
-    let told = service.bake(BakeRequest::default()).await.unwrap_err();
-    assert_eq!(fields(&assert_fault(&told, Code::InvalidArgument, "REQUEST_INVALID")), ["spec"]);
+    let answer = service.bake(BakeRequest::default()).await.unwrap_err();
+    assert_eq!(fields(&assert_fault(&answer, Code::InvalidArgument, "REQUEST_INVALID")), ["spec"]);
 
     let mut wrong = short(1);
     wrong.format = 77;
     wrong.scene.as_mut().unwrap().accuracy = 77;
     wrong.assets.push(wrong.assets[0].clone());
     wrong.assets.push(AssetReference { uri: "../../etc/passwd".into(), sha256: "../../etc/passwd".into() });
-    let told = service.bake(request(wrong)).await.unwrap_err();
-    let found = fields(&assert_fault(&told, Code::InvalidArgument, "REQUEST_INVALID"));
+    let answer = service.bake(request(wrong)).await.unwrap_err();
+    let found = fields(&assert_fault(&answer, Code::InvalidArgument, "REQUEST_INVALID"));
     assert_eq!(found, ["spec.format", "spec.assets[2].uri", "spec.assets[3].sha256", "spec.scene.accuracy"]);
 
     // The only problems are missing assets.
     let mut missing = short(1);
     missing.assets[1].sha256 = sha256(b"never uploaded");
     missing.assets.push(AssetReference { uri: "texture.png".into(), sha256: sha256(b"nor this") });
-    let told = service.bake(request(missing)).await.unwrap_err();
-    let found = fields(&assert_fault(&told, Code::FailedPrecondition, "ASSETS_MISSING"));
+    let answer = service.bake(request(missing)).await.unwrap_err();
+    let found = fields(&assert_fault(&answer, Code::FailedPrecondition, "ASSETS_MISSING"));
     assert_eq!(found, ["spec.assets[1].sha256", "spec.assets[2].sha256"]);
 
     for list in [

@@ -88,14 +88,14 @@ async fn rights_limits_and_labels() {
 }
 
 /// A call's log line appears a moment after its answer.
-pub async fn until_logged(server: &Server, told: &str) {
+pub async fn until_logged(server: &Server, words: &str) {
     for _ in 0..1000 {
-        if server.log().contains(told) {
+        if server.log().contains(words) {
             return;
         }
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
-    panic!("{told} is missing in:\n{}", server.log());
+    panic!("{words} is missing in:\n{}", server.log());
 }
 
 /// A limit of waiting bakes also holds without a limit of running ones, which is then the number of workers.
@@ -140,7 +140,7 @@ async fn callers_are_read_again() {
 #[test]
 fn a_wrong_file_of_callers_is_told() {
     let folder = tempfile::tempdir().unwrap();
-    for (text, told) in [
+    for (text, words) in [
         ("[[caller]]\nname = 'a'\n", "neither a token nor a certificate"),
         ("[[caller]]\nname = 'a'\ntoken = 'x'\n[[caller]]\nname = 'a'\ntoken = 'x'\n", "the same token"),
         ("[[caller]]\nname = 'a'\nrole = 'king'\n", "callers.toml:3"),
@@ -149,6 +149,6 @@ fn a_wrong_file_of_callers_is_told() {
         std::fs::write(folder.path().join("callers.toml"), text).unwrap();
         let done = command(folder.path()).args(["--callers-file", "callers.toml"]).output().unwrap();
         let said = String::from_utf8(done.stderr).unwrap();
-        assert!(done.status.code() == Some(2) && said.contains(told), "{said}");
+        assert!(done.status.code() == Some(2) && said.contains(words), "{said}");
     }
 }

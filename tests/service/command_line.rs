@@ -27,13 +27,13 @@ fn the_same_bytes_from_near_and_far() {
         let near = cairn(server.folder(), &format!("bake {SCENE} -o near.{format}"));
         assert!(near.status.success());
         let done = cairn(server.folder(), &format!("bake {SCENE} -o far.{format} --report far.txt --server {far}"));
-        let told = String::from_utf8(done.stderr).unwrap();
-        assert_eq!(done.status.code(), Some(0), "{told}");
+        let printed = String::from_utf8(done.stderr).unwrap();
+        assert_eq!(done.status.code(), Some(0), "{printed}");
         let read = |name: &str| std::fs::read(server.path(&format!("{name}.{format}"))).unwrap();
         assert!(read("near") == read("far"), "the results differ");
-        assert!(told.contains("12 bodies") && told.starts_with("bake "), "{told}");
+        assert!(printed.contains("12 bodies") && printed.starts_with("bake "), "{printed}");
 
-        let id = told.lines().next().unwrap().strip_prefix("bake ").unwrap().to_owned();
+        let id = printed.lines().next().unwrap().strip_prefix("bake ").unwrap().to_owned();
         let done = cairn(server.folder(), &format!("watch {id} -o again.{format} --quiet --server {far}"));
         assert!(done.status.success() && done.stderr.is_empty(), "{done:?}");
         assert!(read("again") == read("far"));
@@ -49,14 +49,14 @@ fn what_the_server_refuses_has_the_exit_codes_of_a_bake() {
         (done.status.code().unwrap(), String::from_utf8(done.stderr).unwrap())
     };
     let wrong = "--set physics.substeps=-1 --set props.0.weight=-1";
-    let (code, told) = run(format!("bake {SCENE} {wrong} -o far.glb --server {far}"));
-    assert!(code == 65 && told.contains("physics.substeps") && told.contains("weight"), "{told}");
-    let (code, told) = run(format!("bake {SCENE} --prop stik.glb -o far.glb --server {far}"));
-    assert!(code == 65 && told.contains("Did you mean stick.glb?"), "{told}");
-    let (code, told) = run(format!("watch nothing --server {far}"));
-    assert!(code == 2 && told.contains("nothing"), "{told}");
-    let (code, told) = run(format!("bake {SCENE} -o far.glb --server 127.0.0.1:9"));
-    assert!(code == 75 && told.contains("127.0.0.1:9"), "{told}");
+    let (code, printed) = run(format!("bake {SCENE} {wrong} -o far.glb --server {far}"));
+    assert!(code == 65 && printed.contains("physics.substeps") && printed.contains("weight"), "{printed}");
+    let (code, printed) = run(format!("bake {SCENE} --prop stik.glb -o far.glb --server {far}"));
+    assert!(code == 65 && printed.contains("Did you mean stick.glb?"), "{printed}");
+    let (code, printed) = run(format!("watch nothing --server {far}"));
+    assert!(code == 2 && printed.contains("nothing"), "{printed}");
+    let (code, printed) = run(format!("bake {SCENE} -o far.glb --server 127.0.0.1:9"));
+    assert!(code == 75 && printed.contains("127.0.0.1:9"), "{printed}");
     assert!(!server.path("far.glb").exists());
 }
 
@@ -111,8 +111,8 @@ fn nothing_outside_of_a_models_folder_is_sent() {
     let mut command = std::process::Command::new(PROGRAM);
     command.args(["bake", "--control", "control.gltf", "--prop", "stick.glb", "-o", "pile.glb", "--server"]);
     let done = command.arg(&server.addresses[0]).current_dir(folder.path().join("scene")).output().unwrap();
-    let told = String::from_utf8(done.stderr).unwrap();
-    assert!(done.status.code() == Some(65) && told.contains("texture.png: a link that leads out"), "{told}");
+    let printed = String::from_utf8(done.stderr).unwrap();
+    assert!(done.status.code() == Some(65) && printed.contains("texture.png: a link that leads out"), "{printed}");
     assert_eq!(std::fs::read_dir(server.path("data/assets")).unwrap().count(), 0);
 }
 
@@ -145,17 +145,20 @@ fn a_model_behind_a_link_is_not_sent() {
     for prop in ["stick.glb", "props/stick.glb"] {
         scene(prop);
         for (line, within) in [("pile.toml", "scene"), ("scene/pile.toml", "")] {
-            let (code, told) = run(line, within);
-            assert!(code == 65 && told.contains(&format!("{prop}: a link that leads out of the scene")), "{told}");
+            let (code, printed) = run(line, within);
+            assert!(
+                code == 65 && printed.contains(&format!("{prop}: a link that leads out of the scene")),
+                "{printed}"
+            );
         }
-        let (code, told) = run(&format!("--control control.glb --prop {prop}"), "scene");
-        assert!(code == 65 && told.contains("a link that leads out of the scene"), "{told}");
+        let (code, printed) = run(&format!("--control control.glb --prop {prop}"), "scene");
+        assert!(code == 65 && printed.contains("a link that leads out of the scene"), "{printed}");
     }
     assert_eq!(std::fs::read_dir(server.path("data/assets")).unwrap().count(), 0, "nothing was sent");
     // A link that stays in the folder is as good as the file.
     scene("../library/stick.glb");
-    let (code, told) = run("pile.toml", "scene");
-    assert_eq!(code, 0, "{told}");
+    let (code, printed) = run("pile.toml", "scene");
+    assert_eq!(code, 0, "{printed}");
 }
 
 /// A result that has changed on disk is not delivered, whether the server or only its caller can detect it.
@@ -166,8 +169,8 @@ async fn a_changed_result_is_not_written() {
     for (name, is_status_changed) in
         [("result.glb", false), ("result.glb", true), ("report.json", false), ("report.json", true)]
     {
-        let (told, _) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
-        let id = accepted_id(&told);
+        let (printed, _) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+        let id = accepted_id(&printed);
         let folder = server.path("data/bakes").join(&id);
         let mut bytes = std::fs::read(folder.join(name)).unwrap();
         let middle = bytes.len() / 2;
@@ -183,9 +186,9 @@ async fn a_changed_result_is_not_written() {
         }
         let line = format!("watch {id} -o again.glb --report again.json --server {}", server.addresses[0]);
         let done = cairn(server.folder(), &line);
-        let told = String::from_utf8(done.stderr).unwrap();
+        let printed = String::from_utf8(done.stderr).unwrap();
         let expected = if is_status_changed { "changed in transfer" } else { "changed since it was written" };
-        assert!(done.status.code() == Some(75) && told.contains(expected), "{name}: {told}");
+        assert!(done.status.code() == Some(75) && printed.contains(expected), "{name}: {printed}");
         assert!(!server.path("again.glb").exists() && !server.path("again.json").exists(), "{name}");
         connection.service.delete_bake(DeleteBakeRequest { bake_id: id }).await.unwrap();
     }
@@ -199,8 +202,8 @@ async fn labels_and_priority() {
         (done.status.code().unwrap(), String::from_utf8(done.stderr).unwrap())
     };
     let far = format!("--server {}", server.addresses[0]);
-    let (code, told) = run(&format!("{far} --label shot=a010 --label show=kites --priority -5"));
-    assert_eq!(code, 0, "{told}");
+    let (code, printed) = run(&format!("{far} --label shot=a010 --label show=kites --priority -5"));
+    assert_eq!(code, 0, "{printed}");
     let mut connection = server.connect().await;
     let labels = [("shot".to_owned(), "a010".to_owned()), ("show".to_owned(), "kites".to_owned())];
     let list = ListBakesRequest { labels: labels.into_iter().collect(), ..Default::default() };
@@ -212,7 +215,7 @@ async fn labels_and_priority() {
         (format!("{far} --priority 101"), 2, "101"),
         ("--label shot=a010".to_owned(), 2, "--server"),
     ] {
-        let (code, told) = run(&rest);
-        assert!(code == expected && told.contains(words), "{rest}: {told}");
+        let (code, printed) = run(&rest);
+        assert!(code == expected && printed.contains(words), "{rest}: {printed}");
     }
 }

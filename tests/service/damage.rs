@@ -34,14 +34,14 @@ async fn a_summary_that_is_cut_off_is_found_out_and_the_bake_made_again() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;
     let (id, folder) = baked(&server, &mut connection).await;
-    let told = status(&mut connection, &id).await.summary.unwrap();
-    assert!(told.body_count > 0 && told.result_bytes > 0);
+    let answer = status(&mut connection, &id).await.summary.unwrap();
+    assert!(answer.body_count > 0 && answer.result_bytes > 0);
     cut(&folder.join("status.binpb"), 10);
     let damaged = GetBakeRequest { bake_id: id.clone() };
     assert_fault(&connection.service.get_bake(damaged).await.unwrap_err(), Code::DataLoss, "BAKE_DAMAGED");
     assert_eq!(status(&mut connection, &id).await.failure.unwrap().reason, "BAKE_DAMAGED");
     assert_eq!(baked(&server, &mut connection).await.0, id);
-    assert_eq!(status(&mut connection, &id).await.summary.unwrap().result_sha256, told.result_sha256);
+    assert_eq!(status(&mut connection, &id).await.summary.unwrap().result_sha256, answer.result_sha256);
 }
 
 #[tokio::test]
@@ -117,9 +117,9 @@ async fn an_unfinished_bake_without_its_events_is_planned_again() {
     cut(&server.path("data/bakes").join(&id).join("events.log"), 0);
     let next = Server::start_in(server.folder(), &[]);
     let mut connection = next.connect().await;
-    let (told, end) = events(watch(&mut connection, &id, 1).await).await;
+    let (answer, end) = events(watch(&mut connection, &id, 1).await).await;
     end.unwrap();
-    assert_eq!((accepted_id(&told), numbered(&told)[0].sequence_number), (id, 1));
+    assert_eq!((accepted_id(&answer), numbered(&answer)[0].sequence_number), (id, 1));
 }
 
 /// A page token is a position in the list, which stays valid without the bake.
@@ -204,9 +204,9 @@ async fn requests_compressed_by_gzip() {
     server.ready().await;
     let channel = channel(&format!("http://{}", server.addresses[0])).await;
     let mut client = PileServiceClient::new(channel).send_compressed(CompressionEncoding::Gzip);
-    let (told, end) = events(client.bake(request(short(1))).await.unwrap().into_inner()).await;
+    let (answer, end) = events(client.bake(request(short(1))).await.unwrap().into_inner()).await;
     end.unwrap();
-    let bake = client.get_bake(GetBakeRequest { bake_id: accepted_id(&told) }).await.unwrap().into_inner().bake;
+    let bake = client.get_bake(GetBakeRequest { bake_id: accepted_id(&answer) }).await.unwrap().into_inner().bake;
     assert_eq!(bake.unwrap().state(), BakeState::Succeeded);
 }
 
@@ -221,7 +221,7 @@ async fn the_cache_counts_and_goes_first() {
     // More than the limit leaves.
     std::fs::write(cache.join("large"), vec![0; 3 << 20]).unwrap();
     let stream = connection.service.bake(request(short(2))).await.unwrap().into_inner();
-    let (told, end) = events(stream).await;
+    let (answer, end) = events(stream).await;
     end.unwrap();
     for _ in 0..500 {
         if !cache.join("large").exists() {
@@ -230,7 +230,7 @@ async fn the_cache_counts_and_goes_first() {
         tokio::time::sleep(std::time::Duration::from_millis(10)).await;
     }
     assert!(!cache.join("large").exists(), "the cache is gone");
-    for id in [first, accepted_id(&told)] {
+    for id in [first, accepted_id(&answer)] {
         assert_eq!(status(&mut connection, &id).await.state(), BakeState::Succeeded, "results stay");
     }
 }

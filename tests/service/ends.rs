@@ -58,7 +58,7 @@ async fn cancel_ends_the_physics() {
 async fn bakes_without_a_result_are_forgotten_in_the_end() {
     let mut server = Server::start(&[]);
     let mut connection = server.ready().await;
-    let (told, _) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+    let (received, _) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
     server.signal("-KILL");
     server.wait();
     let cancelled = |number: i64| {
@@ -82,7 +82,7 @@ async fn bakes_without_a_result_are_forgotten_in_the_end() {
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
     assert_eq!(folders(), 1001);
-    assert_eq!(status(&mut connection, &accepted_id(&told)).await.state(), BakeState::Succeeded);
+    assert_eq!(status(&mut connection, &accepted_id(&received)).await.state(), BakeState::Succeeded);
     assert_eq!(status(&mut connection, &cancelled(11).bake_id).await.state(), BakeState::Cancelled);
     let oldest = cairn::wire::proto::GetBakeRequest { bake_id: cancelled(10).bake_id };
     assert_eq!(connection.service.get_bake(oldest).await.unwrap_err().code(), Code::NotFound);
@@ -110,12 +110,12 @@ async fn the_deadline_of_a_bake_ends_the_physics() {
             Err(status) if is_too_short(&status) => continue,
             stream => stream.unwrap().into_inner(),
         };
-        let (told, end) = events(stream).await;
+        let (received, end) = events(stream).await;
         assert_eq!(end.unwrap_err().code(), Code::DeadlineExceeded);
-        if !told.iter().any(|event| matches!(event.kind, Some(Kind::Progress(_)))) {
+        if !received.iter().any(|event| matches!(event.kind, Some(Kind::Progress(_)))) {
             continue; // it had no time to begin
         }
-        let ended = until(&mut connection, &accepted_id(&told), BakeState::Failed).await;
+        let ended = until(&mut connection, &accepted_id(&received), BakeState::Failed).await;
         assert_failed(&ended, BakeState::Failed, "DEADLINE");
         assert!(server.children().is_empty());
         return;
@@ -133,9 +133,9 @@ async fn a_deadline_ends_the_call_alone_by_default() {
             Err(status) if is_too_short(&status) => continue,
             stream => stream.unwrap().into_inner(),
         };
-        let (told, end) = events(stream).await;
+        let (received, end) = events(stream).await;
         assert_eq!(end.unwrap_err().code(), Code::DeadlineExceeded);
-        until(&mut connection, &accepted_id(&told), BakeState::Running).await;
+        until(&mut connection, &accepted_id(&received), BakeState::Running).await;
         return;
     }
     panic!("no deadline was long enough");
@@ -201,23 +201,23 @@ async fn who_comes_back_finds_the_place() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;
     let stream = connection.service.bake(request(long(1))).await.unwrap().into_inner();
-    let (mut told, _) = take(stream, 30).await;
-    let id = accepted_id(&told);
+    let (mut received, _) = take(stream, 30).await;
+    let id = accepted_id(&received);
     drop(connection);
     assert_eq!(server.children().len(), 1, "the bake goes on");
 
     // A second caller leaves, too; a third stays.
     for most in [50, usize::MAX] {
         let mut connection = server.connect().await;
-        let from = numbered(&told).len() as i64 + 1;
+        let from = numbered(&received).len() as i64 + 1;
         let (more, end) = take(watch(&mut connection, &id, from).await, most).await;
         end.unwrap();
-        told.extend(more);
+        received.extend(more);
     }
-    assert_contiguous(&told, 1);
+    assert_contiguous(&received, 1);
     let mut connection = server.connect().await;
     let all = events(watch(&mut connection, &id, 1).await).await.0;
-    assert_eq!(numbered(&told), numbered(&all));
+    assert_eq!(numbered(&received), numbered(&all));
 }
 
 #[tokio::test]
@@ -235,12 +235,17 @@ async fn a_reader_that_stands_still_holds_up_nothing() {
     end.unwrap();
     // The bake is done, and nothing was read until now.
     assert_eq!(status(&mut connection, &accepted_id(&live)).await.state(), BakeState::Succeeded);
-    let (told, end) = events(stalled).await;
+    let (received, end) = events(stalled).await;
     end.unwrap();
-    assert_contiguous(&told, 1);
-    assert_eq!(numbered(&told), numbered(&live));
+    assert_contiguous(&received, 1);
+    assert_eq!(numbered(&received), numbered(&live));
     let progress = |events: &[BakeEvent]| events.len() - numbered(events).len();
-    assert!(progress(&told) < progress(&live), "{} of {}: what is past is not told", progress(&told), progress(&live));
+    assert!(
+        progress(&received) < progress(&live),
+        "{} of {}: what is past is not received",
+        progress(&received),
+        progress(&live)
+    );
 }
 
 #[tokio::test]
@@ -251,8 +256,8 @@ async fn a_killed_server_is_taken_over() {
     let finished = connection.service.bake(request(short(1))).await.unwrap().into_inner();
     let finished = events(finished).await.0;
     let stream = connection.service.bake(request(long(1))).await.unwrap().into_inner();
-    let (mut told, _) = take(stream, 30).await;
-    let id = accepted_id(&told);
+    let (mut received, _) = take(stream, 30).await;
+    let id = accepted_id(&received);
     let queued = begin(&mut connection, short(2)).await;
     let workers = server.children();
     assert_eq!(workers.len(), 1);
@@ -271,10 +276,10 @@ async fn a_killed_server_is_taken_over() {
     // The bake starts again with the same events, so that its watcher can resume.
     let (more, end) = events(watch(&mut connection, &id, 31).await).await;
     end.unwrap();
-    told.extend(more);
-    assert_contiguous(&told, 1);
+    received.extend(more);
+    assert_contiguous(&received, 1);
     let all: Vec<BakeEvent> = events(watch(&mut connection, &id, 1).await).await.0;
-    assert_eq!(numbered(&told), numbered(&all));
+    assert_eq!(numbered(&received), numbered(&all));
     until(&mut connection, &queued, BakeState::Succeeded).await;
 }
 
@@ -288,9 +293,9 @@ async fn unfinished_bakes_are_reported_if_so_configured() {
     let server = Server::start_in(folder.path(), &["--unfinished", "fail"]);
     let mut connection = server.connect().await;
     assert_failed(&status(&mut connection, &id).await, BakeState::Failed, "SERVER_RESTARTED");
-    let (told, end) = events(watch(&mut connection, &id, 1).await).await;
+    let (received, end) = events(watch(&mut connection, &id, 1).await).await;
     assert_fault(&end.unwrap_err(), Code::Aborted, "SERVER_RESTARTED");
-    assert_eq!(accepted_id(&told), id);
+    assert_eq!(accepted_id(&received), id);
 }
 
 #[tokio::test]
@@ -307,9 +312,9 @@ async fn a_server_that_is_asked_to_end_lets_bakes_end() {
         }
     };
     assert_fault(&refused, Code::Unavailable, "SHUTTING_DOWN");
-    let (told, end) = events(stream).await;
+    let (received, end) = events(stream).await;
     end.unwrap();
-    assert_contiguous(&told, 1);
+    assert_contiguous(&received, 1);
     drop(connection);
     assert_eq!(server.wait(), Some(0), "{}", server.log());
 }
@@ -321,12 +326,12 @@ async fn the_drain_has_a_deadline() {
     let mut connection = server.ready().await;
     let stream = connection.service.bake(request(endless(1))).await.unwrap().into_inner();
     server.signal("-TERM");
-    let (told, end) = events(stream).await;
+    let (received, end) = events(stream).await;
     assert_fault(&end.unwrap_err(), Code::Unavailable, "SHUTTING_DOWN");
     drop(connection);
     assert_eq!(server.wait(), Some(0));
     let server = Server::start_in(folder.path(), &[]);
-    until(&mut server.connect().await, &accepted_id(&told), BakeState::Running).await;
+    until(&mut server.connect().await, &accepted_id(&received), BakeState::Running).await;
 }
 
 /// Only one server may use a data directory.

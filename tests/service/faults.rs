@@ -78,11 +78,11 @@ fn assert_clean(server: &Server, faults: &str) {
 
 /// The caller gets this message, which names no folder of the server.
 #[track_caller]
-fn assert_told(server: &Server, faults: &str, told: &Status, expected: (Code, &str)) {
-    println!("{faults}: {}", told.message());
-    assert_fault(told, expected.0, expected.1);
+fn assert_refused(server: &Server, faults: &str, answer: &Status, expected: (Code, &str)) {
+    println!("{faults}: {}", answer.message());
+    assert_fault(answer, expected.0, expected.1);
     let own = server.folder().file_name().unwrap().to_str().unwrap();
-    let all = format!("{} {}", told.message(), String::from_utf8_lossy(told.details()));
+    let all = format!("{} {}", answer.message(), String::from_utf8_lossy(answer.details()));
     assert!(!all.contains(own) && !all.contains("data/") && !all.contains(".part"), "{faults}: {all}");
 }
 
@@ -134,8 +134,8 @@ async fn faults_of_the_process() {
         for (faults, expected) in *cases {
             let file = folder.path().join(format!("{task}.faults"));
             std::fs::write(&file, faults).unwrap();
-            let told = bake(&mut connection, request(short(1))).await.expect_err(faults);
-            assert_told(&server, faults, &told, *expected);
+            let answer = bake(&mut connection, request(short(1))).await.expect_err(faults);
+            assert_refused(&server, faults, &answer, *expected);
             assert_clean(&server, faults);
             std::fs::remove_file(file).unwrap();
         }
@@ -183,8 +183,8 @@ async fn faults_of_the_server_end_one_bake() {
         let folder = tempfile::tempdir().unwrap();
         let server = server_of_one(folder.path(), faults);
         let mut connection = server.ready_without_faults().await;
-        let told = bake(&mut connection, request(short(1))).await.expect_err(faults);
-        assert_told(&server, faults, &told, expected);
+        let answer = bake(&mut connection, request(short(1))).await.expect_err(faults);
+        assert_refused(&server, faults, &answer, expected);
         assert_clean(&server, faults);
         let id = accepted_id(&bake(&mut connection, request(short(1))).await.expect(faults));
         assert_eq!(listed(&mut connection).await, [id], "{faults}: lost or doubled");
@@ -226,8 +226,8 @@ async fn faults_of_a_plan() {
         let server = server_of_one(folder.path(), faults);
         let mut connection = server.ready_without_faults().await;
         for _ in 0..2 {
-            let told = connection.service.plan_bake(plan()).await.expect_err(faults);
-            assert_told(&server, faults, &told, expected);
+            let answer = connection.service.plan_bake(plan()).await.expect_err(faults);
+            assert_refused(&server, faults, &answer, expected);
             gone(&server).await;
             assert_clean(&server, faults);
         }
@@ -262,8 +262,8 @@ async fn faults_of_an_upload() {
         let server = Server::start_with_faults(folder.path(), &ONE, &faults);
         let mut connection = server.connect().await;
         for _ in 0..FAILURES {
-            let told = connection.upload(&files).await.expect_err(&faults);
-            assert_told(&server, &faults, &told, expected);
+            let answer = connection.upload(&files).await.expect_err(&faults);
+            assert_refused(&server, &faults, &answer, expected);
             assert!(below(&server.path("data/partial")).is_empty() && below(&server.path("data/assets")).is_empty());
         }
         connection.upload(&files).await.unwrap();
@@ -289,11 +289,11 @@ async fn faults_of_those_who_read() {
         server.wait();
         let server = server_of_one(folder.path(), faults);
         let mut connection = server.connect().await;
-        let told = match faults.starts_with("log") {
+        let answer = match faults.starts_with("log") {
             true => events(watch(&mut connection, &id, 1).await).await.1.expect_err(faults),
             false => connection.download(&id, Artifact::Result).await.expect_err(faults),
         };
-        assert_told(&server, faults, &told, expected);
+        assert_refused(&server, faults, &answer, expected);
         let state = if expected == BUSY { BakeState::Succeeded } else { BakeState::Failed };
         assert_eq!(status(&mut connection, &id).await.state(), state, "{faults}");
         bake(&mut connection, request(short(1))).await.unwrap();
@@ -313,14 +313,14 @@ async fn streams_that_break_off() {
     let id = listed(&mut connection).await.remove(0);
     crate::server::until(&mut connection, &id, BakeState::Succeeded).await;
     for _ in 0..BROKEN_OFF {
-        let (told, end) = events(watch(&mut connection, &id, 1).await).await;
+        let (answer, end) = events(watch(&mut connection, &id, 1).await).await;
         end.unwrap();
-        if !told.is_empty() {
+        if !answer.is_empty() {
             break;
         }
     }
-    let told = events(watch(&mut connection, &id, 1).await).await.0;
-    assert!(told.len() > 3);
+    let answer = events(watch(&mut connection, &id, 1).await).await.0;
+    assert!(answer.len() > 3);
 }
 
 /// So do downloads; and an incomplete file is reported, not taken for the whole.
@@ -349,8 +349,8 @@ async fn a_bake_that_cannot_be_removed_stays() {
     let server = server_of_one(folder.path(), "store-remove=1*off->1*return(EIO)");
     let mut connection = server.ready().await;
     let bake_id = accepted_id(&bake(&mut connection, request(short(1))).await.unwrap());
-    let told = connection.service.delete_bake(DeleteBakeRequest { bake_id: bake_id.clone() }).await.unwrap_err();
-    assert_told(&server, "store-remove", &told, BROKEN);
+    let answer = connection.service.delete_bake(DeleteBakeRequest { bake_id: bake_id.clone() }).await.unwrap_err();
+    assert_refused(&server, "store-remove", &answer, BROKEN);
     assert_eq!(status(&mut connection, &bake_id).await.state(), BakeState::Succeeded);
     connection.service.delete_bake(DeleteBakeRequest { bake_id }).await.unwrap();
     assert!(below(&server.path("data/bakes")).is_empty());
@@ -389,9 +389,12 @@ fn a_data_directory_that_cannot_be_opened() {
     let folder = tempfile::tempdir().unwrap();
     for (faults, reason) in [("store-open=return(ENOSPC)", "No space"), ("store-lock=return(EIO)", "nput/output")] {
         let done = command(folder.path()).args(["--listen", "127.0.0.1:0"]).env("FAILPOINTS", faults).output().unwrap();
-        let told = String::from_utf8(done.stderr).unwrap();
-        assert!(done.status.code() == Some(2) && done.stdout.is_empty(), "{faults}: {told}");
-        assert!(told.contains("data: ") && told.contains(reason) && told.contains("--data"), "{faults}: {told}");
+        let answer = String::from_utf8(done.stderr).unwrap();
+        assert!(done.status.code() == Some(2) && done.stdout.is_empty(), "{faults}: {answer}");
+        assert!(
+            answer.contains("data: ") && answer.contains(reason) && answer.contains("--data"),
+            "{faults}: {answer}"
+        );
     }
     Server::start_in(folder.path(), &[]);
 }

@@ -139,10 +139,10 @@ async fn callers_of_the_same_pile_share_it() {
         .collect();
     let mut hashes = BTreeSet::new();
     for call in calls {
-        let (told, end) = call.await.unwrap();
+        let (answer, end) = call.await.unwrap();
         end.unwrap();
-        crate::server::assert_contiguous(&told, 1);
-        hashes.insert(accepted_id(&told));
+        crate::server::assert_contiguous(&answer, 1);
+        hashes.insert(accepted_id(&answer));
     }
     assert_eq!(hashes.len(), 1);
     assert_eq!(server.log().matches("started").count(), 1, "{}", server.log());

@@ -24,11 +24,11 @@ async fn a_crash_is_internal_for_its_call_alone() {
     let folder = tempfile::tempdir().unwrap();
     let server = server_with(folder.path(), "echo the reason >&2; kill -SEGV $$", &[]);
     let mut connection = server.ready().await;
-    let (told, end) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
+    let (answer, end) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
     let status_told = end.unwrap_err();
     assert_fault(&status_told, Code::Internal, "BAKE_CRASHED");
     assert!(status_told.message().contains("the reason"), "{}", status_told.message());
-    assert_eq!(status(&mut connection, &accepted_id(&told)).await.state(), BakeState::Failed);
+    assert_eq!(status(&mut connection, &accepted_id(&answer)).await.state(), BakeState::Failed);
 
     let mut spared = short(2);
     spared.assets[0].uri = "spared.glb".into();

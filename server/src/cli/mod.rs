@@ -32,6 +32,7 @@ use crate::failpoints;
 use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
 use clap::{Parser, Subcommand};
+use comfy_table::{CellAlignment, Table, presets};
 pub use failure::Failure;
 use progress::Mode;
 use std::process::ExitCode;
@@ -155,6 +156,20 @@ fn print_note(message: &str) {
 fn print_message(kind: &str, color: AnsiColor, message: &str) {
     let style = Style::new().bold().fg_color(Some(color.into()));
     eprintln!("{style}{kind}:{style:#} {message}");
+}
+
+/// A table as text. The columns after the second are aligned right.
+fn table(header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    table.set_header(header);
+    for column in table.column_iter_mut().skip(2) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    for row in rows {
+        table.add_row(row);
+    }
+    table.lines().map(|line| line.trim().to_owned() + "\n").collect()
 }
 
 /// Prints a command's output on stdout. A closed pipe is no error.

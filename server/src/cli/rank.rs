@@ -1,8 +1,7 @@
 //! `cairn rank`: ranks the results of a batch, and makes a contact sheet.
 
-use super::{Failure, interrupt, output, print, print_note, print_warning};
+use super::{Failure, interrupt, output, print, print_note, print_warning, table};
 use crate::sheet::{self, Candidate, Shot, SortKey};
-use comfy_table::{CellAlignment, Table, presets};
 use image::ImageFormat;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -78,7 +77,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if !args.no_sheet {
         write(args, candidates, &keys, &shown, &page, &picture)
     } else {
-        print(&table(candidates.iter(), &shown))
+        print(&ranking(candidates.iter(), &shown))
     }
 }
 
@@ -126,21 +125,15 @@ fn write(
         output::write(picture, png.get_ref())?;
         output::write(page, html.as_bytes())?;
     }
-    print(&table(entries.iter().map(|(candidate, _)| candidate), shown))?;
+    print(&ranking(entries.iter().map(|(candidate, _)| candidate), shown))?;
     print_note(&format!("wrote {} and {}", page.display(), picture.display()));
     Ok(())
 }
 
-fn table<'a>(candidates: impl Iterator<Item = &'a Candidate>, shown: &[String]) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING);
-    table.set_header(["".to_owned(), "result".to_owned()].into_iter().chain(shown.iter().cloned()));
-    for column in table.column_iter_mut().skip(2) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    for (number, candidate) in candidates.enumerate() {
+fn ranking<'a>(candidates: impl Iterator<Item = &'a Candidate>, shown: &[String]) -> String {
+    let rows = candidates.enumerate().map(|(number, candidate)| {
         let figures = shown.iter().map(|figure| candidate.formatted(figure).unwrap_or_default());
-        table.add_row([(number + 1).to_string(), candidate.path.display().to_string()].into_iter().chain(figures));
-    }
-    table.lines().map(|line| line.trim().to_owned() + "\n").collect()
+        [(number + 1).to_string(), candidate.path.display().to_string()].into_iter().chain(figures).collect()
+    });
+    table([String::new(), "result".to_owned()].into_iter().chain(shown.iter().cloned()).collect(), rows)
 }

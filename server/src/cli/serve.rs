@@ -36,103 +36,83 @@ pub struct Args {
 
     /// HOST:PORT or unix:PATH; repeat it for several [default: 127.0.0.1:50151]
     #[arg(long, value_name = "ADDRESS", env = "CAIRN_LISTEN", value_delimiter = ',')]
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     listen: Vec<String>,
 
     /// Folder for assets and bakes [default: cairn-data]
     #[arg(long, value_name = "FOLDER", env = "CAIRN_DATA")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     data: Option<PathBuf>,
 
     /// File with the token that callers must send; or set CAIRN_TOKEN to the token
     #[arg(long, value_name = "FILE", env = "CAIRN_TOKEN_FILE")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     token_file: Option<PathBuf>,
 
     /// TOML file of callers: names, tokens or certificates, roles, limits (see examples/guide/server.md)
     #[arg(long, value_name = "FILE", env = "CAIRN_CALLERS_FILE")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     callers_file: Option<PathBuf>,
 
     /// The server's certificate, PEM
     #[arg(long, value_name = "FILE", env = "CAIRN_TLS_CERTIFICATE")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     tls_certificate: Option<PathBuf>,
 
     /// The certificate's key, PEM
     #[arg(long, value_name = "FILE", env = "CAIRN_TLS_KEY")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     tls_key: Option<PathBuf>,
 
     /// Certificates of the authorities that sign client certificates, PEM; makes client certificates mandatory
     #[arg(long, value_name = "FILE", env = "CAIRN_TLS_CLIENT_CA")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     tls_client_ca: Option<PathBuf>,
 
     /// Bakes that run at the same time; 0: one per core [default: 0]
     #[arg(long, env = "CAIRN_WORKERS")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     workers: Option<usize>,
 
     /// Bakes that may wait; more are refused [default: 32]
     #[arg(long, env = "CAIRN_QUEUE")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     queue: Option<usize>,
 
     /// Threads of one bake; 0: the cores divided by the workers [default: 0]
     #[arg(long, env = "CAIRN_THREADS")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     threads: Option<usize>,
 
     /// Memory limit of one bake, MiB; 0: none [default: 8192]
     #[arg(long, value_name = "MIB", env = "CAIRN_BAKE_MEMORY_MIB")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     bake_memory_mib: Option<u64>,
 
     /// Time limit of one bake, s; 0: none [default: 86400]
     #[arg(long, value_name = "SECONDS", env = "CAIRN_BAKE_SECONDS")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     bake_seconds: Option<u64>,
 
     /// Largest asset, MiB [default: 256]
     #[arg(long, value_name = "MIB", env = "CAIRN_ASSET_MIB")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     asset_mib: Option<u64>,
 
     /// Total size of assets, bakes and cached fills, MiB [default: 20480]
     #[arg(long, value_name = "MIB", env = "CAIRN_STORE_MIB")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     store_mib: Option<u64>,
 
     /// Days after which unused assets and bakes are removed; 0: never [default: 30]
     #[arg(long, value_name = "DAYS", env = "CAIRN_STORE_DAYS")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     store_days: Option<u64>,
 
     /// Whether to reuse the fill of an earlier bake where it is the same; cached fills count toward the store [default:
     /// true]
     #[arg(long, value_name = "BOOL", env = "CAIRN_REUSE")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     reuse: Option<bool>,
 
     /// Treatment of bakes that ran when the server ended [default: restart]
     #[arg(long, value_parser = ["restart", "fail"], env = "CAIRN_UNFINISHED")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     unfinished: Option<String>,
 
     /// Time for running bakes to finish when the server shuts down, s [default: 30]
     #[arg(long, value_name = "SECONDS", env = "CAIRN_DRAIN_SECONDS")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     drain_seconds: Option<u64>,
 
     /// HTTP address of Prometheus metrics [default: none]
     #[arg(long, value_name = "HOST:PORT", env = "CAIRN_METRICS")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     metrics: Option<SocketAddr>,
 
     /// Form of the log lines on stderr; RUST_LOG selects them [default: text]
     #[arg(long, value_parser = ["text", "json"], env = "CAIRN_LOG")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     log: Option<String>,
 
     /// The program that bakes, instead of this one
@@ -160,7 +140,12 @@ impl Args {
         if let Some(path) = &self.config {
             figment = figment.merge(Toml::file_exact(path));
         }
-        let config: Config = figment.merge(Serialized::defaults(self)).extract().map_err(|errors| {
+        let mut given =
+            serde_json::to_value(self).map_err(|error| Failure::usage("settings", error.to_string(), ""))?;
+        if let Some(settings) = given.as_object_mut() {
+            settings.retain(|_, value| !value.is_null() && value.as_array().is_none_or(|list| !list.is_empty()));
+        }
+        let config: Config = figment.merge(Serialized::defaults(given)).extract().map_err(|errors| {
             let problem = |error: figment::Error| {
                 let place = self.config.as_ref().map_or("settings".into(), |path| path.display().to_string());
                 let meant = match &error.kind {

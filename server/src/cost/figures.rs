@@ -7,60 +7,58 @@ pub struct Figure {
     pub name: &'static str,
     /// Title with unit.
     pub title: &'static str,
-    /// Computes it from a report's measures by name.
-    of: fn(&BTreeMap<String, f64>) -> Option<f64>,
+    /// The name of the report's measure.
+    measure: &'static str,
+    /// Whether the value is 1 minus the measure.
+    is_complement: bool,
     /// Whether the error is the distance from the value of `reference`.
     pub from_reference: bool,
 }
 
 impl Figure {
-    /// The value of a run, before the comparison with the reference.
+    const fn new(name: &'static str, title: &'static str, measure: &'static str, from_reference: bool) -> Figure {
+        Figure { name, title, measure, is_complement: false, from_reference }
+    }
+
+    /// The value of a run, before the comparison with the reference. `measures`: of its report, by name.
     pub fn of(&self, measures: &BTreeMap<String, f64>) -> Option<f64> {
-        (self.of)(measures)
+        let value = *measures.get(self.measure)?;
+        Some(if self.is_complement { 1.0 - value } else { value })
     }
 }
 
 /// The errors that an artist sees.
 pub const HEADLINE: [Figure; 3] = [
-    Figure {
-        name: "overlap",
-        title: "overlap: mean over contact pairs, in thicknesses",
-        of: |measures| measures.get("penetration_mean_rel").copied(),
-        from_reference: false,
-    },
+    Figure::new("overlap", "overlap: mean over contact pairs, in thicknesses", "penetration_mean_rel", false),
     Figure {
         name: "imbalance",
         title: "imbalance: share of bodies that move once all are released",
-        of: |measures| Some(1.0 - measures.get("free_standing_fraction")?),
+        measure: "free_standing_fraction",
+        is_complement: true,
         from_reference: false,
     },
-    Figure {
-        name: "shape",
-        title: "shape: distance of the IoU from the reference's",
-        of: |measures| measures.get("shape_iou").copied(),
-        from_reference: true,
-    },
+    Figure::new("shape", "shape: distance of the IoU from the reference's", "shape_iou", true),
 ];
 
 /// Further figures of a report.
 pub const APPENDIX: [Figure; 9] = [
-    measured("penetration_p95_rel", |m| m.get("penetration_p95_rel").copied()),
-    measured("penetration_max_rel", |m| m.get("penetration_max_rel").copied()),
-    measured("equilibrium_residual_p95", |m| m.get("equilibrium_residual_p95").copied()),
-    measured("friction_violation_mean", |m| m.get("friction_violation_mean").copied()),
-    measured("energy_gain_rel", |m| m.get("energy_gain_rel").copied()),
-    measured("unsupported_fraction", |m| m.get("unsupported_fraction").copied()),
-    distance("kept_shape", |m| m.get("kept_shape").copied()),
-    distance("height_p95_rel", |m| m.get("height_p95_rel").copied()),
-    distance("silhouette_iou", |m| m.get("silhouette_iou").copied()),
+    measured("penetration_p95_rel"),
+    measured("penetration_max_rel"),
+    measured("equilibrium_residual_p95"),
+    measured("friction_violation_mean"),
+    measured("energy_gain_rel"),
+    measured("unsupported_fraction"),
+    distance("kept_shape"),
+    distance("height_p95_rel"),
+    distance("silhouette_iou"),
 ];
 
-const fn measured(name: &'static str, of: fn(&BTreeMap<String, f64>) -> Option<f64>) -> Figure {
-    Figure { name, title: name, of, from_reference: false }
+const fn measured(name: &'static str) -> Figure {
+    Figure::new(name, name, name, false)
 }
 
-const fn distance(name: &'static str, of: fn(&BTreeMap<String, f64>) -> Option<f64>) -> Figure {
-    Figure { name, title: name, of, from_reference: true }
+const fn distance(name: &'static str) -> Figure {
+    Figure::new(name, name, name, true)
 }
 
 /// All of them.

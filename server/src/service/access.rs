@@ -2,7 +2,7 @@
 
 use crate::problem::Problem;
 use crate::service::audit;
-use crate::service::config::Config;
+use crate::service::config::{self, Config};
 use crate::service::status::Fault;
 use serde::Deserialize;
 use std::collections::BTreeSet;
@@ -110,13 +110,8 @@ impl Access {
     pub fn read(config: &Config, token: Option<String>) -> Result<Access, Vec<Problem>> {
         let mut problems = Vec::new();
         let mut read = |setting: &str, path: &Option<std::path::PathBuf>| {
-            let text = path.as_ref().map(|path| crate::files::read(path)).transpose();
-            let text = text.unwrap_or_else(|mut problem| {
-                problem.what += &format!(" ({setting})");
-                problems.push(problem);
-                None
-            });
-            text.map(|text| String::from_utf8_lossy(&text).into_owned())
+            let bytes = config::read_file(setting, path, &mut problems);
+            bytes.map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
         };
         let token = read("token_file", &config.token_file).map(|text| text.trim().to_owned()).or(token);
         let callers = read("callers_file", &config.callers_file);

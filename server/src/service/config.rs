@@ -1,5 +1,7 @@
 //! The settings of a server, each with its unit and default.
 
+use crate::files;
+use crate::problem::Problem;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -101,6 +103,16 @@ impl Default for Config {
 
 /// Largest chunk of an upload, bytes.
 pub const MAX_CHUNK: usize = 1 << 20;
+
+/// Reads the file that a setting names, if any.
+pub fn read_file(setting: &str, path: &Option<PathBuf>, problems: &mut Vec<Problem>) -> Option<Vec<u8>> {
+    let read = path.as_ref().map(|path| files::read(path)).transpose();
+    read.unwrap_or_else(|mut problem| {
+        problem.what += &format!(" ({setting})");
+        problems.push(problem);
+        None
+    })
+}
 
 fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)

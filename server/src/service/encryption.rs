@@ -1,7 +1,7 @@
 //! TLS: certificates and keys, checked before the server listens and reloaded on SIGHUP.
 
 use crate::problem::Problem;
-use crate::service::config::Config;
+use crate::service::config::{self, Config};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use rustls::server::WebPkiClientVerifier;
@@ -25,14 +25,7 @@ const HANDSHAKE: Duration = Duration::from_secs(10);
 /// Reads the files of the settings; `None` if there is no certificate.
 pub fn read(config: &Config) -> Result<Option<Arc<ServerConfig>>, Vec<Problem>> {
     let mut problems = Vec::new();
-    let mut read = |setting: &str, path: &Option<PathBuf>| {
-        let read = path.as_ref().map(|path| crate::files::read(path)).transpose();
-        read.unwrap_or_else(|mut problem| {
-            problem.what += &format!(" ({setting})");
-            problems.push(problem);
-            None
-        })
-    };
+    let mut read = |setting: &str, path: &Option<PathBuf>| config::read_file(setting, path, &mut problems);
     let certificate = read("tls_certificate", &config.tls_certificate);
     let key = read("tls_key", &config.tls_key);
     let client_ca = read("tls_client_ca", &config.tls_client_ca);

@@ -87,59 +87,36 @@ fn in_a_line(problems: &[FieldProblem]) -> String {
 }
 
 impl Fault {
-    fn code(&self) -> Code {
+    fn code_and_reason(&self) -> (Code, &'static str) {
         match self {
-            Fault::RequestInvalid(_) | Fault::SceneInvalid(_) | Fault::AssetCorrupt(_) => Code::InvalidArgument,
-            Fault::AssetsMissing(_) | Fault::BakeNotDone | Fault::ProtocolMismatch(_) => Code::FailedPrecondition,
-            Fault::AssetTooLarge(_)
-            | Fault::QueueFull { .. }
-            | Fault::TooManyCalls
-            | Fault::MemoryLimit(_)
-            | Fault::BakeKilled
-            | Fault::CallerLimit(_)
-            | Fault::StorageLimit(_) => Code::ResourceExhausted,
-            Fault::UploadStalled | Fault::TimeLimit(_) | Fault::Deadline => Code::DeadlineExceeded,
-            Fault::BakeNotFound(_) => Code::NotFound,
-            Fault::BakeCancelled => Code::Cancelled,
-            Fault::NotYours(_) | Fault::NotAllowed(_) => Code::PermissionDenied,
-            Fault::BakeDamaged(_) => Code::DataLoss,
-            Fault::ServerRestarted => Code::Aborted,
-            Fault::BakeNotStarted(_) | Fault::ShuttingDown => Code::Unavailable,
-            Fault::TokenInvalid => Code::Unauthenticated,
-            Fault::BakeCrashed(_) | Fault::DataDirectory(_) | Fault::Internal(_) => Code::Internal,
-        }
-    }
-
-    fn reason(&self) -> &'static str {
-        match self {
-            Fault::RequestInvalid(_) => "REQUEST_INVALID",
-            Fault::SceneInvalid(_) => "SCENE_INVALID",
-            Fault::AssetsMissing(_) => "ASSETS_MISSING",
-            Fault::AssetCorrupt(_) => "ASSET_CORRUPT",
-            Fault::AssetTooLarge(_) => "ASSET_TOO_LARGE",
-            Fault::UploadStalled => "UPLOAD_STALLED",
-            Fault::BakeNotFound(_) => "BAKE_NOT_FOUND",
-            Fault::BakeNotDone => "BAKE_NOT_DONE",
-            Fault::QueueFull { .. } => "QUEUE_FULL",
-            Fault::TooManyCalls => "TOO_MANY_CALLS",
-            Fault::MemoryLimit(_) => "MEMORY_LIMIT",
-            Fault::StorageLimit(_) => "STORAGE_LIMIT",
-            Fault::BakeKilled => "BAKE_KILLED",
-            Fault::BakeNotStarted(_) => "BAKE_NOT_STARTED",
-            Fault::TimeLimit(_) => "TIME_LIMIT",
-            Fault::Deadline => "DEADLINE",
-            Fault::BakeCancelled => "BAKE_CANCELLED",
-            Fault::NotYours(_) => "NOT_YOURS",
-            Fault::NotAllowed(_) => "NOT_ALLOWED",
-            Fault::CallerLimit(_) => "CALLER_LIMIT",
-            Fault::BakeDamaged(_) => "BAKE_DAMAGED",
-            Fault::BakeCrashed(_) => "BAKE_CRASHED",
-            Fault::ServerRestarted => "SERVER_RESTARTED",
-            Fault::ShuttingDown => "SHUTTING_DOWN",
-            Fault::TokenInvalid => "TOKEN_INVALID",
-            Fault::ProtocolMismatch(_) => "PROTOCOL_MISMATCH",
-            Fault::DataDirectory(_) => "DATA_DIRECTORY",
-            Fault::Internal(_) => "INTERNAL",
+            Fault::RequestInvalid(_) => (Code::InvalidArgument, "REQUEST_INVALID"),
+            Fault::SceneInvalid(_) => (Code::InvalidArgument, "SCENE_INVALID"),
+            Fault::AssetsMissing(_) => (Code::FailedPrecondition, "ASSETS_MISSING"),
+            Fault::AssetCorrupt(_) => (Code::InvalidArgument, "ASSET_CORRUPT"),
+            Fault::AssetTooLarge(_) => (Code::ResourceExhausted, "ASSET_TOO_LARGE"),
+            Fault::UploadStalled => (Code::DeadlineExceeded, "UPLOAD_STALLED"),
+            Fault::BakeNotFound(_) => (Code::NotFound, "BAKE_NOT_FOUND"),
+            Fault::BakeNotDone => (Code::FailedPrecondition, "BAKE_NOT_DONE"),
+            Fault::QueueFull { .. } => (Code::ResourceExhausted, "QUEUE_FULL"),
+            Fault::TooManyCalls => (Code::ResourceExhausted, "TOO_MANY_CALLS"),
+            Fault::MemoryLimit(_) => (Code::ResourceExhausted, "MEMORY_LIMIT"),
+            Fault::StorageLimit(_) => (Code::ResourceExhausted, "STORAGE_LIMIT"),
+            Fault::BakeKilled => (Code::ResourceExhausted, "BAKE_KILLED"),
+            Fault::BakeNotStarted(_) => (Code::Unavailable, "BAKE_NOT_STARTED"),
+            Fault::TimeLimit(_) => (Code::DeadlineExceeded, "TIME_LIMIT"),
+            Fault::Deadline => (Code::DeadlineExceeded, "DEADLINE"),
+            Fault::BakeCancelled => (Code::Cancelled, "BAKE_CANCELLED"),
+            Fault::NotYours(_) => (Code::PermissionDenied, "NOT_YOURS"),
+            Fault::NotAllowed(_) => (Code::PermissionDenied, "NOT_ALLOWED"),
+            Fault::CallerLimit(_) => (Code::ResourceExhausted, "CALLER_LIMIT"),
+            Fault::BakeDamaged(_) => (Code::DataLoss, "BAKE_DAMAGED"),
+            Fault::BakeCrashed(_) => (Code::Internal, "BAKE_CRASHED"),
+            Fault::ServerRestarted => (Code::Aborted, "SERVER_RESTARTED"),
+            Fault::ShuttingDown => (Code::Unavailable, "SHUTTING_DOWN"),
+            Fault::TokenInvalid => (Code::Unauthenticated, "TOKEN_INVALID"),
+            Fault::ProtocolMismatch(_) => (Code::FailedPrecondition, "PROTOCOL_MISMATCH"),
+            Fault::DataDirectory(_) => (Code::Internal, "DATA_DIRECTORY"),
+            Fault::Internal(_) => (Code::Internal, "INTERNAL"),
         }
     }
 
@@ -192,9 +169,10 @@ impl From<std::io::Error> for Fault {
 /// The form that is stored with a bake.
 impl From<&Fault> for Failure {
     fn from(fault: &Fault) -> Failure {
+        let (code, reason) = fault.code_and_reason();
         Failure {
-            code: fault.code().into(),
-            reason: fault.reason().into(),
+            code: code.into(),
+            reason: reason.into(),
             message: fault.to_string(),
             problems: fault.problems().to_vec(),
         }

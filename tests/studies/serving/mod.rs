@@ -17,7 +17,7 @@ pub async fn read(mut events: Streaming<BakeResponse>) -> Result<(String, Summar
     while let Some(response) = events.message().await? {
         match response.event.and_then(|event| event.kind) {
             Some(Kind::Accepted(accepted)) => id = accepted.bake_id,
-            Some(Kind::Summary(told)) => summary = Some(told),
+            Some(Kind::Summary(received)) => summary = Some(received),
             _ => {}
         }
     }

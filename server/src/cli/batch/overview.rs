@@ -2,9 +2,9 @@
 
 use super::crew::BakeEnd;
 use crate::batch::Variant;
+use crate::cli;
 use crate::cli::progress::{Display, Mode, openjd};
 use crate::job::report::ReportFile;
-use comfy_table::{CellAlignment, Table, presets};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -107,13 +107,7 @@ pub enum VariantOutcome {
 
 /// A table with a row for each variant.
 pub fn table(rows: &[(&Variant, VariantOutcome)]) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING);
-    table.set_header(["result", "", "bodies", "kept shape", "CPU s"]);
-    for column in table.column_iter_mut().skip(2) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    for (variant, outcome) in rows {
+    let row = |(variant, outcome): &(&Variant, VariantOutcome)| {
         let (state, is_there) = match outcome {
             VariantOutcome::Skipped => ("finished before".to_owned(), true),
             VariantOutcome::Baked => ("baked".to_owned(), true),
@@ -125,15 +119,16 @@ pub fn table(rows: &[(&Variant, VariantOutcome)]) -> String {
         let figure = |get: fn(&ReportFile) -> Option<f64>, digits| {
             report.as_ref().and_then(get).map_or(String::new(), |value| format!("{value:.digits$}"))
         };
-        table.add_row([
+        vec![
             variant.output.display().to_string(),
             state,
             figure(|report| report.bodies, 0),
             figure(|report| *report.measures.get("kept_shape")?, 3),
             figure(|report| report.cpu_seconds, 1),
-        ]);
-    }
-    let mut text: String = table.lines().map(|line| line.trim().to_owned() + "\n").collect();
+        ]
+    };
+    let header = ["result", "", "bodies", "kept shape", "CPU s"].map(str::to_owned).into();
+    let mut text = cli::table(header, rows.iter().map(row));
     let count = |is: fn(&VariantOutcome) -> bool| rows.iter().filter(|(_, outcome)| is(outcome)).count();
     let counts = [
         (count(|outcome| matches!(outcome, VariantOutcome::Baked)), "baked"),

@@ -55,14 +55,12 @@ impl Follow {
         let log = bakes.store.folder(&entry.id()).join(EVENTS);
         tokio::spawn(async move {
             let _permit = permit;
+            let run = self.run(&bakes, &log, &entry, &sender);
             let ended = match self.deadline {
                 Some(deadline) => {
-                    match tokio::time::timeout_at(deadline, self.run(&bakes, &log, &entry, &sender)).await {
-                        Ok(ended) => ended,
-                        Err(_) => Err(Fault::Deadline.into()),
-                    }
+                    tokio::time::timeout_at(deadline, run).await.unwrap_or_else(|_| Err(Fault::Deadline.into()))
                 }
-                None => self.run(&bakes, &log, &entry, &sender).await,
+                None => run.await,
             };
             if let Err(status) = ended {
                 // A caller that is gone needs no reason.

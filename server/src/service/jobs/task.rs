@@ -123,12 +123,13 @@ impl Bakes {
         info!("started");
         let _running = Running::new();
         failpoints::at("bake-task")?;
+        let run = self.follow_worker(entry, &folder, slot);
         match self.config.bake_time() {
-            Some(longest) => match tokio::time::timeout(longest, self.follow_worker(entry, &folder, slot)).await {
-                Ok(result) => result,
-                Err(_) => Err(Fault::TimeLimit(longest.as_secs()).into()),
-            },
-            None => self.follow_worker(entry, &folder, slot).await,
+            Some(longest) => {
+                let passed = |_| Err(Fault::TimeLimit(longest.as_secs()).into());
+                tokio::time::timeout(longest, run).await.unwrap_or_else(passed)
+            }
+            None => run.await,
         }
     }
 
