@@ -1,16 +1,17 @@
-//! Generates the Rust types and the service of `proto/cairn/v1` without protoc, and embeds the descriptors with their comments.
+//! Generates the Rust types and the service of `proto/cairn/v1` without protoc, and the conversions of the parameters; embeds the
+//! descriptors with their comments.
 
 use std::path::{Path, PathBuf};
 
-/// Crates whose version decides a bake's result, told in its report.
+/// Crates whose version decides a bake's result, as its report states.
 const ENGINES: [&str; 2] = ["rapier3d", "clarabel"];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
-    println!("cargo:rerun-if-changed=proto");
-    let mut compiler = protox::Compiler::new(["proto"])?;
-    compiler.include_source_info(true).include_imports(true).open_file("cairn/v1/service.proto")?;
+    println!("cargo:rerun-if-changed=proto/cairn");
+    let compiler = cairn_codegen::compile("proto")?;
     std::fs::write(out.join("descriptors.bin"), compiler.encode_file_descriptor_set())?;
+    std::fs::write(out.join("parameters.rs"), cairn_codegen::Schema::new(&compiler).wire())?;
     tonic_prost_build::configure()
         .out_dir(&out)
         // Chunks of files are passed on without copies, and maps have one order.
@@ -20,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .boxed(".cairn.v1.BakeEvent.kind.accepted")
         .compile_fds(compiler.file_descriptor_set())?;
 
-    // Given by the release command; a commit found by itself would build everything anew at each commit.
+    // Given by the release command; a commit found by itself would build everything again at each commit.
     println!("cargo:rerun-if-env-changed=CAIRN_COMMIT");
     let version = std::env::var("CARGO_PKG_VERSION")?;
     match std::env::var("CAIRN_COMMIT") {

@@ -3,10 +3,11 @@
 
 use cairn::job::Job;
 use cairn::scene_file::SceneTree;
-use cairn::scene_file::schema::{self, comment, told};
+use cairn::scene_file::schema::{self, comment, stated};
 use cairn::wire::effective::effective;
 use cairn::wire::from_proto;
 use cairn::wire::proto;
+use cairn_core::input::scene::Prop;
 use prost_reflect::{FieldDescriptor, Kind, MessageDescriptor};
 use serde_json::Value;
 use std::path::Path;
@@ -65,28 +66,28 @@ fn every_field_has_a_comment() {
 }
 
 #[test]
-fn the_defaults_told_are_the_defaults() {
+fn the_stated_defaults_are_the_defaults() {
     let message = scene().to_message();
     let params = from_proto::params(&message).unwrap();
     let values = SceneTree::from_message(&effective(&message, &params)).to_value();
     for Field { path, comment, descriptor } in all_fields() {
-        let told = told(&comment, "Default: ");
-        match (at(&values, &path), told) {
+        let default = stated(&comment, "Default: ");
+        match (at(&values, &path), default) {
             _ if path.ends_with("path") || path == "bodies.0.prop" => {
                 assert!(comment.ends_with("Required."), "{path} is required");
             }
-            (None, None) => assert!(descriptor.containing_oneof().is_some(), "{path} tells no default"),
-            (None, Some(told)) => assert!(told.starts_with("not set"), "{path} has no default, not {told}"),
-            (Some(Value::String(name)), told) => assert_eq!(told.as_ref(), Some(name), "{path}"),
-            (Some(Value::Array(numbers)), told) => {
-                let told: Option<Vec<f64>> = told.and_then(|told| serde_json::from_str(&told).ok());
-                assert_eq!(told, numbers.iter().map(Value::as_f64).collect(), "{path}");
+            (None, None) => assert!(descriptor.containing_oneof().is_some(), "{path} states no default"),
+            (None, Some(default)) => assert!(default.starts_with("not set"), "{path} has no default, not {default}"),
+            (Some(Value::String(name)), default) => assert_eq!(default.as_ref(), Some(name), "{path}"),
+            (Some(Value::Array(numbers)), default) => {
+                let default: Option<Vec<f64>> = default.and_then(|default| serde_json::from_str(&default).ok());
+                assert_eq!(default, numbers.iter().map(Value::as_f64).collect(), "{path}");
             }
-            (Some(Value::Number(number)), told) => {
-                let told: Option<f64> = told.and_then(|told| told.parse().ok());
-                assert_eq!(told, number.as_f64(), "{path}");
+            (Some(Value::Number(number)), default) => {
+                let default: Option<f64> = default.and_then(|default| default.parse().ok());
+                assert_eq!(default, number.as_f64(), "{path}");
             }
-            (Some(value), told) => assert_eq!(told, Some(value.to_string()), "{path}"),
+            (Some(value), default) => assert_eq!(default, Some(value.to_string()), "{path}"),
         }
     }
 }
@@ -98,7 +99,7 @@ fn accepts(path: &str, comment: &str, value: f64) -> bool {
         scene.set(&format!("props.0.scale_min={value:?}")).unwrap();
         scene.set(&format!("props.0.scale_max={value:?}")).unwrap();
     }
-    let values = match told(comment, "Default: ").filter(|default| default.starts_with('[')) {
+    let values = match stated(comment, "Default: ").filter(|default| default.starts_with('[')) {
         // A list: its first number.
         Some(default) => format!("[{value:?}{}", &default[default.find(',').unwrap()..]),
         None => format!("{value:?}"),
@@ -110,10 +111,10 @@ fn accepts(path: &str, comment: &str, value: f64) -> bool {
         return false; // more than the wire holds
     }
     match Job::read(&scene.to_message()) {
-        // What is out of range, not what does not agree with the rest.
+        // Values out of range, not values that contradict others.
         Err(problems) => !problems.iter().any(|p| p.what.contains("out of range") || p.what.contains("negative")),
         Ok(job) => match cairn_core::plan(&job.scene, &job.params) {
-            // What is out of range, not what does not fit into the cone.
+            // Values out of range, not props that do not fit into the cone.
             Err(cairn_core::Error::Invalid(problems)) => {
                 !problems.iter().any(|problem| problem.text.contains("out of range"))
             }
@@ -123,7 +124,7 @@ fn accepts(path: &str, comment: &str, value: f64) -> bool {
 }
 
 #[test]
-fn the_ranges_told_are_the_ranges() {
+fn the_stated_ranges_are_the_ranges() {
     /// Beyond a bound, as a share of it or by itself at 0.
     fn beyond(bound: f64, sign: f64) -> f64 {
         bound + sign * if bound == 0.0 { 1e-3 } else { bound.abs() * 0.01 }
@@ -132,7 +133,7 @@ fn the_ranges_told_are_the_ranges() {
         if !matches!(descriptor.kind(), Kind::Double | Kind::Int32 | Kind::Int64) {
             continue;
         }
-        let range = told(&comment, "Range: ").unwrap_or_else(|| panic!("{path} tells no range"));
+        let range = stated(&comment, "Range: ").unwrap_or_else(|| panic!("{path} states no range"));
         let whole = !matches!(descriptor.kind(), Kind::Double);
         let (low, high) = match range.split_once(" to ") {
             Some((low, high)) => (low, Some(high.parse::<f64>().unwrap())),
@@ -156,7 +157,7 @@ fn the_ranges_told_are_the_ranges() {
 }
 
 #[test]
-fn parameters_survive_the_way_to_the_wire_and_back() {
+fn parameters_survive_the_wire_and_back() {
     for accuracy in ["paper", "draft", "standard", "fine"] {
         let mut scene = SceneTree::default();
         scene.set(&format!("accuracy={accuracy}")).unwrap();
@@ -169,4 +170,12 @@ fn parameters_survive_the_way_to_the_wire_and_back() {
         assert_eq!(from_proto::params(&wire).unwrap(), params);
     }
     assert_eq!(from_proto::params(&proto::Scene::default()).unwrap().seed, 1);
+}
+
+/// The core's own constructor of a prop has the same defaults.
+#[test]
+fn a_prop_of_the_core_has_the_schemas_defaults() {
+    let job = Job::read(&scene().to_message()).unwrap();
+    let read = &job.scene.props[0];
+    assert_eq!(format!("{read:?}"), format!("{:?}", Prop::new(read.model.clone())));
 }

@@ -133,7 +133,7 @@ fn set_changes_any_field() {
         ("seed", "path=value"),
         ("seed=1.5", "whole number"),
         ("seed=99999999999999999999", "whole number"),
-        ("seed.low=1", "nothing lies below `seed`"),
+        ("seed.low=1", "there is no field below `seed`"),
         ("control=of", "Did you mean `off`?"),
         ("physics.substeps=5000000000", "whole number up to"),
     ] {

@@ -142,7 +142,7 @@ fn long_steps(guard: Switch, contact_frequency: f64) -> Params {
     params.physics.substeps = 1;
     params.physics.contact_damping_ratio = 0.1;
     params.physics.contact_frequency = contact_frequency;
-    params.guard = guard;
+    params.effects.guard = guard;
     params
 }
 

@@ -180,7 +180,7 @@ fn stands_alone(world: &mut World, id: usize) -> bool {
 fn verdict(analyser: &mut Analyser, p: &BodyProblem, law: FrictionLaw, params: &Params, length: f64) -> Candidacy {
     let control = &params.control;
     let spread = match control.spread {
-        params::Spread::Paper(alpha) => SpreadRule::Paper(alpha / (length * length)),
+        params::Spread::Area(alpha) => SpreadRule::Paper(alpha / (length * length)),
         params::Spread::Relative(share) => SpreadRule::Relative { share, area: p.face_area },
     };
     let reserve = ReserveRule::Sharp;

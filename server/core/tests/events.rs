@@ -261,7 +261,7 @@ fn a_stack_with_overlaps_settles_without_a_jump() {
         bodies.push(PlacedBody::new(0, at(0.0, y, 0.0)));
     }
     let mut params = params();
-    params.hold.least = 2.0;
+    params.hold.least_seconds = 2.0;
     let bake = baked(&bricks(bodies), &params);
     let end = bake.pile.frames.last().unwrap();
     for frame in &bake.pile.frames {
@@ -360,7 +360,7 @@ fn frames_show_how_the_control_treats_each_body() {
     scene.region = Some(Model { name: "region".into(), mesh: block(DVec3::splat(8.0)) });
     let mut params = params();
     params.release.order = ReleaseOrder::BottomUp;
-    params.control.mode = ControlMode::Freeze;
+    params.control.mode = ControlMode::Hold;
     params.control.stand = Switch::Off;
     let mut states = States::default();
     bake(&scene, &params, &mut states).unwrap();

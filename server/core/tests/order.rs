@@ -154,8 +154,8 @@ fn bands_lie_above_each_other_in_the_order_asked_for() {
         for descending in [false, true] {
             let mut params = stacked(1.0);
             params.fill.method = method;
-            params.fill.mixture.layout = Layout::Bands;
-            params.fill.mixture.descending = descending;
+            params.fill.layout = Layout::Bands;
+            params.fill.descending = descending;
             let [small, large] = heights(&baked(&scene, &params));
             assert_eq!(descending, large < small, "{method:?}: small at {small}, large at {large}");
         }

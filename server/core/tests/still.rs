@@ -45,9 +45,9 @@ impl Observer for Poses {
 fn without_frames_only_the_final_pose_is_shown() {
     let late = PlacedBody { start: 2.0 / 24.0, ..placed(3.0, 0.3) };
     let scene = sticks(vec![placed(0.0, 0.2), placed(0.1, 0.4), late]);
-    let shown = |keeps_frames: Switch| {
+    let shown = |frames: Switch| {
         let mut params = Params::new(Accuracy::Draft);
-        params.output.keeps_frames = keeps_frames;
+        params.effects.frames = frames;
         let mut poses = Poses(Vec::new());
         bake(&scene, &params, &mut poses).unwrap();
         poses.0
@@ -61,7 +61,7 @@ fn without_frames_only_the_final_pose_is_shown() {
 fn support_of_pinned_bodies_is_measured_where_they_were_placed() {
     let kept = |x: f64, y: f64| PlacedBody { pinned: true, ..placed(x, y) };
     let mut params = Params::new(Accuracy::Draft);
-    (params.output.frames, params.output.keeps_frames) = (Some(0), Switch::Off);
+    (params.output.frames, params.effects.frames) = (Some(0), Switch::Off);
     params.report.support = Switch::On;
     let unsupported = |bodies: Vec<PlacedBody>| {
         let baked = bake(&sticks(bodies.clone()), &params, &mut Silent).unwrap();

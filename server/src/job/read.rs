@@ -7,11 +7,11 @@ use crate::files;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
 use crate::wire::from_proto::{self, added::Added};
-use crate::wire::{proto, to_proto};
+use crate::wire::proto;
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::input::scene::{FRICTION, Key, Model, Place, Prop, Scene, Stance, StaticModel};
+use cairn_core::input::scene::{Key, Model, Place, Prop, Scene, Stance, StaticModel};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -35,6 +35,7 @@ impl Job {
         let mut reader = SceneReader::new(open, limits);
         let (params, problems) = from_proto::params_and_problems(scene);
         reader.problems.extend(problems);
+        let effective = effective(scene, &params);
         let control = scene.control_mesh.as_ref().map(|control| reader.model("control_mesh", &control.path).1);
         if control.is_none() && scene.bodies.is_empty() && scene.emitters.is_empty() {
             let remedy = "Give one by --control, or as control_mesh in the scene file; or place bodies there.";
@@ -46,23 +47,22 @@ impl Job {
             let remedy = "Give one or more by --prop, or as props in the scene file.";
             reader.problems.push(Problem::new("props", "there are no props", remedy).of_field("props"));
         }
-        let read: Vec<_> = scene.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
+        let read: Vec<_> = effective.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
         let (props, prop_models) = read.into_iter().unzip();
-        let mut added = Added::new(scene, params.output.fps);
-        let statics = scene.statics.iter().enumerate();
+        let mut added = Added::new(&effective, params.output.fps);
+        let statics = effective.statics.iter().enumerate();
         let read: Vec<_> = statics.map(|(i, model)| reader.scenery(i, model, added.keys(i, model))).collect();
         let (statics, static_models) = read.into_iter().unzip();
-        let bodies = scene.bodies.iter().enumerate().map(|(i, body)| added.body(i, body)).collect();
+        let bodies = effective.bodies.iter().enumerate().map(|(i, body)| added.body(i, body)).collect();
         let emitter = |(i, emitter): (usize, &proto::Emitter)| {
             let place = |mesh: &String| Place::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
             let mesh = emitter.mesh.as_ref().map(place);
             added.emitter(i, emitter, mesh)
         };
-        let emitters = scene.emitters.iter().enumerate().map(emitter).collect();
+        let emitters = effective.emitters.iter().enumerate().map(emitter).collect();
         reader.problems.append(&mut added.problems);
-        let effective = effective(scene, &params);
         let ladder = Accuracy::LADDER.iter().map(|&accuracy| {
-            let accuracy = to_proto::accuracy(accuracy).into();
+            let accuracy = proto::Accuracy::from(accuracy).into();
             from_proto::params_and_problems(&proto::Scene { accuracy, ..scene.clone() }).0
         });
         let ladder = ladder.collect();
@@ -173,17 +173,16 @@ impl SceneReader {
 
     fn prop(&mut self, index: usize, prop: &proto::Prop) -> (Reference, Prop) {
         let (reference, model) = self.model(&format!("props.{index}"), &prop.path);
-        let default = Prop::new(model);
         let prop = Prop {
-            weight: prop.weight.unwrap_or(default.weight),
-            friction: prop.friction.unwrap_or(default.friction),
-            density: prop.density.unwrap_or(default.density),
-            restitution: prop.restitution.unwrap_or(default.restitution),
-            scale: [prop.scale_min.unwrap_or(default.scale[0]), prop.scale_max.unwrap_or(default.scale[1])],
-            tilt_max: prop.tilt_max.unwrap_or(default.tilt_max),
-            scale_skew: prop.scale_skew.unwrap_or(default.scale_skew),
-            stance: Stance { up: self.up(index, &prop.up), turns: from_proto::turns(prop.turns()) },
-            ..default
+            model,
+            weight: prop.weight(),
+            friction: prop.friction(),
+            density: prop.density(),
+            restitution: prop.restitution(),
+            scale: [prop.scale_min(), prop.scale_max()],
+            tilt_max: prop.tilt_max(),
+            scale_skew: prop.scale_skew(),
+            stance: Stance { up: self.up(index, &prop.up), turns: Option::from(prop.turns()).unwrap_or_default() },
         };
         (reference, prop)
     }
@@ -191,7 +190,6 @@ impl SceneReader {
     fn up(&mut self, index: usize, given: &[f64]) -> Option<DVec3> {
         let field = format!("props.{index}.up");
         let (what, remedy) = match *given {
-            [] => return None,
             [x, y, z] if [x, y, z].iter().all(|v| v.abs() <= 1.0) => return DVec3::new(x, y, z).try_normalize(),
             [_, _, _] => (format!("{given:?} is out of range"), "Give numbers from -1 to 1."),
             _ => (format!("{} numbers are given", given.len()), "Give three: x, y, z."),
@@ -202,6 +200,6 @@ impl SceneReader {
 
     fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Key>) -> (Reference, StaticModel) {
         let (reference, model) = self.model(&format!("statics.{index}"), &given.path);
-        (reference, StaticModel { model, friction: given.friction.unwrap_or(FRICTION), keys })
+        (reference, StaticModel { model, friction: given.friction(), keys })
     }
 }

@@ -1,7 +1,6 @@
-//! Holds a tree of values against the schema: every unknown field and wrong type at once, each with its place.
+//! Checks a tree of values against the schema: reports every unknown field and wrong type at once, each with its place.
 //!
-//! What comes out is protobuf's JSON mapping in its plainest form: original field names, full enum names, groups
-//! written out.
+//! The result is protobuf's JSON mapping in its plainest form: original field names, full enum names, groups written out.
 
 use super::schema;
 use super::text::{from_f64, to_f64};
@@ -11,7 +10,7 @@ use serde_json::{Map, Value};
 
 /// One walk over a tree.
 pub struct Checker<'a> {
-    /// What a message calls the field at a path.
+    /// The place that a message names for the field at a path.
     place: &'a dyn Fn(&str) -> String,
     pub problems: Vec<Problem>,
 }
@@ -25,7 +24,7 @@ impl<'a> Checker<'a> {
         self.problems.push(Problem::new((self.place)(path), what, remedy));
     }
 
-    /// A group: an object, or a string that stands for its first field.
+    /// A group: an object, or a string that sets its first field.
     pub fn message(&mut self, message: &MessageDescriptor, value: &Value, path: &str) -> Option<Value> {
         match (value, schema::shorthand(message)) {
             (Value::Object(map), _) => Some(Value::Object(self.fields(message, map, path))),
@@ -69,7 +68,7 @@ impl<'a> Checker<'a> {
             .iter()
             .enumerate()
             .map(|(index, element)| self.single(field, element, &join(path, &index.to_string())));
-        // All elements are walked before the first failure counts, so that all problems are told.
+        // All elements are checked before the first failure counts, so that all problems are reported.
         let checked: Vec<Option<Value>> = checked.collect();
         checked.into_iter().collect::<Option<Vec<Value>>>().map(Value::Array)
     }
@@ -136,7 +135,7 @@ impl<'a> Checker<'a> {
     }
 }
 
-/// A field already set that cannot stand beside this one: itself under its other name, or another of its choice.
+/// A field already set that excludes this one: the same under its other name, or another of its oneof.
 fn rival(field: &FieldDescriptor, set: &Map<String, Value>) -> Option<String> {
     if set.contains_key(field.name()) {
         return Some(field.name().to_owned());
@@ -159,7 +158,7 @@ fn is_exact(number: f64) -> bool {
 }
 
 fn describe(value: &Value) -> String {
-    /// Letters of a text that are told.
+    /// Characters of a text that a message quotes.
     const LONGEST: usize = 40;
     match value {
         Value::Null => "null".into(),

@@ -1,5 +1,5 @@
 //! The schema of scene files as a JSON Schema (draft 7, which editors know), made from the protobuf schema: comments
-//! become descriptions, and what they tell of ranges and defaults becomes rules.
+//! become descriptions, and their ranges and defaults become rules.
 
 use super::check::alternatives;
 use super::schema;
@@ -23,12 +23,12 @@ fn reference(name: &str) -> String {
     format!("#/definitions/{name}")
 }
 
-/// Adds a message and all that it refers to.
+/// Adds a message and all messages that it refers to.
 fn define(message: &MessageDescriptor, definitions: &mut Map<String, Value>) {
     if definitions.contains_key(message.name()) {
         return;
     }
-    definitions.insert(message.name().to_owned(), Value::Null); // found by those that refer back
+    definitions.insert(message.name().to_owned(), Value::Null); // found by messages that refer back
     let mut properties = Map::new();
     let mut camel = Map::new();
     let mut exclusive = Vec::new();
@@ -47,7 +47,7 @@ fn define(message: &MessageDescriptor, definitions: &mut Map<String, Value>) {
         "properties": properties,
         "additionalProperties": false,
     });
-    // Names in lowerCamelCase are right, but not what an editor should offer.
+    // Names in lowerCamelCase are valid, but an editor should not offer them.
     if !camel.is_empty() {
         object["patternProperties"] = Value::Object(camel);
     }
@@ -61,7 +61,7 @@ fn define(message: &MessageDescriptor, definitions: &mut Map<String, Value>) {
     definitions.insert(message.name().to_owned(), object);
 }
 
-/// Where the definition of a message's group of fields stands.
+/// The place of the definition of a message's group of fields.
 fn object_path(message: &MessageDescriptor) -> String {
     let path = reference(message.name());
     if schema::shorthand(message).is_some() { format!("{path}/anyOf/0") } else { path }
@@ -80,7 +80,7 @@ fn property(field: &FieldDescriptor, definitions: &mut Map<String, Value>) -> Va
         value = json!({ "type": "array", "items": value });
     }
     if value.get("$ref").is_some() {
-        // In draft 7 nothing counts beside a reference.
+        // Draft 7 ignores everything beside a reference.
         value = json!({ "allOf": [value] });
     }
     value["description"] = comment.into();
@@ -102,7 +102,7 @@ fn kind(field: &FieldDescriptor, definitions: &mut Map<String, Value>) -> Value 
     }
 }
 
-/// Short names are offered; full names are right too.
+/// Short names are offered; full names are valid, too.
 fn enumeration(names: &EnumDescriptor) -> Value {
     let file = names.parent_file();
     let value = |value: prost_reflect::EnumValueDescriptor| {
@@ -117,7 +117,7 @@ fn enumeration(names: &EnumDescriptor) -> Value {
 
 /// `Range: 0 to 2.`, `Range: above 0 to 2.` or `Range: 0.`
 fn bounds(comment: &str) -> Vec<(&'static str, Value)> {
-    let Some(range) = schema::told(comment, "Range: ") else { return Vec::new() };
+    let Some(range) = schema::stated(comment, "Range: ") else { return Vec::new() };
     let (low, high) = range.split_once(" to ").map_or((&*range, None), |(low, high)| (low, Some(high)));
     let low = match low.strip_prefix("above ") {
         Some(excluded) => ("exclusiveMinimum", number(excluded)),
@@ -129,11 +129,11 @@ fn bounds(comment: &str) -> Vec<(&'static str, Value)> {
 
 /// `Default: 0.7.`
 fn default(field: &FieldDescriptor, comment: &str) -> Option<Value> {
-    let told = schema::told(comment, "Default: ")?;
+    let stated = schema::stated(comment, "Default: ")?;
     match field.kind() {
-        Kind::Enum(names) => schema::choices(&names).contains(&told).then(|| told.into()),
-        Kind::Bool => told.parse::<bool>().ok().map(Value::from),
-        Kind::Double | Kind::Int32 | Kind::Int64 => number(&told),
+        Kind::Enum(names) => schema::choices(&names).contains(&stated).then(|| stated.into()),
+        Kind::Bool => stated.parse::<bool>().ok().map(Value::from),
+        Kind::Double | Kind::Int32 | Kind::Int64 => number(&stated),
         _ => None,
     }
 }

@@ -1,4 +1,4 @@
-//! Scene files: the JSON or TOML mapping of `cairn.v1.Scene`, read with all problems told, and written.
+//! Scene files: the JSON or TOML mapping of `cairn.v1.Scene`, read with all problems reported, and written.
 
 mod check;
 pub mod json_schema;
@@ -16,7 +16,7 @@ use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 pub use text::from_f64 as number;
 
-/// A scene as written, held against the schema. Paths in it are relative to the current directory.
+/// A scene as written, checked against the schema. Paths in it are relative to the current directory.
 #[derive(Clone, Debug)]
 pub struct SceneTree {
     /// Protobuf's JSON mapping in its plainest form: original field names, full enum names, groups written out.
@@ -54,7 +54,7 @@ impl SceneTree {
         let one = |what: &str, remedy: &str| vec![Problem::new(&name, what, remedy)];
         let is_toml = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
         let parse = if is_toml { text::parse_toml } else { text::parse_json };
-        let text = std::str::from_utf8(bytes).map_err(|_| one("not a text", "Save it as UTF-8."))?;
+        let text = std::str::from_utf8(bytes).map_err(|_| one("not a text file", "Save it as UTF-8."))?;
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let parsed = parse(text).map_err(|errors| {
             let place = |line: Option<usize>| line.map_or(name.clone(), |line| format!("{name}:{line}"));
@@ -86,7 +86,7 @@ impl SceneTree {
         SceneTree { values: values.expect("every message has a JSON mapping"), folder: PathBuf::new() }
     }
 
-    /// What is wrong with a tree that came from a message: names that the schema does not have.
+    /// The problems of a tree that came from a message: names that the schema does not have.
     pub fn problems(&self) -> Vec<Problem> {
         let place = |path: &str| path.to_owned();
         let mut checker = Checker::new(&place);
@@ -190,14 +190,14 @@ fn short(names: &EnumDescriptor, value: &Value) -> Value {
     value.as_str().map_or(value.clone(), |name| Value::String(schema::short_name(names, name)))
 }
 
-/// Values as TOML has them: its floats know no number that JSON cannot hold.
+/// Values as TOML has them: infinite numbers, which are text in JSON, are floats.
 fn toml_value(value: &Value) -> toml::Value {
     match value {
         Value::Null => unreachable!("an unset field is left out"),
         Value::Bool(boolean) => toml::Value::Boolean(*boolean),
         Value::Number(number) => match number.as_i64() {
             Some(integer) => toml::Value::Integer(integer),
-            None => toml::Value::Float(number.as_f64().expect("a number that is no integer is a double")),
+            None => toml::Value::Float(number.as_f64().expect("a number is an integer or a double")),
         },
         Value::String(text) => match text::to_f64(value).filter(|number| !number.is_finite()) {
             Some(number) => toml::Value::Float(number),

@@ -24,8 +24,8 @@ pub fn field(message: &MessageDescriptor, name: &str) -> Option<FieldDescriptor>
     message.get_field_by_name(name).or_else(|| message.get_field_by_json_name(name))
 }
 
-/// The field that a plain string in the place of this group stands for: its first, if that is text or a name, and the only one
-/// that it could be meant for.
+/// The field that a string in the place of this group sets: its first, if that is text or a name, and no other field of its kind
+/// follows.
 pub fn shorthand(message: &MessageDescriptor) -> Option<FieldDescriptor> {
     let is_alone = |first: &FieldDescriptor| message.get_field(2).is_none_or(|second| second.kind() != first.kind());
     let first = message.get_field(1).filter(|field| !field.is_list())?;
@@ -80,12 +80,12 @@ pub fn choices(of: &EnumDescriptor) -> Vec<String> {
     of.values().filter(|value| value.number() != 0).map(|value| short_name(of, value.name())).collect()
 }
 
-/// What all values of an enum begin with: the zero value's name without `UNSPECIFIED`.
+/// The prefix of all values of an enum: the zero value's name without `UNSPECIFIED`.
 fn enum_prefix(of: &EnumDescriptor) -> String {
     of.default_value().name().trim_end_matches("UNSPECIFIED").to_owned()
 }
 
-/// The comment at a place of a file, without the blank before each line.
+/// The comment at a place of a file, see [`plain`].
 pub fn comment(file: &FileDescriptor, path: &[i32]) -> String {
     let source = file.file_descriptor_proto().source_code_info.as_ref().expect("descriptors keep their comments");
     let found = source.location.iter().find(|location| location.path == path);
@@ -97,8 +97,8 @@ pub fn plain(comment: &str) -> String {
     comment.lines().map(|line| line.strip_prefix(' ').unwrap_or(line)).collect::<Vec<_>>().join("\n").trim().to_owned()
 }
 
-/// What follows a word in a comment, such as `Default: `, up to the end of the sentence.
-pub fn told(comment: &str, word: &str) -> Option<String> {
+/// The text after a word in a comment, such as `Default: `, up to the end of the sentence.
+pub fn stated(comment: &str, word: &str) -> Option<String> {
     let comment = comment.split_whitespace().collect::<Vec<_>>().join(" ");
     let (_, rest) = comment.split_once(word)?;
     let end = rest.find(". ").unwrap_or(rest.trim_end_matches('.').len());

@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 /// A step into the tree.
 enum Step {
     Field(FieldDescriptor),
-    /// An element of the list that the step before leads to.
+    /// An element of the list of the step before.
     Element(usize),
 }
 
@@ -75,7 +75,7 @@ fn resolve(path: &str) -> Result<Vec<Step>, (String, String)> {
         }
         let Some(message) = group.take() else {
             return Err((
-                format!("nothing lies below `{}`", path.rsplit_once('.').map_or(path, |(above, _)| above)),
+                format!("there is no field below `{}`", path.rsplit_once('.').map_or(path, |(above, _)| above)),
                 String::new(),
             ));
         };
@@ -98,7 +98,7 @@ fn target(steps: &[Step]) -> (FieldDescriptor, bool) {
     (field.expect("a path begins with a field"), is_element)
 }
 
-/// Puts a value at the end of the steps, making groups and one further element of a list on the way. Fails with a
+/// Puts a value at the end of the steps, creating groups and one further element of a list where needed. Fails with a
 /// list's length if a step leads past its end.
 fn put(tree: &mut Value, steps: &[Step], value: Option<Value>) -> Result<(), usize> {
     let Some((step, rest)) = steps.split_first() else {
@@ -110,7 +110,7 @@ fn put(tree: &mut Value, steps: &[Step], value: Option<Value>) -> Result<(), usi
             if !tree.is_object() {
                 *tree = Value::Object(Map::new());
             }
-            let map = tree.as_object_mut().expect("made so above");
+            let map = tree.as_object_mut().expect("made above");
             if rest.is_empty() && value.is_none() {
                 map.shift_remove(field.name());
                 return Ok(());
@@ -124,7 +124,7 @@ fn put(tree: &mut Value, steps: &[Step], value: Option<Value>) -> Result<(), usi
             if !tree.is_array() {
                 *tree = Value::Array(Vec::new());
             }
-            let list = tree.as_array_mut().expect("made so above");
+            let list = tree.as_array_mut().expect("made above");
             if rest.is_empty() && value.is_none() {
                 return if *index < list.len() {
                     list.remove(*index);

@@ -1,18 +1,18 @@
-//! TOML or JSON text -> a tree of plain values, with the lines of its fields where the format's reader tells them.
+//! TOML or JSON text -> a tree of plain values, with the lines of its fields where the format's reader reports them.
 
 use serde_json::{Map, Number, Value};
 use std::collections::BTreeMap;
 use toml::de::{DeTable, DeValue};
 
-/// A scene file's text as values: not yet held against the schema.
+/// A scene file's text as values: not yet checked against the schema.
 #[derive(Debug, Default)]
 pub struct Parsed {
     pub value: Value,
-    /// Line of each field by its dotted path (`props.0.weight`), counted from 1. JSON's reader tells none.
+    /// Line of each field by its dotted path (`props.0.weight`), counted from 1. JSON's reader reports none.
     pub lines: BTreeMap<String, usize>,
 }
 
-/// A place in a text that is no TOML or JSON.
+/// A place where a text is no valid TOML or JSON.
 #[derive(Debug, PartialEq)]
 pub struct SyntaxError {
     pub line: Option<usize>,
@@ -69,7 +69,7 @@ fn from_value(value: &DeValue, ends: &LineEnds, path: &str, lines: &mut BTreeMap
         DeValue::String(string) => Value::String(string.to_string()),
         DeValue::Integer(integer) => match i64::from_str_radix(integer.as_str(), integer.radix()) {
             Ok(number) => Value::Number(number.into()),
-            // Larger than any field takes, and still a number.
+            // A number too large for any field.
             Err(_) => integer.as_str().parse().map_or_else(|_| Value::String(integer.as_str().to_owned()), from_f64),
         },
         DeValue::Float(float) => match float.as_str().parse::<f64>() {
@@ -90,7 +90,7 @@ fn from_value(value: &DeValue, ends: &LineEnds, path: &str, lines: &mut BTreeMap
     }
 }
 
-/// A double as protobuf's JSON mapping writes it: what JSON has no number for is a string.
+/// A double as protobuf's JSON mapping writes it: values for which JSON has no number are strings.
 pub fn from_f64(number: f64) -> Value {
     match Number::from_f64(number) {
         Some(number) => Value::Number(number),
@@ -114,7 +114,7 @@ pub fn to_f64(value: &Value) -> Option<f64> {
     }
 }
 
-/// Where the lines of a text end, found once: a scene may have 100,000 fields.
+/// The ends of a text's lines, found once: a scene may have 100,000 fields.
 struct LineEnds(Vec<usize>);
 
 impl LineEnds {

@@ -1,11 +1,11 @@
-//! A bake's frames as messages: only what has changed since it was last sent.
+//! A bake's frames as messages: only the changes since the last one.
 
 use crate::wire::proto;
 use crate::wire::proto::bake_event::Kind;
 use crate::wire::to_proto;
 use cairn_core::input::observer::{Frame, Shown, Stage, State};
 
-/// What a reader of the messages so far knows.
+/// The state that a reader of the messages so far knows.
 #[derive(Default)]
 pub struct FrameDelta {
     /// Whether the bodies are those of the result.
@@ -34,7 +34,7 @@ impl Known {
 }
 
 impl FrameDelta {
-    /// The table of bodies that are new, if any, and the frame.
+    /// The table of new bodies, if there are any, and the frame.
     pub fn next(&mut self, frame: &Frame) -> impl Iterator<Item = Kind> + use<> {
         let is_fill = frame.stage == Stage::Fill;
         if !is_fill && !self.is_result {
@@ -42,8 +42,8 @@ impl FrameDelta {
         }
         let first = self.known.len();
         let table = (first < frame.bodies.len()).then(|| body_table(frame, first));
-        let mut told = proto::Frame {
-            stage: to_proto::stage(frame.stage).into(),
+        let mut message = proto::Frame {
+            stage: proto::Stage::from(frame.stage).into(),
             frame_number: to_proto::signed(frame.number),
             time_seconds: frame.time,
             ..Default::default()
@@ -55,30 +55,30 @@ impl FrameDelta {
             }
             match now {
                 Some(body) => {
-                    told.body_indices.push(to_proto::signed(id));
-                    told.positions.extend(body.position);
-                    told.rotations.extend(body.rotation);
-                    told.scales.extend(is_fill.then_some(body.scale));
+                    message.body_indices.push(to_proto::signed(id));
+                    message.positions.extend(body.position);
+                    message.rotations.extend(body.rotation);
+                    message.scales.extend(is_fill.then_some(body.scale));
                 }
-                None => told.removed_body_indices.push(to_proto::signed(id)),
+                None => message.removed_body_indices.push(to_proto::signed(id)),
             }
             match self.known.get_mut(id) {
                 Some(known) => *known = now,
                 None => self.known.push(now),
             }
         }
-        self.tell_states(frame, &mut told);
-        table.map(Kind::BodyTable).into_iter().chain([Kind::Frame(told)])
+        self.add_states(frame, &mut message);
+        table.map(Kind::BodyTable).into_iter().chain([Kind::Frame(message)])
     }
 
-    fn tell_states(&mut self, frame: &Frame, told: &mut proto::Frame) {
+    fn add_states(&mut self, frame: &Frame, message: &mut proto::Frame) {
         self.states.resize(frame.bodies.len(), State::Free);
         for (id, (known, shown)) in self.states.iter_mut().zip(frame.bodies).enumerate() {
             let now = shown.map_or(State::Free, |shown| shown.state);
             if *known != now {
                 *known = now;
-                told.state_body_indices.push(to_proto::signed(id));
-                told.states.push(to_proto::body_state(now).into());
+                message.state_body_indices.push(to_proto::signed(id));
+                message.states.push(to_proto::body_state(now).into());
             }
         }
     }
@@ -87,12 +87,12 @@ impl FrameDelta {
 fn body_table(frame: &Frame, first: usize) -> proto::BodyTable {
     let stage = if frame.stage == Stage::Fill { Stage::Fill } else { Stage::Release };
     let mut table = proto::BodyTable {
-        stage: to_proto::stage(stage).into(),
+        stage: proto::Stage::from(stage).into(),
         first_body_index: to_proto::signed(first),
         ..Default::default()
     };
     for shown in &frame.bodies[first..] {
-        // A body that was put in and taken out between two frames has neither prop nor place.
+        // A body that was inserted and removed between two frames has neither prop nor pose.
         let (prop, scale) = shown.map_or((0, 0.0), |shown| (shown.prop, shown.scale));
         table.prop_indices.push(to_proto::signed(prop));
         table.scales.push(scale as f32);
@@ -116,8 +116,8 @@ mod tests {
         stage: Stage,
         bodies: &[Option<Shown>],
     ) -> (Option<proto::BodyTable>, proto::Frame) {
-        let told: Vec<Kind> = delta.next(&Frame { stage, number: 0, time: 0.0, bodies }).collect();
-        match &told[..] {
+        let sent: Vec<Kind> = delta.next(&Frame { stage, number: 0, time: 0.0, bodies }).collect();
+        match &sent[..] {
             [Kind::BodyTable(table), Kind::Frame(frame)] => (Some(table.clone()), frame.clone()),
             [Kind::Frame(frame)] => (None, frame.clone()),
             _ => panic!("a table at most, and a frame"),
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn only_changes_are_told() {
+    fn only_changes_are_sent() {
         let mut delta = FrameDelta::default();
         let (table, frame) = messages(&mut delta, Stage::Fill, &[body(1.0, 0.5), body(2.0, 0.5)]);
         assert_eq!(table.unwrap().prop_indices, [1, 1]);
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bodies_of_the_result_are_told_anew() {
+    fn the_bodies_of_the_result_are_sent_again() {
         let mut delta = FrameDelta::default();
         messages(&mut delta, Stage::Fill, &[body(1.0, 1.0)]);
         let (table, frame) = messages(&mut delta, Stage::Release, &[body(1.0, 1.0)]);
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_is_told_when_it_changes() {
+    fn a_state_is_sent_when_it_changes() {
         let mut delta = FrameDelta::default();
         let of = |state| Some(Shown { state, ..body(1.0, 1.0).unwrap() });
         let (_, frame) = messages(&mut delta, Stage::Release, &[of(State::Waiting), of(State::Free)]);
@@ -158,8 +158,8 @@ mod tests {
         let (_, frame) = messages(&mut delta, Stage::Release, &[of(State::Waiting), of(State::Free)]);
         assert_eq!((frame.state_body_indices, frame.states), (vec![], vec![]));
         let (_, frame) = messages(&mut delta, Stage::Release, &[of(State::Free), of(State::Held)]);
-        let told = [proto::BodyState::Unspecified.into(), proto::BodyState::Held.into()];
-        assert_eq!((frame.state_body_indices, frame.states), (vec![0, 1], told.to_vec()));
+        let changed = [proto::BodyState::Unspecified.into(), proto::BodyState::Held.into()];
+        assert_eq!((frame.state_body_indices, frame.states), (vec![0, 1], changed.to_vec()));
         assert!(frame.body_indices.is_empty());
     }
 }

@@ -4,6 +4,7 @@ pub mod digest;
 pub mod effective;
 pub mod frame_delta;
 pub mod from_proto;
+pub mod parameters;
 pub mod proto;
 pub mod to_proto;
 pub mod versions;

@@ -1,4 +1,4 @@
-//! What server and caller tell each other of their versions.
+//! The versions that server and caller exchange.
 
 use super::proto;
 use crate::version::VERSION;

@@ -39,7 +39,7 @@ pub fn params(engine: Engine, seconds: f64) -> Params {
     params.ground_friction = 0.7;
     params.release.order = ReleaseOrder::AtOnce;
     // A pile at rest is simulated all the same: what creeps must show.
-    params.hold.least = seconds;
+    params.hold.least_seconds = seconds;
     params.output.fps = FPS;
     params.output.frames = Some((seconds * FPS).round() as u32);
     if engine == Engine::Uncontrolled {

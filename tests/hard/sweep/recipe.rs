@@ -128,7 +128,7 @@ fn target() -> impl Strategy<Value = Target> {
 }
 
 pub fn recipe() -> impl Strategy<Value = Recipe> {
-    let mode = prop_oneof![Just(ControlMode::Off), Just(ControlMode::Freeze), Just(ControlMode::Nails)];
+    let mode = prop_oneof![Just(ControlMode::Off), Just(ControlMode::Hold), Just(ControlMode::Nails)];
     let props = prop::collection::vec(prop_kind(), 1..4);
     props.prop_flat_map(move |props| {
         let bodies = prop::collection::vec(placed(props.len()), 1..30);

@@ -52,7 +52,7 @@ impl Variant {
         let mut params = full.job.params.clone();
         params.output.frames = Some(scene.frames);
         // What rests is still a part of the time.
-        params.hold.least = f64::from(scene.frames) / scene.fps;
+        params.hold.least_seconds = f64::from(scene.frames) / scene.fps;
         params.report.shape = Switch::Off;
         params.report.support = Switch::Off;
         params.glue.mode = if self == Variant::Glued { GlueMode::AsModelled } else { GlueMode::Natural };

@@ -1,4 +1,4 @@
-//! What a bake is asked to do, and whom it talks to: plain values, no files.
+//! The request of a bake and its observer: plain values, no files.
 
 pub mod observer;
 pub mod params;

@@ -1,4 +1,4 @@
-//! How a running bake talks to its caller: progress and frames out, cancel and the clock in.
+//! The interface between a running bake and its caller: progress and frames out, cancel and the clock in.
 
 use crate::geometry::pose::Pose;
 use std::ops::ControlFlow;
@@ -11,21 +11,21 @@ pub enum Stage {
     Shape,
     /// The upside-down container is filled and settles.
     Fill,
-    /// Dots of glue are placed, and the pile is let go to see that it stands.
+    /// Glue joints are placed, and the pile is released on trial to prove that it stands.
     Glue,
-    /// Layers are let go from the bottom to the top.
+    /// Layers are released from the bottom to the top.
     Release,
-    /// Until at rest, or until the last frame.
+    /// The simulation continues until the pile is at rest, or until the last frame.
     Hold,
-    /// The figures of the report.
+    /// The figures of the report are measured.
     Measure,
 }
 
-/// Where a bake stands. Counts only: whoever has a clock estimates the time left.
+/// The progress of a bake. Counts only: the caller, which has a clock, estimates the time left.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     pub stage: Stage,
-    /// 0 to 1 within the stage, never falling.
+    /// 0 to 1 within the stage, never decreasing.
     pub fraction: f64,
     pub bodies: usize,
     pub released: usize,
@@ -33,16 +33,16 @@ pub struct Progress {
     pub nails: usize,
 }
 
-/// The bodies at a moment, told while the bake runs.
+/// The bodies at a moment, reported while the bake runs.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     /// [`Stage::Fill`], [`Stage::Release`] or [`Stage::Hold`].
     pub stage: Stage,
-    /// From the release on, that of the result's frame. The fill counts its own frames from 0.
+    /// From the release on, the number of the result's frame. The fill counts its own frames from 0.
     pub number: usize,
-    /// Since the fill began or since turning over, s.
+    /// Time since the fill began or since turning over, s.
     pub time: f64,
-    /// Shape `[body]`; `None` where a body has been taken out. The fill's indices are not those of the result.
+    /// Shape `[body]`; `None` where a body has been removed. The fill's indices are not those of the result.
     pub bodies: &'a [Option<Shown>],
 }
 
@@ -58,13 +58,13 @@ pub struct Shown {
     pub state: State,
 }
 
-/// What the control makes of a body.
+/// The state of a body under the control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum State {
-    /// It moves freely; the control is off, or has ended, or has not begun.
+    /// The control is off, or has ended, or has not begun.
     #[default]
     Free,
-    /// Not let go yet.
+    /// Not released yet.
     Waiting,
     /// Free: too fast for a verdict, or not found stable enough by the latest.
     Unstable,
@@ -82,26 +82,26 @@ pub enum State {
     Anchored,
 }
 
-/// What a bake asks of its caller.
+/// The caller of a bake.
 pub trait Observer {
     /// Called at least once per step; `Break` cancels the bake.
     fn progress(&mut self, progress: &Progress) -> ControlFlow<()>;
 
-    /// CPU seconds used so far by this thread or process: the core has no clock of its own. Used for the report
-    /// only; the result never depends on it.
+    /// CPU seconds used so far by this thread or process: the core has no clock of its own. Only the report uses it; the result never
+    /// depends on it.
     fn cpu_seconds(&mut self) -> f64;
 
-    /// Whether [`Observer::frame`] is to be called. Frames that nobody wants cost nothing.
+    /// Whether [`Observer::frame`] shall be called. Frames that are not wanted cost nothing.
     fn wants_frames(&self) -> bool {
         false
     }
 
-    /// A frame is there: in order, the fill's at the result's frame rate, then each of the result: its final pose alone, where no
-    /// frames are kept.
+    /// Receives a frame: in order, those of the fill at the result's frame rate, then those of the result, which are its final pose
+    /// alone where no frames are kept.
     fn frame(&mut self, _: &Frame) {}
 }
 
-/// Watches nothing and never cancels; its clock stands still.
+/// Ignores progress and never cancels; its clock stands still.
 pub struct Silent;
 
 impl Observer for Silent {
@@ -114,7 +114,7 @@ impl Observer for Silent {
     }
 }
 
-/// Tells progress, and turns a cancel into an error.
+/// Reports progress, and turns a cancel into an error.
 pub(crate) fn observe(observer: &mut dyn Observer, progress: &Progress) -> Result<(), crate::error::Error> {
     match observer.progress(progress) {
         ControlFlow::Continue(()) => Ok(()),

@@ -1,18 +1,19 @@
-//! What a bake is asked to do, with every mesh already read: plain values, no files.
+//! The scene of a bake, with every mesh already read: plain values, no files.
 
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::input::params::Params;
+pub use crate::input::params::Turns;
 use glam::DVec3;
 
 /// Everything a bake needs besides its [`Params`](crate::input::params::Params).
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Scene {
-    /// The pile's shape, as placed by the artist. Closed. Needed for a fill.
+    /// The pile's shape, as placed by the artist. Closed. Required for a fill.
     pub control: Option<Model>,
-    /// Where the control acts, if not inside `control`. Without either, it acts everywhere. Closed.
+    /// The control acts inside it, or else inside `control`, or else everywhere. Closed.
     pub region: Option<Model>,
-    /// At least one. A body is one of these, scaled and placed.
+    /// At least one. A body is a copy of one of these, scaled and placed.
     pub props: Vec<Prop>,
     /// Scenery (besides the ground), as placed in the world.
     pub statics: Vec<StaticModel>,
@@ -24,12 +25,12 @@ pub struct Scene {
 /// A named mesh.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Model {
-    /// What messages call it: the file, and the node if one was chosen (`kit.glb#Brick`).
+    /// The name in messages: the file, and the node if one was chosen (`kit.glb#Brick`).
     pub name: String,
     pub mesh: TriMesh,
 }
 
-/// A thing that the pile is made of. Its mesh stands in the prop's own frame.
+/// A model of which bodies are copies. Its mesh is in the prop's own frame.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Prop {
     pub model: Model,
@@ -45,27 +46,17 @@ pub struct Prop {
     pub scale: [f64; 2],
     /// Largest angle between its up axis and the world's when it is drawn, degrees, 0 to 180. 180: any rotation.
     pub tilt_max: f64,
-    /// How sizes spread between the two, -1 to 1: mostly large ones, evenly, mostly small ones.
+    /// How sizes are distributed between the two, -1 to 1: mostly large, evenly, mostly small.
     pub scale_skew: f64,
     pub stance: Stance,
 }
 
-/// How a prop stands where it is laid with care.
+/// How a prop is placed in a tidy fill.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Stance {
-    /// Which of its directions is up; `None`: the one in which it lies flattest.
+    /// Its own up direction; `None`: the one in which it lies flattest.
     pub up: Option<DVec3>,
     pub turns: Turns,
-}
-
-/// The turns about its up axis that a prop may have against the pile's axes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub enum Turns {
-    #[default]
-    Any,
-    /// By 0, 90, 180 or 270 degrees.
-    Quarter,
-    None,
 }
 
 /// A piece of scenery.
@@ -74,7 +65,7 @@ pub struct StaticModel {
     pub model: Model,
     /// Coulomb friction coefficient, 0 to 2.
     pub friction: f64,
-    /// Where it is over time, rising; empty: it stands still as placed. Still, too, before the first and after the last.
+    /// Its motion, ascending in time; empty: it stands still as placed. It also stands still before the first and after the last key.
     pub keys: Vec<Key>,
 }
 
@@ -100,15 +91,15 @@ impl Prop {
     }
 }
 
-/// Of props and scenery where none is given.
+/// Coulomb friction coefficient of props and scenery without another.
 pub const FRICTION: f64 = 0.7;
 /// The power for a skew of 1: the median is then at 1/16 of the range.
 const SKEW: f64 = 4.0;
 
 impl StaticModel {
-    /// Where it never is below, m.
+    /// A height that it never is below, m.
     fn lowest(&self) -> f64 {
-        // However it turns about its file's origin.
+        // For any rotation about its file's origin.
         let reach = || self.model.mesh.points.iter().map(|p| p.length()).fold(0.0, f64::max);
         let keyed = self.keys.iter().map(|key| key.pose.translation.y).reduce(f64::min);
         keyed.map_or_else(|| self.model.mesh.bounds().0.y, |low| low - reach())
@@ -150,14 +141,14 @@ pub struct PlacedBody {
     pub mass: Option<f64>,
     /// When it appears, s after frame 0.
     pub start: f64,
-    /// It stays where it is.
+    /// It stays exactly where it is.
     pub pinned: bool,
-    /// When a pinned body is let go, s after frame 0; `None`: never.
+    /// When a pinned body is released, s after frame 0; `None`: never.
     pub pinned_until: Option<f64>,
 }
 
 impl PlacedBody {
-    /// A body at rest that is there from the beginning.
+    /// A body at rest that exists from the beginning.
     pub fn new(prop: usize, pose: Pose) -> PlacedBody {
         PlacedBody {
             prop,
@@ -197,10 +188,10 @@ pub struct Emitter {
     pub start: f64,
 }
 
-/// Where an emitter's bodies appear.
+/// The place where an emitter's bodies appear.
 #[derive(Clone, Debug, serde::Serialize)]
 pub enum Place {
-    /// Middle and edges, m.
+    /// Centre and edge lengths, m.
     Box { center: DVec3, size: DVec3 },
     /// The inside of a closed mesh.
     Mesh(Model),
@@ -222,8 +213,7 @@ impl Scene {
         self.control.as_ref().or(self.region.as_ref())
     }
 
-    /// Below everything that stands still, is moved or placed, or appears, m: a bound, not exact for moving scenery.
-    /// Infinite for an empty scene.
+    /// A height below all models, placed bodies and emitters, m: a bound, not exact for moving scenery. Infinite for an empty scene.
     pub fn lowest(&self) -> f64 {
         let target = self.target().map(|model| model.mesh.bounds().0.y);
         let placed = self.bodies.iter().map(|body| body.pose.translation.y);
@@ -232,7 +222,7 @@ impl Scene {
         target.into_iter().chain(placed).chain(emitted).chain(scenery).fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether the control mesh is to be filled.
+    /// Whether the control mesh is filled.
     pub fn is_filled(&self, params: &Params) -> bool {
         self.control.is_some() && params.fill.method.traits().fills
     }
@@ -240,9 +230,9 @@ impl Scene {
     /// Whether anything may hit a held body, besides the bodies of the pile.
     pub fn something_hits(&self) -> bool {
         let late = self.bodies.iter().any(|body| !body.is_stacked());
-        let let_go = self.bodies.iter().any(|body| body.pinned_until.is_some());
+        let released = self.bodies.iter().any(|body| body.pinned_until.is_some());
         let moving = self.statics.iter().any(|model| !model.keys.is_empty());
-        late || let_go || moving || !self.emitters.is_empty()
+        late || released || moving || !self.emitters.is_empty()
     }
 
     /// Bodies that are placed by hand or emitted.

@@ -91,7 +91,7 @@ pub(crate) fn release_steps(scene: &Scene, params: &Params, checked: &CheckedSce
     let hold = match params.output.frames {
         Some(n) => (f64::from(n) / params.output.fps / step - release).max(0.0),
         None => {
-            (USUAL_HOLD * characteristic_time).max(params.hold.least) / step
+            (USUAL_HOLD * characteristic_time).max(params.hold.least_seconds) / step
                 + (last_event(scene, params) / step - release).max(0.0)
         }
     };

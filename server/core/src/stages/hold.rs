@@ -93,7 +93,7 @@ pub fn run(
     let step = sim.pile.world.step_length();
     let patience = (params.hold.patience / step).ceil() as u64;
     let rest_steps = (REST_TIME / step).ceil() as u64;
-    let least_steps = (params.hold.least / sim.pile.world.units.time / step).ceil() as u64;
+    let least_steps = (params.hold.least_seconds / sim.pile.world.units.time / step).ceil() as u64;
     let mut begin = sim.pile.step;
     let (mut calm, mut top_speed) = (Calm::default(), 0.0f64);
     let (mut rest, mut rolls_since) = (None, None);

@@ -1,94 +1,15 @@
-//! The accuracy presets. The one home of defaults: `standard` stands whole, the others by what they change.
+//! The accuracy presets: `standard` is what the schema's comments state, the others are what they change of it.
 
 use super::*;
 
-/// Stiffness of a fill's contacts, per natural time, whatever that of the pile's: stiffer ones make another fill of the same seed,
-/// and what overlaps is parted afterwards by position.
+/// Stiffness of a fill's contacts, per characteristic time, whatever the pile's is: stiffer ones make another fill of the same seed,
+/// and overlapping bodies are separated afterwards by position.
 const FILL_FREQUENCY: f64 = 22.0;
 
 impl Params {
     /// The preset's complete parameters.
     pub fn new(accuracy: Accuracy) -> Params {
-        let mut params = Params {
-            seed: 1,
-            accuracy,
-            gravity: 9.81,
-            ground: true,
-            ground_friction: 0.7,
-            ground_height: None,
-            physics: Physics {
-                step: Time::Natural(0.05),
-                substeps: 8,
-                contact_frequency: 22.0,
-                contact_damping_ratio: 10.0,
-                friction_model: FrictionModel::Simplified,
-                rolling_resistance: 0.02,
-                shape_tolerance: 0.04,
-                max_parts: 12,
-                switches: PhysicsSwitches::default(),
-            },
-            guard: Switch::Auto,
-            base: Base { height: 0.02 },
-            fill: Fill {
-                method: FillMethod::Insert,
-                order: 0.0,
-                surface: 0.5,
-                mixture: Mixture { layout: Layout::Mixed, sort_by: SortBy::Size, descending: false },
-                gaps: false,
-                shake: 0.0,
-                friction: 0.0,
-                count: None,
-                max_bodies: 20_000,
-                step: 0.1,
-                round: 0.3,
-                full_below: 0.04,
-                growth: 0.8,
-                settle: 2.2,
-                protrusion: 0.05,
-                overlap: 0.15,
-                residual_overlap: 0.012,
-                wall_tolerance: 0.02,
-                shell: None,
-            },
-            release: Release { layer: 0.5, interval: Time::Natural(1.0), damping: 0.0, order: ReleaseOrder::BottomUp },
-            glue: Glue {
-                mode: GlueMode::Auto,
-                strength: None,
-                friction_factor: 0.5,
-                normal_price: 0.02,
-                rounds: 7,
-                anchor: Switch::Auto,
-                breaking: 4.0,
-                proof: Switch::Auto,
-            },
-            control: Control {
-                mode: ControlMode::Freeze,
-                period: 5,
-                selection: ContactSelection::Conservative,
-                friction_reserve: FrictionReserve::Sharp,
-                friction_cone: FrictionCone::Cone,
-                kinetic_ratio: 6.0 / 7.0,
-                contact_tolerance: 0.05,
-                spread: Spread::Relative(0.05),
-                neighbours: Neighbours::Either,
-                speed: 0.1,
-                damping: 6.4,
-                kappa: 5.0,
-                nails_per_body: 1,
-                until: None,
-                stand: Switch::Auto,
-                switches: ControlSwitches::default(),
-            },
-            hold: Hold { patience: 120.0, least: 0.0 },
-            output: Output {
-                fps: 24.0,
-                frames: None,
-                free_standing: false,
-                free_pour: false,
-                keeps_frames: Switch::Auto,
-            },
-            report: Figures::default(),
-        };
+        let mut params = Params { accuracy, ..Params::standard() };
         match accuracy {
             Accuracy::Standard => {}
             Accuracy::Draft => {
@@ -98,13 +19,13 @@ impl Params {
                 params.physics.shape_tolerance = 0.1;
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
-                // In larger rounds, what is small takes the room of what is large.
+                // In larger rounds, small props take the room of large ones.
                 params.fill.round = 0.5;
                 params.fill.full_below = 0.3;
                 params.fill.settle = 0.5;
                 params.fill.residual_overlap = 0.06;
                 params.release.layer = 1.0;
-                // More glue takes the place of letting the pile go.
+                // More glue replaces releasing the pile for the proof.
                 params.glue.friction_factor = 0.35;
                 params.glue.rounds = 2;
             }
@@ -162,7 +83,7 @@ impl Params {
                     period: 20,
                     friction_reserve: FrictionReserve::Paper,
                     friction_cone: FrictionCone::Pyramid,
-                    spread: Spread::Paper(0.5),
+                    spread: Spread::Area(0.5),
                     neighbours: Neighbours::All,
                     speed: f64::INFINITY,
                     damping: 0.0,
@@ -175,7 +96,8 @@ impl Params {
     }
 
     /// The engine's settings for the fill: half the substeps, since nothing has to balance there, and nothing has to stop
-    /// rolling; but no softer contacts, which squeeze out what grows. An insert fill steps farther, and sweeps nothing, unless asked to: its props hardly fall.
+    /// rolling; but no softer contacts, which squeeze out growing props. An insert fill takes longer steps, and sweeps nothing unless
+    /// the scene asks for it: its props hardly fall.
     pub fn fill_physics(&self, natural_time: f64) -> Physics {
         let mut physics = Physics {
             substeps: self.physics.substeps.div_ceil(2),

@@ -2,7 +2,7 @@
 
 use super::table::ROWS;
 use super::{Decision, Effect, EffectName, Row, Switched};
-use crate::input::params::{ControlMode, ControlSwitches, Params, Physics, PhysicsSwitches, Switch};
+use crate::input::params::{ControlMode, Params, Physics, PhysicsSwitches, Switch};
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
 use crate::prepare::extremes;
@@ -33,7 +33,6 @@ pub(super) struct Case<'a> {
     /// The user's words on effects of shapes and engine.
     pub engine: &'a PhysicsSwitches,
     /// The user's words on effects of the control.
-    pub hold: &'a ControlSwitches,
     pub checked: &'a CheckedScene,
     /// One per prop.
     pub summaries: &'a [ShapeSummary],
@@ -64,7 +63,6 @@ impl Resolved {
             scene,
             params,
             engine: &params.physics.switches,
-            hold: &params.control.switches,
             checked,
             summaries,
             fills,

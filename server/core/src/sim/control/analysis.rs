@@ -194,7 +194,7 @@ impl<'a> Analysis<'a> {
             params::FrictionReserve::Sharp => ReserveRule::Sharp,
         };
         let (spread, of_face) = match self.params.spread {
-            params::Spread::Paper(alpha) => (SpreadRule::Paper(alpha / (length * length)), None),
+            params::Spread::Area(alpha) => (SpreadRule::Paper(alpha / (length * length)), None),
             params::Spread::Relative(share) => (SpreadRule::Relative { share, area: 0.0 }, Some(share)),
         };
         let kinetic_ratio = self.params.kinetic_ratio;

@@ -29,7 +29,7 @@ pub struct Zones {
 impl Zones {
     /// `None` where every prop may be everywhere, and where only one prop is drawn.
     pub fn new(task: &FillTask, rng: &mut impl Rng) -> Option<Zones> {
-        let layout = task.params.fill.mixture.layout;
+        let layout = task.params.fill.layout;
         let drawn: Vec<usize> = task.drawn_props().collect();
         if layout == Layout::Mixed || drawn.len() < 2 {
             return None;
@@ -81,7 +81,7 @@ fn level(y: f64, bottom: f64, height: f64) -> usize {
 
 /// The bands of these props, in the order that is asked for.
 fn bands(task: &FillTask, mut drawn: Vec<usize>) -> Vec<[f64; 2]> {
-    let (props, shapes, wanted) = (&task.scene.props, task.shapes, &task.params.fill.mixture);
+    let (props, shapes, wanted) = (&task.scene.props, task.shapes, &task.params.fill);
     let scale = |i: usize| (props[i].scale[0] + props[i].scale[1]) / 2.0;
     drawn.sort_by(|&a, &b| match wanted.sort_by {
         SortBy::Size => (shapes[a].size.diameter * scale(a)).total_cmp(&(shapes[b].size.diameter * scale(b))),

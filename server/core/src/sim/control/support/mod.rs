@@ -65,7 +65,7 @@ pub fn of(params: &ControlParams, seed: u64) -> Option<Box<dyn Support>> {
     match params.mode {
         ControlMode::Off => None,
         ControlMode::Nails => Some(Box::new(nails::NailSupport::new(params, seed))),
-        ControlMode::Freeze => Some(Box::new(freeze::FreezeSupport::new(params))),
+        ControlMode::Hold => Some(Box::new(freeze::FreezeSupport::new(params))),
     }
 }
 
