@@ -1,5 +1,5 @@
-//! Generates the Rust types and the service of `proto/cairn/v1` without protoc, and the conversions of the parameters; embeds the
-//! descriptors with their comments.
+//! Generates the Rust types and the service of `proto/cairn/v1` without protoc, and the conversions of the parameters;
+//! embeds the descriptors with their comments.
 
 use std::path::{Path, PathBuf};
 

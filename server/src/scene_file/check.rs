@@ -1,6 +1,7 @@
 //! Checks a tree of values against the schema: reports every unknown field and wrong type at once, each with its place.
 //!
-//! The result is protobuf's JSON mapping in its plainest form: original field names, full enum names, groups written out.
+//! The result is protobuf's JSON mapping in its plainest form: original field names, full enum names, groups written
+//! out.
 
 use super::schema;
 use super::text::{from_f64, to_f64};

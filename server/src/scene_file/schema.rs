@@ -24,8 +24,8 @@ pub fn field(message: &MessageDescriptor, name: &str) -> Option<FieldDescriptor>
     message.get_field_by_name(name).or_else(|| message.get_field_by_json_name(name))
 }
 
-/// The field that a string in the place of this group sets: its first, if that is text or a name, and no other field of its kind
-/// follows.
+/// The field that a string in the place of this group sets: its first, if that is text or a name, and no other field of
+/// its kind follows.
 pub fn shorthand(message: &MessageDescriptor) -> Option<FieldDescriptor> {
     let is_alone = |first: &FieldDescriptor| message.get_field(2).is_none_or(|second| second.kind() != first.kind());
     let first = message.get_field(1).filter(|field| !field.is_list())?;

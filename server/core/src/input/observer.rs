@@ -87,8 +87,8 @@ pub trait Observer {
     /// Called at least once per step; `Break` cancels the bake.
     fn progress(&mut self, progress: &Progress) -> ControlFlow<()>;
 
-    /// CPU seconds used so far by this thread or process: the core has no clock of its own. Only the report uses it; the result never
-    /// depends on it.
+    /// CPU seconds used so far by this thread or process: the core has no clock of its own. Only the report uses it;
+    /// the result never depends on it.
     fn cpu_seconds(&mut self) -> f64;
 
     /// Whether [`Observer::frame`] shall be called. Frames that are not wanted cost nothing.
@@ -96,8 +96,8 @@ pub trait Observer {
         false
     }
 
-    /// Receives a frame: in order, those of the fill at the result's frame rate, then those of the result, which are its final pose
-    /// alone where no frames are kept.
+    /// Receives a frame: in order, those of the fill at the result's frame rate, then those of the result, which are
+    /// its final pose alone where no frames are kept.
     fn frame(&mut self, _: &Frame) {}
 }
 

@@ -1,8 +1,9 @@
-//! Every parameter of a bake. The structs, with meaning, unit, range and default of each field, are generated from the comments of
-//! `proto/cairn/v1/params.proto` and `scene.proto` (`build.rs`); here is what the core derives from them.
+//! Every parameter of a bake. The structs, with meaning, unit, range and default of each field, are generated from the
+//! comments of `proto/cairn/v1/params.proto` and `scene.proto` (`build.rs`); here is what the core derives from them.
 //!
-//! A length relative to `d` is in units of the median prop diameter (bounding sphere); a characteristic time is `sqrt(d / g)`.
-//! A pile of 1 cm props and one of 1 m props therefore take the same steps (Hsu & Keyser 2012, Table 1, holds for one size).
+//! A length relative to `d` is in units of the median prop diameter (bounding sphere); a characteristic time is
+//! `sqrt(d / g)`. A pile of 1 cm props and one of 1 m props therefore take the same steps (Hsu & Keyser 2012, Table 1,
+//! holds for one size).
 
 mod fill;
 mod presets;
@@ -78,19 +79,22 @@ impl Spread {
 const THIN: (f64, f64) = (0.1, 5.0);
 /// A contact spring is stable up to this share of the substeps' rate.
 const STABLE_PER_SUBSTEP: f64 = 0.25;
-/// A stack of such springs is calm up to this share: beyond it, a tall one oscillates forever and walks, until it falls.
+/// A stack of such springs is calm up to this share: beyond it, a tall one oscillates forever and walks, until it
+/// falls.
 const CALM_PER_SUBSTEP: f64 = 0.14;
 /// As the range of `substeps`.
 const MOST_SUBSTEPS: u32 = 64;
 
 impl Physics {
-    /// The frequency of the contact springs, per characteristic time, where the thinnest body has this thickness (in d). A body sinks
-    /// in by g / omega^2: thin ones get stiffer springs, so that it is the same share of their thickness.
+    /// The frequency of the contact springs, per characteristic time, where the thinnest body has this thickness (in
+    /// d). A body sinks in by g / omega^2: thin ones get stiffer springs, so that it is the same share of their
+    /// thickness.
     pub fn stiffness(&self, thickness: f64) -> f64 {
         self.contact_frequency * (THIN.0 / thickness).sqrt().clamp(1.0, THIN.1)
     }
 
-    /// The substeps that contacts of this frequency need in a step of this length, characteristic times, and at least `substeps`.
+    /// The substeps that contacts of this frequency need in a step of this length, characteristic times, and at least
+    /// `substeps`.
     pub fn substeps_for(&self, frequency: f64, step: f64) -> u32 {
         self.substeps.max(substeps(frequency * step / STABLE_PER_SUBSTEP))
     }
@@ -111,7 +115,8 @@ const TACKY: f64 = 5.0;
 const KAPPA_TIME: f64 = 1.0 / 240.0;
 
 impl Params {
-    /// The most that a glue joint carries, in weights of the median prop: 0 where nothing is glued. `fills`: a control mesh is filled.
+    /// The most that a glue joint carries, in weights of the median prop: 0 where nothing is glued. `fills`: a control
+    /// mesh is filled.
     pub fn glue_bound(&self, fills: bool) -> f64 {
         let is_held = fills && self.control.mode == ControlMode::Hold;
         match self.glue.mode {

@@ -65,12 +65,14 @@ pub struct StaticModel {
     pub model: Model,
     /// Coulomb friction coefficient, 0 to 2.
     pub friction: f64,
-    /// Its motion, ascending in time; empty: it stands still as placed. It also stands still before the first and after the last key.
+    /// Its motion, ascending in time; empty: it stands still as placed. It also stands still before the first and after
+    /// the last key.
     pub keys: Vec<Key>,
 }
 
 impl Prop {
-    /// A prop of 1000 kg/m^3 that does not bounce, in its own size, at any rotation, with the paper's friction (Table 1).
+    /// A prop of 1000 kg/m^3 that does not bounce, in its own size, at any rotation, with the paper's friction (Table
+    /// 1).
     pub fn new(model: Model) -> Prop {
         Prop {
             model,
@@ -213,7 +215,8 @@ impl Scene {
         self.control.as_ref().or(self.region.as_ref())
     }
 
-    /// A height below all models, placed bodies and emitters, m: a bound, not exact for moving scenery. Infinite for an empty scene.
+    /// A height below all models, placed bodies and emitters, m: a bound, not exact for moving scenery. Infinite for an
+    /// empty scene.
     pub fn lowest(&self) -> f64 {
         let target = self.target().map(|model| model.mesh.bounds().0.y);
         let placed = self.bodies.iter().map(|body| body.pose.translation.y);

@@ -1,4 +1,5 @@
-//! What a scene adds to the fill: placed bodies, emitters, moving scenery. Their messages have every value set that has a default.
+//! What a scene adds to the fill: placed bodies, emitters, moving scenery. Their messages have every value set that has
+//! a default.
 
 use crate::problem::{Problem, nearest};
 use crate::wire::proto;

@@ -2,8 +2,8 @@
 
 use super::{Fill, FillMethod};
 
-/// The container of the loosest surface, and the one around single props that stand out, are this far outside of the control mesh, d;
-/// half of the distance grid's margin.
+/// The container of the loosest surface, and the one around single props that stand out, are this far outside of the
+/// control mesh, d; half of the distance grid's margin.
 const OUTSIDE: f64 = 0.15;
 /// Share of the props that may stand out of the loosest surface.
 const STANDING_OUT: f64 = 0.1;
@@ -28,8 +28,8 @@ impl Fill {
         (self.order / ALL_FLAT).min(1.0)
     }
 
-    /// Share of the places tried for inserted props that are flat against the container. The tidier a stack, the less the props that
-    /// fill it up look cast.
+    /// Share of the places tried for inserted props that are flat against the container. The tidier a stack, the less
+    /// the props that fill it up look cast.
     pub fn at_wall(&self) -> f64 {
         let disorder = if self.method.traits().has_order { 1.0 - self.lying() } else { 1.0 };
         AT_WALL * self.surface * disorder
@@ -52,8 +52,8 @@ pub struct FillTraits {
     pub has_order: bool,
     /// Single props may stand out of the container, by [`Fill::surface`].
     pub lets_stand_out: bool,
-    /// Its props fall through the container's opening: the fill steps as the bake does, and places below overhangs stay empty. Props of
-    /// other methods hardly fall: the fill may take the longer [`Fill::step`].
+    /// Its props fall through the container's opening: the fill steps as the bake does, and places below overhangs stay
+    /// empty. Props of other methods hardly fall: the fill may take the longer [`Fill::step`].
     pub falls: bool,
 }
 

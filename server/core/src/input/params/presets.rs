@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// Stiffness of a fill's contacts, per characteristic time, whatever the pile's is: stiffer ones make another fill of the same seed,
-/// and overlapping bodies are separated afterwards by position.
+/// Stiffness of a fill's contacts, per characteristic time, whatever the pile's is: stiffer ones make another fill of
+/// the same seed, and overlapping bodies are separated afterwards by position.
 const FILL_FREQUENCY: f64 = 22.0;
 
 impl Params {
@@ -95,9 +95,9 @@ impl Params {
         params
     }
 
-    /// The engine's settings for the fill: half the substeps, since nothing has to balance there, and nothing has to stop
-    /// rolling; but no softer contacts, which squeeze out growing props. An insert fill takes longer steps, and sweeps nothing unless
-    /// the scene asks for it: its props hardly fall.
+    /// The engine's settings for the fill: half the substeps, since nothing has to balance there, and nothing has to
+    /// stop rolling; but no softer contacts, which squeeze out growing props. An insert fill takes longer steps, and
+    /// sweeps nothing unless the scene asks for it: its props hardly fall.
     pub fn fill_physics(&self, natural_time: f64) -> Physics {
         let mut physics = Physics {
             substeps: self.physics.substeps.div_ceil(2),
