@@ -43,9 +43,9 @@ pub enum Time {
 
 impl Time {
     /// In seconds, given the characteristic time.
-    pub fn seconds(self, natural_time: f64) -> f64 {
+    pub fn seconds(self, characteristic_time: f64) -> f64 {
         match self {
-            Time::Natural(t) => t * natural_time,
+            Time::Natural(t) => t * characteristic_time,
             Time::Seconds(s) => s,
         }
     }

@@ -98,7 +98,7 @@ impl Params {
     /// The engine's settings for the fill: half the substeps, since nothing has to balance there, and nothing has to
     /// stop rolling; but no softer contacts, which squeeze out growing props. An insert fill takes longer steps, and
     /// sweeps nothing unless the scene asks for it: its props hardly fall.
-    pub fn fill_physics(&self, natural_time: f64) -> Physics {
+    pub fn fill_physics(&self, characteristic_time: f64) -> Physics {
         let mut physics = Physics {
             substeps: self.physics.substeps.div_ceil(2),
             rolling_resistance: 0.0,
@@ -106,7 +106,7 @@ impl Params {
             ..self.physics.clone()
         };
         if !self.fill.method.traits().falls {
-            physics.step = Time::Natural(self.fill.step.max(physics.step.seconds(natural_time) / natural_time));
+            physics.step = Time::Natural(self.fill.step.max(physics.step.seconds(characteristic_time) / characteristic_time));
             if physics.switches.continuous_collision == Switch::Auto {
                 physics.switches.continuous_collision = Switch::Off;
             }
