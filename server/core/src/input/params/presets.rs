@@ -106,7 +106,8 @@ impl Params {
             ..self.physics.clone()
         };
         if !self.fill.method.traits().falls {
-            physics.step = Time::Natural(self.fill.step.max(physics.step.seconds(characteristic_time) / characteristic_time));
+            physics.step =
+                Time::Natural(self.fill.step.max(physics.step.seconds(characteristic_time) / characteristic_time));
             if physics.switches.continuous_collision == Switch::Auto {
                 physics.switches.continuous_collision = Switch::Off;
             }

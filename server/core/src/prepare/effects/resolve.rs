@@ -2,7 +2,7 @@
 
 use super::table::ROWS;
 use super::{Decision, Effect, EffectName, Row, Switched};
-use crate::input::params::{ControlMode, Params, Physics, PhysicsSwitches, Switch};
+use crate::input::params::{ControlMode, Effects, Params, Physics, PhysicsSwitches, Switch};
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
 use crate::prepare::extremes;
@@ -32,7 +32,8 @@ pub(super) struct Case<'a> {
     pub params: &'a Params,
     /// The user's words on effects of shapes and engine.
     pub engine: &'a PhysicsSwitches,
-    /// The user's words on effects of the control.
+    /// The user's words on the other effects.
+    pub effects: &'a Effects,
     pub checked: &'a CheckedScene,
     /// One per prop.
     pub summaries: &'a [ShapeSummary],
@@ -63,6 +64,7 @@ impl Resolved {
             scene,
             params,
             engine: &params.physics.switches,
+            effects: &params.effects,
             checked,
             summaries,
             fills,

@@ -130,7 +130,7 @@ pub(super) const ROWS: &[Row] = &[
     }),
     row(
         Guard,
-        By("effects.guard", |c| c.params.effects.guard),
+        By("effects.guard", |c| c.effects.guard),
         &[GuardSteps, GuardRetries, GuardStiffened, GuardCalmed],
         |_| yes("every step is checked, in less than one percent of the time"),
     ),
@@ -148,13 +148,13 @@ pub(super) const ROWS: &[Row] = &[
         FrictionCone::Pyramid => yes("four-sided friction pyramid, as in the paper"),
         FrictionCone::Cone => yes("exact friction cone"),
     }),
-    row(KeptVerdicts, By("effects.kept_verdicts", |c| c.params.effects.kept_verdicts), &[VerdictsKept], |c| match c.control {
+    row(KeptVerdicts, By("effects.kept_verdicts", |c| c.effects.kept_verdicts), &[VerdictsKept], |c| match c.control {
         _ if c.glues() => useless(GLUED),
         ControlMode::Off => useless(NO_CONTROL),
         ControlMode::Nails => useless(NO_HOLD),
         ControlMode::Hold => yes("a verdict holds until a body that this one rests on changes"),
     }),
-    row(Region, By("effects.region", |c| c.params.effects.region), &[RegionTests], |c| match c.scene.target() {
+    row(Region, By("effects.region", |c| c.effects.region), &[RegionTests], |c| match c.scene.target() {
         _ if c.control == ControlMode::Off && !c.glues() => useless(NO_CONTROL),
         Some(_) => yes("bodies outside are neither controlled nor glued"),
         None => useless("there is no region: the control acts everywhere"),
@@ -166,7 +166,7 @@ pub(super) const ROWS: &[Row] = &[
     }),
     row(
         Breaking,
-        By("effects.breaking", |c| c.params.effects.breaking),
+        By("effects.breaking", |c| c.effects.breaking),
         &[BreakChecks, NailsBroken, HoldsBroken, GlueLoads, GlueDotsBroken],
         |c| match c.params.control.kappa {
             _ if c.glues() && c.scene.something_hits() => yes("something hits the pile: overloaded glue joints break"),
@@ -175,7 +175,7 @@ pub(super) const ROWS: &[Row] = &[
             kappa => yes(format!("holds and nails that carry more than kappa = {kappa} N s per kg break")),
         },
     ),
-    row(Impact, By("effects.impact", |c| c.params.effects.impact), &[ImpactLooks, Shaken], |c| match c.control {
+    row(Impact, By("effects.impact", |c| c.effects.impact), &[ImpactLooks, Shaken], |c| match c.control {
         ControlMode::Off => useless(NO_CONTROL),
         ControlMode::Nails => useless(NO_HOLD),
         _ if c.scene.something_hits() => yes("a body flies, falls or moves, or kept bodies are released"),
@@ -186,12 +186,10 @@ pub(super) const ROWS: &[Row] = &[
         ControlMode::Nails => no(NO_HOLD),
         // A later event needs the control until then.
         _ if c.params.control.until.is_some() || c.scene.something_hits() => no("a later event needs the hold"),
-        ControlMode::Hold if c.fills => {
-            yes("once the pile rests, the control ends gently: the pile stands by itself")
-        }
+        ControlMode::Hold if c.fills => yes("once the pile rests, the control ends gently: the pile stands by itself"),
         ControlMode::Hold => no("nothing is filled"),
     }),
-    row(EffectName::Frames, By("effects.frames", |c| c.params.effects.frames), &[Count::Frames], |c| {
+    row(EffectName::Frames, By("effects.frames", |c| c.effects.frames), &[Count::Frames], |c| {
         yes(format!("{} per second; without them, the result is the final pose", c.params.output.fps))
     })
     .seconds(|spent| spent.frames),
