@@ -35,7 +35,7 @@ class CairnVariant(PropertyGroup):
     # JSON.
     recipe: StringProperty()
     # The result in a few words; empty before it is done.
-    told: StringProperty()
+    summary: StringProperty()
     # The objects of the variant, also after they were renamed.
     pointers: CollectionProperty(type=CairnPointer)
 

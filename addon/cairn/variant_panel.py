@@ -54,7 +54,7 @@ class CAIRN_PT_variants(Pile, Panel):
             box.template_icon(icon_value=number, scale=SCALE)
         column = box.column(align=True)
         # Line by line: two of them stand side by side.
-        for line in (*entry.name.split(", "), *entry.told.split(", ")):
+        for line in (*entry.name.split(", "), *entry.summary.split(", ")):
             column.label(text=line)
         row = column.row(align=True)
         icon = "TIME" if variants.is_fetched(entry) else "HIDE_OFF"

@@ -90,7 +90,7 @@ class _Trials:
         entry = scene.cairn_variants.get(self.name) or scene.cairn_variants.add()
         entry.name, entry.bake_id, entry.recipe = self.name, self.job.bake_id, json.dumps(self.recipe)
         dots = summary.counts.get("glue_dots", 0)
-        entry.told = f"{summary.body_count} bodies, " + (f"{dots} dots" if dots else "no glue")
+        entry.summary = f"{summary.body_count} bodies, " + (f"{dots} dots" if dots else "no glue")
         pointers.write(entry.pointers, self.taken.pointers)
         remember(entry.bake_id, self.job.recording.frames[-1], self.drawn, self.recipe["metres"])
 

@@ -1,4 +1,4 @@
-//! The parts of a bake, over small named scenes. README.md beside this file tells the rows.
+//! The parts of a bake, over small named scenes. README.md beside this file describes the rows.
 
 #[path = "../../tests/studies/piles/mod.rs"]
 mod piles;
@@ -68,7 +68,7 @@ fn fill(group: &mut Group, full: &Full) {
     group.bench_function("fill", |b| b.iter(|| fill(&mut Steps(0))));
 }
 
-/// The pile, all let go, after so many steps.
+/// The pile, all released, after so many steps.
 fn moved(full: &Full, steps: u32) -> Simulation<'_> {
     let mut sim = full.turn_over().expect("it can be turned over");
     for id in sim.pile.world.present().collect::<Vec<_>>() {

@@ -49,7 +49,7 @@ def press(key):
 
 
 def press_done():
-    """What is asked for is asked for now: a button acts when it is let go."""
+    """What is asked for is asked for now: a button acts when it is released."""
     global pressed_at
     pressed_at = time.monotonic()
 

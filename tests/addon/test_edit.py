@@ -133,7 +133,7 @@ def test_more_is_dropped_on_top(edited, desk):
 
 
 def test_what_has_lost_its_hold_is_not_certified(edited, desk):
-    """Were bodies left where nothing holds them, the verdict after the edit would tell."""
+    """If bodies were left where nothing holds them, the verdict after the edit would show it."""
     weighing, edit = desk.addon("weighing"), desk.addon("edit")
     before = edit.settled(edited)
     edited.objects[0].location.z += 3.0

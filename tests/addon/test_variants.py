@@ -36,7 +36,7 @@ def test_seeds_are_tried_and_one_is_kept(desk, addon, tmp_path):
     assert bpy.ops.cairn.try_seeds(count=3) == {"FINISHED"}
     entries = bpy.context.scene.cairn_variants
     assert [entry.name for entry in entries] == ["Seed 1", "Seed 2", "Seed 3"] and count_blocks() == before
-    assert len({entry.bake_id for entry in entries}) == 3 and all("bodies" in entry.told for entry in entries)
+    assert len({entry.bake_id for entry in entries}) == 3 and all("bodies" in entry.summary for entry in entries)
     assert desk.settings.seed == 1
     # A file that was closed has them still, whatever the prop is called now.
     path = str(tmp_path / "tried.blend")
@@ -65,7 +65,7 @@ def test_glue_is_tried_with_each_seed(desk, addon):
     desk.add_stick()
     desk.control.scale = (1.0, 0.35, 1.6)
     assert bpy.ops.cairn.try_seeds(count=1, is_with_glue=True) == {"FINISHED"}
-    results = {entry.name: entry.told for entry in bpy.context.scene.cairn_variants}
+    results = {entry.name: entry.summary for entry in bpy.context.scene.cairn_variants}
     assert set(results) == {"Seed 1, As Modeled", "Seed 1, Natural"}
     assert "dots" in results["Seed 1, As Modeled"] and "no glue" in results["Seed 1, Natural"]
 

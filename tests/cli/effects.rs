@@ -137,9 +137,9 @@ fn what_is_forced_on_is_at_work() {
 #[test]
 fn a_kept_verdict_is_the_verdict_of_a_new_look() {
     let desk = Desk::new();
-    let (kept, anew) = (bake(&desk, PILE), bake(&desk, &format!("{PILE} --set effects.kept_verdicts=off")));
-    assert_eq!(kept["result_blake3"], anew["result_blake3"]);
-    assert!(count(&kept, "analyses") < count(&anew, "analyses"));
+    let (kept, fresh) = (bake(&desk, PILE), bake(&desk, &format!("{PILE} --set effects.kept_verdicts=off")));
+    assert_eq!(kept["result_blake3"], fresh["result_blake3"]);
+    assert!(count(&kept, "analyses") < count(&fresh, "analyses"));
 }
 
 #[test]

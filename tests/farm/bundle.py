@@ -61,14 +61,14 @@ def main(program):
         assert shares.count(100.0) == 4, f"one of each task: {shares}"
         assert "openjd_status: 2 of 2 bakes, 0 failed" in printed.stdout
 
-        # Again: all is there. Then with what cannot be baked: the fault is told as the format has it.
+        # Again: all is there. Then with what cannot be baked: the fault is reported as the format has it.
         again = run(program, scenes, output)
         assert again.returncode == 0 and "2 finished before" in again.stdout
         (scenes / "column.toml").write_text('control_mesh = "none.glb"\n')
         failed = run(program, scenes, output)
         assert failed.returncode != 0 and "openjd_fail: " in failed.stdout and "none.glb" in failed.stdout
 
-        # A single bake tells its stages; its share only rises.
+        # A single bake reports its stages; its share only rises.
         bake = [program, "bake", scenes / "sticks.toml", "--no-cache", "-o", output / "one.glb", "--progress", "openjd"]
         lines = subprocess.run(bake, capture_output=True, text=True, check=True).stdout.splitlines()
         assert all(re.match(r"openjd_(progress: [\d.]+|status: \S.*)$", line) for line in lines), lines

@@ -177,7 +177,7 @@ def main(program):
             f"slurm: {COUNT} results, each once, as without Slurm; node killed with {killed} processes after {before}"
         )
 
-        # Told to end: exit 75, queued again, and then done.
+        # Asked to end: exit 75, queued again, and then done.
         late = work / "late"
         settings = ["--set", "accuracy=reference"]
         long = subprocess.run([program, "scene", scene, *settings], capture_output=True, text=True, check=True).stdout

@@ -149,7 +149,7 @@ async fn download(connection: &mut cairn::client::Connection, id: &str, artifact
         size += part.size_bytes;
         file.extend_from_slice(&part.chunk);
     }
-    assert_eq!(size, file.len() as i64, "the first part tells the size, the others nothing");
+    assert_eq!(size, file.len() as i64, "the first part has the size, the others nothing");
     file
 }
 

@@ -249,7 +249,7 @@ pub fn assert_contiguous(events: &[BakeEvent], from: i64) {
 pub fn accepted_id(events: &[BakeEvent]) -> String {
     match &events[0].kind {
         Some(Kind::Accepted(accepted)) => accepted.bake_id.clone(),
-        other => panic!("the first event tells that the bake was accepted, not {other:?}"),
+        other => panic!("the first event says that the bake was accepted, not {other:?}"),
     }
 }
 

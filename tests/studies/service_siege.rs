@@ -251,7 +251,7 @@ async fn once(habit: &str, seed: i64, mut connection: Connection, target: &cairn
                 UploadAssetRequest { header: Some(header), ..Default::default() },
                 UploadAssetRequest { chunk: vec![7; 1 << 19].into(), ..Default::default() },
             ];
-            // Half of it and then the end: a fault of the caller, told as that.
+            // Half of it and then the end: a fault of the caller, reported as that.
             match service.upload_asset(tokio_stream::iter(half)).await {
                 Err(status) if status.code() == Code::InvalidArgument => count(&Ok(())),
                 answer => count(&answer.map(drop)),
@@ -281,7 +281,7 @@ async fn once(habit: &str, seed: i64, mut connection: Connection, target: &cairn
             }
             Err(status) => count(&Err(status)),
         },
-        // A bake is done once it has told its summary, whoever else bakes.
+        // A bake is done once it has sent its summary, whoever else bakes.
         "bakes" => match service.bake(short(seed)).await {
             Ok(stream) => {
                 count(&Ok(()));
@@ -314,7 +314,7 @@ fn id_of(event: &cairn::wire::proto::BakeEvent) -> String {
     }
 }
 
-/// What h2load tells, if it is installed: `GetServerInfo` over 32 connections, for as long as all the others call.
+/// What h2load reports, if it is installed: `GetServerInfo` over 32 connections, for as long as all the others call.
 async fn h2load(server: &Server, seconds: u64) -> Result<Option<String>> {
     let body = tempfile::NamedTempFile::new()?;
     // An empty message, as gRPC frames it.
@@ -324,14 +324,14 @@ async fn h2load(server: &Server, seconds: u64) -> Result<Option<String>> {
     command.args(["-H", "content-type: application/grpc", "-d"]).arg(body.path());
     command.arg(format!("http://{}/cairn.v1.PileService/GetServerInfo", server.target.address));
     let Ok(done) = tokio::task::spawn_blocking(move || command.output()).await? else { return Ok(None) };
-    let told = String::from_utf8_lossy(&done.stdout).into_owned();
-    let line = |start: &str| told.lines().find(|line| line.starts_with(start)).unwrap_or_default().to_owned();
+    let output = String::from_utf8_lossy(&done.stdout).into_owned();
+    let line = |start: &str| output.lines().find(|line| line.starts_with(start)).unwrap_or_default().to_owned();
     let requests = line("requests:");
-    ensure!(requests.contains(" 0 failed, 0 errored"), "h2load: {told}");
+    ensure!(requests.contains(" 0 failed, 0 errored"), "h2load: {output}");
     Ok(Some(format!("\nh2load: {}; {requests}", line("finished in"))))
 }
 
-/// Memory that it has now, MiB, and its open handles. Linux tells.
+/// Memory that it has now, MiB, and its open handles. From Linux.
 fn size(server: &Server) -> Result<(f64, usize)> {
     let of = format!("/proc/{}", server.process.id());
     let status = std::fs::read_to_string(format!("{of}/status"))?;
@@ -340,7 +340,7 @@ fn size(server: &Server) -> Result<(f64, usize)> {
     Ok((line.trim().trim_end_matches(" kB").parse::<f64>()? / 1024.0, handles))
 }
 
-/// CPU time of it and of all that it has waited for, s. Linux tells.
+/// CPU time of it and of all that it has waited for, s. From Linux.
 fn cpu_seconds(server: &Server) -> Result<f64> {
     /// Of `/proc`, per second.
     const TICKS: f64 = 100.0;

@@ -91,7 +91,7 @@ fn bounds(mesh: &TriMesh, poses: &[Pose], diameter: f64) -> (usize, usize) {
 }
 
 /// How many of these bodies hang by the product's word, all of them taken for resting.
-fn told(scene: &Scene, params: &Params, poses: &[Pose]) -> usize {
+fn hanging(scene: &Scene, params: &Params, poses: &[Pose]) -> usize {
     let checked = check::run(scene, params).unwrap();
     let shape = &shape::run(scene, params, &checked.sizes, &mut Silent).unwrap()[0];
     let units = Units::new(checked.diameter, shape.mass, params.gravity);
@@ -144,17 +144,17 @@ fn what_hangs_is_what_another_way_finds() {
             let left: Vec<Pose> =
                 poses.iter().enumerate().filter(|(k, pose)| stays(*k, pose)).map(|(_, pose)| *pose).collect();
             let (least, most) = bounds(mesh, &left, diameter);
-            let told = told(&scene, &params, &left);
-            println!("seed {seed}, part {part}: {told} of {} hang; {least} to {most}", left.len());
-            assert!((least..=most).contains(&told), "seed {seed}, part {part}: {told} hang, and not {least} to {most}");
+            let count = hanging(&scene, &params, &left);
+            println!("seed {seed}, part {part}: {count} of {} hang; {least} to {most}", left.len());
+            assert!((least..=most).contains(&count), "seed {seed}, part {part}: {count} hang, and not {least} to {most}");
             doubt += most - least;
             exact += usize::from(most == least);
             bodies += left.len();
-            found.push((told, left.len()));
+            found.push((count, left.len()));
         }
     }
     // The check is worth something: it doubts few bodies, and none in most cases; and in many cases some bodies hang while others do not.
     assert!(20 * doubt <= bodies, "{doubt} of {bodies} in doubt");
     assert!(2 * exact >= found.len(), "without doubt: {exact} of {}", found.len());
-    assert!(found.iter().filter(|(told, all)| (1..*all).contains(told)).count() >= 6, "{found:?}");
+    assert!(found.iter().filter(|(count, all)| (1..*all).contains(count)).count() >= 6, "{found:?}");
 }

@@ -25,10 +25,10 @@ impl StagePace {
     /// grow by much.
     pub fn remaining_seconds(&mut self, progress: &Progress) -> Option<f64> {
         /// Before this fraction is done, a stage's pace says little.
-        const TELLING: f64 = 0.02;
+        const MEANINGFUL: f64 = 0.02;
         let (_, began) = self.stage?;
         let left = began.elapsed().as_secs_f64() / progress.fraction * (1.0 - progress.fraction);
-        if progress.fraction < TELLING { None } else { self.fall(left) }
+        if progress.fraction < MEANINGFUL { None } else { self.fall(left) }
     }
 
     /// The estimate to show when `left` seconds seem to remain.

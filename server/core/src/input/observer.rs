@@ -91,7 +91,7 @@ pub trait Observer {
     /// the result never depends on it.
     fn cpu_seconds(&mut self) -> f64;
 
-    /// Whether [`Observer::frame`] shall be called. Frames that are not wanted cost nothing.
+    /// Whether [`Observer::frame`] is to be called. Frames that are not wanted cost nothing.
     fn wants_frames(&self) -> bool {
         false
     }

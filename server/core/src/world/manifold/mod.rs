@@ -2,7 +2,7 @@
 //!
 //! The engine knows a face by its first four corners, and a plane by one face at a time. So a disc would stand on a
 //! sliver of its rim, and a tilted stone would sink in by one corner until its face is the one most parallel to the
-//! ground, be pushed back, and rock for ever. Here every corner counts; everything else is the engine's.
+//! ground, be pushed back, and rock forever. Here every corner counts; everything else is the engine's.
 
 mod faces;
 mod plane;

@@ -24,7 +24,7 @@ const LARGEST_SHIFT: f64 = 0.3;
 const LONG: f64 = 2.5;
 const BOND: f64 = 0.2;
 const LONGER: f64 = 1.3;
-/// All costs are in thicknesses. Cost of lying across where the layer lies along.
+/// All costs are in thicknesses. Cost of a prop that lies across its layer.
 const ACROSS: f64 = 0.8;
 /// Cost of a gap of one thickness below.
 const GAP: f64 = 0.3;
