@@ -1,6 +1,6 @@
-//! Bodies joined by dots, and what their dots carry.
+//! Clusters of joined bodies, and the loads of their joints.
 
-use super::Dot;
+use super::Joint;
 use crate::geometry::pose::Pose;
 use crate::world::{BodyId, Role, World};
 use cairn_statics::global::GlobalBody;
@@ -9,60 +9,62 @@ use glam::{DQuat, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A force, and a moment.
-pub type Wrench = (DVec3, DVec3);
+pub type BodyLoad = (DVec3, DVec3);
 
-/// A group of bodies joined by whole dots.
-pub struct Group {
-    /// Rising.
+/// A cluster of bodies joined by whole joints.
+pub struct Cluster {
+    /// Ascending.
     pub members: Vec<BodyId>,
-    /// Some dot joins it to what stands still.
+    /// Some joint joins it to the fixed surroundings.
     pub is_anchored: bool,
-    /// Its dots, by their numbers.
-    dots: Vec<usize>,
-    /// Where its first was when it was glued: the frame of the dots, and of `loads`, is the world's of that time.
+    /// Its joints, by their numbers.
+    pub joints: Vec<usize>,
+    /// Where its first body was when it was glued: the frame of the joints, and of `loads`, is the world's of that
+    /// time.
     then: Pose,
-    /// Made when it is first asked.
+    /// Made at first use.
     loads: Option<Loads>,
 }
 
-/// The groups that whole dots make of these bodies, in order of their first. `homes`: where each was when it was glued.
-pub fn groups(ids: &[BodyId], dots: &[Dot], homes: &BTreeMap<BodyId, Pose>) -> Vec<Group> {
+/// The clusters that whole joints make of these bodies, in order of their first. `homes`: where each was when it was
+/// glued.
+pub fn clusters(ids: &[BodyId], joints: &[Joint], homes: &BTreeMap<BodyId, Pose>) -> Vec<Cluster> {
     let among: BTreeSet<BodyId> = ids.iter().copied().collect();
     let mut of: BTreeMap<BodyId, Vec<usize>> = among.iter().map(|&id| (id, Vec::new())).collect();
-    for (k, dot) in dots.iter().enumerate().filter(|(_, dot)| !dot.is_broken) {
-        if among.contains(&dot.a) && dot.b.is_none_or(|b| among.contains(&b)) {
-            dot.bodies().for_each(|id| of.entry(id).or_default().push(k));
+    for (k, joint) in joints.iter().enumerate().filter(|(_, joint)| !joint.is_broken) {
+        if among.contains(&joint.a) && joint.b.is_none_or(|b| among.contains(&b)) {
+            joint.bodies().for_each(|id| of.entry(id).or_default().push(k));
         }
     }
     let mut seen = BTreeSet::new();
-    let mut groups = Vec::new();
+    let mut clusters = Vec::new();
     for &first in &among {
-        let (mut members, mut joints, mut front) = (BTreeSet::new(), BTreeSet::new(), vec![first]);
+        let (mut members, mut own, mut front) = (BTreeSet::new(), BTreeSet::new(), vec![first]);
         while let Some(id) = front.pop() {
             if !seen.insert(id) {
                 continue;
             }
             members.insert(id);
             for &k in &of[&id] {
-                joints.insert(k);
-                front.extend(dots[k].bodies());
+                own.insert(k);
+                front.extend(joints[k].bodies());
             }
         }
-        if !joints.is_empty() {
-            groups.push(Group {
-                is_anchored: joints.iter().any(|&k| dots[k].b.is_none()),
+        if !own.is_empty() {
+            clusters.push(Cluster {
+                is_anchored: own.iter().any(|&k| joints[k].b.is_none()),
                 then: homes[&first],
                 members: members.into_iter().collect(),
-                dots: joints.into_iter().collect(),
+                joints: own.into_iter().collect(),
                 loads: None,
             });
         }
     }
-    groups
+    clusters
 }
 
-impl Group {
-    /// Whether contacts do anything new to it.
+impl Cluster {
+    /// Whether contacts may change its loads.
     pub fn is_awake(&self, world: &World) -> bool {
         match world.bodies()[self.members[0]].role {
             Role::Free => world.is_awake(self.members[0]),
@@ -71,44 +73,44 @@ impl Group {
         }
     }
 
-    /// Adds the dots that carry too much beside what they are used to. `calm`: what contacts and weight do to each body, averaged.
-    /// Returns whether the loads had to be computed.
+    /// Adds the joints that are overloaded beyond the averaged load. `calm`: averaged force and moment of contacts and
+    /// weight per body. Returns whether the loads had to be computed.
     pub fn overloaded(
         &mut self,
         world: &World,
-        dots: &[Dot],
-        calm: &BTreeMap<BodyId, Wrench>,
+        joints: &[Joint],
+        calm: &BTreeMap<BodyId, BodyLoad>,
         broken: &mut Vec<usize>,
     ) -> bool {
         if !self.is_awake(world) {
             return false;
         }
         let first = self.members[0];
-        let less = |(f, m): Wrench, calm: Option<&Wrench>| calm.map_or((f, m), |(g, n)| (f - *g, m - *n));
-        let news: Vec<Wrench> = self.suffered(world).map(|(id, wrench)| less(wrench, calm.get(&id))).collect();
-        let arm = self.dots.iter().map(|&k| dots[k].arm).fold(f64::INFINITY, f64::min);
-        let weakest = self.dots.iter().map(|&k| dots[k].limit).fold(f64::INFINITY, f64::min);
-        // No dot carries more than all that happens to the bodies, twice, with the longest lever that there is.
+        let less = |(f, m): BodyLoad, calm: Option<&BodyLoad>| calm.map_or((f, m), |(g, n)| (f - *g, m - *n));
+        let sudden: Vec<BodyLoad> = self.suffered(world).map(|(id, load)| less(load, calm.get(&id))).collect();
+        let arm = self.joints.iter().map(|&k| joints[k].arm).fold(f64::INFINITY, f64::min);
+        let weakest = self.joints.iter().map(|&k| joints[k].limit).fold(f64::INFINITY, f64::min);
+        // No joint carries more than twice all loads on the bodies at the longest lever.
         let radius = world.carried(first).radius;
-        let most: f64 = news.iter().map(|(f, m)| f.length() * (1.0 + 2.0 * radius / arm) + m.length() / arm).sum();
+        let most: f64 = sudden.iter().map(|(f, m)| f.length() * (1.0 + 2.0 * radius / arm) + m.length() / arm).sum();
         if 2.0 * most <= weakest {
             return false;
         }
-        let wanted = self.wanted(world, &news);
+        let wanted = self.wanted(world, &sudden);
         if self.loads.is_none() {
-            self.loads = self.make_loads(world, dots);
+            self.loads = self.make_loads(world, joints);
         }
         let Some(loads) = &mut self.loads else { return false };
-        for (carried, &k) in loads.carry(&wanted).iter().zip(&self.dots) {
-            if dots[k].load_of(carried.force, carried.moment) > dots[k].limit {
+        for (carried, &k) in loads.carry(&wanted).iter().zip(&self.joints) {
+            if joints[k].load_of(carried.force, carried.moment) > joints[k].limit {
                 broken.push(k);
             }
         }
         true
     }
 
-    /// Force and moment about its centre of mass that contacts and gravity give each body, in the frame of the dots.
-    pub fn suffered<'w>(&'w self, world: &'w World) -> impl Iterator<Item = (BodyId, Wrench)> + 'w {
+    /// Force and moment about its centre of mass that contacts and gravity give each body, in the frame of the joints.
+    pub fn suffered<'w>(&'w self, world: &'w World) -> impl Iterator<Item = (BodyId, BodyLoad)> + 'w {
         let turn = self.turn(world);
         self.members.iter().map(move |&id| {
             let (force, moment) = world.load_on(id);
@@ -117,14 +119,15 @@ impl Group {
         })
     }
 
-    /// From the world as it is to the frame of the dots.
+    /// From the world as it is to the frame of the joints.
     fn turn(&self, world: &World) -> DQuat {
         self.then.rotation * world.pose(self.members[0]).rotation.inverse()
     }
 
-    /// The force and the moment that its dots must give each body, so that it moves with the others for all that it suffers.
-    fn wanted(&self, world: &World, suffered: &[Wrench]) -> Vec<Wrench> {
-        let mut wanted: Vec<Wrench> = suffered.iter().map(|&(f, m)| (-f, -m)).collect();
+    /// The force and the moment that its joints must give each body, so that it moves with the others for all that it
+    /// suffers.
+    fn wanted(&self, world: &World, suffered: &[BodyLoad]) -> Vec<BodyLoad> {
+        let mut wanted: Vec<BodyLoad> = suffered.iter().map(|&(f, m)| (-f, -m)).collect();
         if self.is_anchored {
             return wanted;
         }
@@ -147,7 +150,7 @@ impl Group {
         wanted
     }
 
-    fn make_loads(&self, world: &World, dots: &[Dot]) -> Option<Loads> {
+    fn make_loads(&self, world: &World, joints: &[Joint]) -> Option<Loads> {
         let first = self.members[0];
         let now = world.pose(first);
         let back = |point: DVec3| {
@@ -159,7 +162,7 @@ impl Group {
         };
         let index = |id: BodyId| self.members.binary_search(&id).ok();
         let touch = |&k: &usize| {
-            let Dot { a, b, point, arm, .. } = dots[k];
+            let Joint { a, b, point, arm, .. } = joints[k];
             Some(GlueSite {
                 body: index(a)?,
                 other: b.and_then(index),
@@ -170,7 +173,7 @@ impl Group {
                 normal_price: 0.0,
             })
         };
-        let touches = self.dots.iter().map(touch).collect::<Option<Vec<_>>>()?;
+        let touches = self.joints.iter().map(touch).collect::<Option<Vec<_>>>()?;
         Loads::new(self.members.iter().map(body).collect(), touches, DVec3::NEG_Y).ok()
     }
 }

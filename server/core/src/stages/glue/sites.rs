@@ -1,8 +1,9 @@
-//! Where a pile could be glued: the problem of [`cairn_statics::glue`], from what its bodies touch.
+//! Where a pile could be glued: its contact pairs, pegs and bridges as the sites of [`cairn_statics::glue`].
 
-use super::Dot;
+use super::policy::{ARM, BRIDGES, PEG, WIDEST};
 use crate::geometry::region::DistanceGrid;
 use crate::sim::control;
+use crate::sim::glue::Joint;
 use crate::sim::whole::{self, REAL_CONTACT};
 use crate::world::{BodyId, ContactPair, PairSide, Role, World};
 use cairn_statics::global::{GlobalBody, GlobalContact};
@@ -10,39 +11,30 @@ use cairn_statics::glue::{GluePlacement, GlueProblem, GlueSite};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
-/// A dot carries moments as if by forces this far apart, as a share of the smaller body's radius.
-const ARM: f64 = 0.25;
-/// What is this near to the ground, in its thickness, may be glued to it without touching it: a peg. So may what touches nothing else be
-/// to what is near it.
-const PEG: f64 = 0.5;
-/// What even that does not join to the ground may be glued to what is joined across gaps of this many thicknesses, the narrowest first;
-/// but not across gaps wider than this, d.
-const BRIDGES: [f64; 3] = [1.0, 2.0, 4.0];
-const WIDEST: f64 = 0.75;
-
-/// The bodies of a pile and their touches. Engine units.
+/// The bodies of a pile and the sites between them. Engine units.
 pub struct Sites {
-    /// The bodies that can be held at all, rising.
+    /// The bodies that can be held, ascending.
     pub ids: Vec<BodyId>,
-    /// Bodies that no chain of touches joins to the ground, rising: no glue holds them.
+    /// Bodies that no chain of sites joins to the ground, ascending: no glue holds them.
     pub apart: Vec<BodyId>,
-    /// What each touch is between: a body, and another or what stands still. Shape `[touch]`.
+    /// The two sides of each site: a body, and another body or the fixed surroundings. Shape `[site]`.
     pub between: Vec<(BodyId, PairSide)>,
-    /// Normal of each touch, into its body. Shape `[touch]`.
+    /// Normal of each site, into its body. Shape `[site]`.
     pub normals: Vec<DVec3>,
-    /// Friction of each touch, and how far its contact points are from their middle; `None`: a peg. Shape `[touch]`.
+    /// Friction of each contact pair, and the mean distance of its points from their middle; `None`: a peg. Shape
+    /// `[site]`.
     pub patches: Vec<Option<(f64, f64)>>,
-    /// Gap of each touch that is a bridge; 0 of all others. Shape `[touch]`.
+    /// Gap of each bridge; 0 of all other sites. Shape `[site]`.
     pub gaps: Vec<f64>,
-    /// How far the two are pressed into each other, in the thinner one's thickness. Shape `[touch]`.
+    /// Overlap of the two bodies, in the thinner one's thickness. Shape `[site]`.
     pub depths: Vec<f64>,
-    /// By body, how often it moved though it should not have: once, twice or more.
-    distrust: Vec<u8>,
-    /// By body, which price its normal forces have.
+    /// How often each body moved in a trial: once, twice or more. Shape `[body]`.
+    discounts: Vec<u8>,
+    /// Index of the price of each body's normal forces. Shape `[body]`.
     levels: Vec<usize>,
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
-    touches: Vec<GlueSite>,
+    sites: Vec<GlueSite>,
 }
 
 impl Sites {
@@ -81,7 +73,7 @@ impl Sites {
         let mut sites = Sites {
             apart: (0..inside.len()).filter(|&id| inside[id] && !joined[id]).collect(),
             bodies: ids.iter().map(body).collect(),
-            distrust: vec![0; ids.len()],
+            discounts: vec![0; ids.len()],
             levels: vec![0; ids.len()],
             between: Vec::new(),
             normals: Vec::new(),
@@ -89,12 +81,12 @@ impl Sites {
             gaps: Vec::new(),
             depths: Vec::new(),
             contacts: Vec::new(),
-            touches: Vec::new(),
+            sites: Vec::new(),
             ids,
         };
         let pinned = |id: BodyId| world.is_present(id) && world.bodies()[id].role == Role::Pinned;
         for (k, touch) in touches.iter().enumerate() {
-            // What is neither in the pile nor stands still carries nothing here.
+            // Bodies that are neither in the pile nor fixed carry nothing here.
             let stands = |id: BodyId| joined[id] || pinned(id);
             if stands(touch.a) && !matches!(touch.b, PairSide::Body(b) if !stands(b)) {
                 sites.add(touch, touch.depth() / world.pair_thickness(touch), k < carrying, k >= pegs, anchors);
@@ -103,18 +95,18 @@ impl Sites {
         sites
     }
 
-    /// These bodies moved though friction should have held them: theirs counts no more. What moved even so is held by glue alone: what
-    /// it touches carries it no more. Returns whether that changes anything.
-    pub fn distrust(&mut self, moved: &BTreeSet<BodyId>) -> bool {
+    /// These bodies moved although friction should have held them: their friction no longer counts. Bodies that moved
+    /// even so are held by glue alone: their contacts no longer count. Returns whether that changes anything.
+    pub fn discount_friction(&mut self, moved: &BTreeSet<BodyId>) -> bool {
         let index = |id: &BodyId| self.ids.binary_search(id).ok();
-        let before = self.distrust.clone();
+        let before = self.discounts.clone();
         for body in moved.iter().filter_map(index) {
-            self.distrust[body] = (self.distrust[body] + 1).min(2);
+            self.discounts[body] = (self.discounts[body] + 1).min(2);
         }
-        let distrust = &self.distrust;
-        let of = |c: &GlobalContact| distrust[c.body].max(c.other.map_or(0, |other| distrust[other]));
+        let discounts = &self.discounts;
+        let of = |c: &GlobalContact| discounts[c.body].max(c.other.map_or(0, |other| discounts[other]));
         let mut kept = Vec::with_capacity(self.contacts.len());
-        for touch in &mut self.touches {
+        for touch in &mut self.sites {
             let own = &self.contacts[touch.contacts.clone()];
             let begin = kept.len();
             kept.extend(
@@ -125,11 +117,11 @@ impl Sites {
             touch.contacts = begin..kept.len();
         }
         self.contacts = kept;
-        self.distrust != before
+        self.discounts != before
     }
 
-    /// Normal forces of these bodies, or of all, take the next of these prices. Returns whether that changes anything.
-    pub fn make_dearer(&mut self, which: Option<&BTreeSet<BodyId>>, prices: &[f64]) -> bool {
+    /// Normal forces of these bodies, or of all, get the next of these prices. Returns whether that changes anything.
+    pub fn raise_normal_price(&mut self, which: Option<&BTreeSet<BodyId>>, prices: &[f64]) -> bool {
         let before = self.levels.clone();
         for (body, level) in self.levels.iter_mut().enumerate() {
             if which.is_none_or(|which| which.contains(&self.ids[body])) {
@@ -137,41 +129,41 @@ impl Sites {
             }
         }
         let level = |body: usize| self.levels[body];
-        for touch in &mut self.touches {
+        for touch in &mut self.sites {
             touch.normal_price = prices[level(touch.body).max(touch.other.map_or(0, level))];
         }
         self.levels != before
     }
 
-    /// The highest of its normal prices.
-    pub fn dearest(&self) -> f64 {
-        self.touches.iter().map(|touch| touch.normal_price).fold(0.0, f64::max)
+    /// The highest price of a normal force.
+    pub fn highest_price(&self) -> f64 {
+        self.sites.iter().map(|site| site.normal_price).fold(0.0, f64::max)
     }
 
-    pub fn is_dearest(&self, prices: &[f64]) -> bool {
+    pub fn is_highest_price(&self, prices: &[f64]) -> bool {
         self.levels.iter().all(|level| level + 1 == prices.len())
     }
 
     pub fn problem(&self, gravity: DVec3) -> GlueProblem<'_> {
-        GlueProblem { bodies: &self.bodies, contacts: &self.contacts, sites: &self.touches, gravity }
+        GlueProblem { bodies: &self.bodies, contacts: &self.contacts, sites: &self.sites, gravity }
     }
 
-    /// Touches, and those that glue makes where there are none: pegs and bridges.
+    /// The number of contact pairs, and of the placement's pegs and bridges.
     pub fn real_with(&self, placement: &GluePlacement) -> usize {
-        let made = placement.joints.iter().filter(|dot| !self.is_real(dot.site)).count();
-        (0..self.touches.len()).filter(|&touch| self.is_real(touch)).count() + made
+        let made = placement.joints.iter().filter(|joint| !self.is_real(joint.site)).count();
+        (0..self.sites.len()).filter(|&site| self.is_real(site)).count() + made
     }
 
-    /// Whether the two touch; no peg and no bridge.
+    /// Whether the two sides touch; no peg and no bridge.
     pub fn is_real(&self, touch: usize) -> bool {
         self.patches[touch].is_some()
     }
 
-    /// A dot at this touch that carries a force and a moment, engine units. It breaks beyond `breaking` times that, and at `least_limit`
-    /// at least.
-    pub fn dot(&self, touch: usize, force: DVec3, moment: DVec3, least_limit: f64, breaking: f64) -> Dot {
-        let site = &self.touches[touch];
-        let mut dot = Dot {
+    /// A joint at this site that carries a force and a moment, engine units. It breaks beyond `breaking` times that,
+    /// and at `least_limit` at least.
+    pub fn joint(&self, touch: usize, force: DVec3, moment: DVec3, least_limit: f64, breaking: f64) -> Joint {
+        let site = &self.sites[touch];
+        let mut joint = Joint {
             a: self.ids[site.body],
             b: site.other.map(|other| self.ids[other]),
             point: site.center,
@@ -183,8 +175,8 @@ impl Sites {
             limit: 0.0,
             is_broken: false,
         };
-        dot.limit = least_limit.max(breaking * dot.load());
-        dot
+        joint.limit = least_limit.max(breaking * joint.load());
+        joint
     }
 
     fn add(&mut self, touch: &ContactPair, depth: f64, carries: bool, bridges: bool, anchors: bool) {
@@ -207,7 +199,7 @@ impl Sites {
         let radius = |body: usize| self.bodies[body].radius;
         let begin = self.contacts.len();
         self.contacts.append(&mut contacts);
-        self.touches.push(GlueSite {
+        self.sites.push(GlueSite {
             body,
             other,
             contacts: begin..self.contacts.len(),
@@ -221,7 +213,7 @@ impl Sites {
     }
 }
 
-/// Adds bridges from what is joined to what is not, and marks what they join.
+/// Adds bridges from joined bodies to those that are not, and marks the bodies that they join.
 fn bridge(world: &World, inside: &[bool], touches: &mut Vec<ContactPair>, joined: &mut Vec<bool>) {
     let is_apart = |joined: &[bool], id: BodyId| inside[id] && !joined[id];
     for reach in BRIDGES {
@@ -230,7 +222,7 @@ fn bridge(world: &World, inside: &[bool], touches: &mut Vec<ContactPair>, joined
         }
         let mut near = world.contact_pairs(reach);
         near.retain(|touch| narrowest(touch) <= WIDEST);
-        // What is joined by one bridge may carry the next.
+        // A body joined by one bridge may carry the next.
         loop {
             let joins = |touch: &&ContactPair| match touch.b {
                 PairSide::Body(b) => is_apart(joined, touch.a) && joined[b] || is_apart(joined, b) && joined[touch.a],
@@ -257,12 +249,12 @@ fn add_new(touches: &mut Vec<ContactPair>, near: Vec<ContactPair>) {
     touches.extend(near.into_iter().filter(|touch| !known.contains(&(touch.a, touch.b))));
 }
 
-/// Points of a patch that are kept: those that reach farthest.
+/// Points of a patch that are kept: the outermost ones.
 const KEPT: usize = 4;
 /// Contacts whose normals differ by less than this are one patch, 1 - cosine.
 const ONE_PATCH: f64 = 1e-3;
 
-/// Of each patch, the points between which all the others are, or nearly: more of them bear nothing that those do not.
+/// The outermost points of each patch: the points between them would carry nothing that these do not.
 fn few(contacts: Vec<GlobalContact>) -> Vec<GlobalContact> {
     let mut patches: Vec<Vec<GlobalContact>> = Vec::new();
     for contact in contacts {
@@ -292,7 +284,7 @@ fn few(contacts: Vec<GlobalContact>) -> Vec<GlobalContact> {
     patches.into_iter().flat_map(spread).collect()
 }
 
-/// Bodies that chains of touches join to what stands still. Shape `[body]`.
+/// Bodies that chains of sites join to the fixed surroundings. Shape `[body]`.
 fn joined_by(world: &World, inside: &[bool], touches: &[ContactPair]) -> Vec<bool> {
     let mut beside = vec![Vec::new(); inside.len()];
     let mut front = Vec::new();
