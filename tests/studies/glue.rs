@@ -10,10 +10,10 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::geometry::region::Region;
 use cairn_core::measure::{Gauge, Instances, kept_shape};
-use cairn_core::sim::glue::Sites;
 use cairn_core::sim::instance::Instance;
 use cairn_core::sim::pile::Pile;
-use cairn_core::stages::glue::{dots, let_go};
+use cairn_core::stages::glue::Sites;
+use cairn_core::stages::glue::{joints, release_trial};
 use cairn_core::world::BodyId;
 use cairn_statics::glue::{self, GlueJoint, GlueOptions, GluePlacement, MOST_ROUNDS, reference};
 use clap::Parser;
@@ -72,8 +72,8 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     let print_row = |glue: &str, placed: &GluePlacement, seconds: f64| -> anyhow::Result<()> {
         let loose: Vec<BodyId> =
             placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
-        let dots = dots(&sites, placed, false, 0.0, 1.0);
-        let freed = let_go(full.turn_over()?, &dots, &loose, DVec3::NEG_Y, true, &mut |_| Ok(()))?;
+        let dots = joints(&sites, placed, false, 0.0, 1.0);
+        let freed = release_trial(full.turn_over()?, &dots, &loose, DVec3::NEG_Y, true, &mut |_| Ok(()))?;
         let poses = freed.poses.context("it was released to its end")?;
         println!(
             "| {name} | {glue} | {} | {} | {} | {:.1} | {:.1e} | {} | {seconds:.2} | {:.3} | {:.3} |",

@@ -146,7 +146,10 @@ fn what_hangs_is_what_another_way_finds() {
             let (least, most) = bounds(mesh, &left, diameter);
             let count = hanging(&scene, &params, &left);
             println!("seed {seed}, part {part}: {count} of {} hang; {least} to {most}", left.len());
-            assert!((least..=most).contains(&count), "seed {seed}, part {part}: {count} hang, and not {least} to {most}");
+            assert!(
+                (least..=most).contains(&count),
+                "seed {seed}, part {part}: {count} hang, and not {least} to {most}"
+            );
             doubt += most - least;
             exact += usize::from(most == least);
             bodies += left.len();

@@ -68,7 +68,7 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
         (Count::RegionTests, tally.region_tests),
         (Count::BreakChecks, tally.break_checks),
         (Count::ImpactLooks, tally.impact_looks),
-        (Count::GlueDots, inputs.glued.map_or(0, |glued| glued.dots.len() as u64)),
+        (Count::GlueDots, inputs.glued.map_or(0, |glued| glued.joints.len() as u64)),
         (Count::GlueClusters, glue.clusters),
         (Count::GlueIterations, inputs.glued.map_or(0, |glued| glued.iterations)),
         (Count::GlueProofSteps, inputs.glued.map_or(0, |glued| glued.proof_steps)),

@@ -4,7 +4,7 @@ use super::bake::{BakedGlue, BakedGlueDot};
 use super::inputs::{NamedFigures, ReportInputs};
 use super::warnings::bodies;
 use crate::measure;
-use crate::sim::glue::Dot;
+use crate::sim::glue::Joint;
 use crate::sim::step::Simulation;
 use crate::stages::glue::{Glued, MOST_MOVED};
 use crate::world::{BodyId, Role};
@@ -15,7 +15,7 @@ pub fn baked(sim: &Simulation) -> BakedGlue {
     let (world, glue) = (&sim.pile.world, &sim.pile.glue);
     let units = world.units;
     let force = units.mass * units.length / (units.time * units.time);
-    let dot = |dot: &Dot| {
+    let dot = |dot: &Joint| {
         let (turn, point) = glue.place_of(dot, world);
         BakedGlueDot {
             body: dot.a,
@@ -28,7 +28,7 @@ pub fn baked(sim: &Simulation) -> BakedGlue {
         }
     };
     BakedGlue {
-        dots: glue.dots.iter().map(dot).collect(),
+        dots: glue.joints.iter().map(dot).collect(),
         clusters: glue.clusters().filter(|members| members.len() > 1).map(<[BodyId]>::to_vec).collect(),
         anchored: (0..world.bodies().len()).filter(|&id| world.bodies()[id].role == Role::Anchored).collect(),
     }
@@ -40,26 +40,26 @@ const SOLID: f64 = 0.3;
 /// The extent of the glue, and its loads. Forces are in weights of the median prop, which in engine units is 1.
 pub fn figures(glued: &Glued, sim: &Simulation) -> NamedFigures {
     let count = sim.pile.instances.len().max(1) as f64;
-    let touched: BTreeSet<BodyId> = glued.dots.iter().flat_map(Dot::bodies).collect();
-    let forces: Vec<f64> = glued.dots.iter().map(|dot| dot.force.length()).collect();
+    let touched: BTreeSet<BodyId> = glued.joints.iter().flat_map(Joint::bodies).collect();
+    let forces: Vec<f64> = glued.joints.iter().map(|dot| dot.force.length()).collect();
     // A moment in weights times the radius of the median prop, d/2.
-    let moment = |dot: &Dot| dot.moment.length() * 2.0;
+    let moment = |dot: &Joint| dot.moment.length() * 2.0;
     let largest = |values: &[f64]| (!values.is_empty()).then(|| values.iter().copied().fold(0.0, f64::max));
-    let anchored = glued.dots.iter().filter(|dot| dot.b.is_none()).count();
+    let anchored = glued.joints.iter().filter(|dot| dot.b.is_none()).count();
     BTreeMap::from([
         ("touches", Some(glued.touches as f64)),
         ("glue_dots_least", Some(glued.at_least as f64)),
-        ("glued_touch_fraction", Some(glued.dots.len() as f64 / glued.touches.max(1) as f64)),
+        ("glued_touch_fraction", Some(glued.joints.len() as f64 / glued.touches.max(1) as f64)),
         ("glued_body_fraction", Some(touched.len() as f64 / count)),
         ("glue_cluster_max", Some(sim.pile.glue.tally.cluster_max as f64)),
         ("anchored", Some(anchored as f64)),
         ("glue_force_max", largest(&forces)),
         ("glue_force_p50", (!forces.is_empty()).then(|| measure::percentile(&forces, 0.5))),
-        ("glue_moment_max", largest(&glued.dots.iter().map(moment).collect::<Vec<_>>())),
+        ("glue_moment_max", largest(&glued.joints.iter().map(moment).collect::<Vec<_>>())),
         ("glue_normal_price", Some(glued.normal_price)),
         ("glue_imbalance", Some(glued.imbalance)),
         ("moved_freed", glued.moved),
-        ("sag_freed", glued.moved.map(|_| glued.way)),
+        ("sag_freed", glued.moved.map(|_| glued.displacement)),
         ("moved_tilted", glued.moved_tilted),
     ])
 }
@@ -91,7 +91,7 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
         let moved = glued.moved.unwrap_or(0.0);
         let what = match moved > MOST_MOVED {
             true => format!("{:.0} % of the bodies moved", 100.0 * moved),
-            false => format!("the bodies sank by {:.3} m in the mean", glued.way * inputs.plan.prop_diameter),
+            false => format!("the bodies sank by {:.3} m in the mean", glued.displacement * inputs.plan.prop_diameter),
         };
         warnings.push(format!(
             "released on trial without any hold, {what} in spite of the glue; smaller props, or a broader foot, stand \
@@ -101,7 +101,7 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
     if glued.anchors_all {
         warnings.push("the foot is narrow: every body that touches the ground was glued to it".into());
     }
-    let share = glued.dots.len() as f64 / glued.touches.max(1) as f64;
+    let share = glued.joints.len() as f64 / glued.touches.max(1) as f64;
     if share > SOLID {
         warnings.push(format!("{:.0} % of all contact pairs are glued: the pile is nearly one solid", 100.0 * share));
     }

@@ -2,7 +2,7 @@
 
 use super::control::Control;
 use super::gentle_stop::GentleStop;
-use super::glue::Glue;
+use super::glue::PileGlue;
 use super::instance::Instance;
 use super::policy::Policy;
 use super::record::Recorder;
@@ -30,7 +30,7 @@ pub struct Pile<'a> {
     pub world: World,
     pub policy: Policy,
     pub control: Control<'a>,
-    pub glue: Glue,
+    pub glue: PileGlue,
     pub gentle_stop: GentleStop,
     pub recorder: Recorder,
     /// Steps since turning over.
@@ -63,7 +63,7 @@ impl<'a> Pile<'a> {
             world,
             policy: Policy::new(damping),
             control,
-            glue: Glue::default(),
+            glue: PileGlue::default(),
             gentle_stop: GentleStop::default(),
             recorder,
             step: 0,

@@ -15,10 +15,10 @@
 //! such that   every body is balanced, |ft_c| <= factor mu fn_c
 //! ```
 //!
-//! The first solve has w = 1; each round then reweights by w_t = e / (|g_t| + e), so that a joint that carries
-//! little comes to carry nothing (Candes, Wakin & Boyd 2008). The price falls by e too, or a joint would soon cost less
-//! than the normal force that replaces it. In the end, joints that carry next to nothing are dropped. To find the fewest joints
-//! is NP-hard: this finds few; [`GluePlacement::at_least`] is a bound.
+//! The first solve has w = 1; each round then reweights by w_t = e / (|g_t| + e), so that a joint that carries little
+//! comes to carry nothing (Candes, Wakin & Boyd 2008). The price falls by e too, or a joint would soon cost less than
+//! the normal force that replaces it. In the end, joints that carry next to nothing are dropped. To find the fewest
+//! joints is NP-hard: this finds few; [`GluePlacement::at_least`] is a bound.
 //!
 //! The strength of the glue bounds |g_t|. Where no balance is found within it, even with all joints that any round
 //! chose, some bodies fall: those that miss most support where all allowed sites are glued (`falls.rs`).

@@ -3,11 +3,10 @@
 
 mod cluster;
 
-
 use super::policy::Policy;
 use crate::geometry::pose::Pose;
 use crate::world::{BodyId, Role, World};
-use cluster::{Cluster, BodyLoad};
+use cluster::{BodyLoad, Cluster};
 use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
 
@@ -199,7 +198,8 @@ impl PileGlue {
     /// Updates the averaged loads.
     fn calm_down(&mut self, world: &World) {
         let share = if self.settled > SETTLING { (world.step_length() / USED_TO).min(1.0) } else { 1.0 };
-        for (id, (force, moment)) in self.clusters.values().filter(|g| g.is_awake(world)).flat_map(|g| g.suffered(world))
+        for (id, (force, moment)) in
+            self.clusters.values().filter(|g| g.is_awake(world)).flat_map(|g| g.suffered(world))
         {
             let (f, m) = self.calm.entry(id).or_insert((force, moment));
             *f += (force - *f) * share;

@@ -3,17 +3,19 @@
 //! Statics places joints on paper; a trial releases the glued pile and shows what moves. Each attempt is a placement
 //! and its trial. What the trial shows decides the next attempt, in this order:
 //!
-//! | after a trial | next step | constants | | --- | --- | --- | | *before it:* pairs pressed into each other, which
-//! statics does not see | welded with the placement | [`PRESSED`] | | the pile leans as a whole | every foot is glued
-//! to the ground, from the next attempt on | [`LEANS`] | | few bodies moved, or prices are at their top | their
-//! friction is discounted: first to zero, then their contacts carry nothing; the next placement starts from this one |
-//! [`IN_PLACES`], [`SAGS`] | | many bodies moved, at most a third of them, early | only bodies that moved a little get
-//! the next price of normal forces | [`LOCAL`], [`LOCAL_MOVED`], [`PRICES`] | | many bodies moved otherwise | all
-//! bodies get the next price | [`PRICES`] | | few bodies moved, and the pile stands, or attempts run out, or nothing is
-//! left to discount | moving bodies are welded to all that they touch, in rounds with a trial each | [`WELD_FROM`],
-//! [`WELD_ROUNDS`] | | the pile stands and does not lean | the search ends | [`MOST_MOVED`], [`SAGS`] | | the next
-//! placement would be the same | one more, whose trial runs to its end | | | [`ATTEMPTS`] were made | the best attempt
-//! is taken, and welded if it was not | |
+//! | | the trial shows | next step | constants | | --- | --- | --- | --- | | 0 | (no trial yet) | place; weld the pairs
+//! that are pressed into each other | [`PRESSED`] | | 1 | the pile leans as a whole | glue all feet to the ground, from
+//! the next attempt on | [`LEANS`] | | 2 | few bodies moved, or prices are at their top | discount their friction; go
+//! on from these joints | [`IN_PLACES`] | | 3 | at most a third moved, in an early attempt | raise the price around
+//! bodies that moved a little | [`LOCAL`] | | 4 | many bodies moved | raise the price everywhere; start from no joints
+//! | [`PRICES`] | | 5 | few moved; it stands, or it is late, or 2 is exhausted | weld moving bodies to all that they
+//! touch | [`WELD_FROM`] | | 6 | the pile stands and does not lean | end the search | [`MOST_MOVED`], [`SAGS`] | | 7 |
+//! the next placement would be the same | one more attempt, whose trial runs to its end | | | 8 | too many attempts |
+//! take the best attempt; weld it if it was not | [`ATTEMPTS`] |
+//!
+//! Rows 2, 3 and 4 exclude each other. To discount friction means: first no friction, then no contact forces either. A
+//! pile that sags (mean displacement above [`SAGS`]) fails in many places. Row 5 repeats up to [`WELD_ROUNDS`] times
+//! with a trial each.
 //!
 //! Glue of bounded strength is never welded: its weakness is what the caller asked for. Lengths in d, the median prop's
 //! diameter; times in characteristic times sqrt(d / g).

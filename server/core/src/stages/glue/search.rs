@@ -2,9 +2,7 @@
 //! showed. The module [`super::policy`] states the order of the steps.
 
 use super::Glued;
-use super::policy::{
-    ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS,
-};
+use super::policy::{ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS};
 use super::sites::Sites;
 use super::trial::{TrialResult, Trials};
 use crate::error::Error;
@@ -144,8 +142,9 @@ impl<'p, 'a> Search<'p, 'a> {
         if fails_in_places || is_highest_price {
             self.known.clone_from(&attempt.chosen);
         } else {
-            let is_local =
-                LOCAL.contains(&number) && moved <= LOCAL_MOVED && self.sites.raise_normal_price(Some(&moved_a_little), &PRICES);
+            let is_local = LOCAL.contains(&number)
+                && moved <= LOCAL_MOVED
+                && self.sites.raise_normal_price(Some(&moved_a_little), &PRICES);
             if !is_local {
                 self.sites.raise_normal_price(None, &PRICES);
             }
@@ -208,7 +207,11 @@ impl Attempt {
     }
 
     fn is_as_good_as(&self, other: &Attempt) -> bool {
-        if self.stands() == other.stands() { self.glued.displacement <= other.glued.displacement } else { self.stands() }
+        if self.stands() == other.stands() {
+            self.glued.displacement <= other.glued.displacement
+        } else {
+            self.stands()
+        }
     }
 
     fn stood(&mut self, trial: TrialResult) {
@@ -233,7 +236,13 @@ fn place(
 
 /// The joints of a placement, engine units; with `anchors_all`, also joints at every contact with the ground.
 /// `least_limit`: what each joint carries at least before it breaks.
-pub fn joints(sites: &Sites, placement: &GluePlacement, anchors_all: bool, least_limit: f64, breaking: f64) -> Vec<Joint> {
+pub fn joints(
+    sites: &Sites,
+    placement: &GluePlacement,
+    anchors_all: bool,
+    least_limit: f64,
+    breaking: f64,
+) -> Vec<Joint> {
     let pile = sites.problem(DVec3::NEG_Y);
     let joint = |touch: usize, force: DVec3, moment: DVec3| sites.joint(touch, force, moment, least_limit, breaking);
     let mut joints: Vec<Joint> = placement.joints.iter().map(|j| joint(j.site, j.force, j.moment)).collect();

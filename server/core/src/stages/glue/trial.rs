@@ -1,8 +1,6 @@
 //! A trial: the glued pile is released without control, and what moves is measured.
 
-use super::policy::{
-    COLLAPSED, LOOK, MOST_MOVED, MOVED, MOVED_A_LITTLE, STILL, STILL_LOOKS, TRIAL_TIME,
-};
+use super::policy::{COLLAPSED, LOOK, MOST_MOVED, MOVED, MOVED_A_LITTLE, STILL, STILL_LOOKS, TRIAL_TIME};
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
@@ -122,7 +120,8 @@ fn predicted(latest: &[Option<Pose>], now: &[Option<Pose>], looks_left: f64) -> 
 
 /// Displacements so far. A body that flew away counts as 1 d.
 fn look(world: &World, before: &[Option<Pose>], steps: u64) -> TrialResult {
-    let displacement = |id: BodyId| before[id].map_or(0.0, |pose| world.pose(id).translation.distance(pose.translation));
+    let displacement =
+        |id: BodyId| before[id].map_or(0.0, |pose| world.pose(id).translation.distance(pose.translation));
     let beyond = |least: f64| world.present().filter(move |&id| displacement(id) > least).collect::<Vec<BodyId>>();
     let count = world.present().count().max(1) as f64;
     let (moved_bodies, moved_a_little) = (beyond(MOVED), beyond(MOVED_A_LITTLE));
