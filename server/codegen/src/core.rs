@@ -41,7 +41,7 @@ impl Schema {
             "impl Params {{\n\
              /// The parameters of the accuracy `standard`.\nfn standard() -> Params {{ {} }}\n\
              /// Every number that is there, with its name and range.\n\
-             fn ranges(&self) -> Vec<(&'static str, Option<f64>, (Bound<f64>, Bound<f64>))> {{ vec![{ranges}] }}\n}}",
+             fn ranges(&self) -> Vec<Ranged> {{ vec![{ranges}] }}\n}}",
             self.defaults(&self.groups[0])
         )
         .unwrap();

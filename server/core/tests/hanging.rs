@@ -91,7 +91,7 @@ fn bounds(mesh: &TriMesh, poses: &[Pose], diameter: f64) -> (usize, usize) {
 }
 
 /// How many of these bodies hang by the product's word, all of them taken for resting.
-fn reported(scene: &Scene, params: &Params, poses: &[Pose]) -> usize {
+fn count_hanging(scene: &Scene, params: &Params, poses: &[Pose]) -> usize {
     let checked = check::run(scene, params).unwrap();
     let shape = &shape::run(scene, params, &checked.sizes, &mut Silent).unwrap()[0];
     let units = Units::new(checked.diameter, shape.mass, params.gravity);
@@ -144,7 +144,7 @@ fn what_hangs_is_what_another_way_finds() {
             let left: Vec<Pose> =
                 poses.iter().enumerate().filter(|(k, pose)| stays(*k, pose)).map(|(_, pose)| *pose).collect();
             let (least, most) = bounds(mesh, &left, diameter);
-            let count = reported(&scene, &params, &left);
+            let count = count_hanging(&scene, &params, &left);
             println!("seed {seed}, part {part}: {count} of {} hang; {least} to {most}", left.len());
             assert!(
                 (least..=most).contains(&count),

@@ -30,7 +30,7 @@ pub enum Mode {
 #[derive(clap::Args)]
 pub struct ProgressArgs {
     /// Form of the progress on stderr, unless stated otherwise
-    #[arg(id = "progress", long = "progress", value_enum, default_value_t = Mode::Auto)]
+    #[arg(long = "progress", value_name = "PROGRESS", value_enum, default_value_t = Mode::Auto)]
     pub mode: Mode,
 
     /// Print only errors

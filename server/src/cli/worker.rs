@@ -45,7 +45,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     match result {
         Ok(()) => Ok(()),
         Err(WorkerError::Message(message)) => {
-            worker::send(message);
+            worker::send(*message);
             Ok(())
         }
         Err(WorkerError::Internal(what)) => Err(Failure::Internal(what)),

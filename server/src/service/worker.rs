@@ -32,19 +32,19 @@ use std::time::{Duration, Instant};
 /// Why a worker could not finish its task.
 pub enum WorkerError {
     /// A fault of the scene or the disk, which the server has to know.
-    Message(WorkerMessage),
+    Message(Box<WorkerMessage>),
     /// A fault in Cairn.
     Internal(String),
 }
 
 impl From<std::io::Error> for WorkerError {
     fn from(error: std::io::Error) -> WorkerError {
-        WorkerError::Message(match error.kind() {
+        WorkerError::Message(Box::new(match error.kind() {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
                 WorkerMessage::NotWritten(DISK_FULL.into())
             }
             _ => WorkerMessage::Broken(files::plain_reason(&error)),
-        })
+        }))
     }
 }
 
@@ -75,7 +75,7 @@ fn invalid_fields(mut problems: Vec<proto::FieldProblem>, only_missing: bool) ->
     if more {
         problems.push(proto::FieldProblem { field: "spec".into(), description: "and more problems".into() });
     }
-    WorkerError::Message(WorkerMessage::Invalid(Invalid { problems, only_missing }))
+    WorkerError::Message(Box::new(WorkerMessage::Invalid(Invalid { problems, only_missing })))
 }
 
 /// Sends a message to the server. Ends the process if the server is gone.

@@ -152,8 +152,8 @@ fn drawn(name: &str, stacks: &Stacks) -> anyhow::Result<Vec<u8>> {
 /// Puts the text between the two marks of the page.
 fn into_page(page: &Path, text: &str) -> anyhow::Result<()> {
     const MARKS: [&str; 2] = ["<!-- made by the command above -->\n", "<!-- end -->\n"];
-    let Ok(text) = std::fs::read_to_string(page) else { return Ok(()) };
-    let (head, rest) = text.split_once(MARKS[0]).context("the page has no mark")?;
+    let Ok(old) = std::fs::read_to_string(page) else { return Ok(()) };
+    let (head, rest) = old.split_once(MARKS[0]).context("the page has no mark")?;
     let (_, tail) = rest.split_once(MARKS[1]).context("the page has no end mark")?;
     let date = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
     let machine = cairn::job::machine::name();

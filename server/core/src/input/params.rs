@@ -15,6 +15,9 @@ use std::ops::{Bound, RangeBounds};
 
 include!(concat!(env!("OUT_DIR"), "/params.rs"));
 
+/// A number among the parameters: its name, its value if it is set, and its range.
+type Ranged = (&'static str, Option<f64>, (Bound<f64>, Bound<f64>));
+
 impl Accuracy {
     /// From the quickest to the most accurate; the paper's setting stands beside them.
     pub const LADDER: [Accuracy; 5] =
