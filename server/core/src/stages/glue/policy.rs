@@ -3,15 +3,17 @@
 //! Statics places joints on paper; a trial releases the glued pile and shows what moves. Each attempt is a placement
 //! and its trial. What the trial shows decides the next attempt, in this order:
 //!
-//! | | the trial shows | next step | constants | | --- | --- | --- | --- | | 0 | (no trial yet) | place; weld the pairs
-//! that are pressed into each other | [`PRESSED`] | | 1 | the pile leans as a whole | glue all feet to the ground, from
-//! the next attempt on | [`LEANS`] | | 2 | few bodies moved, or prices are at their top | discount their friction; go
-//! on from these joints | [`IN_PLACES`] | | 3 | at most a third moved, in an early attempt | raise the price around
-//! bodies that moved a little | [`LOCAL`] | | 4 | many bodies moved | raise the price everywhere; start from no joints
-//! | [`PRICES`] | | 5 | few moved; it stands, or it is late, or 2 is exhausted | weld moving bodies to all that they
-//! touch | [`WELD_FROM`] | | 6 | the pile stands and does not lean | end the search | [`MOST_MOVED`], [`SAGS`] | | 7 |
-//! the next placement would be the same | one more attempt, whose trial runs to its end | | | 8 | too many attempts |
-//! take the best attempt; weld it if it was not | [`ATTEMPTS`] |
+//! | | the trial shows | next step | constants |
+//! | --- | --- | --- | --- |
+//! | 0 | (no trial yet) | place; weld the pairs that are pressed into each other | [`PRESSED`] |
+//! | 1 | the pile leans as a whole | glue all feet to the ground, from the next attempt on | [`LEANS`] |
+//! | 2 | few bodies moved, or prices are at the top | discount their friction; go on from these joints | [`IN_PLACES`] |
+//! | 3 | at most a third moved, in an early attempt | raise the price around bodies that moved a little | [`LOCAL`] |
+//! | 4 | many bodies moved | raise the price everywhere; start from no joints | [`PRICES`] |
+//! | 5 | few moved; it stands, or is late, or 2 is exhausted | weld moving bodies to all they touch | [`WELD_FROM`] |
+//! | 6 | the pile stands and does not lean | end the search | [`MOST_MOVED`], [`SAGS`] |
+//! | 7 | the next placement would be the same | one more attempt, whose trial runs to its end | |
+//! | 8 | too many attempts | take the best attempt; weld it if it was not | [`ATTEMPTS`] |
 //!
 //! Rows 2, 3 and 4 exclude each other. To discount friction means: first no friction, then no contact forces either. A
 //! pile that sags (mean displacement above [`SAGS`]) fails in many places. Row 5 repeats up to [`WELD_ROUNDS`] times
