@@ -169,3 +169,42 @@ fn a_long_file_needs_a_reason() {
     assert!(!is_too_long(&lines("//! Long: one table.", MOST_LINES + 1)));
     assert!(is_too_long(&format!("//! A table.\n//! Long: one table.\n{}", "\n".repeat(MOST_LINES))));
 }
+
+/// Characters of a line.
+const WIDEST: usize = 120;
+
+#[test]
+fn lines_stay_readable() {
+    let all = ["server", "tests", "examples"].map(|folder| files(folder, ".rs")).concat();
+    let wide = |path: &PathBuf| {
+        let text = read(path);
+        let wide: Vec<_> = text.lines().zip(1..).filter(|(line, _)| line.chars().count() > WIDEST).collect();
+        wide.into_iter().map(|(_, number)| format!("{}:{number}", path.display())).collect::<Vec<_>>()
+    };
+    let wide: Vec<String> = all.iter().flat_map(wide).collect();
+    assert!(wide.is_empty(), "more than {WIDEST} characters: {wide:?}");
+}
+
+/// The targets of a page's links that are files: `[text](target)` and `src="target"`.
+fn targets(page: &str) -> Vec<&str> {
+    let all = [("](", ')'), ("src=\"", '"')]
+        .into_iter()
+        .flat_map(|(begin, end)| page.split(begin).skip(1).filter_map(move |rest| rest.split(end).next()));
+    let files = all.map(|target| target.split('#').next().unwrap_or_default());
+    files.filter(|target| !target.is_empty() && !target.contains([':', ' ', '\n'])).collect()
+}
+
+#[test]
+fn links_of_pages_lead_somewhere() {
+    let pages = ["server", "tests", "examples", "proto", "addon", "python"].map(|folder| files(folder, ".md")).concat();
+    let own = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md"].map(PathBuf::from);
+    let mut checked = 0;
+    for page in pages.iter().chain(&own) {
+        for target in targets(&read(page)) {
+            let path = root().join(page).parent().unwrap().join(target);
+            assert!(path.exists(), "{}: {target} leads nowhere", page.display());
+            checked += 1;
+        }
+    }
+    assert!(checked > 100, "the links are read: {checked}");
+}

@@ -21,6 +21,7 @@ pub mod asset;
 pub mod error;
 pub mod geometry;
 pub mod input;
+pub mod invariants;
 pub mod measure;
 pub mod prepare;
 pub mod report;

@@ -33,6 +33,7 @@ const FILL_OVERLAP: f64 = 0.25;
 /// Bakes a recipe; an error is a violated invariant.
 pub fn run(recipe: &Recipe) -> Result<Verdict, String> {
     let (scene, params) = recipe.scene();
+    cairn_core::invariants::check_always();
     let baked = catch_unwind(AssertUnwindSafe(|| bake(&scene, &params, &mut Silent)));
     let baked = baked.map_err(|panic| {
         let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());

@@ -1,6 +1,7 @@
 //! How each body is treated: its role, its damping and its friction, each from the reasons for it. Nothing else in the
 //! simulation writes one of the three.
 
+use crate::invariants;
 use crate::world::{BodyId, Role, World};
 use std::collections::BTreeMap;
 
@@ -132,7 +133,7 @@ impl Policy {
                 world.set_damping(id, self.damping(id));
             }
         }
-        if cfg!(debug_assertions) {
+        if invariants::are_checked() {
             self.validate(world);
         }
     }

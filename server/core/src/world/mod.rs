@@ -24,7 +24,7 @@
 //! 4. Resistance to rolling brakes bodies by the forces of the step (`corrections::rolling`).
 //! 5. Bodies that creep are kept from falling asleep (`corrections::creep`).
 //! 6. A pile that bobs gets more substeps (`corrections::bobbing`).
-//! 7. Debug builds hold the invariants (`validation`).
+//! 7. The invariants are checked, in debug builds and tests (`validation`).
 //!
 //! The modules, lowest first. None imports one above it, or calls a method of `World` that one above it defines
 //! (`tests/architecture/` holds that):

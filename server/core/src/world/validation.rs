@@ -1,4 +1,4 @@
-//! Invariants of the world, held by debug builds at the end of each step.
+//! Invariants of the world, checked at the end of each step ([`crate::invariants`] says when).
 
 use super::{Role, World, WorldBody, bodies::GlueCluster, colliders::Owner};
 use rapier3d::prelude::*;

@@ -1,4 +1,4 @@
-//! Small scenes, made in code. No test needs all of them.
+//! Small scenes, made in code. No test needs all of them. Bakes of them check the invariants after each step.
 #![allow(dead_code)]
 
 use cairn_core::geometry::mesh::TriMesh;
@@ -41,6 +41,7 @@ pub fn stick() -> TriMesh {
 
 /// A scene of one prop.
 pub fn scene(control: TriMesh, prop: TriMesh) -> Scene {
+    cairn_core::invariants::check_always();
     let model = |name: &str, mesh| Model { name: name.into(), mesh };
     Scene {
         control: Some(model("control", control)),

@@ -5,6 +5,7 @@ mod cluster;
 
 use super::policy::Policy;
 use crate::geometry::pose::Pose;
+use crate::invariants;
 use crate::world::{BodyId, Role, World};
 use cluster::{BodyLoad, Cluster};
 use glam::{DQuat, DVec3};
@@ -166,11 +167,11 @@ impl PileGlue {
         loose
     }
 
-    /// In debug builds: every joint's bodies exist; clusters are disjoint, and every whole joint is within one; the
+    /// Where invariants are checked: every joint's bodies exist; clusters are disjoint, and every whole joint is within one; the
     /// bodies of a cluster are one in the world; and a cluster is anchored where a joint of it leads to the fixed
     /// surroundings.
     fn validate(&self, world: &World) {
-        if !cfg!(debug_assertions) {
+        if !invariants::are_checked() {
             return;
         }
         let mut of = BTreeMap::new();

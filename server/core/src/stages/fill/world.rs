@@ -7,6 +7,7 @@
 use crate::error::Error;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
+use crate::invariants;
 use crate::prepare::shape::Shape;
 use crate::sim::instance::Instance;
 use crate::sim::policy::Policy;
@@ -206,9 +207,9 @@ impl FillWorld {
         steps
     }
 
-    /// In debug builds: the counts agree, no more than `limit` bodies are loose, and every body is somewhere.
+    /// Where invariants are checked: the counts agree, no more than `limit` bodies are loose, and every body is somewhere.
     pub fn validate(&self, limit: usize) {
-        if !cfg!(debug_assertions) {
+        if !invariants::are_checked() {
             return;
         }
         let (present, loose) = (self.present().count(), self.loose().count());

@@ -3,7 +3,8 @@
 mod depenetration;
 mod retry;
 
-pub use retry::{Energy, Snapshot};
+pub use crate::invariants;
+use retry::{Energy, Snapshot};
 
 use super::{BodyId, World, corrections::ccd};
 use glam::DVec3;
@@ -21,7 +22,7 @@ impl World {
         self.rolling.brake(engine, bodies, counters);
         self.creep.prevent_sleep(engine, bodies, counters);
         self.bobbing.calm(engine, bodies, counters);
-        if cfg!(debug_assertions) {
+        if invariants::are_checked() {
             self.validate();
         }
         broken
