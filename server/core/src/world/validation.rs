@@ -40,7 +40,9 @@ impl World {
         assert!(pose.translation.is_finite() && pose.rotation.is_finite(), "body {id} is at {pose:?}");
         let place = collider.position_wrt_parent().copied().unwrap_or(Pose::IDENTITY);
         let expected = body.offset * body.collider_pose;
-        let turn = place.rotation.angle_between(expected.rotation);
+        // By the chord between the quaternions: the cosine of a small angle is all rounding.
+        let [apart, opposite] = [place.rotation - expected.rotation, place.rotation + expected.rotation];
+        let turn = 2.0 * apart.length().min(opposite.length());
         let apart = place.translation.distance(expected.translation).max(turn * body.radius as f32);
         assert!(apart <= ROUNDING * (1.0 + place.translation.length()), "the collider of body {id} is {apart} off");
         match self.bodies.cluster(id) {
