@@ -3,8 +3,8 @@
 mod depenetration;
 mod retry;
 
-pub use crate::invariants;
-use retry::{Energy, Snapshot};
+use crate::invariants;
+pub use retry::{Energy, Snapshot};
 
 use super::{BodyId, World, corrections::ccd};
 use glam::DVec3;
