@@ -1,7 +1,7 @@
 //! Writes the example scenes whose bodies are placed by hand: `cargo run --release --example make_stacks [FOLDER]`.
 //!
-//! `cards.toml`: a house of 40 playing cards, then cubes that are dropped on it. `overlap.toml`: crossed layers of sticks, each
-//! sunk into the one below. Metres, Y up, the ground at y = 0.
+//! `cards.toml`: a house of 40 playing cards, then cubes that are dropped on it. `overlap.toml`: crossed layers of
+//! sticks, each sunk into the one below. Metres, Y up, the ground at y = 0.
 
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;
@@ -88,8 +88,8 @@ fn cards() -> String {
 }
 
 const OVERLAP: &str = "\
-# A stack built by hand: crossed layers of sticks, each sunk into the one below by 5 to 25 % of its thickness. It settles
-# without a jump.
+# A stack built by hand: crossed layers of sticks, each sunk into the one below by 5 to 25 % of its
+# thickness. It settles without a jump.
 #
 #   cairn bake examples/overlap.toml -o overlap.glb
 #
@@ -126,7 +126,8 @@ fn body(scene: &mut String, prop: &str, position: DVec3, rotation: DQuat) {
     let [a, b, c, d] = rotation.to_array();
     write!(
         scene,
-        "\n[[bodies]]\nprop = \"{prop}\"\nposition = [{x:.6}, {y:.6}, {z:.6}]\nrotation = [{a:.8}, {b:.8}, {c:.8}, {d:.8}]\n"
+        "\n[[bodies]]\nprop = \"{prop}\"\nposition = [{x:.6}, {y:.6}, {z:.6}]\nrotation = [{a:.8}, {b:.8}, {c:.8}, \
+         {d:.8}]\n"
     )
     .expect("a text takes all");
 }

@@ -1,7 +1,7 @@
 //! Plain words: everything that a reader sees, code and comments included, says one thing by one word, the field's own.
 //!
-//! A word that is out stands in [`OUT`] with what to write in its place. An identifier is one word (`told_of` is not "told"), and so
-//! is a file's name.
+//! A word that is out stands in [`OUT`] with what to write in its place. An identifier is one word (`told_of` is not
+//! "told"), and so is a file's name.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -80,7 +80,8 @@ fn is_of_a_word(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// Where a phrase stands by itself in a lower-case text; white space between its words may be a line's end with a comment's mark.
+/// Where a phrase stands by itself in a lower-case text; white space between its words may be a line's end with a
+/// comment's mark.
 fn places(text: &str, phrase: &str) -> Vec<usize> {
     let starts = text.match_indices(phrase).map(|(at, _)| at);
     let alone =

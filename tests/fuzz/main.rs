@@ -1,5 +1,5 @@
-//! A short run of every fuzz target, and all that was ever found. `tests/fuzz/run` searches for longer, guided by what the inputs
-//! reach.
+//! A short run of every fuzz target, and all that was ever found. `tests/fuzz/run` searches for longer, guided by what
+//! the inputs reach.
 
 mod targets;
 

@@ -1,5 +1,5 @@
-//! What is fuzzed: functions of any bytes, which panic where a promise is broken. `main.rs` calls them in the tests, `guided.rs` by
-//! libFuzzer.
+//! What is fuzzed: functions of any bytes, which panic where a promise is broken. `main.rs` calls them in the tests,
+//! `guided.rs` by libFuzzer.
 
 mod equilibrium;
 mod models;

@@ -146,8 +146,8 @@ fn long_steps(guard: Switch, contact_frequency: f64) -> Params {
     params
 }
 
-/// With springs that ring, besides: such springs get the substeps that they need, and the stacks stay where they stand. That is seen
-/// in the frames, not in what the report says.
+/// With springs that ring, besides: such springs get the substeps that they need, and the stacks stay where they stand.
+/// That is seen in the frames, not in what the report says.
 #[test]
 fn a_bad_setting_is_held_together() {
     let scene = stacks();
@@ -161,8 +161,8 @@ fn a_bad_setting_is_held_together() {
     }
 }
 
-/// Cubes far in each other, a thousand times as heavy one on top: such steps gain energy. The report says so where the guard takes
-/// them again, and says nothing where there is no guard, or nothing to do for it.
+/// Cubes far in each other, a thousand times as heavy one on top: such steps gain energy. The report says so where the
+/// guard takes them again, and says nothing where there is no guard, or nothing to do for it.
 #[test]
 fn what_the_guard_does_is_told() {
     let pose = |k: usize| at(0.04 * (k % 3) as f64, 0.05 + 0.04 * (k / 3) as f64, 0.0);

@@ -1,9 +1,9 @@
-//! The hard cases: what breaks simulators must not break this one. `README.md` beside this file describes the figures; the
-//! rows whose verdict is one of statics (boundary, units, duplicate, collinear, arch, wedge, and the verdicts of slope and overhang) are
-//! tests of the analysis in `server/statics/tests/equilibrium/`.
+//! The hard cases: what breaks simulators must not break this one. `README.md` beside this file describes the figures;
+//! the rows whose verdict is one of statics (boundary, units, duplicate, collinear, arch, wedge, and the verdicts of
+//! slope and overhang) are tests of the analysis in `server/statics/tests/equilibrium/`.
 //!
-//! The full size of the shortened rows: `cargo test --release --test hard -- --ignored`. The long run of the stability sweep:
-//! `cargo run --release --example sweep`.
+//! The full size of the shortened rows: `cargo test --release --test hard -- --ignored`. The long run of the stability
+//! sweep: `cargo run --release --example sweep`.
 
 mod guard;
 mod rows;

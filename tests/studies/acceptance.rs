@@ -1,5 +1,5 @@
-//! The acceptance table: sticks in a steep cone, a vertical cylinder and a letter T, glued, with control, without, and without
-//! but with everything damped as strongly; medians over seeds.
+//! The acceptance table: sticks in a steep cone, a vertical cylinder and a letter T, glued, with control, without, and
+//! without but with everything damped as strongly; medians over seeds.
 //!
 //!     cargo run --release --example acceptance -- --seeds 5
 
@@ -95,7 +95,8 @@ fn main() -> Result<(), String> {
 
 type Change = fn(&mut Params);
 
-/// Glued; with control; without; and without but with every body damped as strongly as the control damps uncertified ones.
+/// Glued; with control; without; and without but with every body damped as strongly as the control damps uncertified
+/// ones.
 fn variants() -> [(&'static str, Change); 4] {
     [
         ("as modelled", |p| p.glue.mode = GlueMode::AsModelled),

@@ -1,10 +1,10 @@
 //! Fits the model behind the estimate of a bake's CPU time, and prints how far it is from what it was fitted to:
 //! `cargo run --release --example fit_estimate -- runs.jsonl...`.
 //!
-//! The runs are those of `cairn cost` and of the example `pairs`. Least squares of the logarithms, each file with the same
-//! weight, slightly regularised since single parameters vary in few files; printed as the constants of
-//! `server/core/src/prepare/estimate/model.rs`. The cost is taken to grow as the number of bodies: a file has about one number, so
-//! that an exponent could not be separated from what else distinguishes the files.
+//! The runs are those of `cairn cost` and of the example `pairs`. Least squares of the logarithms, each file with the
+//! same weight, slightly regularised since single parameters vary in few files; printed as the constants of
+//! `server/core/src/prepare/estimate/model.rs`. The cost is taken to grow as the number of bodies: a file has about one
+//! number, so that an exponent could not be separated from what else distinguishes the files.
 
 use anyhow::{Context, ensure};
 use cairn::cost::Record;
@@ -100,7 +100,8 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The law with the least sum of deviations: single odd fills do not bend it. By weighted least squares, again and again.
+/// The law with the least sum of deviations: single odd fills do not bend it. By weighted least squares, again and
+/// again.
 fn least_deviations(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
     /// Below this, a deviation weighs by its square.
     const SMALL: f64 = 0.05;
@@ -146,8 +147,8 @@ fn predict(law: &CostExponents, record: &Record) -> f64 {
     record.workload.features().iter().zip(law).map(|(f, w)| f * w).sum::<f64>().exp()
 }
 
-/// Features that nothing gets cheaper by: their exponents are kept from being negative, which few or noisy runs would make
-/// them.
+/// Features that nothing gets cheaper by: their exponents are kept from being negative, which few or noisy runs would
+/// make them.
 const RAISES_COST: [&str; 7] = ["corners", "parts", "walls", "times", "step_rate", "substeps", "coulomb"];
 
 /// What a stage of the law took.

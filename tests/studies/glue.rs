@@ -1,5 +1,5 @@
-//! What holds a pile: nothing, as few dots as Cairn finds, those that Clarabel finds, as many at random, all that could be, and dots of
-//! bounded strength. Each pile is released, awake, for 20 characteristic times.
+//! What holds a pile: nothing, as few dots as Cairn finds, those that Clarabel finds, as many at random, all that could
+//! be, and dots of bounded strength. Each pile is released, awake, for 20 characteristic times.
 //!
 //!     cargo run --release --example glue -- examples/sticks.toml --set fill.count=200 --strength 1,3,10,30
 
@@ -50,7 +50,8 @@ const NORMAL_PRICE: f64 = 0.02;
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     println!(
-        "| scene | glue | bodies | touches | dots | largest force | imbalance | fallen | CPU s | moved | kept, released |"
+        "| scene | glue | bodies | touches | dots | largest force | imbalance | fallen | CPU s | moved | kept, \
+         released |"
     );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for scene in &args.scenes {

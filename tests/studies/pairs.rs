@@ -5,8 +5,8 @@
 //! `CAIRN_DATA`, or `../shared/data` beside the workspace. Drawn are its watertight glTF files of the kinds `object`
 //! and `control`. A prop is scaled so that about 220 fit into the control mesh, first by volume and then, if fewer than
 //! 150 or more than 300 do, by what the fill found. One Markdown row per pair, written as soon as it is known. With
-//! `--runs`, what each bake took is kept for the example `fit_estimate`; with `--strengths 0.5,2,8,32`, what glue of these
-//! strengths and none keep of the shape, too.
+//! `--runs`, what each bake took is kept for the example `fit_estimate`; with `--strengths 0.5,2,8,32`, what glue of
+//! these strengths and none keep of the shape, too.
 
 mod collection;
 
@@ -47,8 +47,10 @@ const LEAST_RATIO: f64 = 0.8;
 /// In units of sqrt(g d).
 const REST_SPEED: f64 = 0.01;
 
-const HEADER: &str = "| # | prop | control | bodies | shape | deviation | fill | free pour | ratio | iou start | kept, natural | kept, glued | freed | moved | dots / touches | anchored | CPU s glue, proof | \
-protrusion | penetration max | mean | speed | hanging | unsupported | removed out/overlap/escaped | CPU s shape/fill/release+hold/measure | CPU s expected | verdict |\n\
+const HEADER: &str = "| # | prop | control | bodies | shape | deviation | fill | free pour | ratio | iou start | \
+ kept, natural | kept, glued | freed | moved | dots / touches | anchored | CPU s glue, proof | \
+protrusion | penetration max | mean | speed | hanging | unsupported | removed out/overlap/escaped | CPU s \
+ shape/fill/release+hold/measure | CPU s expected | verdict |\n\
 |---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// Bakes pairs of props and control meshes drawn from a collection, and judges each.
@@ -335,7 +337,8 @@ fn judge(bake: &Bake, glued: &Bake, reference: Option<f64>, expected: f64) -> Ro
     let seconds: BTreeMap<String, f64> = report.seconds.iter().map(|(s, t)| (format!("{s:?}"), *t)).collect();
     let stage = |name: &str| seconds.get(name).copied().unwrap_or(0.0);
     let cells = format!(
-        "| {} | {} {} | {:.3} | {fill:.3} | {free:.3} | {:.2} | {:.3} | {} | {:.3} | {:.2} | {:.4} | {speed:.4} | {} | {:.3} \
+        "| {} | {} {} | {:.3} | {fill:.3} | {free:.3} | {:.2} | {:.3} | {} | {:.3} | {:.2} | {:.4} | {speed:.4} | {} \
+         | {:.3} \
          | {}/{}/{} | {:.1}/{:.1}/{:.1}/{:.1} | {expected:.0} ",
         bake.pile.bodies.len(),
         shape.kind,

@@ -3,10 +3,11 @@
 //!
 //!     cargo run --release --example precision -- examples/sticks.toml examples/books.toml --set fill.count=150
 //!
-//! The truth of a body: everything else is fixed, and the body alone is released for 1 s; it is stable if it moves by less than a
-//! hundredth of d. `precision`: share of the bodies called stable that are. `recall`: share of the stable ones that are called
-//! so. `candidates`: the same precision of those that the control would hold. `global`: share of the bodies called stable that
-//! the best distribution of forces over the whole pile balances to a tenth of their weight.
+//! The truth of a body: everything else is fixed, and the body alone is released for 1 s; it is stable if it moves by
+//! less than a hundredth of d. `precision`: share of the bodies called stable that are. `recall`: share of the stable
+//! ones that are called so. `candidates`: the same precision of those that the control would hold. `global`: share of
+//! the bodies called stable that the best distribution of forces over the whole pile balances to a tenth of their
+//! weight.
 
 mod piles;
 

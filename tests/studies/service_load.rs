@@ -68,7 +68,8 @@ async fn overhead(server: &Server, connection: &mut Connection, folder: &Path) -
     }
     let [low, middle, high] = spread(&mut ratios);
     println!(
-        "streaming: {middle:.3} ({low:.3} to {high:.3}) of the time of `cairn bake` ({:.1} s), {PAIRS} pairs, same bytes; \
+        "streaming: {middle:.3} ({low:.3} to {high:.3}) of the time of `cairn bake` ({:.1} s), {PAIRS} pairs, same \
+         bytes; \
          server {:.0} MiB at most",
         spread(&mut near_seconds)[1],
         server.peak_mib()?

@@ -216,7 +216,8 @@ async fn storms(args: &Args, connection: &Connection, server: &Server) -> Result
         most = most.max(cpu_seconds(server)? - before);
     }
     println!(
-        "storms of {} cancelled bakes: {SOON:?} after each no process left; CPU time of the next {WHILE:?}: {most:.2} s at most",
+        "storms of {} cancelled bakes: {SOON:?} after each no process left; CPU time of the next {WHILE:?}: {most:.2} \
+         s at most",
         2 * args.callers
     );
     ensure!(most <= IDLE, "the server is not idle after a storm of cancelled bakes");

@@ -10,7 +10,7 @@
 //! 3. **Turn over** ([`stages::turn_over`]): the container is gone, gravity points down, and every body waits in place.
 //! 4. **Glue** ([`stages::glue`]): where the parameters ask for it, contacts are glued until the pile stands by itself.
 //! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
-//!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`equilibrium`]) and holds them still, which
+//!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them still, which
 //!    keeps the shape.
 //! 6. **Hold** ([`stages::hold`]): the simulation goes on until the pile is at rest.
 //! 7. **Report** ([`report`]): the pile is measured.

@@ -69,11 +69,11 @@ fn a_pile_on_its_tip_stands_as_it_was_modelled() {
     assert!(figure(&glued, "kept_shape_natural") < 0.5, "natural {}", figure(&glued, "kept_shape_natural"));
     assert!(figure(&glued, "glue_imbalance") <= 1e-5, "{}", figure(&glued, "glue_imbalance"));
     assert!(figure(&glued, "anchored") >= 1.0);
-    let told = glued.pile.glue.as_ref().unwrap();
-    assert_eq!(told.dots.len() as u64, glued.report.counts["glue_dots"]);
-    assert!(told.dots.iter().all(|dot| !dot.is_broken));
+    let baked = glued.pile.glue.as_ref().unwrap();
+    assert_eq!(baked.dots.len() as u64, glued.report.counts["glue_dots"]);
+    assert!(baked.dots.iter().all(|dot| !dot.is_broken));
     assert_eq!(glued.report.counts["control_cycles"], 0, "what is glued is not held");
-    // 20 natural times in steps of 0.05 would be 400 for each trial, and four of five trials are of a tilted pile.
+    // 20 characteristic times in steps of 0.05 would be 400 for each trial, and four of five trials are of a tilted pile.
     let whole = 5 * 400;
     let steps = glued.report.counts["glue_proof_steps"];
     assert!(steps > 0 && steps < whole * 2 / 3, "a trial ends once nothing moves: {steps} steps");
@@ -148,7 +148,7 @@ fn no_ground_and_no_touch_are_no_fault() {
     assert!(fell(&apart, 1) > 0.5);
 }
 
-/// A gap that the fill left is no reason to fall; it is told.
+/// A gap that the fill left is no reason to fall; it is reported.
 #[test]
 fn what_touches_nothing_is_glued_across_a_narrow_gap() {
     let mut params = params();

@@ -1,5 +1,5 @@
-//! `hanging` of a report, against a check of its own: final poses and meshes alone, touching boxes by separating axes, chains by
-//! Warshall's closure. The product takes the engine's contacts and spreads from the ground upward.
+//! `hanging` of a report, against a check of its own: final poses and meshes alone, touching boxes by separating axes,
+//! chains by Warshall's closure. The product takes the engine's contacts and spreads from the ground upward.
 
 mod common;
 
@@ -156,7 +156,8 @@ fn what_hangs_is_what_another_way_finds() {
             found.push((count, left.len()));
         }
     }
-    // The check is worth something: it doubts few bodies, and none in most cases; and in many cases some bodies hang while others do not.
+    // The check is worth something: it doubts few bodies, and none in most cases; and in many cases some bodies hang
+    // while others do not.
     assert!(20 * doubt <= bodies, "{doubt} of {bodies} in doubt");
     assert!(2 * exact >= found.len(), "without doubt: {exact} of {}", found.len());
     assert!(found.iter().filter(|(count, all)| (1..*all).contains(count)).count() >= 6, "{found:?}");

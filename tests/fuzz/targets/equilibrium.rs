@@ -1,4 +1,5 @@
-//! Any touches: the verdict's certificate is substituted into the equations, by code that shares nothing with the solver.
+//! Any touches: the verdict's certificate is substituted into the equations, by code that shares nothing with the
+//! solver.
 
 use cairn_statics::local::{
     Analyser, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, FrictionLaw, LocalContact, LocalProblem, Options,
@@ -45,8 +46,8 @@ pub fn run(bytes: &[u8]) {
     let problem = LocalProblem { contacts: &contacts, mass: 1.0, center_of_mass: DVec3::ZERO, radius: 1.0, gravity };
     let mut analyser = Analyser::new();
     let options = Options { friction_law: law, margin: form & 4 != 0, ..Options::default() };
-    // Where all touches lie on a patch of a hundredth of the radius, both solvers may find no proof. Such a verdict is counted, and
-    // promises nothing; `found/equilibrium/small-patch` is one.
+    // Where all touches lie on a patch of a hundredth of the radius, both solvers may find no proof. Such a verdict is
+    // counted, and promises nothing; `found/equilibrium/small-patch` is one.
     let is_open = |analyser: &Analyser| analyser.counters().uncertified > 0;
     if analyser.analyse(&problem, &options).is_err() || is_open(&analyser) {
         return;
@@ -104,7 +105,8 @@ fn balances(contacts: &[LocalContact], forces: &[DVec3], residual: f64, law: Fri
     assert!(left <= reported + ROUNDING * sum, "{left} is left, {residual} is reported, of {sum}");
 }
 
-/// No force of a touch does work with the certificate: neither its normal part alone nor with the friction that helps most.
+/// No force of a touch does work with the certificate: neither its normal part alone nor with the friction that helps
+/// most.
 fn excludes(contacts: &[LocalContact], z: DVec3, w: DVec3, residual: f64, law: FrictionLaw) {
     assert!((z.length_squared() + w.length_squared() - 1.0).abs() < 1e-6, "a unit wrench");
     for contact in contacts {

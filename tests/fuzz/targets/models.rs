@@ -86,8 +86,8 @@ fn tetrahedron(size: f32) -> Vec<u8> {
     document.to_string().into_bytes()
 }
 
-/// A mesh -> the shape of a prop. First byte: how its points are written; second: their number. Then the points, and all that is
-/// left as corners of triangles.
+/// A mesh -> the shape of a prop. First byte: how its points are written; second: their number. Then the points, and
+/// all that is left as corners of triangles.
 pub fn shape(bytes: &[u8]) {
     /// A shape of more takes too long to try many.
     const MOST_POINTS: usize = 24;

@@ -172,8 +172,8 @@ impl Motion {
         self.report.as_ref().map_or(0, count)
     }
 
-    /// Bodies that the guard set aside or that were taken out of the fill, by the report's own count: in the frames, such a body
-    /// stays at its last pose.
+    /// Bodies that the guard set aside or that were taken out of the fill, by the report's own count: in the frames,
+    /// such a body stays at its last pose.
     pub fn lost(&self) -> u64 {
         ["bodies_lost", "removed_escaped", "removed_overlapping", "removed_sticking_out"]
             .iter()

@@ -19,7 +19,8 @@ pub fn gltf(mesh: &TriMesh) -> String {
         "nodes": [{ "mesh": 0 }],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1 }] }],
         "accessors": [
-            { "bufferView": 0, "componentType": 5126, "count": mesh.points.len(), "type": "VEC3", "min": near(lo), "max": near(hi) },
+            { "bufferView": 0, "componentType": 5126, "count": mesh.points.len(), "type": "VEC3", "min": near(lo),
+              "max": near(hi) },
             { "bufferView": 1, "componentType": 5125, "count": 3 * mesh.triangles.len(), "type": "SCALAR" },
         ],
         "bufferViews": [

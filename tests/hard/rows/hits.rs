@@ -52,8 +52,8 @@ pub fn projectile(engine: Engine, _: Extent) -> Outcome {
     ])
 }
 
-/// How near to a cube's middle the ball's middle was, across its flight, when it left the cube behind; infinite where it never did.
-/// An edge apart they touch at most; what went through a cube was nearer.
+/// How near to a cube's middle the ball's middle was, across its flight, when it left the cube behind; infinite where
+/// it never did. An edge apart they touch at most; what went through a cube was nearer.
 fn nearest_pass(motion: &Motion, begin: usize) -> f64 {
     let ball = motion.frames[begin].len() - 1;
     let ahead = |frame: usize, cube: usize| motion.place(frame, cube) - motion.place(frame, ball);
@@ -76,7 +76,8 @@ fn potential(poses: &[Pose], ratio: f64) -> f64 {
     poses.iter().zip(masses(poses.len(), ratio)).map(|(pose, mass)| mass * GRAVITY * pose.translation.y).sum()
 }
 
-/// All mechanical energy between a frame and the one before, J. What turns by more than half a turn in a frame counts for less.
+/// All mechanical energy between a frame and the one before, J. What turns by more than half a turn in a frame counts
+/// for less.
 fn energy(motion: &Motion, frame: usize, ratio: f64) -> f64 {
     let (before, after) = (&motion.frames[frame - 1], &motion.frames[frame]);
     let ball = before.len() - 1;

@@ -83,7 +83,8 @@ pub fn bad_container(engine: Engine, _: Extent) -> Outcome {
             Err(other) => (format!("{name}: {other}"), false),
             Ok(bake) => {
                 let count = |name: &str| bake.report.counts[name];
-                // What grows in a crowd may be squeezed through a wall. The fill takes it out, as what overlaps, and plants another.
+                // What grows in a crowd may be squeezed through a wall. The fill takes it out, as what overlaps, and
+                // plants another.
                 let lost = count("bodies_lost");
                 let fill = bake.report.measures["fill_fraction"].unwrap_or(0.0);
                 (
@@ -107,7 +108,8 @@ pub fn scaled_node(_: Engine, _: Extent) -> Outcome {
         r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],
         "nodes":[{{"mesh":0,"scale":[2,0.5,-3],"rotation":[0.1,0.2,0.3,0.927]}}],
         "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}],
-        "accessors":[{{"bufferView":0,"componentType":5126,"count":{},"type":"VEC3","min":[-0.1,-0.2,-0.3],"max":[0.1,0.2,0.3]}},
+        "accessors":[{{"bufferView":0,"componentType":5126,"count":{},"type":"VEC3",
+          "min":[-0.1,-0.2,-0.3],"max":[0.1,0.2,0.3]}},
         {{"bufferView":1,"componentType":5123,"count":{},"type":"SCALAR"}}],
         "bufferViews":[{{"buffer":0,"byteOffset":0,"byteLength":{indices}}},
         {{"buffer":0,"byteOffset":{indices},"byteLength":{}}}],

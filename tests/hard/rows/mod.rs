@@ -85,7 +85,8 @@ const fn row(
 pub const ROWS: &[Row] = &[
     row(
         "card_tower",
-        "a house of 40 cards, thickness 1:100, friction 0.7: moves < 2 % of its height in 60 s, penetration < 12 % of a thickness; at 0.2 it falls",
+        "a house of 40 cards, thickness 1:100, friction 0.7: moves < 2 % of its height in 60 s, penetration < 12 % of \
+         a thickness; at 0.2 it falls",
         stacks::card_tower,
         ONE,
         ALL,
@@ -98,18 +99,14 @@ pub const ROWS: &[Row] = &[
         BOTH,
         ALL,
     ),
-    row(
-        "heavy_on_light",
-        "a cube on a cube, 10, 100, 1000 : 1: sinks < 1 %",
-        stacks::heavy_on_light,
-        BOTH,
-        ALL,
-    ),
-    row("heaviest_on_light", "the same at 10000:1: sinks < 1 %", stacks::heaviest_on_light, BOTH, ALL).missed(&[Miss {
-        engine: Uncontrolled,
-        extent: Extent::Short,
-        why: "no contact of the engine carries so much: it sinks through, and only the plan's warning says so",
-    }]),
+    row("heavy_on_light", "a cube on a cube, 10, 100, 1000 : 1: sinks < 1 %", stacks::heavy_on_light, BOTH, ALL),
+    row("heaviest_on_light", "the same at 10000:1: sinks < 1 %", stacks::heaviest_on_light, BOTH, ALL).missed(&[
+        Miss {
+            engine: Uncontrolled,
+            extent: Extent::Short,
+            why: "no contact of the engine carries so much: it sinks through, and only the plan's warning says so",
+        },
+    ]),
     row(
         "heaviest_is_told",
         "the same: the report warns of the masses at 10000:1, and not at 10:1",
@@ -154,7 +151,8 @@ pub const ROWS: &[Row] = &[
     ),
     row(
         "projectile",
-        "a ball of 1, 10, 100 times a cube's mass at 1, 10, 100 m/s into a held wall: it leaves no cube behind that it did not go around, no energy is gained (< 2 % of what it brings), none lost",
+        "a ball of 1, 10, 100 times a cube's mass at 1, 10, 100 m/s into a held wall: it leaves no cube behind that \
+         it did not go around, no energy is gained (< 2 % of what it brings), none lost",
         hits::projectile,
         BOTH,
         ALL,
@@ -170,7 +168,8 @@ pub const ROWS: &[Row] = &[
     row("coincident", "20 cubes at one pose: no faster than 3 m/s, all end apart", starts::coincident, BOTH, ALL),
     row(
         "nan_inside",
-        "a body's state becomes NaN: it is named and set aside, bodies apart from it stay bit-identical, the bake says so",
+        "a body's state becomes NaN: it is named and set aside, bodies apart from it stay bit-identical, the bake \
+         says so",
         starts::nan_inside,
         ONE,
         ONE,
@@ -199,19 +198,24 @@ pub const ROWS: &[Row] = &[
     ),
     row(
         "rest_sticks",
-        "609 sticks (150 in the tests): at rest within 2 s of the last release in the median of seven seeds; in each, creep < d/100 in 60 s (20), none hanging, none lost",
+        "609 sticks (150 in the tests): at rest within 2 s of the last release in the median of seven seeds; in each, \
+         creep < d/100 in 60 s (20), none hanging, none lost",
         piles::rest_sticks,
         ONE,
         BOTH,
     )
-    .missed(&[
-        Miss {
-            engine: Cairn,
-            extent: Extent::Full,
-            why: "in three of seven piles of 609, one or two sticks rest without a chain of contacts from below",
-        },
-    ]),
-    row("rest_bananas", "1000 nonconvex bananas (80 in the tests): the same of one seed, in 60 s (10)", piles::rest_bananas, ONE, BOTH),
+    .missed(&[Miss {
+        engine: Cairn,
+        extent: Extent::Full,
+        why: "in three of seven piles of 609, one or two sticks rest without a chain of contacts from below",
+    }]),
+    row(
+        "rest_bananas",
+        "1000 nonconvex bananas (80 in the tests): the same of one seed, in 60 s (10)",
+        piles::rest_bananas,
+        ONE,
+        BOTH,
+    ),
     row("long", "a held pile for 10 minutes (1 in the tests): drifts < d/100", piles::long, ONE, ONE),
     row("many", "10,000 and 100,000 bodies (1,000 in the tests): finishes, none lost", piles::many, ONE, ONE),
     row(
@@ -223,7 +227,8 @@ pub const ROWS: &[Row] = &[
     ),
     row(
         "bad_container",
-        "open, non-manifold, inverted, several parts, self-intersecting: filled and nothing lost, or refused with the reason",
+        "open, non-manifold, inverted, several parts, self-intersecting: filled and nothing lost, or refused with the \
+         reason",
         inputs::bad_container,
         ONE,
         ONE,

@@ -51,8 +51,8 @@ fn filled_params(engine: Engine, count: u32, hold: f64) -> Params {
     params
 }
 
-/// At rest 2 s after the last release in the median of the runs; in the worst of them, no creep from then on, none that hangs, and none
-/// lost.
+/// At rest 2 s after the last release in the median of the runs; in the worst of them, no creep from then on, none that
+/// hangs, and none lost.
 fn rests(motions: &[Motion], hold: f64) -> Outcome {
     let all_of = |figure: &str| -> Vec<f64> { motions.iter().map(|motion| motion.figure(figure)).collect() };
     let most = |figure: &str| all_of(figure).into_iter().fold(0.0, f64::max);

@@ -33,8 +33,8 @@ fn card_house(engine: Engine, extent: Extent, factor: f64) -> Outcome {
     all(parts)
 }
 
-/// One of two cards that lean against each other is scenery that moves away after a second. (Under the load of a whole house,
-/// the other would stay: at this friction it is a strut that jams.)
+/// One of two cards that lean against each other is scenery that moves away after a second. (Under the load of a whole
+/// house, the other would stay: at this friction it is a strut that jams.)
 pub fn card_pull(engine: Engine, _: Extent) -> Outcome {
     const START: f64 = 1.0;
     let mut scene = cards(1.0, 0.7);
@@ -66,7 +66,8 @@ fn cube(edge: f64) -> cairn_core::input::scene::Prop {
     prop("cube", block(DVec3::splat(edge)), 0.7)
 }
 
-/// A cube that is so many times as heavy on one of 1 kg: how deep it sinks in 5 s, in edges, and whether the report names the masses.
+/// A cube that is so many times as heavy on one of 1 kg: how deep it sinks in 5 s, in edges, and whether the report
+/// names the masses.
 fn sag(engine: Engine, ratio: f64) -> (f64, bool) {
     let mut scene = placed(cube(0.1), [at(0.0, 0.05, 0.0), at(0.0, 0.15, 0.0)]);
     scene.bodies[1].mass = Some(ratio);

@@ -19,8 +19,8 @@ pub enum Verdict {
     Refused(String),
 }
 
-/// No pair may be deeper in each other at the end than the larger of these: shares of the thinner one's thickness, and of
-/// d (the sag of contacts does not shrink with a sheet's thickness).
+/// No pair may be deeper in each other at the end than the larger of these: shares of the thinner one's thickness, and
+/// of d (the sag of contacts does not shrink with a sheet's thickness).
 const MOST_PENETRATION: f64 = 0.5;
 const MOST_DEPTH: f64 = 0.05;
 /// Potential energy may grow by so much of m g d summed over the bodies: what rolls over an edge lifts its middle.
@@ -94,8 +94,8 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     // A light body is squeezed out from under a heavy one like a pip, faster than by any fall.
     let limit = if heavy > SQUEEZING * light { 4.0 } else { 2.0 } * (2.0 * g * highest).sqrt();
     let all: f64 = (0..bodies).map(mass).sum();
-    // By heights: what is pushed out of another body moves without momentum, so that frames do not give the kinetic energy. It is
-    // bounded by the speeds; the guard in the bake weighs all of it.
+    // By heights: what is pushed out of another body moves without momentum, so that frames do not give the kinetic
+    // energy. It is bounded by the speeds; the guard in the bake weighs all of it.
     let energy = |frame: &[cairn_core::geometry::pose::Pose]| {
         (0..bodies).map(|k| mass(k) * g * (center(frame, k).y - checked.ground)).sum::<f64>()
     };

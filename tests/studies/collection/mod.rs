@@ -1,5 +1,5 @@
-//! A collection of models of others, as examples bake it: a folder with a `MANIFEST.tsv` (name, kind, source, licence, bytes,
-//! triangles, watertight, ...), named in `CAIRN_DATA`, or `../shared/data` beside the workspace.
+//! A collection of models of others, as examples bake it: a folder with a `MANIFEST.tsv` (name, kind, source, licence,
+//! bytes, triangles, watertight, ...), named in `CAIRN_DATA`, or `../shared/data` beside the workspace.
 
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::input::scene::Model;

@@ -6,8 +6,8 @@ use std::path::Path;
 const CARRIERS: [&str; 11] =
     ["core", "std", "alloc", "rayon", "rayon-core", "rayon_core", "glam", "libm", "smallvec", "nalgebra", "simba"];
 
-/// A function by its name and file; `None` for what only hands on. What was inlined has a name without its path: the file names
-/// the module.
+/// A function by its name and file; `None` for what only hands on. What was inlined has a name without its path: the
+/// file names the module.
 pub fn short(name: &str, file: Option<&Path>) -> Option<String> {
     let name = unqualified(name);
     match file {
@@ -36,7 +36,8 @@ fn by_file(name: String, file: &Path) -> Option<String> {
     if CARRIERS.contains(&package) { None } else { Some(format!("{package} {name}")) }
 }
 
-/// `<rapier3d::dynamics::A<T> as B>::f::{{closure}}::h0123456789abcdef` -> `rapier3d A::f`; our own core's without its name.
+/// `<rapier3d::dynamics::A<T> as B>::f::{{closure}}::h0123456789abcdef` -> `rapier3d A::f`; our own core's without its
+/// name.
 fn by_path(name: &str) -> Option<String> {
     let segments: Vec<&str> = name.split("::").filter(|part| !part.is_empty() && !is_noise(part)).collect();
     let first = segments.first()?.trim_start_matches(['&', '*', ' ', '_']).trim_start_matches("mut ");

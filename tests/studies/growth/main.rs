@@ -1,4 +1,5 @@
-//! How Cairn's time and memory grow with the pile: bakes sticks, bananas and rubble in cones that take 100, 1,000, ... of them.
+//! How Cairn's time and memory grow with the pile: bakes sticks, bananas and rubble in cones that take 100, 1,000, ...
+//! of them.
 //!
 //!     cargo run --release --example growth -- --to 1000
 //!
@@ -30,7 +31,8 @@ struct Args {
     /// Set a field of each scene, as `cairn bake --set` does
     #[arg(long)]
     set: Vec<String>,
-    /// A Blender, or a Python with bpy, to measure how long it takes to write the motion there; target/addon must have the add-on
+    /// A Blender, or a Python with bpy, to measure how long it takes to write the motion there; target/addon must have
+    /// the add-on
     #[arg(long)]
     blender: Option<PathBuf>,
     /// The program that bakes

@@ -53,7 +53,8 @@ pub struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// The row of before, or a new one. `yields`: bodies that come out for each that the plan expects, as a smaller pile has shown.
+    /// The row of before, or a new one. `yields`: bodies that come out for each that the plan expects, as a smaller
+    /// pile has shown.
     pub fn row(&self, kind: Kind, wanted: usize, yields: f64) -> anyhow::Result<Row> {
         let mut name = format!("{}-{wanted}-{}", kind.name(), self.accuracy);
         for assignment in self.set {

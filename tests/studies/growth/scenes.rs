@@ -1,4 +1,5 @@
-//! Piles of the same form and any size: the cone of `examples/assets`, scaled until it takes the wanted number of props.
+//! Piles of the same form and any size: the cone of `examples/assets`, scaled until it takes the wanted number of
+//! props.
 
 use crate::gltf::gltf;
 use anyhow::{Context, anyhow, ensure};

@@ -44,7 +44,8 @@ pub fn markdown(rows: &[Row]) -> String {
 fn stages(rows: &[Row], text: &mut String) {
     let _ = writeln!(
         text,
-        "| scene | wanted | bodies | steps: fill, later | CPU s: {} | in all | wall s: 1 thread | 2 threads | peak MiB | .glb MiB | \
+        "| scene | wanted | bodies | steps: fill, later | CPU s: {} | in all | wall s: 1 thread | 2 threads | peak \
+         MiB | .glb MiB | \
          into Blender, CPU s | date |",
         STAGES.join(" | ")
     );
@@ -74,7 +75,8 @@ fn stages(rows: &[Row], text: &mut String) {
 fn growth(rows: &[Row], text: &mut String) {
     let _ = writeln!(
         text,
-        "| scene | bodies | CPU ms per body | times that of {FROM} | fill | glue | release and hold | measure | KiB per body | times that of {FROM} |"
+        "| scene | bodies | CPU ms per body | times that of {FROM} | fill | glue | release and hold | measure | KiB \
+         per body | times that of {FROM} |"
     );
     let _ = writeln!(text, "|{}", " --- |".repeat(10));
     for row in rows {

@@ -1,5 +1,5 @@
-//! The files that engines exchange: a pile right after turning over, and where an engine left it. The package of other engines reads
-//! this file, too, so it knows nothing of Cairn.
+//! The files that engines exchange: a pile right after turning over, and where an engine left it. The package of other
+//! engines reads this file, too, so it knows nothing of Cairn.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,8 +11,8 @@ pub struct PeerScene {
     pub set: Vec<String>,
     /// m/s^2, downward.
     pub gravity: f64,
-    /// Coulomb friction of every pair of bodies, and of a body and the ground. Engines that multiply the two of a pair are
-    /// given its square root.
+    /// Coulomb friction of every pair of bodies, and of a body and the ground. Engines that multiply the two of a pair
+    /// are given its square root.
     pub friction: f64,
     /// Height of the ground, m.
     pub ground: f64,

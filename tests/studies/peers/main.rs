@@ -1,5 +1,6 @@
-//! The same pile for Cairn and for other engines: writes it as it is right after turning over, lets Cairn and its simpler variants
-//! take it from there, and measures where an engine left it. `tests/studies/peers/run` does all of that.
+//! The same pile for Cairn and for other engines: writes it as it is right after turning over, lets Cairn and its
+//! simpler variants take it from there, and measures where an engine left it. `tests/studies/peers/run` does all of
+//! that.
 //!
 //!     cargo run --release --example peers -- scene examples/sticks.toml --set fill.count=60 -o pile.json
 //!     cargo run --release --example peers -- bake pile.json --variant held -o held.json

@@ -66,7 +66,8 @@ impl Full {
     }
 }
 
-/// The best forces over all contacts of a pile. Bodies in the order of [`World::present`], without those that are pinned.
+/// The best forces over all contacts of a pile. Bodies in the order of [`World::present`], without those that are
+/// pinned.
 pub fn whole(world: &World) -> Option<Balance> {
     global::analyse(&Whole::new(world, REAL_CONTACT).problem(), Objective::default()).ok()
 }

@@ -32,9 +32,9 @@ const PROBES: u32 = 4;
 pub struct Shot<'a> {
     pub scene: RayScene<'a>,
     pub library: &'a Library,
-    /// GlueOverlay as if made of frosted glass.
+    /// The control mesh, drawn as frosted glass.
     pub ghost: Option<RayScene<'a>>,
-    /// GlueOverlay through everything.
+    /// Glue marks, drawn through the surfaces in front of them.
     pub glue: Option<glue::GlueOverlay>,
     /// Height of the ground, unit space.
     pub ground: f32,

@@ -113,7 +113,7 @@ pub struct GluePlacement {
     pub at_least: usize,
     /// Bodies that glue of this strength at the allowed sites cannot hold, ascending.
     pub fallen: Vec<usize>,
-    /// SiteContact forces that balance the rest together with the joints. Shape `[contact]`.
+    /// Contact forces that balance the remaining bodies together with the joints. Shape `[contact]`.
     pub forces: Vec<DVec3>,
     /// Their imbalance, by substitution: sum over the bodies that stand, each by its own weight; for each thousand of
     /// them where there are more.

@@ -81,7 +81,7 @@ pub struct Splitting<'p> {
     pub state: GlueForces,
     /// Scaled dual variable: the sum of the differences between the two kinds of forces.
     dual: GlueForces,
-    /// GlueForces less dual.
+    /// Forces minus the scaled dual: the right-hand side of the projection.
     point: GlueForces,
     /// Multipliers of the balance.
     multipliers: Vec<Vector6<f64>>,

@@ -131,7 +131,8 @@ impl<'a> Unit<'a> {
     }
 }
 
-/// Corners and triangles of the hull. `None` where the points have none: flat, fewer than four, or a panic of the library.
+/// Corners and triangles of the hull. `None` where the points have none: flat, fewer than four, or a panic of the
+/// library.
 fn hull(points: &[Vector]) -> Option<(Vec<Vector>, Vec<[u32; 3]>)> {
     catch_unwind(AssertUnwindSafe(|| try_convex_hull(points))).ok()?.ok()
 }

@@ -167,9 +167,9 @@ impl PileGlue {
         loose
     }
 
-    /// Where invariants are checked: every joint's bodies exist; clusters are disjoint, and every whole joint is within one; the
-    /// bodies of a cluster are one in the world; and a cluster is anchored where a joint of it leads to the fixed
-    /// surroundings.
+    /// Where invariants are checked: every joint's bodies exist; clusters are disjoint, and every whole joint is within
+    /// one; the bodies of a cluster are one in the world; and a cluster is anchored where a joint of it leads to the
+    /// fixed surroundings.
     fn validate(&self, world: &World) {
         if !invariants::are_checked() {
             return;

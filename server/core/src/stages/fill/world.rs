@@ -207,7 +207,8 @@ impl FillWorld {
         steps
     }
 
-    /// Where invariants are checked: the counts agree, no more than `limit` bodies are loose, and every body is somewhere.
+    /// Where invariants are checked: the counts agree, no more than `limit` bodies are loose, and every body is
+    /// somewhere.
     pub fn validate(&self, limit: usize) {
         if !invariants::are_checked() {
             return;

@@ -143,7 +143,7 @@ impl Pile {
     pub fn certify(&self, placed: &GluePlacement, options: &GlueOptions, what: &str) {
         self.check_forces(placed, options, what);
         let left = self.unbalanced(placed);
-        assert!(left <= BALANCED * 1.001, "{what}: {left:e} is unbalanced, {:e} is told", placed.imbalance);
+        assert!(left <= BALANCED * 1.001, "{what}: {left:e} is unbalanced, {:e} is reported", placed.imbalance);
         assert!(placed.stands() && (left - placed.imbalance).abs() < 1e-9, "{what}: {left:e} {:e}", placed.imbalance);
     }
 

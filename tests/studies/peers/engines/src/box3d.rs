@@ -21,7 +21,8 @@ fn vector(v: [f64; 3]) -> b3Vec3 {
 
 impl Box3d {
     pub fn new(scene: &PeerScene, pace: &Pace) -> anyhow::Result<Box3d> {
-        // SAFETY: plain calls of the library, with definitions that it filled itself; what it returns is not freed before the process ends.
+        // SAFETY: plain calls of the library, with definitions that it filled itself; what it returns is not freed
+        // before the process ends.
         unsafe {
             let mut def = b3DefaultWorldDef();
             def.gravity = vector([0.0, -scene.gravity, 0.0]);

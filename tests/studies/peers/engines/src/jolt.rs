@@ -1,5 +1,6 @@
-//! Jolt with its default settings, but for the velocity iterations; on the caller's thread alone. Friction of a pair: the root of
-//! the product. Its C interface takes no inertia: that of the shape counts, with a density that gives the mass.
+//! Jolt with its default settings, but for the velocity iterations; on the caller's thread alone. Friction of a pair:
+//! the root of the product. Its C interface takes no inertia: that of the shape counts, with a density that gives the
+//! mass.
 
 use crate::format::{PeerScene, PeerShape, PeerSolid};
 use crate::{Engine, Pace};

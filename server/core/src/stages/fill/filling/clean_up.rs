@@ -79,7 +79,8 @@ impl Filling<'_> {
         self.world.depenetrate(residual, going)
     }
 
-    /// Takes out bodies from `first` on until none of these pairs is left: those in most pairs first. Returns the count.
+    /// Takes out bodies from `first` on until none of these pairs is left: those in most pairs first. Returns the
+    /// count.
     pub fn separate(&mut self, pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
         let may_go = |id: BodyId| id >= first && self.world.is_loose(id);
         let mut others = BTreeMap::<BodyId, Vec<BodyId>>::new();
