@@ -6,7 +6,7 @@ use crate::input::params::Params;
 pub use crate::input::params::Turns;
 use glam::DVec3;
 
-/// Everything a bake needs besides its [`Params`](crate::input::params::Params).
+/// Everything a bake needs besides its [`Params`].
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Scene {
     /// The pile's shape, as placed by the artist. Closed. Required for a fill.

@@ -181,7 +181,7 @@ pub fn write(path: &Path, bake: &BakedPile, scene: &ExportScene) -> Result<(), E
     write_atomically(path, &encoded.bytes).map_err(fail)
 }
 
-/// The files that [`write`] writes.
+/// The files that [`write()`] writes.
 pub fn encode(format: Format, bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
     for (frame, poses) in bake.frames.iter().enumerate() {
         assert_eq!(poses.len(), bake.bodies.len(), "every frame has a pose per body");
