@@ -7,8 +7,8 @@ use cairn::model::export::{self, Format};
 use cairn_core::input::observer::{Observer, Progress, Silent, Stage};
 use cairn_core::input::params::ControlMode;
 use cairn_core::sim::control::BodyProblem;
+use cairn_core::sim::pile_equilibrium::{PileEquilibrium, REAL_CONTACT};
 use cairn_core::sim::step::Simulation;
-use cairn_core::sim::whole::{REAL_CONTACT, Whole};
 use cairn_core::stages::cache::NoCache;
 use cairn_core::stages::glue::Sites;
 use cairn_statics::global::{self, Objective};
@@ -101,9 +101,9 @@ fn standing(group: &mut Group, full: &Full) {
             problems.iter().filter(stable).count()
         })
     });
-    let whole = Whole::new(world, REAL_CONTACT);
+    let equilibrium = PileEquilibrium::new(world, REAL_CONTACT);
     group.bench_function("global", |b| {
-        b.iter(|| global::analyse(&whole.problem(), Objective::default()).expect("a valid pile").total)
+        b.iter(|| global::analyse(&equilibrium.problem(), Objective::default()).expect("a valid pile").total)
     });
     group.bench_function("cycle", |b| {
         b.iter_batched_ref(

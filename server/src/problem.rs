@@ -68,8 +68,8 @@ impl fmt::Display for Problem {
 }
 
 /// The core puts place, fault and remedy into one sentence.
-impl From<cairn_core::error::Problem> for Problem {
-    fn from(problem: cairn_core::error::Problem) -> Problem {
+impl From<cairn_core::error::SceneProblem> for Problem {
+    fn from(problem: cairn_core::error::SceneProblem) -> Problem {
         Problem::from(problem.text).of_field(&problem.field)
     }
 }

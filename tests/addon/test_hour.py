@@ -200,7 +200,7 @@ def test_an_object_that_is_meant_is_selected(desk):
 
 def test_warnings_are_told_once_and_in_words(addon):
     gathered = addon("wording").gathered
-    tail = ": the mesh is open, so that its mass is taken from its collision shape"
+    tail = ": the mesh is open: its mass is computed from its collision shape; close it for the exact mass"
     names = {"a.glb": "Rock", "b.glb": "Rock.001", "c: d": "c: d", "e": "Leaf"}
     texts = [uri + tail for uri in names] + ["a.glb" + tail]
     texts += ["the pile was still moving at the last frame; bake more frames, or raise hold.patience"] * 2

@@ -3,6 +3,7 @@
 
 use crate::desk::{Desk, Done};
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 /// A small pile of boxes in which nothing bounces, rolls, flies or is split.
 const PILE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12 \
@@ -39,7 +40,7 @@ mass = 1000
 start_seconds = 1
 "#;
 
-/// An effect, and the counts that only it increases.
+/// Every effect that `effects` forces, and the counts that only it increases.
 const FORCIBLE: [(&str, &[&str]); 12] = [
     ("primitives", &["props_as_primitives"]),
     ("decomposition", &["props_split"]),
@@ -104,6 +105,10 @@ fn every_effect_is_seen_on_and_off() {
     }
     desk.write("lively.toml", LIVELY);
     let auto = bake(&desk, "lively.toml");
+    let effects = auto["plan"]["effects"].as_array().unwrap();
+    let is_forcible = |effect: &&Value| effect["switch"].as_str().is_some_and(|field| field.starts_with("effects."));
+    let forcible: BTreeSet<&str> = effects.iter().filter(is_forcible).map(|e| e["name"].as_str().unwrap()).collect();
+    assert_eq!(BTreeSet::from(FORCIBLE.map(|(name, _)| name)), forcible, "every effect with a switch is tried");
     assert!(count(&auto, "shaken") > 0, "the ball hits what is held");
     for (effect, counters) in FORCIBLE {
         assert!(is_on(&auto, effect), "{effect} comes on by itself");

@@ -5,7 +5,7 @@ use crate::rows::scenes::{at, block, placed, prop};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Silent, Stage};
 use cairn_core::input::params::{Params, Switch, Time};
-use cairn_core::input::scene::{Key, Model, Scene, StaticModel};
+use cairn_core::input::scene::{Keyframe, Model, Scene, StaticModel};
 use cairn_core::prepare::effects::Resolved;
 use cairn_core::prepare::{check, shape};
 use cairn_core::sim::guard::{AsideReason, Guard};
@@ -31,7 +31,7 @@ fn provoked(params: &Params, steps: u64, fault: impl Fn(&mut Pile, u64)) -> Resu
 fn pressed(to: f64, seconds: f64) -> Outcome {
     let mut scene = placed(prop("cube", block(DVec3::splat(0.1)), 0.5), [at(0.0, 0.05, 0.0)]);
     let plate = Model { name: "plate".into(), mesh: block(DVec3::new(4.0, 0.2, 4.0)) };
-    let key = |time: f64, low: f64| Key { time, pose: at(0.0, low + 0.1, 0.0) };
+    let key = |time: f64, low: f64| Keyframe { time, pose: at(0.0, low + 0.1, 0.0) };
     scene.statics =
         vec![StaticModel { model: plate, friction: 0.5, keys: vec![key(0.2, 0.12), key(0.2 + seconds, to)] }];
     run(&scene, &uncontrolled(), 200, |_, _| {}).unwrap()

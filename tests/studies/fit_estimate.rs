@@ -158,7 +158,7 @@ fn seconds(record: &Record, stages: &[&str]) -> f64 {
 
 /// How much longer than at `standard` the record's accuracy takes for these stages: the laws are of `standard`.
 fn care(record: &Record, stages: &[&str]) -> f64 {
-    if stages.contains(&"fill") { record.workload.fill_care } else { 1.0 }
+    if stages.contains(&"fill") { record.workload.fill_cost_factor } else { 1.0 }
 }
 
 fn fit_all(runs: &[&Run]) -> Vec<CostExponents> {

@@ -6,16 +6,16 @@
 mod piles;
 
 use anyhow::{Context, anyhow};
+use cairn_core::geometry::interior::MeshInterior;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::geometry::region::Region;
-use cairn_core::measure::{Gauge, Instances, kept_shape};
+use cairn_core::measure::{Instances, ShapeMeasurer, kept_shape};
 use cairn_core::sim::instance::Instance;
 use cairn_core::sim::pile::Pile;
 use cairn_core::stages::glue::Sites;
 use cairn_core::stages::glue::{joints, release_trial};
 use cairn_core::world::BodyId;
-use cairn_statics::glue::{self, GlueJoint, GlueOptions, GluePlacement, MOST_ROUNDS, reference};
+use cairn_statics::glue::{self, GlueJoint, GlueOptions, GluePlacement, MOST_ROUNDS, interior_point};
 use clap::Parser;
 use cpu_time::ThreadTime;
 use glam::DVec3;
@@ -72,7 +72,7 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     let name = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let print_row = |glue: &str, placed: &GluePlacement, seconds: f64| -> anyhow::Result<()> {
         let loose: Vec<BodyId> =
-            placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
+            placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.unreachable.iter().copied()).collect();
         let dots = joints(&sites, placed, false, 0.0, 1.0);
         let freed = release_trial(full.turn_over()?, &dots, &loose, DVec3::NEG_Y, true, &mut |_| Ok(()))?;
         let poses = freed.poses.context("it was released to its end")?;
@@ -104,7 +104,7 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     print_row("as few as Cairn finds", &least, begin.elapsed().as_secs_f64())?;
     if sites.ids.len() <= args.oracle {
         let begin = ThreadTime::now();
-        let placed = reference::place(&problem, &options(None), &mut going)?;
+        let placed = interior_point::place(&problem, &options(None), &mut going)?;
         print_row("as few as Clarabel finds", &placed, begin.elapsed().as_secs_f64())?;
     }
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(full.job.params.seed);
@@ -122,13 +122,13 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
 /// Measures a pile's shape.
 struct Ruler {
     control: TriMesh,
-    region: Region,
+    region: MeshInterior,
     props: Vec<TriMesh>,
 }
 
 impl Ruler {
     fn new(control: &TriMesh, props: Vec<TriMesh>) -> Ruler {
-        Ruler { control: control.clone(), region: Region::new(control), props }
+        Ruler { control: control.clone(), region: MeshInterior::new(control), props }
     }
 
     /// `kept_shape` of these poses against those of the pile. Engine units; shape `[body]`.
@@ -139,7 +139,7 @@ impl Ruler {
         let begin: Vec<_> = pile.instances.iter().enumerate().map(|(id, b)| place((b, pile.world.pose(id)))).collect();
         let end: Vec<_> = pile.instances.iter().zip(poses).filter_map(|(b, &pose)| Some(place((b, pose?)))).collect();
         let begin = Instances { props: &self.props, bodies: &begin };
-        let gauge = Gauge::new(&self.control, &self.region, &begin);
-        kept_shape(&gauge.measure(&begin), &gauge.measure(&Instances { props: &self.props, bodies: &end }))
+        let measurer = ShapeMeasurer::new(&self.control, &self.region, &begin);
+        kept_shape(&measurer.measure(&begin), &measurer.measure(&Instances { props: &self.props, bodies: &end }))
     }
 }

@@ -29,7 +29,7 @@ pub struct Schema {
 
 /// A struct of the core.
 struct Group {
-    /// Where it is in `Params`: `physics.switches`; empty for `Params` itself.
+    /// Its path in `Params`: `physics.switches`; empty for `Params` itself.
     path: String,
     type_name: String,
     /// The scene's field that has its values; empty for the scene itself.
@@ -222,7 +222,7 @@ fn comment(file: &FileDescriptor, path: &[i32]) -> String {
         .join(" ")
 }
 
-/// What follows a word in a comment, up to the end of the sentence.
+/// The rest of a sentence after a word in a comment.
 fn stated(comment: &str, word: &str) -> String {
     let rest = comment.split_once(word).map_or("", |(_, rest)| rest);
     rest[..rest.find(". ").unwrap_or(rest.trim_end_matches('.').len())].into()

@@ -2,12 +2,12 @@
 
 use std::fmt;
 
-/// Why a scene cannot be baked, or a bake did not finish.
+/// The reason for which a scene cannot be baked, or a bake did not finish.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The scene or its parameters are at fault: every problem, each naming its place and the remedy.
-    #[error("{}", .0.iter().map(Problem::to_string).collect::<Vec<_>>().join("\n"))]
-    Invalid(Vec<Problem>),
+    #[error("{}", .0.iter().map(SceneProblem::to_string).collect::<Vec<_>>().join("\n"))]
+    Invalid(Vec<SceneProblem>),
     #[error("cancelled")]
     Cancelled,
     /// A fault of the program.
@@ -17,20 +17,20 @@ pub enum Error {
 
 /// One thing wrong with a scene or its parameters.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Problem {
+pub struct SceneProblem {
     /// The scene's field at fault: `control_mesh`, `props.0.weight`.
     pub field: String,
     /// A sentence for a person: place, fault and remedy.
     pub text: String,
 }
 
-impl Problem {
-    pub fn new(field: impl Into<String>, text: impl Into<String>) -> Problem {
-        Problem { field: field.into(), text: text.into() }
+impl SceneProblem {
+    pub fn new(field: impl Into<String>, text: impl Into<String>) -> SceneProblem {
+        SceneProblem { field: field.into(), text: text.into() }
     }
 }
 
-impl fmt::Display for Problem {
+impl fmt::Display for SceneProblem {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(&self.text)
     }

@@ -1,4 +1,4 @@
-//! Whether the invariants of world, policy, glue and fill are checked: in debug builds always, in others once
+//! Switch: whether the invariants of world, policy, glue and fill are checked: in debug builds always, in others once
 //! [`check_always`] was called, as tests do. A check changes no result; one that fails panics, since it is a fault in
 //! Cairn.
 

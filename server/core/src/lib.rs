@@ -10,12 +10,30 @@
 //! 3. **Turn over** ([`stages::turn_over`]): the container is gone, gravity points down, and every body waits in place.
 //! 4. **Glue** ([`stages::glue`]): where the parameters ask for it, contacts are glued until the pile stands by itself.
 //! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
-//!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them still, which
-//!    keeps the shape.
+//!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them
+//!    still, which keeps the shape. A glued pile is released at once, without control.
 //! 6. **Hold** ([`stages::hold`]): the simulation goes on until the pile is at rest.
 //! 7. **Report** ([`report`]): the pile is measured.
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
+//!
+//! A caller builds a [`Scene`](input::scene::Scene) (the meshes), [`Params`](input::params::Params) (from a preset) and
+//! an [`Observer`](input::observer::Observer) (progress, cancel, frames and a clock), for example:
+//!
+//! ```no_run
+//! use cairn_core::input::observer::Silent;
+//! use cairn_core::input::params::{Accuracy, Params};
+//! use cairn_core::input::scene::{Model, Prop, Scene};
+//! # fn read(_: &str) -> Model { Model::default() }
+//!
+//! let (control, props) = (Some(read("cone.glb")), vec![Prop::new(read("stick.glb"))]);
+//! let scene = Scene { control, props, ..Scene::default() };
+//! let bake = cairn_core::bake(&scene, &Params::new(Accuracy::Standard), &mut Silent)?;
+//! println!("{} bodies, {} frames", bake.pile.bodies.len(), bake.pile.frames[0].len());
+//! # Ok::<(), cairn_core::Error>(())
+//! ```
+//!
+//! Meshes are read from glTF files by [`asset::read`].
 
 pub mod asset;
 pub mod error;
@@ -31,9 +49,9 @@ pub mod world;
 
 pub use error::Error;
 
-use error::Problem;
+use error::SceneProblem;
+use geometry::interior::DistanceGrid;
 use geometry::pose::Pose;
-use geometry::region::DistanceGrid;
 use input::observer::{Observer, Silent, Stage};
 use input::params::{Params, ReleaseOrder};
 use input::scene::{Scene, StaticModel};
@@ -102,7 +120,7 @@ pub struct FullContainer {
     shapes: Vec<Shape>,
     units: Units,
     filled: Option<(Container, Filled)>,
-    /// Where control and glue act, if that is not the inside of the container; engine units.
+    /// The region of control and glue, if it is not the inside of the container; engine units.
     region: Option<DistanceGrid>,
     /// The fill comes from the cache.
     is_cached: bool,
@@ -138,7 +156,7 @@ impl FullContainer {
         })
     }
 
-    /// Where the control acts, engine units; `None`: everywhere.
+    /// The region of the control, engine units; `None`: everywhere.
     fn region(&self) -> Option<&DistanceGrid> {
         self.region.as_ref().or(self.filled.as_ref().map(|(container, _)| &container.distance))
     }
@@ -193,7 +211,7 @@ pub fn fill_container(
     Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached, clock })
 }
 
-/// What is filled, if anything is. `length`: metres per engine unit.
+/// The container, if anything is filled. `length`: metres per engine unit.
 fn container(params: &Params, checked: &CheckedScene, resolved: &Resolved, length: f64) -> Option<Container> {
     let control = checked.control.as_ref().filter(|_| resolved.is_on(EffectName::Fill))?;
     let is_simplified = resolved.is_on(EffectName::WallSimplification);
@@ -260,8 +278,8 @@ pub fn release_pile<'a>(
 fn baked_pile(scene: &Scene, params: &Params, sim: &Simulation, is_glued: bool) -> Result<BakedPile, Error> {
     let (bodies, frames) = prop_frames(&sim.pile);
     if bodies.is_empty() {
-        let text = "bodies, emitters: not one body appears before the last frame; bake more frames";
-        return Err(Error::Invalid(vec![Problem::new("output.frames", text)]));
+        let text = "no body of `bodies` or `emitters` appears before the last frame; bake more frames";
+        return Err(Error::Invalid(vec![SceneProblem::new("output.frames", text)]));
     }
     let (fps, recorder) = (params.output.fps, &sim.pile.recorder);
     let count = if recorder.keeps() { frames.len() } else { recorder.count() + 1 };

@@ -2,7 +2,7 @@
 
 mod common;
 
-use cairn_core::geometry::Closed;
+use cairn_core::geometry::ClosedMesh;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::topology::{close_holes, inspect, weld};
 use cairn_core::input::observer::Silent;
@@ -43,7 +43,7 @@ fn joined(parts: &[TriMesh]) -> TriMesh {
 }
 
 fn container(mesh: &TriMesh, tolerance: f64) -> Container {
-    Container::new(&Closed::new(inspect(mesh), mesh.clone()), 1.0, 0.0, tolerance)
+    Container::new(&ClosedMesh::new(inspect(mesh), mesh.clone()), 1.0, 0.0, tolerance)
 }
 
 fn unit(x: f64, edge: f64) -> TriMesh {
@@ -180,7 +180,7 @@ fn overlapping_parts_are_filled_once() {
     // Cubes of edge 2, and a bar of 1.4 x 1.4 whose half is in one of them.
     let volume = |parts: &[TriMesh]| {
         let mesh = joined(parts);
-        Closed::new(inspect(&mesh), mesh).volume
+        ClosedMesh::new(inspect(&mesh), mesh).volume
     };
     let beyond = block(DVec3::new(1.01, 0.3, 0.3), DVec3::new(3.01, 1.7, 1.7), 2);
     let [one, apart, overlapping] =

@@ -7,7 +7,7 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Frame, Observer, Progress, Silent, State};
 use cairn_core::input::params::{Accuracy, ContactSelection, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
-use cairn_core::input::scene::{Emitter, Key, Model, Place, PlacedBody, Prop, Scene, StaticModel};
+use cairn_core::input::scene::{Emitter, EmitterVolume, Keyframe, Model, PlacedBody, Prop, Scene, StaticModel};
 use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake};
 use common::{cone, scene, stick};
@@ -137,7 +137,7 @@ fn a_pinned_body_is_released_at_its_time() {
 #[test]
 fn an_emitter_lets_bodies_appear_at_its_rate() {
     let mut scene = bricks(Vec::new());
-    let place = Place::Box { center: DVec3::Y * 1.5, size: DVec3::new(2.0, 1.0, 2.0) };
+    let place = EmitterVolume::Box { center: DVec3::Y * 1.5, size: DVec3::new(2.0, 1.0, 2.0) };
     scene.emitters = vec![Emitter { place, props: vec![], rate: 24.0, count: 30, velocity: DVec3::ZERO, start: 0.25 }];
     let one = baked(&scene, &params());
     assert_eq!(one.pile.bodies.len(), 30);
@@ -151,7 +151,7 @@ fn an_emitter_lets_bodies_appear_at_its_rate() {
     assert_eq!(pool.install(|| baked(&scene, &params())).pile.frames, one.pile.frames);
 
     // A place that is full at once: the report counts the bodies that could not appear.
-    scene.emitters[0].place = Place::Box { center: DVec3::Y * 0.2, size: DVec3::splat(0.1) };
+    scene.emitters[0].place = EmitterVolume::Box { center: DVec3::Y * 0.2, size: DVec3::splat(0.1) };
     let blocked = baked(&scene, &params());
     assert!(blocked.pile.bodies.len() < 5);
     assert!(
@@ -165,7 +165,7 @@ fn an_emitter_lets_bodies_appear_at_its_rate() {
 fn tilted_draws_stay_within_their_angle() {
     let mut scene = bricks(Vec::new());
     scene.props[0].tilt_max = 20.0;
-    let place = Place::Box { center: DVec3::Y * 9.0, size: DVec3::splat(8.0) };
+    let place = EmitterVolume::Box { center: DVec3::Y * 9.0, size: DVec3::splat(8.0) };
     scene.emitters = vec![Emitter { place, props: vec![0], rate: 1e6, count: 60, velocity: DVec3::ZERO, start: 0.0 }];
     let mut params = params();
     params.output.frames = Some(1);
@@ -180,7 +180,7 @@ fn tilted_draws_stay_within_their_angle() {
 fn moving_scenery_takes_along_the_bodies_on_it() {
     let mut scene = bricks(vec![PlacedBody::new(0, at(0.0, 0.3, 0.0)), PlacedBody::new(0, at(0.0, 0.5, 0.0))]);
     let board = Model { name: "board".into(), mesh: block(DVec3::new(3.0, 0.2, 3.0)) };
-    let key = |time: f64, x: f64| Key { time, pose: at(x, 0.1, 0.0) };
+    let key = |time: f64, x: f64| Keyframe { time, pose: at(x, 0.1, 0.0) };
     scene.statics = vec![StaticModel { model: board, friction: 0.7, keys: vec![key(0.5, 0.0), key(2.5, 1.0)] }];
     let bake = baked(&scene, &params());
     let end = bake.pile.frames.last().unwrap();
@@ -278,7 +278,7 @@ fn a_stack_with_overlaps_settles_without_a_jump() {
 #[test]
 fn a_hard_drop_is_warned_of() {
     let mut scene = bricks(Vec::new());
-    let place = |height: f64| Place::Box { center: DVec3::Y * height, size: DVec3::ONE };
+    let place = |height: f64| EmitterVolume::Box { center: DVec3::Y * height, size: DVec3::ONE };
     let emitter = |height| Emitter {
         place: place(height),
         props: vec![],
@@ -305,10 +305,10 @@ fn all_problems_of_additions_are_reported_at_once() {
         },
     ]);
     scene.bodies[0].pose.rotation = DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0);
-    let place = Place::Box { center: DVec3::ZERO, size: DVec3::ZERO };
+    let place = EmitterVolume::Box { center: DVec3::ZERO, size: DVec3::ZERO };
     scene.emitters =
         vec![Emitter { place, props: vec![], rate: 0.0, count: 200_000, velocity: DVec3::ZERO, start: 0.0 }];
-    let key = Key { time: 1.0, pose: Pose::IDENTITY };
+    let key = Keyframe { time: 1.0, pose: Pose::IDENTITY };
     let model = Model { name: "board".into(), mesh: block(DVec3::ONE) };
     scene.statics = vec![StaticModel { model, friction: 0.7, keys: vec![key, key] }];
     let Err(Error::Invalid(problems)) = cairn_core::plan(&scene, &params()) else { panic!("accepted") };

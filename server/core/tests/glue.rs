@@ -69,9 +69,9 @@ fn a_pile_on_its_tip_stands_as_it_was_modelled() {
     assert!(figure(&glued, "kept_shape_natural") < 0.5, "natural {}", figure(&glued, "kept_shape_natural"));
     assert!(figure(&glued, "glue_imbalance") <= 1e-5, "{}", figure(&glued, "glue_imbalance"));
     assert!(figure(&glued, "anchored") >= 1.0);
-    let baked = glued.pile.glue.as_ref().unwrap();
-    assert_eq!(baked.dots.len() as u64, glued.report.counts["glue_dots"]);
-    assert!(baked.dots.iter().all(|dot| !dot.is_broken));
+    let glue = glued.pile.glue.as_ref().unwrap();
+    assert_eq!(glue.dots.len() as u64, glued.report.counts["glue_dots"]);
+    assert!(glue.dots.iter().all(|dot| !dot.is_broken));
     assert_eq!(glued.report.counts["control_cycles"], 0, "what is glued is not held");
     // 20 characteristic times in steps of 0.05 would be 400 for each trial, and four of five trials are of a tilted pile.
     let whole = 5 * 400;

@@ -3,12 +3,12 @@
 mod common;
 
 use cairn_core::bake;
+use cairn_core::geometry::interior::MeshInterior;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::geometry::region::Region;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, FillMethod, GlueMode, Layout, Params};
-use cairn_core::input::scene::{Scene, Stance, Turns};
+use cairn_core::input::scene::{Scene, Turns, UprightRule};
 use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::Bake;
 use common::{cone, scene, stick};
@@ -126,7 +126,7 @@ fn order_decides_how_many_lie_flat() {
 fn a_prop_keeps_its_stance() {
     let mut scene = scene(block(DVec3::new(0.9, 0.6, 0.6)), block(BRICK));
     // On its end, and never turned.
-    scene.props[0].stance = Stance { up: Some(DVec3::X), turns: Turns::None };
+    scene.props[0].stance = UprightRule { up: Some(DVec3::X), turns: Turns::None };
     let bake = baked(&scene, &stacked(1.0));
     let upright = bake.pile.frames[0].iter().filter(|pose| (pose.rotation * DVec3::X).y.abs() > 0.95).count();
     assert!(upright * 10 > bake.report.bodies * 9, "{upright} of {}", bake.report.bodies);
@@ -195,7 +195,7 @@ fn only_shaking_adds_the_steps_of_it() {
 /// How far each body's farthest corner is outside the control mesh at the start, d.
 fn protrusions(scene: &Scene, params: &Params) -> Vec<f64> {
     let bake = baked(scene, params);
-    let region = Region::new(&scene.control.as_ref().unwrap().mesh);
+    let region = MeshInterior::new(&scene.control.as_ref().unwrap().mesh);
     let corners = &scene.props[0].model.mesh.points;
     let out = |pose: &Pose, p: &DVec3| region.signed_distance(pose.transform_point(*p));
     let most = |pose: &Pose| corners.iter().map(|p| out(pose, p)).fold(f64::NEG_INFINITY, f64::max);

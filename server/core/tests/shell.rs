@@ -2,9 +2,9 @@
 
 mod common;
 
-use cairn_core::geometry::Closed;
+use cairn_core::geometry::ClosedMesh;
+use cairn_core::geometry::interior::MeshInterior;
 use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::region::Region;
 use cairn_core::geometry::topology::inspect;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, FillMethod, Params};
@@ -16,8 +16,8 @@ use cairn_core::{Error, bake, plan};
 use common::{cone, scene, stick};
 use glam::DVec3;
 
-fn closed(mesh: &TriMesh) -> Closed {
-    Closed::new(inspect(mesh), mesh.clone())
+fn closed(mesh: &TriMesh) -> ClosedMesh {
+    ClosedMesh::new(inspect(mesh), mesh.clone())
 }
 
 /// A ball of radius 1 on the ground.
@@ -48,7 +48,7 @@ fn a_core_keeps_its_distance_from_the_surface_and_reaches_into_the_ground() {
     let (shell, d) = (0.5, 0.5);
     let core = Core::new(&control, 0.0, 0.04, shell, d).unwrap();
     assert!(core.is_convex && core.mesh.signed_volume() > 0.0, "closed, facing outward");
-    let region = Region::new(&control.mesh);
+    let region = MeshInterior::new(&control.mesh);
     let (low, high) = core.mesh.bounds();
     assert!(low.y < 0.0, "no prop gets under it: {low}");
     // A cone whose tip is lower by the shell times the root of two.
@@ -92,7 +92,7 @@ fn the_core_of_a_shape_with_a_notch_has_one_too() {
     let notched = shape(&[(0.0, 0.0), (0.0, 3.0), (1.5, 3.0), (1.5, 1.5), (3.0, 1.5), (3.0, 0.0)]);
     let core = Core::new(&notched, 0.0, 0.04, 0.4, 0.3).unwrap();
     assert!(!core.is_convex && inspect(&core.mesh).is_watertight() && core.mesh.signed_volume() > 0.0);
-    let region = Region::new(&notched.mesh);
+    let region = MeshInterior::new(&notched.mesh);
     let depth = core.mesh.points.iter().map(|&p| -region.signed_distance(p));
     let above = core.mesh.points.iter().zip(depth).filter(|(p, _)| p.y > 0.4);
     assert!(above.clone().count() > 10 && above.into_iter().all(|(_, depth)| depth > 0.35));
@@ -106,7 +106,7 @@ fn draft(shell: Option<f64>) -> Params {
 
 /// How deep the corner of a prop that is deepest in the core is there, in the first frame and the last, m.
 fn depth(scene: &Scene, baked: &Bake, core: &Core) -> f64 {
-    let region = Region::new(&core.mesh);
+    let region = MeshInterior::new(&core.mesh);
     let frames = [baked.pile.frames.first(), baked.pile.frames.last()];
     let placed = frames.into_iter().flatten().flat_map(|frame| baked.pile.bodies.iter().zip(frame));
     let corners = placed.flat_map(|(body, pose)| {

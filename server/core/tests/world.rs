@@ -6,7 +6,7 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::prepare::shape::{Shape, ShapeKind, Size, Solid, hull_mesh};
-use cairn_core::world::{Claims, ContactPair, ContactPoint, Insertion, PairSide, Units, World};
+use cairn_core::world::{ContactPair, ContactPoint, Insertion, PairSide, ReservedPlaces, Units, World};
 use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
 
@@ -134,7 +134,7 @@ fn moving_bodies_are_found_after_every_step() {
         world.zero_step();
         for id in 0..32 {
             assert!(
-                !world.claim(&shape, 1.0, &world.pose(id), &mut Claims::default()),
+                !world.reserve(&shape, 1.0, &world.pose(id), &mut ReservedPlaces::default()),
                 "step {step}: body {id} is not found"
             );
         }

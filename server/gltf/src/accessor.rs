@@ -35,7 +35,7 @@ const PLACES: &[Member] =
 
 const VALUES: &[Member] = &[("bufferView", NUMBER, MUST), ("byteOffset", NATURAL, MAY)];
 
-/// What the geometry needs an accessor for; it decides which formats are accepted.
+/// Purpose of an accessor; it decides which formats are accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Purpose {
     /// Points in floats or, under KHR_mesh_quantization, in integers too.
@@ -162,7 +162,7 @@ impl<'a> Strided<'a> {
 
 /// Elements that replace others.
 pub(crate) struct Sparse<'a> {
-    /// Which elements, ascending, each with the number of its value.
+    /// Indices of the elements, ascending, each with the number of its value.
     places: Vec<(u32, u32)>,
     values: Strided<'a>,
 }

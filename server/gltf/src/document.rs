@@ -39,7 +39,7 @@ pub enum Part {
     Scene(usize),
 }
 
-/// Why a file cannot be used.
+/// The reason for which a file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DocumentError {
     #[error("not a glTF file: {0}")]
@@ -156,7 +156,7 @@ impl<'a> Document<'a> {
         Ok(list.map_or(&[][..], Vec::as_slice).iter().filter_map(Value::as_object))
     }
 
-    /// Whether all buffers and images are inside the file.
+    /// All buffers and images are inside the file.
     pub fn is_self_contained(&self) -> bool {
         let outside = |entry: &Value| entry.get("uri").and_then(Value::as_str).is_some_and(|u| !uri::is_data(u));
         !self.array("buffers").iter().any(outside) && !self.array("images").iter().any(outside)

@@ -68,7 +68,7 @@ pub(crate) const MAY: bool = false;
 /// A value of the document: a text of valid JSON.
 pub(crate) struct Piece<'a> {
     pub text: &'a str,
-    /// Where it stands.
+    /// Its JSON path.
     pub path: String,
 }
 
@@ -134,7 +134,7 @@ impl<'a> Gate<'a> {
         self.lists.contains_key(list)
     }
 
-    /// How many entries a list has.
+    /// Number of entries of a list.
     pub fn count(&self, (list, _): List, log: &mut Log) -> Logged<usize> {
         let refuse = |what: &ProblemKind| log.refuse(format!("/{list}"), what.clone());
         self.lists.get(list).map_or(Ok(0), |items| items.as_ref().map(Vec::len).map_err(refuse))

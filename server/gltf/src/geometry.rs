@@ -44,8 +44,9 @@ pub struct Geometry<'a> {
     /// own origin and the world's axes: the rotation and scale of all that is above the node are applied, the
     /// translation is not.
     pub linear: DMat3,
-    /// Why there may be no triangle.
+    /// The reason, if there is no triangle.
     pub why_empty: Option<String>,
+    /// Not in the log yet: call [`UnreadExtensions::check`].
     pub unread: UnreadExtensions,
 }
 
@@ -62,7 +63,8 @@ pub struct Primitive<'a> {
 }
 
 impl<'a> Geometry<'a> {
-    /// Reads what a file shows. Everything that is wrong is in the log.
+    /// Reads the geometry that a file shows. Every problem is in the log: `Ok` does not mean that there is none (see
+    /// [`Log::any`]). Once all triangles are read, call [`UnreadExtensions::check`] of [`Geometry::unread`].
     pub fn open(source: &Source<'a>, log: &mut Log) -> Logged<Geometry<'a>> {
         let limits = source.limits;
         let (gate, bin) = source.open(log)?;
@@ -86,7 +88,7 @@ impl<'a> Geometry<'a> {
 }
 
 impl UnreadExtensions {
-    /// A required extension that is not read refuses the file only if something that carries geometry uses it.
+    /// Adds these extensions to the log: as a problem if something with geometry uses it, otherwise as a note.
     pub fn check(&self, log: &mut Log) {
         for (name, met) in &self.0 {
             if *met {
@@ -293,7 +295,7 @@ impl<'a, 'g> Reader<'a, 'g> {
         Ok((good(positions)?, good(indices)?))
     }
 
-    /// Where a mesh is shown: once for each node, or more often if the node is instanced.
+    /// The transforms of a mesh: one for each node, or more if the node is instanced.
     fn instances(&mut self, nodes: &Nodes<'a, 'g>, places: &[&PlacedNode], log: &mut Log) -> Logged<Rc<Vec<DAffine3>>> {
         let mut maps = Vec::new();
         for place in places {
@@ -330,7 +332,7 @@ impl<'a, 'g> Reader<'a, 'g> {
     }
 }
 
-/// Why a file without triangles has none.
+/// The reason why a file has no triangles.
 fn why_empty(
     placed: &[PlacedNode],
     order: &[(usize, Vec<&PlacedNode>)],

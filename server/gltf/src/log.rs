@@ -57,7 +57,7 @@ impl Log {
         self.notes.entry(what).or_insert_with(|| (0, place.to_owned())).0 += 1;
     }
 
-    /// Whether the file is refused.
+    /// There is a problem: the file is refused.
     pub fn any(&self) -> bool {
         !self.problems.is_empty()
     }

@@ -1,4 +1,4 @@
-//! What the owner of a refused file can do: one sentence for each kind of problem.
+//! Remedies for the owner of a refused file: one sentence for each kind of problem.
 
 use crate::problem::ProblemKind;
 

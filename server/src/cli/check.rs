@@ -90,7 +90,7 @@ pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>) -> S
         line("kept shape", format!("{:.0} to {:.0} % in 8 of 10 bakes", 100.0 * low, 100.0 * high));
     }
     line("prop diameter", format!("{:.3} m", plan.prop_diameter));
-    line("characteristic time", format!("{:.3} s", plan.natural_time));
+    line("characteristic time", format!("{:.3} s", plan.characteristic_time));
     for effect in plan.effects.iter().filter(|effect| effect.on) {
         let share = expected.and_then(|expected| expected.share(effect.name));
         let share = share.map_or(String::new(), |share| format!(" (about {:.0} % of the time)", 100.0 * share));

@@ -1,6 +1,6 @@
 //! The cost and influence of each effect: the scene as it is, and with one effect at a time switched.
 
-use super::table::Spread;
+use super::table::MedianRange;
 use super::{Record, StudyVariant, VariantKind};
 use cairn_core::prepare::effects::{Effect, EffectName};
 use cairn_core::prepare::plan::Plan;
@@ -82,5 +82,5 @@ fn costs(records: &[Record]) -> impl Iterator<Item = (u64, f64)> + '_ {
 
 /// NaN where there are none.
 fn median(values: Vec<f64>) -> f64 {
-    Spread::of(values).map_or(f64::NAN, |spread| spread.median)
+    MedianRange::of(values).map_or(f64::NAN, |spread| spread.median)
 }

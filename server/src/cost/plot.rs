@@ -1,7 +1,7 @@
 //! The study's plot: error over CPU time, a panel for each headline figure.
 
 use super::figures::{Figure, HEADLINE};
-use super::table::{self, Spread, StudyRow, front};
+use super::table::{self, MedianRange, StudyRow, front};
 use super::{Study, VariantKind};
 use crate::files::write_atomically;
 use image::{ImageFormat, RgbImage};
@@ -86,9 +86,9 @@ fn panel<B: DrawingBackend>(rows: &[StudyRow], figure: &Figure, area: &DrawingAr
 where
     B::ErrorType: 'static,
 {
-    let points: Vec<(&StudyRow, Spread)> =
+    let points: Vec<(&StudyRow, MedianRange)> =
         rows.iter().filter_map(|row| Some((row, *row.errors.get(figure.name)?))).collect();
-    let bound = |f: &dyn Fn(&(&StudyRow, Spread)) -> f64, from: f64, of: fn(f64, f64) -> f64| {
+    let bound = |f: &dyn Fn(&(&StudyRow, MedianRange)) -> f64, from: f64, of: fn(f64, f64) -> f64| {
         points.iter().map(f).fold(from, of)
     };
     let (left, right) = (bound(&|p| p.0.cost.low, f64::INFINITY, f64::min), bound(&|p| p.0.cost.high, 0.0, f64::max));
@@ -137,9 +137,9 @@ where
         .collect();
     let stairs = best.iter().zip(best.iter().skip(1)).flat_map(|(&a, &b)| [(b.0, a.1), b]);
     chart.draw_series(LineSeries::new(best.first().copied().into_iter().chain(stairs), FRONT.stroke_width(2)))?;
-    let at = |row: &StudyRow, error: &Spread| (row.cost.median.log10(), height(error.median));
+    let at = |row: &StudyRow, error: &MedianRange| (row.cost.median.log10(), height(error.median));
     // Draw presets on top.
-    let is_preset = |(row, _): &&(&StudyRow, Spread)| row.kind == VariantKind::Preset;
+    let is_preset = |(row, _): &&(&StudyRow, MedianRange)| row.kind == VariantKind::Preset;
     let (presets, knobs): (Vec<_>, Vec<_>) = points.iter().partition(is_preset);
     for (row, error) in knobs.iter().chain(&presets) {
         let (color, size) = if row.kind == VariantKind::Preset { (PRESET, 6) } else { (KNOB, 3) };
@@ -152,7 +152,7 @@ where
         }
         chart.draw_series([Circle::new(at, size, color.filled())])?;
     }
-    let pixel = |(row, error): &(&StudyRow, Spread)| chart.backend_coord(&at(row, error));
+    let pixel = |(row, error): &(&StudyRow, MedianRange)| chart.backend_coord(&at(row, error));
     let taken: Vec<(i32, i32)> = presets.iter().chain(&knobs).map(pixel).collect();
     let named: Vec<(&str, (i32, i32))> =
         presets.iter().map(|(row, _)| &*row.variant).zip(taken.iter().copied()).collect();

@@ -7,20 +7,20 @@ use std::fmt::Write;
 
 /// Median and range over the seeds.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Spread {
+pub struct MedianRange {
     pub low: f64,
     pub median: f64,
     pub high: f64,
 }
 
-impl Spread {
+impl MedianRange {
     /// `None` for no values.
-    pub fn of(mut values: Vec<f64>) -> Option<Spread> {
+    pub fn of(mut values: Vec<f64>) -> Option<MedianRange> {
         values.sort_by(f64::total_cmp);
         let (&low, &high) = (values.first()?, values.last()?);
         let half = values.len() / 2;
         let median = if values.len() % 2 == 1 { values[half] } else { (values[half - 1] + values[half]) / 2.0 };
-        Some(Spread { low, median, high })
+        Some(MedianRange { low, median, high })
     }
 }
 
@@ -30,15 +30,15 @@ pub struct StudyRow {
     pub variant: String,
     pub kind: VariantKind,
     pub seeds: Vec<u64>,
-    pub bodies: Spread,
+    pub bodies: MedianRange,
     /// CPU seconds, without the measures.
-    pub cost: Spread,
+    pub cost: MedianRange,
     /// Solver substeps over all stages.
-    pub substeps: Spread,
+    pub substeps: MedianRange,
     /// By name: the measured value, or its distance from the reference's median ([`Figure`]).
-    pub errors: BTreeMap<&'static str, Spread>,
+    pub errors: BTreeMap<&'static str, MedianRange>,
     /// All measured values.
-    pub measures: BTreeMap<String, Spread>,
+    pub measures: BTreeMap<String, MedianRange>,
     /// Figures for which no variant has a smaller error in less time.
     pub best_in: Vec<&'static str>,
 }
@@ -59,22 +59,22 @@ pub struct Study {
 impl Study {
     pub fn new(scene: String, machine: String, runs: &[(StudyVariant, Vec<Record>)], left_out: Vec<String>) -> Study {
         let measured = |name: &str, records: &[Record]| {
-            Spread::of(records.iter().filter_map(|r| r.measures.get(name).copied()).collect())
+            MedianRange::of(records.iter().filter_map(|r| r.measures.get(name).copied()).collect())
         };
         let baked = || runs.iter().filter(|(_, records)| !records.is_empty());
         // Without it, the most accurate baked preset is the reference.
         let of_name = baked().find(|(variant, _)| variant.name == REFERENCE);
         let reference = of_name.or_else(|| baked().rfind(|(variant, _)| variant.kind == VariantKind::Preset));
         let over = |figure: &Figure, records: &[Record]| {
-            Spread::of(records.iter().filter_map(|r| figure.of(&r.measures)).collect())
+            MedianRange::of(records.iter().filter_map(|r| figure.of(&r.measures)).collect())
         };
         let truth = |figure: &Figure| reference.and_then(|(_, records)| over(figure, records)).map(|s| s.median);
         let row = |(variant, records): &(StudyVariant, Vec<Record>)| {
-            let counted = |f: &dyn Fn(&Record) -> f64| Spread::of(records.iter().map(f).collect());
+            let counted = |f: &dyn Fn(&Record) -> f64| MedianRange::of(records.iter().map(f).collect());
             let error = |figure: &Figure| {
                 let truth = if figure.from_reference { truth(figure)? } else { 0.0 };
                 let distance = |r: &Record| Some((figure.of(&r.measures)? - truth).abs());
-                Some((figure.name, Spread::of(records.iter().filter_map(distance).collect())?))
+                Some((figure.name, MedianRange::of(records.iter().filter_map(distance).collect())?))
             };
             let names: std::collections::BTreeSet<&String> = records.iter().flat_map(|r| r.measures.keys()).collect();
             Some(StudyRow {
@@ -183,7 +183,7 @@ mod tests {
         times: 10.0,
         step_rate: 20.0,
         substeps: 8.0,
-        fill_care: 1.0,
+        fill_cost_factor: 1.0,
         coulomb: false,
         glued: false,
         room: 0.0,
@@ -210,7 +210,7 @@ mod tests {
         let runs = [run("draft", 1.0, 0.2, 0.8), run("worse", 2.0, 0.3, 0.9), run("reference", 4.0, 0.05, 0.95)];
         let study = Study::new("x".into(), "y".into(), &runs, Vec::new());
         let draft = &study.rows[0];
-        assert_eq!(draft.cost, Spread { low: 1.0, median: 1.0, high: 1.0 });
+        assert_eq!(draft.cost, MedianRange { low: 1.0, median: 1.0, high: 1.0 });
         assert_eq!(draft.errors["overlap"].median, 0.4);
         assert!((draft.errors["shape"].median - 0.15).abs() < 1e-12);
         assert_eq!(front(&study.rows, "overlap"), [0, 2]);

@@ -14,14 +14,14 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Deserialize)]
 pub struct Origin {
     pub scene: Value,
-    pub assets: Vec<Asset>,
+    pub assets: Vec<AssetRecord>,
     pub versions: Value,
     pub result_blake3: String,
 }
 
 /// A file of the scene, or one that such a file names.
 #[derive(Debug, Deserialize)]
-pub struct Asset {
+pub struct AssetRecord {
     pub uri: String,
     pub sha256: String,
 }
@@ -88,9 +88,9 @@ fn below(top: &Path, most: usize) -> Vec<PathBuf> {
 }
 
 /// The first folder that has all files, or else the first file that no folder has.
-fn find<'a>(assets: &'a [Asset], places: &[PathBuf]) -> Result<PathBuf, &'a Asset> {
-    let is_there = |folder: &Path, asset: &Asset| folder.join(&asset.uri).is_file();
-    let is_same = |folder: &Path, asset: &Asset| {
+fn find<'a>(assets: &'a [AssetRecord], places: &[PathBuf]) -> Result<PathBuf, &'a AssetRecord> {
+    let is_there = |folder: &Path, asset: &AssetRecord| folder.join(&asset.uri).is_file();
+    let is_same = |folder: &Path, asset: &AssetRecord| {
         files::read(&folder.join(&asset.uri)).is_ok_and(|bytes| hex(&Sha256::digest(&bytes)) == asset.sha256)
     };
     let mut missing = assets.first();

@@ -11,7 +11,7 @@ use crate::wire::proto;
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::input::scene::{Key, Model, Place, Prop, Scene, Stance, StaticModel};
+use cairn_core::input::scene::{EmitterVolume, Keyframe, Model, Prop, Scene, StaticModel, UprightRule};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -55,7 +55,7 @@ impl Job {
         let (statics, static_models) = read.into_iter().unzip();
         let bodies = effective.bodies.iter().enumerate().map(|(i, body)| added.body(i, body)).collect();
         let emitter = |(i, emitter): (usize, &proto::Emitter)| {
-            let place = |mesh: &String| Place::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
+            let place = |mesh: &String| EmitterVolume::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
             let mesh = emitter.mesh.as_ref().map(place);
             added.emitter(i, emitter, mesh)
         };
@@ -182,7 +182,7 @@ impl SceneReader {
             scale: [prop.scale_min(), prop.scale_max()],
             tilt_max: prop.tilt_max(),
             scale_skew: prop.scale_skew(),
-            stance: Stance { up: self.up(index, &prop.up), turns: Option::from(prop.turns()).unwrap_or_default() },
+            stance: UprightRule { up: self.up(index, &prop.up), turns: Option::from(prop.turns()).unwrap_or_default() },
         };
         (reference, prop)
     }
@@ -198,7 +198,7 @@ impl SceneReader {
         None
     }
 
-    fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Key>) -> (Reference, StaticModel) {
+    fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Keyframe>) -> (Reference, StaticModel) {
         let (reference, model) = self.model(&format!("statics.{index}"), &given.path);
         (reference, StaticModel { model, friction: given.friction(), keys })
     }

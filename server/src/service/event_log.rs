@@ -121,7 +121,7 @@ mod tests {
     use super::*;
     use crate::wire::frame_delta::FrameDelta;
     use cairn_core::geometry::pose::Pose;
-    use cairn_core::input::observer::{Frame, Shown, Stage, State};
+    use cairn_core::input::observer::{Frame, FrameBody, Stage, State};
     use glam::{DQuat, DVec3};
 
     /// The largest possible frame: every body is new, has moved, has another size and has a state.
@@ -131,7 +131,7 @@ mod tests {
         let body = |number: usize| {
             let turn = DQuat::from_rotation_y(number as f64);
             let pose = Pose { translation: DVec3::splat(-0.1 * number as f64 - 1.0), rotation: turn };
-            Some(Shown { prop: 1000, scale: 0.7 + 1e-6 * number as f64, pose, state: State::Held })
+            Some(FrameBody { prop: 1000, scale: 0.7 + 1e-6 * number as f64, pose, state: State::Held })
         };
         let bodies: Vec<_> = (0..MOST_BODIES).map(body).collect();
         for stage in [Stage::Fill, Stage::Release] {

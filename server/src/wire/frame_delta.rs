@@ -3,7 +3,7 @@
 use crate::wire::proto;
 use crate::wire::proto::bake_event::Kind;
 use crate::wire::to_proto;
-use cairn_core::input::observer::{Frame, Shown, Stage, State};
+use cairn_core::input::observer::{Frame, FrameBody, Stage, State};
 
 /// The state that a reader of the messages so far knows.
 #[derive(Default)]
@@ -24,7 +24,7 @@ struct Known {
 }
 
 impl Known {
-    fn of(shown: &Shown) -> Known {
+    fn of(shown: &FrameBody) -> Known {
         Known {
             scale: shown.scale as f32,
             position: shown.pose.translation.as_vec3().to_array(),
@@ -106,15 +106,15 @@ mod tests {
     use cairn_core::geometry::pose::Pose;
     use glam::{DQuat, DVec3};
 
-    fn body(x: f64, scale: f64) -> Option<Shown> {
+    fn body(x: f64, scale: f64) -> Option<FrameBody> {
         let pose = Pose { translation: DVec3::new(x, 0.0, 0.0), rotation: DQuat::IDENTITY };
-        Some(Shown { prop: 1, scale, pose, state: State::Free })
+        Some(FrameBody { prop: 1, scale, pose, state: State::Free })
     }
 
     fn messages(
         delta: &mut FrameDelta,
         stage: Stage,
-        bodies: &[Option<Shown>],
+        bodies: &[Option<FrameBody>],
     ) -> (Option<proto::BodyTable>, proto::Frame) {
         let sent: Vec<Kind> = delta.next(&Frame { stage, number: 0, time: 0.0, bodies }).collect();
         match &sent[..] {
@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn a_state_is_sent_when_it_changes() {
         let mut delta = FrameDelta::default();
-        let of = |state| Some(Shown { state, ..body(1.0, 1.0).unwrap() });
+        let of = |state| Some(FrameBody { state, ..body(1.0, 1.0).unwrap() });
         let (_, frame) = messages(&mut delta, Stage::Release, &[of(State::Waiting), of(State::Free)]);
         assert_eq!((frame.state_body_indices, frame.states), (vec![0], vec![proto::BodyState::Waiting.into()]));
         let (_, frame) = messages(&mut delta, Stage::Release, &[of(State::Waiting), of(State::Free)]);

@@ -54,7 +54,7 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         expected_body_count: signed(plan.expected_bodies),
         expected_step_count: signed(plan.expected_steps),
         prop_diameter: plan.prop_diameter,
-        natural_time_seconds: plan.natural_time,
+        natural_time_seconds: plan.characteristic_time,
         stages: plan.stages.iter().map(|&stage| proto::Stage::from(stage).into()).collect(),
         effects: plan.effects.iter().map(effect).collect(),
         warnings: notes.iter().chain(&plan.warnings).cloned().collect(),

@@ -34,7 +34,7 @@
 //! # Certificate
 //!
 //! The multipliers u_b of the equations for e_b are a virtual motion of the whole pile: every admissible contact force
-//! does work >= 0 with it, and so does gravity, in sum as much as the least imbalance. If that is positive there is no
+//! does work >= 0 with it, and gravity does work equal to the least imbalance. If that is positive there is no
 //! equilibrium, and the motion is how the collapse begins. [`Balance::bound`] is that work by substitution: a lower
 //! bound on the total imbalance of any distribution of forces (whose normal forces do not sum to more than those
 //! found).
@@ -193,7 +193,7 @@ struct BalanceProgram<'a> {
     down: DVec3,
 }
 
-/// Whether the pile has physical meaning.
+/// Refuses a pile without physical meaning.
 pub fn check(pile: &GlobalProblem) -> Result<(), GlobalProblemError> {
     BalanceProgram::new(pile).map(|_| ())
 }

@@ -5,7 +5,7 @@ use super::scenes::{at, block, placed, prop};
 use super::{Extent, Outcome, all};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Key, Model, StaticModel};
+use cairn_core::input::scene::{Keyframe, Model, StaticModel};
 use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_4;
 
@@ -26,7 +26,7 @@ pub fn edge_hover(engine: Engine, _: Extent) -> Outcome {
     scene.statics.push(scenery("table", table, 0.3));
     let pusher = |x: f64| at(x, TABLE + 0.003, 0.0);
     let from = -0.003 - EDGE / 2.0 - 0.0025;
-    let keys = vec![Key { time: 0.5, pose: pusher(from) }, Key { time: 6.5, pose: pusher(from + 0.012) }];
+    let keys = vec![Keyframe { time: 0.5, pose: pusher(from) }, Keyframe { time: 6.5, pose: pusher(from + 0.012) }];
     scene.statics.push(StaticModel { keys, ..scenery("pusher", block(DVec3::new(0.005, 0.004, 0.02)), 0.0) });
     let pushed = scene.statics[1].clone();
     let motion = run(engine, &scene, 7.5);

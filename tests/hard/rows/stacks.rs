@@ -3,7 +3,7 @@
 use super::engines::{Engine, FPS, Motion, run};
 use super::scenes::{at, block, cards, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::input::scene::{Key, Model, StaticModel};
+use cairn_core::input::scene::{Keyframe, Model, StaticModel};
 use glam::DVec3;
 
 pub fn card_tower(engine: Engine, extent: Extent) -> Outcome {
@@ -42,7 +42,7 @@ pub fn card_pull(engine: Engine, _: Extent) -> Outcome {
     let pulled = scene.bodies.remove(0);
     let model = Model { name: "pulled".into(), mesh: scene.props[0].model.mesh.clone() };
     let out = cairn_core::geometry::pose::Pose { translation: pulled.pose.translation + DVec3::Z * 0.3, ..pulled.pose };
-    let keys = vec![Key { time: START, pose: pulled.pose }, Key { time: START + 0.3, pose: out }];
+    let keys = vec![Keyframe { time: START, pose: pulled.pose }, Keyframe { time: START + 0.3, pose: out }];
     scene.statics.push(StaticModel { model, friction: 0.05, keys });
     let motion = run(engine, &scene, START + 2.0);
     let before = (START * FPS) as usize;

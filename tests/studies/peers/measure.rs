@@ -5,14 +5,14 @@ use crate::format::{PeerBody, PeerScene, PeerShape};
 use crate::pile;
 use anyhow::{Context, ensure};
 use cairn::job::Job;
+use cairn_core::geometry::interior::MeshInterior;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::geometry::region::Region;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::FillMethod;
 use cairn_core::input::scene::PlacedBody;
-use cairn_core::measure::{Gauge, Instances, Overlap, Penetration, kept_shape, penetration};
-use cairn_core::sim::whole::REAL_CONTACT;
+use cairn_core::measure::{Instances, Overlap, Penetration, ShapeMeasurer, kept_shape, penetration};
+use cairn_core::sim::pile_equilibrium::REAL_CONTACT;
 use cairn_core::stages::cache::NoCache;
 use cairn_core::world::ContactPair;
 use serde::Serialize;
@@ -47,9 +47,9 @@ pub fn figures(scene: &PeerScene, end: &[PeerBody]) -> anyhow::Result<Figures> {
     let after: Vec<_> = end.iter().filter(|b| is_there(b)).map(place).collect();
     let control = job.scene.control.clone().context("the scene fills no control mesh")?.mesh;
     let props: Vec<TriMesh> = job.scene.props.iter().map(|p| p.model.mesh.clone()).collect();
-    let (region, pile) = (Region::new(&control), |bodies| Instances { props: &props, bodies });
-    let gauge = Gauge::new(&control, &region, &pile(&before));
-    let (start, now) = (gauge.measure(&pile(&before)), gauge.measure(&pile(&after)));
+    let (region, pile) = (MeshInterior::new(&control), |bodies| Instances { props: &props, bodies });
+    let measurer = ShapeMeasurer::new(&control, &region, &pile(&before));
+    let (start, now) = (measurer.measure(&pile(&before)), measurer.measure(&pile(&after)));
     let overlaps = overlaps(&mut job, scene.ground, &after)?;
     Ok(Figures {
         kept_shape: kept_shape(&start, &now),

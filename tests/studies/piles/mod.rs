@@ -7,8 +7,8 @@ use cairn::problem::Problem;
 use cairn::scene_file::SceneTree;
 use cairn_core::FullContainer;
 use cairn_core::input::observer::Silent;
+use cairn_core::sim::pile_equilibrium::{PileEquilibrium, REAL_CONTACT};
 use cairn_core::sim::step::Simulation;
-use cairn_core::sim::whole::{REAL_CONTACT, Whole};
 use cairn_core::stages::cache::NoCache;
 use cairn_core::world::World;
 use cairn_statics::global::{self, Balance, Objective};
@@ -69,5 +69,5 @@ impl Full {
 /// The best forces over all contacts of a pile. Bodies in the order of [`World::present`], without those that are
 /// pinned.
 pub fn whole(world: &World) -> Option<Balance> {
-    global::analyse(&Whole::new(world, REAL_CONTACT).problem(), Objective::default()).ok()
+    global::analyse(&PileEquilibrium::new(world, REAL_CONTACT).problem(), Objective::default()).ok()
 }

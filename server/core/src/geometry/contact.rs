@@ -1,4 +1,4 @@
-//! Which bodies rest on which, from plain lists: no types of the engine.
+//! The bodies that each body rests on, from plain lists: no types of the engine.
 
 use glam::DVec3;
 

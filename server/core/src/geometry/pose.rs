@@ -14,7 +14,7 @@ pub struct Pose {
 impl Pose {
     pub const IDENTITY: Pose = Pose { translation: DVec3::ZERO, rotation: DQuat::IDENTITY };
 
-    /// Where a point of the body's frame lies in the world.
+    /// A point of the body's frame -> the world.
     pub fn transform_point(&self, p: DVec3) -> DVec3 {
         self.translation + self.rotation * p
     }

@@ -66,7 +66,7 @@ impl Welder {
         self.points
     }
 
-    /// Where `point` is, or the free place where it would go.
+    /// The place of `point`, or the free place for it.
     fn slot(&self, point: DVec3) -> usize {
         let mask = self.table.len() - 1;
         let mut slot = hash(point) as usize & mask;

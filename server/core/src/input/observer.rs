@@ -43,12 +43,12 @@ pub struct Frame<'a> {
     /// Time since the fill began or since turning over, s.
     pub time: f64,
     /// Shape `[body]`; `None` where a body has been removed. The fill's indices are not those of the result.
-    pub bodies: &'a [Option<Shown>],
+    pub bodies: &'a [Option<FrameBody>],
 }
 
 /// One body of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Shown {
+pub struct FrameBody {
     /// Index into the scene's props.
     pub prop: usize,
     /// Uniform scale of the prop: bodies grow during the fill.
@@ -91,7 +91,7 @@ pub trait Observer {
     /// the result never depends on it.
     fn cpu_seconds(&mut self) -> f64;
 
-    /// Whether [`Observer::frame`] is to be called. Frames that are not wanted cost nothing.
+    /// [`Observer::frame`] is to be called. Frames that are not wanted cost nothing.
     fn wants_frames(&self) -> bool {
         false
     }

@@ -9,8 +9,9 @@ mod fill;
 mod presets;
 
 pub use fill::FillTraits;
+pub use presets::AccuracyTraits;
 
-use crate::error::Problem;
+use crate::error::SceneProblem;
 use std::ops::{Bound, RangeBounds};
 
 include!(concat!(env!("OUT_DIR"), "/params.rs"));
@@ -18,14 +19,8 @@ include!(concat!(env!("OUT_DIR"), "/params.rs"));
 /// A number among the parameters: its name, its value if it is set, and its range.
 type Ranged = (&'static str, Option<f64>, (Bound<f64>, Bound<f64>));
 
-impl Accuracy {
-    /// From the quickest to the most accurate; the paper's setting stands beside them.
-    pub const LADDER: [Accuracy; 5] =
-        [Accuracy::Draft, Accuracy::Preview, Accuracy::Standard, Accuracy::Fine, Accuracy::Reference];
-}
-
 impl Switch {
-    /// Whether the effect is on, given whether the scene calls for it.
+    /// The effect is on. `called_for`: the scene calls for it.
     pub fn is_on(self, called_for: bool) -> bool {
         match self {
             Switch::Auto => called_for,
@@ -60,7 +55,7 @@ impl Time {
     }
 }
 
-/// How far apart a candidate's contacts must be.
+/// Minimum spread of a candidate's contacts.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Spread {
     /// The area of the contacts' convex hull, as a share of the body's own smallest face area
@@ -118,8 +113,8 @@ const TACKY: f64 = 5.0;
 const KAPPA_TIME: f64 = 1.0 / 240.0;
 
 impl Params {
-    /// The most that a glue joint carries, in weights of the median prop: 0 where nothing is glued. `fills`: a control
-    /// mesh is filled.
+    /// Largest load of a glue joint, in weights of the median prop: 0 if nothing is glued. `fills`: a control mesh is
+    /// filled.
     pub fn glue_bound(&self, fills: bool) -> f64 {
         let is_held = fills && self.control.mode == ControlMode::Hold;
         match self.glue.mode {
@@ -130,8 +125,8 @@ impl Params {
         }
     }
 
-    /// What is out of range, and what to give instead.
-    pub fn problems(&self) -> Vec<Problem> {
+    /// The parameters that are out of range, each with its range.
+    pub fn problems(&self) -> Vec<SceneProblem> {
         let problem = |(name, value, range): (&'static str, Option<f64>, (Bound<f64>, Bound<f64>))| {
             let value = value.filter(|value| !range.contains(value))?;
             let remedy = match range {
@@ -139,7 +134,7 @@ impl Params {
                 (Bound::Included(low), Bound::Included(high)) => format!("{low} to {high}"),
                 _ => unreachable!("the schema has no other range"),
             };
-            Some(Problem::new(name, format!("{name}: {value} is out of range; give {remedy}")))
+            Some(SceneProblem::new(name, format!("{name}: {value} is out of range; give {remedy}")))
         };
         self.ranges().into_iter().filter_map(problem).collect()
     }

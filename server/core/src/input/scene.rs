@@ -46,14 +46,14 @@ pub struct Prop {
     pub scale: [f64; 2],
     /// Largest angle between its up axis and the world's when it is drawn, degrees, 0 to 180. 180: any rotation.
     pub tilt_max: f64,
-    /// How sizes are distributed between the two, -1 to 1: mostly large, evenly, mostly small.
+    /// Distribution of sizes between the two, -1 to 1: mostly large, evenly, mostly small.
     pub scale_skew: f64,
-    pub stance: Stance,
+    pub stance: UprightRule,
 }
 
-/// How a prop is placed in a tidy fill.
+/// The upright position of a prop in a tidy fill.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
-pub struct Stance {
+pub struct UprightRule {
     /// Its own up direction; `None`: the one in which it lies flattest.
     pub up: Option<DVec3>,
     pub turns: Turns,
@@ -67,7 +67,7 @@ pub struct StaticModel {
     pub friction: f64,
     /// Its motion, ascending in time; empty: it stands still as placed. It also stands still before the first and after
     /// the last key.
-    pub keys: Vec<Key>,
+    pub keys: Vec<Keyframe>,
 }
 
 impl Prop {
@@ -83,7 +83,7 @@ impl Prop {
             scale: [1.0; 2],
             tilt_max: 180.0,
             scale_skew: 0.0,
-            stance: Stance::default(),
+            stance: UprightRule::default(),
         }
     }
 
@@ -120,7 +120,7 @@ impl StaticModel {
 
 /// A pose at a moment.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Key {
+pub struct Keyframe {
     /// s after frame 0.
     pub time: f64,
     pub pose: Pose,
@@ -169,7 +169,7 @@ impl PlacedBody {
         self.velocity != DVec3::ZERO || self.angular_velocity != DVec3::ZERO
     }
 
-    /// Whether it is part of the pile that is released; the others are free as soon as they appear.
+    /// The body is part of the pile that is released. Other bodies are free as soon as they appear.
     pub fn is_stacked(&self) -> bool {
         self.start <= 0.0 && !self.moves()
     }
@@ -178,7 +178,7 @@ impl PlacedBody {
 /// A place where bodies appear.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Emitter {
-    pub place: Place,
+    pub place: EmitterVolume,
     /// Indices into the scene's props; empty: all, by weight.
     pub props: Vec<usize>,
     /// 1/s, > 0.
@@ -190,21 +190,21 @@ pub struct Emitter {
     pub start: f64,
 }
 
-/// The place where an emitter's bodies appear.
+/// The volume in which an emitter's bodies appear.
 #[derive(Clone, Debug, serde::Serialize)]
-pub enum Place {
+pub enum EmitterVolume {
     /// Centre and edge lengths, m.
     Box { center: DVec3, size: DVec3 },
     /// The inside of a closed mesh.
     Mesh(Model),
 }
 
-impl Place {
+impl EmitterVolume {
     /// Lowest and highest corner, m.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         match self {
-            Place::Box { center, size } => (*center - *size / 2.0, *center + *size / 2.0),
-            Place::Mesh(model) => model.mesh.bounds(),
+            EmitterVolume::Box { center, size } => (*center - *size / 2.0, *center + *size / 2.0),
+            EmitterVolume::Mesh(model) => model.mesh.bounds(),
         }
     }
 }

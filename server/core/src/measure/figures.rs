@@ -1,7 +1,7 @@
 //! The figures of a pile's shape, each by itself and all together.
 
 use super::extent::PointCluster;
-use super::gauge::{Gauge, HEIGHT_SHARE, placed, ratio};
+use super::shape_measurer::{HEIGHT_SHARE, ShapeMeasurer, placed, ratio};
 use super::solid::SolidCells;
 use super::{Instances, PictureMeasures, PropSolid, ShapeMeasures, pictures};
 use crate::geometry::pose::Pose;
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 /// A centre of mass this far outside still counts as inside, in d (the definition of `inside_fraction`).
 const INSIDE_TOLERANCE: f64 = 0.1;
 
-impl Gauge<'_> {
+impl ShapeMeasurer<'_> {
     /// The figures of the shape of a pile of the same props.
     pub fn measure(&self, pile: &Instances) -> ShapeMeasures {
         assert_eq!(pile.props.len(), self.props.len());

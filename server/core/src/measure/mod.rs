@@ -5,19 +5,19 @@
 
 mod extent;
 mod figures;
-mod gauge;
 mod overlap;
 mod pictures;
 mod raster;
+mod shape_measurer;
 mod solid;
-mod stamp;
 #[cfg(test)]
 mod tests;
+mod volume_iou;
 mod voxels;
 
 pub use extent::{bounding_sphere, outermost_points, percentile, smallest_extent};
-pub use gauge::Gauge;
 pub use overlap::{Overlap, Penetration, penetration};
+pub use shape_measurer::ShapeMeasurer;
 pub use solid::SolidSource;
 
 use crate::geometry::mesh::TriMesh;
@@ -77,19 +77,19 @@ pub struct ShapeIou {
     pub cell: f64,
     /// The edge that the definition asks for, metres.
     pub wanted_cell: f64,
-    /// Whether the grid is coarser than that, to bound memory and time.
+    /// The grid is coarser than that, to bound memory and time.
     pub capped: bool,
     /// Bodies that lie wholly or partly beyond the grid; parts beyond it count by their volume.
     pub beyond: usize,
 }
 
-/// How a prop's volume was found.
+/// Source of a prop's volume.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PropSolid {
     pub source: SolidSource,
     /// At scale 1, m^3.
     pub volume: f64,
-    /// Whether its own cells are coarser than wanted, to bound memory and time.
+    /// Its own cells are coarser than wanted, to bound memory and time.
     pub capped: bool,
 }
 
@@ -108,8 +108,8 @@ impl ShapeMeasures {
         ]
     }
 
-    /// Deviations from the figures' definitions, in sentences; empty without any.
-    pub fn caveats(&self) -> Vec<String> {
+    /// Deviations from the figures' definitions, in sentences; empty without any. `name`: of a prop by its index.
+    pub fn caveats<'a>(&self, name: impl Fn(usize) -> &'a str) -> Vec<String> {
         let mut caveats = Vec::new();
         let iou = &self.shape_iou;
         if iou.capped {
@@ -123,15 +123,14 @@ impl ShapeMeasures {
         }
         for (i, solid) in self.solids.iter().enumerate() {
             let Some(solid) = solid else { continue };
-            match solid.source {
-                SolidSource::Closed => {}
-                SolidSource::Capped => caveats.push(format!("prop {i} is open: its holes count as capped")),
-                SolidSource::Hull => caveats.push(format!("prop {i} encloses next to nothing: its convex hull counts")),
-                SolidSource::Plate => caveats.push(format!("prop {i} is flat: a plate of 2 % of its diameter counts")),
-            }
-            if solid.capped {
-                caveats.push(format!("prop {i} is too fine for its grid: its cells are coarser than wanted"));
-            }
+            let source = match solid.source {
+                SolidSource::Closed => None,
+                SolidSource::Capped => Some("the mesh is open: it is measured with its holes capped"),
+                SolidSource::Hull => Some("the mesh encloses next to no volume: its convex hull is measured instead"),
+                SolidSource::Plate => Some("the mesh is flat: a plate of 2 % of its diameter is measured instead"),
+            };
+            let grid = solid.capped.then_some("the prop is too fine for its grid: its cells are coarser than wanted");
+            caveats.extend(source.into_iter().chain(grid).map(|text| format!("{}: {text}", name(i))));
         }
         caveats
     }

@@ -1,8 +1,8 @@
-//! How deep bodies overlap, from plain lists.
+//! Depth of overlaps between bodies, from plain lists.
 
 use serde::Serialize;
 
-/// How deep a touching pair overlaps.
+/// Overlap of a contact pair.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overlap {
     /// Metres, recomputed from the final poses; a gap is negative and counts as 0.

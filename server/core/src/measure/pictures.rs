@@ -2,8 +2,8 @@
 //! drawn, with their gaps: nothing is closed here.
 
 use super::Instances;
-use super::gauge::{Gauge, placed};
 use super::raster::PixelGrid;
+use super::shape_measurer::{ShapeMeasurer, placed};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use glam::{DVec2, DVec3};
@@ -18,16 +18,16 @@ const HEIGHT_PIXELS: f64 = 1024.0;
 
 /// Mean over the azimuths of the IoU of the two silhouettes, in horizontal parallel projection. Pixels below the
 /// control mesh's base do not count: a heap may stand on others.
-pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Instances) -> f64 {
-    let (lo, hi) = picture_box(gauge, pile);
-    let (control_lo, control_hi) = gauge.control_bounds();
+pub(super) fn silhouette_iou(measurer: &ShapeMeasurer, pile: &Instances) -> f64 {
+    let (lo, hi) = picture_box(measurer, pile);
+    let (control_lo, control_hi) = measurer.control_bounds();
     let lo = lo.with_y(control_lo.y);
     let pixel = (control_hi - control_lo).max_element() / PIXELS;
     let views: Vec<f64> = (0..AZIMUTHS)
         .into_par_iter()
         .map(|k| {
             let (sin, cos) = (k as f64 / AZIMUTHS as f64 * std::f64::consts::PI).sin_cos();
-            let view = Projection { right: DVec3::new(cos, 0.0, sin), up: DVec3::Y, toward: DVec3::ZERO };
+            let view = PictureView { right: DVec3::new(cos, 0.0, sin), up: DVec3::Y, toward: DVec3::ZERO };
             let corner = |i: usize| DVec3::from_array([0, 1, 2].map(|a| if i >> a & 1 == 1 { hi[a] } else { lo[a] }));
             let corners = || (0..8).map(|i| DVec2::new(corner(i).dot(view.right), corner(i).y));
             let frame = PixelGrid::covering(
@@ -37,7 +37,7 @@ pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Instances) -> f64 {
             );
             // Bit 0: the control mesh, bit 1: the pile.
             let mut picture = vec![0u8; frame.len()];
-            view.draw(gauge.control, 1.0, &Pose::IDENTITY, &frame, |i, _| picture[i] |= 1);
+            view.draw(measurer.control, 1.0, &Pose::IDENTITY, &frame, |i, _| picture[i] |= 1);
             for (prop, scale, pose) in pile.bodies {
                 view.draw(&pile.props[*prop], *scale, pose, &frame, |i, _| picture[i] |= 2);
             }
@@ -51,41 +51,41 @@ pub(super) fn silhouette_iou(gauge: &Gauge, pile: &Instances) -> f64 {
 
 /// The box that the pictures show, metres: the control mesh and the bodies, as far as the control mesh's
 /// largest extent around it.
-fn picture_box(gauge: &Gauge, pile: &Instances) -> (DVec3, DVec3) {
-    let (lo, hi) = gauge.region.bounds();
+fn picture_box(measurer: &ShapeMeasurer, pile: &Instances) -> (DVec3, DVec3) {
+    let (lo, hi) = measurer.region.bounds();
     let around = (hi - lo).max_element();
-    let reach = |b: &(usize, f64, Pose)| (placed(b, gauge.solid(b).centre), gauge.solid(b).reach * b.1);
+    let reach = |b: &(usize, f64, Pose)| (placed(b, measurer.solid(b).centre), measurer.solid(b).reach * b.1);
     let all = pile.bodies.iter().map(reach).fold((lo, hi), |all, (c, r)| (all.0.min(c - r), all.1.max(c + r)));
     (all.0.max(lo - around), all.1.min(hi + around))
 }
 
 /// RMS over the control mesh's footprint of the difference between the two top surfaces / d. Where the pile leaves
 /// the footprint bare, its top is the control mesh's base.
-pub(super) fn height_rms_rel(gauge: &Gauge, pile: &Instances) -> f64 {
-    let (lo, hi) = gauge.control_bounds();
-    let pixel = (gauge.lattice.cell / 2.0).max((hi.x - lo.x).max(hi.z - lo.z) / HEIGHT_PIXELS);
+pub(super) fn height_rms_rel(measurer: &ShapeMeasurer, pile: &Instances) -> f64 {
+    let (lo, hi) = measurer.control_bounds();
+    let pixel = (measurer.lattice.cell / 2.0).max((hi.x - lo.x).max(hi.z - lo.z) / HEIGHT_PIXELS);
     let frame = PixelGrid::covering(DVec2::new(lo.x, lo.z), DVec2::new(hi.x, hi.z), pixel);
-    let view = Projection { right: DVec3::X, up: DVec3::Z, toward: DVec3::Y };
+    let view = PictureView { right: DVec3::X, up: DVec3::Z, toward: DVec3::Y };
     let mut control = vec![f64::NEG_INFINITY; frame.len()];
-    view.draw(gauge.control, 1.0, &Pose::IDENTITY, &frame, |i, y| control[i] = control[i].max(y));
+    view.draw(measurer.control, 1.0, &Pose::IDENTITY, &frame, |i, y| control[i] = control[i].max(y));
     let mut top = vec![lo.y; frame.len()];
     for (prop, scale, pose) in pile.bodies {
         view.draw(&pile.props[*prop], *scale, pose, &frame, |i, y| top[i] = top[i].max(y));
     }
     let footprint = || control.iter().zip(&top).filter(|(c, _)| c.is_finite());
     let squares: f64 = footprint().map(|(c, t)| (c - t) * (c - t)).sum();
-    (squares / footprint().count().max(1) as f64).sqrt() / gauge.diameter
+    (squares / footprint().count().max(1) as f64).sqrt() / measurer.diameter
 }
 
 /// A parallel projection.
-struct Projection {
+struct PictureView {
     right: DVec3,
     up: DVec3,
     /// Toward the camera: the direction of the depth that `draw` reports.
     toward: DVec3,
 }
 
-impl Projection {
+impl PictureView {
     /// Calls `plot(pixel, depth)` for every pixel of every triangle of a body.
     fn draw(&self, mesh: &TriMesh, scale: f64, pose: &Pose, frame: &PixelGrid, mut plot: impl FnMut(usize, f64)) {
         let back = pose.rotation.inverse();

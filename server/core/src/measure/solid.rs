@@ -5,8 +5,8 @@
 //! flat too; [`SolidSource`] says which.
 
 use super::extent::{bounding_sphere, smallest_extent};
+use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
-use crate::geometry::region::Region;
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rapier3d::parry;
@@ -22,7 +22,7 @@ const PLATE: f64 = 0.02;
 /// Seeds the choice of sample points: any fixed value.
 const SAMPLE_SEED: u64 = 1;
 
-/// How a prop's solid was made.
+/// Source of a prop's solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SolidSource {
@@ -38,7 +38,7 @@ pub enum SolidSource {
 
 /// A prop's sizes at scale 1, before its cells are chosen.
 pub(super) struct PropSize {
-    region: Region,
+    region: MeshInterior,
     source: SolidSource,
     /// Centre and radius of the mesh's bounding sphere, metres.
     middle: DVec3,
@@ -59,7 +59,7 @@ impl PropSize {
             radius,
             thickness: smallest_extent(mesh),
         };
-        let region = Region::new(mesh);
+        let region = MeshInterior::new(mesh);
         let some = FLAT * radius.powi(3);
         if !region.is_open() && region.volume() > some {
             return outline(mesh, region, SolidSource::Closed);
@@ -70,13 +70,13 @@ impl PropSize {
             return outline(mesh, region, SolidSource::Capped);
         }
         if hull_volume > some {
-            return outline(&hull, Region::new(&hull), SolidSource::Hull);
+            return outline(&hull, MeshInterior::new(&hull), SolidSource::Hull);
         }
         let half = PLATE * radius;
         let thick: Vec<DVec3> =
             mesh.points.iter().flat_map(|&p| DVec3::AXES.map(|a| [p + a * half, p - a * half])).flatten().collect();
         let plate = self::hull(&thick, middle, radius);
-        outline(&plate, Region::new(&plate), SolidSource::Plate)
+        outline(&plate, MeshInterior::new(&plate), SolidSource::Plate)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Known answers, with shapes simple enough to work them out by hand.
 
 use super::*;
-use crate::geometry::region::Region;
+use crate::geometry::interior::MeshInterior;
 use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::PI;
 
@@ -65,10 +65,10 @@ fn measured(control: &TriMesh, props: &[TriMesh], bodies: &[(usize, f64, Pose)])
 
 /// Shape and pictures.
 fn seen(control: &TriMesh, props: &[TriMesh], bodies: &[(usize, f64, Pose)]) -> (ShapeMeasures, PictureMeasures) {
-    let region = Region::new(control);
+    let region = MeshInterior::new(control);
     let pile = Instances { props, bodies };
-    let gauge = Gauge::new(control, &region, &pile);
-    (gauge.measure(&pile), gauge.look(&pile))
+    let measurer = ShapeMeasurer::new(control, &region, &pile);
+    (measurer.measure(&pile), measurer.look(&pile))
 }
 
 /// Bricks of 0.5 x 0.25 x 0.25 that fill a box of 3 x 2 x 1 exactly, every second course shifted.
@@ -96,7 +96,7 @@ fn a_brick_wall_that_fills_a_box_is_the_box() {
     assert!((m.height_p95_rel - 0.95).abs() < 0.01 && (m.height_p95_rel_solid - 0.95).abs() < 0.01);
     assert!(m.inside_fraction == 1.0 && m.protrusion_rel < 1e-9 && look.height_rms_rel < 1e-6);
     assert!(look.silhouette_iou > 0.99, "{}", look.silhouette_iou);
-    assert!(m.caveats().is_empty(), "{:?}", m.caveats());
+    assert!(m.caveats(|_| "prop").is_empty(), "{:?}", m.caveats(|_| "prop"));
 }
 
 #[test]
@@ -114,13 +114,13 @@ fn a_solid_control_mesh_is_itself() {
     for (name, control) in
         [("cone", cone(1.0, 2.8)), ("dome", dome(1.0)), ("T", letter_t()), ("torus", torus(1.0, 0.4))]
     {
-        // Both as the gauge's own reference, and as a pile of one body that is the control mesh.
+        // Both as the measurer's own reference, and as a pile of one body that is the control mesh.
         let props = [pebble.clone(), control.clone()];
-        let region = Region::new(&control);
+        let region = MeshInterior::new(&control);
         let pebbles = [(0, 1.0, Pose::IDENTITY), (0, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
-        let gauge = Gauge::new(&control, &region, &Instances { props: &props, bodies: &pebbles });
+        let measurer = ShapeMeasurer::new(&control, &region, &Instances { props: &props, bodies: &pebbles });
         let pile = Instances { props: &props, bodies: &pebbles[2..] };
-        let (m, look) = (gauge.measure(&pile), gauge.look(&pile));
+        let (m, look) = (measurer.measure(&pile), measurer.look(&pile));
         assert!(m.shape_iou.solid >= 0.98 && m.shape_iou.value >= 0.98, "{name} {:?}", m.shape_iou);
         assert!((m.height_p95_rel - m.height_p95_rel_solid).abs() < 0.03, "{name}");
         assert!(m.protrusion_rel < 1e-6 && look.height_rms_rel < 1e-6 && look.silhouette_iou == 1.0, "{name}");
@@ -133,11 +133,11 @@ fn a_solid_control_mesh_is_itself() {
 #[test]
 fn a_box_shifted_by_half_has_a_third() {
     let props = [cuboid([0.0; 3], [1.0; 3]), cuboid([0.0; 3], [0.1; 3])];
-    let region = Region::new(&props[0]);
+    let region = MeshInterior::new(&props[0]);
     let small = [(0, 1.0, at(0.5, 0.0, 0.0)), (1, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
-    let gauge = Gauge::new(&props[0], &region, &Instances { props: &props, bodies: &small });
+    let measurer = ShapeMeasurer::new(&props[0], &region, &Instances { props: &props, bodies: &small });
     let pile = Instances { props: &props, bodies: &small[..1] };
-    let (m, look) = (gauge.measure(&pile), gauge.look(&pile));
+    let (m, look) = (measurer.measure(&pile), measurer.look(&pile));
     assert!((m.shape_iou.value - 1.0 / 3.0).abs() < 0.01, "{:?}", m.shape_iou);
     assert!((m.fill_fraction - 0.5).abs() < 0.03, "{}", m.fill_fraction);
     assert!((m.protrusion_rel * m.prop_diameter - 0.5).abs() < 1e-9);
@@ -154,11 +154,11 @@ fn a_box_shifted_by_half_has_a_third() {
 fn a_collapsed_cone_is_seen_by_every_figure() {
     let props = [cone(2.0, 0.7), cuboid([0.0; 3], [0.2; 3])];
     let control = cone(1.0, 2.8);
-    let region = Region::new(&control);
+    let region = MeshInterior::new(&control);
     let bodies = [(0, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY), (1, 1.0, Pose::IDENTITY)];
-    let gauge = Gauge::new(&control, &region, &Instances { props: &props, bodies: &bodies });
+    let measurer = ShapeMeasurer::new(&control, &region, &Instances { props: &props, bodies: &bodies });
     let pile = Instances { props: &props, bodies: &bodies[..1] };
-    let (m, look) = (gauge.measure(&pile), gauge.look(&pile));
+    let (m, look) = (measurer.measure(&pile), measurer.look(&pile));
     // The silhouettes are triangles of half width 1 and 2. Below a height of 0.4, where both have the half width 6/7,
     // the control mesh's is the narrower: (1 + 6/7) * 0.4 + 6/7 * 0.3 = 1 in common, of areas 2.8 and 1.4.
     let expected = 1.0 / (2.8 + 1.4 - 1.0);
@@ -180,7 +180,7 @@ fn bodies_that_flew_away_count_by_volume() {
     assert_eq!(m.shape_iou.beyond, n / 2);
     assert!(m.shape_iou.value < 0.36 && m.shape_iou.value > 0.25, "{:?}", m.shape_iou);
     assert!((m.inside_fraction - 0.5).abs() < 0.01 && m.protrusion_rel > 1e8);
-    assert_eq!(m.caveats().len(), 1);
+    assert_eq!(m.caveats(|_| "prop").len(), 1);
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn a_capped_grid_says_so() {
     let bodies: Vec<_> = (0..200).map(|k| (0, 1.0, at((k % 5) as f64 - 2.0, k as f64 * 0.02, 0.0))).collect();
     let m = measured(&cuboid([-3.0, 0.0, -3.0], [3.0, 4.0, 3.0]), &props, &bodies);
     assert!(m.shape_iou.capped && (m.shape_iou.wanted_cell - 0.0005).abs() < 1e-9);
-    assert!(m.caveats()[0].contains("shape_iou"));
+    assert!(m.caveats(|_| "prop")[0].contains("shape_iou"));
     assert!(m.shape_iou.solid >= 0.98, "{:?}", m.shape_iou);
 }
 
@@ -242,7 +242,7 @@ fn open_and_flat_props_have_a_stated_solid() {
     assert!(volume(1) > 0.0 && volume(1) < 0.05, "{}", volume(1));
     // The hull of two crossed squares is a prism over a square of half the area.
     assert!((volume(2) - 0.5).abs() < 0.01, "{}", volume(2));
-    assert_eq!(m.caveats().len(), 3, "{:?}", m.caveats());
+    assert_eq!(m.caveats(|_| "prop").len(), 3, "{:?}", m.caveats(|_| "prop"));
 }
 
 #[test]
@@ -260,13 +260,13 @@ fn the_same_bits_for_any_number_of_threads() {
 #[test]
 fn kept_shape_is_a_ratio() {
     let (control, props, bodies) = wall();
-    let region = Region::new(&control);
-    let gauge = Gauge::new(&control, &region, &Instances { props: &props, bodies: &bodies });
-    let start = gauge.measure(&Instances { props: &props, bodies: &bodies });
-    let end = gauge.measure(&Instances { props: &props, bodies: &bodies[..bodies.len() / 2] });
+    let region = MeshInterior::new(&control);
+    let measurer = ShapeMeasurer::new(&control, &region, &Instances { props: &props, bodies: &bodies });
+    let start = measurer.measure(&Instances { props: &props, bodies: &bodies });
+    let end = measurer.measure(&Instances { props: &props, bodies: &bodies[..bodies.len() / 2] });
     let kept = kept_shape(&start, &end).unwrap();
     assert!((kept - 0.5).abs() < 0.02, "{kept}");
-    let centres = gauge.centres(&Instances { props: &props, bodies: &bodies[..1] });
+    let centres = measurer.centres(&Instances { props: &props, bodies: &bodies[..1] });
     assert!(centres[0].distance(DVec3::new(0.25, 0.125, 0.125)) < 1e-9);
 }
 

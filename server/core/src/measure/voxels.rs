@@ -122,7 +122,7 @@ fn distance_transform(cells: &[u8], [nx, ny, nz]: [usize; 3], wanted: u8) -> Vec
         for (out, row) in out.chunks_mut(nx).zip(cells.chunks(nx)) {
             along_row(row, wanted, out);
         }
-        let mut scratch = Envelope::new(ny);
+        let mut scratch = LowerEnvelope::new(ny);
         for x in 0..nx {
             scratch.column(ny, |y| out[y * nx + x]);
             for y in 0..ny {
@@ -132,7 +132,7 @@ fn distance_transform(cells: &[u8], [nx, ny, nz]: [usize; 3], wanted: u8) -> Vec
     });
     let mut turned = vec![FAR; cells.len()];
     turned.par_chunks_mut(nx * nz).enumerate().for_each(|(y, out)| {
-        let mut scratch = Envelope::new(nz);
+        let mut scratch = LowerEnvelope::new(nz);
         for x in 0..nx {
             scratch.column(nz, |z| planes[(z * ny + y) * nx + x]);
             for z in 0..nz {
@@ -158,7 +158,7 @@ fn along_row(row: &[u8], wanted: u8, out: &mut [i32]) {
 }
 
 /// Buffers for the lower envelope of parabolas over a column.
-struct Envelope {
+struct LowerEnvelope {
     values: Vec<i32>,
     result: Vec<i32>,
     /// Places of the parabolas in the envelope, and where each takes over.
@@ -166,9 +166,9 @@ struct Envelope {
     starts: Vec<f64>,
 }
 
-impl Envelope {
-    fn new(n: usize) -> Envelope {
-        Envelope { values: vec![0; n], result: vec![0; n], places: vec![0; n], starts: vec![0.0; n + 1] }
+impl LowerEnvelope {
+    fn new(n: usize) -> LowerEnvelope {
+        LowerEnvelope { values: vec![0; n], result: vec![0; n], places: vec![0; n], starts: vec![0.0; n + 1] }
     }
 
     /// `result[q]` = min over p of value(p) + (q - p)^2.

@@ -4,8 +4,8 @@ mod added;
 mod narrow;
 mod shell;
 
-use crate::error::Problem;
-use crate::geometry::Closed;
+use crate::error::SceneProblem;
+use crate::geometry::ClosedMesh;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::{self, WELD_TOLERANCE};
 use crate::input::params::Params;
@@ -22,21 +22,21 @@ pub struct CheckedScene {
     /// Height of the ground, m.
     pub ground: f64,
     /// The control mesh, where there is one.
-    pub control: Option<Closed>,
+    pub control: Option<ClosedMesh>,
     /// The mesh inside which the control acts, where that is not the control mesh.
-    pub region: Option<Closed>,
+    pub region: Option<ClosedMesh>,
     /// The core of a pile of which only the surface is made of props.
     pub core: Option<Core>,
     /// One per prop.
     pub sizes: Vec<Size>,
-    /// How common each prop is: its share among the drawn ones or, where none is drawn, among those placed.
+    /// Share of each prop among the drawn bodies or, if none is drawn, among the placed ones.
     pub shares: Vec<f64>,
     pub warnings: Vec<String>,
 }
 
 impl CheckedScene {
     /// The control mesh, where it is to be filled.
-    pub fn filled(&self, scene: &Scene, params: &Params) -> Option<&Closed> {
+    pub fn filled(&self, scene: &Scene, params: &Params) -> Option<&ClosedMesh> {
         self.control.as_ref().filter(|_| scene.is_filled(params))
     }
 
@@ -46,20 +46,20 @@ impl CheckedScene {
     }
 
     /// The shape that the pile is measured against.
-    pub fn target(&self) -> Option<&Closed> {
+    pub fn target(&self) -> Option<&ClosedMesh> {
         self.control.as_ref().or(self.region.as_ref())
     }
 }
 
 /// The findings so far.
 struct Findings {
-    problems: Vec<Problem>,
+    problems: Vec<SceneProblem>,
     warnings: Vec<String>,
 }
 
 impl Findings {
     fn problem(&mut self, field: impl Into<String>, text: impl Into<String>) {
-        self.problems.push(Problem::new(field, text));
+        self.problems.push(SceneProblem::new(field, text));
     }
 
     /// Checks of the values below a field; `whose`: the name of the model that has it, or nothing.
@@ -91,7 +91,7 @@ impl FieldChecks<'_> {
 }
 
 /// Checks scene and parameters.
-pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<Problem>> {
+pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProblem>> {
     let mut found = Findings { problems: params.problems(), warnings: Vec::new() };
     let control = scene.control.as_ref().and_then(|model| closed("control_mesh", "control mesh", model, &mut found));
     let region = scene.region.as_ref().and_then(|model| closed("region", "region", model, &mut found));
@@ -158,7 +158,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<Problem>>
 }
 
 /// A closed mesh as it will be used: welded, its parts facing outward. Every repair is a warning.
-fn closed(field: &str, what: &str, model: &Model, found: &mut Findings) -> Option<Closed> {
+fn closed(field: &str, what: &str, model: &Model, found: &mut Findings) -> Option<ClosedMesh> {
     let name = &model.name;
     let welded = topology::weld(&model.mesh, WELD_TOLERANCE);
     let (mesh, repair) = topology::oriented(&welded);
@@ -185,15 +185,15 @@ fn closed(field: &str, what: &str, model: &Model, found: &mut Findings) -> Optio
     if is_hollow(&mesh) {
         found.problem(field, format!("{name}: the {what} encloses next to no volume; give it thickness"));
     }
-    Some(Closed::new(topology, mesh))
+    Some(ClosedMesh::new(topology, mesh))
 }
 
 /// An open mesh with its holes closed, if they can be closed and it then has an inside.
-fn without_holes(mesh: &TriMesh) -> Option<(Closed, topology::Holes)> {
+fn without_holes(mesh: &TriMesh) -> Option<(ClosedMesh, topology::Holes)> {
     let (whole, holes) = topology::close_holes(mesh)?;
     let (mesh, _) = topology::oriented(&whole);
     let topology = topology::inspect(&mesh);
-    (topology.closed && !is_hollow(&mesh)).then(|| (Closed::new(topology, mesh), holes))
+    (topology.closed && !is_hollow(&mesh)).then(|| (ClosedMesh::new(topology, mesh), holes))
 }
 
 /// Whether a closed mesh has next to no inside.
@@ -210,7 +210,7 @@ const LEAST_THICK: f64 = 0.1;
 const MOSTLY_THICK: f64 = 0.5;
 
 /// Whether the control mesh is thick enough for the props.
-fn room(scene: &Scene, params: &Params, control: Option<&Closed>, sizes: &[Size], found: &mut Findings) {
+fn room(scene: &Scene, params: &Params, control: Option<&ClosedMesh>, sizes: &[Size], found: &mut Findings) {
     let (Some(model), Some(control)) = (&scene.control, control.filter(|_| scene.is_filled(params))) else { return };
     let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
     let thickness = drawn.map(|(prop, size)| size.extents.x * prop.scale[0]).fold(f64::INFINITY, f64::min);
@@ -292,7 +292,9 @@ fn prop_mesh(
         return Err(format!("{name}: the prop has no triangles with area; give it a mesh"));
     }
     if !size.closed {
-        warnings.push(format!("{name}: the mesh is open, so that its mass is taken from its collision shape"));
+        warnings.push(format!(
+            "{name}: the mesh is open: its mass is computed from its collision shape; close it for the exact mass"
+        ));
     }
     let filled = scene.control.as_ref().filter(|_| scene.is_filled(params) && prop.weight != 0.0);
     let Some((lo, hi)) = filled.map(|model| model.mesh.bounds()) else { return Ok(()) };

@@ -6,19 +6,19 @@ pub mod core;
 mod simplify;
 
 use self::core::Core;
-use crate::geometry::Closed;
+use crate::geometry::ClosedMesh;
+use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::TriMesh;
-use crate::geometry::region::{DistanceGrid, Region};
 use crate::geometry::topology::Topology;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
 use ndshape::{RuntimeShape, Shape as _};
 
-/// What is filled. Engine units.
+/// The container that is filled. Engine units.
 pub struct Container {
     /// Triangles facing inward; closed.
     mesh: TriMesh,
-    /// How far a simplified mesh may be from it; 0: it is not simplified.
+    /// Largest distance of the simplified mesh from it; 0: it is not simplified.
     tolerance: f64,
     /// Distance to the surface, negative inside.
     pub distance: DistanceGrid,
@@ -68,7 +68,7 @@ pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
 impl Container {
     /// `control` and `ground` in SI, `length` metres per engine unit. `tolerance`: how far the simplified container may
     /// be from the mesh, in d; 0: it is not simplified.
-    pub fn new(control: &Closed, length: f64, ground: f64, tolerance: f64) -> Container {
+    pub fn new(control: &ClosedMesh, length: f64, ground: f64, tolerance: f64) -> Container {
         let topology = &control.topology;
         let solid = control.mesh.scaled(1.0 / length);
         let (region, distance) = grid(&control.mesh, length);
@@ -149,8 +149,8 @@ fn without_base(mesh: &TriMesh, base: f64, cut: f64, collar: f64) -> (TriMesh, V
 }
 
 /// The inside of a mesh in SI, and the distance to its surface, in engine units.
-pub fn grid(mesh: &TriMesh, length: f64) -> (Region, DistanceGrid) {
-    let region = Region::new(&mesh.scaled(1.0 / length));
+pub fn grid(mesh: &TriMesh, length: f64) -> (MeshInterior, DistanceGrid) {
+    let region = MeshInterior::new(&mesh.scaled(1.0 / length));
     let distance = DistanceGrid::new(&region, GRID_SPACING, MAX_GRID_NODES);
     (region, distance)
 }

@@ -86,9 +86,9 @@ pub struct Workload {
     /// Steps per characteristic time.
     pub step_rate: f64,
     pub substeps: f64,
-    /// How much longer a fill of this accuracy takes than one of `standard`.
-    #[serde(default = "usual")]
-    pub fill_care: f64,
+    /// CPU time of a fill of this accuracy / that of one at `standard`.
+    #[serde(default = "usual", rename = "fill_care")]
+    pub fill_cost_factor: f64,
     /// Each contact point has a friction force of its own.
     pub coulomb: bool,
     /// The pile is glued where friction does not carry it.
@@ -141,7 +141,7 @@ impl Workload {
             times: plan::release_steps(scene, params, checked) / step_rate,
             step_rate,
             substeps: f64::from(params.physics.substeps),
-            fill_care: model::fill_care(params.accuracy),
+            fill_cost_factor: params.accuracy.traits().fill_cost_factor,
             coulomb: params.physics.friction_model == FrictionModel::Coulomb,
             glued: params.glue_bound(scene.is_filled(params)) > 0.0,
             room,
@@ -170,7 +170,7 @@ impl Workload {
     pub fn stage_seconds(&self) -> [f64; 4] {
         let features = self.features();
         let law = |weights: &CostExponents| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
-        let fill = if self.filled > 0.0 { law(&model::FILL) * self.fill_care } else { 0.0 };
+        let fill = if self.filled > 0.0 { law(&model::FILL) * self.fill_cost_factor } else { 0.0 };
         let glue = if self.glued { law(&model::GLUE) } else { 0.0 };
         let release = law(&model::RELEASE_AND_HOLD) * if self.glued { model::GLUED_RELEASE } else { 1.0 };
         [fill, glue, release, law(&model::MEASURE)]
@@ -184,7 +184,8 @@ impl Workload {
 
 /// The estimate for a checked scene. `machine`: from `stages::calibrate`.
 pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shape], machine: f64) -> Estimate {
-    let [penetration_mean_rel, imbalance, shape_error] = model::errors(params.accuracy);
+    let traits = params.accuracy.traits();
+    let [penetration_mean_rel, imbalance, shape_error] = traits.expected_errors;
     let workload = Workload::of(scene, params, checked, shapes);
     let [fill_seconds, glue_seconds, release_seconds, rest] = workload.stage_seconds().map(|seconds| machine * seconds);
     let thickness = |((shape, prop), share): ((&Shape, &Prop), &f64)| {
@@ -193,8 +194,8 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
     // A pile that the control holds to the end keeps its shape, glued or not.
     let held = params.control.mode != ControlMode::Off && params.control.stand == Switch::Off;
     let bound = params.glue_bound(scene.is_filled(params));
-    let kept = model::kept(bound);
-    let rounds = if params.accuracy == Accuracy::Draft { model::DRAFT_DOTS } else { 1.0 };
+    let kept = model::expected_kept_shape(bound);
+    let joints_per_body = traits.glue_joints_factor * model::DOTS_PER_BODY;
     let all: f64 = checked.shares.iter().sum();
     let thickness = shapes.iter().zip(&scene.props).zip(&checked.shares).map(thickness).sum::<f64>() / all;
     Estimate {
@@ -203,7 +204,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
         cpu_seconds: fill_seconds + glue_seconds + release_seconds + rest,
         fill_seconds,
         glue_seconds,
-        glue_dots: if bound.is_infinite() { rounds * model::DOTS_PER_BODY * workload.bodies } else { 0.0 },
+        glue_dots: if bound.is_infinite() { joints_per_body * workload.bodies } else { 0.0 },
         kept_shape: (scene.is_filled(params) && !held).then_some(kept),
         release_seconds,
         factor: model::FACTOR,

@@ -1,4 +1,4 @@
-//! How far apart the sizes and masses of a scene's bodies are, and the engine's settings for that.
+//! The ratios of sizes and masses among a scene's bodies, and the engine's settings for them.
 
 use crate::input::params::{Params, Physics, Switch};
 use crate::input::scene::Scene;

@@ -1,4 +1,4 @@
-//! How many props a control mesh takes, estimated before the fill: a model fitted on finished fills.
+//! Estimate of the number of props that fit into a control mesh, before the fill: a model fitted on finished fills.
 
 use super::shape::Size;
 use crate::input::params::Fill;
@@ -22,10 +22,16 @@ pub struct Room {
 }
 
 impl Room {
-    /// Logarithms of the numbers that decide how densely a prop packs, in the order of [`FEATURES`]: its volume over
-    /// that of its convex hull, and the hull's over that of the box around it; the least edge of that box over the
-    /// longest; how many times longer than wide it is, beyond e; the part of its hull that a long prop leaves empty, so
-    /// that others lie in its bend; and how much of the room is near its surface.
+    /// The numbers that decide how densely a prop packs, in the order of [`FEATURES`]; logarithms, except for
+    /// `crowding`:
+    ///
+    /// - `solidity`: volume / volume of the convex hull
+    /// - `boxiness`: volume of the convex hull / volume of the box around it
+    /// - `flatness`: shortest / longest edge of that box
+    /// - `slenderness`: length / width, from e upward
+    /// - `bend`: solidity, to the power of the logarithm of length / width: the room in the bend of a long prop, where
+    ///   others lie
+    /// - `crowding`: the share of the room that is within a prop's thickness of its surface
     pub fn features(&self, prop: &Prop, size: &Size) -> Weights {
         let [least, middle, longest] = size.extents.to_array();
         let thickness = least * (prop.scale[0] + prop.scale[1]) / 2.0;
@@ -56,8 +62,8 @@ const MOST_CROWDED: f64 = 3.0;
 /// The share of a volume that props fill is between these.
 const RANGE: (f64, f64) = (0.02, 0.9);
 
-/// Share of a room that stacked boxes fill, where it is not made for them; other props fill as much less as they fill
-/// of the boxes around them.
+/// Share that stacked boxes fill of a room that is not made for them. Other props fill this times the share that they
+/// fill of the boxes around them.
 const STACKED: f64 = 0.85;
 
 /// Bodies that fit, by this share of the packing that fills usually reach, and by the limits given.

@@ -1,6 +1,6 @@
 //! The plan of a bake: its stages, effects and warnings, before anything runs.
 
-use crate::geometry::Closed;
+use crate::geometry::ClosedMesh;
 use crate::input::observer::Stage;
 use crate::input::params::Params;
 use crate::input::scene::Scene;
@@ -19,7 +19,8 @@ pub struct Plan {
     /// Length unit d: the median prop diameter, m.
     pub prop_diameter: f64,
     /// Characteristic time sqrt(d / g), s.
-    pub natural_time: f64,
+    #[serde(rename = "natural_time")]
+    pub characteristic_time: f64,
     pub stages: Vec<Stage>,
     pub effects: Vec<Effect>,
     /// Sentences for a person: open props, a control mesh below the ground, ...
@@ -50,7 +51,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
         expected_bodies: fill_bodies + scene.added_bodies(),
         expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + release_steps(scene, params, checked) as usize,
         prop_diameter: checked.diameter,
-        natural_time: checked.characteristic_time(params),
+        characteristic_time: checked.characteristic_time(params),
         stages: stages.into_iter().flatten().collect(),
         effects: resolved.effects.clone(),
         warnings: checked.warnings.iter().cloned().chain(limited).collect(),
@@ -72,7 +73,7 @@ pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedSce
 }
 
 /// The room that is to be filled.
-pub(crate) fn room(control: &Closed, core: Option<&Core>) -> Room {
+pub(crate) fn room(control: &ClosedMesh, core: Option<&Core>) -> Room {
     let (volume, area) = core.map_or((0.0, 0.0), |core| (core.volume, core.area));
     Room { volume: control.volume - volume, area: control.topology.area + area }
 }

@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::geometry::contact::{self, Bearing};
 use crate::measure::{self, Overlap};
 use crate::sim::pile::REST_SPEED;
-use crate::sim::whole::{REAL_CONTACT, Whole};
+use crate::sim::pile_equilibrium::{PileEquilibrium, REAL_CONTACT};
 use crate::world::{BodyId, ContactPair, World};
 use cairn_statics::glue::GlueError;
 use std::collections::BTreeMap;
@@ -41,7 +41,7 @@ pub fn figures(world: &World, pairs: &[ContactPair]) -> NamedFigures {
     ])
 }
 
-/// How far contacts alone support the whole pile.
+/// Support of the whole pile by contacts alone.
 #[derive(Default)]
 pub struct PileSupport {
     /// `unsupported_fraction`: share of the resting bodies that the best global distribution of contact forces found
@@ -55,16 +55,16 @@ pub struct PileSupport {
 
 /// Looks for contact forces that balance the whole pile.
 pub fn support(world: &World, going: &mut dyn FnMut() -> ControlFlow<()>) -> Result<PileSupport, Error> {
-    let whole = Whole::new(world, REAL_CONTACT);
-    let (missing, iterations) = match whole.missing(UNBALANCED, going) {
+    let equilibrium = PileEquilibrium::new(world, REAL_CONTACT);
+    let (missing, iterations) = match equilibrium.missing(UNBALANCED, going) {
         Ok(found) => found,
         Err(GlueError::Cancelled) => return Err(Error::Cancelled),
         Err(_) => return Ok(PileSupport::default()),
     };
     let is_resting = |id: BodyId| world.speed(id) < REST_SPEED;
-    let resting = whole.ids.iter().filter(|&&id| is_resting(id)).count();
+    let resting = equilibrium.ids.iter().filter(|&&id| is_resting(id)).count();
     let unbalanced = |(&id, &e): (&BodyId, &f64)| is_resting(id) && e > UNBALANCED;
     let bodies: Vec<BodyId> =
-        whole.ids.iter().zip(&missing).filter(|&pair| unbalanced(pair)).map(|(&id, _)| id).collect();
+        equilibrium.ids.iter().zip(&missing).filter(|&pair| unbalanced(pair)).map(|(&id, _)| id).collect();
     Ok(PileSupport { unsupported: Some(bodies.len() as f64 / resting.max(1) as f64), bodies, iterations })
 }

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTreeMap<Count, u64> {
     let (scene, pile) = (inputs.scene, &sim.pile);
     let filled = inputs.filled.map(|(_, filled)| filled);
-    let (tally, done, world) = (pile.control.counters(), pile.done, &pile.world);
+    let (tally, pile_counters, world) = (pile.control.counters(), pile.counters, &pile.world);
     let glue = pile.glue.tally;
     let of_kind = |is: fn(ShapeKind) -> bool| pile.shapes.iter().filter(|s| is(s.solid.kind())).count() as u64;
     let steps_if = |on: bool| if on { pile.step } else { 0 };
@@ -51,11 +51,11 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
         (Count::WallTrianglesSaved, filled.map_or(0, |filled| filled.wall_triangles_saved as u64)),
         (Count::PropsAsPrimitives, of_kind(ShapeKind::is_primitive)),
         (Count::PropsSplit, of_kind(|kind| kind == ShapeKind::Parts)),
-        (Count::ReleaseLayers, done.layers),
+        (Count::ReleaseLayers, pile_counters.layers),
         (Count::SceneryPieces, scene.statics.len() as u64),
         (Count::BodiesPlaced, scene.bodies.len() as u64),
-        (Count::BodiesEmitted, done.bodies_emitted),
-        (Count::BouncingBodies, done.bouncing_bodies),
+        (Count::BodiesEmitted, pile_counters.bodies_emitted),
+        (Count::BouncingBodies, pile_counters.bouncing_bodies),
         (Count::StandSteps, pile.gentle_stop.steps),
         (Count::FreeStandingSteps, freed_steps),
         (Count::StepsWithStiffContacts, steps_if(inputs.resolved.is_on(EffectName::StiffContacts))),

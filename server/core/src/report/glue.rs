@@ -47,9 +47,9 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> NamedFigures {
     let largest = |values: &[f64]| (!values.is_empty()).then(|| values.iter().copied().fold(0.0, f64::max));
     let anchored = glued.joints.iter().filter(|dot| dot.b.is_none()).count();
     BTreeMap::from([
-        ("touches", Some(glued.touches as f64)),
+        ("touches", Some(glued.contact_pairs as f64)),
         ("glue_dots_least", Some(glued.at_least as f64)),
-        ("glued_touch_fraction", Some(glued.joints.len() as f64 / glued.touches.max(1) as f64)),
+        ("glued_touch_fraction", Some(glued.joints.len() as f64 / glued.contact_pairs.max(1) as f64)),
         ("glued_body_fraction", Some(touched.len() as f64 / count)),
         ("glue_cluster_max", Some(sim.pile.glue.tally.cluster_max as f64)),
         ("anchored", Some(anchored as f64)),
@@ -64,11 +64,11 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> NamedFigures {
     ])
 }
 
-/// Warnings about bodies that could not be glued, and piles that do not stand in spite of the glue.
+/// Warnings about bodies that could not be glued, and about piles that the glue does not hold.
 pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
     let mut warnings = Vec::new();
-    if glued.apart > 0 {
-        let apart = bodies(glued.apart);
+    if glued.unreachable > 0 {
+        let apart = bodies(glued.unreachable);
         warnings.push(format!(
             "{apart} touched no part of the pile that stands on the ground and could not be glued: they fall"
         ));
@@ -81,8 +81,8 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
             "{dots} of up to {widest:.3} m that the fill left in narrow places; smaller props fill them better"
         ));
     }
-    if glued.fallen > 0 {
-        let (weak, bound) = (bodies(glued.fallen), inputs.resolved.glue_bound);
+    if glued.too_weak > 0 {
+        let (weak, bound) = (bodies(glued.too_weak), inputs.resolved.glue_bound);
         warnings.push(format!(
             "{weak} would need stronger glue than {bound} weights per dot: they fall; raise glue.strength to hold them"
         ));
@@ -94,14 +94,13 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
             false => format!("the bodies sank by {:.3} m in the mean", glued.displacement * inputs.plan.prop_diameter),
         };
         warnings.push(format!(
-            "released on trial without any hold, {what} in spite of the glue; smaller props, or a broader foot, stand \
-             better"
+            "{what} in the trial release: the glue does not hold the pile; use smaller props or a broader base"
         ));
     }
     if glued.anchors_all {
         warnings.push("the foot is narrow: every body that touches the ground was glued to it".into());
     }
-    let share = glued.joints.len() as f64 / glued.touches.max(1) as f64;
+    let share = glued.joints.len() as f64 / glued.contact_pairs.max(1) as f64;
     if share > SOLID {
         warnings.push(format!("{:.0} % of all contact pairs are glued: the pile is nearly one solid", 100.0 * share));
     }

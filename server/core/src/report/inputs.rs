@@ -41,7 +41,7 @@ pub struct ReportInputs<'a> {
 }
 
 impl ReportInputs<'_> {
-    /// How far the measures have come: a share.
+    /// Progress of the measures, 0 to 1.
     pub fn progress(&self, fraction: f64) -> Progress {
         let bodies = self.pile.bodies.len();
         Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 }

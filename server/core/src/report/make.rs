@@ -1,12 +1,12 @@
 //! Measures the pile, and gathers the warnings.
 
 use super::inputs::ReportInputs;
-use super::{Name, Report, contacts, counts, glue, motion, order, shape, warnings};
+use super::{Name, Report, contacts, counts, glue, motion, shape, tidiness, warnings};
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage, observe};
 use crate::prepare::effects::{Count, EffectName, OwnSeconds, bill};
+use crate::sim::pile_equilibrium::REAL_CONTACT;
 use crate::sim::step::Simulation;
-use crate::sim::whole::REAL_CONTACT;
 use crate::stages::{free_pour, free_standing};
 use std::collections::BTreeMap;
 
@@ -38,14 +38,14 @@ pub fn report(
         if let Some((_, filled)) = filled {
             notes.extend(warnings::fill(inputs, filled, first));
         }
-        notes.extend(first.caveats());
+        notes.extend(first.caveats(|prop| &inputs.scene.props[prop].model.name));
     }
     let gap = contacts::widest_gap(&sim.pile.world);
     let pairs = sim.pile.world.contact_pairs(gap);
     if resolved.is_on(EffectName::ShapeFigures) {
         // With a wider gap, a pair may have more points.
         let real = (gap > REAL_CONTACT).then(|| sim.pile.world.contact_pairs(REAL_CONTACT));
-        measures.extend(order::figures(&sim.pile.world, shapes, real.as_ref().unwrap_or(&pairs)));
+        measures.extend(tidiness::figures(&sim.pile.world, shapes, real.as_ref().unwrap_or(&pairs)));
     }
     if let Some((_, filled)) = filled {
         measures.insert("pocket_fraction", Some(filled.pockets));

@@ -9,8 +9,8 @@ mod glue;
 pub mod inputs;
 pub mod make;
 mod motion;
-mod order;
 mod shape;
+mod tidiness;
 mod warnings;
 
 pub use bake::{BakedGlue, BakedGlueDot};

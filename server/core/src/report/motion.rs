@@ -10,7 +10,7 @@ use crate::sim::step::Simulation;
 use crate::world::World;
 use std::collections::BTreeMap;
 
-/// How the bodies moved.
+/// Figures of the motion.
 pub fn figures(inputs: &ReportInputs, pile: &Pile) -> NamedFigures {
     let units = pile.world.units;
     let count = pile.instances.len() as f64;
@@ -29,7 +29,7 @@ pub fn figures(inputs: &ReportInputs, pile: &Pile) -> NamedFigures {
         ("resting_speed_max", Some(inputs.held.resting_speed_max * units.length / units.time)),
         ("resting_speed_max_rel", Some(inputs.held.resting_speed_max)),
         ("kinetic_energy_rel", Some(pile.world.kinetic_energy() / weight.max(f64::MIN_POSITIVE))),
-        ("active_body_share", Some(pile.done.active_body_steps as f64 / count / pile.step.max(1) as f64)),
+        ("active_body_share", Some(pile.counters.active_body_steps as f64 / count / pile.step.max(1) as f64)),
     ]);
     if let Some(rest) = inputs.held.rest {
         let seconds = rest.steps as f64 * pile.world.step_length() * units.time;

@@ -2,11 +2,11 @@
 
 use super::inputs::{NamedFigures, ReportInputs};
 use crate::error::Error;
+use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
-use crate::geometry::region::Region;
 use crate::input::observer::{Observer, observe};
-use crate::measure::{self, Gauge, ShapeMeasures};
+use crate::measure::{self, ShapeMeasurer, ShapeMeasures};
 use crate::prepare::effects::EffectName;
 use crate::sim::instance::Instance;
 use crate::sim::pile::Pile;
@@ -36,8 +36,9 @@ pub struct Measured {
     pub figures: NamedFigures,
     /// Right after turning over, or of the first pile that there is.
     pub first: Option<ShapeMeasures>,
-    /// How often shapes were measured, and pictures taken.
+    /// Number of shapes measured.
     pub shapes: u64,
+    /// Number of pictures taken.
     pub pictures: u64,
     /// CPU seconds of the pictures.
     pub picture_seconds: f64,
@@ -49,9 +50,9 @@ impl Measured {
         Measured { figures: NAMES.iter().map(|&name| (name, None)).collect(), ..Measured::default() }
     }
 
-    fn measure(&mut self, gauge: &Gauge, pile: &measure::Instances) -> ShapeMeasures {
+    fn measure(&mut self, measurer: &ShapeMeasurer, pile: &measure::Instances) -> ShapeMeasures {
         self.shapes += 1;
-        gauge.measure(pile)
+        measurer.measure(pile)
     }
 }
 
@@ -63,7 +64,7 @@ pub fn figures(
     pile: &Pile,
     observer: &mut dyn Observer,
 ) -> Result<Measured, Error> {
-    let region = Region::new(target);
+    let region = MeshInterior::new(target);
     let props: Vec<TriMesh> = inputs.scene.props.iter().map(|p| p.model.mesh.clone()).collect();
     let last = inputs.pile.frames.len() - 1;
     let hold_end = pile.recorder.disturbed_frame.unwrap_or(last).min(last);
@@ -73,15 +74,16 @@ pub fn figures(
     let only =
         |bodies: Vec<(usize, f64, Pose)>| -> Vec<_> { bodies.into_iter().filter(|b| made_of.contains(&b.0)).collect() };
     let (held, after) = (only(held), only(after));
-    let gauge = Gauge::new(target, &region, &pile_of(&props, if start.is_empty() { &after } else { &start }));
-    let gauge = match inputs.core {
-        Some(core) => gauge.around(&core.mesh),
-        None => gauge,
+    let measurer =
+        ShapeMeasurer::new(target, &region, &pile_of(&props, if start.is_empty() { &after } else { &start }));
+    let measurer = match inputs.core {
+        Some(core) => measurer.around(&core.mesh),
+        None => measurer,
     };
     let mut measured = Measured::nothing();
-    let first = (!start.is_empty()).then(|| measured.measure(&gauge, &pile_of(&props, &start)));
+    let first = (!start.is_empty()).then(|| measured.measure(&measurer, &pile_of(&props, &start)));
     observe(observer, &inputs.progress(0.4))?;
-    let at_end = (!held.is_empty()).then(|| measured.measure(&gauge, &pile_of(&props, &held)));
+    let at_end = (!held.is_empty()).then(|| measured.measure(&measurer, &pile_of(&props, &held)));
     if let Some(at_end) = &at_end {
         measured.figures.extend(at_end.figures().map(|(name, value)| (name, Some(value))));
     }
@@ -98,9 +100,11 @@ pub fn figures(
     }
     if let Some(glued) = inputs.glued {
         // Released without any hold, glued and not.
-        for (name, poses) in [("kept_shape_freed", &glued.freed), ("kept_shape_natural", &glued.natural)] {
+        for (name, poses) in
+            [("kept_shape_freed", &glued.poses_with_glue), ("kept_shape_natural", &glued.poses_without_glue)]
+        {
             let bodies = poses.as_ref().map(|poses| only(freed(pile, poses)));
-            let shape = bodies.map(|bodies| measured.measure(&gauge, &pile_of(&props, &bodies)));
+            let shape = bodies.map(|bodies| measured.measure(&measurer, &pile_of(&props, &bodies)));
             let kept = first.as_ref().zip(shape).and_then(|(first, shape)| measure::kept_shape(first, &shape));
             measured.figures.insert(name, kept);
         }
@@ -108,7 +112,7 @@ pub fn figures(
     let mut first = first.or(at_end);
     let is_disturbed = hold_end < last || first.is_none();
     if is_disturbed {
-        let shape = measured.measure(&gauge, &pile_of(&props, &after));
+        let shape = measured.measure(&measurer, &pile_of(&props, &after));
         measured.figures.insert("shape_iou_after", Some(shape.shape_iou.value));
         measured.figures.insert("height_p95_rel_after", Some(shape.height_p95_rel));
         first.get_or_insert(shape);
@@ -118,7 +122,7 @@ pub fn figures(
         let begin = observer.cpu_seconds();
         let mut look = |bodies: &[(usize, f64, Pose)]| {
             measured.pictures += 1;
-            gauge.look(&pile_of(&props, bodies))
+            measurer.look(&pile_of(&props, bodies))
         };
         let start = (!start.is_empty()).then(|| look(&start).silhouette_iou);
         let held = (!held.is_empty()).then(|| look(&held));

@@ -14,7 +14,7 @@ const MOST_POCKETS: f64 = 0.02;
 /// If less of the control mesh than this is filled, the user is warned: half of what random props reach.
 const POOR_FILL: f64 = 0.2;
 
-/// How the container was made, and which bodies were removed from it.
+/// Warnings about the container, and about bodies that were removed from it.
 pub fn container(inputs: &ReportInputs, container: &Container, filled: &Filled) -> Vec<String> {
     let mut warnings = Vec::new();
     if container.remeshed {
@@ -38,7 +38,7 @@ pub fn container(inputs: &ReportInputs, container: &Container, filled: &Filled) 
     warnings
 }
 
-/// How full it is.
+/// Warnings about the fill.
 pub fn fill(inputs: &ReportInputs, filled: &Filled, first: &ShapeMeasures) -> Vec<String> {
     let mut warnings = Vec::new();
     if filled.full && first.fill_fraction < POOR_FILL {
@@ -93,7 +93,7 @@ fn guard(sim: &Simulation) -> Vec<String> {
     warnings
 }
 
-/// How the pile ended.
+/// Warnings about the end of the bake.
 pub fn end(sim: &Simulation, held: HoldOutcome, measures: &NamedFigures) -> Vec<String> {
     let mut warnings = Vec::new();
     if !held.at_rest {

@@ -5,11 +5,11 @@ use super::instance::{self, Instance};
 use super::pile::Pile;
 use super::policy::Policy;
 use crate::error::Error;
+use crate::geometry::interior::MeshInterior;
 use crate::geometry::pose::Pose;
-use crate::geometry::region::Region;
 use crate::input::params::{Params, Switch};
-use crate::input::scene::{Emitter, Place, PlacedBody, Scene, StaticModel};
-use crate::world::{BodyId, Claims, MovingId};
+use crate::input::scene::{Emitter, EmitterVolume, PlacedBody, Scene, StaticModel};
+use crate::world::{BodyId, MovingId, ReservedPlaces};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -34,11 +34,11 @@ pub struct Events<'a> {
 /// An emitter at work.
 struct Emission<'a> {
     emitter: &'a Emitter,
-    /// Where it emits, if that is not a box.
-    inside: Option<Region>,
+    /// The interior of its mesh; `None`: it emits in a box.
+    inside: Option<MeshInterior>,
     rng: Pcg64Mcg,
     emitted: u32,
-    /// Since when it has found no free spot, s.
+    /// Time since which it has found no free spot, s.
     blocked: Option<f64>,
     given_up: bool,
 }
@@ -62,8 +62,8 @@ impl<'a> Events<'a> {
         let emission = |(i, emitter): (usize, &'a Emitter)| Emission {
             emitter,
             inside: match &emitter.place {
-                Place::Box { .. } => None,
-                Place::Mesh(model) => Some(Region::new(&model.mesh)),
+                EmitterVolume::Box { .. } => None,
+                EmitterVolume::Mesh(model) => Some(MeshInterior::new(&model.mesh)),
             },
             rng: Pcg64Mcg::seed_from_u64(params.seed.wrapping_add((i as u64 + 1).wrapping_mul(SEED_STEP))),
             emitted: 0,
@@ -90,7 +90,7 @@ impl<'a> Events<'a> {
         Ok(events)
     }
 
-    /// Whether no event is to come.
+    /// No event is to come.
     pub fn are_over(&self) -> bool {
         let at_end = |model: &StaticModel| model.keys.last().is_none_or(|key| key.time < self.time);
         self.late.is_empty()
@@ -165,9 +165,9 @@ impl<'a> Events<'a> {
         }
         let due = ((self.time - emitter.start) * emitter.rate).floor() + 1.0;
         let wanted = due.min(f64::from(emitter.count)) as u32 - emission.emitted;
-        let mut claims = pile.world.claims(first..pile.instances.len());
+        let mut reserved = pile.world.reserved_places(first..pile.instances.len());
         for _ in 0..wanted {
-            let Some(body) = emission.find_spot(self.scene, pile, &mut claims) else {
+            let Some(body) = emission.find_spot(self.scene, pile, &mut reserved) else {
                 let since = *emission.blocked.get_or_insert(self.time);
                 if self.time - since > PATIENCE * pile.world.units.time {
                     emission.given_up = true;
@@ -182,7 +182,7 @@ impl<'a> Events<'a> {
             emission.blocked = None;
             emission.emitted += 1;
             let id = pile.insert(body)?;
-            pile.done.bodies_emitted += 1;
+            pile.counters.bodies_emitted += 1;
             pile.world.launch(id, emitter.velocity, DVec3::ZERO);
             pile.control.drop_in(id);
             pile.latest_event = pile.step;
@@ -197,18 +197,18 @@ impl Emission<'_> {
     }
 
     /// A body at a free spot, engine units.
-    fn find_spot(&mut self, scene: &Scene, pile: &Pile, claims: &mut Claims) -> Option<Instance> {
+    fn find_spot(&mut self, scene: &Scene, pile: &Pile, reserved: &mut ReservedPlaces) -> Option<Instance> {
         for _ in 0..TRIES {
             let (prop, scale, rotation) = instance::draw(&scene.props, scene.emitted(self.emitter), &mut self.rng);
             let at = match (&self.emitter.place, &self.inside) {
                 (_, Some(inside)) => inside.sample_inside(&mut self.rng)?,
-                (Place::Box { center, size }, None) => {
+                (EmitterVolume::Box { center, size }, None) => {
                     *center + *size * (DVec3::from_array(std::array::from_fn(|_| self.rng.random())) - 0.5)
                 }
-                (Place::Mesh(_), None) => return None,
+                (EmitterVolume::Mesh(_), None) => return None,
             };
             let pose = pile.world.units.pose_to_engine(&Pose { translation: at, rotation });
-            if pile.world.claim(&pile.shapes[prop], scale, &pose, claims) {
+            if pile.world.reserve(&pile.shapes[prop], scale, &pose, reserved) {
                 return Some(Instance { prop, scale, pose });
             }
         }

@@ -10,7 +10,7 @@ const FULL: f64 = 9.5;
 /// Time over which it then fades out, characteristic times.
 const RAMP: f64 = 3.2;
 
-/// Whether the control is ending gently, and since when.
+/// State of the gentle end of the control.
 #[derive(Debug, Default)]
 pub struct GentleStop {
     /// The step in which it began.

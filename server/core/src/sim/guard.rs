@@ -4,7 +4,7 @@
 //! error. Each action is counted and reported.
 
 use crate::error::Error;
-use crate::error::Problem;
+use crate::error::SceneProblem;
 use crate::input::scene::{Scene, StaticModel};
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::world::{BodyId, Energy, Role, Snapshot, Units, World};
@@ -21,11 +21,11 @@ pub struct Actions {
     pub sinks: bool,
     /// Times that the contacts were stiffened for a while, because of that.
     pub stiffened: u64,
-    /// Bodies set aside, and why.
+    /// Bodies set aside, each with the reason.
     pub aside: Vec<(BodyId, AsideReason)>,
 }
 
-/// Why a body was set aside.
+/// The reason for which a body was set aside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AsideReason {
     NotFinite,
@@ -76,8 +76,7 @@ const DEPTH_PERIOD: u64 = 8;
 const DEEP: f64 = 0.5;
 /// Up to this many new pairs, as a share of the bodies, leave a large pile undisturbed.
 const FEW_DEEP: f64 = 1e-4;
-/// Where bodies are deep in each other, contacts are this many times as stiff for a while, with as many times the
-/// substeps.
+/// Factor on contact stiffness and substeps for a while, if bodies are deep in each other.
 const STIFFER: u32 = 2;
 /// Contacts stay stiffer for this many steps.
 const STIFF_STEPS: u64 = 80;
@@ -189,19 +188,19 @@ impl Guard {
         self.speed_factor * ((2.0 * (self.highest + PUSH_OUT_FALL)).sqrt() + self.thrown)
     }
 
-    /// Whether the step gave the bodies energy out of nothing.
+    /// The bodies gained energy in the step without a cause.
     fn gained(&self, world: &World, before: Energy) -> bool {
         let after = world.energy_of(&self.before);
         after.whole - before.whole > ENERGY_SHARE * before.kinetic + PUSH_OUT * world.step_length() * before.mass
     }
 
-    /// Bodies that are where, or as fast as, none can be.
+    /// Bodies at impossible places or speeds.
     fn faults(&self, world: &World) -> Vec<(BodyId, AsideReason)> {
         let most = self.most_speed();
         // A body placed below the ground is moving up.
-        let astray = world.astray(most, SPIN_FACTOR * most, self.ground, PUSH_OUT);
+        let runaway = world.runaway_bodies(most, SPIN_FACTOR * most, self.ground, PUSH_OUT);
         let fault = |(id, too_fast)| (id, if too_fast { AsideReason::TooFast } else { AsideReason::BelowGround });
-        astray.into_iter().map(fault).collect()
+        runaway.into_iter().map(fault).collect()
     }
 
     /// Bodies that sink into each other meet stiffer contacts for a while.
@@ -239,7 +238,7 @@ impl Guard {
              bodies' sizes and masses nearer to each other",
             describe_aside(&self.actions.aside, |id| id.to_string()).join("; ")
         );
-        Err(Error::Invalid(vec![Problem::new("physics.substeps", text)]))
+        Err(Error::Invalid(vec![SceneProblem::new("physics.substeps", text)]))
     }
 
     /// Pairs that were found deep in each other and still are, of bodies that are there.
@@ -267,7 +266,7 @@ pub fn describe_aside(aside: &[(BodyId, AsideReason)], name: impl Fn(BodyId) -> 
 /// Top speed of any point of moving scenery, m/s.
 fn scenery_speed(model: &StaticModel) -> f64 {
     let reach = model.model.mesh.points.iter().map(|p| p.length()).fold(0.0, f64::max);
-    let speed = |pair: &[crate::input::scene::Key]| {
+    let speed = |pair: &[crate::input::scene::Keyframe]| {
         let (a, b) = (&pair[0].pose, &pair[1].pose);
         let turned = a.rotation.normalize().angle_between(b.rotation.normalize()) * reach;
         (a.translation.distance(b.translation) + turned) / (pair[1].time - pair[0].time)

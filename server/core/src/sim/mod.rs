@@ -2,13 +2,13 @@
 
 pub mod control;
 mod events;
+mod frame_publisher;
 mod gentle_stop;
 pub mod glue;
 pub mod guard;
 pub mod instance;
 pub mod pile;
+pub mod pile_equilibrium;
 pub mod policy;
 pub mod record;
-mod show;
 pub mod step;
-pub mod whole;

@@ -1,6 +1,6 @@
-//! A pile in release or hold: its world, its bodies, and the ways to act on it from outside.
+//! A pile in release or hold: its world, its bodies, and actions on it from outside.
 
-use super::control::Control;
+use super::control::PileControl;
 use super::gentle_stop::GentleStop;
 use super::glue::PileGlue;
 use super::instance::Instance;
@@ -17,7 +17,7 @@ pub const REST_SPEED: f64 = 0.01;
 
 /// Counts of release and hold so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Done {
+pub struct PileCounters {
     pub layers: u64,
     pub bouncing_bodies: u64,
     pub bodies_emitted: u64,
@@ -29,7 +29,7 @@ pub struct Done {
 pub struct Pile<'a> {
     pub world: World,
     pub policy: Policy,
-    pub control: Control<'a>,
+    pub control: PileControl<'a>,
     pub glue: PileGlue,
     pub gentle_stop: GentleStop,
     pub recorder: Recorder,
@@ -39,12 +39,12 @@ pub struct Pile<'a> {
     pub latest_event: u64,
     /// In the order of insertion.
     pub instances: Vec<Instance>,
-    pub done: Done,
-    /// Sentences for a person, about things that could not be done.
+    pub counters: PileCounters,
+    /// Warnings, one sentence each.
     pub notes: Vec<String>,
     pub scene: &'a Scene,
     pub shapes: &'a [Shape],
-    /// Whether bodies bounce as their props say.
+    /// Bodies have the restitution of their props; `false`: none.
     bounces: bool,
 }
 
@@ -54,7 +54,7 @@ impl<'a> Pile<'a> {
         world: World,
         scene: &'a Scene,
         shapes: &'a [Shape],
-        control: Control<'a>,
+        control: PileControl<'a>,
         recorder: Recorder,
         damping: f64,
         bounces: bool,
@@ -69,7 +69,7 @@ impl<'a> Pile<'a> {
             step: 0,
             latest_event: 0,
             instances: Vec::new(),
-            done: Done::default(),
+            counters: PileCounters::default(),
             notes: Vec::new(),
             scene,
             shapes,
@@ -81,7 +81,7 @@ impl<'a> Pile<'a> {
     pub fn insert(&mut self, body: Instance) -> Result<BodyId, Error> {
         let prop = &self.scene.props[body.prop];
         let (friction, restitution) = (prop.friction, if self.bounces { prop.restitution } else { 0.0 });
-        self.done.bouncing_bodies += u64::from(restitution > 0.0);
+        self.counters.bouncing_bodies += u64::from(restitution > 0.0);
         let insertion = Insertion { prop: body.prop, scale: body.scale, pose: body.pose, friction, restitution };
         let id = self.world.insert(&self.shapes[body.prop], &insertion).map_err(Error::Internal)?;
         self.policy.join(id);

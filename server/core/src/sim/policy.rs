@@ -1,5 +1,5 @@
-//! How each body is treated: its role, its damping and its friction, each from the reasons for it. Nothing else in the
-//! simulation writes one of the three.
+//! Role, damping and friction of each body, each from the reasons for it. Nothing else in the simulation writes one of
+//! the three.
 
 use crate::invariants;
 use crate::world::{BodyId, Role, World};
@@ -103,7 +103,7 @@ impl Policy {
         self.is_stale = true;
     }
 
-    /// Nothing is damped, waits or is frozen, and nothing may fall asleep: physics alone.
+    /// Physics alone: no body is damped, waits, is frozen or may fall asleep.
     pub fn leave_to_physics(&mut self, world: &mut World) {
         *self = Policy { jammed: std::mem::take(&mut self.jammed), ..Policy::new(0.0) };
         for id in world.present().filter(|&id| !world.bodies()[id].role.stands()).collect::<Vec<_>>() {

@@ -17,9 +17,9 @@
 //! quiet or end the hold.
 
 use super::events::Events;
+use super::frame_publisher::FramePublisher;
 use super::guard::Guard;
 use super::pile::{Pile, REST_SPEED};
-use super::show::Show;
 use crate::error::Error;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::input::params::Params;
@@ -74,8 +74,8 @@ pub struct Simulation<'a> {
     pub pile: Pile<'a>,
     pub guard: Guard,
     events: Events<'a>,
-    show: Show,
-    /// Where there is no ground: bodies whose center of mass is below this, engine units, are set aside.
+    show: FramePublisher,
+    /// Without a ground: height below which bodies (by center of mass) are set aside, engine units.
     depth: Option<f64>,
     /// Bodies set aside so.
     pub fallen: usize,
@@ -92,12 +92,12 @@ impl<'a> Simulation<'a> {
     pub fn new(mut pile: Pile<'a>, guard: Guard, depth: Option<f64>, params: &Params) -> Result<Simulation<'a>, Error> {
         let events = Events::new(&mut pile, params)?;
         pile.recorder.restart(&pile.world);
-        let show = Show::new(&params.output);
+        let show = FramePublisher::new(&params.output);
         let seconds = Seconds::default();
         Ok(Simulation { pile, guard, events, show, depth, fallen: 0, top_speed: 0.0, moving: 0, seconds })
     }
 
-    /// Whether no event and no end of the control is to come.
+    /// No event and no end of the control is to come.
     pub fn is_left_alone(&self) -> bool {
         !self.pile.gentle_stop.is_under_way() && self.events.are_over()
     }
@@ -112,7 +112,7 @@ impl<'a> Simulation<'a> {
         self.show.end(&self.pile, observer, stage);
     }
 
-    /// One step. `stage`: of the bake; `fraction`: how far it is, 0 to 1.
+    /// One step. `stage`: of the bake; `fraction`: its progress, 0 to 1.
     pub fn advance(
         &mut self,
         observer: &mut dyn Observer,
@@ -188,7 +188,7 @@ impl<'a> Simulation<'a> {
     ) -> Result<(), Error> {
         let world = &self.pile.world;
         self.top_speed = world.present().map(|id| world.speed(id)).fold(0.0, f64::max);
-        self.pile.done.active_body_steps += world.present().filter(|&id| world.is_awake(id)).count() as u64;
+        self.pile.counters.active_body_steps += world.present().filter(|&id| world.is_awake(id)).count() as u64;
         let bodies = world.present().count();
         let released = bodies - world.count(Role::Waiting);
         let at_rest = world.present().filter(|&id| world.speed(id) < REST_SPEED).count();

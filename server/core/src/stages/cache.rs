@@ -2,7 +2,7 @@
 //!
 //! The core keeps nothing itself: it asks its caller for an earlier fill, and hands out a new one for keeping.
 
-use crate::input::observer::{Frame, Observer, Progress, Shown, Stage};
+use crate::input::observer::{Frame, FrameBody, Observer, Progress, Stage};
 use crate::input::params::{Base, Fill, Params, Physics};
 use crate::input::scene::{Model, PlacedBody, Prop, Scene};
 use crate::prepare::check::CheckedScene;
@@ -10,7 +10,7 @@ use crate::prepare::shape::Shape;
 use crate::stages::fill::Filled;
 use std::ops::ControlFlow;
 
-/// All that shapes and fill depend on: where it is the same, so are they.
+/// All that shapes and fill depend on: equal inputs give equal results.
 #[derive(Debug, serde::Serialize)]
 pub struct FillInputs<'a> {
     control: &'a Option<Model>,
@@ -68,17 +68,17 @@ pub struct CachedFill {
 pub struct CachedFrame {
     number: usize,
     time: f64,
-    bodies: Vec<Option<Shown>>,
+    bodies: Vec<Option<FrameBody>>,
 }
 
-/// Where fills of earlier bakes are kept.
+/// A store of fills of earlier bakes.
 pub trait FillCache {
     /// The fill of an earlier bake with the same inputs.
     fn get(&mut self, inputs: &FillInputs) -> Option<CachedFill>;
 
     fn put(&mut self, inputs: &FillInputs, found: &CachedFill);
 
-    /// Whether it keeps anything.
+    /// Fills are kept.
     fn keeps(&self) -> bool;
 }
 

@@ -1,4 +1,4 @@
-//! How slow this machine is, for estimates of cost in its own seconds.
+//! The slowness of this machine, for estimates in its own CPU seconds.
 
 use crate::error::Error;
 use crate::geometry::mesh::TriMesh;
@@ -13,7 +13,7 @@ use glam::{DQuat, DVec3};
 /// Boxes along each edge of the calibration's stack, and its steps.
 const CALIBRATION: (usize, usize) = (5, 60);
 
-/// How slow this machine is, relative to the one that the cost model was fitted on: a stack of boxes is simulated for
+/// CPU time on this machine / that on the one that the cost model was fitted on: a stack of boxes is simulated for
 /// about a tenth of a second, three times, and the quickest run counts. `clock`: CPU seconds of this process.
 pub fn calibrate(clock: impl Fn() -> f64) -> Result<f64, Error> {
     let prop = cube();

@@ -7,7 +7,7 @@ mod shake;
 mod world;
 mod zones;
 
-use crate::error::{Error, Problem};
+use crate::error::{Error, SceneProblem};
 use crate::input::observer::Observer;
 use crate::input::params::Params;
 use crate::input::scene::Scene;
@@ -29,7 +29,7 @@ pub struct Filled {
     /// Without the steps of the depenetration.
     pub steps: u64,
     pub depenetration_steps: u64,
-    /// Whether the container was full, rather than a limit reached.
+    /// The container was full; `false`: a limit was reached.
     pub full: bool,
     /// Share of the container's volume in pockets, which no body is near.
     pub pockets: f64,
@@ -49,7 +49,7 @@ pub struct Removed {
     pub escaped: usize,
 }
 
-/// What shaking did.
+/// Outcome of shaking.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Shaken {
     pub steps: u64,
@@ -57,12 +57,12 @@ pub struct Shaken {
     pub taken_back: bool,
 }
 
-/// In the engine's order, the container comes behind places for so many times the expected bodies.
+/// Places before the container in the engine's order, per expected body.
 const PLACES: usize = 2;
 
-/// A fill of a wanted number of bodies has more by this share before the clean-up, which takes about as many.
+/// A fill of a given number of bodies begins with this share more, since the clean-up removes about as many.
 const SURPLUS: f64 = 0.02;
-/// Bodies that the clean-up takes beyond that are replaced so many times.
+/// Rounds in which bodies that the clean-up removes beyond that are replaced.
 const REPLACEMENTS: usize = 5;
 
 /// Fills the container and lets the props settle in it. An error if not one prop found room.
@@ -132,7 +132,7 @@ pub fn run(
         let name = scene.control.as_ref().map_or("", |model| &model.name);
         let text =
             format!("{name}: not one prop found room inside; make the control mesh larger, or the props smaller");
-        return Err(Error::Invalid(vec![Problem::new("control_mesh", text)]));
+        return Err(Error::Invalid(vec![SceneProblem::new("control_mesh", text)]));
     }
     Ok(Filled {
         bodies,

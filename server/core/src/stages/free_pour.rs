@@ -6,14 +6,14 @@
 //! the prop.
 
 use crate::error::Error;
-use crate::geometry::Closed;
+use crate::geometry::ClosedMesh;
+use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
-use crate::geometry::region::Region;
 use crate::input::observer::Observer;
 use crate::input::params::{FillMethod, Params};
 use crate::input::scene::{Prop, Scene};
-use crate::measure::{self, Gauge};
+use crate::measure::{self, ShapeMeasurer};
 use crate::prepare::container::Container;
 use crate::prepare::shape::Shape;
 use crate::stages::fill;
@@ -54,7 +54,7 @@ pub fn free_pour(
     let prop = Prop { scale: [scale; 2], weight: 1.0, ..prop.clone() };
     let scene = Scene { props: vec![prop], ..Scene::default() };
     let units = Units::new(diameter, shape.mass * scale.powi(3), params.gravity);
-    let bin = Closed::of(bin);
+    let bin = ClosedMesh::of(bin);
     let container = Container::new(&bin, units.length, 0.0, 0.0);
     let shapes = std::slice::from_ref(shape);
     let poured = fill::pour_only(&scene, shapes, &params, units, &container, observer)?;
@@ -74,10 +74,10 @@ pub fn free_pour(
     if volume.is_nan() || volume <= 0.0 {
         return Ok(None);
     }
-    let region = Region::new(&inner);
+    let region = MeshInterior::new(&inner);
     let props = [scene.props[0].model.mesh.clone()];
     let pile = measure::Instances { props: &props, bodies: &poses };
-    Ok(Some(Gauge::new(&inner, &region, &pile).fill_fraction(&pile)))
+    Ok(Some(ShapeMeasurer::new(&inner, &region, &pile).fill_fraction(&pile)))
 }
 
 /// The mean over the props, by weight; `None` where one of them has none.
@@ -96,7 +96,7 @@ pub(crate) fn of_props(
     Ok(Some(mean))
 }
 
-/// How far the poured bodies reach below `top`, m: nine tenths of an even pour lie in nine tenths of its depth.
+/// Depth of the poured bodies below `top`, m: nine tenths of an even pour lie in nine tenths of its depth.
 fn depth(poses: &[(usize, f64, Pose)], top: f64) -> f64 {
     let depths: Vec<f64> = poses.iter().map(|p| top - p.2.translation.y).collect();
     (measure::percentile(&depths, 0.9) / 0.9).clamp(0.0, top)

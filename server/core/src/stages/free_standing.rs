@@ -1,4 +1,4 @@
-//! What a pile does by physics alone: all bodies released and awake, without nails, holds, control or damping.
+//! The motion of a pile by physics alone: all bodies released and awake, without nails, holds, control or damping.
 
 use crate::error::Error;
 use crate::geometry::pose::Pose;
@@ -13,10 +13,10 @@ const TIME: f64 = 5.0;
 const JUDGED: f64 = 0.2;
 /// A body that moved less than this in the judged time rests, in d.
 const RESTING: f64 = 0.01;
-/// Contact patches that carry less than this share of the median prop's weight say nothing on friction.
+/// Contact patches that carry less than this share of the median prop's weight are not tested for friction.
 const LEAST_LOAD: f64 = 0.01;
 
-/// What the bodies did.
+/// Motion and forces of the bodies.
 pub struct FreeStanding {
     /// Steps simulated.
     pub steps: u64,

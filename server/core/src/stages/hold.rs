@@ -7,19 +7,19 @@ use crate::sim::step::Simulation;
 
 /// The pile is at rest once all of its bodies have been for this long, characteristic times.
 const REST_TIME: f64 = 1.0;
-/// In a large pile some bodies always rock: where no larger share does, the hold waits for them so many times as long
-/// at most.
+/// In a large pile some bodies always rock. If at most this share of the bodies moves, the hold ends after
+/// [`ROCKING_TIMES`] x [`REST_TIME`].
 const ROCKING: f64 = 1e-4;
 const ROCKING_TIMES: u64 = 3;
 
-/// Damping of bodies that still roll or rattle late in the hold, per characteristic time. Most of their speed is gone
-/// after so many characteristic times; where some go on, the damping doubles, up to the last one: a body that falls
-/// under it is still faster than one that counts as at rest.
+/// Initial damping of bodies that still roll or rattle late in the hold, per characteristic time. It doubles every
+/// [`ROLLING_TIMES`] characteristic times while bodies still move, up to [`MOST_ROLLING_DAMPING`]. A body that falls
+/// under the maximum is still faster than the rest threshold.
 const ROLLING_DAMPING: f64 = 0.5;
 const ROLLING_TIMES: f64 = 5.0;
 const MOST_ROLLING_DAMPING: f64 = 16.0;
-/// The damping sets in after this share of the patience, or where no larger share of the bodies has moved for a
-/// characteristic time: the shape is long decided.
+/// The damping sets in after this share of the patience, or once at most a share of [`ROLLING`] of the bodies has moved
+/// for [`REST_TIME`]: the shape no longer changes.
 const ROLLING_ONSET: f64 = 0.125;
 const ROLLING: f64 = 1e-3;
 
@@ -45,37 +45,38 @@ pub struct RestTime {
     pub frame: usize,
 }
 
-/// For how many steps a pile has been at rest.
+/// Steps in a row in which at most a share of the bodies moved.
 #[derive(Clone, Copy, Default)]
-struct Calm {
-    /// Since a share of more than [`ROCKING`] of the bodies moved.
-    calm: u64,
-    /// Since a share of more than [`ROLLING`] of them moved.
-    decided: u64,
-    /// Since any moved.
-    still: u64,
+struct RestCounters {
+    /// At most [`ROCKING`].
+    few_rock: u64,
+    /// At most [`ROLLING`].
+    few_roll: u64,
+    /// None.
+    none_moves: u64,
 }
 
-impl Calm {
+impl RestCounters {
     fn step(&mut self, moving: usize, bodies: usize) {
         let at_most = |share: f64| moving as f64 <= share * bodies as f64;
-        for (steps, share) in [(&mut self.still, 0.0), (&mut self.calm, ROCKING), (&mut self.decided, ROLLING)] {
+        let counters = [(&mut self.none_moves, 0.0), (&mut self.few_rock, ROCKING), (&mut self.few_roll, ROLLING)];
+        for (steps, share) in counters {
             *steps = if at_most(share) { *steps + 1 } else { 0 };
         }
     }
 
-    /// The pile is at rest. `least`: steps for which all bodies have to be.
+    /// The pile is at rest: no body moved in `least` steps, or few rocked in [`ROCKING_TIMES`] as many.
     fn is_over(&self, least: u64) -> bool {
-        self.still >= least || self.calm >= ROCKING_TIMES * least
+        self.none_moves >= least || self.few_rock >= ROCKING_TIMES * least
     }
 
     /// Only few bodies still move.
     fn is_decided(&self, least: u64) -> bool {
-        self.decided >= least && self.still < self.decided
+        self.few_roll >= least && self.none_moves < self.few_roll
     }
 }
 
-/// Damping of all bodies so many characteristic times after it has set in, per characteristic time.
+/// Damping of all bodies, per characteristic time, `times` characteristic times after it has set in.
 fn rolling_damping(times: f64) -> f64 {
     let doublings = (times / ROLLING_TIMES) as i32;
     (ROLLING_DAMPING * 2f64.powi(doublings)).min(MOST_ROLLING_DAMPING)
@@ -95,17 +96,17 @@ pub fn run(
     let rest_steps = (REST_TIME / step).ceil() as u64;
     let least_steps = (params.hold.least_seconds / sim.pile.world.units.time / step).ceil() as u64;
     let mut begin = sim.pile.step;
-    let (mut calm, mut top_speed) = (Calm::default(), 0.0f64);
+    let (mut counters, mut top_speed) = (RestCounters::default(), 0.0f64);
     let (mut rest, mut rolls_since) = (None, None);
     let mut to_stand = stands && params.control.until.is_none() && sim.pile.control.is_on();
     loop {
-        let rests = calm.is_over(rest_steps) && sim.is_left_alone();
+        let rests = counters.is_over(rest_steps) && sim.is_left_alone();
         if rests && to_stand {
             match params.control.stand {
                 Switch::On => sim.pile.end_control(true),
                 Switch::Auto | Switch::Off => sim.pile.release_gently(),
             }
-            (to_stand, calm, rest) = (false, Calm::default(), None);
+            (to_stand, counters, rest) = (false, RestCounters::default(), None);
         } else if rests && sim.pile.step - begin >= least_steps {
             break;
         }
@@ -123,7 +124,7 @@ pub fn run(
             begin = sim.pile.latest_event;
         }
         let is_late = sim.pile.step - begin >= (ROLLING_ONSET * patience as f64) as u64;
-        if is_late || calm.is_decided(rest_steps) && sim.is_left_alone() {
+        if is_late || counters.is_decided(rest_steps) && sim.is_left_alone() {
             rolls_since.get_or_insert(sim.pile.step);
         }
         if let Some(since) = rolls_since {
@@ -133,16 +134,16 @@ pub fn run(
             }
         }
         sim.advance(observer, Stage::Hold, |sim| ((sim.pile.step - begin) as f64 / patience as f64).min(0.99))?;
-        calm.step(sim.moving, sim.pile.world.present().count());
+        counters.step(sim.moving, sim.pile.world.present().count());
         top_speed = if sim.moving == 0 { top_speed.max(sim.top_speed) } else { 0.0 };
-        if calm.calm == 1 {
+        if counters.few_rock == 1 {
             let steps = (sim.pile.step - 1).saturating_sub(sim.pile.latest_event);
             rest = Some(RestTime { steps, frame: sim.pile.recorder.count() });
-        } else if calm.calm == 0 {
+        } else if counters.few_rock == 0 {
             rest = None;
         }
     }
-    let at_rest = calm.calm >= rest_steps;
+    let at_rest = counters.few_rock >= rest_steps;
     sim.pile.recorder.mark();
     if let Some(n) = params.output.frames {
         sim.pile.recorder.fit(n as usize);
@@ -155,15 +156,15 @@ pub fn run(
 
 #[cfg(test)]
 mod tests {
-    use super::{Calm, MOST_ROLLING_DAMPING, rolling_damping};
+    use super::{MOST_ROLLING_DAMPING, RestCounters, rolling_damping};
     use crate::sim::pile::REST_SPEED;
 
     /// Steps until the pile is at rest, where so many bodies move in each step, the last number forever.
     fn steps(moving: &[usize], bodies: usize) -> Option<usize> {
-        let mut calm = Calm::default();
+        let mut counters = RestCounters::default();
         (0..1000).find(|&step| {
-            calm.step(moving[step.min(moving.len() - 1)], bodies);
-            calm.is_over(10)
+            counters.step(moving[step.min(moving.len() - 1)], bodies);
+            counters.is_over(10)
         })
     }
 

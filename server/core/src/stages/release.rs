@@ -21,7 +21,7 @@ pub fn run(
     let total = layers.len() as u64 * interval;
     sim.show(observer, Stage::Release);
     for layer in layers {
-        sim.pile.done.layers += 1;
+        sim.pile.counters.layers += 1;
         layer.into_iter().for_each(|id| sim.pile.release(id));
         for _ in 0..interval {
             sim.advance(observer, Stage::Release, |sim| sim.pile.step as f64 / total as f64)?;

@@ -1,13 +1,13 @@
 //! Turning over: gravity points down again. Every body waits in place, on the ground or in the air.
 
 use crate::error::Error;
-use crate::geometry::region::DistanceGrid;
+use crate::geometry::interior::DistanceGrid;
 use crate::input::params::{Params, Switch};
 use crate::input::scene::Scene;
 use crate::prepare::container::core::Core;
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::prepare::shape::Shape;
-use crate::sim::control::Control;
+use crate::sim::control::PileControl;
 use crate::sim::guard::Guard;
 use crate::sim::instance::Instance;
 use crate::sim::pile::Pile;
@@ -29,7 +29,7 @@ pub struct TurnOverInputs<'a, 'r> {
     pub ground: f64,
     /// Stands in the pile, where only its surface is made of props.
     pub core: Option<&'a Core>,
-    /// Where the control acts, engine units; `None`: everywhere.
+    /// The region of the control, engine units; `None`: everywhere.
     pub region: Option<&'a DistanceGrid>,
 }
 
@@ -103,7 +103,7 @@ fn world(inputs: &TurnOverInputs) -> Result<World, Error> {
     Ok(world)
 }
 
-fn control<'a>(inputs: &TurnOverInputs<'a, '_>, world: &World) -> Control<'a> {
+fn control<'a>(inputs: &TurnOverInputs<'a, '_>, world: &World) -> PileControl<'a> {
     let &TurnOverInputs { params, resolved, region, .. } = inputs;
-    Control::new(&params.control, resolved, params.gravity, params.seed, world.step_length(), region)
+    PileControl::new(&params.control, resolved, params.gravity, params.seed, world.step_length(), region)
 }

@@ -1,4 +1,4 @@
-//! How bodies come and go.
+//! Insertion and removal of bodies.
 
 use super::colliders::{INSIDE, Owner};
 use super::{BodyId, BodySize, Insertion, Role, World, WorldBody, bodies::scaled, settings, units::to_engine};

@@ -38,7 +38,7 @@
 //! - `joints`: clusters and nails
 //! - `lifecycle`: how bodies come and go
 //! - `validation`: the invariants
-//! - `stepping`: the step, the same step again in smaller ones, depenetration
+//! - `stepping`: the step, the retry of a step with smaller steps, depenetration
 //! - `queries`: loads, energy, friction, faults
 
 mod bodies;
@@ -61,7 +61,7 @@ use rapier3d::prelude::PhysicsWorld;
 
 pub use bodies::{BodySize, ClusterId, Insertion, Momentum, Role, WorldBody};
 pub use colliders::{BodyId, MovingId};
-pub use contacts::{Claims, ComingHit, ContactPair, ContactPoint, PairSide};
+pub use contacts::{ComingHit, ContactPair, ContactPoint, PairSide, ReservedPlaces};
 pub use corrections::WorldCounters;
 pub use joints::nails::NailId;
 pub use queries::FrictionExcess;

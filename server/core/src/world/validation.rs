@@ -3,7 +3,7 @@
 use super::{Role, World, WorldBody, bodies::GlueCluster, colliders::Owner};
 use rapier3d::prelude::*;
 
-/// How far a collider may be from where its body's poses place it, engine units and radians: rounding.
+/// Tolerance between a collider's pose and that of its body, engine units and radians: rounding.
 const ROUNDING: f32 = 1e-4;
 
 impl World {

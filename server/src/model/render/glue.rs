@@ -22,7 +22,7 @@ const LARGEST: f64 = 0.3;
 const THROUGH: f32 = 0.8;
 
 /// The glue of a file's pile at a moment.
-pub struct PileGlue {
+pub struct DrawnGlue {
     dots: Vec<GlueMark>,
     bonds: BTreeMap<usize, Bond>,
 }
@@ -42,15 +42,15 @@ enum Bond {
     Anchored,
 }
 
-impl PileGlue {
+impl DrawnGlue {
     /// The file states the dots of its end; at `seconds` they are where their bodies were.
-    pub fn read(document: &Document, seconds: f64, end: f64) -> Result<PileGlue, RenderFault> {
+    pub fn read(document: &Document, seconds: f64, end: f64) -> Result<DrawnGlue, RenderFault> {
         let stated = nodes::pile(document).and_then(|(_, pile)| pile.get("extras")?.get("cairn")?.get("glue"));
         let stated = stated.ok_or(RenderFault::NoGlue)?;
         let list = |key: &str| stated.get(key).and_then(Value::as_array).ok_or(RenderFault::BrokenGlue);
         let index = |value: &Value| value.as_u64().map(|id| id as usize).ok_or(RenderFault::BrokenGlue);
         let (now, then) = (nodes::bodies(document, seconds)?, nodes::bodies(document, end)?);
-        let mut glue = PileGlue { dots: Vec::new(), bonds: BTreeMap::new() };
+        let mut glue = DrawnGlue { dots: Vec::new(), bonds: BTreeMap::new() };
         for dot in list("dots")? {
             let vector = |key: &str| {
                 let numbers = dot.get(key)?.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>()?;

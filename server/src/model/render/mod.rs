@@ -13,7 +13,7 @@ use cairn_gltf::document::DocumentError;
 use cairn_gltf::{Document, Resolver};
 use camera::Camera;
 use glam::{DAffine3, DQuat, DVec3};
-use glue::PileGlue;
+use glue::DrawnGlue;
 use image::RgbImage;
 use library::Library;
 use nodes::PlacedMesh;
@@ -154,7 +154,7 @@ struct Loaded {
     at_end: Vec<PlacedMesh>,
     library: Library,
     /// If it is wanted.
-    glue: Option<PileGlue>,
+    glue: Option<DrawnGlue>,
 }
 
 impl Loaded {
@@ -175,7 +175,7 @@ impl Loaded {
         let placed = nodes::placed(&document, seconds)?;
         let at_end = nodes::placed(&document, end)?;
         let library = Library::read(&document, &placed, model.resolve)?;
-        let glue = with_glue.then(|| PileGlue::read(&document, seconds, end)).transpose()?;
+        let glue = with_glue.then(|| DrawnGlue::read(&document, seconds, end)).transpose()?;
         let loaded = Loaded { placed, at_end, library, glue };
         let points = loaded.points(&loaded.placed, false);
         if points.is_empty() || points.iter().any(|p| !p.is_finite()) {

@@ -4,7 +4,7 @@
 use crate::problem::{Problem, nearest};
 use crate::wire::proto;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Emitter, Key, Place, PlacedBody};
+use cairn_core::input::scene::{Emitter, EmitterVolume, Keyframe, PlacedBody};
 use glam::{DQuat, DVec3};
 
 /// The last frame that can be named.
@@ -62,10 +62,10 @@ impl<'a> Added<'a> {
     }
 
     /// `mesh`: the emitter's, where it has one.
-    pub fn emitter(&mut self, index: usize, emitter: &proto::Emitter, mesh: Option<Place>) -> Emitter {
+    pub fn emitter(&mut self, index: usize, emitter: &proto::Emitter, mesh: Option<EmitterVolume>) -> Emitter {
         use proto::emitter::Start;
         let field = |name: &str| format!("emitters.{index}.{name}");
-        let place = mesh.unwrap_or_else(|| Place::Box {
+        let place = mesh.unwrap_or_else(|| EmitterVolume::Box {
             center: self.vector(&field("center"), &emitter.center),
             size: self.vector(&field("size"), &emitter.size),
         });
@@ -85,11 +85,11 @@ impl<'a> Added<'a> {
         }
     }
 
-    pub fn keys(&mut self, index: usize, model: &proto::StaticModel) -> Vec<Key> {
+    pub fn keys(&mut self, index: usize, model: &proto::StaticModel) -> Vec<Keyframe> {
         let key = |(k, key): (usize, &proto::Keyframe)| {
             let field = format!("statics.{index}.keyframes.{k}.");
             let time = self.frame(&format!("{field}frame"), key.frame());
-            Key { time, pose: self.pose(&field, &key.position, &key.rotation) }
+            Keyframe { time, pose: self.pose(&field, &key.position, &key.rotation) }
         };
         model.keyframes.iter().enumerate().map(key).collect()
     }

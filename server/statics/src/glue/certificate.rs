@@ -5,10 +5,10 @@
 //! where the forces leave any room. Where few bodies remain without balance, each lacks a joint that was too small to
 //! show among all the others, and gets one.
 
-use super::factor::{Factor, Mobility, Work};
+use super::admm::{Admm, GlueWeights, IterationLimits, capped, onto_cone};
+use super::factor::{Factor, Mobility, Workspace};
 use super::program::{GlueForces, GlueProgram};
-use super::splitting::{GlueWeights, Length, Splitting, capped, onto_cone};
-use super::{GlueError, Going, reference};
+use super::{GlueError, Going, interior_point};
 use crate::global::BALANCED;
 use nalgebra::{Vector3, Vector6};
 
@@ -24,7 +24,7 @@ pub struct Balanced {
 }
 
 /// Iterations of the splitting method before a correction, and the mean imbalance of the bodies that ends them.
-const APPROACH: Length = Length { least: 50, most: 600 };
+const APPROACH: IterationLimits = IterationLimits { least: 50, most: 600 };
 const NEAR: f64 = 3e-4;
 /// Price of a normal force meanwhile.
 const PRICE: f64 = 1e-3;
@@ -65,17 +65,17 @@ pub fn balance(
 ) -> Result<Balanced, GlueError> {
     let mut allowed = vec![false; program.sites.len()];
     chosen.iter().for_each(|&site| allowed[site] = true);
-    let mut splitting = Splitting::new(tight, &allowed, false);
-    splitting.take(from);
+    let mut admm = Admm::new(tight, &allowed, false);
+    admm.take(from);
     let mut weights = GlueWeights::even(program, PRICE, false);
     weights.joints.fill(0.0);
-    splitting.run(&weights, APPROACH, NEAR, going)?;
-    let iterations = splitting.iterations;
-    let nearly = correct(program, splitting.state, &allowed, going)?;
+    admm.run(&weights, APPROACH, NEAR, going)?;
+    let iterations = admm.iterations;
+    let nearly = correct(program, admm.state, &allowed, going)?;
     let (state, imbalance) = add_where_short(program, nearly, &mut allowed, going)?;
     let bodies = program.target.len();
     let exact = if by_cone_program && imbalance > BALANCED && bodies <= MOST_BODIES {
-        reference::balance(program, &allowed).ok()
+        interior_point::balance(program, &allowed).ok()
     } else {
         None
     };
@@ -144,7 +144,7 @@ fn correct(
 ) -> Result<(GlueForces, f64), GlueError> {
     let mut best = (from.clone(), unbalanced(program, &from));
     let mut state = from;
-    let (mut left, mut work) = (Vec::new(), Work::default());
+    let (mut left, mut work) = (Vec::new(), Workspace::default());
     // Factor on the mobility that the force's own size gives. Shape `[contact]`.
     let mut movable = vec![1.0f64; state.contacts.len()];
     let mut stalls = 0;

@@ -6,7 +6,7 @@ use super::program::GlueProgram;
 use nalgebra::{Matrix6, Vector6};
 use std::collections::BTreeMap;
 
-/// How much the unknowns may move: squares of a scale.
+/// Mobility of the unknowns: squares of a scale.
 pub struct Mobility {
     /// Shape `[contact]`.
     pub contacts: Vec<f64>,
@@ -154,8 +154,8 @@ impl Factor {
     }
 
     /// Solves M x = r from the guess `x`, to `tolerance` of the residual that it leaves or in `most` iterations.
-    pub fn solve(&self, r: &[Vector6<f64>], x: &mut [Vector6<f64>], tolerance: f64, most: usize, work: &mut Work) {
-        let Work { residual, direction, image, z } = work;
+    pub fn solve(&self, r: &[Vector6<f64>], x: &mut [Vector6<f64>], tolerance: f64, most: usize, work: &mut Workspace) {
+        let Workspace { residual, direction, image, z } = work;
         [&mut *residual, direction, image].into_iter().for_each(|v| v.resize(r.len(), Vector6::zeros()));
         z.resize(r.len(), Vector6::zeros());
         self.times(x, image);
@@ -193,7 +193,7 @@ impl Factor {
 
 /// Scratch memory of [`Factor::solve`].
 #[derive(Default)]
-pub struct Work {
+pub struct Workspace {
     residual: Vec<Vector6<f64>>,
     direction: Vec<Vector6<f64>>,
     image: Vec<Vector6<f64>>,

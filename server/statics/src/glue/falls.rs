@@ -1,16 +1,17 @@
-//! Which bodies glue cannot hold: it is too weak, or not allowed where it would help.
+//! Bodies that glue cannot hold: it is too weak, or not allowed where it would help.
 
+use super::admm::{Admm, FIRST, GlueWeights, IterationLimits, NEAR};
 use super::certificate::MOST_BODIES;
 use super::program::GlueProgram;
-use super::splitting::{FIRST, GlueWeights, Length, NEAR, Splitting};
 use super::{GlueError, GlueOptions, GlueProblem, Going};
 
 /// A body that lacks support for more than this share of its weight falls.
 const MISSING: f64 = 0.01;
-const LENGTH: Length = Length { most: 2000, ..FIRST };
+const LIMITS: IterationLimits = IterationLimits { most: 2000, ..FIRST };
 
-/// Whether any body fell, and the iterations that took.
+/// Outcome of [`fall`].
 pub struct Fall {
+    /// A body fell.
     pub any: bool,
     pub iterations: u64,
 }
@@ -30,10 +31,10 @@ pub fn fall(
         let allowed = program.allowed_sites();
         let mut weights = GlueWeights::even(&program, 0.0, true);
         weights.joints.fill(0.0);
-        let mut splitting = Splitting::new(&program, &allowed, true);
-        splitting.run(&weights, LENGTH, NEAR, going)?;
-        iterations += splitting.iterations;
-        let missing = splitting.missing(MISSING);
+        let mut admm = Admm::new(&program, &allowed, true);
+        admm.run(&weights, LIMITS, NEAR, going)?;
+        iterations += admm.iterations;
+        let missing = admm.missing(MISSING);
         if missing.is_empty() {
             break;
         }

@@ -3,7 +3,7 @@
 //! A cluster is rigid: where its joints form rings, statics alone does not determine their loads. The least sum of
 //! squares is the load of joints that are all equally stiff.
 
-use super::factor::{Factor, Mobility, Work};
+use super::factor::{Factor, Mobility, Workspace};
 use super::program::{GlueForces, GlueProgram};
 use super::{GlueError, GlueJoint, GlueOptions, GlueProblem, GlueSite, MOST_ROUNDS};
 use crate::global::GlobalBody;
@@ -21,7 +21,7 @@ pub struct Loads {
     joints: Vec<GlueSite>,
     gravity: DVec3,
     factor: Factor,
-    work: Work,
+    work: Workspace,
     multipliers: Vec<Vector6<f64>>,
 }
 
@@ -33,7 +33,7 @@ impl Loads {
         let program = GlueProgram::new(&problem, &FREE, &vec![false; bodies.len()])?;
         let mobility = Mobility { contacts: vec![], joints: vec![1.0; joints.len()], missing: 0.0 };
         let factor = Factor::new(&program, &mobility);
-        Ok(Loads { bodies, joints, gravity, factor, work: Work::default(), multipliers })
+        Ok(Loads { bodies, joints, gravity, factor, work: Workspace::default(), multipliers })
     }
 
     /// Loads of the joints that give each body this force and this moment about its centre. Shape `[joint]`.

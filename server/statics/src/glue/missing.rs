@@ -1,14 +1,14 @@
 //! The weight that contacts alone cannot carry, without any glue: [`crate::global`] by splitting, about twenty times as
 //! fast.
 
+use super::admm::{Admm, GlueWeights, IterationLimits};
 use super::program::GlueProgram;
-use super::splitting::{GlueWeights, Length, Splitting};
 use super::{GlueError, GlueOptions, GlueProblem, Going, MOST_ROUNDS};
 use crate::global::SHARPEN;
 
 const PLAIN: GlueOptions = GlueOptions { friction_factor: 1.0, normal_price: 0.0, strength: None, rounds: MOST_ROUNDS };
 /// Iterations between two looks at the imbalance.
-const LOOK: Length = Length { least: 100, most: 100 };
+const LOOK: IterationLimits = IterationLimits { least: 100, most: 100 };
 /// Looks at most: first with even weights, then in the rounds that settle ties.
 const LOOKS: [usize; 3] = [40, 20, 20];
 /// A round ends once the total imbalance changes by no larger share between looks, or [`STEADY`] looks in a row find
@@ -23,16 +23,16 @@ pub fn missing(pile: &GlueProblem, enough: f64, going: &mut Going) -> Result<(Ve
     let fallen = vec![false; pile.bodies.len()];
     let program = GlueProgram::new(pile, &PLAIN, &fallen)?;
     let mut weights = GlueWeights::even(&program, 0.0, true);
-    let mut splitting = Splitting::new(&program, &vec![false; pile.sites.len()], true);
+    let mut admm = Admm::new(&program, &vec![false; pile.sites.len()], true);
     let mut best: Option<(usize, Vec<f64>)> = None;
     for (round, looks) in LOOKS.into_iter().enumerate() {
         if round > 0 {
-            weights.reweight_missing(&splitting.state.missing, SHARPEN);
+            weights.reweight_missing(&admm.state.missing, SHARPEN);
         }
         let (mut last, mut last_count, mut steady) = (f64::INFINITY, usize::MAX, 0);
         for _ in 0..looks {
-            splitting.run(&weights, LOOK, 0.0, going)?;
-            let missing = splitting.left_by_contacts();
+            admm.run(&weights, LOOK, 0.0, going)?;
+            let missing = admm.left_by_contacts();
             let total: f64 = missing.iter().sum();
             let is_settled = (total - last).abs() <= SETTLED * total;
             last = total;
@@ -46,9 +46,9 @@ pub fn missing(pile: &GlueProblem, enough: f64, going: &mut Going) -> Result<(Ve
                 break;
             }
             if count == 0 {
-                return Ok((best.map_or(Vec::new(), |(_, missing)| missing), splitting.iterations));
+                return Ok((best.map_or(Vec::new(), |(_, missing)| missing), admm.iterations));
             }
         }
     }
-    Ok((best.map_or(Vec::new(), |(_, missing)| missing), splitting.iterations))
+    Ok((best.map_or(Vec::new(), |(_, missing)| missing), admm.iterations))
 }

@@ -26,28 +26,28 @@
 //!
 //! # Method
 //!
-//! `splitting.rs` solves the rounds: projection onto balance, projection onto the friction cones and shrinkage of the
+//! `admm.rs` solves the rounds: projection onto balance, projection onto the friction cones and shrinkage of the
 //! joints in turn (ADMM; Boyd et al. 2011), the former by preconditioned conjugate gradients. Its choice of joints
 //! settles long before its forces balance; so `certificate.rs` balances the chosen joints, to [`BALANCED`] by
 //! substitution, with Clarabel where that fails.
 
+mod admm;
 mod bound;
 mod certificate;
 mod factor;
 mod falls;
+pub mod interior_point;
 mod loads;
 mod missing;
 mod program;
-pub mod reference;
-mod splitting;
 
 use crate::global::{BALANCED, GlobalBody, GlobalContact};
+use admm::{Admm, GlueWeights};
 use certificate::Balanced;
 use glam::DVec3;
 pub use loads::Loads;
 pub use missing::missing;
 use program::GlueProgram;
-use splitting::{GlueWeights, Splitting};
 use std::collections::BTreeSet;
 use std::iter;
 use std::ops::{ControlFlow, Range};
@@ -61,13 +61,13 @@ pub struct GlueSite {
     pub other: Option<usize>,
     /// Its contacts among the pile's; none where the two are near each other without touching.
     pub contacts: Range<usize>,
-    /// Where the joint would be.
+    /// Place of the joint.
     pub center: DVec3,
     /// A moment counts as the force that causes it at this distance, > 0.
     pub arm: f64,
-    /// Whether it may be glued.
+    /// It may be glued.
     pub may_glue: bool,
-    /// Its normal forces cost at least so much, against a joint's force as 1; >= 0.
+    /// Minimum price of its normal forces, relative to a joint force (1); >= 0.
     pub normal_price: f64,
 }
 
@@ -81,12 +81,12 @@ pub struct GlueProblem<'a> {
     pub gravity: DVec3,
 }
 
-/// How much safety, and how strong the glue.
+/// Safety, and strength of the glue.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GlueOptions {
     /// Friction counts by this factor, 0 to 1.
     pub friction_factor: f64,
-    /// Price of a normal force, against that of a joint's force as 1; a site may have a higher one.
+    /// Price of a normal force, relative to a joint force (1); a site may have a higher one.
     pub normal_price: f64,
     /// The most that a joint may carry, as |(force, moment / arm)|; a force. `None`: no bound.
     pub strength: Option<f64>,
@@ -104,19 +104,19 @@ pub struct GlueJoint {
     pub moment: DVec3,
 }
 
-/// Where to glue, with the forces that prove it.
+/// The chosen joints, with the forces that prove them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GluePlacement {
     /// By site, ascending.
     pub joints: Vec<GlueJoint>,
-    /// No choice has fewer joints than this; it may well be that none has so few.
+    /// Lower bound on the number of joints; it may not be reachable.
     pub at_least: usize,
     /// Bodies that glue of this strength at the allowed sites cannot hold, ascending.
     pub fallen: Vec<usize>,
     /// Contact forces that balance the remaining bodies together with the joints. Shape `[contact]`.
     pub forces: Vec<DVec3>,
-    /// Their imbalance, by substitution: sum over the bodies that stand, each by its own weight; for each thousand of
-    /// them where there are more.
+    /// Their imbalance, by substitution: sum over the bodies that stand, each relative to its weight; per thousand
+    /// bodies where there are more.
     pub imbalance: f64,
     /// Clarabel balanced the chosen joints, since the splitting method could not.
     pub by_cone_program: bool,
@@ -125,20 +125,30 @@ pub struct GluePlacement {
 }
 
 impl GluePlacement {
-    /// Whether every body that has not fallen is in equilibrium.
+    /// Every body that has not fallen is in equilibrium.
     pub fn stands(&self) -> bool {
         self.imbalance <= BALANCED
     }
 }
 
-/// Why there is no answer.
+/// The reason for which there is no placement.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GlueError {
     #[error(transparent)]
     Problem(#[from] crate::global::GlobalProblemError),
-    #[error("site {0}: its bodies, its contacts, its arm or its price mean nothing")]
-    Site(usize),
-    #[error("friction factor, price or strength is negative or no number")]
+    #[error("site {0}: a body does not exist, or both are the same")]
+    SiteBodies(usize),
+    #[error("site {0}: its contacts must follow those of the site before, and join its two bodies")]
+    SiteContacts(usize),
+    #[error("site {0}: the center is not finite, or too far from its bodies")]
+    SiteCenter(usize),
+    #[error("site {0}: the arm must be finite and above 0")]
+    SiteArm(usize),
+    #[error("site {0}: the price must be finite and at least 0")]
+    SitePrice(usize),
+    #[error("contact {0} belongs to no site")]
+    Contact(usize),
+    #[error("the friction factor, the price or the strength is negative or not a number")]
     Options,
     #[error("cancelled")]
     Cancelled,
@@ -147,7 +157,7 @@ pub enum GlueError {
 /// The e of each round of reweighting, in weights of the lighter body.
 const ROUNDS: [f64; MOST_ROUNDS] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
 pub const MOST_ROUNDS: usize = 7;
-/// Where this few rounds find no balance, all of them run.
+/// Fewest rounds. If they find no balance, all rounds run.
 pub const LEAST_ROUNDS: usize = 2;
 /// Most rounds for a pile of more than [`LARGE`] bodies.
 const ROUNDS_LARGE: usize = LEAST_ROUNDS;
@@ -163,7 +173,7 @@ const NOTHING: f64 = 1e-4;
 /// it needs.
 const TIGHT: f64 = 0.985;
 /// Where a choice does not balance, further joints are sought at this share of the price of normal forces, and to this
-/// share of [`splitting::NEAR`].
+/// share of [`admm::NEAR`].
 const REPAIR_SHARE: f64 = 0.25;
 /// In a pile of more bodies, more joints are tried before the cone program, which takes longer than all other steps
 /// together.
@@ -192,10 +202,10 @@ pub fn place_again(
         let program = GlueProgram::new(pile, options, &fallen)?;
         let tight = GlueProgram::new(pile, &tight_options, &fallen)?;
         let allowed = tight.allowed_sites();
-        let mut splitting = Splitting::new(&tight, &allowed, false);
-        let chosen = choose(&mut splitting, known, rounds, going)?;
-        let balanced = balance(&program, &mut splitting, &chosen, going)?;
-        iterations += splitting.iterations + balanced.iterations;
+        let mut admm = Admm::new(&tight, &allowed, false);
+        let chosen = choose(&mut admm, known, rounds, going)?;
+        let balanced = balance(&program, &mut admm, &chosen, going)?;
+        iterations += admm.iterations + balanced.iterations;
         if balanced.imbalance > BALANCED && rounds < most_rounds {
             rounds = most_rounds;
             continue;
@@ -222,32 +232,32 @@ pub fn place_again(
 
 /// The sites that each round glues, ascending; the last round first.
 fn choose(
-    splitting: &mut Splitting,
+    admm: &mut Admm,
     known: &[GlueJoint],
     rounds: usize,
     going: &mut Going,
 ) -> Result<Vec<Vec<usize>>, GlueError> {
-    let mut weights = GlueWeights::of(splitting.program, 1.0);
+    let mut weights = GlueWeights::of(admm.program, 1.0);
     if known.is_empty() {
-        splitting.run(&weights, splitting::FIRST, splitting::NEAR * FIRST_NEAR, going)?;
+        admm.run(&weights, admm::FIRST, admm::NEAR * FIRST_NEAR, going)?;
     } else {
-        splitting.take(splitting.program.state(known));
+        admm.take(admm.program.state(known));
     }
-    let bodies = splitting.program.target.len();
+    let bodies = admm.program.target.len();
     // In a small pile, balance does not show whether the choice is settled.
-    let next = if bodies <= splitting::SMALL { splitting::NEXT_SMALL } else { splitting::NEXT };
+    let next = if bodies <= admm::SMALL { admm::NEXT_SMALL } else { admm::NEXT };
     let left_out = if known.is_empty() { 0 } else { KNOWN.min(rounds - 1) };
     let mut chosen = Vec::new();
     for number in left_out..rounds {
         // Spread evenly over all of them.
         let e = ROUNDS[(number + 1) * (MOST_ROUNDS + 1) / (rounds + 1) - 1];
-        let near = splitting::NEAR * if number + 1 < rounds { EARLY_NEAR } else { 1.0 };
-        weights.reweight(&splitting.state.joints, e);
-        weights.price(splitting.program, e);
+        let near = admm::NEAR * if number + 1 < rounds { EARLY_NEAR } else { 1.0 };
+        weights.reweight(&admm.state.joints, e);
+        weights.price(admm.program, e);
         // Costs have fallen by e; balance must not outweigh them.
-        splitting.set_penalty(e);
-        splitting.run(&weights, next, near, going)?;
-        chosen.push(splitting.joints(NOTHING));
+        admm.set_penalty(e);
+        admm.run(&weights, next, near, going)?;
+        chosen.push(admm.joints(NOTHING));
     }
     chosen.reverse();
     Ok(chosen)
@@ -257,13 +267,13 @@ fn choose(
 /// those of the earlier rounds.
 fn balance(
     program: &GlueProgram,
-    splitting: &mut Splitting,
+    admm: &mut Admm,
     rounds: &[Vec<usize>],
     going: &mut Going,
 ) -> Result<Balanced, GlueError> {
-    let tight = splitting.program;
+    let tight = admm.program;
     let Some((last, earlier)) = rounds.split_first() else { return Err(GlueError::Options) };
-    let mut best = certificate::balance(program, tight, splitting.state.clone(), last, false, going)?;
+    let mut best = certificate::balance(program, tight, admm.state.clone(), last, false, going)?;
     if best.imbalance <= BALANCED {
         return Ok(best);
     }
@@ -272,15 +282,15 @@ fn balance(
     // Further joints at their full price; the chosen ones are free.
     let mut weights = GlueWeights::of(tight, REPAIR_SHARE);
     last.iter().for_each(|&site| weights.joints[site] = 0.0);
-    splitting.set_penalty(1.0);
-    splitting.run(&weights, splitting::FIRST, splitting::NEAR * REPAIR_SHARE, going)?;
-    let repaired = splitting.joints(NOTHING);
+    admm.set_penalty(1.0);
+    admm.run(&weights, admm::FIRST, admm::NEAR * REPAIR_SHARE, going)?;
+    let repaired = admm.joints(NOTHING);
     for (number, more) in iter::once(&repaired).chain(earlier).enumerate() {
         sites.extend(more);
         let choice: Vec<usize> = sites.iter().copied().collect();
         // The cone program may balance the largest choice, and in a small pile the smallest.
         let by_cone_program = number == earlier.len() || number == 0 && program.target.len() <= CONE_PROGRAM_FIRST;
-        let found = certificate::balance(program, tight, splitting.state.clone(), &choice, by_cone_program, going)?;
+        let found = certificate::balance(program, tight, admm.state.clone(), &choice, by_cone_program, going)?;
         iterations += found.iterations;
         if found.imbalance < best.imbalance {
             best = found;

@@ -39,7 +39,7 @@ pub struct SiteContact {
 /// A site between two bodies, or a body and the ground.
 pub struct ScaledSite {
     both: [SiteEnd; 2],
-    /// How many of its bodies count: none where one has fallen.
+    /// Number of its bodies in the balance: 0 if one has fallen.
     count: usize,
     pub contacts: Range<usize>,
     /// Unit of force: the lighter body's weight.
@@ -91,22 +91,31 @@ impl<'a> GlueProgram<'a> {
         let mut contacts: Vec<SiteContact> = Vec::with_capacity(pile.contacts.len());
         for (index, site) in pile.sites.iter().enumerate() {
             let exists = |b: usize| b < pile.bodies.len();
-            let bodies_exist = exists(site.body) && site.other.is_none_or(|o| exists(o) && o != site.body);
+            if !(exists(site.body) && site.other.is_none_or(|o| exists(o) && o != site.body)) {
+                return Err(GlueError::SiteBodies(index));
+            }
             let follows = site.contacts.start == contacts.len();
-            let own = pile.contacts.get(site.contacts.clone()).filter(|_| bodies_exist && follows);
-            let is_sane =
-                site.arm > 0.0 && site.arm.is_finite() && site.center.is_finite() && counts(site.normal_price);
             let is_between = |c: &GlobalContact| (c.body, c.other) == (site.body, site.other);
-            let own = own.filter(|all| is_sane && all.iter().all(is_between)).ok_or(GlueError::Site(index))?;
+            let own = pile.contacts.get(site.contacts.clone());
+            let own = own.filter(|all| follows && all.iter().all(is_between)).ok_or(GlueError::SiteContacts(index))?;
+            if !site.center.is_finite() {
+                return Err(GlueError::SiteCenter(index));
+            }
+            if !(site.arm > 0.0 && site.arm.is_finite()) {
+                return Err(GlueError::SiteArm(index));
+            }
+            if !counts(site.normal_price) {
+                return Err(GlueError::SitePrice(index));
+            }
             contacts.extend(own.iter().map(|contact| SiteContact::new(pile, contact, options, site.normal_price)));
             sites.push(ScaledSite::new(pile, site, options, fallen, g));
             let is_finite = |end: &SiteEnd| end.joint_lever().iter().all(|x| x.is_finite());
             if !sites[index].ends().iter().all(is_finite) {
-                return Err(GlueError::Site(index));
+                return Err(GlueError::SiteCenter(index));
             }
         }
         if contacts.len() != pile.contacts.len() {
-            return Err(GlueError::Site(sites.len()));
+            return Err(GlueError::Contact(contacts.len()));
         }
         let weight = Vector6::new(-down.x, -down.y, -down.z, 0.0, 0.0, 0.0);
         let target = fallen.iter().map(|&fallen| if fallen { Vector6::zeros() } else { weight }).collect();
@@ -184,7 +193,7 @@ impl<'a> GlueProgram<'a> {
         }
     }
 
-    /// How a contact of a site enters the balance of the site's body of this number.
+    /// Matrix from a contact's force to the balance of the site's body of this number.
     pub fn lever(&self, site: &ScaledSite, end: usize, contact: usize) -> Lever {
         let SiteContact { axes, arms, .. } = &self.contacts[contact];
         let scale = site.both[end].scale;
@@ -223,7 +232,7 @@ impl<'a> GlueProgram<'a> {
 }
 
 impl SiteEnd {
-    /// How a joint's force and moment enter the body's balance.
+    /// Matrix from a joint's force and moment to the body's balance.
     pub fn joint_lever(&self) -> Matrix6<f64> {
         let mut joint = Matrix6::zeros();
         for k in 0..3 {

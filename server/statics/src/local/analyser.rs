@@ -1,11 +1,11 @@
 //! The chain of solvers, and the substitution that every verdict must pass.
 
 use super::projection::{Projection, StopRule};
-use super::scaled::{Decision, Scaled, Tolerances};
-use super::{LocalProblem, Options, ProblemError, STABLE_RESIDUAL, Solver, Verdict, margin, reference};
+use super::scaled::{ScaledProblem, SolverOutcome, Tolerances};
+use super::{LocalProblem, Options, ProblemError, STABLE_RESIDUAL, Solver, Verdict, interior_point, margin};
 use glam::DVec3;
 
-/// How often each part decided, since the analyser was made.
+/// Number of decisions by each part, since the analyser was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct VerdictCounters {
     pub stable: u64,
@@ -24,14 +24,14 @@ pub struct VerdictCounters {
 /// nothing.
 #[derive(Debug, Default)]
 pub struct Analyser {
-    pub(super) scaled: Scaled,
+    pub(super) scaled: ScaledProblem,
     projection: Projection,
     pub(super) forces: Vec<DVec3>,
     pub(super) points: Vec<DVec3>,
     counters: VerdictCounters,
 }
 
-/// Where the fast solver starts.
+/// Start of the fast solver.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Start<'a> {
     Cold,
@@ -66,10 +66,10 @@ impl Analyser {
         Ok(self.verdict(outcome, options))
     }
 
-    fn verdict(&mut self, outcome: Decision, options: &Options) -> Verdict<'_> {
+    fn verdict(&mut self, outcome: SolverOutcome, options: &Options) -> Verdict<'_> {
         self.count(&outcome);
         match outcome {
-            Decision::Stable { residual } => {
+            SolverOutcome::Stable { residual } => {
                 let margin = options.margin.then(|| {
                     if options.solver == Solver::Clarabel {
                         self.projection.run(&self.scaled, self.scaled.target());
@@ -78,7 +78,7 @@ impl Analyser {
                 });
                 Verdict::Stable { forces: &self.forces, residual, margin }
             }
-            Decision::Unstable(c) => Verdict::Unstable { certificate: c.wrench(), residual: c.residual },
+            SolverOutcome::Unstable(c) => Verdict::Unstable { certificate: c.wrench(), residual: c.residual },
         }
     }
 
@@ -86,15 +86,15 @@ impl Analyser {
         self.counters
     }
 
-    pub(super) fn count(&mut self, outcome: &Decision) {
+    pub(super) fn count(&mut self, outcome: &SolverOutcome) {
         match outcome {
-            Decision::Stable { .. } => self.counters.stable += 1,
-            Decision::Unstable(_) => self.counters.unstable += 1,
+            SolverOutcome::Stable { .. } => self.counters.stable += 1,
+            SolverOutcome::Unstable(_) => self.counters.unstable += 1,
         }
     }
 
     /// The chain of solvers: the one asked for, the other one, the projection as it is.
-    pub(super) fn decide(&mut self, solver: Solver, start: Start) -> Decision {
+    pub(super) fn decide(&mut self, solver: Solver, start: Start) -> SolverOutcome {
         let first = match solver {
             Solver::Fast => self.fast(start).or_else(|| self.clarabel(Tolerances::FALLBACK)),
             Solver::Clarabel => self.clarabel(Tolerances::REFERENCE).or_else(|| self.fast(start)),
@@ -102,7 +102,7 @@ impl Analyser {
         first.unwrap_or_else(|| self.last_resort())
     }
 
-    fn fast(&mut self, start: Start) -> Option<Decision> {
+    fn fast(&mut self, start: Start) -> Option<SolverOutcome> {
         let target = self.scaled.target();
         let steps = match start {
             Start::Cold => self.projection.run(&self.scaled, target),
@@ -118,33 +118,33 @@ impl Analyser {
     }
 
     /// Substitutes the projection's answer: its forces if it is near enough, else its certificate.
-    fn certify_projection(&mut self) -> Option<Decision> {
+    fn certify_projection(&mut self) -> Option<SolverOutcome> {
         self.projection.forces(self.scaled.len(), &mut self.forces);
         let residual = self.scaled.residual_of(&self.forces);
         if self.scaled.balances(residual, &self.forces, Tolerances::OWN)
             && self.scaled.obeys_friction(&self.forces, Tolerances::OWN)
         {
-            return Some(Decision::Stable { residual });
+            return Some(SolverOutcome::Stable { residual });
         }
         let certificate = self.scaled.certificate(self.projection.separator()?);
-        certificate.proves(Tolerances::OWN).then_some(Decision::Unstable(certificate))
+        certificate.proves(Tolerances::OWN).then_some(SolverOutcome::Unstable(certificate))
     }
 
-    fn clarabel(&mut self, tolerances: Tolerances) -> Option<Decision> {
-        let outcome = reference::solve(&self.scaled, tolerances, &mut self.forces);
+    fn clarabel(&mut self, tolerances: Tolerances) -> Option<SolverOutcome> {
+        let outcome = interior_point::solve(&self.scaled, tolerances, &mut self.forces);
         if outcome.is_none() {
             self.counters.clarabel_open += 1;
         }
         outcome
     }
 
-    fn last_resort(&mut self) -> Decision {
+    fn last_resort(&mut self) -> SolverOutcome {
         self.counters.uncertified += 1;
         self.projection.forces(self.scaled.len(), &mut self.forces);
         let residual = self.scaled.residual_of(&self.forces);
         match self.projection.separator() {
-            Some(y) if residual > STABLE_RESIDUAL => Decision::Unstable(self.scaled.certificate(y)),
-            _ => Decision::Stable { residual },
+            Some(y) if residual > STABLE_RESIDUAL => SolverOutcome::Unstable(self.scaled.certificate(y)),
+            _ => SolverOutcome::Stable { residual },
         }
     }
 }

@@ -8,7 +8,7 @@
 //! Eq. 5 asks |f_t| < mu_k f_n at each contact, mu_k < mu_s, of *the* forces. But forces are not unique, and the answer
 //! then depends on the solver. Both readings are kept:
 //!
-//! - [`ReserveRule::Paper`]: the forces of the reference solver are tested. An interior point ends amid the feasible
+//! - [`ReserveRule::Paper`]: the forces of the interior-point solver are tested. It ends near the center of the feasible
 //!   set, where friction is near its limit at some contact for no physical reason: most bodies that stand fail.
 //! - [`ReserveRule::Sharp`]: *some* forces satisfy mu_k. That is equilibrium with mu_k in place of mu_s, it depends on
 //!   nothing but the body, and it implies Eq. 2 to 4.
@@ -27,7 +27,7 @@
 //! round support of many points has a large hull and slender triangles, repeated zigzags add up in Eq. 6 only.
 
 use super::analyser::{Analyser, Start};
-use super::scaled::Decision;
+use super::scaled::SolverOutcome;
 use super::{LocalProblem, Options, ProblemError, Solver};
 use glam::{DVec2, DVec3};
 
@@ -41,7 +41,7 @@ const UNLOADED: f64 = 1e-9;
 /// Eq. 5, in its two readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ReserveRule {
-    /// The reference solver's forces satisfy mu_k. Always asks Clarabel, at its price: the reading has no meaning
+    /// The interior-point solver's forces satisfy mu_k. Always asks Clarabel, at its price: the reading has no meaning
     /// without the interior point.
     Paper,
     /// Forces exist that satisfy mu_k.
@@ -125,7 +125,7 @@ impl Analyser {
         self.scaled.friction_scale = if ratio > 0.0 { ratio.min(1.0) } else { 0.0 };
         let with_reserve = self.decide(solver, Start::Cold);
         self.scaled.friction_scale = 1.0;
-        if let Decision::Stable { .. } = with_reserve {
+        if let SolverOutcome::Stable { .. } = with_reserve {
             self.count(&with_reserve);
             return None;
         }
@@ -133,13 +133,13 @@ impl Analyser {
         let start = if solver == Solver::Fast { Start::Loaded } else { Start::Cold };
         let outcome = self.decide(solver, start);
         self.count(&outcome);
-        Some(if let Decision::Stable { .. } = outcome { Candidacy::NoReserve } else { Candidacy::Unstable })
+        Some(if let SolverOutcome::Stable { .. } = outcome { Candidacy::NoReserve } else { Candidacy::Unstable })
     }
 
     fn paper(&mut self, ratio: f64) -> Option<Candidacy> {
         let outcome = self.decide(Solver::Clarabel, Start::Cold);
         self.count(&outcome);
-        if let Decision::Unstable(_) = outcome {
+        if let SolverOutcome::Unstable(_) = outcome {
             return Some(Candidacy::Unstable);
         }
         let keeps = self.scaled.contacts().iter().zip(&self.forces).all(|(contact, f)| {

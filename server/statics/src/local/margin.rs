@@ -1,4 +1,4 @@
-//! How far a stable body is from the edge.
+//! Distance of a stable body from the limit of stability.
 //!
 //! **The margin is the largest horizontal push at the centre of mass, in units of mg, that the body survives from each
 //! of six azimuths**, at most [`MOST_PUSH`]. Zero: on the edge. 0.2: the ground may shake sideways with 0.2 g, or
@@ -21,7 +21,7 @@
 //! the least push so far: most of the six are settled by one projection.
 
 use super::projection::{Projection, StopRule};
-use super::scaled::{Scaled, Vec6, dot, join, norm, split};
+use super::scaled::{ScaledProblem, Vec6, dot, join, norm, split};
 use std::f64::consts::FRAC_PI_3;
 
 /// Pushes beyond the body's own weight are not distinguished.
@@ -40,7 +40,7 @@ const ACCURACY: StopRule = StopRule { reached: 1e-6, violation: 1e-5, excluded_f
 const MOST_NEWTON: u32 = 40;
 
 /// The margin of a stable body. Leaves other generators in the projection.
-pub(super) fn of(scaled: &Scaled, projection: &mut Projection) -> f64 {
+pub(super) fn of(scaled: &ScaledProblem, projection: &mut Projection) -> f64 {
     let b = scaled.target();
     let (up, _) = split(&b);
     if up.length_squared() == 0.0 {
@@ -60,7 +60,7 @@ pub(super) fn of(scaled: &Scaled, projection: &mut Projection) -> f64 {
 }
 
 /// A t <= `most` with b + t d in W, and the largest within the slack.
-fn ray(scaled: &Scaled, projection: &mut Projection, b: &Vec6, d: &Vec6, most: f64) -> f64 {
+fn ray(scaled: &ScaledProblem, projection: &mut Projection, b: &Vec6, d: &Vec6, most: f64) -> f64 {
     let mut t = most;
     for _ in 0..MOST_NEWTON {
         let target = std::array::from_fn(|k| b[k] + t * d[k]);

@@ -48,7 +48,7 @@
 //! | | pyramid | cone |
 //! | --- | --- | --- |
 //! | [`Solver::Fast`] | projection onto W, listed generators (`projection.rs`) | the same, generators by formula |
-//! | [`Solver::Clarabel`] | linear program (`reference.rs`) | second-order cone program |
+//! | [`Solver::Clarabel`] | linear program (`interior_point.rs`) | second-order cone program |
 //!
 //! What the fast solver cannot certify, Clarabel decides; what Clarabel leaves open, the fast solver decides; what both
 //! leave open returns with the fast solver's projection, and is counted as [`VerdictCounters::uncertified`]: in a
@@ -65,10 +65,10 @@
 
 mod analyser;
 pub mod candidate;
+mod interior_point;
 pub mod margin;
 mod projection;
 pub mod rank;
-mod reference;
 mod scaled;
 
 pub use analyser::{Analyser, VerdictCounters};
@@ -103,7 +103,7 @@ pub const FRICTION_TOLERANCE: f64 = 1e-9;
 /// One contact of the analysed body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalContact {
-    /// Where, in the same frame and unit as the centre of mass.
+    /// Position, in the same frame and unit as the centre of mass.
     pub point: DVec3,
     /// Unit normal pointing into the analysed body: a positive normal force pushes the body along it. Normalised
     /// again here, so that single precision does no harm.
@@ -139,7 +139,7 @@ impl FrictionLaw {
     pub const PAPER: FrictionLaw = FrictionLaw::Pyramid { sides: 4, fit: Fit::Circumscribed };
 }
 
-/// How a pyramid's polygon lies to the circle of Coulomb's law.
+/// Position of a pyramid's polygon relative to the circle of Coulomb's law.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fit {
     /// Its corners lie on the circle: friction is understated, by up to cos(pi/sides).

@@ -28,7 +28,7 @@
 //! would be a direction accurate to 1e-7 only, whereas the twice orthogonalised y remains orthogonal to the loaded
 //! generators to rounding. This is what makes certificates possible down to 1e-10.
 
-use super::scaled::{Scaled, TIE, Vec6, dot, norm, split, subtract};
+use super::scaled::{ScaledProblem, TIE, Vec6, dot, norm, split, subtract};
 use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE};
 use glam::DVec3;
 
@@ -81,7 +81,7 @@ pub(super) struct Projection {
     accuracy: StopRule,
 }
 
-/// Where to stop.
+/// When to stop.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StopRule {
     /// Left over less than this, the target is reached.
@@ -100,7 +100,7 @@ impl Default for StopRule {
 
 impl Projection {
     /// Projects `target`; returns the number of steps.
-    pub fn run(&mut self, scaled: &Scaled, target: Vec6) -> u32 {
+    pub fn run(&mut self, scaled: &ScaledProblem, target: Vec6) -> u32 {
         self.target = target;
         self.accuracy = StopRule::default();
         self.count = 0;
@@ -109,7 +109,7 @@ impl Projection {
 
     /// Projects another target, from the generators that are loaded. They stay valid if the contacts are the same and
     /// friction has not shrunk.
-    pub fn resume(&mut self, scaled: &Scaled, target: Vec6, accuracy: StopRule) -> u32 {
+    pub fn resume(&mut self, scaled: &ScaledProblem, target: Vec6, accuracy: StopRule) -> u32 {
         self.target = target;
         self.accuracy = accuracy;
         self.solve();
@@ -117,7 +117,7 @@ impl Projection {
     }
 
     /// Projects `target`, from forces that were near the answer for similar contacts (in mg; zero where unknown).
-    pub fn run_from(&mut self, scaled: &Scaled, target: Vec6, forces: &[DVec3]) -> u32 {
+    pub fn run_from(&mut self, scaled: &ScaledProblem, target: Vec6, forces: &[DVec3]) -> u32 {
         self.count = 0;
         for (index, (contact, f)) in scaled.contacts().iter().zip(forces).enumerate() {
             let normal = f.dot(contact.n);
@@ -136,7 +136,7 @@ impl Projection {
         self.resume(scaled, target, StopRule::default())
     }
 
-    fn iterate(&mut self, scaled: &Scaled) -> u32 {
+    fn iterate(&mut self, scaled: &ScaledProblem) -> u32 {
         let mut least = f64::INFINITY;
         let mut stalls = 0;
         for step in 0..MOST_STEPS {
@@ -182,7 +182,7 @@ impl Projection {
     }
 
     /// The generator that does most work with `left`, if it does more than `threshold`.
-    fn price(&self, scaled: &Scaled, threshold: f64) -> Option<Generator> {
+    fn price(&self, scaled: &ScaledProblem, threshold: f64) -> Option<Generator> {
         let (velocity, spin) = split(&self.left);
         let mut bar = threshold;
         let mut best = None;

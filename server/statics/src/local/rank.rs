@@ -1,9 +1,10 @@
-//! How many independent wrenches the contacts can exert: 6 for a body held in every direction, less for degenerate
-//! contact sets (five for two points, two and fewer without friction on parallel normals). A verdict needs no full
-//! rank; but a stable body of lower rank is on the edge, since some disturbance, however small, finds no answer.
+//! Number of independent wrenches that the contacts can exert: 6 for a body held in every direction, less for
+//! degenerate contact sets (five for two points, two and fewer without friction on parallel normals). A verdict needs
+//! no full rank; but a stable body of lower rank is on the edge, since some disturbance, however small, finds no
+//! answer.
 
 use super::analyser::Analyser;
-use super::scaled::{Scaled, Vec6, dot, norm, subtract};
+use super::scaled::{ScaledProblem, Vec6, dot, norm, subtract};
 use super::{FrictionLaw, LocalProblem, ProblemError};
 use glam::DVec3;
 
@@ -20,7 +21,7 @@ impl Analyser {
 }
 
 /// Gram-Schmidt that takes the wrench farthest from the span so far, until none is far.
-fn of(scaled: &Scaled) -> usize {
+fn of(scaled: &ScaledProblem) -> usize {
     let mut q: [Vec6; 6] = [[0.0; 6]; 6];
     for rank in 0..6 {
         let mut farthest = [0.0; 6];

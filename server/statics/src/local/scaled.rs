@@ -115,7 +115,7 @@ impl Polygon {
     }
 }
 
-/// How exact a proof must be.
+/// Tolerances of a proof.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tolerances {
     pub residual: f64,
@@ -167,9 +167,9 @@ impl Certificate {
     }
 }
 
-/// What a solver found, after substitution.
+/// Outcome of a solver, after substitution.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Decision {
+pub(super) enum SolverOutcome {
     /// The analyser's `forces` are the proof.
     Stable {
         residual: f64,
@@ -178,7 +178,7 @@ pub(super) enum Decision {
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct Scaled {
+pub(super) struct ScaledProblem {
     contacts: Vec<ScaledContact>,
     law: FrictionLaw,
     polygon: Polygon,
@@ -188,9 +188,9 @@ pub(super) struct Scaled {
     target: Vec6,
 }
 
-impl Default for Scaled {
+impl Default for ScaledProblem {
     fn default() -> Self {
-        Scaled {
+        ScaledProblem {
             contacts: Vec::new(),
             law: FrictionLaw::Cone,
             polygon: Polygon::NONE,
@@ -200,7 +200,7 @@ impl Default for Scaled {
     }
 }
 
-impl Scaled {
+impl ScaledProblem {
     /// Removes the units, and refuses input without physical meaning.
     pub fn set(&mut self, p: &LocalProblem, law: FrictionLaw) -> Result<(), ProblemError> {
         if !(p.mass > 0.0 && p.mass.is_finite()) {
@@ -292,7 +292,7 @@ impl Scaled {
         (mu * most > missing).then_some(along + mu * most)
     }
 
-    /// The force that does the work of [`Scaled::offer`].
+    /// The force that does the work of [`ScaledProblem::offer`].
     pub fn best_force(&self, contact: &ScaledContact, v: DVec3) -> DVec3 {
         let mu = self.mu(contact);
         if self.law == FrictionLaw::Cone {

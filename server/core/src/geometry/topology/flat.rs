@@ -56,7 +56,7 @@ fn is_flat([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a).length() <= COLLINEAR * longest
 }
 
-/// Which triangles stand at which edge.
+/// The triangles at each edge.
 struct EdgeFaces {
     edges: HashMap<[u32; 2], Vec<usize>>,
     gone: Vec<bool>,

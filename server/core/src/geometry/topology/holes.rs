@@ -18,7 +18,7 @@ pub struct Holes {
     pub count: usize,
     /// Of the widest hole, m.
     pub width: f64,
-    /// How far a rim leaves its plane, m: so far the new faces may be from where a surface would have been.
+    /// Largest distance of a rim from its plane, m: the possible error of the new faces.
     pub deviation: f64,
     /// Of the new faces, as a share of the whole surface.
     pub area: f64,

@@ -145,10 +145,10 @@ fn parts(mesh: &TriMesh, edges: &Edges) -> Vec<MeshPart> {
     faces.into_iter().zip(rims).map(part).collect()
 }
 
-/// Which parts to turn as a whole.
+/// The parts to turn as a whole. Shape `[part]`.
 fn outward(mesh: &TriMesh, parts: &[MeshPart], repair: &mut Repair) -> Vec<bool> {
     let solid = |p: &MeshPart| p.volume.abs() > FLAT * p.low.distance(p.high).powi(3);
-    // Larger ones first: a part that contains another is larger, and decided before.
+    // Largest first: a containing part is oriented before the parts inside it.
     let mut order: Vec<usize> = (0..parts.len()).filter(|&i| parts[i].closed && solid(&parts[i])).collect();
     order.sort_by(|&a, &b| parts[b].volume.abs().total_cmp(&parts[a].volume.abs()).then(a.cmp(&b)));
 
@@ -188,7 +188,7 @@ fn contains(mesh: &TriMesh, outer: &MeshPart, inner: &MeshPart) -> bool {
     })
 }
 
-/// How often a surface winds around a point.
+/// Winding number of a surface around a point.
 fn winding(mesh: &TriMesh, part: &MeshPart, point: DVec3) -> f64 {
     let angle = |&face: &usize| solid_angle(point, &mesh.corners(face));
     part.faces.iter().map(angle).sum::<f64>() / (4.0 * std::f64::consts::PI)

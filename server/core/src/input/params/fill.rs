@@ -1,4 +1,4 @@
-//! What the fill derives from its parameters.
+//! Numbers that the fill derives from its parameters.
 
 use super::{Fill, FillMethod};
 
@@ -13,7 +13,7 @@ const AT_WALL: f64 = 0.5;
 const ALL_FLAT: f64 = 2.0 / 3.0;
 
 impl Fill {
-    /// How far the container is outside of the control mesh, d.
+    /// Distance of the container outside the control mesh, d.
     pub fn loosened(&self) -> f64 {
         OUTSIDE * (1.0 - 2.0 * self.surface).max(0.0)
     }
@@ -35,7 +35,7 @@ impl Fill {
         AT_WALL * self.surface * disorder
     }
 
-    /// How far outside of the control mesh some props may be, d.
+    /// Largest distance of props outside the control mesh, d.
     pub fn outside(&self) -> f64 {
         if self.standing_out() > 0.0 { OUTSIDE } else { self.loosened() }
     }
@@ -44,7 +44,7 @@ impl Fill {
 /// Properties of a fill method for parameters, plan and report. How it fills is in `stages::fill`.
 #[derive(Clone, Copy, Debug)]
 pub struct FillTraits {
-    /// How it fills, for the list of effects.
+    /// Its reason in the list of effects.
     pub summary: &'static str,
     /// It fills the control mesh at all.
     pub fills: bool,

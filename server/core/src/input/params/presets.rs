@@ -6,6 +6,66 @@ use super::*;
 /// the same seed, and overlapping bodies are separated afterwards by position.
 const FILL_FREQUENCY: f64 = 22.0;
 
+/// Properties of an accuracy preset besides its parameters.
+#[derive(Clone, Copy, Debug)]
+pub struct AccuracyTraits {
+    /// A glued pile is released in a trial.
+    pub proves_glue: bool,
+    /// The pile is compared with the control mesh as a camera sees them.
+    pub measures_pictures: bool,
+    /// The forces at the contacts of the final pile are solved for.
+    pub measures_support: bool,
+    /// CPU time of a fill / that of a fill at `standard`: median over the study's scenes.
+    pub fill_cost_factor: f64,
+    /// Number of glue joints / that at `standard`: median over the bakes.
+    pub glue_joints_factor: f64,
+    /// The study's results: `penetration_mean_rel`, the median over its scenes; the headline figures imbalance and
+    /// shape, their means, which differ less between the presets than between seeds.
+    pub expected_errors: [f64; 3],
+}
+
+impl Accuracy {
+    /// From the quickest to the most accurate. The paper's setting is not among them.
+    pub const LADDER: [Accuracy; 5] =
+        [Accuracy::Draft, Accuracy::Preview, Accuracy::Standard, Accuracy::Fine, Accuracy::Reference];
+
+    pub fn traits(self) -> AccuracyTraits {
+        const STANDARD: AccuracyTraits = AccuracyTraits {
+            proves_glue: true,
+            measures_pictures: true,
+            measures_support: true,
+            fill_cost_factor: 1.0,
+            glue_joints_factor: 1.0,
+            expected_errors: [0.0014, 0.099, 0.056],
+        };
+        match self {
+            Accuracy::Draft => AccuracyTraits {
+                proves_glue: false,
+                measures_pictures: false,
+                measures_support: false,
+                fill_cost_factor: 0.25,
+                // Joints are chosen in fewer rounds, without a trial.
+                glue_joints_factor: 2.1,
+                expected_errors: [0.014, 0.13, 0.039],
+            },
+            Accuracy::Preview => AccuracyTraits {
+                measures_support: false,
+                fill_cost_factor: 0.37,
+                expected_errors: [0.0036, 0.063, 0.036],
+                ..STANDARD
+            },
+            // The paper's setting is not part of the study.
+            Accuracy::Standard | Accuracy::Paper => STANDARD,
+            Accuracy::Fine => {
+                AccuracyTraits { fill_cost_factor: 1.6, expected_errors: [0.0002, 0.074, 0.054], ..STANDARD }
+            }
+            Accuracy::Reference => {
+                AccuracyTraits { fill_cost_factor: 7.4, expected_errors: [5.7e-5, 0.1, 0.02], ..STANDARD }
+            }
+        }
+    }
+}
+
 impl Params {
     /// The preset's complete parameters.
     pub fn new(accuracy: Accuracy) -> Params {

@@ -2,7 +2,7 @@
 
 use super::{FieldChecks, Findings};
 use crate::input::params::Params;
-use crate::input::scene::{Emitter, Place, PlacedBody, Scene, StaticModel};
+use crate::input::scene::{Emitter, EmitterVolume, PlacedBody, Scene, StaticModel};
 use glam::{DQuat, DVec3};
 
 /// Bounds of positions (m), of velocities (m/s and rad/s) and of times (s).
@@ -83,11 +83,11 @@ fn given(checks: &mut FieldChecks, body: &PlacedBody, scene: &Scene) {
 
 fn emitter(checks: &mut FieldChecks, emitter: &Emitter, scene: &Scene) {
     match &emitter.place {
-        Place::Box { center, size } => {
+        EmitterVolume::Box { center, size } => {
             checks.ranges("center", *center, [-FARTHEST, FARTHEST]);
             checks.ranges("size", *size, [1e-6, 1e6]);
         }
-        Place::Mesh(model) => {
+        EmitterVolume::Mesh(model) => {
             if model.mesh.triangles.is_empty() || !crate::geometry::topology::inspect(&model.mesh).closed {
                 let text = format!("{}: the emitter's mesh is not closed; fill its holes, or give a box", model.name);
                 checks.findings.problem(format!("{}.mesh", checks.field), text);
@@ -113,7 +113,7 @@ fn key(checks: &mut FieldChecks, model: &StaticModel, number: usize) {
     }
 }
 
-/// How common each prop is in the pile.
+/// Share of each prop in the pile.
 pub fn shares(scene: &Scene, params: &Params) -> Vec<f64> {
     let drawn = |i: usize| scene.is_filled(params) || scene.emitters.iter().any(|e| scene.emitted(e).any(|k| k == i));
     let mut shares: Vec<f64> =
@@ -131,7 +131,7 @@ pub fn shares(scene: &Scene, params: &Params) -> Vec<f64> {
 /// times its own size.
 const MOST_ENERGY: f64 = 6.0;
 
-/// Where a drop brings more energy than a pile can hold (paper, section 5).
+/// Warnings about drops that bring more energy than a pile can hold (paper, section 5).
 pub fn energy_warnings(scene: &Scene, params: &Params, ground: f64, diameter: f64) -> Vec<String> {
     let target = scene.target().map(|model| model.mesh.bounds());
     // A body first meets the pile at its top.

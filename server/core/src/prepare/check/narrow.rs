@@ -1,8 +1,8 @@
 //! Control meshes that are thinner than the props: shells, sheets, frames. The fill would search for long, and find
 //! next to no room in them.
 
-use crate::geometry::Closed;
-use crate::geometry::region::Region;
+use crate::geometry::ClosedMesh;
+use crate::geometry::interior::MeshInterior;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
@@ -16,14 +16,14 @@ const ROUNDING: f64 = 0.9;
 ///
 /// A place is thick enough if a ball of that diameter fits there: around it, or inside the surface that is nearest to
 /// it.
-pub fn thick_share(control: &Closed, thickness: f64) -> f64 {
+pub fn thick_share(control: &ClosedMesh, thickness: f64) -> f64 {
     let radius = ROUNDING * thickness / 2.0;
     // Of a slab, its thickness; of a ball, a third of its diameter.
     let mean = 2.0 * control.volume / control.topology.area;
     if mean > 2.0 * radius {
         return 1.0;
     }
-    let region = Region::new(&control.mesh);
+    let region = MeshInterior::new(&control.mesh);
     let mut rng = Pcg64Mcg::seed_from_u64(0);
     let points: Vec<_> = (0..SAMPLES).map_while(|_| region.sample_inside(&mut rng)).collect();
     let is_thick = |&p: &_| {

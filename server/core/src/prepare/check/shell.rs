@@ -1,15 +1,15 @@
 //! Piles of which only the surface is made of props.
 
 use super::{added, median_diameter};
-use crate::error::Problem;
-use crate::geometry::Closed;
+use crate::error::SceneProblem;
+use crate::geometry::ClosedMesh;
 use crate::input::params::Params;
 use crate::input::scene::{Prop, Scene};
 use crate::prepare::container::core::Core;
 use crate::prepare::shape::Size;
 
 /// Props that are thicker than the shell find no room in it.
-pub fn too_thin(scene: &Scene, params: &Params, sizes: &[Size]) -> Option<Problem> {
+pub fn too_thin(scene: &Scene, params: &Params, sizes: &[Size]) -> Option<SceneProblem> {
     let shell = params.fill.shell.filter(|_| scene.is_filled(params))?;
     let diameter = median_diameter(scene, sizes, &added::shares(scene, params));
     let thickness = |(prop, size): &(&Prop, &Size)| size.extents.x * prop.scale[1];
@@ -24,7 +24,7 @@ pub fn too_thin(scene: &Scene, params: &Params, sizes: &[Size]) -> Option<Proble
             thickest.0.model.name,
             (least / diameter * 100.0).ceil() / 100.0
         );
-        Problem::new("fill.shell", text)
+        SceneProblem::new("fill.shell", text)
     })
 }
 
@@ -32,7 +32,7 @@ pub fn too_thin(scene: &Scene, params: &Params, sizes: &[Size]) -> Option<Proble
 pub fn core(
     scene: &Scene,
     params: &Params,
-    control: &Closed,
+    control: &ClosedMesh,
     ground: f64,
     diameter: f64,
     warnings: &mut Vec<String>,

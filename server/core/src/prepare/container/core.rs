@@ -1,9 +1,9 @@
 //! The core of a pile that is a shell of props: the inside of the control mesh below them, unseen and at rest.
 
 use super::{MAX_GRID_NODES, simplify, surface, without_base};
-use crate::geometry::Closed;
+use crate::geometry::ClosedMesh;
+use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::TriMesh;
-use crate::geometry::region::{DistanceGrid, Region};
 use crate::prepare::shape::hull_mesh;
 
 /// Props lie on it instead of on others. SI.
@@ -32,10 +32,10 @@ const DEPTH: f64 = 0.5;
 impl Core {
     /// All points deeper inside `control` than `shell`; its base is up to `cut` above the ground at `ground`.
     /// `diameter`: d. All in m. `None`: no point is so deep.
-    pub fn new(control: &Closed, ground: f64, cut: f64, shell: f64, diameter: f64) -> Option<Core> {
+    pub fn new(control: &ClosedMesh, ground: f64, cut: f64, shell: f64, diameter: f64) -> Option<Core> {
         let base = control.mesh.bounds().0.y.max(ground);
         let lengthened = lengthened(&control.mesh, base, cut, shell + DEPTH * diameter);
-        let distance = DistanceGrid::new(&Region::new(&lengthened), SPACING * diameter, MAX_NODES);
+        let distance = DistanceGrid::new(&MeshInterior::new(&lengthened), SPACING * diameter, MAX_NODES);
         let fine = surface(&distance, shell);
         if fine.triangles.is_empty() {
             return None;

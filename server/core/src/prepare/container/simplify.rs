@@ -1,8 +1,8 @@
 //! Meshes with fewer triangles: edges collapse where the surface hardly changes (Garland & Heckbert 1997).
 
 use super::CollisionMesh;
+use crate::geometry::interior;
 use crate::geometry::mesh::TriMesh;
-use crate::geometry::region;
 use meshoptimizer_rs::{Positions, SimplifyOptions, SimplifySettings, Workspace, simplify};
 
 /// The library bounds the mean error of a collapse, not the largest: the bound is halved this often until the largest
@@ -25,7 +25,7 @@ fn coarser(mesh: &TriMesh, bound: f64) -> Option<CollisionMesh> {
     let removed: Vec<_> = mesh.points.iter().zip(removed).filter_map(|(&p, removed)| removed.then_some(p)).collect();
     let saved = mesh.triangles.len() - triangles.len();
     let coarse = TriMesh { points: mesh.points.clone(), triangles };
-    let deviation = region::farthest(&coarse, &removed);
+    let deviation = interior::farthest(&coarse, &removed);
     Some(CollisionMesh { mesh: coarse, saved, deviation })
 }
 

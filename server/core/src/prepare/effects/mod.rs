@@ -1,4 +1,4 @@
-//! Effects: the parts of a bake that may be left out; whether the scene calls for each, and the user's word on it.
+//! Effects: the parts of a bake that may be left out; whether the scene calls for each, and the user's switch.
 //!
 //! [`Resolved`] decides once; the stages obey it, and the plan prints it with [`Effect::reason`]. An effect that is off
 //! costs nothing: its counts in the report are 0. A new effect is a variant of [`EffectName`], its row in `table`, and
@@ -14,7 +14,7 @@ pub use count::Count;
 pub use resolve::Resolved;
 
 use crate::input::params::Switch;
-use resolve::Case;
+use resolve::EffectInputs;
 
 /// All effects, in the order of the stages. A report calls each by its name in snake case.
 #[derive(
@@ -77,32 +77,32 @@ impl EffectName {
 }
 
 /// The definition of an effect.
-struct Row {
+struct EffectDefinition {
     name: EffectName,
-    switch: Switched,
+    switch: ForcedBy,
     /// Counts of the report: all 0 where it is off.
     counts: &'static [Count],
-    /// Whether the scene and its parameters call for it.
-    decide: fn(&Case) -> Decision,
+    /// Decides whether the scene and its parameters call for it.
+    decide: fn(&EffectInputs) -> Decision,
     /// `None`: its CPU time is part of the engine's steps or of another effect's.
     seconds: Option<fn(&OwnSeconds) -> f64>,
 }
 
 /// The field of the scene that forces an effect.
-enum Switched {
+enum ForcedBy {
     /// There is none.
     Never,
     /// The field's own value decides, with the rest of the scene.
     ByValue(&'static str),
     /// A field that takes "auto", "on" and "off", and how it is read.
-    By(&'static str, fn(&Case) -> Switch),
+    By(&'static str, fn(&EffectInputs) -> Switch),
 }
 
 /// Whether a scene calls for an effect, and why: one sentence.
 enum Decision {
     Yes(String),
     No(String),
-    /// The scene has no use for it: the user's word counts for nothing.
+    /// The scene cannot use it: the switch is ignored.
     Useless(String),
 }
 

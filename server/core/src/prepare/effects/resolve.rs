@@ -1,7 +1,7 @@
-//! The decision on all effects of a bake, made once, from the scene, the user's word and the props' shapes.
+//! The decision on all effects of a bake, made once, from the scene, the user's switches and the props' shapes.
 
 use super::table::ROWS;
-use super::{Decision, Effect, EffectName, Row, Switched};
+use super::{Decision, Effect, EffectDefinition, EffectName, ForcedBy};
 use crate::input::params::{ControlMode, Effects, Params, Physics, PhysicsSwitches, Switch};
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
@@ -27,12 +27,12 @@ pub struct Resolved {
 }
 
 /// The facts on which effects are decided.
-pub(super) struct Case<'a> {
+pub(super) struct EffectInputs<'a> {
     pub scene: &'a Scene,
     pub params: &'a Params,
-    /// The user's words on effects of shapes and engine.
+    /// The user's switches of shapes and engine.
     pub engine: &'a PhysicsSwitches,
-    /// The user's words on the other effects.
+    /// The user's switches of the other effects.
     pub effects: &'a Effects,
     pub checked: &'a CheckedScene,
     /// One per prop.
@@ -60,7 +60,7 @@ impl Resolved {
         let physics = extremes::calmed(&stiffened, thickness, checked.characteristic_time(params));
         let fills = scene.is_filled(params);
         let glue_bound = params.glue_bound(fills);
-        let case = Case {
+        let inputs = EffectInputs {
             scene,
             params,
             engine: &params.physics.switches,
@@ -75,7 +75,7 @@ impl Resolved {
             stiffens: stiffened != params.physics,
         };
         Resolved {
-            effects: ROWS.iter().map(|row| effect(row, &case)).collect(),
+            effects: ROWS.iter().map(|row| effect(row, &inputs)).collect(),
             mass_ratio,
             thickness,
             glue_bound,
@@ -89,14 +89,14 @@ impl Resolved {
     }
 }
 
-fn effect(row: &Row, case: &Case) -> Effect {
+fn effect(row: &EffectDefinition, inputs: &EffectInputs) -> Effect {
     let (switch, word) = match row.switch {
-        Switched::Never => (None, Switch::Auto),
-        Switched::ByValue(field) => (Some(field), Switch::Auto),
-        Switched::By(field, word) => (Some(field), word(case)),
+        ForcedBy::Never => (None, Switch::Auto),
+        ForcedBy::ByValue(field) => (Some(field), Switch::Auto),
+        ForcedBy::By(field, word) => (Some(field), word(inputs)),
     };
     let field = switch.unwrap_or_default();
-    let (on, reason) = match ((row.decide)(case), word) {
+    let (on, reason) = match ((row.decide)(inputs), word) {
         (Decision::Useless(why), _) | (Decision::No(why), Switch::Auto) => (false, why),
         (Decision::Yes(why), Switch::Auto) => (true, why),
         (_, Switch::On) => (true, format!("switched on by {field}")),

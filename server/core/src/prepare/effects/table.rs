@@ -3,16 +3,16 @@
 //! own.
 
 use super::Decision::{self, No, Useless, Yes};
-use super::Switched::{self, By, ByValue, Never};
-use super::{Case, Count, Count::*, EffectName, EffectName::*, OwnSeconds, Row};
+use super::ForcedBy::{self, By, ByValue, Never};
+use super::{Count, Count::*, EffectDefinition, EffectInputs, EffectName, EffectName::*, OwnSeconds};
 use crate::input::observer::Stage;
-use crate::input::params::{Accuracy, ControlMode, FrictionCone, FrictionModel, GlueMode};
+use crate::input::params::{ControlMode, FrictionCone, FrictionModel, GlueMode};
 use crate::input::params::{ReleaseOrder, Switch};
 use crate::prepare::container;
 use crate::prepare::shape::ShapeKind;
 use strum::VariantArray;
 
-pub(super) const ROWS: &[Row] = &[
+pub(super) const ROWS: &[EffectDefinition] = &[
     row(Primitives, By("effects.primitives", |c| c.engine.primitives), &[PropsAsPrimitives], |c| {
         c.some_props("box or ball: ", "no prop is a box or a ball", |i| c.summaries[i].kind.is_primitive())
     }),
@@ -62,13 +62,14 @@ pub(super) const ROWS: &[Row] = &[
     }),
     row(Glue, ByValue("glue.mode"), &[GlueIterations, GlueDots, GlueClusters], |c| match c.glue_bound {
         0.0 if c.params.glue.mode == GlueMode::Natural => no("the scene asks for a natural pile"),
-        0.0 => no("nothing is filled, or the glue has no strength"),
+        0.0 if c.params.glue.strength == Some(0.0) => no("glue.strength is 0"),
+        0.0 => no("glue.mode is auto, and no filled pile is held"),
         f64::INFINITY => yes("bodies are glued where friction cannot carry them: the pile stands as modelled"),
         most => yes(format!("bodies are glued where joints of at most {most} weights carry them; the others fall")),
     })
     .seconds(|spent| spent.of(Stage::Glue) - spent.glue_proof),
     row(GlueProof, ByValue("glue.proof"), &[GlueProofSteps], |c| {
-        match c.glues() && c.params.glue.proof.is_on(c.params.accuracy != Accuracy::Draft) {
+        match c.glues() && c.params.glue.proof.is_on(c.params.accuracy.traits().proves_glue) {
             true => yes("the glued pile is released on trial first, to check that it stands"),
             false => no("nothing is glued, or the glued pile is not tried at this accuracy"),
         }
@@ -199,19 +200,18 @@ pub(super) const ROWS: &[Row] = &[
     })
     .seconds(|spent| spent.shape_figures),
     row(PictureFigures, By("report.pictures", |c| c.params.report.pictures), &[PicturesMeasured], |c| {
-        match c.params.accuracy {
-            _ if c.scene.target().is_none() => useless("there is no control mesh to compare with"),
+        match c.scene.target() {
+            None => useless("there is no control mesh to compare with"),
             _ if c.params.report.shape == Switch::Off => useless("switched off by report.shape"),
-            Accuracy::Draft => no(NOT_AT_THIS_ACCURACY),
+            _ if !c.params.accuracy.traits().measures_pictures => no(NOT_AT_THIS_ACCURACY),
             _ => yes("the pile is compared with the control mesh as a camera sees them"),
         }
     })
     .seconds(|spent| spent.pictures),
     row(SupportFigures, By("report.support", |c| c.params.report.support), &[SupportIterations], |c| {
-        let is_rough = matches!(c.params.accuracy, Accuracy::Draft | Accuracy::Preview);
         match c.params.output.free_standing {
             false if c.glues() => no("the equilibrium of the glued pile is certified already"),
-            false if is_rough => no(NOT_AT_THIS_ACCURACY),
+            false if !c.params.accuracy.traits().measures_support => no(NOT_AT_THIS_ACCURACY),
             _ => yes("the forces at all contacts of the pile are solved for at the end"),
         }
     })
@@ -237,13 +237,18 @@ const NO_HOLD: &str = "no body is held";
 const GLUED: &str = "glued bodies stand without being held, and are all released at once";
 const NOT_AT_THIS_ACCURACY: &str = "not at this accuracy, unless the scene asks for it";
 
-const fn row(name: EffectName, switch: Switched, counts: &'static [Count], decide: fn(&Case) -> Decision) -> Row {
-    Row { name, switch, counts, decide, seconds: None }
+const fn row(
+    name: EffectName,
+    switch: ForcedBy,
+    counts: &'static [Count],
+    decide: fn(&EffectInputs) -> Decision,
+) -> EffectDefinition {
+    EffectDefinition { name, switch, counts, decide, seconds: None }
 }
 
-impl Row {
-    const fn seconds(self, seconds: fn(&OwnSeconds) -> f64) -> Row {
-        Row { seconds: Some(seconds), ..self }
+impl EffectDefinition {
+    const fn seconds(self, seconds: fn(&OwnSeconds) -> f64) -> EffectDefinition {
+        EffectDefinition { seconds: Some(seconds), ..self }
     }
 }
 
@@ -266,7 +271,7 @@ fn further_simulation(is_on: bool) -> Decision {
     }
 }
 
-impl Case<'_> {
+impl EffectInputs<'_> {
     fn glues(&self) -> bool {
         self.glue_bound > 0.0
     }

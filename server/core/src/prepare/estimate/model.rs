@@ -1,7 +1,7 @@
-//! The fitted numbers. `cargo run --release --example fit_estimate -- RUNS...` prints them.
+//! The fitted numbers; those of the accuracies are in [`crate::input::params::Accuracy::traits`]. `cargo run --release
+//! --example fit_estimate -- RUNS...` prints them.
 
 use super::CostExponents;
-use crate::input::params::Accuracy;
 
 /// CPU seconds of the calibration on the machine that the runs were made on.
 pub const CALIBRATION_SECONDS: f64 = 0.0581;
@@ -19,8 +19,6 @@ pub const FILL: CostExponents = [-7.719, 1.000, 0.000, 0.533, 0.278, 0.070, 0.00
 pub const GLUE: CostExponents = [-6.871, 1.000, 0.497, 0.143, -0.152, 0.022, 0.204, 0.000, 0.000, 0.000];
 /// Glue joints for each body: median over the bakes.
 pub const DOTS_PER_BODY: f64 = 0.45;
-/// The factor on that at `draft`, which chooses joints in fewer rounds and does not try the pile.
-pub const DRAFT_DOTS: f64 = 2.1;
 /// With glue joints up to a strength, in weights of the median prop: `kept_shape`, below which one, five and nine of
 /// ten bakes are. The first row is of piles without glue, the last one without a bound. Of 46 pairs, at `draft`, of
 /// props and control meshes of others, most of which hang over. The number of joints at a bounded strength varies too
@@ -35,7 +33,7 @@ pub const KEPT: [(f64, [f64; 3]); 6] = [
 ];
 
 /// [`KEPT`] for a strength: between rows, by its logarithm.
-pub fn kept(strength: f64) -> [f64; 3] {
+pub fn expected_kept_shape(strength: f64) -> [f64; 3] {
     let [first, .., last] = KEPT;
     let above = KEPT.iter().position(|row| strength < row.0);
     let (low, high) = match above {
@@ -54,30 +52,6 @@ pub const MEASURE: CostExponents = [-11.317, 1.000, 0.000, 0.916, 0.137, 0.038, 
 /// CPU time of release and hold of a glued pile over that of a held one: median over the bakes.
 pub const GLUED_RELEASE: f64 = 0.044;
 
-/// CPU time of a fill over that of a fill at `standard`: medians over the study's scenes.
-pub fn fill_care(accuracy: Accuracy) -> f64 {
-    match accuracy {
-        Accuracy::Draft => 0.25,
-        Accuracy::Preview => 0.37,
-        // As standard: it is not part of the study.
-        Accuracy::Paper | Accuracy::Standard => 1.0,
-        Accuracy::Fine => 1.6,
-        Accuracy::Reference => 7.4,
-    }
-}
-
-/// The study's results: `penetration_mean_rel`, the median over its scenes; the headline figures imbalance and shape,
-/// their means, which differ less between the presets than between seeds.
-pub fn errors(accuracy: Accuracy) -> [f64; 3] {
-    match accuracy {
-        Accuracy::Draft => [0.014, 0.13, 0.039],
-        Accuracy::Preview => [0.0036, 0.063, 0.036],
-        Accuracy::Paper | Accuracy::Standard => [0.0014, 0.099, 0.056],
-        Accuracy::Fine => [0.0002, 0.074, 0.054],
-        Accuracy::Reference => [5.7e-5, 0.1, 0.02],
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -85,10 +59,13 @@ mod tests {
     #[test]
     fn more_glue_keeps_more() {
         for (strength, shape) in KEPT {
-            assert_eq!(kept(strength), shape, "as measured");
+            assert_eq!(expected_kept_shape(strength), shape, "as measured");
         }
-        assert_eq!((kept(0.0), kept(f64::INFINITY)), (kept(KEPT[0].0), kept(128.0)));
-        let shares: Vec<[f64; 3]> = (0..100).map(|n| kept(0.5 * 1.06f64.powi(n))).collect();
+        assert_eq!(
+            (expected_kept_shape(0.0), expected_kept_shape(f64::INFINITY)),
+            (expected_kept_shape(KEPT[0].0), expected_kept_shape(128.0))
+        );
+        let shares: Vec<[f64; 3]> = (0..100).map(|n| expected_kept_shape(0.5 * 1.06f64.powi(n))).collect();
         assert!(shares.windows(2).all(|pair| pair[0][1] <= pair[1][1]));
         assert!(shares.iter().all(|[low, middle, high]| low <= middle && middle <= high));
     }

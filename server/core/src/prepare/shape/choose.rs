@@ -1,4 +1,4 @@
-//! Which solid a prop is simulated as: the cheapest one that is close enough.
+//! The choice of the solid that stands for a prop: the cheapest one that is close enough.
 
 use super::fit::{self, OrientedBox};
 use super::{FLAT_THICKNESS, ShapeKind, Solid, convex, mass};

@@ -1,4 +1,4 @@
-//! Where a shape's corners are.
+//! The corners of a shape.
 
 use super::{Shape, Solid};
 use crate::geometry::pose::Pose;

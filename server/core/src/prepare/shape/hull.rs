@@ -51,7 +51,7 @@ fn corner_mask(corners: &[u32]) -> u64 {
     corners.iter().fold(0, |mask, &i| mask | 1u64.checked_shl(i).unwrap_or(u64::MAX))
 }
 
-/// Where two facets meet. Indices.
+/// An edge between two facets. Indices.
 #[derive(Clone, Debug)]
 pub struct HullEdge {
     pub corners: [u32; 2],

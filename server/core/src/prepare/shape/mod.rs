@@ -15,7 +15,7 @@ mod round;
 mod size;
 mod summary;
 
-use crate::error::{Error, Problem};
+use crate::error::{Error, SceneProblem};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
@@ -32,13 +32,13 @@ pub use corners::corners;
 pub use fit::OrientedBox;
 pub use hull::Hull;
 pub use kind::ShapeKind;
-pub use nest::Seat;
+pub use nest::NestingPose;
 pub use size::Size;
 pub use summary::{ShapeSummary, summaries};
 
 /// The error for a prop, from its text.
 fn fault(index: usize) -> impl Fn(String) -> Error {
-    move |text| Error::Invalid(vec![Problem::new(format!("props.{index}"), text)])
+    move |text| Error::Invalid(vec![SceneProblem::new(format!("props.{index}"), text)])
 }
 
 /// The collision shapes of all props.
@@ -52,7 +52,7 @@ pub fn run(scene: &Scene, params: &Params, sizes: &[Size], observer: &mut dyn Ob
     Ok(shapes)
 }
 
-/// How a prop is simulated, for the report.
+/// The collision shape of a prop, for the report.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ShapeFit {
     pub prop: String,
@@ -62,7 +62,7 @@ pub struct ShapeFit {
     pub deviation_rel: f64,
     /// kg at scale 1.
     pub mass: f64,
-    /// Where the mass properties come from when the mesh is open or flat.
+    /// Source of the mass properties, if the mesh is open or flat.
     pub mass_fallback: Option<String>,
 }
 
@@ -284,7 +284,7 @@ impl Solid {
     }
 }
 
-/// Why a mesh has no usable inside, if it has none.
+/// The reason, if a mesh has no usable inside.
 fn no_inside(closed: bool, own: &Moments, mesh: &TriMesh, solid: f64) -> Option<&'static str> {
     if !closed {
         return Some("the mesh is open");

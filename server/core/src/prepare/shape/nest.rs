@@ -1,4 +1,4 @@
-//! How props of one kind go into each other: cups, bowls, plates.
+//! Nesting poses: cups, bowls and plates in others of their kind.
 
 use super::{Shape, Solid, hull_mesh};
 use crate::geometry::raster::rasterise;
@@ -11,25 +11,25 @@ use std::f64::consts::TAU;
 const CELLS: usize = 96;
 /// Halvings of the distance.
 const HALVINGS: usize = 16;
-/// Where a plane starts before it finds its rest, diameters: beyond every prop, and below every gap.
+/// Start of the search for a plane at rest, diameters: beyond every prop, and below every gap.
 const FAR: f64 = 100.0;
 /// Most steps to a plane at rest; and how far above the plane a point may be then, diameters.
 const MAX_STEPS: usize = 60;
 const AT_REST: f64 = 1e-9;
 
-/// How a prop lies at rest in another one of its kind. In the frame of the one below.
+/// The pose of a prop at rest in another one of its kind, in the frame of the one below.
 #[derive(Clone, Copy, Debug)]
-pub struct Seat {
+pub struct NestingPose {
     pub rotation: DQuat,
     /// The height of its centre of mass above the other's, m at scale 1.
     pub pitch: f64,
 }
 
 impl Shape {
-    /// How the prop comes to lie in another one of its kind, both with `up` (unit, in the body's frame) up: for so many
-    /// turns about it, evenly spaced. None for a convex prop. One that is not quite round leans a little, each turn to
-    /// another side.
-    pub fn seats(&self, up: DVec3, turns: usize) -> Vec<Seat> {
+    /// Nesting poses of one prop in another of its kind, both upright along `up` (unit, in the body's frame), at
+    /// `turns` evenly spaced rotations about it. Empty for a convex prop. A prop that is not quite round leans a
+    /// little, to a different side at each rotation.
+    pub fn nesting_poses(&self, up: DVec3, turns: usize) -> Vec<NestingPose> {
         let Solid::Convex(parts) = &self.solid else { return Vec::new() };
         if parts.len() < 2 {
             return Vec::new();
@@ -42,18 +42,18 @@ impl Shape {
             triangles.extend((0..mesh.triangles.len()).map(|i| mesh.corners(i)));
         }
         let below = heights(&triangles, f64::max);
-        let seat = |turn: DQuat| {
+        let nesting = |turn: DQuat| {
             let turned: Vec<_> = triangles.iter().map(|t| t.map(|p| turn * p)).collect();
             let gaps = gaps(&below, &heights(&turned, f64::min));
             let [slope_x, slope_z] = resting_slope(&gaps);
             let lean = DQuat::from_rotation_arc(DVec3::Y, DVec3::new(-slope_x, 1.0, -slope_z).normalize());
             let rotation = (upright.inverse() * lean * turn * upright).normalize();
-            Some(Seat { rotation, pitch: self.pitch(up, rotation)? })
+            Some(NestingPose { rotation, pitch: self.pitch(up, rotation)? })
         };
-        (0..turns).filter_map(|i| seat(DQuat::from_rotation_y(TAU * i as f64 / turns as f64))).collect()
+        (0..turns).filter_map(|i| nesting(DQuat::from_rotation_y(TAU * i as f64 / turns as f64))).collect()
     }
 
-    /// The least distance up at which the prop, turned like that, is free of another one; m at scale 1.
+    /// Least distance along `up` at which the prop in this rotation does not overlap another one; m at scale 1.
     fn pitch(&self, up: DVec3, rotation: DQuat) -> Option<f64> {
         let unit = self.size.diameter;
         let (place, solid) = self.collider(1.0 / unit)?;
@@ -83,7 +83,7 @@ fn heights(triangles: &[[DVec3; 3]], of: fn(f64, f64) -> f64) -> Vec<f64> {
 
 const EDGE: f64 = 2.0 / CELLS as f64;
 
-/// Where one is above the other, and by how much it has to be raised there.
+/// The cells that both cover (x, z), and the height by which the upper one must be raised there (y).
 fn gaps(below: &[f64], above: &[f64]) -> Vec<DVec3> {
     let at = |i: usize| EDGE * (i as f64 + 0.5) - 1.0;
     let gap = |i: usize| DVec3::new(at(i % CELLS), below[i] - above[i], at(i / CELLS));

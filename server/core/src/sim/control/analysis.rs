@@ -36,7 +36,7 @@ pub struct Analysis<'a> {
     pub pairs: Vec<ContactPair>,
     /// Bodies that have not moved since. Shape `[body]`.
     unmoved: Vec<bool>,
-    /// Where each body was when its pairs were last computed. Shape `[body]`.
+    /// Pose of each body when its pairs were last computed. Shape `[body]`.
     seen: Vec<Pose>,
 }
 

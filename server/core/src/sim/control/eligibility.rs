@@ -2,7 +2,7 @@
 //! that overlap, are carried along, hang or fly, may not.
 
 use crate::geometry::contact;
-use crate::geometry::region::DistanceGrid;
+use crate::geometry::interior::DistanceGrid;
 use crate::world::{BodyId, ContactPair, PairSide, Role, World};
 use std::cell::Cell;
 use std::collections::BTreeSet;
@@ -97,7 +97,7 @@ impl<'a> Eligibility<'a> {
     }
 }
 
-/// Whether a body belongs to a region, engine units.
+/// A body belongs to a region, engine units.
 pub fn is_inside(region: &DistanceGrid, world: &World, id: BodyId) -> bool {
     region.signed_distance(world.pose(id).translation) <= REGION_TOLERANCE
 }

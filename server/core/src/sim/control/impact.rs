@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 /// A blow that leaves a body slower than this, in d per characteristic time, does not free it: a fall over an eighth of
 /// d is as fast.
 const LEAST_BLOW: f64 = 0.5;
-/// How long a freed body stays free at least, characteristic times: a fall over half of d.
+/// Least time for which a freed body stays free, characteristic times: a fall over half of d.
 const SHOCK_TIME: f64 = 1.0;
 
 /// The bodies freed before hits.

@@ -15,7 +15,7 @@ pub use counters::{BodyProblem, ControlCounters};
 pub use eligibility::is_inside;
 
 use super::policy::Policy;
-use crate::geometry::region::DistanceGrid;
+use crate::geometry::interior::DistanceGrid;
 use crate::input::params::Control as ControlParams;
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::world::{BodyId, ContactPair, Role, World};
@@ -29,7 +29,7 @@ use support::{Lifetime, Support, Verdicts};
 const LATE_DAMPING: f64 = 3.0;
 
 /// The control and its memory.
-pub struct Control<'a> {
+pub struct PileControl<'a> {
     params: &'a ControlParams,
     /// Bodies are freed before they are hit.
     frees_before_hits: bool,
@@ -47,7 +47,7 @@ pub struct Control<'a> {
     ended: bool,
 }
 
-impl<'a> Control<'a> {
+impl<'a> PileControl<'a> {
     /// `region` in engine units; `None`: the control acts everywhere. `step_length`: characteristic times.
     pub fn new(
         params: &'a ControlParams,
@@ -56,8 +56,8 @@ impl<'a> Control<'a> {
         seed: u64,
         step_length: f64,
         region: Option<&'a DistanceGrid>,
-    ) -> Control<'a> {
-        Control {
+    ) -> PileControl<'a> {
+        PileControl {
             params,
             frees_before_hits: resolved.is_on(EffectName::Impact),
             breaks: resolved.is_on(EffectName::Breaking),

@@ -1,10 +1,10 @@
 //! The state of each body under the control, for observers. Nothing depends on it.
 
-use super::Control;
+use super::PileControl;
 use crate::input::observer::State;
 use crate::world::{Role, World, WorldBody};
 
-impl Control<'_> {
+impl PileControl<'_> {
     /// Shape `[body]`.
     pub fn states(&self, world: &World) -> Vec<State> {
         let held =

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// A force, and a moment.
 pub type BodyLoad = (DVec3, DVec3);
 
-/// A cluster of bodies joined by whole joints.
+/// A cluster of bodies joined by unbroken joints.
 pub struct Cluster {
     /// Ascending.
     pub members: Vec<BodyId>,
@@ -19,14 +19,13 @@ pub struct Cluster {
     pub is_anchored: bool,
     /// Its joints, by their numbers.
     pub joints: Vec<usize>,
-    /// Where its first body was when it was glued: the frame of the joints, and of `loads`, is the world's of that
-    /// time.
+    /// Pose of its first body when it was glued. The frame of the joints and of `loads` is the world's of that time.
     then: Pose,
     /// Made at first use.
     loads: Option<Loads>,
 }
 
-/// The clusters that whole joints make of these bodies, in order of their first. `homes`: where each was when it was
+/// The clusters of these bodies by unbroken joints, by lowest body id. `homes`: poses of the bodies when they were
 /// glued.
 pub fn clusters(ids: &[BodyId], joints: &[Joint], homes: &BTreeMap<BodyId, Pose>) -> Vec<Cluster> {
     let among: BTreeSet<BodyId> = ids.iter().copied().collect();
@@ -124,8 +123,7 @@ impl Cluster {
         self.then.rotation * world.pose(self.members[0]).rotation.inverse()
     }
 
-    /// The force and the moment that its joints must give each body, so that it moves with the others for all that it
-    /// suffers.
+    /// Force and moment that the joints must give each body, so that it moves with the others under its other loads.
     fn wanted(&self, world: &World, suffered: &[BodyLoad]) -> Vec<BodyLoad> {
         let mut wanted: Vec<BodyLoad> = suffered.iter().map(|&(f, m)| (-f, -m)).collect();
         if self.is_anchored {

@@ -17,7 +17,7 @@ pub struct Joint {
     pub a: BodyId,
     /// The other body; `None`: the ground or scenery.
     pub b: Option<BodyId>,
-    /// Where it is at the beginning, and the contact normal there, into `a`.
+    /// Its place at the beginning, and the contact normal there, into `a`.
     pub point: DVec3,
     pub normal: DVec3,
     /// A moment counts as the force that causes it at this distance.
@@ -78,9 +78,9 @@ pub struct GlueTally {
 pub struct PileGlue {
     pub joints: Vec<Joint>,
     pub tally: GlueTally,
-    /// Bodies joined by whole joints, by their first.
+    /// Clusters of bodies joined by unbroken joints, by lowest body id.
     clusters: BTreeMap<BodyId, Cluster>,
-    /// Where its bodies were when they were glued.
+    /// Poses of the bodies when they were glued.
     homes: BTreeMap<BodyId, Pose>,
     breaks: bool,
     /// Engine time since the last body was released.
@@ -109,12 +109,12 @@ impl PileGlue {
         glue
     }
 
-    /// Clusters of bodies joined by whole joints, each ascending.
+    /// Clusters of bodies joined by unbroken joints, each ascending.
     pub fn clusters(&self) -> impl Iterator<Item = &[BodyId]> {
         self.clusters.values().map(|cluster| &cluster.members[..])
     }
 
-    /// How a joint's first body has turned since it was glued, and where the joint is now.
+    /// Rotation of a joint's first body since it was glued, and the present place of the joint.
     pub fn place_of(&self, joint: &Joint, world: &World) -> (DQuat, DVec3) {
         let home = self.homes.get(&joint.a).filter(|_| world.is_present(joint.a));
         let Some(home) = home else { return (DQuat::IDENTITY, joint.point) };
@@ -232,7 +232,7 @@ impl PileGlue {
         cluster.members
     }
 
-    /// Joins these bodies by the whole joints between them.
+    /// Joins these bodies by the unbroken joints between them.
     fn join(&mut self, ids: &[BodyId], world: &mut World, policy: &mut Policy) {
         for cluster in cluster::clusters(ids, &self.joints, &self.homes) {
             if let [first, _, ..] = cluster.members[..] {

@@ -11,11 +11,13 @@ use crate::invariants;
 use crate::prepare::shape::Shape;
 use crate::sim::instance::Instance;
 use crate::sim::policy::Policy;
-use crate::world::{BodyId, Claims, ContactPair, Insertion, PairSide, Role, WallId, World, WorldBody, WorldCounters};
+use crate::world::{
+    BodyId, ContactPair, Insertion, PairSide, ReservedPlaces, Role, WallId, World, WorldBody, WorldCounters,
+};
 use glam::DVec3;
 
-/// The world of a fill. Its bodies are loose, which the fill put there and may take out, or pinned, which the scene
-/// placed.
+/// The world of a fill. Loose bodies were added by the fill, which may remove them; pinned bodies were placed by the
+/// scene.
 pub(crate) struct FillWorld {
     world: World,
     /// Bodies that were taken out, by the fill or by the engine.
@@ -177,16 +179,16 @@ impl FillWorld {
         speeds().sum::<f64>() / speeds().count().max(1) as f64
     }
 
-    /// Makes [`FillWorld::claim`] and [`FillWorld::overlapping`] know of bodies that were added, moved or removed since
-    /// the last step.
+    /// Makes [`FillWorld::reserve`] and [`FillWorld::overlapping`] know of bodies that were added, moved or removed
+    /// since the last step.
     pub fn update_contacts(&mut self) {
         self.world.zero_step();
     }
 
-    /// Whether a shape placed here would be free of bodies and of places that are claimed (not of the container). Then
-    /// it is claimed.
-    pub fn claim(&self, shape: &Shape, scale: f64, pose: &Pose, claims: &mut Claims) -> bool {
-        self.world.claim(shape, scale, pose, claims)
+    /// Whether a shape placed here would be free of bodies and of reserved places (not of the container). If so, its
+    /// place is reserved.
+    pub fn reserve(&self, shape: &Shape, scale: f64, pose: &Pose, reserved: &mut ReservedPlaces) -> bool {
+        self.world.reserve(shape, scale, pose, reserved)
     }
 
     /// Pairs of bodies that overlap by more than `limit` of the thinner one's thickness, ascending; the lower id first.

@@ -1,4 +1,4 @@
-//! Which of several props goes where: in bands, along a gradient or in clusters.
+//! The layout of several props: in bands, along a gradient or in clusters.
 
 use super::filling::FillTask;
 use crate::input::params::{Layout, SortBy};
@@ -13,10 +13,10 @@ const BLEND: f64 = 0.35;
 /// Heights at which the volume below is known.
 const HEIGHTS: usize = 64;
 
-/// Where each prop may go.
+/// The places that each prop may take.
 pub struct Zones {
     layout: Layout,
-    /// From where to where each prop's band is, as shares of the container's volume from below; shape `[prop]`.
+    /// Low and high end of each prop's band, as shares of the container's volume from below; shape `[prop]`.
     bands: Vec<[f64; 2]>,
     /// Share of the container's volume below [`HEIGHTS`] heights, even from its base to its top.
     below: Vec<f64>,
@@ -27,7 +27,7 @@ pub struct Zones {
 }
 
 impl Zones {
-    /// `None` where every prop may be everywhere, and where only one prop is drawn.
+    /// `None` if every prop may be everywhere, or only one prop is drawn.
     pub fn new(task: &FillTask, rng: &mut impl Rng) -> Option<Zones> {
         let layout = task.params.fill.layout;
         let drawn: Vec<usize> = task.drawn_props().collect();
@@ -55,7 +55,7 @@ impl Zones {
         Some(Zones { layout, bands: bands(task, drawn), below, bottom, height, clusters })
     }
 
-    /// Whether this prop may be here. Draws a number where the layout is a gradient.
+    /// This prop may be here. Draws a number if the layout is a gradient.
     pub fn allows(&self, prop: usize, p: DVec3, rng: &mut impl Rng) -> bool {
         let below = || self.below[level(p.y, self.bottom, self.height)];
         let [low, high] = self.bands[prop];
@@ -74,7 +74,7 @@ impl Zones {
     }
 }
 
-/// Which of the [`HEIGHTS`] this one is.
+/// Index of a height among the [`HEIGHTS`].
 fn level(y: f64, bottom: f64, height: f64) -> usize {
     ((y - bottom) / height * HEIGHTS as f64).clamp(0.0, HEIGHTS as f64 - 1.0) as usize
 }

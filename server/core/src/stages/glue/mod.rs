@@ -16,8 +16,8 @@ pub use sites::Sites;
 pub use trial::{TrialResult, release_trial};
 
 use crate::error::Error;
+use crate::geometry::interior::DistanceGrid;
 use crate::geometry::pose::Pose;
-use crate::geometry::region::DistanceGrid;
 use crate::input::observer::Observer;
 use crate::input::params::{Params, Switch};
 use crate::prepare::effects::{EffectName, Resolved};
@@ -32,33 +32,36 @@ use trial::Trials;
 #[derive(Clone, Debug, Default)]
 pub struct Glued {
     pub joints: Vec<Joint>,
-    /// Contact pairs that could have been glued, pegs not counted.
-    pub touches: usize,
-    /// No choice has fewer joints.
+    /// Number of contact pairs, and of the joints that are pegs or bridges.
+    pub contact_pairs: usize,
+    /// Lower bound on the number of joints.
     pub at_least: usize,
-    /// Joints across gaps, where no chain of contacts joins bodies to the ground, and the widest of those gaps.
+    /// Number of joints across gaps, where no chain of contacts joins bodies to the ground.
     pub bridges: usize,
+    /// The widest of those gaps, d.
     pub widest: f64,
-    /// Bodies that nothing joins to the ground.
-    pub apart: usize,
-    /// Bodies that the glue is too weak for.
-    pub fallen: usize,
-    /// Imbalance of the certified forces: sum over the bodies, each by its own weight; for each thousand of them where
+    /// Number of bodies without a chain of sites to the ground.
+    pub unreachable: usize,
+    /// Number of bodies that the glue is too weak to hold.
+    pub too_weak: usize,
+    /// Imbalance of the certified forces: sum over the bodies, each relative to its weight; per thousand bodies where
     /// there are more.
     pub imbalance: f64,
-    /// Highest price of a normal force, against a joint's as 1.
+    /// Highest price of a normal force, relative to a joint force (1).
     pub normal_price: f64,
     /// Every contact with the ground is glued.
     pub anchors_all: bool,
     /// Mean displacement of the bodies in the trial, d.
     pub displacement: f64,
-    /// Share of the bodies that moved in the trial, on level ground and on the worst of the tilted ones.
+    /// Share of the bodies that moved in the trial on level ground.
     pub moved: Option<f64>,
+    /// The largest such share of the trials on tilted ground.
     pub moved_tilted: Option<f64>,
-    /// Where the bodies were after the trial, on level ground, and where they would be without glue. Shape `[body]`;
-    /// `None`: the body was not there, since nothing holds it.
-    pub freed: Option<Vec<Option<Pose>>>,
-    pub natural: Option<Vec<Option<Pose>>>,
+    /// Poses after the trial on level ground; `None` if it ended early. Shape `[body]`; `None`: the body was left out,
+    /// since no glue holds it.
+    pub poses_with_glue: Option<Vec<Option<Pose>>>,
+    /// Poses after a trial without glue, if there was one. As above.
+    pub poses_without_glue: Option<Vec<Option<Pose>>>,
     pub iterations: u64,
     pub proof_steps: u64,
     /// CPU seconds of the trials.
@@ -66,7 +69,7 @@ pub struct Glued {
 }
 
 impl Glued {
-    /// Whether the pile stood in its trial, if there was one.
+    /// The pile stood in its trial, or there was none.
     pub fn stands(&self) -> bool {
         self.moved.is_none_or(|moved| moved <= MOST_MOVED && self.displacement <= SAGS)
     }
@@ -90,11 +93,11 @@ pub fn run<'a>(
     let mut glued = if proves { search.stable(observer)? } else { search.attempt(0, observer)?.glued };
     let Search { mut trials, sites, iterations, .. } = search;
     if params.glue.proof == Switch::On && proves {
-        glued.natural = trials.run(&[], &sites.apart, DVec3::NEG_Y, true, observer)?.poses;
+        glued.poses_without_glue = trials.run(&[], &sites.unreachable, DVec3::NEG_Y, true, observer)?.poses;
         let mut worst = 0.0f64;
         for side in [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z] {
             let down = DQuat::from_axis_angle(side, TILT.to_radians()) * DVec3::NEG_Y;
-            worst = worst.max(trials.run(&glued.joints, &sites.apart, down, false, observer)?.moved);
+            worst = worst.max(trials.run(&glued.joints, &sites.unreachable, down, false, observer)?.moved);
         }
         glued.moved_tilted = Some(worst);
     }

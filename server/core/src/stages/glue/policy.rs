@@ -8,7 +8,7 @@
 //! | 0 | (no trial yet) | place; weld the pairs that are pressed into each other | [`PRESSED`] |
 //! | 1 | the pile leans as a whole | glue all feet to the ground, from the next attempt on | [`LEANS`] |
 //! | 2 | few moved, or prices are at the top | discount their friction; go on from these joints | [`IN_PLACES`] |
-//! | 3 | at most a third moved, in an early attempt | raise the price around bodies that moved a little | [`LOCAL`] |
+//! | 3 | at most [`LOCAL_MOVED`] moved, early on | raise the price around bodies that moved a little | [`LOCAL`] |
 //! | 4 | many bodies moved | raise the price everywhere; start from no joints | [`PRICES`] |
 //! | 5 | few moved; it stands, or is late, or 2 is exhausted | weld moving bodies to all they touch | [`WELD_FROM`] |
 //! | 6 | the pile stands and does not lean | end the search | [`MOST_MOVED`], [`SAGS`] |

@@ -20,7 +20,7 @@ use std::ops::ControlFlow;
 /// The search for joints with which the pile stands, not only on paper.
 pub struct Search<'p, 'a> {
     params: &'p Params,
-    /// What each joint carries at least before it breaks.
+    /// Least load at which a joint breaks.
     least_limit: f64,
     /// Strength of the glue; `None`: no bound. Bounded glue gets no further joints in place of strength.
     bound: Option<f64>,
@@ -52,7 +52,7 @@ impl<'p, 'a> Search<'p, 'a> {
         }
     }
 
-    /// The first choice of joints with which the pile stands in its trial, or the best one.
+    /// The first choice of joints with which the pile stands in its trial; if there is none, the best choice.
     pub fn stable(&mut self, observer: &mut dyn Observer) -> Result<Glued, Error> {
         let mut is_last = false;
         let mut best: Option<Attempt> = None;
@@ -98,24 +98,25 @@ impl<'p, 'a> Search<'p, 'a> {
         self.anchors_all |= self.anchors && !self.proves && !placement.joints.is_empty();
         let mut joints = joints(sites, &placement, self.anchors_all, self.least_limit, glue.breaking);
         if self.bound.is_none() {
-            let pressed = joining(sites, &joints, self.least_limit, |touch| sites.depths[touch] > PRESSED);
+            let pressed = joining(sites, &joints, self.least_limit, |site| sites.depths[site] > PRESSED);
             joints.extend(pressed);
         }
         let gaps = || placement.joints.iter().map(|joint| sites.gaps[joint.site]).filter(|gap| *gap > 0.0);
         let glued = Glued {
             joints,
-            touches: sites.real_with(&placement),
+            contact_pairs: sites.real_with(&placement),
             at_least: placement.at_least,
             bridges: gaps().count(),
             widest: gaps().fold(0.0, f64::max),
-            apart: sites.apart.len(),
-            fallen: placement.fallen.len(),
+            unreachable: sites.unreachable.len(),
+            too_weak: placement.fallen.len(),
             imbalance: placement.imbalance,
             normal_price: normal_price.max(sites.highest_price()),
             anchors_all: self.anchors_all,
             ..Glued::default()
         };
-        let absent = placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.apart.iter().copied()).collect();
+        let absent =
+            placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.unreachable.iter().copied()).collect();
         Ok(Attempt { glued, absent, chosen: placement.joints, moving: BTreeSet::new(), is_welded: false })
     }
 
@@ -181,7 +182,7 @@ impl<'p, 'a> Search<'p, 'a> {
     }
 }
 
-/// What follows an attempt.
+/// The step after an attempt.
 enum Next {
     None,
     /// The next choice would be the same.
@@ -189,10 +190,10 @@ enum Next {
     Other,
 }
 
-/// A choice of joints, and how the pile stood with them.
+/// A choice of joints, and the result of its trial.
 pub struct Attempt {
     pub glued: Glued,
-    /// Bodies that are not there in the trial.
+    /// Bodies that are left out of the trial.
     absent: Vec<BodyId>,
     /// Joints of the certified equilibrium.
     chosen: Vec<GlueJoint>,
@@ -218,7 +219,7 @@ impl Attempt {
         // A trial that ended early is worse than every other.
         self.glued.displacement = if trial.poses.is_some() { trial.displacement } else { f64::INFINITY };
         self.moving.extend(trial.moved_bodies);
-        (self.glued.moved, self.glued.freed) = (Some(trial.moved), trial.poses);
+        (self.glued.moved, self.glued.poses_with_glue) = (Some(trial.moved), trial.poses);
     }
 }
 
@@ -235,7 +236,7 @@ fn place(
 }
 
 /// The joints of a placement, engine units; with `anchors_all`, also joints at every contact with the ground.
-/// `least_limit`: what each joint carries at least before it breaks.
+/// `least_limit`: least load at which a joint breaks.
 pub fn joints(
     sites: &Sites,
     placement: &GluePlacement,
@@ -244,16 +245,16 @@ pub fn joints(
     breaking: f64,
 ) -> Vec<Joint> {
     let pile = sites.problem(DVec3::NEG_Y);
-    let joint = |touch: usize, force: DVec3, moment: DVec3| sites.joint(touch, force, moment, least_limit, breaking);
+    let joint = |site: usize, force: DVec3, moment: DVec3| sites.joint(site, force, moment, least_limit, breaking);
     let mut joints: Vec<Joint> = placement.joints.iter().map(|j| joint(j.site, j.force, j.moment)).collect();
     if anchors_all {
-        let chosen = |touch: usize| placement.joints.iter().any(|j| j.site == touch);
-        let stands = |touch: usize| placement.fallen.binary_search(&pile.sites[touch].body).is_err();
+        let chosen = |site: usize| placement.joints.iter().any(|j| j.site == site);
+        let stands = |site: usize| placement.fallen.binary_search(&pile.sites[site].body).is_err();
         let feet = (0..pile.sites.len()).filter(|&t| {
             let is_foot = matches!(sites.between[t].1, PairSide::Ground | PairSide::Scenery) && sites.is_real(t);
             is_foot && !chosen(t) && stands(t)
         });
-        joints.extend(feet.map(|touch| joint(touch, DVec3::ZERO, DVec3::ZERO)));
+        joints.extend(feet.map(|site| joint(site, DVec3::ZERO, DVec3::ZERO)));
     }
     joints
 }
@@ -262,8 +263,8 @@ pub fn joints(
 /// statics does not predict.
 fn welds(sites: &Sites, joints: &[Joint], moving: &BTreeSet<BodyId>, limit: f64) -> Vec<Joint> {
     let moves = |side: PairSide| matches!(side, PairSide::Body(id) if moving.contains(&id));
-    joining(sites, joints, limit, |touch| {
-        let (a, b) = sites.between[touch];
+    joining(sites, joints, limit, |site| {
+        let (a, b) = sites.between[site];
         moves(PairSide::Body(a)) || moves(b)
     })
 }
@@ -280,11 +281,11 @@ fn joining(sites: &Sites, joints: &[Joint], limit: f64, joins: impl Fn(usize) ->
         solids.join(index(joint.a), joint.b.map_or(still, index));
     }
     let mut more = Vec::new();
-    for (touch, site) in pile.sites.iter().enumerate() {
+    for (number, site) in pile.sites.iter().enumerate() {
         let (a, b) = (site.body, site.other.unwrap_or(still));
-        if site.may_glue && sites.is_real(touch) && joins(touch) && solids.find(a) != solids.find(b) {
+        if site.may_glue && sites.is_real(number) && joins(number) && solids.find(a) != solids.find(b) {
             solids.join(a, b);
-            more.push(sites.joint(touch, DVec3::ZERO, DVec3::ZERO, limit, 1.0));
+            more.push(sites.joint(number, DVec3::ZERO, DVec3::ZERO, limit, 1.0));
         }
     }
     more

@@ -1,10 +1,11 @@
-//! Where a pile could be glued: its contact pairs, pegs and bridges as the sites of [`cairn_statics::glue`].
+//! The sites of a pile that could be glued: its contact pairs, pegs and bridges as the sites of
+//! [`cairn_statics::glue`].
 
 use super::policy::{ARM, BRIDGES, PEG, WIDEST};
-use crate::geometry::region::DistanceGrid;
+use crate::geometry::interior::DistanceGrid;
 use crate::sim::control;
 use crate::sim::glue::Joint;
-use crate::sim::whole::{self, REAL_CONTACT};
+use crate::sim::pile_equilibrium::{self, REAL_CONTACT};
 use crate::world::{BodyId, ContactPair, PairSide, Role, World};
 use cairn_statics::global::{GlobalBody, GlobalContact};
 use cairn_statics::glue::{GluePlacement, GlueProblem, GlueSite};
@@ -16,7 +17,7 @@ pub struct Sites {
     /// The bodies that can be held, ascending.
     pub ids: Vec<BodyId>,
     /// Bodies that no chain of sites joins to the ground, ascending: no glue holds them.
-    pub apart: Vec<BodyId>,
+    pub unreachable: Vec<BodyId>,
     /// The two sides of each site: a body, and another body or the fixed surroundings. Shape `[site]`.
     pub between: Vec<(BodyId, PairSide)>,
     /// Normal of each site, into its body. Shape `[site]`.
@@ -28,7 +29,7 @@ pub struct Sites {
     pub gaps: Vec<f64>,
     /// Overlap of the two bodies, in the thinner one's thickness. Shape `[site]`.
     pub depths: Vec<f64>,
-    /// How often each body moved in a trial: once, twice or more. Shape `[body]`.
+    /// Number of trials in which each body moved, 2 at most. Shape `[body]`.
     discounts: Vec<u8>,
     /// Index of the price of each body's normal forces. Shape `[body]`.
     levels: Vec<usize>,
@@ -38,32 +39,32 @@ pub struct Sites {
 }
 
 impl Sites {
-    /// `region`: where the glue acts; `None`: everywhere. `anchors`: bodies may be glued to what stands still.
+    /// `region`: the glue acts inside it; `None`: everywhere. `anchors`: bodies may be glued to the fixed surroundings.
     pub fn new(world: &World, region: Option<&DistanceGrid>, anchors: bool) -> Sites {
         let is_inside = |id: BodyId| region.is_none_or(|region| control::is_inside(region, world, id));
         let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && is_inside(id);
         let inside: Vec<bool> = (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
-        let mut touches = world.contact_pairs(REAL_CONTACT);
-        touches.retain(|touch| touch.b != PairSide::Moving);
-        let carrying = touches.len();
+        let mut pairs = world.contact_pairs(REAL_CONTACT);
+        pairs.retain(|pair| pair.b != PairSide::Moving);
+        let carrying = pairs.len();
         if anchors {
-            add_new(&mut touches, world.static_contact_pairs(PEG));
+            add_new(&mut pairs, world.static_contact_pairs(PEG));
         }
-        let mut joined = joined_by(world, &inside, &touches);
+        let mut joined = joined_by(world, &inside, &pairs);
         let is_apart = |joined: &[bool], id: BodyId| inside[id] && !joined[id];
         if anchors && (0..inside.len()).any(|id| is_apart(&joined, id)) {
-            let bridges = |touch: &ContactPair| match touch.b {
-                PairSide::Body(b) => is_apart(&joined, touch.a) || is_apart(&joined, b),
+            let bridges = |pair: &ContactPair| match pair.b {
+                PairSide::Body(b) => is_apart(&joined, pair.a) || is_apart(&joined, b),
                 _ => false,
             };
             let mut near = world.contact_pairs(PEG);
             near.retain(bridges);
-            add_new(&mut touches, near);
-            joined = joined_by(world, &inside, &touches);
+            add_new(&mut pairs, near);
+            joined = joined_by(world, &inside, &pairs);
         }
-        let pegs = touches.len();
+        let pegs = pairs.len();
         if anchors {
-            bridge(world, &inside, &mut touches, &mut joined);
+            bridge(world, &inside, &mut pairs, &mut joined);
         }
         let ids: Vec<BodyId> = (0..inside.len()).filter(|&id| joined[id]).collect();
         let body = |&id: &BodyId| {
@@ -71,7 +72,7 @@ impl Sites {
             GlobalBody { mass: b.mass, center_of_mass: world.pose(id).translation, radius: b.radius }
         };
         let mut sites = Sites {
-            apart: (0..inside.len()).filter(|&id| inside[id] && !joined[id]).collect(),
+            unreachable: (0..inside.len()).filter(|&id| inside[id] && !joined[id]).collect(),
             bodies: ids.iter().map(body).collect(),
             discounts: vec![0; ids.len()],
             levels: vec![0; ids.len()],
@@ -85,11 +86,11 @@ impl Sites {
             ids,
         };
         let pinned = |id: BodyId| world.is_present(id) && world.bodies()[id].role == Role::Pinned;
-        for (k, touch) in touches.iter().enumerate() {
+        for (k, pair) in pairs.iter().enumerate() {
             // Bodies that are neither in the pile nor fixed carry nothing here.
             let stands = |id: BodyId| joined[id] || pinned(id);
-            if stands(touch.a) && !matches!(touch.b, PairSide::Body(b) if !stands(b)) {
-                sites.add(touch, touch.depth() / world.pair_thickness(touch), k < carrying, k >= pegs, anchors);
+            if stands(pair.a) && !matches!(pair.b, PairSide::Body(b) if !stands(b)) {
+                sites.add(pair, pair.depth() / world.pair_thickness(pair), k < carrying, k >= pegs, anchors);
             }
         }
         sites
@@ -106,15 +107,15 @@ impl Sites {
         let discounts = &self.discounts;
         let of = |c: &GlobalContact| discounts[c.body].max(c.other.map_or(0, |other| discounts[other]));
         let mut kept = Vec::with_capacity(self.contacts.len());
-        for touch in &mut self.sites {
-            let own = &self.contacts[touch.contacts.clone()];
+        for site in &mut self.sites {
+            let own = &self.contacts[site.contacts.clone()];
             let begin = kept.len();
             kept.extend(
                 own.iter()
                     .filter(|c| of(c) < 2)
                     .map(|c| GlobalContact { friction: if of(c) > 0 { 0.0 } else { c.friction }, ..*c }),
             );
-            touch.contacts = begin..kept.len();
+            site.contacts = begin..kept.len();
         }
         self.contacts = kept;
         self.discounts != before
@@ -129,8 +130,8 @@ impl Sites {
             }
         }
         let level = |body: usize| self.levels[body];
-        for touch in &mut self.sites {
-            touch.normal_price = prices[level(touch.body).max(touch.other.map_or(0, level))];
+        for site in &mut self.sites {
+            site.normal_price = prices[level(site.body).max(site.other.map_or(0, level))];
         }
         self.levels != before
     }
@@ -154,22 +155,22 @@ impl Sites {
         (0..self.sites.len()).filter(|&site| self.is_real(site)).count() + made
     }
 
-    /// Whether the two sides touch; no peg and no bridge.
-    pub fn is_real(&self, touch: usize) -> bool {
-        self.patches[touch].is_some()
+    /// The site is a contact pair, not a peg or a bridge.
+    pub fn is_real(&self, site: usize) -> bool {
+        self.patches[site].is_some()
     }
 
     /// A joint at this site that carries a force and a moment, engine units. It breaks beyond `breaking` times that,
     /// and at `least_limit` at least.
-    pub fn joint(&self, touch: usize, force: DVec3, moment: DVec3, least_limit: f64, breaking: f64) -> Joint {
-        let site = &self.sites[touch];
+    pub fn joint(&self, index: usize, force: DVec3, moment: DVec3, least_limit: f64, breaking: f64) -> Joint {
+        let site = &self.sites[index];
         let mut joint = Joint {
             a: self.ids[site.body],
             b: site.other.map(|other| self.ids[other]),
             point: site.center,
-            normal: self.normals[touch],
+            normal: self.normals[index],
             arm: site.arm,
-            contact: self.patches[touch],
+            contact: self.patches[index],
             force,
             moment,
             limit: 0.0,
@@ -179,18 +180,19 @@ impl Sites {
         joint
     }
 
-    fn add(&mut self, touch: &ContactPair, depth: f64, carries: bool, bridges: bool, anchors: bool) {
+    fn add(&mut self, pair: &ContactPair, depth: f64, carries: bool, bridges: bool, anchors: bool) {
         let index = |id: BodyId| self.ids.binary_search(&id).ok();
-        let Some(mut contacts) = whole::contacts(touch, &index).map(|all| all.collect::<Vec<_>>()) else { return };
+        let Some(mut contacts) = pile_equilibrium::contacts(pair, &index).map(|all| all.collect::<Vec<_>>()) else {
+            return;
+        };
         let Some(&GlobalContact { body, other, .. }) = contacts.first() else { return };
         let count = contacts.len() as f64;
         let center = contacts.iter().map(|c| c.point).sum::<DVec3>() / count;
         let normal = contacts.iter().map(|c| c.normal).sum::<DVec3>().normalize_or(DVec3::Y);
-        let ends =
-            if self.ids[body] == touch.a { (touch.a, touch.b) } else { (self.ids[body], PairSide::Body(touch.a)) };
+        let ends = if self.ids[body] == pair.a { (pair.a, pair.b) } else { (self.ids[body], PairSide::Body(pair.a)) };
         let far = contacts.iter().map(|c| c.point.distance(center)).sum::<f64>() / count;
-        self.patches.push(carries.then_some((touch.friction, far)));
-        self.gaps.push(if bridges { narrowest(touch) } else { 0.0 });
+        self.patches.push(carries.then_some((pair.friction, far)));
+        self.gaps.push(if bridges { narrowest(pair) } else { 0.0 });
         self.depths.push(depth);
         contacts = few(contacts);
         if !carries {
@@ -214,39 +216,39 @@ impl Sites {
 }
 
 /// Adds bridges from joined bodies to those that are not, and marks the bodies that they join.
-fn bridge(world: &World, inside: &[bool], touches: &mut Vec<ContactPair>, joined: &mut Vec<bool>) {
+fn bridge(world: &World, inside: &[bool], pairs: &mut Vec<ContactPair>, joined: &mut Vec<bool>) {
     let is_apart = |joined: &[bool], id: BodyId| inside[id] && !joined[id];
     for reach in BRIDGES {
         if !(0..inside.len()).any(|id| is_apart(joined, id)) {
             return;
         }
         let mut near = world.contact_pairs(reach);
-        near.retain(|touch| narrowest(touch) <= WIDEST);
+        near.retain(|pair| narrowest(pair) <= WIDEST);
         // A body joined by one bridge may carry the next.
         loop {
-            let joins = |touch: &&ContactPair| match touch.b {
-                PairSide::Body(b) => is_apart(joined, touch.a) && joined[b] || is_apart(joined, b) && joined[touch.a],
-                PairSide::Ground | PairSide::Scenery => is_apart(joined, touch.a),
+            let joins = |pair: &&ContactPair| match pair.b {
+                PairSide::Body(b) => is_apart(joined, pair.a) && joined[b] || is_apart(joined, b) && joined[pair.a],
+                PairSide::Ground | PairSide::Scenery => is_apart(joined, pair.a),
                 PairSide::Moving => false,
             };
             let bridges: Vec<ContactPair> = near.iter().filter(joins).cloned().collect();
             if bridges.is_empty() {
                 break;
             }
-            add_new(touches, bridges);
-            *joined = joined_by(world, inside, touches);
+            add_new(pairs, bridges);
+            *joined = joined_by(world, inside, pairs);
         }
     }
 }
 
-fn narrowest(touch: &ContactPair) -> f64 {
-    touch.points.iter().map(|p| p.gap).fold(f64::INFINITY, f64::min)
+fn narrowest(pair: &ContactPair) -> f64 {
+    pair.points.iter().map(|p| p.gap).fold(f64::INFINITY, f64::min)
 }
 
-/// Adds those of pairs that are not among them yet.
-fn add_new(touches: &mut Vec<ContactPair>, near: Vec<ContactPair>) {
-    let known: BTreeSet<(BodyId, PairSide)> = touches.iter().map(|touch| (touch.a, touch.b)).collect();
-    touches.extend(near.into_iter().filter(|touch| !known.contains(&(touch.a, touch.b))));
+/// Adds the pairs of `near` that are not in `pairs` yet.
+fn add_new(pairs: &mut Vec<ContactPair>, near: Vec<ContactPair>) {
+    let known: BTreeSet<(BodyId, PairSide)> = pairs.iter().map(|pair| (pair.a, pair.b)).collect();
+    pairs.extend(near.into_iter().filter(|pair| !known.contains(&(pair.a, pair.b))));
 }
 
 /// Points of a patch that are kept: the outermost ones.
@@ -285,19 +287,19 @@ fn few(contacts: Vec<GlobalContact>) -> Vec<GlobalContact> {
 }
 
 /// Bodies that chains of sites join to the fixed surroundings. Shape `[body]`.
-fn joined_by(world: &World, inside: &[bool], touches: &[ContactPair]) -> Vec<bool> {
+fn joined_by(world: &World, inside: &[bool], pairs: &[ContactPair]) -> Vec<bool> {
     let mut beside = vec![Vec::new(); inside.len()];
     let mut front = Vec::new();
     let is_pinned = |id: BodyId| world.is_present(id) && world.bodies()[id].role == Role::Pinned;
-    for touch in touches {
-        match touch.b {
-            PairSide::Body(b) if is_pinned(b) => front.push(touch.a),
-            PairSide::Body(b) if is_pinned(touch.a) => front.push(b),
+    for pair in pairs {
+        match pair.b {
+            PairSide::Body(b) if is_pinned(b) => front.push(pair.a),
+            PairSide::Body(b) if is_pinned(pair.a) => front.push(b),
             PairSide::Body(b) => {
-                beside[touch.a].push(b);
-                beside[b].push(touch.a);
+                beside[pair.a].push(b);
+                beside[b].push(pair.a);
             }
-            PairSide::Ground | PairSide::Scenery => front.push(touch.a),
+            PairSide::Ground | PairSide::Scenery => front.push(pair.a),
             PairSide::Moving => {}
         }
     }

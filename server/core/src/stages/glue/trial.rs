@@ -1,4 +1,4 @@
-//! A trial: the glued pile is released without control, and what moves is measured.
+//! A trial: the glued pile is released without control, and its motion is measured.
 
 use super::policy::{COLLAPSED, LOOK, MOST_MOVED, MOVED, MOVED_A_LITTLE, STILL, STILL_LOOKS, TRIAL_TIME};
 use crate::error::Error;
@@ -9,19 +9,19 @@ use crate::sim::step::Simulation;
 use crate::world::{BodyId, World};
 use glam::DVec3;
 
-/// What a released pile did.
+/// Motion of a released pile.
 #[derive(Default)]
 pub struct TrialResult {
-    /// Share of the bodies that have moved by more than d/4.
+    /// Share of the bodies that have moved by more than [`MOVED`].
     pub moved: f64,
-    /// Those that have, ascending.
+    /// The bodies that have moved by more than [`MOVED`], ascending.
     pub moved_bodies: Vec<BodyId>,
-    /// Those that have moved by more than d/10, ascending.
+    /// The bodies that have moved by more than [`MOVED_A_LITTLE`], ascending.
     pub moved_a_little: Vec<BodyId>,
     /// Mean displacement of the bodies, d.
     pub displacement: f64,
-    /// Where the bodies are in the end, engine units; `None` where the trial ended early. Shape `[body]`; `None`: not
-    /// there.
+    /// Final poses of the bodies, engine units; `None` if the trial ended early. Shape `[body]`; `None`: the body was
+    /// left out.
     pub poses: Option<Vec<Option<Pose>>>,
     pub steps: u64,
 }
@@ -118,7 +118,7 @@ fn predicted(latest: &[Option<Pose>], now: &[Option<Pose>], looks_left: f64) -> 
     looks_left * pairs.map(|(latest, now)| latest.translation.distance(now.translation)).fold(0.0, f64::max)
 }
 
-/// Displacements so far. A body that flew away counts as 1 d.
+/// Displacements so far. The displacement of a body that flew away is limited to 1 d.
 fn look(world: &World, before: &[Option<Pose>], steps: u64) -> TrialResult {
     let displacement =
         |id: BodyId| before[id].map_or(0.0, |pose| world.pose(id).translation.distance(pose.translation));

@@ -38,13 +38,13 @@ impl Role {
         matches!(self, Role::Pinned | Role::Anchored)
     }
 
-    /// How the engine treats a body of this role.
+    /// The engine's type of a body of this role.
     pub fn engine_type(self) -> RigidBodyType {
         if self == Role::Free { RigidBodyType::Dynamic } else { RigidBodyType::Fixed }
     }
 }
 
-/// How a body enters the world.
+/// A body to be inserted.
 #[derive(Clone, Copy, Debug)]
 pub struct Insertion {
     pub prop: usize,

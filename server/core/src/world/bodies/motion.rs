@@ -1,4 +1,4 @@
-//! Where bodies are, and how they move.
+//! Poses and velocities of bodies.
 
 use super::{BodySize, ClusterId, Role, WorldBody};
 use crate::geometry::pose::Pose;

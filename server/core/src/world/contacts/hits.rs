@@ -16,7 +16,7 @@ pub struct ComingHit {
     pub speed: f64,
 }
 
-/// How far ahead a hit is looked for, in steps: beyond one, so that nothing slips through between two looks.
+/// Steps ahead in which a hit is looked for: more than one, so that no hit is missed between two looks.
 const STEPS_AHEAD: f64 = 1.5;
 /// Moving scenery frees bodies that are nearer than this, in d.
 const NEAR_MOVING: f64 = 0.05;

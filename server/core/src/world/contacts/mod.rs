@@ -1,12 +1,12 @@
 //! Contacts between bodies, computed from the poses: the engine's own are recycled, clustered and predicted, and may be
 //! gone between two bodies that it does not move.
 
-mod claims;
 mod hits;
 mod pairs;
+mod reserved_places;
 
-pub use claims::Claims;
 pub use hits::ComingHit;
+pub use reserved_places::ReservedPlaces;
 
 use super::{BodyId, World, colliders::Owner};
 use crate::geometry::contact::{self, Bearing};

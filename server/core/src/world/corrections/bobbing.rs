@@ -1,15 +1,15 @@
-//! Tall piles that bob. In each substep, the solver carries weight down a pile by about one layer; where many regular
-//! layers lie on each other, the part that arrives late pushes too much, and the pile hops forever, and walks. More
-//! substeps calm it: how many it takes is found by watching it.
+//! Tall piles that bob. In each substep, the solver carries weight down a pile by about one layer. Where many regular
+//! layers lie on each other, the part that arrives late pushes too hard: the pile hops forever, and walks. Substeps are
+//! added while the pile bobs.
 
 use super::WorldCounters;
 use crate::world::bodies::Bodies;
 use rapier3d::prelude::PhysicsWorld;
 
-/// How the pile moves up and down.
+/// Up-and-down motion of the pile.
 #[derive(Default)]
 pub struct Bobbing {
-    /// Whether bobbing is looked for at all.
+    /// Bobbing is looked for at all.
     pub is_watched: bool,
     swing: Swing,
     /// Top speed of the swing before.
@@ -42,7 +42,7 @@ const FINER: usize = 2;
 const MOST_SUBSTEPS: usize = 64;
 
 impl Bobbing {
-    /// A step of this length, with this mean upward speed. Whether the pile bobs.
+    /// Records a step of this length with this mean upward speed. Returns whether the pile bobs.
     fn bobs(&mut self, speed: f64, length: f64) -> bool {
         self.swing.time += length;
         if (speed > 0.0) != self.swing.rises {

@@ -6,7 +6,7 @@ use super::WorldCounters;
 use crate::world::bodies::{Bodies, Role, WorldBody};
 use rapier3d::prelude::*;
 
-/// Where the bodies were at earlier looks. Shapes `[body]`.
+/// Poses of the bodies at earlier looks. Shapes `[body]`.
 #[derive(Default)]
 pub struct Creep {
     /// Engine time since the last look.
@@ -61,7 +61,7 @@ impl Creep {
     }
 }
 
-/// How far a body's center has moved, or its rim by turning, whichever is more; d.
+/// Displacement of a body's center, or of its rim by rotation, whichever is larger; d.
 fn moved(from: &Pose, to: &Pose, body: &WorldBody) -> f64 {
     let turned = from.rotation.angle_between(to.rotation) as f64 * body.radius;
     turned.max(from.translation.distance(to.translation) as f64)

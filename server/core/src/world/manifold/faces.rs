@@ -26,7 +26,7 @@ const BENT_DEPTH: f32 = 5.0;
 const SEPARATION_NOISE: f32 = 1e-5;
 const NEAR: f32 = 1e-3;
 
-/// Whether a shape has faces with corners, and no rounding.
+/// A shape has faces with corners, and no rounding.
 pub(super) fn has_faces(shape: &dyn Shape) -> bool {
     shape.as_polygonal_feature_map().is_some_and(|(_, border)| border == 0.0)
 }
@@ -87,7 +87,7 @@ enum Nearest {
     Within {
         /// From the first shape to the second, along which they are farthest apart or overlap least; unit.
         direction: Vector,
-        /// How far apart they are along it.
+        /// Distance between them along it.
         depth: f32,
         /// The nearest points, on the first and on the second, in the frame of the first.
         at: Option<[Vector; 2]>,
@@ -133,7 +133,7 @@ impl ConvexPair<'_> {
         contact_support_map_support_map_with_params(pos12, a, b, prediction, &mut VoronoiSimplex::new(), guess)
     }
 
-    /// How far apart the shapes are along a direction from the first to the second.
+    /// Distance between the shapes along a direction from the first to the second.
     fn separation(&self, direction: Vector) -> f32 {
         let [a, b] = self.solids;
         let far = b.local_support_point(self.pos12.rotation.inverse() * -direction);

@@ -143,7 +143,7 @@ impl ContactFrame {
     }
 }
 
-/// Where two shapes may touch: on the first and on the second, in the contact's frame.
+/// A candidate for a contact: a point on the first shape and one on the second, in the contact's frame.
 #[derive(Clone, Copy)]
 struct ContactCandidate {
     at: [Vector; 2],

@@ -11,7 +11,7 @@ use rapier3d::prelude::*;
 
 /// Facets steeper than this, cosine, take no part: a shape that touches one touches its edges as well.
 const STEEP: f32 = 0.1;
-/// How far outside a triangle a point may be, as a share of it: rounding.
+/// Distance by which a point may be outside a triangle, as a share of it: rounding.
 const RIM: f32 = 1e-4;
 
 /// The face of one of the engine's own shapes that looks most along `direction`.
@@ -34,7 +34,7 @@ struct ContactSide<'a> {
 struct SideParts {
     /// All corners of the shape, in the contact's frame.
     seen: Vec<Vector>,
-    /// How far each is below the topmost one.
+    /// Depth of each below the topmost one.
     drops: Vec<f32>,
     edges: Vec<SideEdge>,
     /// Their numbers.
@@ -197,7 +197,7 @@ impl SideEdge {
         a.min(b).cmple(high).all() && a.max(b).cmpge(low).all()
     }
 
-    /// Where this edge crosses one that it crosses, on both.
+    /// The crossing with an edge that this one crosses: the point on each.
     fn crossing(&self, other: &SideEdge) -> [Vector; 2] {
         let (u, v, w) = (self.along.truncate(), other.along.truncate(), (self.from - other.from).truncate());
         let area = u.perp_dot(v);
@@ -230,7 +230,7 @@ impl Lanes {
         crossed.resize(edges.len(), false);
     }
 
-    /// Which of them an edge crosses that lies within `reach` of it.
+    /// The edges that cross `edge` and are within `reach` of it.
     fn crossed_by(&mut self, edge: &SideEdge, reach: f32) -> &[bool] {
         let Lanes { from: [x, y], along: [u, v], drop, crossed } = self;
         let n = crossed.len();

@@ -31,11 +31,10 @@ impl World {
         deep
     }
 
-    /// Free bodies that are awake and move, or turn, faster than this, or are farther below `ground` than they are
-    /// large and sink faster than `sinking`: which, and whether too fast. Turning counts by the speed of as much
-    /// energy.
-    pub fn astray(&self, most: f64, most_spin: f64, ground: f64, sinking: f64) -> Vec<(BodyId, bool)> {
-        let mut astray = Vec::new();
+    /// Awake free bodies that exceed the speed limits, or that sink faster than `sinking` at more than one radius below
+    /// `ground`. The flag says that a speed limit was exceeded. Spin is converted to the speed of equal kinetic energy.
+    pub fn runaway_bodies(&self, most: f64, most_spin: f64, ground: f64, sinking: f64) -> Vec<(BodyId, bool)> {
+        let mut runaway = Vec::new();
         for (id, rigid) in self.bodies.moving(&self.engine) {
             let BodySize { mass, radius, .. } = self.bodies.carried(id);
             // The rim is faster than the speed of equal energy: most bodies need no more than this look.
@@ -43,10 +42,10 @@ impl World {
             let too_fast = f64::from(rigid.linvel().length()) > most || may_spin && spin(rigid, mass) > most_spin;
             let below = f64::from(rigid.translation().y) < ground - radius && f64::from(rigid.linvel().y) < -sinking;
             if too_fast || below {
-                astray.push((id, too_fast));
+                runaway.push((id, too_fast));
             }
         }
-        astray
+        runaway
     }
 }
 

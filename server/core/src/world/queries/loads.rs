@@ -66,7 +66,7 @@ impl World {
 
     /// Held bodies on which free bodies press with more than `limit` times their own mass (engine units of force), in
     /// contacts of the usual stiffness. Stiffer springs press harder for the same overlap, by the square of their
-    /// frequency, which is no load of the pile's.
+    /// frequency. The excess force is an artifact, not a load; it is divided out.
     pub fn overloaded(&self, limit: f64) -> Vec<BodyId> {
         let free = |h: ColliderHandle| self.body_of(h).is_some_and(|id| self.bodies[id].role == Role::Free);
         let load = |id: BodyId| -> f64 {

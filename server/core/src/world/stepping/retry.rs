@@ -1,4 +1,4 @@
-//! The state before a step, and the same step again in smaller ones.
+//! The state before a step, and the retry of a step with smaller steps.
 
 use crate::world::{BodyId, Role, World};
 use rapier3d::prelude::*;
@@ -15,7 +15,7 @@ struct MovingBody {
     angular: Vector,
 }
 
-/// Energy of the bodies of a snapshot, at another time.
+/// Energy of a snapshot's bodies, measured now.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Energy {
     /// Kinetic and potential; gravity is 1 downward.
@@ -35,7 +35,7 @@ impl World {
         }));
     }
 
-    /// Energy that the bodies of a snapshot have now.
+    /// Measures the energy of a snapshot's bodies.
     pub fn energy_of(&self, snapshot: &Snapshot) -> Energy {
         let mut energy = Energy::default();
         for id in snapshot.0.iter().map(|body| body.id).filter(|&id| self.is_present(id)) {

@@ -2,7 +2,7 @@
 
 use super::piles::{KINDS, random};
 use super::{OPTIONS, Pile, joints};
-use cairn_statics::glue::reference;
+use cairn_statics::glue::interior_point;
 
 const PILES: u64 = KINDS * 6;
 
@@ -34,7 +34,7 @@ const WEDGE: f64 = 1.2;
 /// Joints that go one after the other while the rest still balances the pile.
 fn removable(pile: &Pile, mut kept: Vec<usize>) -> usize {
     let at = |joints: &[usize]| {
-        let placed = reference::place_at(&pile.problem(), &OPTIONS, joints).expect("a valid pile");
+        let placed = interior_point::place_at(&pile.problem(), &OPTIONS, joints).expect("a valid pile");
         (placed.stands(), pile.pressure(&placed))
     };
     let (all, most) = (kept.len(), at(&kept).1 * WEDGE);

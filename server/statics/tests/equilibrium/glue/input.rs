@@ -62,21 +62,24 @@ fn nonsense_is_refused() {
     };
     assert_eq!(refused(&|_| ()), Ok(3));
     for arm in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(refused(&|pile| pile.sites[1].arm = arm), Err(GlueError::Site(1)));
+        assert_eq!(refused(&|pile| pile.sites[1].arm = arm), Err(GlueError::SiteArm(1)));
     }
     for price in [-1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(refused(&|pile| pile.sites[1].normal_price = price), Err(GlueError::Site(1)));
+        assert_eq!(refused(&|pile| pile.sites[1].normal_price = price), Err(GlueError::SitePrice(1)));
     }
-    assert_eq!(refused(&|pile| pile.sites[1].center.x = f64::NAN), Err(GlueError::Site(1)));
-    assert_eq!(refused(&|pile| pile.sites[1].other = Some(1)), Err(GlueError::Site(1)));
-    assert_eq!(refused(&|pile| pile.sites[1].other = Some(7)), Err(GlueError::Site(1)));
-    assert_eq!(refused(&|pile| pile.sites[2].body = 7), Err(GlueError::Site(2)));
-    assert_eq!(refused(&|pile| pile.sites[2].contacts = 8..99), Err(GlueError::Site(2)));
-    assert_eq!(refused(&|pile| pile.sites[2].contacts = std::ops::Range { start: 8, end: 4 }), Err(GlueError::Site(2)));
-    assert_eq!(refused(&|pile| pile.sites[1].contacts = 3..8), Err(GlueError::Site(1)));
-    // Contacts of another pair, and contacts of no touch.
-    assert_eq!(refused(&|pile| pile.contacts[5].body = 2), Err(GlueError::Site(1)));
-    assert_eq!(refused(&|pile| pile.sites[2].contacts = 8..11), Err(GlueError::Site(3)));
+    assert_eq!(refused(&|pile| pile.sites[1].center.x = f64::NAN), Err(GlueError::SiteCenter(1)));
+    assert_eq!(refused(&|pile| pile.sites[1].other = Some(1)), Err(GlueError::SiteBodies(1)));
+    assert_eq!(refused(&|pile| pile.sites[1].other = Some(7)), Err(GlueError::SiteBodies(1)));
+    assert_eq!(refused(&|pile| pile.sites[2].body = 7), Err(GlueError::SiteBodies(2)));
+    assert_eq!(refused(&|pile| pile.sites[2].contacts = 8..99), Err(GlueError::SiteContacts(2)));
+    assert_eq!(
+        refused(&|pile| pile.sites[2].contacts = std::ops::Range { start: 8, end: 4 }),
+        Err(GlueError::SiteContacts(2))
+    );
+    assert_eq!(refused(&|pile| pile.sites[1].contacts = 3..8), Err(GlueError::SiteContacts(1)));
+    // Contacts of another pair, and contacts of no site.
+    assert_eq!(refused(&|pile| pile.contacts[5].body = 2), Err(GlueError::SiteContacts(1)));
+    assert_eq!(refused(&|pile| pile.sites[2].contacts = 8..11), Err(GlueError::Contact(11)));
     assert!(matches!(refused(&|pile| pile.gravity = DVec3::ZERO), Err(GlueError::Problem(_))));
     assert!(matches!(refused(&|pile| pile.bodies[0].mass = 0.0), Err(GlueError::Problem(_))));
     assert!(matches!(refused(&|pile| pile.contacts[0].friction = -1.0), Err(GlueError::Problem(_))));

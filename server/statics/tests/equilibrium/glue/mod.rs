@@ -10,7 +10,7 @@ mod piles;
 mod units;
 
 use cairn_statics::global::{BALANCED, GlobalBody, GlobalContact};
-use cairn_statics::glue::{self, GlueError, GlueOptions, GluePlacement, GlueProblem, GlueSite, reference};
+use cairn_statics::glue::{self, GlueError, GlueOptions, GluePlacement, GlueProblem, GlueSite, interior_point};
 use glam::{DQuat, DVec3};
 use std::ops::ControlFlow;
 
@@ -73,7 +73,7 @@ impl Pile {
 
     /// The same choice by Clarabel.
     pub fn place_by_clarabel(&self, options: &GlueOptions) -> GluePlacement {
-        reference::place(&self.problem(), options, &mut || ControlFlow::Continue(())).expect("a valid pile")
+        interior_point::place(&self.problem(), options, &mut || ControlFlow::Continue(())).expect("a valid pile")
     }
 
     /// The same pile in other units.

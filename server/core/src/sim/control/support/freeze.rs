@@ -41,7 +41,7 @@ impl FreezeSupport {
         FreezeSupport { neighbours: params.neighbours, broken: BTreeMap::new(), cycle: 0 }
     }
 
-    /// Which bodies are to be frozen. Shape `[body]`.
+    /// Bodies to freeze. Shape `[body]`.
     fn choose(&self, verdicts: &Verdicts) -> Vec<bool> {
         let is_free = |until: Option<u64>| until.is_some_and(|until| verdicts.cycle < until);
         let mut chosen = supportable(self.neighbours, verdicts);

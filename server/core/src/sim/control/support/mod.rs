@@ -20,7 +20,7 @@ pub struct Verdicts<'v> {
     pub shaken: &'v BTreeMap<BodyId, u64>,
 }
 
-/// How long a support lasts by itself.
+/// Lifetime of a support.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lifetime {
     /// Until the next cycle begins, which places all again (paper, 3.3).
@@ -51,7 +51,7 @@ pub trait Support {
         counters: &mut ControlCounters,
     ) -> Vec<BodyId>;
 
-    /// Whether it holds each body now. Shape `[body]`.
+    /// The bodies that it holds now. Shape `[body]`.
     fn held(&self, world: &World) -> Vec<bool>;
 
     /// Takes all of it away for good.

@@ -12,11 +12,11 @@ use std::collections::{BTreeMap, BTreeSet};
 const CLEANUP_ROUNDS: usize = 4;
 /// Settling after each of them, characteristic times.
 const CLEANUP_SETTLE: f64 = 0.5;
-/// Steps of depenetration at most: bodies that overlap after so many are locked in.
+/// Most steps of depenetration: bodies that overlap after them are locked in.
 const MOST_DEPENETRATION: u64 = 60;
 
 impl Filling<'_> {
-    /// How far the farthest corner of a body is outside the container, engine units.
+    /// Distance of the farthest corner of a body outside the container, engine units.
     fn protrusion(&self, id: BodyId) -> f64 {
         let (placed, container) = (self.world.instance(id), self.task.container);
         corners(&self.task.shapes[placed.prop], placed.scale / self.task.units.length, &placed.pose)

@@ -2,11 +2,11 @@
 
 use super::FillTask;
 use crate::error::Error;
-use crate::input::observer::{Frame, Observer, Progress, Shown, Stage, State, observe};
+use crate::input::observer::{Frame, FrameBody, Observer, Progress, Stage, State, observe};
 use crate::stages::fill::world::FillWorld;
 use crate::world::BodyId;
 
-/// A fill usually simulates its bodies for so many characteristic times, times the expected bodies.
+/// The usual work of a fill: body-times simulated, in characteristic times times the expected bodies.
 const USUAL_WORK: f64 = 15.0;
 /// Progress when the usual work is done; the rest is for fills that take longer.
 const USUAL_END: f64 = 0.9;
@@ -42,14 +42,14 @@ impl FillProgress {
         }
         let shown = |id: BodyId| {
             let (prop, scale) = (world.body(id).prop, world.body(id).scale);
-            world.is_present(id).then(|| Shown {
+            world.is_present(id).then(|| FrameBody {
                 prop,
                 scale,
                 pose: task.shapes[prop].prop_pose(&task.units.pose_to_si(&world.pose(id)), scale),
                 state: State::Free,
             })
         };
-        let bodies: Vec<Option<Shown>> = (0..world.next_id()).map(shown).collect();
+        let bodies: Vec<Option<FrameBody>> = (0..world.next_id()).map(shown).collect();
         observer.frame(&Frame { stage: Stage::Fill, number, time, bodies: &bodies });
         self.next_frame = Some(number + 1);
     }

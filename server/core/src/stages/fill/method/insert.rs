@@ -8,7 +8,7 @@ use crate::input::observer::Observer;
 use crate::prepare::shape::corners;
 use crate::sim::instance::Instance;
 use crate::stages::fill::filling::Filling;
-use crate::world::{BodyId, Claims};
+use crate::world::{BodyId, ReservedPlaces};
 use glam::{DQuat, DVec3};
 use rand::RngExt;
 use std::collections::BTreeMap;
@@ -29,17 +29,18 @@ const MAX_ROUNDS: usize = 200;
 /// A body that grows may overlap another by this share of the thinner one's thickness: both may yet give way.
 const GROWING_OVERLAP: f64 = 0.25;
 
-/// The next round may ease a squeezed pair. Pairs that overlap too deeply after so many rounds in a row are jammed.
+/// Rounds in a row after which a pair that overlaps too deeply is jammed: the next round may still ease a squeezed
+/// pair.
 const JAMMED: u32 = 3;
 
-/// Where no larger share of a round's seeds finds room to grow, they take it from each other: the next round asks for
-/// half as many, but for at least the second share of a full round.
+/// If at most the first share of a round's seeds finds room to grow, they take it from each other: the next round has
+/// half as many, but at least the second share of a full round.
 const CROWDED: f64 = 0.5;
 const LEAST_ROUND: f64 = 0.25;
 /// A round makes up for the losses of the last one: it asks for more than is missing, but counts on no smaller share of
 /// its seeds than this.
 const LEAST_KEPT: f64 = 0.25;
-/// Fewer seeds than this say nothing of whether the container is full: one may have been unlucky.
+/// A round of fewer seeds than this does not show that the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
 
 #[derive(Default)]
@@ -123,7 +124,7 @@ fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) ->
     let mut seeds: Vec<(Instance, f64)> = Vec::new();
     let (standing_out, outside) = (task.params.fill.standing_out(), task.params.fill.outside());
     let mut outside_count = 0;
-    let mut claims = Claims::default();
+    let mut reserved = ReservedPlaces::default();
     for _ in 0..(wanted * TRIES_PER_PROP).max(LEAST_TRIES) {
         if seeds.len() == wanted {
             break;
@@ -140,7 +141,7 @@ fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) ->
         }
         let slack = 0.1 * shape.thickness() * size + outside;
         if container.contains(corners(shape, size, &pose), slack)
-            && filling.world.claim(shape, SEED_SCALE * scale, &pose, &mut claims)
+            && filling.world.reserve(shape, SEED_SCALE * scale, &pose, &mut reserved)
         {
             outside_count += usize::from(is_outside);
             seeds.push((Instance { prop, scale, pose }, outside));

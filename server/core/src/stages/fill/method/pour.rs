@@ -8,7 +8,7 @@ use crate::input::observer::Observer;
 use crate::sim::instance::Instance;
 use crate::stages::fill::filling::Filling;
 use crate::stages::fill::world::EnclosureMeshes;
-use crate::world::{BodyId, Claims};
+use crate::world::{BodyId, ReservedPlaces};
 use glam::DVec3;
 use rand::RngExt;
 
@@ -76,7 +76,7 @@ fn drop_batch(filling: &mut Filling, pass: &Pass, most: usize) -> Result<(), Err
     let (task, container) = (filling.task, filling.task.container);
     let (low, high) = (container.low, container.high);
     let just_inside = 2.0 * task.params.base.height * (high.y - container.base);
-    let (mut placed, mut claims) = (0, Claims::default());
+    let (mut placed, mut reserved) = (0, ReservedPlaces::default());
     for _ in 0..TRIES {
         if placed == most {
             break;
@@ -95,7 +95,7 @@ fn drop_batch(filling: &mut Filling, pass: &Pass, most: usize) -> Result<(), Err
         }
         let y = container.base - COLLAR + radius + share.y * (COLLAR - 2.0 * radius).max(0.0);
         let pose = Pose { translation: DVec3::new(at.x, y, at.z), rotation };
-        if filling.world.claim(shape, scale, &pose, &mut claims) {
+        if filling.world.reserve(shape, scale, &pose, &mut reserved) {
             filling.insert(Instance { prop, scale, pose })?;
             placed += 1;
         }

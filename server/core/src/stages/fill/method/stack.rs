@@ -13,7 +13,7 @@ use crate::geometry::pose::Pose;
 use crate::geometry::rectangle::smallest_rectangle;
 use crate::input::observer::Observer;
 use crate::input::scene::{Prop, Turns};
-use crate::prepare::shape::{Seat, Shape, Solid, corners, hull_mesh};
+use crate::prepare::shape::{NestingPose, Shape, Solid, corners, hull_mesh};
 use crate::sim::instance::Instance;
 use crate::stages::fill::filling::{FillTask, Filling};
 use crate::world::BodyId;
@@ -24,16 +24,16 @@ use place::find;
 use stable_pose::{StablePose, flattest, upright};
 use std::f64::consts::{PI, TAU};
 
-/// Bodies come in so many batches, each of which settles this long, characteristic times.
+/// Number of batches in which bodies are laid, and the time for which each settles, characteristic times.
 const BATCHES: usize = 5;
 const BATCH_SETTLE: f64 = 0.3;
-/// A settled pile leaves room on top: props are laid there so many times.
+/// A settled pile leaves room on top: the number of times that props are laid there.
 const ROUNDS: usize = 3;
-/// A cell is at most this share of the shortest edge of any prop, and at least that.
+/// Largest and smallest cell, as shares of the shortest edge of any prop.
 const CELL: (f64, f64) = (1.0 / 5.0, 1.0 / 12.0);
 /// Bound on the cells of the height field.
 const MAX_CELLS: f64 = 200_000.0;
-/// A prop of random size or turn that found no place so often in a row has none; one that is always the same is tried
+/// Failed tries in a row after which a prop of random size or rotation is given up. A prop without randomness is tried
 /// once.
 const VAIN: u32 = 24;
 
@@ -43,13 +43,13 @@ struct Layable {
     triangles: Vec<[DVec3; 3]>,
     /// `None`: it has no flat side.
     lies: Option<StablePose>,
-    /// How it goes into another one, turn by turn, as cups, bowls and plates do; empty for other props.
-    seats: Vec<Seat>,
+    /// Its poses in another one of its kind, for cups, bowls and plates; empty for other props.
+    nesting_poses: Vec<NestingPose>,
 }
 
 impl Layable {
     fn nests(&self) -> bool {
-        !self.seats.is_empty()
+        !self.nesting_poses.is_empty()
     }
 
     /// The cells that it covers, seen from above. `size`: its scale, in engine units.
@@ -124,9 +124,9 @@ fn layable(shape: &Shape, prop: &Prop) -> Layable {
         Turns::Quarter => 4,
         Turns::Any => TURNS,
     };
-    let mut seats = lies.map_or_else(Vec::new, |lies| shape.seats(lies.up, turns(&lies)));
-    seats.retain(|seat| lies.is_some_and(|lies| seat.pitch < NESTED * lies.height));
-    Layable { triangles: triangles.map(|t| t.map(|p| p * unit)).collect(), lies, seats }
+    let mut nesting_poses = lies.map_or_else(Vec::new, |lies| shape.nesting_poses(lies.up, turns(&lies)));
+    nesting_poses.retain(|nesting| lies.is_some_and(|lies| nesting.pitch < NESTED * lies.height));
+    Layable { triangles: triangles.map(|t| t.map(|p| p * unit)).collect(), lies, nesting_poses }
 }
 
 /// A prop nests if one on another is less high than this share of two.

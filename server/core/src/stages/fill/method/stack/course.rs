@@ -11,7 +11,7 @@ pub struct Course {
 }
 
 impl Course {
-    /// Whether such a place is in a layer above this one.
+    /// Such a place is in a layer above this one.
     pub fn is_below(&self, footprint: &Footprint, spot: &Spot) -> bool {
         spot.height > self.height + footprint.height / 2.0
     }

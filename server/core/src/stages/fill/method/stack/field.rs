@@ -20,9 +20,10 @@ pub struct HeightField {
     origin: DVec2,
     pub cell: f64,
     pub size: [usize; 2],
-    /// From where to where each column is inside the container, from below.
+    /// Intervals of height in which each column is inside the container, ascending.
     intervals: Vec<Vec<[f64; 2]>>,
-    /// How high the pile stands, and how high it may; shape `[z][x]`. A column without room has an infinite floor.
+    /// Height of the pile, and the highest that it may reach; shape `[z][x]`. A column without room has an infinite
+    /// floor.
     floor: Vec<f64>,
     ceiling: Vec<f64>,
     /// The bodies that the floor is made of.
@@ -37,8 +38,7 @@ pub struct Footprint {
     pub size: [usize; 2],
     /// Cells that the body is over, each with the body's lowest and highest point there.
     cells: Vec<Covered>,
-    /// Where the body's centre of mass is, from the corner of the first cell and from the height at which the lowest
-    /// point is 0.
+    /// The body's centre of mass, relative to the corner of the first cell and to the height of the lowest point.
     pub center: DVec3,
     /// From the lowest point to the highest.
     pub height: f64,
@@ -149,8 +149,8 @@ impl HeightField {
         self.turn.inverse() * p
     }
 
-    /// How the footprint would lie with its first cell here: as low as the pile lets it. `None` where it has no room,
-    /// or lies higher than `most`. `deep`: the body's thickness; deeper gaps count as that.
+    /// The lowest spot of the footprint with its first cell here. `None` if it has no room, or lies higher than `most`.
+    /// `deep`: the body's thickness; deeper gaps count as that.
     pub fn lay(&self, footprint: &Footprint, at: [usize; 2], most: f64, deep: f64) -> Option<Spot> {
         let first = at[1] * self.size[0] + at[0];
         let index = |c: &Covered| first + c.at[1] * self.size[0] + c.at[0];
@@ -188,15 +188,15 @@ impl HeightField {
         Some(Spot { at, height, gap: gap / footprint.cells.len().max(1) as f64, stable, on })
     }
 
-    /// Whether nothing lies above the middle of this body, whose centre of mass is here.
+    /// Nothing lies above the middle of this body, whose centre of mass is here.
     pub fn is_topmost(&self, body: BodyId, center: DVec3) -> bool {
         let cell = self.cells(center);
         let [x, z] = [cell.x.max(0.0) as usize, cell.y.max(0.0) as usize];
         x < self.size[0] && z < self.size[1] && self.owner[z * self.size[0] + x] == body
     }
 
-    /// The spot of a footprint whose centre of mass is here, whether the pile is in its way or not. `None` where the
-    /// container has no room.
+    /// The spot of a footprint whose centre of mass is here, even if it overlaps the pile. `None` if the container has
+    /// no room.
     pub fn lay_at(&self, footprint: &Footprint, center: DVec3) -> Option<Spot> {
         let corner = self.cells(center) - DVec2::new(footprint.center.x, footprint.center.z) / self.cell;
         let (corner, height) = (corner.round(), center.y - footprint.center.y);

@@ -1,11 +1,11 @@
-//! Where a prop is laid: on the height field, as low as it can lie, or in another one of its kind.
+//! The place of a prop: on the height field, as low as it can lie, or in another one of its kind.
 
 use super::Layable;
 use super::field::{Footprint, HeightField, Spot};
 use super::stable_pose::StablePose;
 use crate::geometry::pose::Pose;
 use crate::input::scene::Turns;
-use crate::prepare::shape::Seat;
+use crate::prepare::shape::NestingPose;
 use crate::stages::fill::filling::Filling;
 use crate::stages::fill::method::Pass;
 use crate::world::BodyId;
@@ -94,7 +94,7 @@ pub fn find(
 const DISORDERED: &[f64] = &[1.0, 0.5];
 const DISORDER: f64 = 0.1;
 
-/// How a prop is to lie.
+/// The posture in which a prop is laid.
 struct Posture {
     prop: usize,
     /// Scale, in engine units.
@@ -203,12 +203,12 @@ fn nest(
     for (_, id) in carriers {
         let below = filling.world.pose(id);
         // Where one leans on the other, the turn in which it stands straightest, whatever leans below it.
-        let upright = |seat: &Seat| (below.rotation * seat.rotation * lies.up).y;
-        let mut seats: Vec<&Seat> = layable.seats.iter().collect();
-        seats.sort_by(|a, b| upright(b).total_cmp(&upright(a)));
-        for seat in seats {
-            let rotation = (below.rotation * seat.rotation).normalize();
-            let translation = below.translation + DVec3::Y * (seat.pitch * size);
+        let upright = |nesting: &NestingPose| (below.rotation * nesting.rotation * lies.up).y;
+        let mut nesting_poses: Vec<&NestingPose> = layable.nesting_poses.iter().collect();
+        nesting_poses.sort_by(|a, b| upright(b).total_cmp(&upright(a)));
+        for nesting in nesting_poses {
+            let rotation = (below.rotation * nesting.rotation).normalize();
+            let translation = below.translation + DVec3::Y * (nesting.pitch * size);
             // Whether there is room, as if it stood straight.
             let straight = field.turn * DQuat::from_rotation_arc(rotation * lies.up, DVec3::Y) * rotation;
             let footprint = layable.footprint(straight, size, field.cell, DVec2::ZERO);

@@ -12,7 +12,7 @@
 //! the multiplier of the six equations is Farkas' certificate, minus the separator z of the module's documentation.
 
 use super::FrictionLaw;
-use super::scaled::{Decision, Scaled, Tolerances, Vec6, norm};
+use super::scaled::{ScaledProblem, SolverOutcome, Tolerances, Vec6, norm};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{NonnegativeConeT, SecondOrderConeT, ZeroConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
@@ -22,7 +22,7 @@ use glam::DVec3;
 const STOP: f64 = 1e-9;
 
 /// Decides with Clarabel. `None`: no decision, or a decision that does not pass substitution.
-pub(super) fn solve(scaled: &Scaled, tolerances: Tolerances, forces: &mut Vec<DVec3>) -> Option<Decision> {
+pub(super) fn solve(scaled: &ScaledProblem, tolerances: Tolerances, forces: &mut Vec<DVec3>) -> Option<SolverOutcome> {
     let n = scaled.len();
     if n == 0 {
         return None;
@@ -58,20 +58,21 @@ pub(super) fn solve(scaled: &Scaled, tolerances: Tolerances, forces: &mut Vec<DV
     }
 }
 
-fn stable(scaled: &Scaled, x: &[f64], t: Tolerances, forces: &mut Vec<DVec3>) -> Option<Decision> {
+fn stable(scaled: &ScaledProblem, x: &[f64], t: Tolerances, forces: &mut Vec<DVec3>) -> Option<SolverOutcome> {
     forces.clear();
     forces.extend(scaled.contacts().iter().zip(x.chunks_exact(3)).map(|(r, f)| f[0] * r.n + f[1] * r.t1 + f[2] * r.t2));
     let residual = scaled.residual_of(forces);
-    (scaled.balances(residual, forces, t) && scaled.obeys_friction(forces, t)).then_some(Decision::Stable { residual })
+    (scaled.balances(residual, forces, t) && scaled.obeys_friction(forces, t))
+        .then_some(SolverOutcome::Stable { residual })
 }
 
-fn unstable(scaled: &Scaled, multipliers: &[f64], t: Tolerances) -> Option<Decision> {
+fn unstable(scaled: &ScaledProblem, multipliers: &[f64], t: Tolerances) -> Option<SolverOutcome> {
     let y: Vec6 = std::array::from_fn(|k| -multipliers[k]);
     if !(norm(&y) > 0.0 && norm(&y).is_finite()) {
         return None;
     }
     let certificate = scaled.certificate(y);
-    certificate.proves(t).then_some(Decision::Unstable(certificate))
+    certificate.proves(t).then_some(SolverOutcome::Unstable(certificate))
 }
 
 /// (row, column, value).
@@ -79,7 +80,7 @@ type Triplet = (usize, usize, f64);
 type Cone = clarabel::solver::SupportedConeT<f64>;
 
 /// Clarabel's form, A x + s = b with s in the cones: A, the cones, and the number of rows.
-fn constraints(scaled: &Scaled) -> (Vec<Triplet>, Vec<Cone>, usize) {
+fn constraints(scaled: &ScaledProblem) -> (Vec<Triplet>, Vec<Cone>, usize) {
     let mut t: Vec<Triplet> = Vec::new();
     let mut cones: Vec<Cone> = vec![ZeroConeT(6)];
     let mut row = 6;

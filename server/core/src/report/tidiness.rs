@@ -1,4 +1,4 @@
-//! How tidily the bodies lie.
+//! Tidiness of the pile: flat, aligned and bonded bodies.
 
 use super::inputs::NamedFigures;
 use crate::geometry::pose::Pose;
@@ -16,11 +16,11 @@ const ANGULAR: f64 = 0.85;
 /// A contact pair carries if its normals point upward by more than this.
 const UPWARD: f64 = 0.5;
 
-/// `flat_share`: bodies that are hardly higher than their thickness. `aligned_share`: of the contact pairs of two
-/// bodies that are not round, those turned alike, or by quarter turns. `bonded_share`: of the bodies that lie on
-/// others, those that lie on two or more.
+/// `flat_share`: bodies that are hardly higher than their thickness. `aligned_share`: pairs of touching non-round
+/// bodies whose headings differ by a multiple of 90 degrees (within [`STRAIGHT`]). `bonded_share`: of the bodies that
+/// lie on others, those that lie on two or more.
 ///
-/// `pairs`: the contact pairs up to [`crate::sim::whole::REAL_CONTACT`].
+/// `pairs`: the contact pairs up to [`crate::sim::pile_equilibrium::REAL_CONTACT`].
 pub fn figures(world: &World, shapes: &[Shape], pairs: &[ContactPair]) -> NamedFigures {
     let length = world.units.length;
     let bodies: Vec<BodyId> = world.present().collect();
@@ -64,7 +64,7 @@ pub fn figures(world: &World, shapes: &[Shape], pairs: &[ContactPair]) -> NamedF
     ])
 }
 
-/// The turn of a body's outline seen from above, to quarter turns; `None` where it is round.
+/// Heading of a body's outline seen from above, rad, modulo 90 degrees; `None` if the outline is round.
 fn direction(shape: &Shape, size: f64, pose: &Pose) -> Option<f64> {
     let points: Vec<DVec2> = corners(shape, size, pose).map(|p| DVec2::new(p.x, p.z)).collect();
     let (turn, edges) = smallest_rectangle(&points);

@@ -2,12 +2,12 @@
 
 use super::pile::Pile;
 use crate::geometry::pose::Pose;
-use crate::input::observer::{Frame, Observer, Shown, Stage, State};
+use crate::input::observer::{Frame, FrameBody, Observer, Stage, State};
 use crate::input::params::Output;
 use crate::sim::instance::Instance;
 
 /// Shows the frames of a pile, each once.
-pub struct Show {
+pub struct FramePublisher {
     /// Frames per second.
     fps: f64,
     /// The last frame that the result will have.
@@ -16,9 +16,9 @@ pub struct Show {
     shown: usize,
 }
 
-impl Show {
-    pub fn new(output: &Output) -> Show {
-        Show { fps: output.fps, last: output.frames.map_or(usize::MAX, |n| n as usize), shown: 0 }
+impl FramePublisher {
+    pub fn new(output: &Output) -> FramePublisher {
+        FramePublisher { fps: output.fps, last: output.frames.map_or(usize::MAX, |n| n as usize), shown: 0 }
     }
 
     /// Shows the frames that were recorded since, except those that the result will not have.
@@ -55,10 +55,12 @@ fn send(
     recorded: usize,
     states: &[State],
     observer: &mut dyn Observer,
-    of: impl FnOnce(&[Option<Shown>]) -> Frame<'_>,
+    of: impl FnOnce(&[Option<FrameBody>]) -> Frame<'_>,
 ) {
-    let shown =
-        |((pose, b), &state): ((Pose, &Instance), &State)| Some(Shown { prop: b.prop, scale: b.scale, pose, state });
-    let bodies: Vec<Option<Shown>> = pile.prop_frame(recorded).zip(&pile.instances).zip(states).map(shown).collect();
+    let shown = |((pose, b), &state): ((Pose, &Instance), &State)| {
+        Some(FrameBody { prop: b.prop, scale: b.scale, pose, state })
+    };
+    let bodies: Vec<Option<FrameBody>> =
+        pile.prop_frame(recorded).zip(&pile.instances).zip(states).map(shown).collect();
     observer.frame(&of(&bodies));
 }

@@ -1,6 +1,6 @@
-//! The volume IoU: bodies stamped onto the gauge's lattice, closed, and compared with the control mesh's cells.
+//! The volume IoU: bodies stamped onto the measurer's lattice, closed, and compared with the control mesh's cells.
 
-use super::gauge::{Gauge, placed, ratio};
+use super::shape_measurer::{ShapeMeasurer, placed, ratio};
 use super::voxels::CellBlock;
 use super::{Instances, ShapeIou};
 use crate::geometry::mesh::bounds;
@@ -13,7 +13,7 @@ const PILE_CELLS: f64 = (1 << 24) as f64;
 /// First cell, and the one after the last.
 type CellBox = [[i64; 3]; 2];
 
-impl Gauge<'_> {
+impl ShapeMeasurer<'_> {
     /// Volume IoU of the closed pile and the control mesh.
     pub fn shape_iou(&self, pile: &Instances) -> ShapeIou {
         let boxes: Vec<CellBox> = pile.bodies.iter().map(|b| self.body_box(b)).collect();

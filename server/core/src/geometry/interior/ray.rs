@@ -48,7 +48,7 @@ fn is_closed(mesh: &TriMesh) -> bool {
     balance.values().all(|&b| b == 0)
 }
 
-/// How often the mesh winds around a point. `None` if every ray meets an edge exactly, or the point is on a triangle.
+/// Winding number of the mesh around a point. `None` if every ray meets an edge exactly, or the point is on a triangle.
 pub(super) fn crossings(tree: &Bvh, p: DVec3) -> Option<i32> {
     SLOPES.iter().find_map(|&slope| cast(tree, p, slope))
 }

@@ -39,7 +39,7 @@ const VOLUME_BLOCKS: usize = 10;
 const VOLUME_SAMPLES: usize = 4;
 
 /// The solid of a mesh, prepared for queries. SI metres, in the frame of the mesh.
-pub struct Region {
+pub struct MeshInterior {
     all: Winding,
     /// The triangles that bound the solid, unless those are all.
     surface: Option<Bvh>,
@@ -55,9 +55,9 @@ struct Winding {
     closed: bool,
 }
 
-impl Region {
+impl MeshInterior {
     /// The mesh must have a triangle.
-    pub fn new(mesh: &TriMesh) -> Region {
+    pub fn new(mesh: &TriMesh) -> MeshInterior {
         assert!(!mesh.triangles.is_empty(), "a region needs a triangle");
         let used = mesh.triangles.iter().flatten().map(|&v| mesh.points[v as usize]);
         let bounds = bounds(used);
@@ -69,7 +69,7 @@ impl Region {
         let all = Winding { tree: Bvh::new(triangles.clone()), closed };
         let surface = surface_triangles(&all, &triangles, bounds.0.distance(bounds.1));
         let volume = solid_volume(&all, bounds, enclosed.abs());
-        Region { all, surface, bounds, volume, inside_out }
+        MeshInterior { all, surface, bounds, volume, inside_out }
     }
 
     /// Generalised winding number: 1 inside a closed outward mesh, 0 outside, 2 where two parts overlap.

@@ -40,7 +40,7 @@ fn random_points(n: usize, half: f64) -> Vec<DVec3> {
 
 #[test]
 fn a_box_knows_its_inside() {
-    let region = Region::new(&cuboid([0.0; 3], [1.0, 2.0, 3.0]));
+    let region = MeshInterior::new(&cuboid([0.0; 3], [1.0, 2.0, 3.0]));
     assert!((region.volume() - 6.0).abs() < 1e-12);
     assert!(region.contains(DVec3::new(0.5, 1.0, 1.5)) && !region.contains(DVec3::new(1.1, 1.0, 1.5)));
     assert!((region.signed_distance(DVec3::new(0.1, 1.0, 1.5)) + 0.1).abs() < 1e-12);
@@ -52,7 +52,7 @@ fn a_box_knows_its_inside() {
 
 #[test]
 fn the_winding_number_agrees_with_the_exact_sum() {
-    let region = Region::new(&torus(1.0, 0.4, 60));
+    let region = MeshInterior::new(&torus(1.0, 0.4, 60));
     assert!((region.volume() - 2.0 * PI * PI * 0.16).abs() < 0.02);
     for p in random_points(2000, 1.6) {
         let exact = region.all.tree.winding_number(p, f64::INFINITY);
@@ -66,7 +66,7 @@ fn the_winding_number_agrees_with_the_exact_sum() {
 
 #[test]
 fn an_inside_out_mesh_is_turned() {
-    let region = Region::new(&reversed(&torus(1.0, 0.4, 20)));
+    let region = MeshInterior::new(&reversed(&torus(1.0, 0.4, 20)));
     assert!(region.was_inside_out() && region.volume() > 0.0);
     assert!(region.contains(DVec3::X) && !region.contains(DVec3::ZERO));
 }
@@ -76,14 +76,14 @@ fn overlapping_boxes_are_their_union() {
     // A corner of one in the other: no triangle lies wholly inside.
     let mut mesh = cuboid([0.0; 3], [1.0; 3]);
     mesh.append(&cuboid([0.5; 3], [1.5; 3]));
-    let region = Region::new(&mesh);
+    let region = MeshInterior::new(&mesh);
     assert!((region.winding_number(DVec3::splat(0.75)) - 2.0).abs() < 1e-6);
     assert!(region.contains(DVec3::splat(0.75)));
     assert!((region.volume() - 1.875).abs() < 0.03, "{}", region.volume());
     // A letter T of two boxes: the end of the stem inside the bar is no surface.
     let mut letter = cuboid([-0.5, 0.0, -0.5], [0.5, 3.5, 0.5]);
     letter.append(&cuboid([-2.0, 3.0, -0.5], [2.0, 4.0, 0.5]));
-    let letter = Region::new(&letter);
+    let letter = MeshInterior::new(&letter);
     assert!((letter.volume() - 7.0).abs() < 0.1, "{}", letter.volume());
     assert!((letter.nearest(DVec3::new(0.0, 3.5, 0.0)).1 - 0.5).abs() < 1e-9);
 }
@@ -92,7 +92,7 @@ fn overlapping_boxes_are_their_union() {
 fn a_hole_is_capped() {
     let mut mesh = cuboid([0.0; 3], [1.0; 3]);
     mesh.triangles.truncate(10);
-    let region = Region::new(&mesh);
+    let region = MeshInterior::new(&mesh);
     assert!(region.is_open());
     assert!(region.contains(DVec3::new(0.5, 0.5, 0.3)) && !region.contains(DVec3::new(0.5, 0.5, 1.2)));
     assert!(region.volume() > 0.7 && region.volume() < 1.0 + 1e-9, "{}", region.volume());
@@ -109,16 +109,16 @@ fn cracks_of_rounding_are_no_holes() {
         soup.points.extend(whole.corners(i).map(|p| p + jitter.next().unwrap()));
         soup.triangles.push([base, base + 1, base + 2]);
     }
-    let region = Region::new(&soup);
-    assert!(!region.is_open() && (region.volume() - Region::new(&whole).volume()).abs() < 1e-6);
+    let region = MeshInterior::new(&soup);
+    assert!(!region.is_open() && (region.volume() - MeshInterior::new(&whole).volume()).abs() < 1e-6);
     soup.triangles.pop();
-    assert!(Region::new(&soup).is_open());
+    assert!(MeshInterior::new(&soup).is_open());
 }
 
 #[test]
 fn rays_through_edges_and_corners_count_once() {
     // Points below the corners and edges of a cube, along every ray that may be used.
-    let region = Region::new(&cuboid([0.0; 3], [1.0; 3]));
+    let region = MeshInterior::new(&cuboid([0.0; 3], [1.0; 3]));
     assert!(!region.is_open());
     for (x, y) in ray::SLOPES {
         for i in 0..9 {
@@ -139,7 +139,7 @@ fn the_face_where_two_parts_touch_is_inside() {
     let mut upper = cuboid([0.0, 0.7, 0.0], [1.0, 1.9, 1.0]);
     upper.triangles[4..6].copy_from_slice(&[[1, 5, 4], [1, 4, 0]]);
     mesh.append(&upper);
-    let region = Region::new(&mesh);
+    let region = MeshInterior::new(&mesh);
     assert!(!region.is_open() && (region.volume() - 1.9).abs() < 1e-9);
     for p in random_points(500, 0.5) {
         let p = DVec3::new(p.x + 0.5, 0.7, p.z + 0.5);
@@ -152,13 +152,13 @@ fn the_face_where_two_parts_touch_is_inside() {
 fn degenerate_triangles_do_no_harm() {
     let mut mesh = cuboid([0.0; 3], [1.0; 3]);
     mesh.triangles.extend([[0, 0, 0], [0, 1, 1], [0, 1, 0]]);
-    let region = Region::new(&mesh);
+    let region = MeshInterior::new(&mesh);
     for p in random_points(200, 2.0).into_iter().chain(mesh.points.clone()) {
         assert!(region.winding_number(p).is_finite() && region.signed_distance(p).is_finite());
     }
     assert!((region.signed_distance(DVec3::splat(0.5)) + 0.5).abs() < 1e-12);
     let flat = TriMesh { points: vec![DVec3::ZERO, DVec3::X, DVec3::Y], triangles: vec![[0, 1, 2]] };
-    assert!(Region::new(&flat).signed_distance(DVec3::Z) == 1.0);
+    assert!(MeshInterior::new(&flat).signed_distance(DVec3::Z) == 1.0);
 }
 
 #[test]
@@ -166,8 +166,8 @@ fn scale_changes_nothing() {
     for scale in [1e-3, 1e3] {
         let mut mesh = torus(1.0, 0.4, 30);
         mesh.points.iter_mut().for_each(|p| *p *= scale);
-        let region = Region::new(&mesh);
-        let unit = Region::new(&torus(1.0, 0.4, 30));
+        let region = MeshInterior::new(&mesh);
+        let unit = MeshInterior::new(&torus(1.0, 0.4, 30));
         for p in random_points(300, 1.6) {
             assert!((region.signed_distance(p * scale) / scale - unit.signed_distance(p)).abs() < 1e-9);
         }
@@ -176,7 +176,7 @@ fn scale_changes_nothing() {
 
 #[test]
 fn points_drawn_inside_are_inside() {
-    let region = Region::new(&torus(1.0, 0.4, 30));
+    let region = MeshInterior::new(&torus(1.0, 0.4, 30));
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(1);
     let points: Vec<DVec3> = (0..2000).map(|_| region.sample_inside(&mut rng).unwrap()).collect();
     assert!(points.iter().all(|&p| region.contains(p)));
@@ -185,7 +185,7 @@ fn points_drawn_inside_are_inside() {
 
 #[test]
 fn the_grid_agrees_with_the_region() {
-    let region = Region::new(&torus(1.0, 0.4, 40));
+    let region = MeshInterior::new(&torus(1.0, 0.4, 40));
     let grid = DistanceGrid::new(&region, 0.05, 1 << 20);
     assert!(!grid.capped() && grid.spacing() == 0.05);
     for p in random_points(2000, 1.5) {
@@ -200,7 +200,7 @@ fn the_grid_agrees_with_the_region() {
 
 #[test]
 fn a_capped_grid_says_so() {
-    let region = Region::new(&cuboid([0.0; 3], [1.0; 3]));
+    let region = MeshInterior::new(&cuboid([0.0; 3], [1.0; 3]));
     let grid = DistanceGrid::new(&region, 1e-6, 5000);
     assert!(grid.capped() && grid.spacing() > 0.04 && grid.spacing() < 0.1);
     assert!((grid.signed_distance(DVec3::splat(0.5)) + 0.5).abs() < grid.spacing());

@@ -8,9 +8,9 @@ use super::Instances;
 use super::extent::{PointCluster, clusters, percentile};
 use super::solid::{PropSize, SolidCells};
 use super::voxels::{CellBlock, Lattice};
+use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
-use crate::geometry::region::Region;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -25,17 +25,17 @@ const SOLID_FINER: f64 = 3.0;
 const SOLID_CELLS: usize = 1 << 21;
 /// Most cells of all props' solids together.
 const ALL_SOLID_CELLS: usize = 1 << 22;
-/// Sample points of all bodies together, and the bounds for each: a share of a body's volume is right to 1.6 % of it
-/// at best, and to 12 % where there are so many bodies that single ones do not matter.
+/// Total sample points, and bounds per body. The error of a body's volume share is 1.6 % with the most samples, 12 %
+/// with the fewest, of which there are only in piles of so many bodies that single ones do not matter.
 const ALL_SAMPLES: usize = 1 << 20;
 const SAMPLES: (usize, usize) = (16, 1024);
 /// The share of the volume that `height_p95_rel` looks below.
 pub(super) const HEIGHT_SHARE: f64 = 0.95;
 
 /// A control mesh and props, prepared for measuring.
-pub struct Gauge<'a> {
+pub struct ShapeMeasurer<'a> {
     pub(super) control: &'a TriMesh,
-    pub(super) region: &'a Region,
+    pub(super) region: &'a MeshInterior,
     pub(super) props: &'a [TriMesh],
     pub(super) solids: Vec<Option<SolidCells>>,
     /// Shape `[prop][cluster]`: the points that the prop's triangles use.
@@ -51,10 +51,10 @@ pub struct Gauge<'a> {
     pub(super) core: Option<CellBlock>,
 }
 
-impl<'a> Gauge<'a> {
+impl<'a> ShapeMeasurer<'a> {
     /// `region` is that of `control`, which is closed (an open one is measured as capped, and `protrusion_rel` may then
     /// miss a vertex near a cap); `pile` decides d and the cell, and must have a body.
-    pub fn new(control: &'a TriMesh, region: &'a Region, pile: &Instances<'a>) -> Gauge<'a> {
+    pub fn new(control: &'a TriMesh, region: &'a MeshInterior, pile: &Instances<'a>) -> ShapeMeasurer<'a> {
         assert!(!pile.bodies.is_empty(), "a pile without bodies has no diameter");
         let largest_scale = |prop: usize| {
             let scales = pile.bodies.iter().filter(|b| b.0 == prop).map(|b| b.1);
@@ -80,7 +80,7 @@ impl<'a> Gauge<'a> {
             let wanted = (lattice.cell / largest_scale(i)).min(outline.thickness) / SOLID_FINER;
             Some(SolidCells::new(outline, wanted, max_cells, max_samples))
         };
-        let mut gauge = Gauge {
+        let mut measurer = ShapeMeasurer {
             control,
             region,
             props: pile.props,
@@ -94,13 +94,13 @@ impl<'a> Gauge<'a> {
             solid_iou: 0.0,
             core: None,
         };
-        gauge.solid_iou = gauge.iou(gauge.control_cells.clone(), 0.0);
-        gauge
+        measurer.solid_iou = measurer.iou(measurer.control_cells.clone(), 0.0);
+        measurer
     }
 
     /// The same for piles around a core, which counts as a part of them.
-    pub fn around(mut self, core: &TriMesh) -> Gauge<'a> {
-        let region = Region::new(core);
+    pub fn around(mut self, core: &TriMesh) -> ShapeMeasurer<'a> {
+        let region = MeshInterior::new(core);
         let mut cells = self.control_cells.clone();
         let lattice = self.lattice;
         cells.rows_mut(|at, row| region.mark_row(lattice.centre(at), lattice.cell, row));
@@ -109,7 +109,7 @@ impl<'a> Gauge<'a> {
         self
     }
 
-    /// d, metres: the median diameter of the bodies that the gauge was made for.
+    /// d, metres: the median diameter of the bodies that the measurer was made for.
     pub fn diameter(&self) -> f64 {
         self.diameter
     }
@@ -127,7 +127,7 @@ impl<'a> Gauge<'a> {
     }
 
     pub(super) fn solid(&self, body: &(usize, f64, Pose)) -> &SolidCells {
-        self.solids[body.0].as_ref().expect("a prop that the gauge's pile did not use")
+        self.solids[body.0].as_ref().expect("a prop that the measurer's pile did not use")
     }
 
     pub(super) fn control_bounds(&self) -> (DVec3, DVec3) {
@@ -135,14 +135,14 @@ impl<'a> Gauge<'a> {
     }
 }
 
-/// Where a point of a body's prop lies in the world.
+/// A point of a body's prop -> the world.
 pub(super) fn placed(body: &(usize, f64, Pose), p: DVec3) -> DVec3 {
     body.2.transform_point(p * body.1)
 }
 
 /// The lattice, and the empty block around the control mesh with room to close it: as fine as wanted, or as the cap
 /// allows.
-fn control_grid(region: &Region, wanted_cell: f64, closing: f64) -> (Lattice, CellBlock) {
+fn control_grid(region: &MeshInterior, wanted_cell: f64, closing: f64) -> (Lattice, CellBlock) {
     let (lo, hi) = region.bounds();
     let mut cell = wanted_cell;
     let padded = |cell: f64| ((hi - lo + 2.0 * closing) / cell).ceil() + 4.0;

@@ -1,23 +1,23 @@
 //! The group lasso by operator splitting (ADMM; Boyd et al. 2011, section 3): forces that balance every body and forces
 //! that each obey their own law are drawn together.
 
-use super::factor::{Factor, Mobility, Work};
+use super::factor::{Factor, Mobility, Workspace};
 use super::program::{GlueForces, GlueProgram};
 use super::{GlueError, Going};
 use nalgebra::{SVector, Vector3, Vector6};
 
 /// Iterations of a run.
 #[derive(Clone, Copy, Debug)]
-pub struct Length {
+pub struct IterationLimits {
     pub least: u64,
     pub most: u64,
 }
 
 /// The first run, from zero, and those that continue from it.
-pub const FIRST: Length = Length { least: 200, most: 1200 };
-pub const NEXT: Length = Length { least: 100, most: 600 };
+pub const FIRST: IterationLimits = IterationLimits { least: 200, most: 1200 };
+pub const NEXT: IterationLimits = IterationLimits { least: 100, most: 600 };
 /// [`NEXT`] for piles of at most [`SMALL`] bodies.
-pub const NEXT_SMALL: Length = Length { least: 600, most: 600 };
+pub const NEXT_SMALL: IterationLimits = IterationLimits { least: 600, most: 600 };
 pub const SMALL: usize = 100;
 
 /// A run that only chooses ends once the mean imbalance of the forces that obey their laws is less than this, in a
@@ -73,7 +73,7 @@ impl GlueWeights {
 }
 
 /// A solve under way.
-pub struct Splitting<'p> {
+pub struct Admm<'p> {
     pub program: &'p GlueProgram<'p>,
     allowed: Vec<bool>,
     factor: Factor,
@@ -88,19 +88,19 @@ pub struct Splitting<'p> {
     penalty: f64,
     pub iterations: u64,
     is_elastic: bool,
-    work: Work,
+    work: Workspace,
     left: Vec<Vector6<f64>>,
 }
 
-impl<'p> Splitting<'p> {
+impl<'p> Admm<'p> {
     /// `allowed`: which sites may be glued, shape `[site]`. `is_elastic`: bodies may miss support.
-    pub fn new(program: &'p GlueProgram<'p>, allowed: &[bool], is_elastic: bool) -> Splitting<'p> {
+    pub fn new(program: &'p GlueProgram<'p>, allowed: &[bool], is_elastic: bool) -> Admm<'p> {
         let mobility = Mobility {
             contacts: vec![1.0; program.pile.contacts.len()],
             joints: allowed.iter().map(|&is_allowed| f64::from(u8::from(is_allowed))).collect(),
             missing: f64::from(u8::from(is_elastic)),
         };
-        Splitting {
+        Admm {
             program,
             allowed: allowed.to_vec(),
             factor: Factor::new(program, &mobility),
@@ -111,7 +111,7 @@ impl<'p> Splitting<'p> {
             penalty: 1.0,
             iterations: 0,
             is_elastic,
-            work: Work::default(),
+            work: Workspace::default(),
             left: Vec::new(),
         }
     }
@@ -129,18 +129,18 @@ impl<'p> Splitting<'p> {
     pub fn run(
         &mut self,
         weights: &GlueWeights,
-        length: Length,
+        limits: IterationLimits,
         near: f64,
         going: &mut Going,
     ) -> Result<(), GlueError> {
-        for k in 1..=length.most {
+        for k in 1..=limits.most {
             if going().is_break() {
                 return Err(GlueError::Cancelled);
             }
             let (apart, moved) = self.iterate(weights);
             if k % LOOK == 0 {
                 self.even_out(apart, moved * self.penalty);
-                if k >= length.least && self.unbalanced() < near {
+                if k >= limits.least && self.unbalanced() < near {
                     break;
                 }
             }
@@ -178,7 +178,7 @@ impl<'p> Splitting<'p> {
     fn iterate(&mut self, weights: &GlueWeights) -> (f64, f64) {
         self.iterations += 1;
         // The projection of w = z - u onto balance is w + A^T l with M l = target - A w.
-        let Splitting { program, state, dual, point, multipliers, penalty, .. } = self;
+        let Admm { program, state, dual, point, multipliers, penalty, .. } = self;
         let (program, penalty) = (*program, *penalty);
         difference(&mut point.contacts, &state.contacts, &dual.contacts);
         difference(&mut point.joints, &state.joints, &dual.joints);

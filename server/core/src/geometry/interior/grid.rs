@@ -1,13 +1,13 @@
 //! Signed distance on a regular grid: a query in constant time for loops that ask millions of times.
 
-use super::Region;
+use super::MeshInterior;
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Cells beyond the region's box on each side, so that a gradient just outside is still interpolated.
 const MARGIN: f64 = 2.0;
 
-/// Signed distance to a [`Region`] at the nodes of a cubic grid around it: negative inside, metres.
+/// Signed distance to a [`MeshInterior`] at the nodes of a cubic grid around it: negative inside, metres.
 /// Between nodes it is trilinear: the error is a fraction of a cell near edges and on the medial axis, and second
 /// order elsewhere. A wall thinner than a cell may vanish.
 #[derive(Clone, Debug)]
@@ -25,7 +25,7 @@ pub struct DistanceGrid {
 impl DistanceGrid {
     /// A grid of the wanted spacing (metres), or of the finest one that needs no more than `max_nodes`
     /// (at least a thousand are used): see [`DistanceGrid::spacing`] and [`DistanceGrid::capped`].
-    pub fn new(region: &Region, spacing: f64, max_nodes: usize) -> DistanceGrid {
+    pub fn new(region: &MeshInterior, spacing: f64, max_nodes: usize) -> DistanceGrid {
         assert!(spacing > 0.0 && spacing.is_finite());
         let max_nodes = max_nodes.max(1000) as f64;
         let (lo, hi) = region.bounds();
@@ -115,7 +115,7 @@ impl DistanceGrid {
 
 /// One row along X. The neighbour's triangle is a good first guess, and two nodes are on the same side when the
 /// surface is farther than the step between them: most nodes need neither a full search nor a winding number.
-fn fill_row(region: &Region, start: DVec3, h: f64, values: &mut [f64]) {
+fn fill_row(region: &MeshInterior, start: DVec3, h: f64, values: &mut [f64]) {
     let mut guess = 0;
     let mut last: Option<f64> = None;
     for (x, value) in values.iter_mut().enumerate() {

@@ -10,19 +10,19 @@ use std::ops::ControlFlow;
 pub const REAL_CONTACT: f64 = 0.05;
 
 /// All bodies of a world that may move, and all contacts between them. Engine units.
-pub struct Whole {
+pub struct PileEquilibrium {
     /// The bodies, ascending.
     pub ids: Vec<BodyId>,
     /// Shape `[body]`, in the order of `ids`.
     bodies: Vec<GlobalBody>,
     contacts: Vec<GlobalContact>,
-    touches: Vec<GlueSite>,
+    sites: Vec<GlueSite>,
 }
 
-impl Whole {
+impl PileEquilibrium {
     /// The world as it stands. All contacts count, up to a gap of `gap` of the thinner body's thickness; pinned bodies
     /// carry like scenery. Where all bodies are pinned, all count as if they were released.
-    pub fn new(world: &World, gap: f64) -> Whole {
+    pub fn new(world: &World, gap: f64) -> PileEquilibrium {
         let stands = |id: BodyId| world.bodies()[id].role.stands();
         let some_may_move = world.present().any(|id| !stands(id));
         let is_pinned = |id: BodyId| some_may_move && stands(id);
@@ -33,11 +33,11 @@ impl Whole {
         };
         let index = |id: BodyId| ids.binary_search(&id).ok();
         let mut all: Vec<GlobalContact> = Vec::new();
-        let mut touches = Vec::new();
+        let mut sites = Vec::new();
         for pair in &world.contact_pairs(gap) {
             let from = all.len();
             all.extend(contacts(pair, &index).into_iter().flatten());
-            touches.extend(all.get(from).map(|&GlobalContact { body, other, point, .. }| GlueSite {
+            sites.extend(all.get(from).map(|&GlobalContact { body, other, point, .. }| GlueSite {
                 body,
                 other,
                 contacts: from..all.len(),
@@ -47,7 +47,7 @@ impl Whole {
                 normal_price: 0.0,
             }));
         }
-        Whole { bodies: ids.iter().map(body).collect(), contacts: all, touches, ids }
+        PileEquilibrium { bodies: ids.iter().map(body).collect(), contacts: all, sites, ids }
     }
 
     pub fn problem(&self) -> GlobalProblem<'_> {
@@ -61,8 +61,8 @@ impl Whole {
         enough: f64,
         going: &mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<(Vec<f64>, u64), GlueError> {
-        let Whole { bodies, contacts, touches, .. } = self;
-        let pile = GlueProblem { bodies, contacts, sites: touches, gravity: DVec3::NEG_Y };
+        let PileEquilibrium { bodies, contacts, sites, .. } = self;
+        let pile = GlueProblem { bodies, contacts, sites, gravity: DVec3::NEG_Y };
         glue::missing(&pile, enough, going)
     }
 }

@@ -149,11 +149,11 @@ fn solve(
             let force =
                 if mu > 0.0 { Vector3::new(next(), mu * next(), mu * next()) } else { Vector3::new(next(), 0.0, 0.0) };
             // An interior point may end a rounding outside its cone.
-            state.contacts[at] = super::splitting::onto_cone(force, 0.0, mu);
+            state.contacts[at] = super::admm::onto_cone(force, 0.0, mu);
         }
         if is_joint(t) {
             next();
-            state.joints[t] = super::splitting::capped(Vector6::from_fn(|_, _| next()), site.strength);
+            state.joints[t] = super::admm::capped(Vector6::from_fn(|_, _| next()), site.strength);
         }
     }
     Ok(state)
