@@ -239,7 +239,7 @@ fn a_stage_is_not_simulated_twice() {
 }
 
 #[test]
-fn a_cache_that_cannot_be_is_told() {
+fn a_cache_that_cannot_be_written_is_reported() {
     let desk = Desk::new();
     desk.write("cache", "a file");
     let (report, done) = bake_with_cache(&desk, &format!("{PILE} -o pile.glb"));
@@ -248,7 +248,7 @@ fn a_cache_that_cannot_be_is_told() {
 }
 
 #[test]
-fn a_broken_cache_is_made_anew() {
+fn a_broken_cache_is_replaced() {
     let desk = Desk::new();
     let (first, _) = bake_with_cache(&desk, &format!("{PILE} -o pile.glb"));
     let mut broken = 0;

@@ -12,7 +12,7 @@
 //! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
 //!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them
 //!    still, which keeps the shape. A glued pile is released at once, without control.
-//! 6. **Hold** ([`stages::hold`]): the simulation goes on until the pile is at rest.
+//! 6. **Hold** ([`stages::hold`]): the simulation continues until the pile is at rest.
 //! 7. **Report** ([`report`]): the pile is measured.
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.

@@ -43,8 +43,7 @@ pub struct Attribute {
 }
 
 impl DracoMesh {
-    /// Decodes a stream of at most so many triangles, whose data takes at most so many bytes; or gives the reason why
-    /// not.
+    /// Decodes a stream within these limits. An error is the reason, as a sentence.
     pub fn decode(stream: &[u8], most_triangles: u64, most_bytes: u64) -> Result<DracoMesh, String> {
         let limits = DecodeLimits::default()
             .with_max_faces(most_triangles)

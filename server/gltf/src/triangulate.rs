@@ -6,7 +6,7 @@ use crate::accessor::{Elements, largest};
 use crate::log::{Log, Logged};
 use crate::problem::ProblemKind;
 
-/// The most triangles that so many corners make.
+/// The most triangles that this number of corners makes.
 pub(crate) fn at_most(mode: Mode, corners: u64) -> u64 {
     if mode == Mode::Triangles { corners / 3 } else { corners.saturating_sub(2) }
 }

@@ -87,7 +87,7 @@ pub struct GlobalProblem<'a> {
 pub enum Objective {
     /// Sum of squared imbalances.
     LeastSquares,
-    /// Sum of imbalances, then so many rounds of reweighting.
+    /// Sum of imbalances, then this number of rounds of reweighting.
     SumOfNorms { sharpen: u32 },
 }
 

@@ -26,7 +26,7 @@ const SOLID_CELLS: usize = 1 << 21;
 /// Most cells of all props' solids together.
 const ALL_SOLID_CELLS: usize = 1 << 22;
 /// Total sample points, and bounds per body. The error of a body's volume share is 1.6 % with the most samples, 12 %
-/// with the fewest, of which there are only in piles of so many bodies that single ones do not matter.
+/// with the fewest. The fewest are taken in piles of so many bodies that single bodies do not matter.
 const ALL_SAMPLES: usize = 1 << 20;
 const SAMPLES: (usize, usize) = (16, 1024);
 /// The share of the volume that `height_p95_rel` looks below.

@@ -50,7 +50,7 @@ pub struct Estimate {
 const PARALLEL: f64 = 0.66;
 
 impl Estimate {
-    /// Expected seconds from the button to the pile with so many threads, each with a core of its own.
+    /// Expected seconds from start to result with this number of threads, each on a core of its own.
     pub fn wall_seconds(&self, threads: usize) -> f64 {
         self.cpu_seconds * (1.0 - PARALLEL + PARALLEL / threads.max(1) as f64)
     }

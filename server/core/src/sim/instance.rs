@@ -31,7 +31,7 @@ pub fn draw(props: &[Prop], among: impl Iterator<Item = usize> + Clone, rng: &mu
     (prop, scale, random_rotation(&props[prop], rng))
 }
 
-/// Uniform over the rotations that tilt the up axis by at most so many degrees; over all of them for 180 (Shoemake
+/// Uniform over the rotations that tilt the up axis by at most this angle, degrees; over all of them for 180 (Shoemake
 /// 1992).
 fn random_rotation(prop: &Prop, rng: &mut impl Rng) -> DQuat {
     let tilt_max = prop.tilt_max;

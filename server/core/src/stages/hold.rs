@@ -1,4 +1,4 @@
-//! Hold: the control goes on until the pile is at rest, or to the last frame.
+//! Hold: the control continues until the pile is at rest, or to the last frame.
 
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage};
@@ -159,7 +159,7 @@ mod tests {
     use super::{MOST_ROLLING_DAMPING, RestCounters, rolling_damping};
     use crate::sim::pile::REST_SPEED;
 
-    /// Steps until the pile is at rest, where so many bodies move in each step, the last number forever.
+    /// Steps until the pile is at rest. `moving`: bodies that move in each step; the last number repeats.
     fn steps(moving: &[usize], bodies: usize) -> Option<usize> {
         let mut counters = RestCounters::default();
         (0..1000).find(|&step| {

@@ -33,7 +33,7 @@ pub struct TurnOverInputs<'a, 'r> {
     pub region: Option<&'a DistanceGrid>,
 }
 
-/// A body that has fallen this far below all of the scene, in d, meets nothing any more.
+/// A body that has fallen this far below all of the scene, in d, can no longer hit anything.
 const FALL_DEPTH: f64 = 50.0;
 
 /// The pile right after turning over.

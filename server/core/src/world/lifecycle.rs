@@ -50,7 +50,7 @@ impl World {
         Ok(id)
     }
 
-    /// Removes a body. Bodies that were glued to it go on by themselves.
+    /// Removes a body. Bodies that were glued to it continue by themselves.
     pub fn remove(&mut self, id: BodyId) {
         self.nails.forget(id);
         if let Some(cluster) = self.bodies[id].cluster {

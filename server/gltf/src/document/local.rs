@@ -27,7 +27,7 @@ impl LocalTransform {
     }
 }
 
-/// Made unit length, whatever the file says.
+/// Normalised, even if the file has another length.
 pub fn unit(q: DQuat) -> DQuat {
     if q.length_squared() > 0.0 { q.normalize() } else { DQuat::IDENTITY }
 }

@@ -38,7 +38,7 @@ impl Document<'_> {
         Ok(values.first().map(|&first| values.iter().copied().fold([first; 2], wider)))
     }
 
-    /// An accessor of at least so many components.
+    /// An accessor of at least this number of components.
     fn elements(&self, index: usize, components: usize) -> Result<Elements<'_>, DocumentError> {
         let malformed = |problem: &str| DocumentError::malformed("accessors", index, problem);
         let broken = |what: ProblemKind| malformed(&what.to_string());

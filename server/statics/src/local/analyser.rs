@@ -54,7 +54,7 @@ impl Analyser {
     }
 
     /// As [`Analyser::analyse`], starting from the forces of an earlier verdict: `last[i]` (by mg) belongs to contact
-    /// i, zero for a contact that is new. The verdict is the same whatever they are; near the answer they save time.
+    /// i, zero for a contact that is new. The verdict does not depend on them; near the answer they save time.
     pub fn analyse_from(
         &mut self,
         problem: &LocalProblem,

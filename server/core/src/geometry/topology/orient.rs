@@ -55,7 +55,7 @@ fn turn_over(mesh: &mut TriMesh, turn: &[bool]) {
 /// Which triangles to turn, so that any two alone at an edge agree.
 fn spread(mesh: &TriMesh, edges: &Edges, repair: &mut Repair) -> Vec<bool> {
     let count = mesh.triangles.len();
-    // Neighbours over edges of two triangles, and whether they agree as they are.
+    // Neighbours over edges of two triangles, and whether they agree already.
     let mut neighbours: Vec<[(u32, bool); 3]> = vec![[(u32::MAX, true); 3]; count];
     for edge in edges.iter() {
         if let [a, b] = edge {

@@ -51,7 +51,7 @@ impl<'a> Eligibility<'a> {
         is_inside(region, world, id)
     }
 
-    /// Bodies that may not be held now, whatever their contacts say. Shape `[body]`; empty where there are none.
+    /// Bodies that may not be held now, regardless of their contacts. Shape `[body]`; empty if there are none.
     pub fn barred(&mut self, world: &World, pairs: &[ContactPair]) -> Vec<bool> {
         let mut barred = carried(world, pairs);
         let sunk = overlapping(world, pairs, DEEP);

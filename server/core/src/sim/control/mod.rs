@@ -161,7 +161,7 @@ impl<'a> PileControl<'a> {
         freed.into_iter().for_each(|id| self.analysis.mark_moved(id));
     }
 
-    /// Ends the control: nothing is held, damped or slippery any more.
+    /// Ends the control: no body is held, damped or slippery from now on.
     pub fn end(&mut self, world: &mut World, policy: &mut Policy) {
         self.ended = true;
         if let Some(support) = &mut self.support {

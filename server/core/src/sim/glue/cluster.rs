@@ -159,7 +159,7 @@ impl Cluster {
             GlobalBody { mass: b.mass, center_of_mass: back(world.pose(id).translation), radius: b.radius }
         };
         let index = |id: BodyId| self.members.binary_search(&id).ok();
-        let touch = |&k: &usize| {
+        let site = |&k: &usize| {
             let Joint { a, b, point, arm, .. } = joints[k];
             Some(GlueSite {
                 body: index(a)?,
@@ -171,7 +171,7 @@ impl Cluster {
                 normal_price: 0.0,
             })
         };
-        let touches = self.joints.iter().map(touch).collect::<Option<Vec<_>>>()?;
-        Loads::new(self.members.iter().map(body).collect(), touches, DVec3::NEG_Y).ok()
+        let sites = self.joints.iter().map(site).collect::<Option<Vec<_>>>()?;
+        Loads::new(self.members.iter().map(body).collect(), sites, DVec3::NEG_Y).ok()
     }
 }

@@ -96,7 +96,7 @@ pub(crate) struct Filling<'a> {
 /// (closing gaps is slower), and at least this share of its largest speed so far.
 const FALLING: f64 = 0.1;
 const STILL_FALLING: f64 = 0.1;
-/// The fall may take so many times as long as one through all of the container.
+/// Longest fall, in times of a fall through all of the container.
 const LONGEST_FALL: f64 = 1.5;
 
 impl<'a> Filling<'a> {
@@ -165,7 +165,7 @@ impl<'a> Filling<'a> {
     /// Settles, after a pile that does not fill the container has fallen to its end.
     pub fn settle_from_fall(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
         let mut left = LONGEST_FALL * (2.0 * self.task.height() / self.gravity).sqrt();
-        // Bodies that have just moved upward must not go on.
+        // Bodies that have just moved upward must stop.
         for id in self.world.loose().collect::<Vec<_>>() {
             self.world.stop(id);
         }

@@ -70,7 +70,7 @@ impl FillWorld {
         self.removed += self.world.step().len();
     }
 
-    /// Adds an enclosure without friction, in the engine's order behind places for so many bodies. See
+    /// Adds an enclosure without friction, in the engine's order behind places for this number of bodies. See
     /// [`World::add_behind`].
     pub fn enclose(&mut self, bodies: usize, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
         self.world

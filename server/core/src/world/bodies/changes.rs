@@ -104,8 +104,7 @@ impl World {
         change_friction(collider, friction, CoefficientCombineRule::Average);
     }
 
-    /// Lets a body slide off whatever it touches without friction, or ends that. The material stays what it is, and
-    /// contact pairs go on to have its friction.
+    /// Removes the friction of a body, or restores it. The material, and the friction of its contact pairs, stay.
     pub fn set_slippery(&mut self, id: BodyId, slippery: bool) {
         let body = &self.bodies[id];
         let (friction, rule) = match slippery {

@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 use rapier3d::prelude::*;
 
 impl World {
-    /// Glues free-standing bodies to each other, ascending, at least two, of one role. They go on with their common
+    /// Glues free-standing bodies to each other, ascending, at least two, of one role. They continue with their common
     /// momentum.
     pub fn glue(&mut self, members: &[BodyId]) -> ClusterId {
         let id = self.bodies.clusters.len();
@@ -62,7 +62,7 @@ impl World {
         rigid
     }
 
-    /// The bodies of a cluster go on by themselves, as fast as they are.
+    /// Dissolves a cluster: its bodies continue by themselves with their present velocities.
     pub fn unglue(&mut self, id: ClusterId) {
         let Some(cluster) = self.bodies.clusters[id].take() else { return };
         for &member in &cluster.members {

@@ -20,7 +20,7 @@ pub struct Pass<'p> {
     pub props: &'p [usize],
     /// `None`: every prop may be everywhere.
     pub zones: Option<&'p Zones>,
-    /// The pass ends with so many loose bodies in the world.
+    /// Number of loose bodies in the world at which the pass ends.
     pub limit: usize,
 }
 

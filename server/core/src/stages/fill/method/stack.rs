@@ -132,8 +132,9 @@ fn layable(shape: &Shape, prop: &Prop) -> Layable {
 /// A prop nests if one on another is less high than this share of two.
 const NESTED: f64 = 0.9;
 
-/// A prop not longer than so many times its width is as good as round, and is tried in another one in so many turns.
+/// A prop is as good as round if its length / width is at most this.
 const ROUND: f64 = 1.1;
+/// Number of rotations in which a round prop is tried in another one.
 const TURNS: usize = 24;
 /// Points of the unit sphere.
 fn sphere() -> impl Iterator<Item = DVec3> {

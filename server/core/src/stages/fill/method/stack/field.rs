@@ -250,8 +250,8 @@ impl HeightField {
         (a + c, b + d)
     }
 
-    /// Raises the floor by a body that lies there. `least`: where less room than that is left, the column goes on above
-    /// its ceiling.
+    /// Raises the floor by a body that lies there. `least`: if less room than that is left, the column continues
+    /// above its ceiling.
     pub fn put(&mut self, footprint: &Footprint, spot: &Spot, body: BodyId, least: f64) {
         for c in &footprint.cells {
             let i = (spot.at[1] + c.at[1]) * self.size[0] + spot.at[0] + c.at[0];
@@ -285,7 +285,7 @@ impl HeightField {
         }
     }
 
-    /// Goes on with the next part of the column, if there is one.
+    /// Continues with the next part of the column, if there is one.
     fn go_on(&mut self, i: usize) -> bool {
         let next = self.intervals[i].iter().find(|next| next[0] >= self.ceiling[i] && next[1] > self.floor[i]);
         let Some(&[floor, ceiling]) = next else { return false };
@@ -293,8 +293,8 @@ impl HeightField {
         true
     }
 
-    /// Goes on above all room that cannot be filled any more, such as the hole of an arch. Returns whether there was
-    /// more.
+    /// Continues above room that can no longer be filled, such as the hole of an arch. Returns whether there is more
+    /// room.
     pub fn go_on_above(&mut self) -> bool {
         (0..self.floor.len()).filter(|&i| self.go_on(i)).count() > 0
     }
