@@ -1,6 +1,6 @@
 //! glTF 2.0 and GLB bytes in, one mesh out.
 //!
-//! `cairn-gltf` reads what carries geometry and nothing else: a missing picture or a broken animation does not matter.
+//! `cairn-gltf` reads geometry and nothing else: a missing picture or a broken animation does not matter.
 //! Here its triangles become one welded mesh. Everything that stands in the way is reported at once, with its place and
 //! a remedy. No input panics, leaves the file's folder, or takes more time and memory than the [`Limits`] say: every
 //! count is held against the bytes that are there before it is used.

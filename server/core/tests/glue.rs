@@ -73,7 +73,7 @@ fn a_pile_on_its_tip_stands_as_it_was_modelled() {
     assert_eq!(glue.dots.len() as u64, glued.report.counts["glue_dots"]);
     assert!(glue.dots.iter().all(|dot| !dot.is_broken));
     assert_eq!(glued.report.counts["control_cycles"], 0, "what is glued is not held");
-    // 20 characteristic times in steps of 0.05 would be 400 for each trial, and four of five trials are of a tilted pile.
+    // 20 characteristic times in steps of 0.05 would be 400 for each trial; four of five trials are of a tilted pile.
     let whole = 5 * 400;
     let steps = glued.report.counts["glue_proof_steps"];
     assert!(steps > 0 && steps < whole * 2 / 3, "a trial ends once nothing moves: {steps} steps");

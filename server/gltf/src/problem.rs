@@ -1,4 +1,4 @@
-//! The faults of a file, where they are, and what the file's owner can do about them.
+//! The faults of a file, each with its place and a remedy for the file's owner.
 
 use std::fmt;
 
@@ -14,7 +14,7 @@ pub struct AssetProblem {
     /// (``node 4 `Brick`, mesh 0, primitive 1, accessor 3 (POSITION)``). Empty for the file as a whole.
     pub place: String,
     pub what: ProblemKind,
-    /// A sentence: what the owner can do.
+    /// One sentence for the owner.
     pub remedy: String,
 }
 

@@ -4,7 +4,7 @@ use crate::problem::ProblemKind;
 
 const EXPORT_AGAIN: &str = "Export the file again from the program that made it.";
 
-/// The sentence for `what`.
+/// The remedy for a kind of problem.
 pub(crate) fn of(what: &ProblemKind) -> String {
     use ProblemKind::*;
     let text = match what {

@@ -1,4 +1,4 @@
-//! A file to read, and what bounds the reading.
+//! A file to read, and the limits of reading.
 
 use crate::gate::{Gate, MESHES, NODES};
 use crate::log::{Log, Logged};

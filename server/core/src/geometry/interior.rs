@@ -1,4 +1,4 @@
-//! The inside of a mesh: which points belong to it, and how far its surface is.
+//! The inside of a mesh: tests of points, and the distance to its surface.
 //!
 //! The solid of a mesh is where its generalised winding number exceeds one half (Jacobson et al. 2013). This gives
 //! overlapping parts their union, a hole its natural cap, and needs no repair. A mesh that is inside out as a whole

@@ -19,7 +19,7 @@ impl Pose {
         self.translation + self.rotation * p
     }
 
-    /// A bound on how far any point within `radius` of the frame's origin is from where it is in the other pose.
+    /// Upper bound on the distance between the two places of any point within `radius` of the frame's origin.
     pub fn moved(&self, other: &Pose, radius: f64) -> f64 {
         let turned = (self.rotation.inverse() * other.rotation).normalize();
         // A turn by the angle a moves a point at the radius r by 2 r sin(a / 2).

@@ -1,5 +1,6 @@
 //! Every parameter of a bake. The structs, with meaning, unit, range and default of each field, are generated from the
-//! comments of `proto/cairn/v1/params.proto` and `scene.proto` (`build.rs`); here is what the core derives from them.
+//! comments of `proto/cairn/v1/params.proto` and `scene.proto` (`build.rs`); values that derive from them are
+//! here.
 //!
 //! A length relative to `d` is in units of the median prop diameter (bounding sphere); a characteristic time is
 //! `sqrt(d / g)`. A pile of 1 cm props and one of 1 m props therefore take the same steps (Hsu & Keyser 2012, Table 1,

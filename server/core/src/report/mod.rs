@@ -46,7 +46,7 @@ pub struct Report {
     pub limited_by: Option<Name>,
     /// Counts by name: steps, solves, verdicts, nails, removed bodies.
     pub counts: BTreeMap<Count, u64>,
-    /// Per prop: its collision shape, and how far that is from the mesh.
+    /// Per prop: its collision shape, and the distance of that from the mesh.
     pub shapes: Vec<ShapeFit>,
     /// CPU seconds by stage.
     pub seconds: BTreeMap<Stage, f64>,
@@ -55,7 +55,7 @@ pub struct Report {
     pub unsupported: Vec<usize>,
     /// The counts and the CPU time of each effect.
     pub bill: Vec<Charge>,
-    /// Sentences for a person: repaired meshes, removed bodies, empty places, bodies not at rest.
+    /// One sentence each: repaired meshes, removed bodies, empty places, bodies not at rest.
     pub warnings: Vec<String>,
 }
 

@@ -72,9 +72,9 @@ pub fn control(sim: &Simulation) -> NamedFigures {
     ])
 }
 
-/// Lengths by which a pile may differ from the true one, in d, by the parameter that lessens each: how far the
-/// collision shapes are from the meshes, how far contacts sink in, the gap across which bodies may be held, and how far
-/// a body falls within a step.
+/// Lengths by which a pile may differ from the true one, in d, by the parameter that lessens each: the distance of the
+/// collision shapes from the meshes, the depth of contacts, the gap across which bodies may be held, and the fall of a
+/// body within a step.
 pub fn error_sources(inputs: &ReportInputs, world: &World, measures: &NamedFigures) -> BTreeMap<&'static str, f64> {
     let mut thickness: Vec<f64> = world.present().map(|id| world.bodies()[id].thickness).collect();
     thickness.sort_by(f64::total_cmp);

@@ -35,7 +35,7 @@ pub struct Filled {
     pub pockets: f64,
     /// `None`: it was not shaken.
     pub shaken: Option<Shaken>,
-    /// Triangles that simplification took from the container, and how far it moved its surface, in d.
+    /// Triangles that simplification removed from the container, and the distance by which it moved the surface, in d.
     pub wall_triangles_saved: usize,
     pub wall_deviation: f64,
     pub counters: WorldCounters,

@@ -8,8 +8,8 @@
 //! Eq. 5 asks |f_t| < mu_k f_n at each contact, mu_k < mu_s, of *the* forces. But forces are not unique, and the answer
 //! then depends on the solver. Both readings are kept:
 //!
-//! - [`ReserveRule::Paper`]: the forces of the interior-point solver are tested. It ends near the center of the feasible
-//!   set, where friction is near its limit at some contact for no physical reason: most bodies that stand fail.
+//! - [`ReserveRule::Paper`]: the forces of the interior-point solver are tested. It ends near the center of the
+//!   feasible set, where friction is near its limit at some contact for no physical reason: most standing bodies fail.
 //! - [`ReserveRule::Sharp`]: *some* forces satisfy mu_k. That is equilibrium with mu_k in place of mu_s, it depends on
 //!   nothing but the body, and it implies Eq. 2 to 4.
 //!

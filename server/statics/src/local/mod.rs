@@ -154,7 +154,7 @@ pub enum Fit {
 pub enum Solver {
     #[default]
     Fast,
-    /// The interior-point reference. It answers with forces in the middle of what is allowed, to about 1e-8.
+    /// The interior-point solver. Its forces are near the center of the feasible set, to about 1e-8.
     Clarabel,
 }
 
@@ -210,7 +210,7 @@ impl Verdict<'_> {
     }
 }
 
-/// As [`STABLE_RESIDUAL`], for forces that Clarabel found: what an interior point reaches.
+/// As [`STABLE_RESIDUAL`], for forces that Clarabel found: the accuracy of an interior-point solver.
 pub const REFERENCE_RESIDUAL: f64 = 1e-7;
 
 /// As [`EXCLUDED_FORCE`], for certificates that Clarabel found: also where the fast solver left a body open.

@@ -91,7 +91,7 @@ impl DistanceGrid {
         DVec3::from_array(DVec3::AXES.map(slope)) / self.spacing
     }
 
-    /// The point in cells from the origin, moved into the grid, and how far it was moved.
+    /// The point in cells from the origin, moved into the grid, and the distance by which it was moved.
     fn clamp(&self, p: DVec3) -> (DVec3, DVec3) {
         let cells = (p - self.origin) / self.spacing;
         let last = DVec3::from_array(self.size.map(|n| (n - 1) as f64));

@@ -1,4 +1,4 @@
-//! The accuracy presets: `standard` is what the schema's comments state, the others are what they change of it.
+//! The accuracy presets: `standard` has the defaults of the schema's comments, the others change some of them.
 
 use super::*;
 

@@ -80,7 +80,7 @@ impl EffectName {
 struct EffectDefinition {
     name: EffectName,
     switch: ForcedBy,
-    /// Counts of the report: all 0 where it is off.
+    /// Counts of its work in the report: all 0 if it is off.
     counts: &'static [Count],
     /// Decides whether the scene and its parameters call for it.
     decide: fn(&EffectInputs) -> Decision,
@@ -115,6 +115,6 @@ pub struct Effect {
     pub reason: String,
     /// The field of the scene that forces it; `None`: nothing does.
     pub switch: Option<String>,
-    /// The counts of the report that show what it did: all 0 where it is off.
+    /// Counts of its work in the report: all 0 if it is off.
     pub counters: Vec<Count>,
 }

@@ -14,13 +14,13 @@ const BALL_ROUNDNESS: f64 = 0.97;
 /// A mesh with fewer faces than this is no ball: dice and gems with fewer should not roll like balls.
 const BALL_TRIANGLES: usize = 80;
 
-/// Chooses the cheapest solid that is close enough, and measures how far it is from the mesh, m.
+/// The cheapest solid that is close enough, and its distance from the mesh, m.
 pub fn solid(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
     let fitted = primitive(mesh, around, diameter, closed, physics.switches.primitives);
     fitted.unwrap_or_else(|| convex::decompose(mesh, diameter, 2.0 * around.half.min_element(), closed, physics))
 }
 
-/// The box or the ball that the mesh is, or the box of a sheet, and how far it is from the mesh, m.
+/// The box or the ball that the mesh is, or the box of a sheet, and its distance from the mesh, m.
 fn primitive(
     mesh: &TriMesh,
     around: &OrientedBox,

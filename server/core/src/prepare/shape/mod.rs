@@ -1,4 +1,4 @@
-//! Props as the engine sees them: collision shape, mass properties, and how far the shape is from the mesh.
+//! Props as the engine sees them: collision shape, mass properties, and the shape's distance from the mesh.
 //!
 //! A body's frame has its origin in the centre of mass and the prop's own axes; [`Shape::body_pose`] and
 //! [`Shape::prop_pose`] convert. Sizes are those of the prop at scale 1, in metres.

@@ -13,8 +13,9 @@ const CELLS: usize = 96;
 const HALVINGS: usize = 16;
 /// Start of the search for a plane at rest, diameters: beyond every prop, and below every gap.
 const FAR: f64 = 100.0;
-/// Most steps to a plane at rest; and how far above the plane a point may be then, diameters.
+/// Most steps to a plane at rest.
 const MAX_STEPS: usize = 60;
+/// Largest height of a point above a plane at rest, diameters.
 const AT_REST: f64 = 1e-9;
 
 /// The pose of a prop at rest in another one of its kind, in the frame of the one below.

@@ -1,9 +1,9 @@
 //! Glue: where friction cannot carry the pile, bodies are glued, and the glued pile is released in a trial to see that
 //! it stands.
 //!
-//! [`policy`]: what is tried, in which order, and why. [`sites`]: where glue may be. [`search`]: attempts. [`trial`]:
-//! releases. What moves with the pile at run time (joints, clusters, breaking) is in [`crate::sim::glue`]; the solver
-//! is [`cairn_statics::glue`].
+//! [`policy`]: the order of the attempts, with the reasons. [`sites`]: places for glue. [`search`]: attempts.
+//! [`trial`]: releases. Joints, clusters and breaking at run time are in [`crate::sim::glue`]; the solver is
+//! [`cairn_statics::glue`].
 
 pub mod policy;
 mod search;

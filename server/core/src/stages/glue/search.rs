@@ -1,5 +1,5 @@
-//! The search for joints with which a pile stands: place, release in a trial, and place again with what the trial
-//! showed. The module [`super::policy`] states the order of the steps.
+//! The search for joints with which a pile stands: place, release in a trial, and place again with the result of
+//! the trial. The module [`super::policy`] states the order of the steps.
 
 use super::Glued;
 use super::policy::{ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS};

@@ -67,8 +67,8 @@ impl<'p, 'a> Trials<'p, 'a> {
     }
 }
 
-/// Releases a pile with these joints for [`TRIAL_TIME`], awake, without control and without the `absent` bodies. It ends
-/// early once no body moves, and, unless `to_the_end`, soon after bodies have moved.
+/// Releases a pile with these joints for [`TRIAL_TIME`], awake, without control and without the `absent` bodies. The
+/// trial ends early once no body moves, and, unless `to_the_end`, soon after bodies have moved.
 pub fn release_trial(
     mut sim: Simulation,
     joints: &[Joint],

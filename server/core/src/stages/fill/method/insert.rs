@@ -120,7 +120,7 @@ impl Method for Insert {
 fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) -> Result<Vec<(BodyId, f64)>, Error> {
     filling.world.update_contacts();
     let (task, container) = (filling.task, filling.task.container);
-    // Each with how far outside the container it may be.
+    // Each with the distance by which it may be outside the container.
     let mut seeds: Vec<(Instance, f64)> = Vec::new();
     let (standing_out, outside) = (task.params.fill.standing_out(), task.params.fill.outside());
     let mut outside_count = 0;
