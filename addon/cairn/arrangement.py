@@ -22,9 +22,9 @@ UPS = [
     ),
 ]
 TURNS = [
-    ("ANY", "Any", "Any turn: the lower Order is, the larger", "NONE", 1),
+    ("ANY", "Any", "Random rotation; a higher Order reduces it", "NONE", 1),
     ("QUARTER", "Quarter Turns", "By 0°, 90°, 180° or 270° relative to the pile's sides", "NONE", 2),
-    ("NONE", "None", "Always the same way round", "NONE", 3),
+    ("NONE", "None", "No turns", "NONE", 3),
 ]
 LAYOUTS = [
     ("MIXED", "Mixed", "All props everywhere", "NONE", 1),
@@ -66,9 +66,9 @@ class CairnArrangement(PropertyGroup):
     )
     shake: FloatProperty(
         name="Shake",
-        description="How long the full shape is shaken, so that wedged props find a lower place. In one unit of "
-        "time a prop falls half its own size. 0: not at all. 3: to each side once or twice. 10: five times. If the "
-        "pile fills the shape less afterwards, the shaking is undone",
+        description="Time for which the full shape is shaken, so that wedged props settle lower. In one unit of this "
+        "time a prop falls half its own size: 0.14 s for a prop of 20 cm. 3: to each side once or twice. 10: five "
+        "times. Undone if the pile then fills the shape less",
         default=0.0,
         min=0.0,
         max=100.0,
@@ -81,13 +81,11 @@ class CairnArrangement(PropertyGroup):
     )
     descending: BoolProperty(
         name="Largest Below",
-        description="Put the largest, the heaviest, or the last prop in the alphabet at the bottom, instead of the "
-        "smallest, lightest or first",
+        description="Sort in reverse: largest, heaviest or last name at the bottom",
     )
     gaps: BoolProperty(
         name="Small Props Fill Gaps",
-        description="Add small props (less than half as large as the largest) last, into the gaps between the large "
-        "ones",
+        description="Add props less than half as large as the largest last, into the gaps between the others",
     )
 
 

@@ -14,7 +14,9 @@ class OfPile:
 
     bl_options = {"UNDO"}
 
-    collection: StringProperty(name="Collection", description="Collection of the pile. If empty, the pile of the shape")
+    collection: StringProperty(
+        name="Collection", description="Collection of the pile. If empty, uses the pile of the selected shape"
+    )
 
     def execute(self, context):
         with explaining(self):

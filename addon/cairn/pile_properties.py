@@ -84,14 +84,14 @@ class CairnResult(PropertyGroup):
     timing_start: IntProperty(
         subtype="TIME",
         name="Start Frame",
-        description="Scene frame at which the hold begins",
+        description="Scene frame at which the pile's animation begins",
         default=1,
         update=_retime,
     )
     timing_hold: IntProperty(
         subtype="TIME",
-        name="Hold",
-        description="Number of frames for which the pile stands still before it is released",
+        name="Start Delay",
+        description="Frames before the collapse starts",
         min=0,
         max=100000,
         update=_retime,

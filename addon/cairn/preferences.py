@@ -23,7 +23,7 @@ class CairnPreferences(bpy.types.AddonPreferences):
 
     server: EnumProperty(
         name="Server",
-        description="Computer that bakes",
+        description="Computer that runs the server",
         items=[
             (
                 "LOCAL",

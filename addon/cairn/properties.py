@@ -37,7 +37,7 @@ class CairnProp(PropertyGroup):
     )
     weight: FloatProperty(
         name="Weight",
-        description="How often this prop is used, relative to the other props: 2 is twice as often as 1",
+        description="Frequency of this prop relative to the others: 2 is twice as often as 1",
         default=1.0,
         min=0.001,
         soft_max=100.0,
@@ -78,8 +78,7 @@ class CairnProp(PropertyGroup):
     )
     tilt: FloatProperty(
         name="Tilt (°)",
-        description="Largest angle between the prop's up direction and the vertical when the prop is placed or "
-        "dropped. The up direction is the prop's Z axis, or Up. 180 allows all rotations",
+        description="Largest tilt of the prop's up axis from the vertical. 180: any rotation",
         default=180.0,
         min=0.0,
         max=180.0,
@@ -87,14 +86,13 @@ class CairnProp(PropertyGroup):
     )
     up: EnumProperty(
         name="Up",
-        description="Axis of the prop that points up where props are laid in order (Order above 0), and from which "
-        "Tilt is measured",
+        description="Axis of the prop that points up where Order is above 0. Tilt is measured from it",
         items=UPS,
         default="AUTO",
     )
     turns: EnumProperty(
         name="Turns",
-        description="Turns about the up direction that are allowed where props are laid in order (Order above 0)",
+        description="Allowed turns about the up axis where Order is above 0",
         items=TURNS,
         default="ANY",
     )
@@ -109,7 +107,7 @@ class CairnProp(PropertyGroup):
     restitution: FloatProperty(
         name="Bounce",
         subtype="FACTOR",
-        description="Share of the impact speed with which the prop bounces back",
+        description="Speed after an impact, as a share of the speed before it",
         default=0.0,
         min=0.0,
         max=1.0,
@@ -153,7 +151,10 @@ class CairnSettings(PropertyGroup):
         poll=_is_solid,
     )
     kept_shape: EnumProperty(
-        name="Kept Shape", description="How far the pile keeps its shape", items=KEPT_SHAPES, default="AS_MODELLED"
+        name="Shape Support",
+        description="How much glue keeps the pile in shape",
+        items=KEPT_SHAPES,
+        default="AS_MODELLED",
     )
     glue_strength: FloatProperty(
         name="Glue Strength",
@@ -199,8 +200,8 @@ class CairnSettings(PropertyGroup):
     )
     region: PointerProperty(
         name="Region",
-        description="Closed mesh inside which the pile keeps its shape, if it is not the shape itself. Bodies "
-        "outside move freely",
+        description="Closed mesh inside which the pile keeps its shape. If empty, the shape itself. Bodies outside "
+        "it move freely",
         type=bpy.types.Object,
         poll=_is_solid,
     )
@@ -211,8 +212,7 @@ class CairnSettings(PropertyGroup):
     )
     impact: PointerProperty(
         name="Projectiles",
-        description="Objects that are thrown into the pile from their place. The pile has copies of them: hide the "
-        "originals",
+        description="Objects that are thrown into the pile from where they are. Copies are thrown: hide the originals",
         type=bpy.types.Collection,
     )
     impact_frame: IntProperty(
@@ -285,8 +285,7 @@ class CairnSettings(PropertyGroup):
     )
     use_replace: BoolProperty(
         name="Replace",
-        description="Replace the pile that is shown by the new one. If off, a pile of another seed stays, hidden, "
-        "and a pile of the same seed is replaced",
+        description="Replace the shown pile. If off, piles of other seeds are kept hidden",
     )
     output_mode: EnumProperty(name="Output", description="Objects that the pile becomes in Blender", items=OUTPUTS)
     use_prop_collections: BoolProperty(

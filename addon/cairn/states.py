@@ -244,8 +244,8 @@ def register():
     )
     bpy.types.WindowManager.cairn_loads = BoolProperty(
         name="Color by Load",
-        description="Color each body by the largest load of its dots of glue, in weights of a typical prop, in "
-        "Solid shading. When switched off, all objects have their own colors again. The colors are never saved",
+        description="Color each body by the largest load of its glue dots, in prop weights, in Solid shading. When "
+        "switched off, all objects have their own colors again. The colors are never saved",
         get=lambda _: is_by_load,
         set=lambda _, on: show(on, by_load=True),
     )

@@ -20,7 +20,7 @@ class CAIRN_OT_fit_timing(OfPile, Operator):
             raise Fault("There is no animated pile of this shape.")
         room = scene.frame_end - scene.frame_start - note.timing_hold
         if room < 1:
-            raise Fault("The scene's range has no room for the hold. Make the hold shorter.")
+            raise Fault("The scene's range has no room for the start delay. Make it shorter.")
         note.timing_speed = max(note.frame_count - 1, 1) / room
         note.timing_start = scene.frame_start
 

@@ -20,12 +20,8 @@ from .wire.messages import v1
 from .wire.recording import Motion, Recording, Snapshot
 
 Event = Accepted | Progress | Snapshot | Summary
-FORMATS = {
-    "glb": v1.OUTPUT_FORMAT_GLB,
-    "usdz": v1.OUTPUT_FORMAT_USDZ,
-    "json": v1.OUTPUT_FORMAT_JSON,
-    "csv": v1.OUTPUT_FORMAT_CSV,
-}
+# Formats by name, from the schema. Those that the service does not offer are refused by the server.
+FORMATS = {name.removeprefix("OUTPUT_FORMAT_").lower(): number for name, number in v1.OutputFormat.items() if number}
 
 
 class AsyncClient:

@@ -79,10 +79,22 @@ pub fn leads_out(folder: &Path, path: &Path) -> bool {
     }
 }
 
+/// Extensions of the files that hold models.
+const MODEL_EXTENSIONS: [&str; 2] = ["glb", "gltf"];
+
+/// Whether a path names a model, by its extension.
+pub fn is_model_file(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    MODEL_EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
+}
+
 /// `kit.glb#Brick` -> file and node. A `#` elsewhere belongs to the file's name.
 pub fn split_node(path: &str) -> (&str, Option<&str>) {
     let lower = path.to_ascii_lowercase();
-    let ends = [".glb#", ".gltf#"].iter().filter_map(|mark| lower.find(mark).map(|at| at + mark.len()));
+    let ends = MODEL_EXTENSIONS.into_iter().filter_map(|extension| {
+        let mark = format!(".{extension}#");
+        lower.find(&mark).map(|at| at + mark.len())
+    });
     match ends.min() {
         Some(end) => (&path[..end - 1], Some(&path[end..])),
         None => (path, None),

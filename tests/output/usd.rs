@@ -116,9 +116,9 @@ fn the_same_bake_gives_the_same_bytes_and_tells_its_origin() {
     let pile = pile_of(&[(0, 1.0); 20], tumbling(20, 30));
     for format in [Usda, Usdc, Usdz] {
         let [one, two] = [0; 2].map(|_| encode(format, &pile, &scene).unwrap());
-        assert_eq!((&one.bytes, &one.beside), (&two.bytes, &two.beside), "{format:?}");
+        assert_eq!((&one.bytes, &one.sidecars), (&two.bytes, &two.sidecars), "{format:?}");
         assert_eq!(origin(&one.bytes), Some(stated.clone()), "{format:?}");
-        assert_eq!(one.beside.len(), usize::from(format != Usdz), "{format:?}");
+        assert_eq!(one.sidecars.len(), usize::from(format != Usdz), "{format:?}");
     }
     let text = text(&pile, &scene);
     assert!(text.contains("double kept_shape = 0.5") && !text.contains("control_overhead"));

@@ -45,8 +45,9 @@ fn main() {
             if fate.message.is_empty() { fate.kind.to_owned() } else { format!("{}: {}", fate.kind, fate.message) };
         println!("| {name} | {watertight} | {} | {} |", message.replace('|', " "), fate.figures);
     }
+    println!("\n| watertight | what becomes of it | meshes |\n| --- | --- | --- |");
     for ((watertight, kind), count) in tally {
-        println!("\n{}: {count} {kind}", if watertight { "watertight" } else { "others" });
+        println!("| {} | {kind} | {count} |", if watertight { "yes" } else { "no" });
     }
 }
 

@@ -221,10 +221,7 @@ fn fill_in(template: &str, names: &BTreeMap<String, String>) -> Result<String, P
     path.push_str(rest);
     match Format::of(Path::new(&path)) {
         Some(_) => Ok(path),
-        None => {
-            let what = "the file extension names no format";
-            Err(Problem::new(place, what, format!("End it in {}.", Format::ENDINGS)))
-        }
+        None => Err(Problem::new(place, "the format is unknown", format!("End the name in {}.", Format::endings()))),
     }
 }
 

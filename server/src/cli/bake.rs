@@ -35,7 +35,7 @@ pub struct Args {
     output: PathBuf,
 
     /// Format of the result [default: by the file extension; glb for -]
-    #[arg(long, value_parser = Format::NAMES)]
+    #[arg(long, value_parser = Format::ALL.map(Format::extension))]
     format: Option<String>,
 
     /// Also write a report, as JSON: measures of the pile, and how it was made
@@ -69,12 +69,12 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
     let format = match args.format.as_deref() {
-        Some(name) => Format::named(name).expect("one of those that the command line takes"),
+        Some(name) => Format::from_extension(name).expect("clap accepts only known formats"),
         None if output::is_stdout(&args.output) => Format::Glb,
         None => export::check_destination(&args.output)?,
     };
-    if format.has_files_beside() {
-        output::check_beside(&args.output, args.server.is_some())?;
+    if !format.is_single_file() {
+        output::check_sidecars(&args.output, args.server.is_some())?;
     }
     if args.progress.mode == Mode::Openjd && output::is_stdout(&args.output) {
         let what = "progress is also written to the standard output";

@@ -10,10 +10,10 @@ mod completions;
 mod cost;
 mod doctor;
 mod failure;
-mod fault;
 mod interrupt;
 mod man;
 mod output;
+mod panic;
 mod plan;
 mod progress;
 mod rank;
@@ -106,7 +106,7 @@ pub fn main() -> ExitCode {
     failpoints::set_up();
     let cli = Cli::parse();
     let is_openjd = cli.command.progress() == Some(Mode::Openjd);
-    let result = fault::contain(|| match cli.command {
+    let result = panic::catch(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
         Command::Batch(args) => batch::run(&args),
         Command::Cancel(args) => cancel::run(&args),

@@ -3,7 +3,7 @@
 use super::{Failure, interrupt};
 use crate::failpoints;
 use crate::files::{self, Staged};
-use crate::model::export::{BESIDE, Encoded};
+use crate::model::export::{Encoded, SIDECAR_FOLDER};
 use crate::problem::Problem;
 use std::fs::File;
 use std::io::{ErrorKind, Write};
@@ -70,8 +70,8 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Checks that a result can have files beside it: it has to be a local file, and the folder of the others usable.
-pub fn check_beside(output: &Path, is_remote: bool) -> Result<(), Failure> {
+/// Checks that a result can have sidecars: it must be a local file, and the folder of the sidecars usable.
+pub fn check_sidecars(output: &Path, is_remote: bool) -> Result<(), Failure> {
     let usage = |place: &Path, what: &str, remedy: &str| Err(Failure::Usage(vec![Problem::at(place, what, remedy)]));
     if is_remote {
         let what = "its textures would be separate files, but a server returns one file";
@@ -81,7 +81,7 @@ pub fn check_beside(output: &Path, is_remote: bool) -> Result<(), Failure> {
         let what = "its textures would be files beside it, but this is not a file";
         return usage(output, what, "Use --format usdz, which holds everything.");
     }
-    let folder = files::folder_of(output).join(BESIDE);
+    let folder = files::folder_of(output).join(SIDECAR_FOLDER);
     if folder.exists() && !folder.is_dir() {
         return usage(
             &folder,
@@ -111,11 +111,13 @@ fn write_through(way: Destination, path: &Path, content: &[u8]) -> std::io::Resu
     failpoints::write("stream-write", &mut stream, content)
 }
 
-/// Writes a result before its report, and removes an old report, which describes another result. Files beside the
-/// result are written before it.
+/// Writes a result before its report, and removes an old report, which describes another result. The
+/// sidecars are written first.
 pub fn write_before_report(output: &Path, result: &Encoded, report: Option<&Path>) -> Result<(), Failure> {
     let _guard = begin()?;
-    result.write_beside(output).map_err(|error| Failure::write(&files::folder_of(output).join(BESIDE), error))?;
+    result
+        .write_sidecars(output)
+        .map_err(|error| Failure::write(&files::folder_of(output).join(SIDECAR_FOLDER), error))?;
     write(output, &result.bytes)?;
     let Some((path, Destination::File(old))) = report.map(|path| (path, Destination::to(path))) else { return Ok(()) };
     match std::fs::remove_file(old) {

@@ -60,10 +60,10 @@ fn price_list(estimates: &[Estimate], own: Option<&Estimate>) -> String {
         let mark = if own.is_some_and(|own| own.accuracy == e.accuracy) { "  <- this scene" } else { "" };
         let (cpu, wall) = (time(e.cpu_seconds), time(e.wall_seconds(threads)));
         let line = format!("  {name:<12}{cpu:>10}{wall:>12}{:>8}  {overlap:<26}{loose:<22}{shape}{mark}", e.bodies);
-        writeln!(text, "{}", line.trim_end()).expect("a string takes all");
+        writeln!(text, "{}", line.trim_end()).expect("writing to a string cannot fail");
     }
-    text += "Overlaps in percent are relative to the thickness; below 0.6 % they are invisible. ";
-    text += "Bodies that would move are held or glued.\n";
+    text += "Overlaps are in percent of the thinner body's thickness; below 0.6 % they are invisible. ";
+    text += "The last columns are for a pile without hold or glue.\n";
     text
 }
 

@@ -1,7 +1,7 @@
 //! `cairn rank`: ranks the results of a batch, and makes a contact sheet.
 
 use super::{Failure, interrupt, output, print, print_note, print_warning, table};
-use crate::sheet::{self, Candidate, Shot, SortKey};
+use crate::sheet::{self, Candidate, SortKey, Thumbnail};
 use image::ImageFormat;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -102,13 +102,13 @@ fn write(
     page: &Path,
     picture: &Path,
 ) -> Result<(), Failure> {
-    let mut entries: Vec<(Candidate, Shot)> = Vec::new();
+    let mut entries: Vec<(Candidate, Thumbnail)> = Vec::new();
     for candidate in candidates {
         if interrupt::is_requested() {
             return Err(Failure::Cancelled);
         }
-        let shot = sheet::shot(&candidate)?;
-        entries.push((candidate, shot));
+        let thumbnail = sheet::thumbnail(&candidate)?;
+        entries.push((candidate, thumbnail));
     }
     let title = args.folder.canonicalize().ok().and_then(|folder| folder.file_name().map(|name| name.to_owned()));
     let title = title.map_or("results".into(), |name| name.to_string_lossy().into_owned());

@@ -199,7 +199,7 @@ pub fn bake(
     delivery: &Delivery,
 ) -> Result<(), Failure> {
     let mut spec = files.spec(scene);
-    spec.set_format(job::request::output_format(format));
+    spec.set_format(format.wire());
     // The same request reaches the server that has baked it before.
     let route = target.route.clone().unwrap_or_else(|| hex(&Sha256::digest(spec.encode_to_vec())));
     let target = &Target { route: Some(route), ..target.clone() };

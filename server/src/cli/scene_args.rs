@@ -1,10 +1,12 @@
 //! The arguments that describe a scene, for all commands: a scene file, flags, or both.
 
 use super::Failure;
+use crate::files::is_model_file;
 use crate::job::provenance;
 use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
+use crate::wire::to_proto;
 use serde_json::{Value, json};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -28,7 +30,7 @@ pub struct SceneArgs {
     statics: Vec<String>,
 
     /// Accuracy preset; `paper` is the method's original setting, `standard` the default
-    #[arg(long, value_parser = ["paper", "draft", "preview", "standard", "fine", "reference"], help_heading = "Scene")]
+    #[arg(long, value_parser = accuracy_names(), help_heading = "Scene")]
     accuracy: Option<String>,
 
     /// Seed of the random numbers: the same seed gives the same pile [default: 1]
@@ -51,6 +53,11 @@ pub struct SceneArgs {
     /// folder, one above it, the current one]
     #[arg(long, value_name = "FOLDER", help_heading = "Scene")]
     assets: Option<PathBuf>,
+}
+
+/// The names of the accuracy presets. They are never freed, because clap takes only static text.
+fn accuracy_names() -> Vec<&'static str> {
+    to_proto::accuracies().into_iter().map(|accuracy| &*to_proto::accuracy_name(accuracy).leak()).collect()
 }
 
 /// Whether a path names a result instead of a scene file.
@@ -124,15 +131,14 @@ impl SceneArgs {
     }
 }
 
-/// `book.glb:0.3` -> path and weight. What follows the last colon is a weight if it is a number, and must be one if a
-/// whole file name stands before it; a Windows drive (`C:\book.glb`) is neither.
+/// `book.glb:0.3` -> path and weight. A number after the last colon is a weight. After a complete file name, anything
+/// but a number is an error. The colon of a Windows drive (`C:\book.glb`) is neither.
 fn split_weight(prop: &str) -> Result<(&str, Option<Value>), Problem> {
     let Some((path, weight)) = prop.rsplit_once(':') else { return Ok((prop, None)) };
     if let Ok(weight) = weight.parse::<f64>() {
         return Ok((path, Some(crate::scene_file::number(weight))));
     }
-    let lower = path.to_ascii_lowercase();
-    if [".glb", ".gltf"].iter().any(|extension| lower.ends_with(extension)) {
+    if is_model_file(Path::new(path)) {
         let what = format!("the weight `{weight}` is not a number");
         return Err(Problem::new(format!("--prop {prop}"), what, "Write a number after the colon: book.glb:0.3."));
     }

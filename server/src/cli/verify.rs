@@ -82,12 +82,12 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
     let done = job.run(format, &path.display().to_string(), &mut BakeCache::none(), &mut reporter);
     reporter.finish(done.is_ok());
     let FinishedBake { result, hash, .. } = done?;
-    let Encoded { bytes, beside } = result;
+    let Encoded { bytes, sidecars } = result;
     if bytes == before {
         let is_there = |(name, bytes): &(&String, &Vec<u8>)| {
             std::fs::read(files::folder_of(path).join(name)).is_ok_and(|there| there == **bytes)
         };
-        let wrong = beside.iter().find(|file| !is_there(file));
+        let wrong = sidecars.iter().find(|file| !is_there(file));
         return Ok(wrong.map(|(name, _)| format!("DIFFERS: {name} beside it is missing or changed")));
     }
     let motion =

@@ -6,7 +6,7 @@ use super::sources::{InputFile, OpenFile, PortableNames, Reference};
 use crate::files;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
-use crate::wire::from_proto::{self, added::Added};
+use crate::wire::from_proto::{self, extra_bodies::ExtraBodies};
 use crate::wire::proto;
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::geometry::mesh::TriMesh;
@@ -49,18 +49,18 @@ impl Job {
         }
         let read: Vec<_> = effective.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
         let (props, prop_models) = read.into_iter().unzip();
-        let mut added = Added::new(&effective, params.output.fps);
+        let mut extra = ExtraBodies::new(&effective, params.output.fps);
         let statics = effective.statics.iter().enumerate();
-        let read: Vec<_> = statics.map(|(i, model)| reader.scenery(i, model, added.keys(i, model))).collect();
+        let read: Vec<_> = statics.map(|(i, model)| reader.scenery(i, model, extra.keys(i, model))).collect();
         let (statics, static_models) = read.into_iter().unzip();
-        let bodies = effective.bodies.iter().enumerate().map(|(i, body)| added.body(i, body)).collect();
+        let bodies = effective.bodies.iter().enumerate().map(|(i, body)| extra.body(i, body)).collect();
         let emitter = |(i, emitter): (usize, &proto::Emitter)| {
             let place = |mesh: &String| EmitterVolume::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
             let mesh = emitter.mesh.as_ref().map(place);
-            added.emitter(i, emitter, mesh)
+            extra.emitter(i, emitter, mesh)
         };
         let emitters = effective.emitters.iter().enumerate().map(emitter).collect();
-        reader.problems.append(&mut added.problems);
+        reader.problems.append(&mut extra.problems);
         let ladder = Accuracy::LADDER.iter().map(|&accuracy| {
             let accuracy = proto::Accuracy::from(accuracy).into();
             from_proto::params_and_problems(&proto::Scene { accuracy, ..scene.clone() }).0

@@ -9,8 +9,8 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
-/// Time of a bake beside the core's stages, seconds, since it began to read its files.
-pub struct Spent {
+/// Seconds that the caller of the core measured, since it began to read the files.
+pub struct CallerSeconds {
     /// CPU time, like the next two.
     pub read: f64,
     pub encode: f64,
@@ -20,7 +20,7 @@ pub struct Spent {
 }
 
 /// The identity of a report's result.
-pub struct Made<'a> {
+pub struct ResultIdentity<'a> {
     /// See [`crate::job::request::hash`].
     pub request: blake3::Hash,
     /// See [`result_hash`].
@@ -63,11 +63,17 @@ impl ReportFile {
 }
 
 /// The content of the report file.
-pub fn json(bake: &Bake, made: &Made, scene: &SceneTree, notes: &[String], spent: &Spent) -> Value {
+pub fn json(
+    bake: &Bake,
+    identity: &ResultIdentity,
+    scene: &SceneTree,
+    notes: &[String],
+    seconds: &CallerSeconds,
+) -> Value {
     let mut report = Map::new();
     report.insert("versions".into(), versions_json());
-    report.insert("output".into(), made.name.into());
-    for (name, hash) in [("request", made.request), ("result", made.result), ("output", made.output)] {
+    report.insert("output".into(), identity.name.into());
+    for (name, hash) in [("request", identity.request), ("result", identity.result), ("output", identity.output)] {
         report.insert(format!("{name}_blake3"), hash.to_hex().as_str().into());
     }
     let figures = serde_json::to_value(&bake.report).expect("a report has a JSON form");
@@ -78,13 +84,13 @@ pub fn json(bake: &Bake, made: &Made, scene: &SceneTree, notes: &[String], spent
         }
     }
     report.insert("glue".into(), json!(bake.pile.glue));
-    for (stage, seconds) in [("read", spent.read), ("encode", spent.encode)] {
-        report["seconds"][stage] = json!(seconds);
+    for (stage, spent) in [("read", seconds.read), ("encode", seconds.encode)] {
+        report["seconds"][stage] = json!(spent);
     }
     report.insert("notes".into(), json!(notes));
     report.insert("scene".into(), scene.to_value());
-    report.insert("wall_seconds".into(), json!(spent.wall));
-    report.insert("cpu_seconds".into(), json!(spent.cpu));
+    report.insert("wall_seconds".into(), json!(seconds.wall));
+    report.insert("cpu_seconds".into(), json!(seconds.cpu));
     report.insert("peak_memory_bytes".into(), json!(machine::peak_memory()));
     Value::Object(report)
 }

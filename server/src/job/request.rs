@@ -6,7 +6,7 @@ use super::sources::{InputFile, PortableNames, rename};
 use crate::model::export::Format;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
-use crate::wire::proto::{AssetReference, BakeSpec, OutputFormat, Scene};
+use crate::wire::proto::{AssetReference, BakeSpec, Scene};
 use crate::wire::versions::versions;
 use cairn_gltf::document;
 use prost::Message;
@@ -34,7 +34,7 @@ pub fn request(mut scene: Scene, assets: Vec<AssetReference>, format: Format, na
     let assets = assets.into_iter().map(|asset| (names.of(&asset.uri), asset.sha256));
     let assets: BTreeMap<String, String> = assets.collect();
     let assets = assets.into_iter().map(|(uri, sha256)| AssetReference { uri, sha256 }).collect();
-    BakeSpec { scene: Some(scene), assets, format: output_format(format).into() }
+    BakeSpec { scene: Some(scene), assets, format: format.wire().into() }
 }
 
 /// The hash of a request and of the versions. Equal hashes have equal results, to the last byte.
@@ -55,16 +55,4 @@ pub fn origin(request: &BakeSpec, result: blake3::Hash) -> Value {
         "request_blake3": hash(request).to_hex().as_str(),
         "result_blake3": result.to_hex().as_str(),
     })
-}
-
-/// The schema's value for a format.
-pub fn output_format(format: Format) -> OutputFormat {
-    match format {
-        Format::Glb => OutputFormat::Glb,
-        Format::Json => OutputFormat::Json,
-        Format::Csv => OutputFormat::Csv,
-        Format::Usda => OutputFormat::Usda,
-        Format::Usdc => OutputFormat::Usdc,
-        Format::Usdz => OutputFormat::Usdz,
-    }
 }

@@ -1,7 +1,7 @@
 //! Runs a job through the core and encodes the result.
 
 use super::Job;
-use super::report::{self, Made, Spent};
+use super::report::{self, CallerSeconds, ResultIdentity};
 use super::request;
 use super::reuse::BakeCache;
 use crate::failpoints;
@@ -97,11 +97,16 @@ impl Job {
             }
         };
         let seconds = self.began.elapsed().as_secs_f64();
-        let spent = Spent { read: self.read_seconds, encode: encode_seconds, cpu: self.meter.seconds(), wall: seconds };
+        let caller =
+            CallerSeconds { read: self.read_seconds, encode: encode_seconds, cpu: self.meter.seconds(), wall: seconds };
         let scene = SceneTree::from_message(&self.effective);
-        let made =
-            Made { request: request::hash(&request), result: hash, output: blake3::hash(&result.bytes), name: output };
-        let report = format!("{:#}\n", report::json(&bake, &made, &scene, &self.notes, &spent));
+        let identity = ResultIdentity {
+            request: request::hash(&request),
+            result: hash,
+            output: blake3::hash(&result.bytes),
+            name: output,
+        };
+        let report = format!("{:#}\n", report::json(&bake, &identity, &scene, &self.notes, &caller));
         Ok(FinishedBake { bake, result, report, hash, seconds })
     }
 }

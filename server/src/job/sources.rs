@@ -38,7 +38,7 @@ pub struct PortableNames {
 impl PortableNames {
     /// For the models of a scene.
     pub fn new<'a>(models: impl Iterator<Item = &'a Path> + Clone, folder: &Path) -> PortableNames {
-        // Every path starts with the empty one.
+        // `starts_with` an empty folder is always true, so absolute paths are compared first.
         let is_inside = |file: &Path| folder.is_relative() == file.is_relative() && file.starts_with(folder);
         let is_elsewhere = |file: &Path| file.is_absolute() && !is_inside(file);
         if !models.clone().any(is_elsewhere) {
@@ -102,20 +102,20 @@ impl InputFile {
     pub fn read(path: &Path, open: &OpenFile) -> Result<InputFile, Problem> {
         let bytes = open(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let beside = Beside { folder, open: open.clone(), read: Mutex::default() };
-        let resolve = Box::new(move |relative: &str| beside.read(relative));
+        let sidecars = SidecarReader { folder, open: open.clone(), read: Mutex::default() };
+        let resolve = Box::new(move |relative: &str| sidecars.read(relative));
         Ok(InputFile { name: path.display().to_string(), bytes, resolve })
     }
 }
 
 /// The files that a glTF file names. They stay in memory, so that the export uses what the bake has read.
-struct Beside {
+struct SidecarReader {
     folder: PathBuf,
     open: OpenFile,
     read: Mutex<BTreeMap<String, Vec<u8>>>,
 }
 
-impl Beside {
+impl SidecarReader {
     fn read(&self, relative: &str) -> Result<Vec<u8>, String> {
         let path = files::below(&self.folder, relative).ok_or("it leads out of the file's own folder")?;
         let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);

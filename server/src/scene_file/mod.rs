@@ -36,13 +36,12 @@ impl SceneTree {
     pub fn load(path: &Path) -> Result<SceneTree, Vec<Problem>> {
         let name = path.display().to_string();
         let one = |what: &str, remedy: &str| vec![Problem::new(&name, what, remedy)];
-        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-        match extension.as_deref() {
-            Some("toml" | "json") => {}
-            Some("glb" | "gltf") => {
-                return Err(one("a mesh, not a scene file", "Give it by --control, --prop or --static."));
-            }
-            _ => return Err(one("not a scene file", "A scene file's name ends in .toml or .json.")),
+        if files::is_model_file(path) {
+            return Err(one("a mesh, not a scene file", "Give it by --control, --prop or --static."));
+        }
+        let extension = path.extension().unwrap_or_default();
+        if !["toml", "json"].iter().any(|known| extension.eq_ignore_ascii_case(known)) {
+            return Err(one("not a scene file", "A scene file's name ends in .toml or .json."));
         }
         let bytes = files::read(path).map_err(|problem| vec![problem])?;
         SceneTree::read(path, &bytes)

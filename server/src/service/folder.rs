@@ -1,5 +1,6 @@
 //! File names in a bake's folder. The server makes the folder, and the worker fills it.
 
+use crate::model::export::Format;
 use crate::wire::proto::OutputFormat;
 
 pub const SPEC: &str = "spec.binpb";
@@ -11,16 +12,11 @@ pub const REPORT: &str = "report.json";
 pub const SCENE: &str = "scene.json";
 
 /// The name of the result file.
-pub fn result_name(format: OutputFormat) -> &'static str {
-    match format {
-        OutputFormat::Unspecified | OutputFormat::Glb => "result.glb",
-        OutputFormat::Json => "result.json",
-        OutputFormat::Csv => "result.csv",
-        OutputFormat::Usda => "result.usda",
-        OutputFormat::Usdc => "result.usdc",
-        OutputFormat::Usdz => "result.usdz",
-    }
+pub fn result_name(format: OutputFormat) -> String {
+    format!("result.{}", Format::from_wire(format).extension())
 }
 
-/// The formats that the service offers: those whose result is a single file.
-pub const FORMATS: [OutputFormat; 4] = [OutputFormat::Glb, OutputFormat::Json, OutputFormat::Csv, OutputFormat::Usdz];
+/// The result file's name in each format that the service offers.
+pub fn result_names() -> impl Iterator<Item = String> {
+    Format::ALL.into_iter().filter(|format| format.is_single_file()).map(|format| result_name(format.wire()))
+}

@@ -75,7 +75,7 @@ pub enum Fault {
     TokenInvalid,
     #[error("{0}")]
     ProtocolMismatch(String),
-    #[error("the server's data directory has a fault: {0}; inform the operator")]
+    #[error("the server's data directory cannot be used: {0}; contact the operator")]
     DataDirectory(String),
     #[error("internal error: {0}")]
     Internal(String),

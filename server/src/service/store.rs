@@ -13,7 +13,7 @@
 use crate::failpoints;
 use crate::files::{remove_unfinished, sync_folder, write_atomically};
 use crate::service::config::Config;
-use crate::service::folder::{ASSETS, EVENTS, FORMATS, REPORT, SPEC, result_name};
+use crate::service::folder::{ASSETS, EVENTS, REPORT, SPEC, result_names};
 use crate::wire::digest::hex;
 use crate::wire::proto::{BakeSpec, BakeState, BakeStatus};
 use prost::Message;
@@ -137,7 +137,7 @@ impl Store {
         let has = |name: &str, bytes: i64| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() as i64 == bytes);
         if !has(EVENTS, status.event_bytes) {
             Some("its events are truncated or missing".into())
-        } else if !FORMATS.iter().any(|format| has(result_name(*format), result_bytes)) {
+        } else if !result_names().any(|name| has(&name, result_bytes)) {
             Some("its result is truncated or missing".into())
         } else {
             None
@@ -177,8 +177,7 @@ impl Store {
         let _ = fs::remove_dir_all(folder.join(ASSETS));
         remove_unfinished(&folder);
         if status.state() != BakeState::Succeeded {
-            let results = FORMATS.map(result_name);
-            for name in results.into_iter().chain([REPORT]) {
+            for name in result_names().chain([REPORT.to_owned()]) {
                 let _ = fs::remove_file(folder.join(name));
             }
         }

@@ -123,10 +123,10 @@ pub fn bake(folder: &Path, cache: &mut BakeCache) -> Result<(), WorkerError> {
     send(WorkerMessage::Progress(to_proto::progress(&begun, None)));
     let (spec, job) = read(folder)?;
     let name = result_name(spec.format());
-    let path = folder.join(name);
+    let path = folder.join(&name);
     let format = export::check_destination(&path).map_err(JobError::from)?;
     let mut watcher = Watcher::new(LogWriter::resume(&folder.join(EVENTS))?);
-    let done = job.run(format, name, cache, &mut watcher);
+    let done = job.run(format, &name, cache, &mut watcher);
     if let Some(error) = watcher.failed {
         return Err(error.into());
     }

@@ -5,5 +5,5 @@ mod picture;
 mod rank;
 
 pub use page::page;
-pub use picture::{Shot, sheet, shot};
+pub use picture::{Thumbnail, sheet, thumbnail};
 pub use rank::{Candidate, SortKey, read, sort};

@@ -1,6 +1,6 @@
 //! The contact sheet as a single page, which needs no other file, server or network.
 
-use super::{Candidate, Shot};
+use super::{Candidate, Thumbnail};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
@@ -14,15 +14,15 @@ const JPEG_QUALITY: u8 = 88;
 pub fn page(
     title: &str,
     order: &str,
-    entries: &[(Candidate, Shot)],
+    entries: &[(Candidate, Thumbnail)],
     shown: &[String],
     mut room: usize,
 ) -> Result<String, image::ImageError> {
     let mut listed = Vec::new();
     let mut models = String::new();
-    for (number, (candidate, shot)) in entries.iter().enumerate() {
+    for (number, (candidate, thumbnail)) in entries.iter().enumerate() {
         let mut jpeg = Vec::new();
-        JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(shot)?;
+        JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(thumbnail)?;
         // The shown figures come first.
         let rest = candidate.figures.keys().filter(|name| !shown.contains(name));
         let names = shown.iter().chain(rest);

@@ -23,10 +23,10 @@ const SOFT: RGBColor = RGBColor(0x7a, 0x73, 0x6a);
 const MARK: RGBColor = RGBColor(0xc2, 0x57, 0x1a);
 
 /// A small picture of a result.
-pub type Shot = RgbImage;
+pub type Thumbnail = RgbImage;
 
 /// Renders the last frame.
-pub fn shot(candidate: &Candidate) -> Result<Shot, RenderError> {
+pub fn thumbnail(candidate: &Candidate) -> Result<Thumbnail, RenderError> {
     let name = candidate.path.display().to_string();
     let model =
         RenderModel { name: &name, bytes: &candidate.bytes, resolve: &|_| Err("a result names no other file".into()) };
@@ -37,7 +37,7 @@ pub fn shot(candidate: &Candidate) -> Result<Shot, RenderError> {
 pub fn sheet(
     title: &str,
     order: &str,
-    entries: &[(Candidate, Shot)],
+    entries: &[(Candidate, Thumbnail)],
     shown: &[String],
 ) -> Result<RgbImage, Box<dyn std::error::Error>> {
     static FONTS: Once = Once::new();
@@ -54,9 +54,9 @@ pub fn sheet(
         let (column, row) = (number as u32 % columns, number as u32 / columns);
         (GAP + column * cell.0, HEAD + row * cell.1)
     };
-    for (number, (_, shot)) in entries.iter().enumerate() {
+    for (number, (_, thumbnail)) in entries.iter().enumerate() {
         let (x, y) = place(number);
-        image::imageops::replace(&mut picture, shot, x.into(), y.into());
+        image::imageops::replace(&mut picture, thumbnail, x.into(), y.into());
     }
     let area = BitMapBackend::with_buffer(&mut picture, size).into_drawing_area();
     let font = |size: f64, color: RGBColor| (FONT, size).into_font().color(&color);

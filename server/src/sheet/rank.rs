@@ -96,7 +96,7 @@ pub fn sort(candidates: &mut [Candidate], keys: &[SortKey]) -> Result<(), Vec<Pr
             Some(name) => format!("Did you mean `{name}`?"),
             None => format!("Known here: {}.", known.iter().copied().collect::<Vec<_>>().join(", ")),
         };
-        Problem::new(format!("--by {}", key.figure), "no report has this figure", remedy)
+        Problem::new(format!("--by {}", key.figure), "unknown figure", remedy)
     });
     let problems: Vec<Problem> = unknown.collect();
     if !problems.is_empty() {

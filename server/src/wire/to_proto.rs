@@ -74,14 +74,18 @@ pub fn progress(progress: &Progress, remaining_seconds: Option<f64>) -> proto::P
     }
 }
 
+/// Every accuracy: `paper`, then the others in ascending order of cost.
+pub fn accuracies() -> Vec<Accuracy> {
+    [&[Accuracy::Paper], &Accuracy::LADDER[..]].concat()
+}
+
 /// Every accuracy with its parameters.
 pub fn accuracy_presets() -> Vec<proto::AccuracyPreset> {
-    let all = [&[Accuracy::Paper], &Accuracy::LADDER[..]].concat();
-    let preset = |&of: &Accuracy| proto::AccuracyPreset {
+    let preset = |of: Accuracy| proto::AccuracyPreset {
         accuracy: proto::Accuracy::from(of).into(),
         parameters: Some(params(&Params::new(of))),
     };
-    all.iter().map(preset).collect()
+    accuracies().into_iter().map(preset).collect()
 }
 
 /// A problem of a scene, as one of the request that holds it.
@@ -99,4 +103,15 @@ pub fn field_problem(problem: &Problem) -> proto::FieldProblem {
 /// As scene files write it: `standard`.
 pub fn accuracy_name(of: Accuracy) -> String {
     proto::Accuracy::from(of).as_str_name().trim_start_matches("ACCURACY_").to_lowercase()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_accuracy_of_the_schema_is_listed() {
+        let schema = (1..).map_while(|number| proto::Accuracy::try_from(number).ok()).count();
+        assert_eq!(accuracies().len(), schema);
+    }
 }

@@ -1,7 +1,7 @@
 //! `cairn batch`: bakes a matrix of variants on this machine.
 
-mod crew;
 mod overview;
+mod process_pool;
 
 use super::bounds::Bounds;
 use super::cache_args::CacheArgs;
@@ -13,8 +13,8 @@ use crate::batch::{Matrix, Seeds, Span, Variant, Vary};
 use crate::failpoints;
 use crate::job::Job;
 use crate::problem::Problem;
-use crew::{BakeEnd, CrewEvent, CrewTask};
 use overview::{BatchProgress, VariantOutcome};
+use process_pool::{BakeEnd, PoolEvent, PoolTask};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -173,14 +173,14 @@ fn bake(args: &Args, variants: &[Variant], hashes: &[RequestHashes], missing: &[
         let set = variant.assignments.iter().flat_map(|assignment| ["--set".into(), OsString::from(assignment)]);
         let files = ["-o".into(), variant.output.clone().into(), "--report".into(), variant.report().into()];
         let fill = args.cache.is_used().then_some(hashes[number].fill);
-        CrewTask { args: common.iter().cloned().chain(set).chain(files).collect(), fill }
+        PoolTask { args: common.iter().cloned().chain(set).chain(files).collect(), fill }
     };
-    let tasks: Vec<CrewTask> = missing.iter().map(task).collect();
+    let tasks: Vec<PoolTask> = missing.iter().map(task).collect();
     let mut ends: Ends = missing.iter().map(|&number| (number, None)).collect();
     let mut progress = BatchProgress::new(args.progress, tasks.len());
-    crew::work(&tasks, jobs, |event| match event {
-        CrewEvent::Progress(task, fraction) => progress.update(task, fraction),
-        CrewEvent::Ended(task, end) => {
+    process_pool::work(&tasks, jobs, |event| match event {
+        PoolEvent::Progress(task, fraction) => progress.update(task, fraction),
+        PoolEvent::Ended(task, end) => {
             progress.end(task, &end, &variants[missing[task]].output.display().to_string());
             ends[task].1 = Some(end);
         }

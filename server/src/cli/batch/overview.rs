@@ -1,6 +1,6 @@
 //! The progress and the outcomes of a batch.
 
-use super::crew::BakeEnd;
+use super::process_pool::BakeEnd;
 use crate::batch::Variant;
 use crate::cli;
 use crate::cli::progress::{Display, Mode, openjd};

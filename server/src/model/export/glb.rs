@@ -21,11 +21,11 @@
 //! every player and importer follows. Moving scenery is moved by the same animation.
 
 use super::copy::GlbOutput;
-use super::glue::Held;
+use super::glue::GlueMembership;
 use super::hierarchy::{Branch, BranchFrame};
 use super::sources::Sources;
 use super::tracks::{self, Track};
-use super::{ExportError, ExportScene, ORIGIN, glue};
+use super::{Encoded, ExportError, ExportScene, ORIGIN, glue};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::BakedPile;
 use cairn_gltf::INSTANCING;
@@ -34,7 +34,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 /// The bytes of the file.
-pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
     let mut file = GlbFile::default();
     let pile = file.out.push("nodes", Value::Null);
     // Bodies come first, so that body `i` is node `i + 1`.
@@ -56,7 +56,7 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportEr
     }
     file.nodes.insert(pile, node);
     animate(bake, pile, &moving, &mut file.out);
-    file.finish(&tops, scene.origin)
+    file.finish(&tops, scene.origin).map(Encoded::single)
 }
 
 /// The file and the sources that it draws from.
@@ -72,7 +72,7 @@ impl<'a> GlbFile<'a> {
     /// Fills the bodies' nodes and gives their indices.
     fn bodies(&mut self, bake: &BakedPile, scene: &'a ExportScene, pile: usize) -> Result<Vec<usize>, ExportError> {
         let names = super::body_names(bake, scene);
-        let held = bake.glue.as_ref().map(|glue| Held::all(glue, bake.bodies.len()));
+        let held = bake.glue.as_ref().map(|glue| GlueMembership::all(glue, bake.bodies.len()));
         let mut props: BTreeMap<usize, (usize, Branch)> = BTreeMap::new();
         for (i, body) in bake.bodies.iter().enumerate() {
             let model = &scene.props[body.prop];
@@ -224,12 +224,12 @@ fn animate(bake: &BakedPile, pile: usize, moving: &[(usize, usize)], out: &mut G
 struct Keys {
     /// Sets of keyed frames, shared by all channels that have the same.
     frame_sets: BTreeMap<Vec<u32>, usize>,
-    channels: Vec<Channel>,
+    channels: Vec<AnimationChannelOut>,
     /// Values of channels with 3 and with 4 components, little-endian.
     values: [Vec<u8>; 2],
 }
 
-struct Channel {
+struct AnimationChannelOut {
     node: usize,
     path: &'static str,
     frame_set: usize,
@@ -252,7 +252,8 @@ impl Keys {
         let next = self.frame_sets.len();
         let frame_set = *self.frame_sets.entry(track.frames.clone()).or_insert(next);
         let values = &mut self.values[N - 3];
-        let channel = Channel { node, path, frame_set, byte_offset: values.len(), count: track.values.len() };
+        let channel =
+            AnimationChannelOut { node, path, frame_set, byte_offset: values.len(), count: track.values.len() };
         values.extend(track.values.iter().flatten().flat_map(|v| v.to_le_bytes()));
         self.channels.push(channel);
     }

@@ -21,16 +21,16 @@ pub fn whole(glue: &BakedGlue) -> Value {
 
 /// How glue holds a body.
 #[derive(Clone, Copy, Default, PartialEq)]
-pub struct Held {
+pub struct GlueMembership {
     /// The number of its cluster.
     pub cluster: Option<usize>,
     pub anchored: bool,
 }
 
-impl Held {
+impl GlueMembership {
     /// How glue holds each of so many bodies.
-    pub fn all(glue: &BakedGlue, bodies: usize) -> Vec<Held> {
-        let mut held = vec![Held::default(); bodies];
+    pub fn all(glue: &BakedGlue, bodies: usize) -> Vec<GlueMembership> {
+        let mut held = vec![GlueMembership::default(); bodies];
         for (number, members) in glue.clusters.iter().enumerate() {
             members.iter().for_each(|&body| held[body].cluster = Some(number));
         }
@@ -41,7 +41,7 @@ impl Held {
     /// Adds it to the extras of the body's node, unless the body is free. Extras that are not an object stand beside it
     /// as `value`.
     pub fn add_to(self, node: &mut Object) {
-        if self == Held::default() {
+        if self == GlueMembership::default() {
             return;
         }
         let mut extras = match node.remove("extras") {

@@ -13,6 +13,7 @@ mod tracks;
 mod usd;
 
 use crate::files::{folder_of, write_atomically};
+use crate::wire::proto::OutputFormat;
 use cairn_core::report::Name;
 use cairn_core::report::bake::BakedPile;
 use cairn_gltf::document::DocumentError;
@@ -41,17 +42,17 @@ pub struct Encoded {
     pub bytes: Vec<u8>,
     /// Files that it names, by their paths from its folder. Results in one folder may share them: equal names have
     /// equal content.
-    pub beside: BTreeMap<String, Vec<u8>>,
+    pub sidecars: BTreeMap<String, Vec<u8>>,
 }
 
 impl Encoded {
-    fn alone(bytes: Vec<u8>) -> Encoded {
-        Encoded { bytes, beside: BTreeMap::new() }
+    fn single(bytes: Vec<u8>) -> Encoded {
+        Encoded { bytes, sidecars: BTreeMap::new() }
     }
 
-    /// Writes the files beside a result of that path. Those that exist already stay.
-    pub fn write_beside(&self, path: &Path) -> std::io::Result<()> {
-        for (name, bytes) in &self.beside {
+    /// Writes the sidecars of a result at `path`. Unchanged ones are not written again.
+    pub fn write_sidecars(&self, path: &Path) -> std::io::Result<()> {
+        for (name, bytes) in &self.sidecars {
             let path = folder_of(path).join(name);
             if std::fs::read(&path).is_ok_and(|there| there == *bytes) {
                 continue;
@@ -63,8 +64,8 @@ impl Encoded {
     }
 }
 
-/// The folder of the files beside results.
-pub const BESIDE: &str = usd::FOLDER;
+/// The folder of the sidecars, next to the result.
+pub const SIDECAR_FOLDER: &str = usd::FOLDER;
 
 /// The key below which a result states where it comes from.
 pub const ORIGIN: &str = "cairn";
@@ -85,55 +86,110 @@ pub struct SourceModel<'a> {
     pub resolve: &'a Resolver<'a>,
 }
 
-/// The format of a result, by the output's extension.
+/// The format of a result. A new one needs a row in [`Format::row`], a place in [`Format::ALL`], and a value of
+/// `OutputFormat` in the schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     Glb,
+    Usdc,
+    Usda,
+    Usdz,
     Json,
     Csv,
-    Usda,
-    Usdc,
-    Usdz,
+}
+
+/// Everything that is particular to a format.
+struct FormatRow {
+    /// The extension of its files, and its name on the command line.
+    extension: &'static str,
+    wire: OutputFormat,
+    writer: fn(&BakedPile, &ExportScene) -> Result<Encoded, ExportError>,
+    /// Whether a result states where it comes from, so that it can be given as a scene.
+    states_origin: bool,
+    /// Whether a result is one file. Others have sidecars, so they need a folder, and the service does not offer them.
+    is_single_file: bool,
+    /// Whether a result holds the pile's figures, so that it is written after the measures.
+    holds_measures: bool,
 }
 
 impl Format {
-    /// For messages.
-    pub const ENDINGS: &str = ".glb, .usdc, .usda, .usdz, .json or .csv";
-    /// Their names on the command line.
-    pub const NAMES: [&str; 6] = ["glb", "usdc", "usda", "usdz", "json", "csv"];
+    /// In the order in which help and messages list them.
+    pub const ALL: [Format; 6] = [Format::Glb, Format::Usdc, Format::Usda, Format::Usdz, Format::Json, Format::Csv];
 
-    /// The format of a file name's ending.
-    pub fn named(ending: &str) -> Option<Format> {
-        use Format::*;
-        let named = Format::NAMES.iter().zip([Glb, Usdc, Usda, Usdz, Json, Csv]);
-        named.into_iter().find(|(name, _)| ending.eq_ignore_ascii_case(name)).map(|(_, format)| format)
+    fn row(self) -> FormatRow {
+        let row = |extension, wire, writer| FormatRow {
+            extension,
+            wire,
+            writer,
+            states_origin: true,
+            is_single_file: true,
+            holds_measures: true,
+        };
+        match self {
+            Format::Glb => FormatRow { holds_measures: false, ..row("glb", OutputFormat::Glb, glb::encode) },
+            Format::Usdc => FormatRow { is_single_file: false, ..row("usdc", OutputFormat::Usdc, usd::encode_crate) },
+            Format::Usda => FormatRow { is_single_file: false, ..row("usda", OutputFormat::Usda, usd::encode_text) },
+            Format::Usdz => row("usdz", OutputFormat::Usdz, usd::encode_package),
+            Format::Json => FormatRow {
+                states_origin: false,
+                holds_measures: false,
+                ..row("json", OutputFormat::Json, table::encode_json)
+            },
+            Format::Csv => FormatRow {
+                states_origin: false,
+                holds_measures: false,
+                ..row("csv", OutputFormat::Csv, table::encode_csv)
+            },
+        }
     }
 
-    /// The format of a file's name.
-    pub fn of(path: &Path) -> Option<Format> {
-        Format::named(path.extension()?.to_str()?)
+    pub fn extension(self) -> &'static str {
+        self.row().extension
     }
 
-    /// Whether the format states where a result comes from, and its ending is not a scene file's.
+    /// The schema's value for the format.
+    pub fn wire(self) -> OutputFormat {
+        self.row().wire
+    }
+
     pub fn states_origin(self) -> bool {
-        !matches!(self, Format::Json | Format::Csv)
+        self.row().states_origin
     }
 
-    /// Whether a result may have files beside it, so that it must be a file itself.
-    pub fn has_files_beside(self) -> bool {
-        matches!(self, Format::Usda | Format::Usdc)
+    pub fn is_single_file(self) -> bool {
+        self.row().is_single_file
     }
 
-    /// Whether the format holds the pile's figures, so that results are written after the measures.
     pub fn holds_measures(self) -> bool {
-        matches!(self, Format::Usda | Format::Usdc | Format::Usdz)
+        self.row().holds_measures
+    }
+
+    /// The format of a file extension, upper or lower case.
+    pub fn from_extension(extension: &str) -> Option<Format> {
+        Format::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.extension()))
+    }
+
+    /// The format that a path's extension names.
+    pub fn of(path: &Path) -> Option<Format> {
+        Format::from_extension(path.extension()?.to_str()?)
+    }
+
+    /// The format of the schema's value. Unset, it is `.glb`.
+    pub fn from_wire(wire: OutputFormat) -> Format {
+        Format::ALL.into_iter().find(|format| format.wire() == wire).unwrap_or(Format::Glb)
+    }
+
+    /// All extensions, for messages: ".glb, .usdc or .csv".
+    pub fn endings() -> String {
+        let [others @ .., last] = Format::ALL.map(|format| format!(".{}", format.extension()));
+        format!("{} or {last}", others.join(", "))
     }
 }
 
 /// Why a bake was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    #[error("{}: the format is not clear from the name; end it in {}", .0.display(), Format::ENDINGS)]
+    #[error("{}: the format is unknown; end the name in {}", .0.display(), Format::endings())]
     UnknownFormat(PathBuf),
     #[error("{}: is a directory; name a file in it", .0.display())]
     IsDirectory(PathBuf),
@@ -177,7 +233,7 @@ pub fn write(path: &Path, bake: &BakedPile, scene: &ExportScene) -> Result<(), E
     let format = check_destination(path)?;
     let encoded = encode(format, bake, scene)?;
     let fail = |error| ExportError::Write { path: path.into(), error };
-    encoded.write_beside(path).map_err(fail)?;
+    encoded.write_sidecars(path).map_err(fail)?;
     write_atomically(path, &encoded.bytes).map_err(fail)
 }
 
@@ -189,14 +245,7 @@ pub fn encode(format: Format, bake: &BakedPile, scene: &ExportScene) -> Result<E
             return Err(ExportError::NotFinite { body, frame });
         }
     }
-    match format {
-        Format::Glb => glb::encode(bake, scene).map(Encoded::alone),
-        Format::Json => table::encode_json(bake, scene).map(Encoded::alone),
-        Format::Csv => table::encode_csv(bake, scene).map(Encoded::alone),
-        Format::Usda => usd::encode(usd::Encoding::Text, bake, scene),
-        Format::Usdc => usd::encode(usd::Encoding::Crate, bake, scene),
-        Format::Usdz => usd::encode_package(bake, scene),
-    }
+    (format.row().writer)(bake, scene)
 }
 
 /// Where a result comes from, as it states: a `.glb`, or one of USD's formats.
@@ -212,4 +261,19 @@ fn body_names(bake: &BakedPile, scene: &ExportScene) -> Vec<String> {
     let named =
         |(i, body): (usize, &cairn_core::report::bake::BakedBody)| format!("{}.{i:04}", scene.props[body.prop].name);
     bake.bodies.iter().enumerate().map(named).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_format_of_the_schema_has_a_row() {
+        let schema: Vec<OutputFormat> = (1..).map_while(|number| OutputFormat::try_from(number).ok()).collect();
+        for &wire in &schema {
+            assert_eq!(Format::from_wire(wire).wire(), wire);
+        }
+        assert_eq!(schema.len(), Format::ALL.len());
+        assert_eq!(Format::endings(), ".glb, .usdc, .usda, .usdz, .json or .csv");
+    }
 }

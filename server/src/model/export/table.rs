@@ -12,7 +12,7 @@
 //! shape `[frame][body][7]`, `null` until a body appears; the `.csv` has no row for it until then. Where bodies may be
 //! glued, `glue`: that of the `.glb`'s node `pile`.
 
-use super::{ExportError, ExportScene, body_names, glue};
+use super::{Encoded, ExportError, ExportScene, body_names, glue};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::BakedPile;
 use serde::Serialize;
@@ -29,7 +29,7 @@ struct Table<'a> {
     frames: Vec<Vec<Option<[f64; 7]>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     glue: Option<serde_json::Value>,
-    /// Where it comes from, as in the `.glb`.
+    /// The result's origin, as in the `.glb`.
     #[serde(skip_serializing_if = "Option::is_none")]
     cairn: Option<&'a serde_json::Value>,
 }
@@ -41,8 +41,8 @@ struct BodyEntry {
     scale: f64,
 }
 
-/// The bytes of the `.json`.
-pub fn encode_json(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+/// The `.json`.
+pub fn encode_json(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
     let names = body_names(bake, scene);
     let table = Table {
         generator: concat!("cairn ", env!("CARGO_PKG_VERSION")),
@@ -56,11 +56,11 @@ pub fn encode_json(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, Exp
         glue: bake.glue.as_ref().map(glue::whole),
         cairn: scene.origin,
     };
-    Ok(serde_json::to_vec(&table).map_err(std::io::Error::from)?)
+    Ok(Encoded::single(serde_json::to_vec(&table).map_err(std::io::Error::from)?))
 }
 
-/// The bytes of the `.csv`.
-pub fn encode_csv(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
+/// The `.csv`.
+pub fn encode_csv(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
     let mut csv = csv::Writer::from_writer(Vec::new());
     let head = ["frame", "time_s", "body", "prop", "scale"];
     csv.write_record(head.iter().chain(&POSE_COLUMNS)).map_err(std::io::Error::from)?;
@@ -74,7 +74,7 @@ pub fn encode_csv(bake: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, Expo
             csv.serialize(row).map_err(std::io::Error::from)?;
         }
     }
-    csv.into_inner().map_err(|error| ExportError::Io(error.into_error()))
+    Ok(Encoded::single(csv.into_inner().map_err(|error| error.into_error())?))
 }
 
 fn row(bake: &BakedPile, frame: usize, poses: &[Pose]) -> Vec<Option<[f64; 7]>> {

@@ -9,7 +9,7 @@ use gltf::json::validation::Checked::{Invalid, Valid};
 use serde_json::{Value, from_value};
 use std::collections::BTreeMap;
 
-struct Channel {
+struct SampledChannel {
     node: usize,
     path: Property,
     interpolation: Interpolation,
@@ -51,7 +51,7 @@ pub fn apply(document: &Document, seconds: f64, locals: &mut [LocalTransform]) -
     Ok(())
 }
 
-impl Channel {
+impl SampledChannel {
     /// The value at a moment; three components are filled up with zero.
     fn value<const N: usize>(&self, document: &Document, times: &[f64], seconds: f64) -> Result<DVec4, DocumentError> {
         let keys = document.vectors::<N>(self.output)?;
@@ -86,11 +86,11 @@ impl Channel {
 }
 
 /// The channels that move, turn or scale a node.
-fn channels(document: &Document) -> Vec<Channel> {
+fn channels(document: &Document) -> Vec<SampledChannel> {
     let Some(animation) = document.array("animations").first() else { return Vec::new() };
     let list = |key: &str| animation.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     let samplers = list("samplers");
-    let read = |channel: &Value| -> Option<Channel> {
+    let read = |channel: &Value| -> Option<SampledChannel> {
         let json::Channel { sampler, target, .. } = from_value(channel.clone()).ok()?;
         let sampler: json::Sampler = from_value(samplers.get(sampler.value())?.clone()).ok()?;
         let Valid(path @ (Property::Translation | Property::Rotation | Property::Scale)) = target.path else {
@@ -101,7 +101,7 @@ fn channels(document: &Document) -> Vec<Channel> {
             Invalid => Interpolation::Linear,
         };
         let (input, output) = (sampler.input.value(), sampler.output.value());
-        Some(Channel { node: target.node.value(), path, interpolation, input, output })
+        Some(SampledChannel { node: target.node.value(), path, interpolation, input, output })
     };
     list("channels").iter().filter_map(read).collect()
 }

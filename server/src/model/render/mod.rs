@@ -18,7 +18,7 @@ use image::RgbImage;
 use library::Library;
 use nodes::PlacedMesh;
 use ray_scene::RayScene;
-use shade::Shot;
+use shade::RenderJob;
 
 /// Content and size of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -128,7 +128,7 @@ pub fn render(
         return Err(RenderFault::Empty.of(model));
     }
     let bodies = || loaded.placed.iter().map(|p| p.body);
-    let shot = Shot {
+    let job = RenderJob {
         glue: loaded.glue.as_ref().map(|glue| glue.shown(to_unit, loaded.usual_radius(), bodies())),
         scene: rays,
         library: &loaded.library,
@@ -138,7 +138,7 @@ pub fn render(
         size: settings.size,
         samples: settings.samples,
     };
-    Ok(shot.take())
+    Ok(job.run())
 }
 
 impl RenderFault {

@@ -29,7 +29,7 @@ const LIFT: f32 = 2e-4;
 const PROBES: u32 = 4;
 
 /// Everything that a picture depends on.
-pub struct Shot<'a> {
+pub struct RenderJob<'a> {
     pub scene: RayScene<'a>,
     pub library: &'a Library,
     /// The control mesh, drawn as frosted glass.
@@ -44,8 +44,8 @@ pub struct Shot<'a> {
     pub samples: u32,
 }
 
-impl Shot<'_> {
-    pub fn take(&self) -> RgbImage {
+impl RenderJob<'_> {
+    pub fn run(&self) -> RgbImage {
         let [width, height] = self.size;
         let sun = self.sun();
         let mut bytes = vec![0u8; width as usize * height as usize * 3];

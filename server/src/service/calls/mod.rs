@@ -165,8 +165,8 @@ impl PileService for Service {
         let frames = request.frames;
         let (bakes, of_bake) = (self.bakes.clone(), deadline.filter(|_| request.deadline_ends_bake));
         let entry = on_disk(move || {
-            let order = request::order(&caller, request)?;
-            bakes.submit(&caller, order, of_bake)
+            let submission = request::submission(&caller, request)?;
+            bakes.submit(&caller, submission, of_bake)
         });
         let entry = entry.await??;
         audit::bake(&call, &entry.id());
@@ -247,8 +247,8 @@ impl PileService for Service {
                 let spec = on_disk(move || bakes.store.spec(&status.bake_id)).await?.map_err(Fault::from)?;
                 (result_name(spec.format()), summary.result_sha256)
             }
-            Artifact::Report => (REPORT, summary.report_sha256),
-            Artifact::Scene => (SCENE, String::new()),
+            Artifact::Report => (REPORT.to_owned(), summary.report_sha256),
+            Artifact::Scene => (SCENE.to_owned(), String::new()),
         };
         self.bakes.store.touch(&bake_id);
         let path = self.bakes.store.folder(&bake_id).join(name);

@@ -11,7 +11,7 @@ pub struct UploadPace {
     pub bytes_per_second: u64,
 }
 
-/// Slower than any network connection in use.
+/// Lower bound on upload speed.
 pub const LEAST: UploadPace = UploadPace { pause: Duration::from_secs(60), bytes_per_second: 16 << 10 };
 
 impl UploadPace {

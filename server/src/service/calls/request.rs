@@ -1,9 +1,10 @@
 //! Checks of requests before anything is done for them.
 
+use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::service::access::{Caller, LAST_PRIORITY};
-use crate::service::jobs::{Entry, ListPosition, Order};
+use crate::service::jobs::{BakeSubmission, Entry, ListPosition};
 use crate::service::status::Fault;
 use crate::wire::proto::{
     AssetHeader, AssetReference, BakeRequest, BakeSpec, BakeStatus, FieldProblem, FrameSelection, ListBakesRequest,
@@ -29,7 +30,7 @@ pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
     let mut wrong = |field: String, description: String| problems.push(FieldProblem { field, description });
     if OutputFormat::try_from(spec.format).is_err() {
         wrong("spec.format".into(), format!("there is no format {}; see OutputFormat", spec.format));
-    } else if matches!(spec.format(), OutputFormat::Usda | OutputFormat::Usdc) {
+    } else if !Format::from_wire(spec.format()).is_single_file() {
         let what =
             "a result of this format may have texture files, but the service returns one file; use OUTPUT_FORMAT_USDZ";
         wrong("spec.format".into(), what.into());
@@ -63,8 +64,8 @@ pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
 const MAX_LABELS: usize = 64;
 const MAX_LABEL: usize = 63;
 
-/// The order of a caller, if its form is right.
-pub fn order(caller: &Caller, request: BakeRequest) -> Result<Order, Fault> {
+/// The submission of a caller, if its form is right.
+pub fn submission(caller: &Caller, request: BakeRequest) -> Result<BakeSubmission, Fault> {
     let BakeRequest { spec, labels, priority, .. } = request;
     let spec = checked(spec)?;
     if labels.len() > MAX_LABELS {
@@ -86,7 +87,7 @@ pub fn order(caller: &Caller, request: BakeRequest) -> Result<Order, Fault> {
     if priority > caller.highest_priority() {
         return Err(Fault::NotAllowed("only operators may give a priority above 0; give 0 or less".into()));
     }
-    Ok(Order { spec, labels: labels.into_iter().collect(), priority })
+    Ok(BakeSubmission { spec, labels: labels.into_iter().collect(), priority })
 }
 
 const NO_DIGEST: &str = "not a SHA-256; give 64 lower-case hexadecimal digits";

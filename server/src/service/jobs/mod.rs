@@ -4,7 +4,7 @@
 //! until the worker process has ended.
 
 mod entry;
-mod order;
+mod submission;
 mod task;
 
 use crate::service::access::Caller;
@@ -19,11 +19,11 @@ use crate::service::worker_message::WorkerMessage;
 use crate::wire::proto::{self, BakeSpec, BakeState, BakeStatus};
 use crate::wire::versions::versions;
 pub use entry::{Entry, EntryState, ListPosition};
-pub use order::{Order, bake_id};
 use prost_types::Timestamp;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
+pub use submission::{BakeSubmission, bake_id};
 use task::NewBake;
 use tokio::sync::Notify;
 use tokio::time::Instant;
@@ -122,10 +122,10 @@ impl Bakes {
     pub fn submit(
         self: &Arc<Self>,
         caller: &Caller,
-        order: Order,
+        submission: BakeSubmission,
         deadline: Option<Instant>,
     ) -> Result<Arc<Entry>, Fault> {
-        let Order { spec, labels, priority } = order;
+        let BakeSubmission { spec, labels, priority } = submission;
         if self.is_draining() {
             return Err(Fault::ShuttingDown);
         }
@@ -144,7 +144,7 @@ impl Bakes {
                 return Err(Fault::QueueFull { retry: Duration::from_secs(1) });
             }
         }
-        order::within_limits(caller, self.config.workers(), entries.values())?;
+        submission::within_limits(caller, self.config.workers(), entries.values())?;
         let Some(permit) = self.bake_quota.try_acquire(caller) else {
             metrics::counter!("cairn_bakes_refused_total").increment(1);
             return Err(self.queue_full());

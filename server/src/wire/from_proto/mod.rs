@@ -2,7 +2,7 @@
 //!
 //! Ranges are checked by the core; only values that the core's types cannot hold are refused here.
 
-pub mod added;
+pub mod extra_bodies;
 
 use super::parameters::{self, Counts};
 use crate::problem::Problem;
@@ -53,11 +53,11 @@ fn until(params: &mut Params, scene: &proto::Scene, counts: &mut Counts) {
         Some(Until::UntilSeconds(seconds)) => params.control.until = Some(seconds),
         Some(Until::UntilFrame(frame)) => {
             let frame: u32 = counts.natural("control.until_frame", frame);
-            if f64::from(frame) > added::LAST_FRAME {
+            if f64::from(frame) > extra_bodies::LAST_FRAME {
                 let problem = Problem::new(
                     "control.until_frame",
                     format!("{frame} is out of range"),
-                    format!("Give 0 to {}.", added::LAST_FRAME),
+                    format!("Give 0 to {}.", extra_bodies::LAST_FRAME),
                 );
                 counts.problems.push(problem.of_field("control.until_frame"));
             }

@@ -1,6 +1,6 @@
 //! The bodies of a pile: one `PointInstancer`.
 
-use super::super::glue::Held;
+use super::super::glue::GlueMembership;
 use super::super::hierarchy::BranchFrame;
 use super::super::{ExportError, ExportScene, tracks};
 use super::binary::SHORTEST_COMPRESSED;
@@ -52,7 +52,7 @@ pub fn write<'a>(
     }
     layer.animated(&instancer, "float3[] extent", at(&|f| Value::Vec3fVec(room(bake, f, &bounds).extent())));
     if let Some(glue) = &bake.glue {
-        let held = Held::all(glue, bake.bodies.len());
+        let held = GlueMembership::all(glue, bake.bodies.len());
         let clusters: Vec<i32> = held.iter().map(|held| held.cluster.map_or(-1, |number| number as i32)).collect();
         let anchored: Vec<bool> = held.iter().map(|held| held.anchored).collect();
         layer.primvar(&instancer, "int[] primvars:cairn:cluster", "vertex", clusters);

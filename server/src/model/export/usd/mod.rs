@@ -6,14 +6,14 @@
 //!   props, each with its own materials, so that it can be referred to by itself. A time code is a frame. `velocities`
 //!   (per second) and `angularVelocities` (degrees per second) lead from each frame to the next. Bodies that appear
 //!   later are among the `invisibleIds` until then, and without size for programs that do not look at these.
-//! - `Scenery`, where there is any: each file below a prim of its name. What moves has time samples.
+//! - `Scenery`, where there is any: each file below a prim of its name. Moving pieces have time samples.
 //! - `Glue`, where bodies may be glued: a point for each dot, where it is at the last frame, with the purpose `guide`.
 //!   Its primvars `cairn:bodies` (the second is -1 for the ground or scenery), `cairn:normal`, `cairn:force`,
 //!   `cairn:moment` and `cairn:broken` are those of the `.glb`; the bodies' primvars `cairn:cluster` (-1: none) and
 //!   `cairn:anchored`, too.
 //!
-//! Metres, Y up. The figures of the pile are custom data of `Pile`, so that they go where it is referred to; where the
-//! result comes from is custom data of the layer.
+//! Metres, Y up. The figures of the pile are custom data of `Pile`, so that they follow a reference to it; the
+//! result's origin is custom data of the layer.
 
 mod binary;
 mod bounding_box;
@@ -29,30 +29,38 @@ use super::hierarchy::BranchFrame;
 use super::{Encoded, ExportError, ExportScene, ORIGIN};
 use cairn_core::report::TIMED_FIGURES;
 use cairn_core::report::bake::BakedPile;
-pub use layer::Encoding;
-use layer::{Layer, short_name};
+use layer::{Encoding, Layer, short_name};
 use model::UsdStage;
 use openusd::sdf::{FieldKey, Path, Value};
 use openusd::tf::Token;
 use openusd::usdz::ArchiveWriter;
 pub use origin::read as read_origin;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::io::{Cursor, Error};
 pub use textures::FOLDER;
 
 /// The `.usdz`.
 pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    let Encoded { bytes, beside } = encode(Encoding::Crate, bake, scene)?;
+    let Encoded { bytes, sidecars } = encode_crate(bake, scene)?;
     let mut package = ArchiveWriter::new(Cursor::new(Vec::new()));
     let mut files =
-        std::iter::once(("pile.usdc", &bytes)).chain(beside.iter().map(|(name, file)| (name.as_str(), file)));
+        std::iter::once(("pile.usdc", &bytes)).chain(sidecars.iter().map(|(name, file)| (name.as_str(), file)));
     let packed = files.try_for_each(|(name, file)| package.add_layer(name, file));
     let bytes = packed.and_then(|()| package.finish()).map_err(|error| ExportError::Io(Error::other(error)))?;
-    Ok(Encoded { bytes: bytes.into_inner(), beside: BTreeMap::new() })
+    Ok(Encoded::single(bytes.into_inner()))
 }
 
-/// The `.usda` or `.usdc`, and its pictures.
-pub fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+/// The `.usda`, and its pictures.
+pub fn encode_text(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+    encode(Encoding::Text, bake, scene)
+}
+
+/// The `.usdc`, and its pictures.
+pub fn encode_crate(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+    encode(Encoding::Crate, bake, scene)
+}
+
+fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
     let mut layer = Layer::new(encoding);
     let root = Path::abs_root();
     let last = bake.frames.len().saturating_sub(1) as f64;
@@ -86,7 +94,7 @@ pub fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Resu
     if let Some(glue) = &bake.glue {
         glue::write(&mut layer, &pile, glue);
     }
-    Ok(Encoded { bytes: layer.encode()?, beside: textures.0 })
+    Ok(Encoded { bytes: layer.encode()?, sidecars: textures.0 })
 }
 
 /// The static geometry below one prim, each file below a prim of its name.

@@ -2,16 +2,17 @@
 
 use super::Entry;
 use crate::job::request;
+use crate::model::export::Format;
 use crate::service::access::Caller;
 use crate::service::status::Fault;
 use crate::wire::effective::effective;
 use crate::wire::from_proto;
-use crate::wire::proto::{self, BakeSpec};
+use crate::wire::proto::BakeSpec;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// A request for a bake.
-pub struct Order {
+pub struct BakeSubmission {
     pub spec: BakeSpec,
     pub labels: BTreeMap<String, String>,
     pub priority: i32,
@@ -49,10 +50,7 @@ pub(super) fn within_limits<'a>(
 /// The id of a bake: a hash of everything that its result depends on.
 pub fn bake_id(spec: &BakeSpec) -> String {
     let mut spec = spec.clone();
-    spec.set_format(match spec.format() {
-        proto::OutputFormat::Unspecified => proto::OutputFormat::Glb,
-        format => format,
-    });
+    spec.set_format(Format::from_wire(spec.format()).wire());
     spec.assets.sort_by(|a, b| a.uri.cmp(&b.uri));
     // An unset field and one set to its default give the same id.
     if let Some(scene) = &spec.scene

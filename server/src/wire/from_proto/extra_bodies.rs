@@ -1,5 +1,4 @@
-//! What a scene adds to the fill: placed bodies, emitters, moving scenery. Their messages have every value set that has
-//! a default.
+//! Converts placed bodies, emitters and moving scenery from the wire. Defaults are already filled in.
 
 use crate::problem::{Problem, nearest};
 use crate::wire::proto;
@@ -10,9 +9,9 @@ use glam::{DQuat, DVec3};
 /// The last frame that can be named.
 pub const LAST_FRAME: f64 = 100_000.0;
 
-/// Reads these messages and gathers their problems.
-pub struct Added<'a> {
-    /// By which bodies name the props.
+/// Converts these messages and collects their problems.
+pub struct ExtraBodies<'a> {
+    /// Names of the props, by which bodies and emitters refer to them.
     names: Vec<&'a str>,
     fps: f64,
     pub problems: Vec<Problem>,
@@ -27,9 +26,9 @@ fn prop_name(path: &str) -> &str {
     })
 }
 
-impl<'a> Added<'a> {
-    pub fn new(scene: &'a proto::Scene, fps: f64) -> Added<'a> {
-        Added { names: scene.props.iter().map(|prop| prop_name(&prop.path)).collect(), fps, problems: Vec::new() }
+impl<'a> ExtraBodies<'a> {
+    pub fn new(scene: &'a proto::Scene, fps: f64) -> ExtraBodies<'a> {
+        ExtraBodies { names: scene.props.iter().map(|prop| prop_name(&prop.path)).collect(), fps, problems: Vec::new() }
     }
 
     fn report(&mut self, field: &str, what: String, remedy: impl Into<String>) {
@@ -126,7 +125,7 @@ impl<'a> Added<'a> {
         DVec3::from_array(self.numbers(field, given, "Give three: x, y, z."))
     }
 
-    /// A list of as many numbers as there must be.
+    /// The numbers of a list, which must have N.
     fn numbers<const N: usize>(&mut self, field: &str, given: &[f64], remedy: &str) -> [f64; N] {
         given.try_into().unwrap_or_else(|_| {
             self.report(field, format!("{} numbers are given", given.len()), remedy);
@@ -141,7 +140,7 @@ impl<'a> Added<'a> {
         Pose { translation, rotation: self.rotation(&field, rotation) }
     }
 
-    /// Made unit length; one that cannot be is left to the core to report.
+    /// Scales a rotation to unit length. The core reports one of length zero.
     fn rotation(&mut self, field: &str, given: DQuat) -> DQuat {
         if given.to_array().into_iter().any(|part| !(-1.0..=1.0).contains(&part)) {
             self.report(field, format!("{:?} is out of range", given.to_array()), "Give each from -1 to 1.");

@@ -13,7 +13,7 @@ use std::thread;
 use std::time::Duration;
 
 /// A bake to run.
-pub struct CrewTask {
+pub struct PoolTask {
     /// Arguments of `cairn bake`.
     pub args: Vec<OsString>,
     /// Equal for tasks that share a fill: the first simulates it, and the others reuse it.
@@ -30,7 +30,7 @@ pub enum BakeEnd {
 }
 
 /// An event of a running batch.
-pub enum CrewEvent {
+pub enum PoolEvent {
     /// The finished fraction of a task's stages.
     Progress(usize, f64),
     Ended(usize, BakeEnd),
@@ -41,8 +41,8 @@ const CHECK: Duration = Duration::from_millis(50);
 
 /// Runs all tasks, `workers` of them at the same time, in their order as far as shared fills permit. `report` is called
 /// for one event at a time.
-pub fn work(tasks: &[CrewTask], workers: usize, report: impl FnMut(CrewEvent) + Send) {
-    let crew = Crew {
+pub fn work(tasks: &[PoolTask], workers: usize, report: impl FnMut(PoolEvent) + Send) {
+    let pool = ProcessPool {
         tasks,
         backlog: Mutex::new(Backlog::new(tasks.len())),
         changed: Condvar::new(),
@@ -50,7 +50,7 @@ pub fn work(tasks: &[CrewTask], workers: usize, report: impl FnMut(CrewEvent) + 
     };
     thread::scope(|scope| {
         for _ in 0..workers.min(tasks.len()) {
-            scope.spawn(|| crew.work());
+            scope.spawn(|| pool.work());
         }
     });
 }
@@ -70,7 +70,7 @@ impl Backlog {
     }
 
     /// Takes the first task whose fill no other task is simulating.
-    fn next(&mut self, tasks: &[CrewTask]) -> Option<usize> {
+    fn next(&mut self, tasks: &[PoolTask]) -> Option<usize> {
         let may = |task: &&usize| tasks[**task].fill.is_none_or(|fill| !self.filling.contains(&fill));
         let task = self.waiting.iter().find(may).copied()?;
         self.waiting.remove(&task);
@@ -88,8 +88,8 @@ impl Backlog {
     }
 }
 
-struct Crew<'a, Report> {
-    tasks: &'a [CrewTask],
+struct ProcessPool<'a, Report> {
+    tasks: &'a [PoolTask],
     backlog: Mutex<Backlog>,
     changed: Condvar,
     report: Mutex<Report>,
@@ -105,7 +105,7 @@ struct Line {
 /// The stages in their order.
 const STAGES: [&str; 6] = ["shape", "fill", "glue", "release", "hold", "measure"];
 
-impl<Report: FnMut(CrewEvent) + Send> Crew<'_, Report> {
+impl<Report: FnMut(PoolEvent) + Send> ProcessPool<'_, Report> {
     fn work(&self) {
         while let Some(number) = self.next() {
             let end = self
@@ -113,7 +113,7 @@ impl<Report: FnMut(CrewEvent) + Send> Crew<'_, Report> {
                 .unwrap_or_else(|error| BakeEnd::Failed(None, format!("its process could not be started: {error}")));
             // After a failed fill, the next task has to simulate it.
             self.fill_is_done(number);
-            self.report(CrewEvent::Ended(number, end));
+            self.report(PoolEvent::Ended(number, end));
         }
     }
 
@@ -137,7 +137,7 @@ impl<Report: FnMut(CrewEvent) + Send> Crew<'_, Report> {
         }
     }
 
-    fn report(&self, event: CrewEvent) {
+    fn report(&self, event: PoolEvent) {
         (lock(&self.report))(event);
     }
 
@@ -177,7 +177,7 @@ impl<Report: FnMut(CrewEvent) + Send> Crew<'_, Report> {
                     has_fill = true;
                     self.fill_is_done(number);
                 }
-                self.report(CrewEvent::Progress(number, (stage as f64 + fraction) / STAGES.len() as f64));
+                self.report(PoolEvent::Progress(number, (stage as f64 + fraction) / STAGES.len() as f64));
             } else if let Some(error) = line.strip_prefix("error: ") {
                 errors.push(error.to_owned());
             }
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn a_fill_is_simulated_once_while_others_continue() {
-        let task = |fill: &str| CrewTask { args: Vec::new(), fill: Some(blake3::hash(fill.as_bytes())) };
+        let task = |fill: &str| PoolTask { args: Vec::new(), fill: Some(blake3::hash(fill.as_bytes())) };
         let tasks = ["a", "a", "b", "a"].map(task);
         let mut backlog = Backlog::new(tasks.len());
         assert_eq!(backlog.next(&tasks), Some(0));

@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 static LAST: Mutex<Option<String>> = Mutex::new(None);
 
 /// Runs a command; a panic in it becomes [`Failure::Internal`].
-pub fn contain(command: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
+pub fn catch(command: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
     set_hook(Box::new(|info| {
         let payload = info.payload_as_str().unwrap_or("no message");
         let location =
@@ -33,12 +33,12 @@ fn within(file: &str) -> &str {
 
 #[cfg(test)]
 mod tests {
-    use super::{Failure, contain, within};
+    use super::{Failure, catch, within};
 
     #[test]
     fn a_panic_is_an_internal_failure_with_its_location() {
-        let Err(Failure::Internal(what)) = contain(|| panic!("no such {}", "thing")) else { panic!("it is our fault") };
-        assert!(what.starts_with("no such thing at server/src/cli/fault.rs:"), "{what}");
+        let Err(Failure::Internal(what)) = catch(|| panic!("no such {}", "thing")) else { panic!("it is our fault") };
+        assert!(what.starts_with("no such thing at server/src/cli/panic.rs:"), "{what}");
     }
 
     #[test]
