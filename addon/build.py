@@ -30,9 +30,9 @@ LEFT_OUT = re.compile(
     r"|_benchmark\.py|testing_refleaks|\.pyi$|\.typed$|\.proto$"
     r"|google/protobuf/(proto_json|proto_text|proto_builder|service_reflection)\.py"
 )
-# Of the Python package's files, those that are the add-on's, too.
+# Files that the add-on shares with the Python package.
 SHARED = ("client.py", "recording.py")
-# Symbols, references and spellings of the schema's comments, and what a tooltip has instead.
+# Symbols, references and spellings of the schema's comments, and their replacements in tooltips.
 ARTIST = [
     (r", mu_k ?/ ?mu_s\b", ""),
     (r" \((?:the paper|[A-Z]\w+ (?:et al\.|and \w+) \d{4})\)", ""),
@@ -114,7 +114,7 @@ def vendor(wheels, target):
 
 
 def share(package):
-    """Takes in what the add-on and the Python package have in common."""
+    """Copies the files that the add-on shares with the Python package."""
     for name in SHARED:
         path = package / name
         shutil.copy(ROOT / "python" / "cairn" / "wire" / name, path)
@@ -222,7 +222,7 @@ def describe_field(message, field, comment, enums):
     entry = {"name": field.name, "kind": kinds[field.type], "description": tooltip(comment)}
     if field.type == field.TYPE_ENUM:
         entry["prefix"], meaning, entry["items"] = enums[field.type_name]
-        # What a switch is, each field says itself.
+        # The comments of switch fields are complete without the enum's meaning.
         is_said = field.type_name.endswith(".Switch") or comment.startswith(meaning)
         entry["description"] = tooltip(comment if is_said else f"{meaning} {comment}")
     limits = re.search(r"Range: (?:above )?(-?[\d.]*\d)(?: to (-?[\d.]*\d))?", comment)
@@ -240,7 +240,7 @@ def include_server(server, folder):
     folder.mkdir()
     place = folder / ("cairn.exe" if os.name == "nt" else "cairn")
     shutil.copy(server, place)
-    # What a debugger would read is four fifths of the program.
+    # Debug symbols are four fifths of the program.
     if shutil.which("strip") and os.name != "nt":
         subprocess.run(["strip", place], check=True)
 

@@ -26,7 +26,7 @@ def main():
     manifest.write_text(manifest.read_text() + f'manifest-path = "{(ROOT / "Cargo.toml").as_posix()}"\n')
     command = [TOOLS / "maturin", "build", "--release", "--locked", "--out", STAGE / "dist"]
     subprocess.run(command, cwd=STAGE, check=True)
-    # maturin takes the program away; who builds next finds it again.
+    # maturin moves the program; restore it for the next build.
     subprocess.run(["cargo", "build", "--release", "--locked", "--bin", "cairn"], cwd=ROOT, check=True)
     (wheel,) = (STAGE / "dist").glob("*.whl")
     print(wheel)

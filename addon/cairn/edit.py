@@ -120,8 +120,8 @@ class Placed:
         return self._tree(prop, matrix, size, TOUCH * self.sizes[prop] * size)
 
     def disturbed(self):
-        """A generator: which objects may move, [n]: changed ones, those that stood on removed ones, and all that
-        stand on these."""
+        """A generator of a mask [n]: the objects that may move. These are the changed ones, the ones that stood on
+        removed ones, and all that stand on these."""
         trees, poses = [], [_pose(_state(body)) for body in self.objects]
         for pose in poses:
             trees.append(self._tree(*pose))

@@ -37,7 +37,7 @@ class Job:
     end `("done", summary)`, `("stopped", None)` or `("failed", Fault)`."""
 
     server: Server
-    # What to bake, and the models' bytes by SHA-256; or the id of a bake that runs or is done.
+    # The request, and the models' bytes by SHA-256; or the id of a running or finished bake.
     spec: object = None
     contents: dict = field(default_factory=dict)
     # Known problems. The server is asked for the others, and nothing is baked.
@@ -99,7 +99,7 @@ class Job:
             await self._follow_once()
         except Fault as fault:
             # A server that another Blender left behind finishes its bakes and takes no new ones, and one of another
-            # version may not understand us. A fresh one does both, and takes up what that one had.
+            # version may not understand us. A new server does both, and resumes the old one's bakes.
             is_old = fault.reason in ("SHUTTING_DOWN", "PROTOCOL_MISMATCH")
             if not is_old or self.server.local is None or self.bake_id:
                 raise

@@ -20,7 +20,7 @@ class Outline:
 
 
 def fewer(points, triangles, most):
-    """A mesh of at most so many triangles: points that are near each other become one."""
+    """A mesh of at most `most` triangles: nearby points are merged."""
     if len(triangles) <= most:
         return points, triangles
     for cells in CELLS:

@@ -28,7 +28,7 @@ def moving(context, colliders):
     if not knows("Keyframe"):
         return []
     view = set(context.view_layer.objects)
-    # Blender does not move what it does not show.
+    # Blender does not evaluate hidden objects.
     return [source for source in colliders if is_animated(source) and source in view and source.visible_get()]
 
 

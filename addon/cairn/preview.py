@@ -9,7 +9,7 @@ from mathutils import Euler, Matrix, Vector
 
 from . import axes, outline, states, tints
 
-# Triangles of one body, from fine to coarse, and those that may be drawn at once: many bodies are drawn coarser.
+# Triangles of one body, from fine to coarse; and the most triangles drawn at once. Many bodies are drawn coarser.
 BODY_TRIANGLES = (300, 80, 12)
 MAX_TRIANGLES = 190_000
 # Direction of the light, and brightness of the dark side.

@@ -55,7 +55,7 @@ class CAIRN_PT_states(Pile, Panel):
 
 
 def draw_shading(layout, context):
-    """What keeps the colors from being seen."""
+    """Offers the settings that the view needs to show the colors."""
     shading = context.space_data.shading
     if shading.type != "SOLID":
         layout.prop_enum(shading, "type", "SOLID", text="Colors Need Solid Shading")

@@ -12,7 +12,7 @@ from .export import Exporter
 from .prop_collections import members
 from .schema import GROUPS, fields_of, knows
 
-# What a generator yields while it can only wait; and for how long those wait that have nothing else to do, s.
+# The value that a generator yields while it can only wait; and the pause of callers without other work, s.
 WAITING = "waiting"
 PAUSE = 0.02
 # Objects that are props or scenery; others in the same collections are left alone.
@@ -26,12 +26,12 @@ class Request:
     spec: object
     # The models' bytes by SHA-256.
     contents: dict
-    # As `recipe` says, with what only lives as long as Blender.
+    # The props of `recipe`, with data of this session.
     props: list
     recipe: dict
-    # What is wrong as far as Blender knows. The server may know of more.
+    # Problems found in Blender. The server may find more.
     problems: list
-    # What the recipe names, by its keys there.
+    # The objects that the recipe names, by their keys in it.
     pointers: dict
 
 
@@ -91,7 +91,7 @@ def take(context, passive=False):
 
 
 def finish(generator):
-    """Runs a generator to its end. Returns what it returns."""
+    """Runs a generator to its end, and returns its value."""
     while True:
         try:
             if next(generator) is WAITING:
@@ -173,7 +173,7 @@ def taking(context, passive=False):
                 "name": prop.source.name,
                 "library": prop.source.library.filepath if prop.source.library else None,
                 "local": [list(row) for row in prop.local],
-                # What stays as placed is in the scene already.
+                # Kept objects are in the scene already.
                 "is_shown": prop not in extras.kept,
             }
             for prop in props

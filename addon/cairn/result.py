@@ -48,7 +48,7 @@ def replaced(scene, control, settings):
     found = piles(scene, control)
     if settings.get("use_replace", True) and found:
         return found[0]
-    # What was made by hand is not to be lost.
+    # Piles edited by hand must not be lost.
     same = [pile for pile in found if seed_of(pile) == settings["seed"] and not pile.cairn.settled]
     return next(iter(same), None)
 
@@ -228,7 +228,7 @@ def clear(collection):
     prop_collections.remove(collection)
     before = _made_by(collection)
     bpy.data.batch_remove(list(collection.objects))
-    # What only they used: first those that hold others.
+    # Data that only they used. Data that refers to other data comes first.
     for ids in before:
         unused = [data for data in ids if data.users == 0]
         bpy.data.batch_remove(unused)

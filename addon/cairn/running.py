@@ -39,7 +39,7 @@ problems, names = [], {}
 left = None
 # Bakes whose pile is there already, while the server still measures it.
 measuring = []
-# Reports that came after their pile was made, by bake: undo takes back what the collection remembers of them.
+# Reports that arrived after their pile was made, by bake. Undo removes them from the collection.
 _late = {}
 
 
@@ -60,7 +60,7 @@ class Bake:
         self.began = time.monotonic()
 
     def ask(self, request):
-        """What to bake."""
+        """Sets the request of the bake."""
         global names
         self.recipe = request.recipe
         names = request.recipe["names"]
@@ -267,7 +267,7 @@ def duration(seconds):
 
 
 def report_of(collection):
-    """What a result's collection remembers of its bake."""
+    """The report that a result's collection stores."""
     try:
         report = json.loads(collection.cairn.report)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What is in a file, to be compared before and after."""
+"""The data-blocks of a file, to compare before and after."""
 
 import bpy
 

@@ -70,7 +70,7 @@ class Desk:
         self.settings.control_mesh = self.control
         self.settings.prop_collection = self.props
         self.settings.accuracy = "DRAFT"
-        # What the add-on received and what it asked, for the tests to compare.
+        # Messages and requests of the add-on, for the tests to compare.
         self.motion = self.recipe = self.request = None
 
     def add_stick(self, name="Stick", size=(0.36, 0.14, 0.12)):
@@ -114,7 +114,7 @@ class Desk:
         return out
 
     def sent_vertices(self, prop):
-        """What the server got of a prop, in Blender's space and units."""
+        """The mesh of a prop as the server got it, in Blender's space and units."""
         uri = self.request.spec.scene.props[prop].path
         (sha256,) = [asset.sha256 for asset in self.request.spec.assets if asset.uri == uri]
         return points_of(self.request.contents[sha256]) / self.recipe["metres"]

@@ -1,4 +1,4 @@
-"""What a person does in a window, by xdotool, and waits for. What is yielded is the pause until the next step, s."""
+"""Acts in a window like a person, by xdotool, and waits. Each step yields the pause until the next, s."""
 
 import os
 import subprocess

@@ -190,7 +190,7 @@ def test_a_bake_leaves_an_edited_pile_alone(edited, desk):
 
 @pytest.mark.parametrize("size", [0.5, 2.0])
 def test_what_is_gone_had_its_size(desk, size):
-    """What lay on a removed body is found where the body's surface was, not where the prop's would be."""
+    """Bodies that lay on a removed body are found by that body's surface, not by its prop's."""
     desk.add_stick("Block", (0.2, 0.2, 0.2))
     common = desk.settings.prop_common
     common.scale_min = common.scale_max = size

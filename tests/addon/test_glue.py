@@ -11,7 +11,7 @@ from test_motion import made_up, write
 
 @pytest.fixture
 def glue(desk, addon):
-    """What would be sent."""
+    """The request that would be sent."""
     desk.add_stick()
     return lambda: addon("request").take(bpy.context).spec.scene.glue
 

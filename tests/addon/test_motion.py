@@ -43,7 +43,7 @@ def recipe_of(desk, mode):
 
 
 def write(desk, motion, mode):
-    """What a bake would make of it."""
+    """The motion that a bake would give it."""
     desk.add_stick()
     desk.motion, desk.recipe = motion, recipe_of(desk, mode)
     result = desk.addon("result")

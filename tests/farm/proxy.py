@@ -20,7 +20,7 @@ CONFIG = (ROOT / "examples" / "farm" / "haproxy.cfg").read_text()
 ASSETS = ROOT / "examples" / "assets"
 SCENE = ["--control", ASSETS / "cone-small.glb", "--prop", ASSETS / "stick.glb", "--quiet"]
 QUICK = [*SCENE, "--accuracy", "draft", "--set", "fill.count=8"]
-# What a step may take, s; nothing is measured by it.
+# Timeout of a step, s. It measures nothing.
 LIMIT = 60
 
 

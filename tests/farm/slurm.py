@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ["--control", "examples/assets/cone-small.glb", "--prop", "examples/assets/stick.glb", "--accuracy", "draft"]
 COUNT, EACH = 64, 4
-# What a step may take, s; nothing is measured by it.
+# Timeout of a step, s. It measures nothing.
 LIMIT = 240
 CONF = """
 ClusterName=cairn
@@ -134,7 +134,7 @@ def wait_for(what, is_so):
 
 
 def hashes(folder):
-    """What each report says of its result, by the result's name."""
+    """The hash in each report, by the result's name."""
     reports = {path.name: json.loads(path.read_text()) for path in folder.glob("*.report.json")}
     return {name.replace(".report.json", ".glb"): report["result_blake3"] for name, report in reports.items()}
 
@@ -167,7 +167,7 @@ def main(program):
         assert killed >= 2 and before < COUNT, f"{killed} processes, {before} results"
         wait_for("the end of all tasks", lambda: farm.is_done(job))
         assert hashes(out) == expected, "results differ from those of an undisturbed run"
-        # What the killed node had begun to write has no result's name, and goes with a later command once it is old.
+        # Unfinished files of the killed node have temporary names. A later command removes them once they are old.
         names = sorted(path.name for path in out.iterdir() if not path.match(".cairn-*.part"))
         wanted = sorted(f"{seed}{ending}" for seed in range(COUNT) for ending in (".glb", ".report.json"))
         assert names == wanted, f"there is more or less than results and reports: {set(names) ^ set(wanted)}"

@@ -20,7 +20,7 @@ fn extras(node: &gltf::Node) -> Option<Value> {
     node.extras().as_ref().map(|extras| serde_json::from_str(extras.get()).unwrap())
 }
 
-/// What the extras of the node `pile` have to say.
+/// The expected extras of the node `pile`.
 fn entries(glue: &BakedGlue) -> Value {
     let dots: Vec<Value> = (glue.dots.iter())
         .map(|dot| {

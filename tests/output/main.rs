@@ -1,4 +1,4 @@
-//! What leaves Cairn: files and pictures.
+//! The output of Cairn: files and pictures.
 
 mod collection;
 mod export;

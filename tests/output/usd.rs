@@ -136,7 +136,7 @@ fn damaged_files_tell_nothing_and_break_nothing() {
         for cut in (0..whole.len()).step_by(97) {
             origin(&whole[..cut]);
         }
-        // What a crate's tables say of themselves is at its end.
+        // A crate's tables are at its end.
         let tables = whole.len() - whole.len().min(4000);
         for at in (tables..whole.len()).step_by(3) {
             let mut damaged = whole.clone();

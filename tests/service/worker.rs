@@ -36,7 +36,7 @@ async fn a_crash_is_internal_for_its_call_alone() {
     events(connection.service.bake(request(spared)).await.unwrap().into_inner()).await.1.unwrap();
 }
 
-/// As the system does when memory runs out.
+/// Kills a worker, as the system does when memory runs out.
 #[tokio::test]
 async fn a_killed_worker_is_no_fault_of_ours() {
     let folder = tempfile::tempdir().unwrap();

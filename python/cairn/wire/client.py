@@ -104,7 +104,7 @@ class Connection:
         return info
 
     async def upload(self, contents, on_progress=lambda share: None):
-        """Sends what the server does not have. `contents`: bytes by SHA-256."""
+        """Uploads the files that the server does not have. `contents`: bytes by SHA-256."""
         missing = (await self.call("HaveAssets", sha256=sorted(contents))).missing_sha256
         total = sum(len(contents[sha256]) for sha256 in missing)
         sent = 0

@@ -99,7 +99,7 @@ class Motion:
     rotations: np.ndarray
     # [f, n]: whether the body is there.
     present: np.ndarray
-    # [f, n]: its `BodyState`, what the control makes of it.
+    # [f, n]: its `BodyState`.
     states: np.ndarray
 
     @staticmethod

@@ -85,8 +85,7 @@ pub struct Variant {
     /// The `--set` assignments that turn the scene into this variant.
     pub assignments: Vec<String>,
     pub output: PathBuf,
-    /// Whether it belongs to a few variants that together have every value: those in which at most one varied field has
-    /// another value than its first.
+    /// Whether at most one varied field has another value than its first. These variants together have every value.
     pub is_sample: bool,
 }
 

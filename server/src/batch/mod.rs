@@ -1,4 +1,4 @@
-//! Many bakes of one scene: which there are, which are finished, and which fill they share.
+//! Many bakes of one scene: lists the variants, recognizes finished ones and shared fills.
 
 pub mod finished;
 mod matrix;

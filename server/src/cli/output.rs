@@ -10,7 +10,7 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::MutexGuard;
 
-/// Where output to a path goes.
+/// The kind of destination that a path names.
 enum Destination {
     /// The path is `-`.
     Stdout,

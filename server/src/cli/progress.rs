@@ -44,7 +44,7 @@ impl ProgressArgs {
     }
 }
 
-/// Where progress is shown: [`Mode`] without `Auto`. `B`: the bar.
+/// The form of progress: [`Mode`] without `Auto`. `B`: the bar.
 pub enum Display<B> {
     Bar(B),
     Plain,

@@ -86,7 +86,7 @@ impl RemoteBake {
     }
 }
 
-/// Where a finished bake's files go, and the form of progress.
+/// Paths of a finished bake's files, and the form of progress.
 pub struct Delivery<'a> {
     pub output: Option<&'a Path>,
     pub report: Option<&'a Path>,

@@ -14,8 +14,8 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
-/// A file and the files that it names, with their hashes. Missing ones are left out: only a bake that uses them needs
-/// them.
+/// A file and the files that it names, with their hashes. Missing files are left out, because only bakes that use them
+/// need them.
 pub fn assets(file: &InputFile) -> Vec<AssetReference> {
     let asset = |uri: String, bytes: &[u8]| AssetReference { uri, sha256: hex(&Sha256::digest(bytes)) };
     let folder = file.name.rfind(['/', '\\']).map_or("", |at| &file.name[..=at]);
@@ -30,7 +30,7 @@ pub fn assets(file: &InputFile) -> Vec<AssetReference> {
 /// A request with all defaults filled in.
 pub fn request(mut scene: Scene, assets: Vec<AssetReference>, format: Format, names: &PortableNames) -> BakeSpec {
     rename(&mut scene, |path| names.of(path));
-    // Each once, in ascending order of names.
+    // Sorted by name, without repetitions.
     let assets = assets.into_iter().map(|asset| (names.of(&asset.uri), asset.sha256));
     let assets: BTreeMap<String, String> = assets.collect();
     let assets = assets.into_iter().map(|(uri, sha256)| AssetReference { uri, sha256 }).collect();

@@ -9,7 +9,7 @@ use crate::problem::{Problem, nearest};
 use prost_reflect::{EnumDescriptor, FieldDescriptor, Kind, MessageDescriptor};
 use serde_json::{Map, Value};
 
-/// One walk over a tree.
+/// Checks a tree against the schema and collects the problems.
 pub struct Checker<'a> {
     /// The place that a message names for the field at a path.
     place: &'a dyn Fn(&str) -> String,
@@ -74,7 +74,7 @@ impl<'a> Checker<'a> {
         checked.into_iter().collect::<Option<Vec<Value>>>().map(Value::Array)
     }
 
-    /// One value: of a list, one element.
+    /// A single value, or one element of a list.
     pub fn single(&mut self, field: &FieldDescriptor, value: &Value, path: &str) -> Option<Value> {
         match field.kind() {
             Kind::Message(group) => self.message(&group, value, path),

@@ -132,7 +132,7 @@ impl LineEnds {
 mod tests {
     use super::parse_toml;
 
-    /// As many as a scene may have. A search of the text for each of them would take an hour.
+    /// The most bodies that a scene may have. A search of the text for each line would take an hour.
     #[test]
     fn very_many_bodies_each_with_its_line() {
         const BODIES: usize = 100_000;

@@ -1,9 +1,9 @@
-//! A scene with nothing left to defaults.
+//! The effective scene: all defaults are filled in.
 
 use super::{parameters, proto};
 use cairn_core::input::params::Params;
 
-/// A scene with every parameter and every prop's value set: baked again, it gives the same.
+/// The scene with every parameter and every prop's value set. It bakes to the same result.
 pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
     let mut effective = proto::Scene {
         control_mesh: scene.control_mesh.clone(),

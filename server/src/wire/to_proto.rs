@@ -88,7 +88,7 @@ pub fn accuracy_presets() -> Vec<proto::AccuracyPreset> {
     accuracies().into_iter().map(preset).collect()
 }
 
-/// A problem of a scene, as one of the request that holds it.
+/// Converts a problem of a scene to a problem of the request that holds the scene.
 pub fn field_problem(problem: &Problem) -> proto::FieldProblem {
     let mut field = String::from("spec.scene");
     for part in problem.field.split('.').filter(|part| !part.is_empty()) {
@@ -100,7 +100,7 @@ pub fn field_problem(problem: &Problem) -> proto::FieldProblem {
     proto::FieldProblem { field, description: problem.to_string() }
 }
 
-/// As scene files write it: `standard`.
+/// The name of an accuracy in scene files: `standard`.
 pub fn accuracy_name(of: Accuracy) -> String {
     proto::Accuracy::from(of).as_str_name().trim_start_matches("ACCURACY_").to_lowercase()
 }

@@ -157,7 +157,7 @@ fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Fai
     fail_for(problems)
 }
 
-/// How each missing variant ended; `None`: it was not started.
+/// The end of each missing variant; `None`: it was not started.
 type Ends = Vec<(usize, Option<BakeEnd>)>;
 
 fn bake(args: &Args, variants: &[Variant], hashes: &[RequestHashes], missing: &[usize]) -> Result<Ends, Failure> {

@@ -20,7 +20,7 @@ pub struct PoolTask {
     pub fill: Option<blake3::Hash>,
 }
 
-/// How a bake ended.
+/// The end of a bake.
 #[derive(Debug)]
 pub enum BakeEnd {
     Done,
@@ -166,7 +166,7 @@ impl<Report: FnMut(PoolEvent) + Send> ProcessPool<'_, Report> {
         })
     }
 
-    /// Passes on its progress. Returns its error messages.
+    /// Reports the progress of a task's process. Returns its error messages.
     fn listen(&self, number: usize, stderr: impl BufRead) -> String {
         let mut errors: Vec<String> = Vec::new();
         let mut has_fill = false;

@@ -58,7 +58,7 @@ impl GlbOutput {
     }
 }
 
-/// A source file that is being copied from; remembers where everything went, so that nothing is copied twice.
+/// A source file that is being copied. It records the new index of each copied entry, so that nothing is copied twice.
 pub struct Copier<'a> {
     pub document: Document<'a>,
     pub resolve: &'a Resolver<'a>,
@@ -277,7 +277,7 @@ impl<'a> Copier<'a> {
     }
 }
 
-/// An index of any size; one that no list can have stays out of reach.
+/// An index of any size. One that does not fit `usize` becomes an index that no list has.
 fn to_index(value: u64) -> usize {
     usize::try_from(value).unwrap_or(usize::MAX)
 }

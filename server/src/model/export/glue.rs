@@ -19,7 +19,7 @@ pub fn whole(glue: &BakedGlue) -> Value {
     json!({ "dots": dots, "clusters": glue.clusters, "anchored": glue.anchored })
 }
 
-/// How glue holds a body.
+/// The cluster and the anchoring of a body.
 #[derive(Clone, Copy, Default, PartialEq)]
 pub struct GlueMembership {
     /// The number of its cluster.
@@ -28,7 +28,7 @@ pub struct GlueMembership {
 }
 
 impl GlueMembership {
-    /// How glue holds each of so many bodies.
+    /// The membership of each of the `bodies` bodies.
     pub fn all(glue: &BakedGlue, bodies: usize) -> Vec<GlueMembership> {
         let mut held = vec![GlueMembership::default(); bodies];
         for (number, members) in glue.clusters.iter().enumerate() {
@@ -38,8 +38,8 @@ impl GlueMembership {
         held
     }
 
-    /// Adds it to the extras of the body's node, unless the body is free. Extras that are not an object stand beside it
-    /// as `value`.
+    /// Adds the membership to the extras of the body's node, unless the body is free. Extras that are not an object are
+    /// kept as the member `value`.
     pub fn add_to(self, node: &mut Object) {
         if self == GlueMembership::default() {
             return;

@@ -28,7 +28,7 @@ pub struct BranchNode {
     pub children: Vec<usize>,
 }
 
-/// Which frame a chosen node is seen in.
+/// The frame of a chosen node.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum BranchFrame {
     /// The node's own origin; the rotation and scale of its world transform apply, its translation does not.
@@ -139,7 +139,7 @@ fn kept(source: &Object) -> Object {
             json.insert(key.into(), value.clone());
         }
     }
-    // An earlier bake's notes on its own bodies do not hold for this one's.
+    // Glue extras of an earlier bake are wrong for this one.
     if let Some(Value::Object(extras)) = json.get_mut("extras")
         && extras.remove(glue::KEY).is_some()
         && extras.is_empty()

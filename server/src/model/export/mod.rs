@@ -28,7 +28,7 @@ pub struct ExportScene<'a> {
     pub props: Vec<SourceModel<'a>>,
     /// Static geometry, as placed in the world.
     pub scenery: Vec<SourceModel<'a>>,
-    /// Where the result comes from, to be stated in it.
+    /// The origin of the result, which the result states.
     pub origin: Option<&'a serde_json::Value>,
     /// The figures of the pile, for formats that hold them.
     pub measures: Option<&'a Measures>,
@@ -67,11 +67,11 @@ impl Encoded {
 /// The folder of the sidecars, next to the result.
 pub const SIDECAR_FOLDER: &str = usd::FOLDER;
 
-/// The key below which a result states where it comes from.
+/// The key of a result's origin.
 pub const ORIGIN: &str = "cairn";
 
-/// A model in its original file. As a prop: the whole file in its scene's frame, or a node with all that is below it,
-/// seen from that node's origin, with the rotation and scale that it has in the world.
+/// A model in its original file. A prop is the whole file in its scene's frame, or a node with everything below it, in
+/// a frame at that node's origin. The node keeps the rotation and scale that it has in the world.
 #[derive(Clone, Copy)]
 pub struct SourceModel<'a> {
     /// Its name in the result.
@@ -248,7 +248,7 @@ pub fn encode(format: Format, bake: &BakedPile, scene: &ExportScene) -> Result<E
     (format.row().writer)(bake, scene)
 }
 
-/// Where a result comes from, as it states: a `.glb`, or one of USD's formats.
+/// The origin that a result states: a `.glb`, or one of USD's formats.
 pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
     match Document::parse(result, &|_| Err(String::new())) {
         Ok(document) => Some(document.json().get("asset")?.get("extras")?.get(ORIGIN)?.clone()),

@@ -18,7 +18,7 @@ struct SampledChannel {
     output: usize,
 }
 
-/// How long the animation is, seconds.
+/// Length of the animation, seconds.
 pub fn duration(document: &Document) -> Result<f64, DocumentError> {
     let mut inputs: Vec<usize> = channels(document).iter().map(|c| c.input).collect();
     inputs.sort_unstable();
@@ -30,7 +30,7 @@ pub fn duration(document: &Document) -> Result<f64, DocumentError> {
     Ok(end)
 }
 
-/// Moves the nodes that the animation moves.
+/// Sets the animated nodes' transforms to those at a moment.
 pub fn apply(document: &Document, seconds: f64, locals: &mut [LocalTransform]) -> Result<(), DocumentError> {
     let mut inputs: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
     for channel in channels(document) {
@@ -52,7 +52,7 @@ pub fn apply(document: &Document, seconds: f64, locals: &mut [LocalTransform]) -
 }
 
 impl SampledChannel {
-    /// The value at a moment; three components are filled up with zero.
+    /// The value at a moment. If it has three components, the fourth is zero.
     fn value<const N: usize>(&self, document: &Document, times: &[f64], seconds: f64) -> Result<DVec4, DocumentError> {
         let keys = document.vectors::<N>(self.output)?;
         let per_key = if matches!(self.interpolation, Interpolation::CubicSpline) { 3 } else { 1 };

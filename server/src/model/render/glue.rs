@@ -18,7 +18,7 @@ const BLUE: Vec3 = vec3(0.10, 0.27, 0.62);
 /// A ball's radius, in unit space; and its largest share of a body's radius.
 const RADIUS: f64 = 0.016;
 const LARGEST: f64 = 0.3;
-/// How strongly a ball shines through a surface in front of it.
+/// Opacity of a ball behind a surface.
 const THROUGH: f32 = 0.8;
 
 /// The glue of a file's pile at a moment.
@@ -142,7 +142,7 @@ pub fn over(balls: &[&Ball], eye: Vec3, direction: Vec3, reach: f32, behind: Vec
     let met = balls.iter().filter_map(|ball| Some((ball.distance(eye, direction)?, ball)));
     let (distance, ball) = met.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let facing = (ball.centre - eye - direction * distance).normalize_or_zero().dot(direction);
-    // Bright, with a dark rim that sets it off from whatever is behind.
+    // Bright, with a dark rim for contrast with the background.
     let color = ball.color * if facing < 0.6 { 0.1 } else { 0.5 + 0.7 * facing };
     Some(if distance <= reach { color } else { behind.lerp(color, THROUGH) })
 }

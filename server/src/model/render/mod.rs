@@ -26,7 +26,7 @@ pub struct Settings {
     pub moment: Moment,
     /// Width and height, 1 to 16384 each.
     pub size: [u32; 2],
-    /// Where the camera stands around the pile: degrees from +Z towards +X.
+    /// Azimuth of the camera around the pile, degrees from +Z towards +X.
     pub azimuth: f64,
     /// Degrees above the horizon, -89 to 89.
     pub elevation: f64,

@@ -1,4 +1,4 @@
-//! Where every node of a file stands at a moment of its animation.
+//! World transforms of a file's nodes at a moment of its animation.
 
 use super::animation;
 use cairn_gltf::Document;
@@ -14,7 +14,7 @@ pub struct PlacedMesh {
     pub world: DAffine3,
     /// Below the node `pile`.
     pub in_pile: bool,
-    /// Which child of that node.
+    /// Its index among the children of that node.
     pub body: Option<usize>,
 }
 
@@ -62,7 +62,7 @@ pub fn pile<'a>(document: &'a Document) -> Option<(usize, &'a Object)> {
     nodes.into_iter().find(|(_, node)| node.get("name").and_then(Value::as_str) == Some(PILE))
 }
 
-/// Where the bodies' nodes stand, `seconds` into the first animation.
+/// World transforms of the bodies' nodes, `seconds` into the first animation.
 pub fn bodies(document: &Document, seconds: f64) -> Result<Vec<DAffine3>, DocumentError> {
     let Some((index, pile)) = pile(document) else { return Ok(Vec::new()) };
     let locals = locals(document, seconds)?;

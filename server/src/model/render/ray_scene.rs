@@ -30,11 +30,11 @@ struct MeshInstance<'a> {
     cube_bounds: [Vec3A; 2],
     /// Takes normals of the mesh to unit space.
     normals: Mat3A,
-    /// Which body this is, in the order of the file.
+    /// Number of the body, in the order of the file.
     number: usize,
 }
 
-/// Where a ray ends.
+/// The point where a ray hits a surface.
 pub struct SurfaceHit<'a> {
     pub distance: f32,
     pub surface: &'a FaceAttributes,
@@ -174,7 +174,7 @@ impl<'a> MeshInstance<'a> {
     }
 }
 
-/// How much of each corner there is where a ray meets a triangle.
+/// Barycentric coordinates of the point where a ray meets a triangle.
 fn shares(t: &obvhs::triangle::Triangle, ray: &Ray) -> Vec3 {
     let (e1, e2) = (t.v0 - t.v1, t.v2 - t.v0);
     let cross = ray.direction.cross(t.v0 - ray.origin);

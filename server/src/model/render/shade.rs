@@ -17,13 +17,13 @@ const SUN_RADIUS: f32 = 0.06;
 const SUN: Vec3 = vec3(1.90, 1.78, 1.60);
 /// Sky straight up, at the horizon, and light from the ground.
 const SKY: [Vec3; 3] = [vec3(1.04, 1.07, 1.13), vec3(0.70, 0.72, 0.75), vec3(0.34, 0.33, 0.32)];
-/// Light that comes back from a neighbour, as a share of its colour: what a second bounce would bring.
+/// Light from a neighbour, as a share of its colour. Stands for a second bounce.
 const BOUNCE: f32 = 0.35;
 /// The paper: in the middle of the picture and in its corners.
 const PAPER: [Vec3; 2] = [vec3(0.80, 0.80, 0.80), vec3(0.50, 0.51, 0.53)];
 /// Beyond this distance from the middle of unit space, shadows on the ground begin to fade, and end at twice as much.
 const SHADOW_REACH: f32 = 3.0;
-/// How far rays start from the surface that they leave.
+/// Distance at which rays start from the surface that they leave, so that they do not hit it again.
 const LIFT: f32 = 2e-4;
 /// Samples after which a picture element that shows nothing but paper is finished.
 const PROBES: u32 = 4;
@@ -155,7 +155,7 @@ impl RenderJob<'_> {
         matte * (ambient + SUN * lit) + SUN * gloss * shine
     }
 
-    /// How much of the light reaches a place on the ground, 0 to 1.
+    /// The share of light that reaches a place on the ground, 0 to 1.
     fn shade_on_ground(&self, place: Vec3, sun: Vec3, random: [Vec2; 2]) -> f32 {
         let distance = Vec2::new(place.x, place.z).length();
         if distance >= 2.0 * SHADOW_REACH {
@@ -178,7 +178,7 @@ impl RenderJob<'_> {
     }
 }
 
-/// The light from a direction where nothing is in the way.
+/// The sky's light from a direction.
 fn sky(direction: Vec3) -> Vec3 {
     if direction.y >= 0.0 {
         SKY[1].lerp(SKY[0], direction.y)
@@ -260,7 +260,7 @@ impl Sequence {
         for (state, step) in self.state.iter_mut().zip(Self::STEPS) {
             *state = state.wrapping_add(step);
         }
-        // 24 bits: what a single-precision number below 1 can hold.
+        // 24 bits, the precision of a single-precision number below 1.
         self.state.map(|s| (s >> 8) as f32 / (1u32 << 24) as f32)
     }
 

@@ -32,7 +32,7 @@ pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     (params, counts.problems)
 }
 
-/// How a bake that runs elsewhere stands.
+/// The progress of a bake that runs elsewhere.
 pub fn progress(progress: &proto::Progress) -> Progress {
     let count = |count: i32| usize::try_from(count).unwrap_or(0);
     Progress {
@@ -45,7 +45,7 @@ pub fn progress(progress: &proto::Progress) -> Progress {
     }
 }
 
-/// When the control ends. Its frames are the output's, which may be set or the preset's.
+/// Sets the end of the control. A frame is converted by the output's frame rate, which is set or the preset's.
 fn until(params: &mut Params, scene: &proto::Scene, counts: &mut Counts) {
     use proto::control::Until;
     match scene.control.and_then(|control| control.until) {

@@ -12,9 +12,9 @@ use openusd::sdf::{Data, Value};
 use openusd::usdc::{CrateFile, CrateWriter};
 use std::io::{Cursor, Error, Result};
 
-/// The oldest version that has all that a layer of ours holds. It is the one that USD itself writes.
+/// The oldest version that has everything that our layers need. USD itself writes it.
 const VERSION: [u8; 3] = [0, 8, 0];
-/// Where the header has the version, and the place of the table of contents.
+/// Offsets in the header of the version, and of the offset of the table of contents.
 const VERSION_AT: usize = 8;
 const CONTENTS_AT: usize = 16;
 /// Bytes of an entry of that table: a name, then start and size of a section.
@@ -74,7 +74,7 @@ pub fn encode(data: &Data) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Whether the sizes that a file states fit into it. The crate allocates what a file states before it reads it.
+/// Whether the sizes that a file states fit into the file. The crate allocates the stated sizes before it reads.
 pub fn is_sound(bytes: &[u8]) -> bool {
     /// For each section, how many numbers it begins with, and how many compressed blocks follow, each behind its size.
     const SECTIONS: [(&[u8], usize, usize); 6] = [

@@ -120,13 +120,13 @@ fn invisible(bake: &BakedPile) -> Samples {
     appearances(bake).into_iter().map(|frame| (frame as f64, at(frame))).collect()
 }
 
-/// Frame 0, and those in which bodies appear.
+/// Frame 0, and the frames in which bodies appear.
 fn appearances(bake: &BakedPile) -> BTreeSet<usize> {
     std::iter::once(0).chain(bake.bodies.iter().map(|body| body.first_frame)).collect()
 }
 
-/// How fast something changes from a frame to the next, per second: USD moves bodies on from a frame by that, so that
-/// they arrive where the next one has them. The last frame goes on as the one before it.
+/// Velocities between a frame and the next, per second. USD extrapolates bodies by them, so that they arrive at the
+/// poses of the next frame. The last frame has the velocities of the one before it.
 fn motion(bake: &BakedPile, frame: usize, change: impl Fn(&Pose, &Pose) -> DVec3) -> Vec<DVec3> {
     let from = frame.min(bake.frames.len() - 2);
     let pairs = bake.frames[from].iter().zip(&bake.frames[from + 1]);

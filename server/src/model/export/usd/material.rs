@@ -21,7 +21,7 @@ pub struct Materials<'w, 'a> {
     pub source: &'w Copier<'a>,
 }
 
-/// How a picture's values are used: each is scaled, then moved.
+/// The use of a picture's values: `value * scale + bias`.
 struct Use {
     color_space: &'static str,
     scale: [f64; 4],
@@ -216,7 +216,7 @@ impl Materials<'_, '_> {
         shader
     }
 
-    /// Connects an input to an output, which is declared once.
+    /// Connects an input to an output. Declares the output if it is new.
     fn wire(&mut self, surface: &Path, input: &str, from: &Path, kind: &str, name: &str) {
         self.layer.declare(from, &format!("{kind} outputs:{name}"));
         self.layer.connect(surface, input, &output(from, name));

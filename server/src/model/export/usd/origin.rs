@@ -1,4 +1,4 @@
-//! Where a USD result comes from: below `cairn` in the layer's custom data.
+//! The origin of a USD result, stored below `cairn` in the layer's custom data.
 //!
 //! `versions`, `request_blake3` and `result_blake3` are plain values, `scene` and `assets` are JSON: a dictionary of
 //! USD cannot hold lists of groups.
@@ -14,16 +14,16 @@ use std::io::Cursor;
 
 type Dictionary = HashMap<String, Value>;
 
-/// Which entries are JSON.
+/// Entries that are stored as JSON.
 const JSON: [&str; 2] = ["scene", "assets"];
 
-/// Writes it into a layer.
+/// Writes the origin into a layer.
 pub fn write(layer: &mut Layer, origin: &serde_json::Value) -> Result<(), ExportError> {
     let mut entries = Dictionary::new();
     for (key, value) in origin.as_object().into_iter().flatten() {
         let value = match value {
             _ if JSON.contains(&key.as_str()) => {
-                // Without an apostrophe, whatever the scene is called: so that the text can stand between two of them.
+                // Apostrophes in names are escaped, because the text stands between two of them.
                 let json = serde_json::to_string(value).map_err(std::io::Error::from)?.replace('\'', "\\u0027");
                 Value::String(layer.text(&json))
             }
