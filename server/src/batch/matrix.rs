@@ -286,7 +286,7 @@ mod tests {
         let wrong = |seeds, vary, output| matrix(seeds, vary, output).unwrap_err()[0].to_string();
         assert!(wrong("0..1", &[], "pile.glb").contains("two variants (seed=0 and seed=1)"));
         assert!(wrong("0..1", &[], "{sed}.glb").contains("{index}, {seed}"));
-        assert!(wrong("0..1", &[], "{seed}.obj").contains("names no format"));
+        assert!(wrong("0..1", &[], "{seed}.obj").contains("the format is unknown"));
         assert!(wrong("0..999999", &[], "{seed}.glb").contains("more than"));
         assert!("9..4".parse::<Seeds>().is_err() && "a".parse::<Seeds>().is_err() && "7-3".parse::<Span>().is_err());
     }
