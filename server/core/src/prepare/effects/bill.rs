@@ -1,8 +1,7 @@
 //! The bill of a bake: the counts of each effect, and its CPU time.
 
 use super::table::ROWS;
-use super::{Count, Effect, EffectName};
-use crate::input::observer::Stage;
+use super::{Count, Effect, EffectName, OwnSeconds};
 use std::collections::BTreeMap;
 
 /// An effect's part in a bake.
@@ -16,25 +15,6 @@ pub struct Charge {
     pub share: Option<f64>,
     /// Its counts.
     pub counts: BTreeMap<Count, u64>,
-}
-
-/// CPU seconds of a bake: of its stages, and of effects within them.
-#[derive(Clone, Debug, Default)]
-pub struct OwnSeconds {
-    pub stages: BTreeMap<Stage, f64>,
-    pub glue_proof: f64,
-    pub control: f64,
-    pub frames: f64,
-    pub shape_figures: f64,
-    pub pictures: f64,
-    pub support: f64,
-    pub free_standing: f64,
-}
-
-impl OwnSeconds {
-    pub fn of(&self, stage: Stage) -> f64 {
-        self.stages.get(&stage).copied().unwrap_or(0.0)
-    }
 }
 
 /// The bill of a bake: each of its effects with its counts, and the CPU seconds that are its own.

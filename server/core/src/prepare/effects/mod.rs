@@ -9,12 +9,16 @@ mod count;
 mod resolve;
 mod table;
 
-pub use bill::{Charge, OwnSeconds, bill};
+pub use bill::{Charge, bill};
 pub use count::Count;
 pub use resolve::Resolved;
 
-use crate::input::params::Switch;
-use resolve::EffectInputs;
+use crate::input::observer::Stage;
+use crate::input::params::{ControlMode, Effects, Params, Physics, PhysicsSwitches, Switch};
+use crate::input::scene::Scene;
+use crate::prepare::check::CheckedScene;
+use crate::prepare::shape::ShapeSummary;
+use std::collections::BTreeMap;
 
 /// All effects, in the order of the stages. A report calls each by its name in snake case.
 #[derive(
@@ -117,4 +121,48 @@ pub struct Effect {
     pub switch: Option<String>,
     /// Counts of its work in the report: all 0 if it is off.
     pub counters: Vec<Count>,
+}
+
+/// The facts on which effects are decided.
+struct EffectInputs<'a> {
+    scene: &'a Scene,
+    params: &'a Params,
+    /// The user's switches of shapes and engine.
+    engine: &'a PhysicsSwitches,
+    /// The user's switches of the other effects.
+    effects: &'a Effects,
+    checked: &'a CheckedScene,
+    /// One per prop.
+    summaries: &'a [ShapeSummary],
+    /// The control mesh is filled.
+    fills: bool,
+    /// Off where the pile is glued, too: then it stands without being held.
+    control: ControlMode,
+    /// As in [`Resolved`].
+    glue_bound: f64,
+    /// As in [`Resolved`].
+    physics: &'a Physics,
+    /// As in [`Resolved`].
+    mass_ratio: f64,
+    /// The masses ask for stiffer contacts than the parameters give.
+    stiffens: bool,
+}
+
+/// CPU seconds of a bake: of its stages, and of effects within them.
+#[derive(Clone, Debug, Default)]
+pub struct OwnSeconds {
+    pub stages: BTreeMap<Stage, f64>,
+    pub glue_proof: f64,
+    pub control: f64,
+    pub frames: f64,
+    pub shape_figures: f64,
+    pub pictures: f64,
+    pub support: f64,
+    pub free_standing: f64,
+}
+
+impl OwnSeconds {
+    pub fn of(&self, stage: Stage) -> f64 {
+        self.stages.get(&stage).copied().unwrap_or(0.0)
+    }
 }

@@ -1,8 +1,8 @@
 //! The decision on all effects of a bake, made once, from the scene, the user's switches and the props' shapes.
 
 use super::table::ROWS;
-use super::{Decision, Effect, EffectDefinition, EffectName, ForcedBy};
-use crate::input::params::{ControlMode, Effects, Params, Physics, PhysicsSwitches, Switch};
+use super::{Decision, Effect, EffectDefinition, EffectInputs, EffectName, ForcedBy};
+use crate::input::params::{ControlMode, Params, Physics, Switch};
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
 use crate::prepare::extremes;
@@ -24,31 +24,6 @@ pub struct Resolved {
     pub compounds: bool,
     /// The most that a glue joint carries, in weights of the median prop; 0: nothing is glued.
     pub glue_bound: f64,
-}
-
-/// The facts on which effects are decided.
-pub(super) struct EffectInputs<'a> {
-    pub scene: &'a Scene,
-    pub params: &'a Params,
-    /// The user's switches of shapes and engine.
-    pub engine: &'a PhysicsSwitches,
-    /// The user's switches of the other effects.
-    pub effects: &'a Effects,
-    pub checked: &'a CheckedScene,
-    /// One per prop.
-    pub summaries: &'a [ShapeSummary],
-    /// The control mesh is filled.
-    pub fills: bool,
-    /// Off where the pile is glued, too: then it stands without being held.
-    pub control: ControlMode,
-    /// As in [`Resolved`].
-    pub glue_bound: f64,
-    /// As in [`Resolved`].
-    pub physics: &'a Physics,
-    /// As in [`Resolved`].
-    pub mass_ratio: f64,
-    /// The masses ask for stiffer contacts than the parameters give.
-    pub stiffens: bool,
 }
 
 impl Resolved {
