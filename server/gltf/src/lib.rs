@@ -18,7 +18,7 @@ pub mod uri;
 pub use accessor::Elements;
 pub use compressed::DRACO;
 pub use document::Document;
-pub use geometry::{Geometry, Primitive};
+pub use geometry::{Geometry, Primitive, UnreadExtensions};
 pub use node::INSTANCING;
 pub use problem::{AssetProblem, ProblemKind};
 pub use source::{Limits, Resolver, Source};
