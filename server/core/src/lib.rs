@@ -17,8 +17,8 @@
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
 //!
-//! A caller builds a [`Scene`] (the meshes), [`Params`] (from a preset) and an [`Observer`] (progress, cancel, frames and
-//! a clock), for example:
+//! A caller builds a [`Scene`] (the meshes), [`Params`] (from a preset) and an [`Observer`] (progress, cancel, frames,
+//! clock):
 //!
 //! ```no_run
 //! use cairn_core::input::observer::Silent;
