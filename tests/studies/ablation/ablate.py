@@ -185,8 +185,11 @@ def build():
                 name = path.relative_to(TREE).as_posix()
                 if path.name != "ablation.rs" and "/tests" not in name:
                     rewrite(path, name, kept, everywhere)
-        made = cargo("build", "--release", "--bin", "cairn", "--message-format", "short")
+        made = cargo("check", "--release", "--bin", "cairn", "--message-format", "short")
         if made.returncode == 0:
+            made = cargo("build", "--release", "--bin", "cairn")
+            if made.returncode != 0:
+                raise SystemExit("the copy cannot be built:\n" + made.stderr[-4000:])
             break
         lines = [line for line in made.stderr.splitlines() if ": error" in line]
         more = set()
