@@ -5,6 +5,7 @@ by half of its width on both sides. Called again, it continues where it ended.
 
     python3 tests/studies/ablation/ablate.py            everything: some hours of two cores
     python3 tests/studies/ablation/ablate.py --only glue --jobs 1
+    python3 tests/studies/ablation/ablate.py --so-far   the page, of what is done
 
 How: a copy of the sources in target/ablation gets a function in place of each constant, which reads its factor from the
 environment; that copy is built once. Constants that the compiler needs (lengths of arrays, patterns) stay, and are
@@ -261,9 +262,10 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="bakes at once")
     parser.add_argument("--only", default="", help="constants whose file or name contains this")
+    parser.add_argument("--so-far", action="store_true", help="bake nothing: write the page of the bakes that are done")
     chosen = parser.parse_args()
     HOME.mkdir(parents=True, exist_ok=True)
-    known, kept = build()
+    known, kept = build() if not chosen.so_far else (constants(), set(json.loads((HOME / "kept.json").read_text())))
     scenes = json.loads(SCENES.read_text())
     log = HOME / "runs.jsonl"
     done = {}
@@ -288,6 +290,10 @@ def main():
         used = {s["name"]: set((HOME / f"seen-{s['name']}").read_text().split()) for s in scenes}
         names = [name for name in known if name not in kept and chosen.only in name]
         jobs = [(n, f, s) for n in names for f in FACTORS for s in scenes if n in used[s["name"]]]
+        if chosen.so_far:
+            left = {n for n, f, s in jobs if (s["name"], 1, f"{n}={f}") not in done}
+            names = [name for name in names if name not in left]
+            jobs = [job for job in jobs if job[0] not in left]
         runs = pool.map(lambda job: once(job[2], 1, f"{job[0]}={job[1]}"), jobs)
         effect = {name: {} for name in names}
         for (name, factor, scene), run in zip(jobs, runs):
@@ -324,7 +330,8 @@ def page(known, kept, names, effect):
         "",
         f"{len(known)} constants: "
         + ", ".join(f"{len(r)} {kind}" for kind, r in rows.items())
-        + f"; {len(kept)} stay, since the compiler needs them.",
+        + f"; {len(kept)} stay, since the compiler needs them; "
+        + f"{len(known) - len(names) - len(kept)} are not tried yet.",
     ]
     for kind, lines in rows.items():
         text += [
