@@ -229,7 +229,7 @@ fn a_stage_is_not_simulated_twice() {
     let (third, done) = bake_with_cache(&desk, &format!("{PILE} --set release.layer=2 -o pile.csv"));
     assert_eq!((count(&third, "fill_steps"), count(&third, "steps")), (0, 0));
     assert_eq!(third["result_blake3"], fresh["result_blake3"]);
-    assert!(done.stderr.contains("comes from the cache"), "{}", done.stderr);
+    assert!(done.stderr.contains("this pile was baked before and comes from the cache"), "{}", done.stderr);
 
     // Another seed, or another fill: nothing is.
     for change in ["--seed 9", "--set fill.friction=0.1"] {

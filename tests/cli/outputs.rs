@@ -83,7 +83,10 @@ fn a_full_disk_leaves_nothing_and_says_try_again() {
     let done = std::process::Command::new("sh").args(["-c", &script]).current_dir(desk.path("")).output().unwrap();
     let message = String::from_utf8(done.stderr).unwrap();
     assert_eq!(done.status.code(), Some(75), "{message}");
-    assert!(message.contains("pile.json: cannot be written") && message.contains("has space"), "{message}");
+    assert!(
+        message.contains("pile.json: cannot be written") && message.contains("Make sure that the disk has space"),
+        "{message}"
+    );
     assert_eq!(desk.files(), before);
 }
 

@@ -89,7 +89,8 @@ fn the_doctor_tells_the_machine_and_tries_a_bake() {
 fn a_plan_tells_what_each_accuracy_is_expected_to_cost() {
     let desk = Desk::new();
     let printed = desk.line("plan --control cone.glb --prop stick.glb").ok();
-    for word in ["bodies", "control", "draft", "reference", "CPU time", "overlap by", "thickness"] {
+    for word in ["bodies", "control", "draft", "reference", "CPU time", "overlap by", "of the thinner body's thickness"]
+    {
         assert!(printed.contains(word), "{printed}");
     }
     let plan: Value = serde_json::from_str(&desk.line("plan --json --control cone.glb --prop stick.glb").ok()).unwrap();
