@@ -104,7 +104,7 @@ fn variants() -> [(&'static str, Change); 4] {
         ("off", |p| p.control.mode = ControlMode::Off),
         ("off, damped", |p| {
             p.control.mode = ControlMode::Off;
-            p.release.damping = p.control.damping;
+            p.release.resistance = p.control.resistance;
         }),
     ]
 }

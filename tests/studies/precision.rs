@@ -162,7 +162,7 @@ fn judge(mut sim: Simulation, params: &Params, tallies: &mut [Tally; LAWS.len()]
 fn stands_alone(world: &mut World, id: usize) -> bool {
     let (before, role) = (world.pose(id), world.bodies()[id].role);
     world.set_role(id, Role::Free);
-    world.set_damping(id, 0.0);
+    world.set_resistance(id, 0.0);
     world.set_slippery(id, false);
     let steps = (TRUTH.1 / world.units.time / world.step_length()).ceil() as u64;
     let mut stands = true;

@@ -61,7 +61,7 @@ impl Variant {
         }
         match self {
             Variant::OffSubsteps => params.physics.substeps *= MORE_SUBSTEPS,
-            Variant::OffDamped => params.release.damping = params.control.damping,
+            Variant::OffDamped => params.release.resistance = params.control.resistance,
             _ => {}
         }
         params

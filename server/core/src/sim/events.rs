@@ -150,7 +150,6 @@ impl<'a> Events<'a> {
                 self.pinned.extend(body.pinned_until.map(|until| (until, id)));
             } else {
                 pile.world.launch(id, body.velocity, body.angular_velocity);
-                pile.control.drop_in(id);
             }
         }
         Ok(())
@@ -184,7 +183,6 @@ impl<'a> Events<'a> {
             let id = pile.insert(body)?;
             pile.counters.bodies_emitted += 1;
             pile.world.launch(id, emitter.velocity, DVec3::ZERO);
-            pile.control.drop_in(id);
             pile.latest_event = pile.step;
         }
         Ok(())

@@ -1,42 +1,65 @@
-//! The gentle end of the control: all bodies are damped for a while, then less and less, so that the pile creeps to
-//! rest.
+//! The withdrawal of the control: it lets go of layer after layer, from the bottom to the top, while the contacts of all
+//! bodies resist slow motion; then that resistance fades out, and the pile stands by itself as far as it can.
 
+use super::control::PileControl;
 use super::policy::Policy;
+use crate::world::World;
 
-/// Damping during the gentle end, per characteristic time: 50/s for a prop of 1 m, at which a pile creeps to rest.
-const DAMPING: f64 = 16.0;
-/// The damping is full for this long, characteristic times.
-const FULL: f64 = 9.5;
-/// Time over which it then fades out, characteristic times.
-const RAMP: f64 = 3.2;
+/// Time over which the resistance fades out, characteristic times.
+const FADE: f64 = 5.0;
 
-/// State of the gentle end of the control.
+/// The withdrawal of the control.
 #[derive(Debug, Default)]
 pub struct GentleStop {
-    /// The step in which it began.
-    begin: Option<u64>,
-    /// Steps damped so far.
+    wave: Option<Wave>,
+    /// Steps that it has taken so far.
     pub steps: u64,
 }
 
+/// From the bottom to the top of the pile.
+#[derive(Clone, Copy, Debug)]
+struct Wave {
+    /// The step in which it began.
+    begin: u64,
+    /// Heights of the lowest and the highest center of mass, d.
+    low: f64,
+    high: f64,
+    /// Rise of the wave, d per characteristic time.
+    speed: f64,
+    /// Resistance of all contacts.
+    resistance: f64,
+}
+
 impl GentleStop {
-    pub fn begin(&mut self, step: u64) {
-        self.begin = Some(step);
+    /// `speed` of the wave, d per characteristic time; `resistance` of all contacts while it rises.
+    pub fn begin(&mut self, step: u64, world: &World, speed: f64, resistance: f64) {
+        let heights = || world.present().map(|id| world.pose(id).translation.y);
+        let (low, high) = (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
+        self.wave = (low <= high).then_some(Wave { begin: step, low, high, speed, resistance });
     }
 
     pub fn is_under_way(&self) -> bool {
-        self.begin.is_some()
+        self.wave.is_some()
     }
 
-    /// Before the step of this number. `step_length`: characteristic times.
-    pub fn before_step(&mut self, step: u64, step_length: f64, policy: &mut Policy) {
-        let Some(begin) = self.begin else { return };
+    /// Before the step of this number.
+    pub fn before_step(&mut self, step: u64, world: &mut World, policy: &mut Policy, control: &mut PileControl) {
+        let Some(wave) = self.wave else { return };
         self.steps += 1;
-        let time = (step - begin) as f64 * step_length;
-        let share = ((FULL + RAMP - time) / RAMP).clamp(0.0, 1.0);
-        policy.set_gentle((share > 0.0).then_some(DAMPING * share));
-        if share == 0.0 {
-            self.begin = None;
+        let time = (step - wave.begin) as f64 * world.step_length();
+        let height = wave.low + wave.speed * time;
+        if height <= wave.high {
+            control.withdraw_below(height);
+            policy.set_gentle(wave.resistance);
+            return;
+        }
+        if control.is_on() {
+            control.end(world, policy);
+        }
+        let faded = (time - (wave.high - wave.low) / wave.speed) / FADE;
+        policy.set_gentle(wave.resistance * (1.0 - faded).max(0.0));
+        if faded >= 1.0 {
+            self.wave = None;
         }
     }
 }

@@ -8,6 +8,7 @@ use super::policy::Policy;
 use super::record::Recorder;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
+use crate::input::params::Params;
 use crate::input::scene::{PlacedBody, Scene};
 use crate::prepare::shape::Shape;
 use crate::world::{BodyId, Insertion, World};
@@ -44,6 +45,7 @@ pub struct Pile<'a> {
     pub notes: Vec<String>,
     pub scene: &'a Scene,
     pub shapes: &'a [Shape],
+    params: &'a Params,
     /// Bodies have the restitution of their props; `false`: none.
     bounces: bool,
 }
@@ -56,12 +58,12 @@ impl<'a> Pile<'a> {
         shapes: &'a [Shape],
         control: PileControl<'a>,
         recorder: Recorder,
-        damping: f64,
+        params: &'a Params,
         bounces: bool,
     ) -> Pile<'a> {
         Pile {
             world,
-            policy: Policy::new(damping),
+            policy: Policy::new(params.release.resistance),
             control,
             glue: PileGlue::default(),
             gentle_stop: GentleStop::default(),
@@ -73,6 +75,7 @@ impl<'a> Pile<'a> {
             notes: Vec::new(),
             scene,
             shapes,
+            params,
             bounces,
         }
     }
@@ -120,24 +123,25 @@ impl<'a> Pile<'a> {
         self.recorder.disturb();
     }
 
-    /// The pile rests, and its control ends gently: the bake is done once the pile stands by itself.
-    pub fn release_gently(&mut self) {
+    /// The control is withdrawn, and the bake is done once the pile stands by itself.
+    pub fn withdraw_control(&mut self) {
         self.latest_event = self.step;
-        self.stop_holding(true);
+        let Params { release, control, .. } = self.params;
+        let interval = self.world.units.duration(release.interval);
+        let speed = release.layer / interval.max(self.world.step_length());
+        self.policy.set_quiet(0.0);
+        self.gentle_stop.begin(self.step, &self.world, speed, control.resistance);
     }
 
-    /// The control ends. Gently: everything is damped for a while.
+    /// The control ends and glue is gone. Gently: the control is withdrawn.
     pub fn end_control(&mut self, gently: bool) {
         self.disturb();
         self.glue.end(&mut self.world, &mut self.policy);
-        self.stop_holding(gently);
-    }
-
-    fn stop_holding(&mut self, gently: bool) {
-        self.control.end(&mut self.world, &mut self.policy);
-        self.policy.set_quiet(None);
         if gently {
-            self.gentle_stop.begin(self.step);
+            self.withdraw_control();
+        } else {
+            self.control.end(&mut self.world, &mut self.policy);
+            self.policy.set_quiet(0.0);
         }
     }
 }

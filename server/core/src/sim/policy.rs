@@ -1,24 +1,24 @@
-//! Role, damping and friction of each body, each from the reasons for it. Nothing else in the simulation writes one of
+//! Role, resistance and friction of each body, each from the reasons for it. Nothing else in the simulation writes one of
 //! the three.
 
 use crate::invariants;
 use crate::world::{BodyId, Role, World};
 use std::collections::BTreeMap;
 
-/// The reasons for which bodies of a pile are damped.
+/// The reasons for which the contacts of bodies resist slow motion. Resistances are shares of the force that presses the
+/// contacts (`world::corrections::resistance`); of several reasons, the strongest counts.
 ///
-/// Roles and friction take effect at once, since other decisions of the same step rest on them; damping takes effect in
-/// [`Policy::apply`], once a step.
+/// Roles and friction take effect at once, since other decisions of the same step rest on them; resistance takes effect
+/// in [`Policy::apply`], once a step.
 #[derive(Debug, Default)]
 pub struct Policy {
-    /// `release.damping`: of every released body, per characteristic time.
+    /// `release.resistance`: of every released body.
     base: f64,
-    /// Late in the hold, of every released body, so that bodies that still roll or rattle come to rest; per
-    /// characteristic time.
-    quiet: Option<f64>,
-    /// While the control ends gently, of every body; per characteristic time.
-    gentle: Option<f64>,
-    /// By the control's latest look at a body, per characteristic time.
+    /// Late in the hold, of every released body, so that bodies that still roll or rattle come to rest.
+    quiet: f64,
+    /// While the control is withdrawn, of every body.
+    gentle: f64,
+    /// By the control's latest look at a body.
     controlled: BTreeMap<BodyId, f64>,
     /// Bodies without friction, ascending.
     jammed: Vec<BodyId>,
@@ -27,14 +27,14 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// `base`: damping of every released body, per characteristic time.
+    /// `base`: resistance of every released body.
     pub fn new(base: f64) -> Policy {
         Policy { base, is_stale: true, ..Policy::default() }
     }
 
     /// A body has come: it falls or flies freely until the control looks at it.
     pub fn join(&mut self, id: BodyId) {
-        self.damp(id, self.base);
+        self.resist(id, 0.0);
     }
 
     /// A body waits where it is until its layer is released.
@@ -55,7 +55,7 @@ impl Policy {
     /// A waiting, pinned or anchored body is released.
     pub fn release(&mut self, world: &mut World, id: BodyId) {
         world.set_role(id, Role::Free);
-        self.damp(id, self.base);
+        self.resist(id, 0.0);
     }
 
     /// A support takes a body out of the solver.
@@ -69,9 +69,9 @@ impl Policy {
         self.is_stale = true;
     }
 
-    /// The control's look at a body: how it is damped until the next one, per characteristic time.
-    pub fn damp(&mut self, id: BodyId, damping: f64) {
-        self.controlled.insert(id, damping);
+    /// The control's look at a body: its resistance until the next one.
+    pub fn resist(&mut self, id: BodyId, resistance: f64) {
+        self.controlled.insert(id, resistance);
         self.is_stale = true;
     }
 
@@ -84,53 +84,48 @@ impl Policy {
         self.jammed = jammed.to_vec();
     }
 
-    /// From now on every released body is damped by this much, per characteristic time, except those that the control
-    /// looks at, for which it goes on to choose; `None`: no longer.
-    pub fn set_quiet(&mut self, quiet: Option<f64>) {
+    /// From now on every released body has at least this resistance.
+    pub fn set_quiet(&mut self, quiet: f64) {
+        self.is_stale |= self.quiet != quiet;
         self.quiet = quiet;
-        self.controlled.clear();
-        self.is_stale = true;
     }
 
-    pub fn quiet(&self) -> Option<f64> {
-        self.quiet
-    }
-
-    /// As [`Policy::set_quiet`], for the gentle end of the control, which chooses no more.
-    pub fn set_gentle(&mut self, gentle: Option<f64>) {
+    /// As [`Policy::set_quiet`], while the control is withdrawn.
+    pub fn set_gentle(&mut self, gentle: f64) {
+        self.is_stale |= self.gentle != gentle;
         self.gentle = gentle;
+    }
+
+    /// The control has ended: it looks at no body.
+    pub fn forget_looks(&mut self) {
         self.controlled.clear();
         self.is_stale = true;
     }
 
-    /// Physics alone: no body is damped, waits, is frozen or may fall asleep.
+    /// Physics alone: no contact resists, no body waits, is frozen or may fall asleep.
     pub fn leave_to_physics(&mut self, world: &mut World) {
         *self = Policy { jammed: std::mem::take(&mut self.jammed), ..Policy::new(0.0) };
         for id in world.present().filter(|&id| !world.bodies()[id].role.stands()).collect::<Vec<_>>() {
             world.set_role(id, Role::Free);
-            world.set_damping(id, 0.0);
+            world.set_resistance(id, 0.0);
             world.keep_awake(id);
         }
     }
 
-    /// Damping of a free body, per characteristic time: that of every released body, or more where there is a reason.
-    /// The control's look at a body precedes the quiet of all; its gentle end precedes that look.
-    fn damping(&self, id: BodyId) -> f64 {
-        match (self.gentle, self.controlled.get(&id)) {
-            (Some(gentle), _) => gentle.max(self.base),
-            (None, Some(&controlled)) => controlled.max(self.base),
-            (None, None) => self.quiet.unwrap_or(0.0).max(self.base),
-        }
+    /// Resistance of a free body.
+    fn resistance(&self, id: BodyId) -> f64 {
+        let controlled = self.controlled.get(&id).copied().unwrap_or(0.0);
+        controlled.max(self.base).max(self.quiet).max(self.gentle)
     }
 
-    /// Brings the damping of all free bodies up to date.
+    /// Brings the resistance of all free bodies up to date.
     pub fn apply(&mut self, world: &mut World) {
         if !std::mem::take(&mut self.is_stale) {
             return;
         }
         for id in world.present().collect::<Vec<_>>() {
             if world.bodies()[id].role == Role::Free {
-                world.set_damping(id, self.damping(id));
+                world.set_resistance(id, self.resistance(id));
             }
         }
         if invariants::are_checked() {
@@ -141,15 +136,13 @@ impl Policy {
     /// Panics where a body is treated otherwise than its reasons ask for.
     fn validate(&self, world: &World) {
         for id in world.present() {
-            let role = world.bodies()[id].role;
-            let damping = world.damping(id).filter(|_| role == Role::Free);
+            let (role, resistance) = (world.bodies()[id].role, world.bodies()[id].resistance);
             assert!(
-                damping.is_none_or(|damping| damping == self.damping(id) as f32),
-                "body {id} is damped by {damping:?}"
+                role != Role::Free || resistance == self.resistance(id),
+                "the contacts of body {id} resist by {resistance}"
             );
             let is_jammed = self.jammed.binary_search(&id).is_ok();
             assert_eq!(world.is_slippery(id), is_jammed, "body {id} has no friction only where it is jammed");
-            assert!(role != Role::Frozen || self.gentle.is_none(), "body {id} is frozen, though the control has ended");
         }
     }
 }
@@ -159,24 +152,19 @@ mod tests {
     use super::Policy;
 
     #[test]
-    fn damping_follows_its_reasons() {
-        let mut policy = Policy::new(0.5);
-        let of = |policy: &Policy| [0, 1].map(|id| policy.damping(id));
-        assert_eq!(of(&policy), [0.5, 0.5], "every released body");
-        policy.damp(0, 6.0);
-        assert_eq!(of(&policy), [6.0, 0.5], "the control's look at one");
-        policy.damp(0, 0.0);
-        assert_eq!(of(&policy), [0.5, 0.5], "no look goes below the base");
-        policy.set_quiet(Some(2.0));
-        assert_eq!(of(&policy), [2.0, 2.0]);
-        policy.damp(1, 1.0);
-        assert_eq!(of(&policy), [2.0, 1.0], "a look precedes the quiet of all");
-        policy.join(2);
-        assert_eq!(policy.damping(2), 0.5, "a new body flies freely");
-        policy.set_gentle(Some(16.0));
-        assert_eq!(of(&policy), [16.0, 16.0]);
-        policy.set_gentle(None);
-        policy.set_quiet(None);
-        assert_eq!(of(&policy), [0.5, 0.5], "all reasons have ended");
+    fn the_strongest_reason_counts() {
+        let mut policy = Policy::new(0.1);
+        let of = |policy: &Policy| [0, 1].map(|id| policy.resistance(id));
+        assert_eq!(of(&policy), [0.1, 0.1], "every released body");
+        policy.resist(0, 0.5);
+        assert_eq!(of(&policy), [0.5, 0.1], "the control's look at one");
+        policy.set_quiet(0.2);
+        assert_eq!(of(&policy), [0.5, 0.2]);
+        policy.set_gentle(1.0);
+        assert_eq!(of(&policy), [1.0, 1.0]);
+        policy.set_gentle(0.0);
+        policy.forget_looks();
+        policy.set_quiet(0.0);
+        assert_eq!(of(&policy), [0.1, 0.1], "all reasons have ended");
     }
 }

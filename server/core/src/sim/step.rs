@@ -3,16 +3,16 @@
 //! | stage | reads | writes |
 //! | --- | --- | --- |
 //! | events | events of the scene that are due | bodies, poses of moving scenery, roles, the control's end |
-//! | gentle stop | since when the control ends | reasons for damping; the time of the latest event |
-//! | control | contact pairs, poses, speeds | verdicts, supports, roles, reasons for damping, friction |
-//! | policy | reasons | damping |
+//! | gentle stop | since when the control is withdrawn | reasons for resistance; the control's end; the time of the latest event |
+//! | control | contact pairs, poses, speeds | verdicts, supports, roles, reasons for resistance, friction |
+//! | policy | reasons | resistance |
 //! | engine | all of the world | poses, velocities, contacts; bodies that the guard sets aside |
 //! | fallen | heights | bodies that are gone |
-//! | breaking | loads of the step | supports, glue, roles; reasons for damping, for the next step |
+//! | breaking | loads of the step | supports, glue, roles; reasons for resistance, for the next step |
 //! | record | poses | the number of the step; frames, their observer |
 //! | progress | roles, speeds | the top speed, counts, the caller's progress |
 //!
-//! Only [`Policy`](super::policy::Policy) writes roles, friction and damping, whichever stage has the reason; only a
+//! Only [`Policy`](super::policy::Policy) writes roles, friction and resistance, whichever stage has the reason; only a
 //! body that is removed from the world gets its role there. Between steps, the stages of the bake release layers, and
 //! quiet or end the hold.
 
@@ -142,7 +142,8 @@ impl<'a> Simulation<'a> {
     fn stop_gently(&mut self) {
         let pile = &mut self.pile;
         if pile.gentle_stop.is_under_way() {
-            pile.gentle_stop.before_step(pile.step, pile.world.step_length(), &mut pile.policy);
+            let Pile { world, policy, control, gentle_stop, step, .. } = pile;
+            gentle_stop.before_step(*step, world, policy, control);
             pile.latest_event = pile.step;
         }
     }

@@ -60,10 +60,12 @@ pub struct Shaken {
 /// Places before the container in the engine's order, per expected body.
 const PLACES: usize = 2;
 
-/// A fill of a given number of bodies begins with this share more, since the clean-up removes about as many.
-const SURPLUS: f64 = 0.02;
-/// Rounds in which bodies that the clean-up removes beyond that are replaced.
+/// Rounds in which bodies that the clean-up removes are replaced.
 const REPLACEMENTS: usize = 5;
+/// Passes of depenetration; the pile settles after each.
+const DEPENETRATIONS: usize = 2;
+/// Settling after each of them, and after the bodies have shrunk to their size, characteristic times.
+const CLOSE_GAPS: f64 = 1.0;
 
 /// Fills the container and lets the props settle in it. An error if not one prop found room.
 pub fn run(
@@ -77,14 +79,14 @@ pub fn run(
     let task = FillTask::new(scene, shapes, params, units, container);
     let (fill, wanted) = (&params.fill, task.wanted());
     let mut method = method::of(fill.method);
-    let mut filling = Filling::new(task, method.gravity(task.height()), true);
+    let mut filling = Filling::new(task, true);
     filling.place_given()?;
     let zones = Zones::new(&task, &mut filling.rng);
     let poured = if method.is_open() { Some(fill_open(&mut *method, &mut filling, observer)?) } else { None };
 
     let closed = container.closed(fill.loosened());
     let outer = (fill.standing_out() > 0.0).then(|| container.closed(fill.outside()));
-    let mut enclosure = filling.world.enclose(
+    let enclosure = filling.world.enclose(
         PLACES * task.expected.min(fill.max_bodies as usize),
         &EnclosureMeshes {
             container: &closed.mesh,
@@ -95,14 +97,11 @@ pub fn run(
     )?;
     let full = match poured {
         Some(full) => full,
-        None => {
-            let surplus = fill.count.map_or(0.0, |n| SURPLUS * f64::from(n)) as usize;
-            fill_closed(&mut *method, &mut filling, zones.as_ref(), wanted.saturating_add(surplus), observer)?
-        }
+        None => fill_closed(&mut *method, &mut filling, zones.as_ref(), wanted, observer)?,
     };
     filling.use_real_friction();
     // Turned over with the container still around it, the pile closes its gaps under its own weight.
-    filling.point_gravity(DVec3::NEG_Y);
+    filling.world.set_gravity(DVec3::NEG_Y);
     if full {
         filling.settle(fill.settle, observer)?
     } else {
@@ -120,11 +119,7 @@ pub fn run(
         filling.clean_up(observer)?;
     }
     let shaken = if fill.shake > 0.0 { Some(shake::run(&mut filling, observer)?) } else { None };
-    filling.cut_to(wanted, method.latest_round());
-
-    // Parted bodies need the room that the container does not leave them.
-    filling.world.remove_container(&mut enclosure);
-    let depenetration_steps = filling.depenetrate(observer)?;
+    let depenetration_steps = part(&mut filling, observer)?;
     filling.world.remove_enclosure(enclosure);
     filling.world.validate(wanted);
     let bodies: Vec<Instance> = filling.world.loose().map(|id| filling.world.instance(id)).collect();
@@ -146,6 +141,23 @@ pub fn run(
         wall_deviation: closed.deviation,
         counters: filling.world.counters(),
     })
+}
+
+/// Removes the overlaps that are left, while the container still keeps the bodies in: without it, parted bodies would
+/// move outward, and the pile would lose the pressure that its shape rests on. Returns the steps of depenetration.
+fn part(filling: &mut Filling, observer: &mut dyn Observer) -> Result<u64, Error> {
+    if filling.shrink_overgrown() {
+        filling.settle(CLOSE_GAPS, observer)?;
+    }
+    let mut all_steps = 0;
+    for _ in 0..DEPENETRATIONS {
+        let steps = filling.depenetrate(observer)?;
+        all_steps += steps;
+        if steps > 0 {
+            filling.settle(CLOSE_GAPS, observer)?;
+        }
+    }
+    Ok(all_steps)
 }
 
 /// Fills the open container. Returns whether it is full.
@@ -192,7 +204,7 @@ pub(crate) fn pour_only(
 ) -> Result<Vec<Instance>, Error> {
     let task = FillTask::new(scene, shapes, params, units, container);
     let mut method = method::of(params.fill.method);
-    let mut filling = Filling::new(task, method.gravity(task.height()), false);
+    let mut filling = Filling::new(task, false);
     fill_open(&mut *method, &mut filling, observer)?;
     Ok(filling.world.present().map(|id| filling.world.instance(id)).collect())
 }

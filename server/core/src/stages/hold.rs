@@ -12,15 +12,15 @@ const REST_TIME: f64 = 1.0;
 const ROCKING: f64 = 1e-4;
 const ROCKING_TIMES: u64 = 3;
 
-/// Initial damping of bodies that still roll or rattle late in the hold, per characteristic time. It doubles every
-/// [`ROLLING_TIMES`] characteristic times while bodies still move, up to [`MOST_ROLLING_DAMPING`]. A body that falls
-/// under the maximum is still faster than the rest threshold.
-const ROLLING_DAMPING: f64 = 0.5;
-const ROLLING_TIMES: f64 = 5.0;
-const MOST_ROLLING_DAMPING: f64 = 16.0;
-/// The damping sets in after this share of the patience, or once at most a share of [`ROLLING`] of the bodies has moved
-/// for [`REST_TIME`]: the shape no longer changes.
-const ROLLING_ONSET: f64 = 0.125;
+/// Initial resistance of the contacts of bodies that still roll or rattle late in the hold, as a share of the force that
+/// presses them. It doubles every [`LATE_TIMES`] characteristic times while bodies still move, up to
+/// [`MOST_LATE_RESISTANCE`]. It stops what touches something; what falls freely goes on to fall.
+const LATE_RESISTANCE: f64 = 0.1;
+const LATE_TIMES: f64 = 5.0;
+const MOST_LATE_RESISTANCE: f64 = 2.0;
+/// It sets in after this share of the patience, or once at most a share of [`ROLLING`] of the bodies has moved for
+/// [`REST_TIME`]: the shape no longer changes.
+const LATE_ONSET: f64 = 0.125;
 const ROLLING: f64 = 1e-3;
 
 /// How the hold ended.
@@ -76,15 +76,15 @@ impl RestCounters {
     }
 }
 
-/// Damping of all bodies, per characteristic time, `times` characteristic times after it has set in.
-fn rolling_damping(times: f64) -> f64 {
-    let doublings = (times / ROLLING_TIMES) as i32;
-    (ROLLING_DAMPING * 2f64.powi(doublings)).min(MOST_ROLLING_DAMPING)
+/// Resistance of all contacts, `times` characteristic times after it has set in.
+fn late_resistance(times: f64) -> f64 {
+    let doublings = (times / LATE_TIMES) as i32;
+    (LATE_RESISTANCE * 2f64.powi(doublings)).min(MOST_LATE_RESISTANCE)
 }
 
 /// Simulates until the pile is at rest, patience is over, or the last frame is there. A pile at rest is not simulated
-/// any further: its bodies are certified or asleep, and each further cycle would find the same. `stands`: once the pile
-/// rests, the control ends gently.
+/// any further: its bodies are certified or asleep, and each further cycle would find the same. `stands`: the
+/// control is withdrawn, at once, or, where the parameters ask for the figures of the held pile, once it rests.
 pub fn run(
     sim: &mut Simulation,
     params: &Params,
@@ -99,13 +99,14 @@ pub fn run(
     let (mut counters, mut top_speed) = (RestCounters::default(), 0.0f64);
     let (mut rest, mut rolls_since) = (None, None);
     let mut to_stand = stands && params.control.until.is_none() && sim.pile.control.is_on();
+    if to_stand && params.control.stand != Switch::On {
+        sim.pile.withdraw_control();
+        to_stand = false;
+    }
     loop {
         let rests = counters.is_over(rest_steps) && sim.is_left_alone();
         if rests && to_stand {
-            match params.control.stand {
-                Switch::On => sim.pile.end_control(true),
-                Switch::Auto | Switch::Off => sim.pile.release_gently(),
-            }
+            sim.pile.end_control(true);
             (to_stand, counters, rest) = (false, RestCounters::default(), None);
         } else if rests && sim.pile.step - begin >= least_steps {
             break;
@@ -119,19 +120,16 @@ pub fn run(
         }
         if sim.pile.latest_event > begin {
             if rolls_since.take().is_some() {
-                sim.pile.policy.set_quiet(None);
+                sim.pile.policy.set_quiet(0.0);
             }
             begin = sim.pile.latest_event;
         }
-        let is_late = sim.pile.step - begin >= (ROLLING_ONSET * patience as f64) as u64;
+        let is_late = sim.pile.step - begin >= (LATE_ONSET * patience as f64) as u64;
         if is_late || counters.is_decided(rest_steps) && sim.is_left_alone() {
             rolls_since.get_or_insert(sim.pile.step);
         }
         if let Some(since) = rolls_since {
-            let damping = Some(rolling_damping((sim.pile.step - since) as f64 * step));
-            if sim.pile.policy.quiet() != damping {
-                sim.pile.policy.set_quiet(damping);
-            }
+            sim.pile.policy.set_quiet(late_resistance((sim.pile.step - since) as f64 * step));
         }
         sim.advance(observer, Stage::Hold, |sim| ((sim.pile.step - begin) as f64 / patience as f64).min(0.99))?;
         counters.step(sim.moving, sim.pile.world.present().count());
@@ -156,8 +154,7 @@ pub fn run(
 
 #[cfg(test)]
 mod tests {
-    use super::{MOST_ROLLING_DAMPING, RestCounters, rolling_damping};
-    use crate::sim::pile::REST_SPEED;
+    use super::{MOST_LATE_RESISTANCE, RestCounters, late_resistance};
 
     /// Steps until the pile is at rest. `moving`: bodies that move in each step; the last number repeats.
     fn steps(moving: &[usize], bodies: usize) -> Option<usize> {
@@ -178,10 +175,8 @@ mod tests {
     }
 
     #[test]
-    fn rolling_bodies_are_damped_more_and_more() {
-        assert_eq!([0.0, 4.9, 5.0, 12.0].map(rolling_damping), [0.5, 0.5, 1.0, 2.0]);
-        assert_eq!(rolling_damping(f64::from(u16::MAX)), MOST_ROLLING_DAMPING);
-        let falling = 1.0 / MOST_ROLLING_DAMPING;
-        assert!(falling > 2.0 * REST_SPEED, "a body that falls as slowly as that is not at rest");
+    fn contacts_resist_more_and_more() {
+        assert_eq!([0.0, 4.9, 5.0, 12.0].map(late_resistance), [0.1, 0.1, 0.2, 0.4]);
+        assert_eq!(late_resistance(f64::from(u16::MAX)), MOST_LATE_RESISTANCE);
     }
 }

@@ -46,7 +46,7 @@ pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error>
     let guard = Guard::new(scene, resolved, units, floor);
     let recorder = Recorder::new(&world, Pace::new(params, resolved.is_on(EffectName::Frames), units));
     let bounces = resolved.is_on(EffectName::Restitution);
-    let mut pile = Pile::new(world, scene, inputs.shapes, control, recorder, params.release.damping, bounces);
+    let mut pile = Pile::new(world, scene, inputs.shapes, control, recorder, params, bounces);
     for &body in bodies {
         let id = pile.insert(body)?;
         Policy::wait(&mut pile.world, id);

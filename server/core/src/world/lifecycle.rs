@@ -39,6 +39,7 @@ impl World {
             thickness,
             face_area,
             friction: body.friction,
+            resistance: 0.0,
             id,
             carrier: own,
             own,

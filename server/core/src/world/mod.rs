@@ -21,7 +21,8 @@
 //! 1. Continuous collision is set for each free body by its speed (`corrections::ccd`).
 //! 2. The engine takes its step: contacts, solver, poses.
 //! 3. Bodies that became non-finite are removed.
-//! 4. Resistance to rolling brakes bodies by the forces of the step (`corrections::rolling`).
+//! 4. Resistance to rolling, and that of contacts to slow motion, brake bodies by the forces of the step
+//!    (`corrections::rolling`, `corrections::resistance`).
 //! 5. Bodies that creep are kept from falling asleep (`corrections::creep`).
 //! 6. A pile that bobs gets more substeps (`corrections::bobbing`).
 //! 7. The invariants are checked, in debug builds and tests (`validation`).

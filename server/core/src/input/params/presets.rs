@@ -108,7 +108,7 @@ impl Params {
                 params.fill.wall_tolerance = 0.006;
                 params.fill.growth = 1.2;
                 params.fill.round = 0.2;
-                params.fill.full_below = 0.03;
+                params.fill.full_below = 0.025;
                 params.fill.settle = 3.0;
                 params.fill.residual_overlap = 0.004;
             }
@@ -146,7 +146,7 @@ impl Params {
                     spread: Spread::Area(0.5),
                     neighbours: Neighbours::All,
                     speed: f64::INFINITY,
-                    damping: 0.0,
+                    resistance: 0.0,
                     nails_per_body: 1000,
                     ..params.control
                 };

@@ -1,5 +1,5 @@
 //! Which bodies may be held at all, whatever the analysis of their contacts says: bodies outside the region, and those
-//! that overlap, are carried along, hang or fly, may not.
+//! that overlap, are carried along or hang, may not.
 
 use crate::geometry::contact;
 use crate::geometry::interior::DistanceGrid;
@@ -19,20 +19,13 @@ pub struct Eligibility<'a> {
     /// Bodies whose center of mass is outside are never controlled; `None`: the control acts everywhere. Engine units.
     region: Option<&'a DistanceGrid>,
     region_tests: Cell<u64>,
-    /// Bodies that were dropped or thrown: not damped while they touch nothing.
-    dropped: BTreeSet<BodyId>,
     /// Bodies placed by hand that may overlap: not held before they have come apart.
     placed: BTreeSet<BodyId>,
 }
 
 impl<'a> Eligibility<'a> {
     pub fn new(region: Option<&'a DistanceGrid>) -> Eligibility<'a> {
-        Eligibility { region, region_tests: Cell::new(0), dropped: BTreeSet::new(), placed: BTreeSet::new() }
-    }
-
-    /// A body falls or flies in.
-    pub fn drop_in(&mut self, id: BodyId) {
-        self.dropped.insert(id);
+        Eligibility { region, region_tests: Cell::new(0), placed: BTreeSet::new() }
     }
 
     /// A body was placed by hand, maybe into another one.
@@ -82,18 +75,6 @@ impl<'a> Eligibility<'a> {
         let slow: Vec<bool> = (0..world.bodies().len()).map(slow).collect();
         // Engine units: d is 1.
         contact::hanging(&slow, &contacts, 1.0)
-    }
-
-    /// Dropped bodies that touch nothing.
-    pub fn flying(&self, pairs: &[ContactPair]) -> BTreeSet<BodyId> {
-        let mut flying = self.dropped.clone();
-        for t in pairs {
-            flying.remove(&t.a);
-            if let PairSide::Body(b) = t.b {
-                flying.remove(&b);
-            }
-        }
-        flying
     }
 }
 

@@ -77,7 +77,7 @@ impl Impact {
     fn free(&mut self, world: &mut World, policy: &mut Policy, id: BodyId, cycle: u64) {
         self.shaken.insert(id, cycle + self.shock_cycles);
         policy.thaw(world, id);
-        policy.damp(id, 0.0);
+        policy.resist(id, 0.0);
         self.count += 1;
     }
 }

@@ -18,15 +18,11 @@ use super::policy::Policy;
 use crate::geometry::interior::DistanceGrid;
 use crate::input::params::Control as ControlParams;
 use crate::prepare::effects::{EffectName, Resolved};
-use crate::world::{BodyId, ContactPair, Role, World};
+use crate::world::{BodyId, Role, World};
 use analysis::Analysis;
 use eligibility::Eligibility;
 use impact::Impact;
 use support::{Lifetime, Support, Verdicts};
-
-/// Late in the hold slow bodies are damped this many times as much. A body without support still falls, at 1/20 of d
-/// per characteristic time: five times the speed of rest.
-const LATE_DAMPING: f64 = 3.0;
 
 /// The control and its memory.
 pub struct PileControl<'a> {
@@ -43,6 +39,8 @@ pub struct PileControl<'a> {
     /// `None`: the control is off.
     support: Option<Box<dyn Support>>,
     counters: ControlCounters,
+    /// Bodies with their center below this height are no longer held, engine units.
+    withdrawn_below: f64,
     /// It has ended for good.
     ended: bool,
 }
@@ -67,6 +65,7 @@ impl<'a> PileControl<'a> {
             impact: Impact::new(f64::from(params.period) * step_length),
             support: support::of(params, seed).filter(|_| resolved.is_on(EffectName::Control)),
             counters: ControlCounters::default(),
+            withdrawn_below: f64::NEG_INFINITY,
             ended: false,
         }
     }
@@ -78,11 +77,6 @@ impl<'a> PileControl<'a> {
     /// Whether a cycle is due before this step of the release.
     pub fn is_due(&self, step: u64) -> bool {
         self.is_on() && step.is_multiple_of(u64::from(self.params.period))
-    }
-
-    /// A body falls or flies in.
-    pub fn drop_in(&mut self, id: BodyId) {
-        self.eligibility.drop_in(id);
     }
 
     /// A body was placed by hand, maybe into another one.
@@ -137,6 +131,9 @@ impl<'a> PileControl<'a> {
         self.analysis.judge_all(world, &pairs, &barred, &self.eligibility, &mut self.counters);
         let hanging = self.eligibility.hanging(world, &pairs, self.params.speed);
         hanging.iter().for_each(|&id| self.analysis.candidates[id] = false);
+        for id in world.present().filter(|&id| world.pose(id).translation.y < self.withdrawn_below) {
+            self.analysis.candidates[id] = false;
+        }
         let verdicts = Verdicts {
             cycle: self.counters.cycles,
             pairs: &pairs,
@@ -144,7 +141,7 @@ impl<'a> PileControl<'a> {
             shaken: &self.impact.shaken,
         };
         support.place(&verdicts, world, policy, &mut self.counters);
-        self.damp(world, policy, &pairs);
+        self.resist(world, policy);
         self.counters.unjammed += hanging.len() as u64;
         policy.unjam(world, &hanging);
         self.analysis.remember(world, pairs);
@@ -161,32 +158,31 @@ impl<'a> PileControl<'a> {
         freed.into_iter().for_each(|id| self.analysis.mark_moved(id));
     }
 
-    /// Ends the control: no body is held, damped or slippery from now on.
+    /// The control lets go of all bodies whose center is below this height, engine units.
+    pub fn withdraw_below(&mut self, height: f64) {
+        self.withdrawn_below = height;
+    }
+
+    /// Ends the control: no body is held, resisted or slippery from now on.
     pub fn end(&mut self, world: &mut World, policy: &mut Policy) {
         self.ended = true;
         if let Some(support) = &mut self.support {
             support.end(world, policy);
             policy.unjam(world, &[]);
+            policy.forget_looks();
         }
     }
 
-    /// Slow bodies that are not candidates lose speed, so that near contacts close gently and resting bodies become
-    /// candidates; a falling body falls.
-    fn damp(&self, world: &World, policy: &mut Policy, pairs: &[ContactPair]) {
-        if self.params.damping == 0.0 {
+    /// The contacts of slow bodies that are not held resist their motion, so that gaps close gently and resting bodies
+    /// become candidates; a falling body falls.
+    fn resist(&self, world: &World, policy: &mut Policy) {
+        if self.params.resistance == 0.0 {
             return;
         }
-        let flying = self.eligibility.flying(pairs);
-        let quiet = policy.quiet();
-        let slowly = if quiet.is_some() { LATE_DAMPING } else { 1.0 } * self.params.damping;
         for id in (0..world.bodies().len()).filter(|&id| world.bodies()[id].role == Role::Free) {
-            let judged = quiet.is_some() || self.eligibility.is_inside(world, id);
-            let damping = match world.speed(id) < self.params.speed {
-                _ if !judged || self.impact.is_shaken(id, self.counters.cycles) || flying.contains(&id) => 0.0,
-                true => slowly,
-                false => quiet.unwrap_or(0.0),
-            };
-            policy.damp(id, damping);
+            let is_slow = world.speed(id) < self.params.speed && self.eligibility.is_inside(world, id);
+            let is_resisted = is_slow && !self.impact.is_shaken(id, self.counters.cycles);
+            policy.resist(id, if is_resisted { self.params.resistance } else { 0.0 });
         }
     }
 }

@@ -25,10 +25,7 @@ pub(crate) struct FillWorld {
 }
 
 /// Keeps the bodies in: the container, its core where there is one, and a floor.
-pub struct Enclosure {
-    container: Vec<WallId>,
-    core_and_floor: Vec<WallId>,
-}
+pub struct Enclosure(Vec<WallId>);
 
 /// The meshes of an [`Enclosure`], engine units.
 pub struct EnclosureMeshes<'a> {
@@ -79,21 +76,13 @@ impl FillWorld {
                 let outer = meshes.outer.map(|mesh| world.add_walls_around(mesh, container)).transpose()?;
                 let core = meshes.core.map(|mesh| world.add_container(mesh, 0.0)).transpose()?;
                 let floor = world.add_wall(DVec3::new(0.0, meshes.floor, 0.0), DVec3::Y, 0.0);
-                let container = [Some(container), outer].into_iter().flatten().collect();
-                let core_and_floor = [core, Some(floor)].into_iter().flatten().collect();
-                Ok(Enclosure { container, core_and_floor })
+                Ok(Enclosure([Some(container), outer, core, Some(floor)].into_iter().flatten().collect()))
             })
             .map_err(Error::Internal)
     }
 
-    /// Takes away the container; the core and the floor stay.
-    pub fn remove_container(&mut self, enclosure: &mut Enclosure) {
-        enclosure.container.drain(..).for_each(|wall| self.world.remove_wall(wall));
-    }
-
-    pub fn remove_enclosure(&mut self, mut enclosure: Enclosure) {
-        self.remove_container(&mut enclosure);
-        enclosure.core_and_floor.into_iter().for_each(|wall| self.world.remove_wall(wall));
+    pub fn remove_enclosure(&mut self, Enclosure(walls): Enclosure) {
+        walls.into_iter().for_each(|wall| self.world.remove_wall(wall));
     }
 
     /// Adds a loose body, whether there is room or not.

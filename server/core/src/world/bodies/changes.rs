@@ -81,21 +81,10 @@ impl World {
         }
     }
 
-    /// Damps a body, per characteristic time. A cluster is damped as its first body.
-    pub fn set_damping(&mut self, id: BodyId, damping: f64) {
-        if !self.bodies.leads(id) {
-            return;
-        }
-        let rigid = &mut self.engine.bodies[self.bodies[id].carrier];
-        if rigid.linear_damping() != damping as f32 {
-            rigid.set_linear_damping(damping as f32);
-            rigid.set_angular_damping(damping as f32);
-        }
-    }
-
-    /// Damping of a body, per characteristic time; `None` where another body of its cluster leads.
-    pub fn damping(&self, id: BodyId) -> Option<f32> {
-        self.bodies.leads(id).then(|| self.engine.bodies[self.bodies[id].carrier].linear_damping())
+    /// Lets the contacts of a body resist slow motion, by this share of the force that presses them. See
+    /// `corrections::resistance`. A cluster is resisted as its first body.
+    pub fn set_resistance(&mut self, id: BodyId, resistance: f64) {
+        self.bodies[id].resistance = resistance;
     }
 
     pub fn set_friction(&mut self, id: BodyId, friction: f64) {

@@ -70,6 +70,8 @@ pub struct WorldBody {
     /// Product of the two smaller extents: the area of its smallest face.
     pub face_area: f64,
     pub friction: f64,
+    /// Resistance of its contacts to slow motion, as a share of the force that presses them.
+    pub resistance: f64,
     pub(super) id: BodyId,
     /// The rigid body that moves it: its own, or its cluster's.
     pub(super) carrier: RigidBodyHandle,

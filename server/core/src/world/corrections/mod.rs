@@ -5,6 +5,7 @@
 pub mod bobbing;
 pub mod ccd;
 pub mod creep;
+pub mod resistance;
 pub mod rolling;
 
 /// Counts of the steps and their corrections: bodies, summed over the steps.
@@ -20,6 +21,8 @@ pub struct WorldCounters {
     pub ccd_body_steps: u64,
     /// Bodies braked by their resistance to rolling.
     pub rolling_body_steps: u64,
+    /// Bodies braked by the resistance of their contacts.
+    pub resisted_body_steps: u64,
     /// Looks at a body that moved on the spot, and so was allowed to fall asleep.
     pub rocking_looks: u64,
     /// Times that a pile that bobbed got more substeps.

@@ -53,8 +53,6 @@ impl World {
         let mut rigid = RigidBodyBuilder::new(first.role.engine_type())
             .pose(Pose::from_translation(center.as_vec3()))
             .additional_mass_properties(properties)
-            .linear_damping(like.linear_damping())
-            .angular_damping(like.angular_damping())
             .build();
         *rigid.activation_mut() = *like.activation();
         rigid.set_linvel((linear / mass).as_vec3(), false);
@@ -69,7 +67,7 @@ impl World {
             let pose = self.bodies.pose(&self.engine, member);
             let (linear, angular) = (self.velocity(member), self.angular_velocity(member));
             let carrier = &self.engine.bodies[cluster.carrier];
-            let (activation, damping) = (*carrier.activation(), carrier.linear_damping());
+            let activation = *carrier.activation();
             let body = &mut self.bodies[member];
             (body.cluster, body.carrier, body.offset) = (None, body.own, Pose::IDENTITY);
             let (own, collider, place, role) = (body.own, body.collider, body.collider_pose, body.role);
@@ -77,8 +75,6 @@ impl World {
             rigid.set_position(pose, true);
             rigid.set_body_type(role.engine_type(), true);
             *rigid.activation_mut() = activation;
-            rigid.set_linear_damping(damping);
-            rigid.set_angular_damping(damping);
             if role == Role::Free {
                 rigid.set_linvel(linear.as_vec3(), true);
                 rigid.set_angvel(angular.as_vec3(), true);

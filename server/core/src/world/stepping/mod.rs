@@ -6,7 +6,7 @@ mod retry;
 use crate::invariants;
 pub use retry::{Energy, Snapshot};
 
-use super::{BodyId, World, corrections::ccd};
+use super::{BodyId, World, corrections::ccd, corrections::resistance};
 use glam::DVec3;
 
 impl World {
@@ -20,6 +20,7 @@ impl World {
         let broken = self.remove_quarantined();
         let World { engine, bodies, counters, .. } = self;
         self.rolling.brake(engine, bodies, counters);
+        resistance::brake(engine, bodies, counters);
         self.creep.prevent_sleep(engine, bodies, counters);
         self.bobbing.calm(engine, bodies, counters);
         if invariants::are_checked() {

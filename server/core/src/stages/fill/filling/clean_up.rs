@@ -24,16 +24,25 @@ impl Filling<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// Takes out the newest bodies beyond `limit`. Bodies from `round` on are equally new: some from everywhere go.
-    pub fn cut_to(&mut self, limit: usize, round: Option<BodyId>) {
+    /// Takes out bodies from `first` on, which are equally new, until `limit` bodies are left: some from everywhere go.
+    pub fn cut_to(&mut self, limit: usize, first: BodyId) {
         let beyond = self.world.loose().count().saturating_sub(limit);
-        let round: Vec<BodyId> = self.world.loose().filter(|&id| round.is_some_and(|first| id >= first)).collect();
-        let out: Vec<BodyId> = match beyond {
-            0 => Vec::new(),
-            _ if beyond <= round.len() => (0..beyond).map(|i| round[i * round.len() / beyond]).collect(),
-            _ => self.world.loose().skip(limit).collect(),
-        };
-        out.into_iter().for_each(|id| self.world.remove(id));
+        let new: Vec<BodyId> = self.world.loose().filter(|&id| id >= first).collect();
+        let beyond = beyond.min(new.len());
+        (0..beyond).for_each(|i| self.world.remove(new[i * new.len() / beyond]));
+    }
+
+    /// Gives bodies that grew beyond their size their own size. Returns whether there were any.
+    pub fn shrink_overgrown(&mut self) -> bool {
+        let overgrown = std::mem::take(&mut self.overgrown);
+        for &(id, scale) in &overgrown {
+            if !self.world.is_present(id) {
+                continue;
+            }
+            let shape = &self.task.shapes[self.world.body(id).prop];
+            self.world.rescale(id, shape, scale);
+        }
+        !overgrown.is_empty()
     }
 
     /// Takes out bodies that left the container.
@@ -79,8 +88,8 @@ impl Filling<'_> {
         self.world.depenetrate(residual, going)
     }
 
-    /// Takes out bodies from `first` on until none of these pairs is left: those in most pairs first. Returns the
-    /// count.
+    /// Takes out bodies from `first` on until none of these pairs is left: those in most pairs first. Bodies of near
+    /// ids are near in space: of those in equally many pairs, bodies from everywhere go. Returns the count.
     pub fn separate(&mut self, pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
         let may_go = |id: BodyId| id >= first && self.world.is_loose(id);
         let mut others = BTreeMap::<BodyId, Vec<BodyId>>::new();
@@ -88,16 +97,18 @@ impl Filling<'_> {
             others.entry(a).or_default().push(b);
         }
         let mut count: BTreeMap<BodyId, usize> = others.iter().map(|(&id, others)| (id, others.len())).collect();
-        let mut order: BTreeSet<(usize, BodyId)> =
-            count.iter().filter(|(id, _)| may_go(**id)).map(|(&id, &n)| (n, id)).collect();
+        let key = |pairs: usize, id: BodyId| (pairs, id.reverse_bits());
+        let mut order: BTreeSet<(usize, usize)> =
+            count.iter().filter(|(id, _)| may_go(**id)).map(|(&id, &n)| key(n, id)).collect();
         let mut removed = 0;
-        while let Some((1.., worst)) = order.pop_last() {
+        while let Some((1.., reversed)) = order.pop_last() {
+            let worst = reversed.reverse_bits();
             self.world.remove(worst);
             removed += 1;
             for other in others.remove(&worst).unwrap_or_default() {
                 let Some(n) = count.get_mut(&other).filter(|_| others.contains_key(&other)) else { continue };
-                if order.remove(&(*n, other)) {
-                    order.insert((*n - 1, other));
+                if order.remove(&key(*n, other)) {
+                    order.insert(key(*n - 1, other));
                 }
                 *n -= 1;
             }

@@ -13,11 +13,12 @@ use glam::{DQuat, DVec3};
 use rand::RngExt;
 use std::collections::BTreeMap;
 
-/// A container this high, in d, is filled under full gravity; a higher one under less, so that bodies at its end are
-/// squeezed no more.
-const TALL: f64 = 6.0;
 /// Size at insertion, as a share of the full size.
 const SEED_SCALE: f64 = 0.4;
+/// Where overlaps are to be removed, props grow beyond their full size by this share, and shrink to it once the
+/// container is full: most overlaps vanish, and the rest can part in the room that this makes. With less, a full
+/// container leaves no such room; with more, the pile is less dense and keeps its shape less well.
+const OVERGROWTH: f64 = 0.02;
 /// A seed grows to its full size in equal stages of about this length, characteristic times.
 const GROWTH_STAGE: f64 = 0.2;
 /// Places tried for each prop wanted in a round. A place costs a thousandth of a prop that grows there.
@@ -43,21 +44,9 @@ const LEAST_KEPT: f64 = 0.25;
 /// A round of fewer seeds than this does not show that the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
 
-#[derive(Default)]
-pub struct Insert {
-    /// The first body of the latest round.
-    round: Option<BodyId>,
-}
+pub struct Insert;
 
 impl Method for Insert {
-    fn gravity(&self, height: f64) -> f64 {
-        (TALL / height).min(1.0)
-    }
-
-    fn latest_round(&self) -> Option<BodyId> {
-        self.round
-    }
-
     /// Runs rounds until they add next to nothing.
     fn run(&mut self, filling: &mut Filling, pass: &Pass, observer: &mut dyn Observer) -> Result<bool, Error> {
         let (fill, expected) = (&filling.task.params.fill, filling.task.expected as f64);
@@ -79,7 +68,6 @@ impl Method for Insert {
             let missing = ((pass.limit - before) as f64 / keeps.max(LEAST_KEPT)).ceil();
             let wanted = (share * expected).ceil().min(missing) as usize;
             let first = filling.world.next_id();
-            self.round = Some(first);
             let seeds = plant(filling, pass, wanted, &inside)?;
             if seeds.is_empty() {
                 return Ok(true);
@@ -93,7 +81,7 @@ impl Method for Insert {
             squeezed = old.into_iter().map(|pair| (pair, rounds(pair))).collect();
             let jammed = squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair);
             filling.separate(jammed.collect(), 0);
-            filling.cut_to(pass.limit, self.round);
+            filling.cut_to(pass.limit, first);
             filling.world.validate(pass.limit);
             let kept = filling.world.loose().filter(|&id| id >= first).count();
             let after = filling.world.loose().count();
@@ -150,12 +138,16 @@ fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) ->
     // Bodies that are near in space are near in memory: large piles spend their time waiting for that.
     let (low, extent) = (container.low, container.high - container.low);
     seeds.sort_by_cached_key(|(seed, _)| morton((seed.pose.translation - low) / extent));
+    let overgrowth = if task.params.fill.residual_overlap < 1.0 { OVERGROWTH } else { 0.0 };
     let insert = |(seed, outside): (Instance, f64)| {
         let id = filling.insert(Instance { scale: SEED_SCALE * seed.scale, ..seed })?;
         if outside > 0.0 {
             filling.world.allow_outside(id);
         }
-        Ok((id, seed.scale))
+        if overgrowth > 0.0 {
+            filling.overgrown.push((id, seed.scale));
+        }
+        Ok((id, seed.scale * (1.0 + overgrowth)))
     };
     seeds.into_iter().map(insert).collect()
 }

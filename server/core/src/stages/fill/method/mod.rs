@@ -10,7 +10,6 @@ use super::zones::Zones;
 use crate::error::Error;
 use crate::input::observer::Observer;
 use crate::input::params::FillMethod;
-use crate::world::BodyId;
 use glam::DVec3;
 use rand::Rng;
 
@@ -31,14 +30,9 @@ impl Pass<'_> {
     }
 }
 
-/// A fill method. The fill asks [`Method::gravity`] and [`Method::is_open`] once, and calls [`Method::run`]: once where
-/// the container is open, else for each pass, and again where the clean-up took too many bodies.
+/// A fill method. The fill asks [`Method::is_open`] once, and calls [`Method::run`]: once where the container is open,
+/// else for each pass, and again where the clean-up took too many bodies.
 pub trait Method {
-    /// Gravity of the fill as a share of the scene's, in a container of this height, d.
-    fn gravity(&self, _height: f64) -> f64 {
-        1.0
-    }
-
     /// Whether the container is open while it is filled. Then the method adds the container itself.
     fn is_open(&self) -> bool {
         false
@@ -46,19 +40,14 @@ pub trait Method {
 
     /// Adds bodies. Returns whether the container is full; if not, the pass has reached its limit.
     fn run(&mut self, filling: &mut Filling, pass: &Pass, observer: &mut dyn Observer) -> Result<bool, Error>;
-
-    /// The first body of the latest round, for methods with rounds: all bodies of a round are equally new.
-    fn latest_round(&self) -> Option<BodyId> {
-        None
-    }
 }
 
 /// The method that the parameters ask for.
 pub fn of(method: FillMethod) -> Box<dyn Method> {
     match method {
-        FillMethod::Insert => Box::<insert::Insert>::default(),
+        FillMethod::Insert => Box::new(insert::Insert),
         FillMethod::Pour => Box::new(pour::Pour),
-        FillMethod::Stack => Box::<stack::Stack>::default(),
+        FillMethod::Stack => Box::new(stack::Stack),
         FillMethod::Off => Box::new(off::Off),
     }
 }

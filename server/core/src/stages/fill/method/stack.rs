@@ -16,7 +16,6 @@ use crate::input::scene::{Prop, Turns};
 use crate::prepare::shape::{NestingPose, Shape, Solid, corners, hull_mesh};
 use crate::sim::instance::Instance;
 use crate::stages::fill::filling::{FillTask, Filling};
-use crate::world::BodyId;
 use course::{Course, kind};
 use field::{Footprint, HeightField};
 use glam::{DQuat, DVec2, DVec3};
@@ -59,26 +58,19 @@ impl Layable {
     }
 }
 
-#[derive(Default)]
-pub struct Stack {
-    /// Throws props into the room that a stack in disorder leaves.
-    insert: Insert,
-}
+pub struct Stack;
 
 impl Method for Stack {
     fn run(&mut self, filling: &mut Filling, pass: &Pass, observer: &mut dyn Observer) -> Result<bool, Error> {
         let full = stack(filling, pass, observer)?;
-        if filling.task.params.fill.lying() < 1.0 { self.insert.run(filling, pass, observer) } else { Ok(full) }
-    }
-
-    fn latest_round(&self) -> Option<BodyId> {
-        self.insert.latest_round()
+        // Props thrown in fill the room that a stack in disorder leaves.
+        if filling.task.params.fill.lying() < 1.0 { Insert.run(filling, pass, observer) } else { Ok(full) }
     }
 }
 
 /// Lays props until there is no more room. Returns whether the container is full.
 fn stack(filling: &mut Filling, pass: &Pass, observer: &mut dyn Observer) -> Result<bool, Error> {
-    filling.point_gravity(DVec3::NEG_Y);
+    filling.world.set_gravity(DVec3::NEG_Y);
     let task = filling.task;
     let props: Vec<Layable> = task.scene.props.iter().zip(task.shapes).map(|(p, s)| layable(s, p)).collect();
     let mut field = field_of(&task, &props);
