@@ -35,6 +35,8 @@ pub struct Factor {
 const SHIFT: f64 = 1.05;
 /// Beyond this factor, the matrix has entries that are not numbers.
 const MOST_SHIFT: f64 = 1e9;
+/// Residual of an answer, relative to that of its start, where the splitting method does not repeat it.
+pub const ACCURATE: f64 = 1e-3;
 /// Regularisation of a body whose forces span fewer than six directions, as a share of its block's trace.
 const LEAST: f64 = 1e-9;
 

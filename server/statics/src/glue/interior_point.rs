@@ -15,16 +15,16 @@
 use super::program::{GlueForces, GlueProgram};
 use super::{GlueError, GlueOptions, GluePlacement, GlueProblem, Going, NOTHING, ROUNDS};
 use crate::global::GlobalProblemError;
+use crate::local::interior_point::STOP;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver};
 use nalgebra::{Vector3, Vector6};
 
-/// Tolerances of the rounds that choose, and of the one that balances.
+/// Tolerance of the rounds that choose: below [`NOTHING`].
 const CHOOSING: f64 = 1e-5;
-const BALANCING: f64 = 1e-9;
 /// Price of joints and normal forces where they only have to balance.
-const PRICE: f64 = 1e-3;
+pub(super) const PRICE: f64 = 1e-3;
 
 /// Chooses the joints as [`super::place`] does, with no bound on their strength.
 pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Result<GluePlacement, GlueError> {
@@ -65,7 +65,7 @@ fn balanced(program: &GlueProgram, allowed: &[bool]) -> Result<GluePlacement, Gl
 
 /// Forces that balance, with joints only where they may be. Shape of `allowed`: `[site]`.
 pub(super) fn balance(program: &GlueProgram, allowed: &[bool]) -> Result<GlueForces, GlueError> {
-    solve(program, allowed, &vec![PRICE; allowed.len()], &|_| PRICE, BALANCING)
+    solve(program, allowed, &vec![PRICE; allowed.len()], &|_| PRICE, STOP)
 }
 
 fn solve(

@@ -3,10 +3,9 @@
 
 use super::admm::{Admm, GlueWeights, IterationLimits};
 use super::program::GlueProgram;
-use super::{GlueError, GlueOptions, GlueProblem, Going, MOST_ROUNDS};
+use super::{GlueError, GlueProblem, Going, UNBOUNDED};
 use crate::global::SHARPEN;
 
-const PLAIN: GlueOptions = GlueOptions { friction_factor: 1.0, normal_price: 0.0, strength: None, rounds: MOST_ROUNDS };
 /// Iterations between two looks at the imbalance.
 const LOOK: IterationLimits = IterationLimits { least: 100, most: 100 };
 /// Looks at most: first with even weights, then in the rounds that settle ties.
@@ -21,7 +20,7 @@ const STEADY: usize = 10;
 /// search ends once no body's imbalance exceeds `enough`.
 pub fn missing(pile: &GlueProblem, enough: f64, going: &mut Going) -> Result<(Vec<f64>, u64), GlueError> {
     let fallen = vec![false; pile.bodies.len()];
-    let program = GlueProgram::new(pile, &PLAIN, &fallen)?;
+    let program = GlueProgram::new(pile, &UNBOUNDED, &fallen)?;
     let mut weights = GlueWeights::even(&program, 0.0, true);
     let mut admm = Admm::new(&program, &vec![false; pile.sites.len()], true);
     let mut best: Option<(usize, Vec<f64>)> = None;

@@ -18,8 +18,8 @@ use clarabel::solver::SupportedConeT::{NonnegativeConeT, SecondOrderConeT, ZeroC
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use glam::DVec3;
 
-/// Stops ten times below what [`Tolerances::REFERENCE`] demands of the proofs.
-const STOP: f64 = 1e-9;
+/// Tolerance of Clarabel. Ten times below what [`Tolerances::REFERENCE`] demands of the proofs.
+pub(crate) const STOP: f64 = 1e-9;
 
 /// Decides with Clarabel. `None`: no decision, or a decision that does not pass substitution.
 pub(super) fn solve(scaled: &ScaledProblem, tolerances: Tolerances, forces: &mut Vec<DVec3>) -> Option<SolverOutcome> {

@@ -65,7 +65,7 @@
 
 mod analyser;
 pub mod candidate;
-mod interior_point;
+pub(crate) mod interior_point;
 pub mod margin;
 mod projection;
 pub mod rank;
@@ -85,7 +85,7 @@ pub const STABLE_RESIDUAL: f64 = 1e-10;
 
 /// [`STABLE_RESIDUAL`] grows by this much per mg of normal force: forces of F mg are themselves rounded to 1e-16 F, and
 /// a wedge that needs 1e6 mg to hold cannot show a smaller residual. The same forces balance exactly if the contact
-/// points move by about this share of the radius.
+/// points move by about this share of the radius. The solver's offers of work below it are rounding, too.
 pub const FORCE_ROUNDING: f64 = 1e-15;
 
 /// A certificate z of instability is accepted if, for every contact, no force of unit normal component does more work
@@ -97,7 +97,8 @@ pub const CERTIFICATE_TOLERANCE: f64 = 1e-9;
 /// leaves open only forces above r/v.
 pub const EXCLUDED_FORCE: f64 = 1e4;
 
-/// Largest relative excess over the friction law, and largest tension in mg, that the forces of a stable verdict show.
+/// Largest relative excess over the friction law, and largest tension in mg, that the forces of a stable verdict show. A
+/// normal force of no more than that loads no contact: Eq. 5 has nothing to test there.
 pub const FRICTION_TOLERANCE: f64 = 1e-9;
 
 /// One contact of the analysed body.
