@@ -2,7 +2,9 @@
 
 use glam::DVec3;
 
-/// Gap up to which a contact carries, relative to d (the definition of `hanging`).
+/// Bodies this near to each other touch, relative to d: less cannot be seen. A contact carries up to this gap (the
+/// definition of `hanging`). The engine leaves overlaps up to this, as its own default for objects of unit size, and
+/// moves no body farther from its support without finding contacts again.
 pub const CARRYING_GAP: f64 = 1.0 / 200.0;
 /// A contact points upward if its normal does by more than this: a vertical face is so only up to f32's rounding and
 /// the engine's tolerances. It is a slope of 0.6 degrees, on which no friction holds anything.

@@ -64,6 +64,7 @@ pub use colliders::{BodyId, MovingId};
 pub use contacts::{ComingHit, ContactPair, ContactPoint, PairSide, ReservedPlaces};
 pub use corrections::WorldCounters;
 pub use joints::nails::NailId;
+pub use manifold::SOLVED;
 pub use queries::FrictionExcess;
 pub use scenery::WallId;
 pub use stepping::{Energy, Snapshot};

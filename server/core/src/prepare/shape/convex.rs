@@ -26,8 +26,6 @@ const FARTHER: f64 = 1.1;
 const FARTHER_SHARE: f64 = 0.5;
 /// Points sampled on each surface to measure the deviation.
 const DEVIATION_SAMPLES: usize = 600;
-/// Voxels along the longest side for the decomposition: fine enough for parts of a fiftieth of the prop.
-const DECOMPOSITION_RESOLUTION: u32 = 64;
 
 /// One hull where that is close enough to the mesh, else up to `max_parts` convex parts, with few corners. `thickness`:
 /// of the prop, m. The second value is the deviation, m: the largest distance, both ways, between sampled points of
@@ -115,8 +113,7 @@ impl<'a> Unit<'a> {
     fn vhacd(&self, concavity: f32, max_parts: u32) -> Option<Vec<Vec<Vector>>> {
         let fill_mode =
             if self.closed { FillMode::FloodFill { detect_cavities: false } } else { FillMode::SurfaceOnly };
-        let resolution = DECOMPOSITION_RESOLUTION;
-        let params = VHACDParameters { concavity, resolution, fill_mode, ..VHACDParameters::default() };
+        let params = VHACDParameters { concavity, fill_mode, ..VHACDParameters::default() };
         // The library panics on some dirty meshes; one hull is then the answer, and the report states its deviation.
         let parts = catch_unwind(AssertUnwindSafe(|| {
             let split = VHACD::decompose(&params, &self.points, self.triangles, true);

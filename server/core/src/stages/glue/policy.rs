@@ -79,8 +79,6 @@ pub const MOST_MOVED: f64 = 0.01;
 pub const LEANS: f64 = 0.03;
 /// The pile fails in few places if no larger share has moved.
 pub const IN_PLACES: f64 = 0.1;
-/// The pile plainly does not stand if a larger share has moved: the trial ends.
-pub const COLLAPSED: f64 = 0.4;
 /// The pile sags, and a little more would bring it down, if its bodies have moved by more than this in the mean. Late
 /// attempts at a standing man of 1,023 bananas sag by 0.054 to 0.065.
 pub const SAGS: f64 = 0.06;

@@ -1,6 +1,6 @@
 //! A trial: the glued pile is released without control, and its motion is measured.
 
-use super::policy::{COLLAPSED, LOOK, MOST_MOVED, MOVED, MOVED_A_LITTLE, STILL, STILL_LOOKS, TRIAL_TIME};
+use super::policy::{LOOK, MOST_MOVED, MOVED, MOVED_A_LITTLE, STILL, STILL_LOOKS, TRIAL_TIME};
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
@@ -96,7 +96,7 @@ pub fn release_trial(
                 trial.poses = Some(poses(world));
                 return Ok(trial);
             }
-            if (trial.moved > COLLAPSED || failing > 1) && !to_the_end {
+            if failing > 1 && !to_the_end {
                 return Ok(trial);
             }
             let now = poses(world);

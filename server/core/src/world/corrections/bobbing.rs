@@ -3,6 +3,7 @@
 //! added while the pile bobs.
 
 use super::WorldCounters;
+use crate::input::params::MOST_SUBSTEPS;
 use crate::world::bodies::Bodies;
 use rapier3d::prelude::PhysicsWorld;
 
@@ -39,7 +40,6 @@ const LONGEST: f64 = 1.0;
 const SWINGS: u32 = 6;
 /// The substeps are multiplied by this, up to [`MOST_SUBSTEPS`].
 const FINER: usize = 2;
-const MOST_SUBSTEPS: usize = 64;
 
 impl Bobbing {
     /// Records a step of this length with this mean upward speed. Returns whether the pile bobs.
@@ -74,8 +74,8 @@ impl Bobbing {
         }
         self.swings = 0;
         let substeps = &mut engine.integration_parameters.num_solver_iterations;
-        if *substeps < MOST_SUBSTEPS {
-            *substeps = (*substeps * FINER).min(MOST_SUBSTEPS);
+        if *substeps < MOST_SUBSTEPS as usize {
+            *substeps = (*substeps * FINER).min(MOST_SUBSTEPS as usize);
             counters.calmed += 1;
         }
     }

@@ -25,10 +25,10 @@ use smallvec::SmallVec;
 /// A point whose gap exceeds that of the nearest one by this share of its distance from it is no better than the
 /// nearest: the bodies meet there only after one has turned by as much.
 const SLOPE: f32 = 0.02;
-/// Points nearer to each other than this, engine units, are one.
+/// Points nearer to each other than this, engine units, are one; gaps that differ by less are the same.
 const APART: f32 = 1e-5;
 
-/// Points of one manifold that the engine's solver takes: among more, it chooses with less care.
+/// Points of one patch that are solved. Among more, the engine's solver chooses with less care.
 pub const SOLVED: usize = 4;
 /// Points of one manifold that a contact pair reports: more add next to nothing to the polygon that they span.
 pub const REPORTED: usize = 8;
