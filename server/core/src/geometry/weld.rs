@@ -3,6 +3,7 @@
 use glam::DVec3;
 use std::collections::HashMap;
 
+/// Marks a free slot of the table.
 const FREE: u32 = u32::MAX;
 
 /// The points without those that are equal to an earlier one, or within `reach` (m, 0: none) of it; and for each given

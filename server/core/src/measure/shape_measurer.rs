@@ -16,10 +16,12 @@ use rayon::prelude::*;
 
 /// Most cells of the grid around the control mesh, and of all props' solids together, one of which has half of them at
 /// most: 4 million, about 60 MB while closing.
-const MOST_CELLS: usize = 1 << 22;
-/// A cell is at most this share of the median smallest extent, and of d (the definition of `shape_iou`).
+pub(super) const MOST_CELLS: usize = 1 << 22;
+/// A cell is at most this share of the median smallest extent (the definition of `shape_iou`).
 const CELL_OF_THICKNESS: f64 = 0.5;
-const CELL_OF_DIAMETER: f64 = 0.1;
+/// Resolution of the figures, d: a cell is no larger (the definition of `shape_iou`), and a centre of mass this far
+/// outside still counts as inside (that of `inside_fraction`).
+pub(super) const RESOLUTION: f64 = 0.1;
 /// A prop's own cells are this much finer than the grid's, so that its faces are not moved by half a cell.
 const SOLID_FINER: f64 = 3.0;
 /// Total sample points, and bounds per body. The error of a body's volume share is 1.6 % with the most samples, 12 %
@@ -66,7 +68,7 @@ impl<'a> ShapeMeasurer<'a> {
             percentile(&sizes.collect::<Vec<_>>(), 0.5)
         };
         let diameter = 2.0 * median(|o| o.radius);
-        let wanted_cell = (CELL_OF_THICKNESS * median(|o| o.thickness)).min(CELL_OF_DIAMETER * diameter);
+        let wanted_cell = (CELL_OF_THICKNESS * median(|o| o.thickness)).min(RESOLUTION * diameter);
         let (lattice, mut control_cells) = control_grid(region, wanted_cell, diameter / 2.0);
         control_cells.rows_mut(|at, row| region.mark_row(lattice.centre(at), lattice.cell, row));
         let used = outlines.iter().flatten().count();

@@ -3,8 +3,9 @@
 use crate::input::params::{Params, Physics, Switch};
 use crate::input::scene::Scene;
 
-/// Beyond these the bodies are no longer simulated well, and the user is warned.
+/// Beyond this ratio of sizes the small bodies are simulated coarsely, and the user is warned.
 pub const MOST_SIZE_RATIO: f64 = 100.0;
+/// Beyond this ratio of masses a heavy body sinks into a light one, and the user is warned.
 pub const MOST_MASS_RATIO: f64 = 1000.0;
 
 /// Square of the contact frequency, per characteristic time, that a light body needs under one of its own mass; it grows

@@ -18,22 +18,19 @@ const FARTHER: f64 = 2.5;
 /// more, the engine keeps pairs that are far apart.
 const LENGTH_UNIT: f64 = 2.5;
 /// Top speed at which overlapping bodies are pushed apart: slower than a fall from one diameter, so that nothing
-/// bursts.
-const PUSH_OUT_SPEED: f64 = 0.35;
+/// bursts. So the energy that a step may gain is bounded, too.
+pub const PUSH_OUT_SPEED: f64 = 0.35;
 /// Contacts are kept unchanged until a pair has moved by this share of the smallest thickness: with more, a verdict
 /// reads contacts that are gone; with less, small towers creep.
 const RECYCLE_SHARE: f64 = 0.05;
 /// An island sleeps when all its bodies have been slower than this for [`SLEEP_TIME`].
 const SLEEP_SPEED: f64 = 0.03;
+/// See [`SLEEP_SPEED`]; characteristic times. Bodies that creep are looked for twice in it.
 const SLEEP_TIME: f64 = 1.5;
 /// A nail is a spring of this natural frequency, critically damped: the engine's rigid default spikes by three orders
 /// of magnitude over the load and breaks nails that carry nothing.
 const NAIL_FREQUENCY: f64 = 64.0;
-/// While overlaps are removed, contact springs are so stiff and so damped that about half of an overlap goes in a step.
-const PROJECTION_FREQUENCY: f64 = 60.0;
-const PROJECTION_DAMPING_RATIO: f64 = 10.0;
-/// With fewer, bodies between others are pushed too far.
-const PROJECTION_SUBSTEPS: usize = 4;
+/// Step while overlaps are removed, characteristic times: about half of an overlap goes in one.
 const PROJECTION_STEP: f64 = 0.05;
 
 /// The engine, empty. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
@@ -89,8 +86,12 @@ fn set_softness(p: &mut IntegrationParameters, frequency: f64, damping_ratio: f6
 
 /// Settings under which each step is a projection that removes overlaps.
 pub fn set_projection(p: &mut IntegrationParameters) {
-    set_softness(p, PROJECTION_FREQUENCY, PROJECTION_DAMPING_RATIO);
-    p.num_solver_iterations = PROJECTION_SUBSTEPS;
+    // The engine's own contacts with the ground: stiff, and overdamped. With fewer substeps than its own, bodies between
+    // others are pushed too far.
+    let engine = IntegrationParameters::default();
+    p.contact_softness = engine.static_contact_softness;
+    p.static_contact_softness = engine.static_contact_softness;
+    p.num_solver_iterations = engine.num_solver_iterations;
     p.dt = PROJECTION_STEP as f32;
 }
 

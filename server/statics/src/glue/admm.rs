@@ -18,6 +18,7 @@ pub const FIRST: IterationLimits = IterationLimits { least: 200, most: 1200 };
 pub const NEXT: IterationLimits = IterationLimits { least: 100, most: 600 };
 /// [`NEXT`] for piles of at most [`SMALL`] bodies.
 pub const NEXT_SMALL: IterationLimits = IterationLimits { least: 600, most: 600 };
+/// In a pile of no more bodies, balance does not show whether the choice is settled.
 pub const SMALL: usize = 100;
 
 /// A run that only chooses ends once the mean imbalance of the forces that obey their laws is less than this, in a
@@ -25,11 +26,13 @@ pub const SMALL: usize = 100;
 pub const NEAR: f64 = 2e-3;
 /// Each new point is this far beyond the projection.
 const RELAXATION: f64 = 1.6;
-/// Iterations of conjugate gradients in each projection, and the residual that ends them.
+/// Iterations of conjugate gradients in each projection: the next one starts from its answer.
 const INNER: usize = 6;
+/// The residual that ends them, relative to that of their start.
 const INNER_TOLERANCE: f64 = 0.1;
-/// Every [`LOOK`] iterations the penalty is changed where the two residuals differ by more than [`UNEVEN`].
+/// Iterations between two looks at the residuals and the balance: each takes time of its own.
 const LOOK: u64 = 50;
+/// The penalty is changed where the two residuals differ by more than this factor (Boyd et al. 2011, section 3.4.1).
 const UNEVEN: f64 = 5.0;
 
 /// The price of each unknown.

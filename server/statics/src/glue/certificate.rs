@@ -39,6 +39,7 @@ const MINOR: f64 = 0.1;
 const FREED: f64 = 2.0;
 /// Where at most [`FEW`] bodies and this share of all lack a joint, each gets one.
 const FEW_OF: f64 = 0.02;
+/// See [`FEW_OF`]: of a small pile, that share is none.
 const FEW: usize = 2;
 /// The number of bodies that [`BALANCED`] is meant for.
 const COUNTED: f64 = 1000.0;

@@ -155,8 +155,9 @@ pub enum GlueError {
 }
 
 /// The e of each round of reweighting, in weights of the lighter body.
-const ROUNDS: [f64; MOST_ROUNDS] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
-pub const MOST_ROUNDS: usize = 7;
+const ROUNDS: [f64; 7] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
+/// Most rounds of reweighting.
+pub const MOST_ROUNDS: usize = ROUNDS.len();
 /// Fewest rounds. If they find no balance, all rounds run.
 pub const LEAST_ROUNDS: usize = 2;
 /// A pile of more bodies gets [`LEAST_ROUNDS`] alone, to bound the time.

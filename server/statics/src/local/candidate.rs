@@ -28,7 +28,7 @@
 
 use super::analyser::{Analyser, Start};
 use super::scaled::SolverOutcome;
-use super::{FRICTION_TOLERANCE, LocalProblem, Options, ProblemError, Solver};
+use super::{LocalProblem, Options, PROOF_TOLERANCE, ProblemError, Solver};
 use glam::{DVec2, DVec3};
 
 /// Contacts nearer to each other than this share of the body's radius support like one. Contact points of a
@@ -142,7 +142,7 @@ impl Analyser {
         let keeps = self.scaled.contacts().iter().zip(&self.forces).all(|(contact, f)| {
             let normal = f.dot(contact.n);
             let limit = ratio * contact.mu * normal;
-            normal <= FRICTION_TOLERANCE || (f.dot(contact.t1).abs() < limit && f.dot(contact.t2).abs() < limit)
+            normal <= PROOF_TOLERANCE || (f.dot(contact.t1).abs() < limit && f.dot(contact.t2).abs() < limit)
         });
         (!keeps).then_some(Candidacy::NoReserve)
     }

@@ -65,7 +65,7 @@
 
 mod analyser;
 pub mod candidate;
-pub(crate) mod interior_point;
+mod interior_point;
 pub mod margin;
 mod projection;
 pub mod rank;
@@ -88,18 +88,16 @@ pub const STABLE_RESIDUAL: f64 = 1e-10;
 /// points move by about this share of the radius. The solver's offers of work below it are rounding, too.
 pub const FORCE_ROUNDING: f64 = 1e-15;
 
-/// A certificate z of instability is accepted if, for every contact, no force of unit normal component does more work
-/// with z than this. Exact arithmetic would give zero.
-pub const CERTIFICATE_TOLERANCE: f64 = 1e-9;
+/// The most by which a proof may violate what it shows; exact arithmetic would give zero. For every contact, no force of
+/// unit normal component does more work with a certificate z of instability. The forces of a stable verdict exceed the
+/// friction law by no larger share, and show no larger tension, in mg. A normal force of no more than that loads no
+/// contact: Eq. 5 has nothing to test there. Clarabel works to this tolerance.
+pub const PROOF_TOLERANCE: f64 = 1e-9;
 
 /// A certificate of instability must also exclude all forces whose normal components sum to less than this many mg.
-/// Near the boundary this is stricter than [`CERTIFICATE_TOLERANCE`]: the violation v of a certificate with residual r
+/// Near the boundary this is stricter than [`PROOF_TOLERANCE`]: the violation v of a certificate with residual r
 /// leaves open only forces above r/v.
 pub const EXCLUDED_FORCE: f64 = 1e4;
-
-/// Largest relative excess over the friction law, and largest tension in mg, that the forces of a stable verdict show. A
-/// normal force of no more than that loads no contact: Eq. 5 has nothing to test there.
-pub const FRICTION_TOLERANCE: f64 = 1e-9;
 
 /// One contact of the analysed body.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -30,14 +30,11 @@
 
 use super::rank::INDEPENDENT;
 use super::scaled::{ScaledProblem, TIE, Vec6, dot, norm, split, subtract};
-use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE};
+use super::{EXCLUDED_FORCE, FORCE_ROUNDING, PROOF_TOLERANCE, STABLE_RESIDUAL};
 use glam::DVec3;
 
 /// The span of seven wrenches is the span of six of them.
 const MOST: usize = 6;
-
-/// Left over less than this, the target is reached: a hundred times below [`super::STABLE_RESIDUAL`].
-const REACHED: f64 = 1e-12;
 
 /// Of the tolerance of a certificate, the share that the solver uses up; the rest is for the substitution's rounding.
 const SHARE: f64 = 0.25;
@@ -47,7 +44,7 @@ const SHARE: f64 = 0.25;
 const MOST_STALLS: u32 = 12;
 
 /// Far more steps than any problem has needed; beyond, the next solver decides.
-const MOST_STEPS: u32 = 400;
+pub(super) const MOST_STEPS: u32 = 400;
 
 /// A force of unit normal component, and its wrench.
 #[derive(Clone, Copy, Debug, Default)]
@@ -86,7 +83,11 @@ pub(super) struct StopRule {
 
 impl Default for StopRule {
     fn default() -> Self {
-        StopRule { reached: REACHED, violation: SHARE * CERTIFICATE_TOLERANCE, excluded_force: EXCLUDED_FORCE / SHARE }
+        StopRule {
+            reached: STABLE_RESIDUAL / 100.0,
+            violation: SHARE * PROOF_TOLERANCE,
+            excluded_force: EXCLUDED_FORCE / SHARE,
+        }
     }
 }
 
@@ -113,7 +114,7 @@ impl Projection {
         self.count = 0;
         for (index, (contact, f)) in scaled.contacts().iter().zip(forces).enumerate() {
             let normal = f.dot(contact.n);
-            if !(normal > FRICTION_TOLERANCE && f.is_finite()) || self.count == MOST {
+            if !(normal > PROOF_TOLERANCE && f.is_finite()) || self.count == MOST {
                 continue;
             }
             let force = scaled.within_friction(contact, *f / normal);

@@ -3,7 +3,7 @@
 //! Forces are in mg, lever arms in bounding radii R; a wrench is (force, torque about the centre of mass). This file
 //! knows the friction laws and nothing of how the solvers work.
 
-use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, Fit, FrictionLaw};
+use super::{EXCLUDED_FORCE, FORCE_ROUNDING, Fit, FrictionLaw, PROOF_TOLERANCE};
 use super::{LocalProblem, ProblemError, REFERENCE_EXCLUDED_FORCE, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
 use glam::DVec3;
 
@@ -125,8 +125,8 @@ pub(super) struct Tolerances {
 impl Tolerances {
     pub const OWN: Tolerances = Tolerances {
         residual: STABLE_RESIDUAL,
-        friction: FRICTION_TOLERANCE,
-        certificate: CERTIFICATE_TOLERANCE,
+        friction: PROOF_TOLERANCE,
+        certificate: PROOF_TOLERANCE,
         excluded_force: EXCLUDED_FORCE,
     };
     /// An interior point stops at about 1e-8 of everything, before its multipliers are scaled to length one.
@@ -139,7 +139,7 @@ impl Tolerances {
     /// For the reference where the fast solver found no proof: it may not say "stable" on weaker grounds than the fast
     /// solver, whose verdicts reach nearer to the boundary than an interior point's.
     pub const FALLBACK: Tolerances =
-        Tolerances { residual: STABLE_RESIDUAL, friction: FRICTION_TOLERANCE, ..Tolerances::REFERENCE };
+        Tolerances { residual: STABLE_RESIDUAL, friction: PROOF_TOLERANCE, ..Tolerances::REFERENCE };
 }
 
 /// A unit wrench as a proof of instability, and the result of its substitution.

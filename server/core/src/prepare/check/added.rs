@@ -6,9 +6,11 @@ use crate::input::params::Params;
 use crate::input::scene::{Emitter, EmitterVolume, PlacedBody, Scene, StaticModel};
 use glam::{DQuat, DVec3};
 
-/// Bounds of positions (m), of velocities (m/s and rad/s) and of times (s).
+/// Bound of positions, m, as the schema states it.
 const FARTHEST: f64 = 1e6;
+/// Bound of velocities, m/s and rad/s, as the schema states it.
 const FASTEST: f64 = 1e4;
+/// Bound of times, s, as the schema states it.
 const LATEST: f64 = 1e5;
 /// Bound on the bodies placed and emitted, together.
 const MOST_BODIES: u64 = 100_000;

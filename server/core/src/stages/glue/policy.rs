@@ -37,6 +37,7 @@ pub const PEG: f64 = 0.5;
 /// first; but not across gaps wider than [`WIDEST`]. Guards against narrow places that the fill left empty, such as the
 /// top of a leg.
 pub const BRIDGES: [f64; 3] = [1.0, 2.0, 4.0];
+/// Widest gap of a bridge, d, however thick the bodies are.
 pub const WIDEST: f64 = 0.75;
 /// Statics knows nothing of overlaps: bodies that are pressed into each other by more than this share of the thinner
 /// one's thickness are welded. A wall of fifteen overlapping cubes springs apart without that (`tests/glue.rs`).
@@ -51,6 +52,7 @@ pub const PRICES: [f64; 4] = [0.0, 0.3, 0.6, 1.0];
 /// After these attempts, only bodies that moved get a higher price, where no larger share than [`LOCAL_MOVED`] has. A
 /// tenth fewer joints in the median of 54 piles.
 pub const LOCAL: Range<usize> = 1..5;
+/// Beyond this share of moved bodies, the price rises everywhere.
 pub const LOCAL_MOVED: f64 = 0.3;
 /// Guards against piles that come no nearer: most need one or two attempts, a standing man of bananas five.
 pub const ATTEMPTS: usize = 8;
@@ -87,6 +89,7 @@ pub const LOOK: u64 = 25;
 /// The trial ends once this many looks in a row predict that no body gets farther than [`STILL`] in the rest of the
 /// time.
 pub const STILL_LOOKS: u32 = 3;
+/// See [`STILL_LOOKS`]; d. Far less than [`MOVED`].
 pub const STILL: f64 = 0.02;
 /// The second trial tilts the ground by this to four sides, degrees. Half of friction leaves a cone of sticks standing
 /// at 5 and 10.

@@ -4,6 +4,7 @@
 
 use super::WorldCounters;
 use crate::input::params::MOST_SUBSTEPS;
+use crate::world::REST_SPEED;
 use crate::world::bodies::Bodies;
 use rapier3d::prelude::PhysicsWorld;
 
@@ -30,8 +31,6 @@ struct Swing {
 
 /// Fewer bodies are no pile.
 const LEAST_BODIES: usize = 20;
-/// A bobbing swing reaches at least this mean speed, d per characteristic time: slower ones cannot be seen.
-const FAST: f64 = 0.01;
 /// A bobbing swing reaches at least this share of the speed of the swing before: else the pile settles.
 const LASTING: f64 = 0.8;
 /// A bobbing swing is over within this time, characteristic times: else the pile falls.
@@ -47,7 +46,7 @@ impl Bobbing {
         self.swing.time += length;
         if (speed > 0.0) != self.swing.rises {
             let Swing { time, top_speed, .. } = self.swing;
-            let lasts = top_speed > FAST && top_speed > LASTING * self.before && time < LONGEST;
+            let lasts = top_speed > REST_SPEED && top_speed > LASTING * self.before && time < LONGEST;
             self.swings = if lasts { self.swings + 1 } else { 0 };
             self.before = top_speed;
             self.swing = Swing { rises: speed > 0.0, ..Swing::default() };

@@ -1,7 +1,7 @@
 //! Two convex shapes with faces: where they are nearest, and the points of their contact.
 
 use super::sides::{SideScratch, corners, engine_face};
-use super::{APART, ContactCandidate, ContactFrame, Few, widest};
+use super::{APART, ContactCandidate, ContactFrame, Few, NEAR, widest};
 use crate::geometry::SINGLE_ROUNDING;
 use crate::prepare::shape::Hull;
 use rapier3d::parry::query::details::{
@@ -16,8 +16,6 @@ use std::cell::Cell;
 /// Where a mesh's edges bend the normal of a contact, points deeper than this many times the depth along the true one
 /// are no contacts of this pair.
 const BENT_DEPTH: f32 = 5.0;
-/// Between faces nearer than this, engine units, the direction between the closest points is all rounding.
-const NEAR: f32 = 1e-3;
 
 /// A shape has faces with corners, and no rounding.
 pub(super) fn has_faces(shape: &dyn Shape) -> bool {
