@@ -24,5 +24,9 @@ pub const SINGLE_ROUNDING: f32 = 1e-4;
 pub const MOST_ITERATIONS: usize = 200;
 /// Bound on the halvings of a step: the last one is 1/4096 of the first.
 pub const HALVINGS: usize = 12;
+/// Resolution of a pile's shape, d: of the container's distance grid, and of the figures. A cell of the figures is no
+/// larger (the definition of `shape_iou`), and a centre of mass this far outside still counts as inside (that of
+/// `inside_fraction`).
+pub const RESOLUTION: f64 = 0.1;
 /// A mesh that encloses less than this share of its hull has no usable inside: a sheet, or an open or inverted mesh.
 pub const HOLLOW: f64 = 0.01;

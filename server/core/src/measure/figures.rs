@@ -1,9 +1,10 @@
 //! The figures of a pile's shape, each by itself and all together.
 
 use super::extent::PointCluster;
-use super::shape_measurer::{HEIGHT_SHARE, RESOLUTION, ShapeMeasurer, placed, ratio};
+use super::shape_measurer::{HEIGHT_SHARE, ShapeMeasurer, placed, ratio};
 use super::solid::SolidCells;
 use super::{Instances, PictureMeasures, PropSolid, ShapeMeasures, pictures};
+use crate::geometry::RESOLUTION;
 use crate::geometry::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;

@@ -8,6 +8,7 @@ use super::Instances;
 use super::extent::{PointCluster, clusters, percentile};
 use super::solid::{PropSize, SolidCells};
 use super::voxels::{CellBlock, Lattice};
+use crate::geometry::RESOLUTION;
 use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
@@ -19,9 +20,6 @@ use rayon::prelude::*;
 pub(super) const MOST_CELLS: usize = 1 << 22;
 /// A cell is at most this share of the median smallest extent (the definition of `shape_iou`).
 const CELL_OF_THICKNESS: f64 = 0.5;
-/// Resolution of the figures, d: a cell is no larger (the definition of `shape_iou`), and a centre of mass this far
-/// outside still counts as inside (that of `inside_fraction`).
-pub(super) const RESOLUTION: f64 = 0.1;
 /// A prop's own cells are this much finer than the grid's, so that its faces are not moved by half a cell.
 const SOLID_FINER: f64 = 3.0;
 /// Total sample points, and bounds per body. The error of a body's volume share is 1.6 % with the most samples, 12 %

@@ -8,9 +8,9 @@ pub const MOST_SIZE_RATIO: f64 = 100.0;
 /// Beyond this ratio of masses a heavy body sinks into a light one, and the user is warned.
 pub const MOST_MASS_RATIO: f64 = 1000.0;
 
-/// Square of the contact frequency, per characteristic time, that a light body needs under one of its own mass; it grows
-/// with the ratio of the masses. Measured on two cubes: at a frequency of 1, the light one sinks by a tenth of its edge
-/// times that ratio, and it may sink by 0.008 of it.
+/// Square of the contact frequency, per characteristic time, that a light body needs under one of its own mass; it
+/// grows with the ratio of the masses. Measured on two cubes: at a frequency of 1, the light one sinks by a tenth of
+/// its edge times that ratio, and it may sink by 0.008 of it.
 const STIFFNESS: f64 = 12.5;
 
 /// The bodies that the world will have: their props, each with the value of one that may occur.

@@ -2,14 +2,14 @@
 
 use super::manifold::{Manifolds, SOLVED};
 use super::units::Units;
-use crate::geometry::contact::CARRYING_GAP;
+use crate::geometry::contact::{CARRYING_GAP, REAL_CONTACT};
 use crate::input::params::{FrictionModel, Physics, Switch, USUAL_THICKNESS};
 use rapier3d::prelude::{IntegrationParameters, NarrowPhase, PhysicsWorld, RigidBody, SpringCoefficients, Vector};
 use std::sync::Arc;
 
 /// Contacts are predicted up to this distance where the thinnest body is [`USUAL_THICKNESS`] thick: the engine's own
-/// choice for objects of its unit size.
-const PREDICTION: f64 = 0.02;
+/// choice for objects of its unit size. A slow body moves no farther in a step.
+pub const PREDICTION: f64 = 0.02;
 /// Where the thinnest body is thinner, contacts are predicted up to this many times as far: the rim of a plate that
 /// turns over is soon on its other side.
 const FARTHER: f64 = 2.5;
@@ -20,9 +20,6 @@ const LENGTH_UNIT: f64 = 2.5;
 /// Top speed at which overlapping bodies are pushed apart: slower than a fall from one diameter, so that nothing
 /// bursts. So the energy that a step may gain is bounded, too.
 pub const PUSH_OUT_SPEED: f64 = 0.35;
-/// Contacts are kept unchanged until a pair has moved by this share of the smallest thickness: with more, a verdict
-/// reads contacts that are gone; with less, small towers creep.
-const RECYCLE_SHARE: f64 = 0.05;
 /// An island sleeps when all its bodies have been slower than this for [`SLEEP_TIME`].
 const SLEEP_SPEED: f64 = 0.03;
 /// See [`SLEEP_SPEED`]; characteristic times. Bodies that creep are looked for twice in it.
@@ -55,7 +52,7 @@ pub fn engine(units: Units, physics: &Physics, thickness: f64, compounds: bool) 
     if physics.switches.continuous_collision == Switch::Off {
         p.max_ccd_substeps = 0;
     }
-    p.normalized_contact_recycle_distance = ((RECYCLE_SHARE * thickness).min(CARRYING_GAP) / unit) as f32;
+    p.normalized_contact_recycle_distance = ((REAL_CONTACT * thickness).min(CARRYING_GAP) / unit) as f32;
     // Clustering picks other points of a compound from step to step, which rocks the compound forever.
     p.contact_clustering = !compounds;
     p.friction_model = match physics.friction_model {
@@ -86,8 +83,8 @@ fn set_softness(p: &mut IntegrationParameters, frequency: f64, damping_ratio: f6
 
 /// Settings under which each step is a projection that removes overlaps.
 pub fn set_projection(p: &mut IntegrationParameters) {
-    // The engine's own contacts with the ground: stiff, and overdamped. With fewer substeps than its own, bodies between
-    // others are pushed too far.
+    // The engine's own contacts with the ground: stiff, and overdamped. With fewer substeps than its own, bodies
+    // between others are pushed too far.
     let engine = IntegrationParameters::default();
     p.contact_softness = engine.static_contact_softness;
     p.static_contact_softness = engine.static_contact_softness;

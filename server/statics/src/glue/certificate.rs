@@ -10,6 +10,7 @@ use super::factor::{ACCURATE, Factor, Mobility, Workspace};
 use super::program::{GlueForces, GlueProgram};
 use super::{GlueError, Going, NOTHING, REPAIR_SHARE, interior_point};
 use crate::global::BALANCED;
+use crate::local::MOST_ITERATIONS;
 use nalgebra::{Vector3, Vector6};
 
 /// A balanced state, or the best one found.
@@ -27,8 +28,6 @@ pub struct Balanced {
 const APPROACH: IterationLimits = IterationLimits { least: 50, most: 600 };
 /// Bound on the corrections, and on the rounds that add joints. Each converges in a few, or stalls.
 const CORRECTIONS: usize = 12;
-/// Bound on the iterations of conjugate gradients in one correction, which end by [`ACCURATE`].
-const INNER: usize = 400;
 /// Corrections in a row that may bring less than [`MINOR`].
 const STALLS: usize = 3;
 /// The share below which a change or a body matters little. A correction stalls if it lowers the imbalance by less. A
@@ -163,7 +162,7 @@ fn correct(
         };
         program.imbalance(&state, &mut left);
         let mut multipliers = vec![Vector6::zeros(); left.len()];
-        Factor::new(program, &mobility).solve(&left, &mut multipliers, ACCURATE, INNER, &mut work);
+        Factor::new(program, &mobility).solve(&left, &mut multipliers, ACCURATE, MOST_ITERATIONS as usize, &mut work);
         let GlueForces { contacts, joints, .. } = &mut state;
         let contact = |at: usize, step: Vector3<f64>| {
             let step = step * mobility.contacts[at];

@@ -162,8 +162,6 @@ pub const MOST_ROUNDS: usize = ROUNDS.len();
 pub const LEAST_ROUNDS: usize = 2;
 /// A pile of more bodies gets [`LEAST_ROUNDS`] alone, to bound the time.
 const LARGE: usize = 4000;
-/// The first solve and all rounds but the last only weigh the joints: they may end this many times as far from balance.
-const EARLY_NEAR: f64 = 2.0;
 /// Rounds that are left out where joints are known.
 const KNOWN: usize = 3;
 /// A force less than this is none, in weights of the lighter body: its joint is dropped.
@@ -171,8 +169,8 @@ const NOTHING: f64 = 1e-4;
 /// Joints are chosen for a friction that is smaller still, by this factor: that leaves the certificate the room which
 /// it needs.
 const TIGHT: f64 = 0.985;
-/// Where a choice does not balance, further joints are sought at this share of the price of normal forces. Chosen joints
-/// are balanced to this share of [`admm::NEAR`].
+/// Where a choice does not balance, further joints are sought at this share of the price of normal forces. Chosen
+/// joints are balanced to this share of [`admm::NEAR`].
 const REPAIR_SHARE: f64 = 0.25;
 /// In a pile of more bodies, more joints are tried before the cone program, which takes longer than all other steps
 /// together.
@@ -241,7 +239,7 @@ fn choose(
 ) -> Result<Vec<Vec<usize>>, GlueError> {
     let mut weights = GlueWeights::of(admm.program, 1.0);
     if known.is_empty() {
-        admm.run(&weights, admm::FIRST, admm::NEAR * EARLY_NEAR, going)?;
+        admm.run(&weights, admm::FIRST, admm::NEAR, going)?;
     } else {
         admm.take(admm.program.state(known));
     }
@@ -253,12 +251,11 @@ fn choose(
     for number in left_out..rounds {
         // Spread evenly over all of them.
         let e = ROUNDS[(number + 1) * (MOST_ROUNDS + 1) / (rounds + 1) - 1];
-        let near = admm::NEAR * if number + 1 < rounds { EARLY_NEAR } else { 1.0 };
         weights.reweight(&admm.state.joints, e);
         weights.price(admm.program, e);
         // Costs have fallen by e; balance must not outweigh them.
         admm.set_penalty(e);
-        admm.run(&weights, next, near, going)?;
+        admm.run(&weights, next, admm::NEAR, going)?;
         chosen.push(admm.joints(NOTHING));
     }
     chosen.reverse();

@@ -20,7 +20,8 @@
 //! projection onto a cone is slowest.) Each projection starts from the previous one's generators, and each azimuth at
 //! the least push so far: most of the six are settled by one projection.
 
-use super::projection::{MOST_STEPS, Projection, StopRule};
+use super::MOST_ITERATIONS;
+use super::projection::{Projection, StopRule};
 use super::scaled::{ScaledProblem, Vec6, dot, join, norm, split};
 use std::f64::consts::FRAC_PI_3;
 
@@ -60,7 +61,7 @@ pub(super) fn of(scaled: &ScaledProblem, projection: &mut Projection) -> f64 {
 fn ray(scaled: &ScaledProblem, projection: &mut Projection, b: &Vec6, d: &Vec6, most: f64) -> f64 {
     let mut t = most;
     // Newton's steps: two to four are usual. If all do not suffice, the push counts as not survived.
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MOST_ITERATIONS {
         let target = std::array::from_fn(|k| b[k] + t * d[k]);
         projection.resume(scaled, target, ACCURACY);
         let Some(y) = projection.separator() else { return t };

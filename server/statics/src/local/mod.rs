@@ -88,16 +88,19 @@ pub const STABLE_RESIDUAL: f64 = 1e-10;
 /// points move by about this share of the radius. The solver's offers of work below it are rounding, too.
 pub const FORCE_ROUNDING: f64 = 1e-15;
 
-/// The most by which a proof may violate what it shows; exact arithmetic would give zero. For every contact, no force of
-/// unit normal component does more work with a certificate z of instability. The forces of a stable verdict exceed the
-/// friction law by no larger share, and show no larger tension, in mg. A normal force of no more than that loads no
-/// contact: Eq. 5 has nothing to test there. Clarabel works to this tolerance.
+/// The most by which a proof may violate what it shows; exact arithmetic would give zero. For every contact, no force
+/// of unit normal component does more work with a certificate z of instability. The forces of a stable verdict exceed
+/// the friction law by no larger share, and show no larger tension, in mg. A normal force of no more than that loads
+/// no contact: Eq. 5 has nothing to test there. Clarabel works to this tolerance.
 pub const PROOF_TOLERANCE: f64 = 1e-9;
 
 /// A certificate of instability must also exclude all forces whose normal components sum to less than this many mg.
 /// Near the boundary this is stricter than [`PROOF_TOLERANCE`]: the violation v of a certificate with residual r
 /// leaves open only forces above r/v.
 pub const EXCLUDED_FORCE: f64 = 1e4;
+
+/// Bound on the iterations of a solver, far more than any problem has needed: beyond, the next solver decides.
+pub(crate) const MOST_ITERATIONS: u32 = 400;
 
 /// One contact of the analysed body.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -30,7 +30,7 @@
 
 use super::rank::INDEPENDENT;
 use super::scaled::{ScaledProblem, TIE, Vec6, dot, norm, split, subtract};
-use super::{EXCLUDED_FORCE, FORCE_ROUNDING, PROOF_TOLERANCE, STABLE_RESIDUAL};
+use super::{EXCLUDED_FORCE, FORCE_ROUNDING, MOST_ITERATIONS, PROOF_TOLERANCE, STABLE_RESIDUAL};
 use glam::DVec3;
 
 /// The span of seven wrenches is the span of six of them.
@@ -42,9 +42,6 @@ const SHARE: f64 = 0.25;
 /// Steps that may fail to bring the iterate nearer before the projection ends. They are legitimate at the level of
 /// rounding, where a step may only turn the separator.
 const MOST_STALLS: u32 = 12;
-
-/// Far more steps than any problem has needed; beyond, the next solver decides.
-pub(super) const MOST_STEPS: u32 = 400;
 
 /// A force of unit normal component, and its wrench.
 #[derive(Clone, Copy, Debug, Default)]
@@ -133,7 +130,7 @@ impl Projection {
     fn iterate(&mut self, scaled: &ScaledProblem) -> u32 {
         let mut least = f64::INFINITY;
         let mut stalls = 0;
-        for step in 0..MOST_STEPS {
+        for step in 0..MOST_ITERATIONS {
             self.set_left();
             let left = norm(&self.left);
             if left <= self.accuracy.reached || self.count == MOST || stalls > MOST_STALLS {
@@ -147,7 +144,7 @@ impl Projection {
                 return step;
             }
         }
-        MOST_STEPS
+        MOST_ITERATIONS
     }
 
     /// Forces per contact of the current iterate.

@@ -1,9 +1,9 @@
 //! The core of a pile that is a shell of props: the inside of the control mesh below them, unseen and at rest.
 
-use super::{GRID_SPACING, MAX_GRID_NODES, simplify, surface, without_base};
-use crate::geometry::ClosedMesh;
+use super::{MAX_GRID_NODES, simplify, surface, without_base};
 use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::TriMesh;
+use crate::geometry::{ClosedMesh, RESOLUTION};
 use crate::prepare::shape::hull_mesh;
 
 /// Props lie on it instead of on others. SI.
@@ -32,7 +32,7 @@ impl Core {
         let base = control.mesh.bounds().0.y.max(ground);
         let lengthened = lengthened(&control.mesh, base, cut, shell + DEPTH * diameter);
         // Nodes twice as far apart as the container's: nobody sees the core.
-        let spacing = 2.0 * GRID_SPACING * diameter;
+        let spacing = 2.0 * RESOLUTION * diameter;
         let distance = DistanceGrid::new(&MeshInterior::new(&lengthened), spacing, MAX_GRID_NODES / 8);
         let fine = surface(&distance, shell);
         if fine.triangles.is_empty() {

@@ -14,8 +14,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// More corners than this make contact queries slow without being seen.
 const MAX_HULL_POINTS: usize = 48;
-/// Tolerance of the hulls of a coarser shape, in prop diameters, coarsest first: the first is taken that is no farther from the mesh than
-/// may be.
+/// Tolerance of the hulls of a coarser shape, in prop diameters, coarsest first: the first is taken that is no farther
+/// from the mesh than may be.
 const COARSER: [f32; 3] = [1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0];
 /// A coarser shape may be farther from the mesh than the finest by this factor.
 const FARTHER: f64 = 1.1;

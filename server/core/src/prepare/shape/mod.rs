@@ -102,8 +102,8 @@ pub enum Solid {
     Convex(Vec<Vec<DVec3>>),
 }
 
-/// No one sees less, in prop diameters: the thickness of a sheet of paper on a book. A mesh within it of a box is one; a
-/// hull leaves out corners that stand out by less.
+/// No one sees less, in prop diameters: the thickness of a sheet of paper on a book. A mesh within it of a box is one;
+/// a hull leaves out corners that stand out by less.
 const INVISIBLE: f32 = 1.0 / 500.0;
 /// Flat props are given this thickness, as a share of their diameter.
 const FLAT_THICKNESS: f64 = 0.01;

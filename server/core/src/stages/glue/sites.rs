@@ -2,10 +2,11 @@
 //! [`cairn_statics::glue`].
 
 use super::policy::{ARM, BRIDGES, PEG, WIDEST};
+use crate::geometry::contact::REAL_CONTACT;
 use crate::geometry::interior::DistanceGrid;
 use crate::sim::control;
 use crate::sim::glue::Joint;
-use crate::sim::pile_equilibrium::{self, REAL_CONTACT};
+use crate::sim::pile_equilibrium;
 use crate::world::{BodyId, ContactPair, PairSide, Role, SOLVED, World};
 use cairn_statics::global::{GlobalBody, GlobalContact};
 use cairn_statics::glue::{GluePlacement, GlueProblem, GlueSite};
@@ -254,7 +255,8 @@ fn add_new(pairs: &mut Vec<ContactPair>, near: Vec<ContactPair>) {
 /// Contacts whose normals differ by less than this are one patch, 1 - cosine.
 const ONE_PATCH: f64 = 1e-3;
 
-/// The outermost points of each patch, as many as the engine solves: the points between them would carry nothing that these do not.
+/// The outermost points of each patch, as many as the engine solves: the points between them would carry nothing that
+/// these do not.
 fn few(contacts: Vec<GlobalContact>) -> Vec<GlobalContact> {
     let mut patches: Vec<Vec<GlobalContact>> = Vec::new();
     for contact in contacts {
