@@ -26,7 +26,7 @@ pub const MOST_ITERATIONS: usize = 200;
 pub const HALVINGS: usize = 12;
 /// Resolution of a pile's shape, d: of the container's distance grid, and of the figures. A cell of the figures is no
 /// larger (the definition of `shape_iou`), and a centre of mass this far outside still counts as inside (that of
-/// `inside_fraction`).
+/// `inside_fraction`). A body that has moved by more in a trial of glue is seen to move.
 pub const RESOLUTION: f64 = 0.1;
 /// A mesh that encloses less than this share of its hull has no usable inside: a sheet, or an open or inverted mesh.
 pub const HOLLOW: f64 = 0.01;

@@ -3,7 +3,7 @@
 
 use super::factor::{Factor, Mobility, Workspace};
 use super::program::{GlueForces, GlueProgram};
-use super::{GlueError, Going};
+use super::{GlueError, Going, MINOR};
 use nalgebra::{SVector, Vector3, Vector6};
 
 /// Iterations of a run.
@@ -26,10 +26,8 @@ pub const SMALL: usize = 100;
 pub const NEAR: f64 = 2e-3;
 /// Each new point is this far beyond the projection.
 const RELAXATION: f64 = 1.6;
-/// Iterations of conjugate gradients in each projection: the next one starts from its answer.
+/// Iterations of conjugate gradients in each projection, which end by [`MINOR`]: the next one starts from its answer.
 const INNER: usize = 6;
-/// The residual that ends them, relative to that of their start.
-const INNER_TOLERANCE: f64 = 0.1;
 /// Iterations between two looks at the residuals and the balance: each takes time of its own.
 const LOOK: u64 = 50;
 /// The penalty is changed where the two residuals differ by more than this factor (Boyd et al. 2011, section 3.4.1).
@@ -187,7 +185,7 @@ impl<'p> Admm<'p> {
         difference(&mut point.joints, &state.joints, &dual.joints);
         difference(&mut point.missing, &state.missing, &dual.missing);
         program.imbalance(point, &mut self.left);
-        self.factor.solve(&self.left, multipliers, INNER_TOLERANCE, INNER, &mut self.work);
+        self.factor.solve(&self.left, multipliers, MINOR, INNER, &mut self.work);
         let (mut of_contacts, mut of_joints) = (Residuals::default(), Residuals::default());
         let contact = |at: usize, step: Vector3<f64>| {
             let (x, z, u) = (point.contacts[at] + step, &mut state.contacts[at], &mut dual.contacts[at]);

@@ -8,7 +8,7 @@
 use super::admm::{Admm, GlueWeights, IterationLimits, NEAR, capped, onto_cone};
 use super::factor::{ACCURATE, Factor, Mobility, Workspace};
 use super::program::{GlueForces, GlueProgram};
-use super::{GlueError, Going, NOTHING, REPAIR_SHARE, interior_point};
+use super::{GlueError, Going, MINOR, NOTHING, REPAIR_SHARE, interior_point};
 use crate::global::BALANCED;
 use crate::local::MOST_ITERATIONS;
 use nalgebra::{Vector3, Vector6};
@@ -30,10 +30,6 @@ const APPROACH: IterationLimits = IterationLimits { least: 50, most: 600 };
 const CORRECTIONS: usize = 12;
 /// Corrections in a row that may bring less than [`MINOR`].
 const STALLS: usize = 3;
-/// The share below which a change or a body matters little. A correction stalls if it lowers the imbalance by less. A
-/// force that lost more of its correction at its bound is only this share as movable in the next one. A body lacks a
-/// joint if its imbalance is at least this share of the largest one.
-const MINOR: f64 = 0.1;
 /// Each correction that a force follows makes it more movable again, by this factor.
 const FREED: f64 = 2.0;
 /// Where at most [`FEW`] bodies and this share of all lack a joint, each gets one.

@@ -166,6 +166,10 @@ const LARGE: usize = 4000;
 const KNOWN: usize = 3;
 /// A force less than this is none, in weights of the lighter body: its joint is dropped.
 const NOTHING: f64 = 1e-4;
+/// The share below which a part matters little. A projection may leave this share of the imbalance. A correction stalls
+/// if it lowers the imbalance by less. A force that lost more of its correction at its bound is only this share as
+/// movable in the next one. A body lacks a joint if its imbalance is at least this share of the largest one.
+const MINOR: f64 = 0.1;
 /// Joints are chosen for a friction that is smaller still, by this factor: that leaves the certificate the room which
 /// it needs.
 const TIGHT: f64 = 0.985;

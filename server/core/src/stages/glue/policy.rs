@@ -71,8 +71,6 @@ pub const WELD_ROUNDS: usize = 3;
 pub const TRIAL_TIME: f64 = 20.0;
 /// A body has moved beyond this.
 pub const MOVED: f64 = 0.25;
-/// A body has moved a little beyond this: its normal forces get a higher price.
-pub const MOVED_A_LITTLE: f64 = 0.1;
 /// The pile stands if no larger share of its bodies has moved.
 pub const MOST_MOVED: f64 = 0.01;
 /// The pile leans as a whole, on a foot that is too narrow, if its bodies have moved by more than this in the mean.
