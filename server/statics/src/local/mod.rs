@@ -102,6 +102,10 @@ pub const EXCLUDED_FORCE: f64 = 1e4;
 /// Bound on the iterations of a solver, far more than any problem has needed: beyond, the next solver decides.
 pub(crate) const MOST_ITERATIONS: u32 = 400;
 
+/// Wrenches nearer than this (forces by mg, torques by mgR) to the span of the others add nothing to it:
+/// single-precision contacts on a line are no straighter.
+pub const INDEPENDENT: f64 = 1e-6;
+
 /// One contact of the analysed body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalContact {

@@ -28,9 +28,8 @@
 //! would be a direction accurate to 1e-7 only, whereas the twice orthogonalised y remains orthogonal to the loaded
 //! generators to rounding. This is what makes certificates possible down to 1e-10.
 
-use super::rank::INDEPENDENT;
 use super::scaled::{ScaledProblem, TIE, Vec6, dot, norm, split, subtract};
-use super::{EXCLUDED_FORCE, FORCE_ROUNDING, MOST_ITERATIONS, PROOF_TOLERANCE, STABLE_RESIDUAL};
+use super::{EXCLUDED_FORCE, FORCE_ROUNDING, INDEPENDENT, MOST_ITERATIONS, PROOF_TOLERANCE, STABLE_RESIDUAL};
 use glam::DVec3;
 
 /// The span of seven wrenches is the span of six of them.
