@@ -4,10 +4,11 @@
 mod piles;
 
 use cairn::model::export::{self, Format};
+use cairn_core::geometry::contact::REAL_CONTACT;
 use cairn_core::input::observer::{Observer, Progress, Silent, Stage};
 use cairn_core::input::params::ControlMode;
 use cairn_core::sim::control::BodyProblem;
-use cairn_core::sim::pile_equilibrium::{PileEquilibrium, REAL_CONTACT};
+use cairn_core::sim::pile_equilibrium::PileEquilibrium;
 use cairn_core::sim::step::Simulation;
 use cairn_core::stages::cache::NoCache;
 use cairn_core::stages::glue::Sites;

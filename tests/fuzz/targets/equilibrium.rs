@@ -2,7 +2,7 @@
 //! solver.
 
 use cairn_statics::local::{
-    Analyser, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, FrictionLaw, LocalContact, LocalProblem, Options,
+    Analyser, EXCLUDED_FORCE, FORCE_ROUNDING, FrictionLaw, LocalContact, LocalProblem, Options, PROOF_TOLERANCE,
     REFERENCE_EXCLUDED_FORCE, STABLE_RESIDUAL, Verdict,
 };
 use glam::DVec3;
@@ -97,7 +97,7 @@ fn balances(contacts: &[LocalContact], forces: &[DVec3], residual: f64, law: Fri
         let t = (*f - n * frame(contact)).length();
         // The paper's square reaches sqrt 2 beyond the circle.
         let most = contact.friction * n * if law == FrictionLaw::Cone { 1.0 } else { std::f64::consts::SQRT_2 };
-        let room = 10.0 * FRICTION_TOLERANCE * (1.0 + f.length()) * (1.0 + contact.friction);
+        let room = 10.0 * PROOF_TOLERANCE * (1.0 + f.length()) * (1.0 + contact.friction);
         assert!(n >= -room && t <= most + room, "touch {contact:?} with force {f}: {n} {t} {most}");
     }
     let left = (force.length_squared() + torque.length_squared()).sqrt();

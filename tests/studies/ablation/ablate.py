@@ -266,6 +266,7 @@ def main():
     chosen = parser.parse_args()
     HOME.mkdir(parents=True, exist_ok=True)
     known, kept = build() if not chosen.so_far else (constants(), set(json.loads((HOME / "kept.json").read_text())))
+    kept &= set(known)
     scenes = json.loads(SCENES.read_text())
     log = HOME / "runs.jsonl"
     done = {}

@@ -2,8 +2,13 @@
 
 use glam::DVec3;
 
-/// Gap up to which a contact carries, relative to d (the definition of `hanging`).
+/// Bodies this near to each other touch, relative to d: less cannot be seen. A contact carries up to this gap (the
+/// definition of `hanging`). The engine leaves overlaps up to this, as its own default for objects of unit size, and
+/// moves no body farther from its support without finding contacts again.
 pub const CARRYING_GAP: f64 = 1.0 / 200.0;
+/// Gap up to which contacts carry, as a share of the thinner body's thickness. The engine finds a contact again once
+/// the pair has moved by as much: later, a verdict would read contacts that are gone; sooner, small towers creep.
+pub const REAL_CONTACT: f64 = 0.05;
 /// A contact points upward if its normal does by more than this: a vertical face is so only up to f32's rounding and
 /// the engine's tolerances. It is a slope of 0.6 degrees, on which no friction holds anything.
 const UPWARD: f64 = 0.01;

@@ -3,8 +3,6 @@
 use glam::DVec3;
 use std::collections::HashMap;
 
-const FREE: u32 = u32::MAX;
-
 /// The points without those that are equal to an earlier one, or within `reach` (m, 0: none) of it; and for each given
 /// point the number of the one that stands for it.
 pub(crate) fn merged(points: &[DVec3], reach: f64) -> (Vec<u32>, Vec<DVec3>) {
@@ -43,6 +41,7 @@ fn snap(points: &[DVec3], reach: f64) -> Vec<DVec3> {
 #[derive(Default)]
 pub(crate) struct Welder {
     points: Vec<DVec3>,
+    /// In each slot the number of a point, plus 1; 0 in a free one.
     table: Vec<u32>,
 }
 
@@ -54,12 +53,12 @@ impl Welder {
             self.grow();
         }
         let slot = self.slot(point);
-        if self.table[slot] == FREE {
-            assert!(self.points.len() < FREE as usize, "more points than a u32 can number");
-            self.table[slot] = self.points.len() as u32;
+        if self.table[slot] == 0 {
+            assert!(self.points.len() < u32::MAX as usize, "more points than a u32 can number");
             self.points.push(point);
+            self.table[slot] = self.points.len() as u32;
         }
-        self.table[slot]
+        self.table[slot] - 1
     }
 
     pub fn into_points(self) -> Vec<DVec3> {
@@ -72,18 +71,18 @@ impl Welder {
         let mut slot = hash(point) as usize & mask;
         loop {
             match self.table[slot] {
-                FREE => return slot,
-                index if self.points[index as usize] == point => return slot,
+                0 => return slot,
+                number if self.points[number as usize - 1] == point => return slot,
                 _ => slot = (slot + 1) & mask,
             }
         }
     }
 
     fn grow(&mut self) {
-        self.table = vec![FREE; (2 * self.table.len()).max(64)];
+        self.table = vec![0; (2 * self.table.len()).max(64)];
         for index in 0..self.points.len() {
             let slot = self.slot(self.points[index]);
-            self.table[slot] = index as u32;
+            self.table[slot] = index as u32 + 1;
         }
     }
 }

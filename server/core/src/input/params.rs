@@ -74,22 +74,24 @@ impl Spread {
     }
 }
 
-/// The thickness, in d, that `contact_frequency` is meant for, and the largest factor for thinner bodies.
-const THIN: (f64, f64) = (0.1, 5.0);
+/// The thickness of the thinnest body, in d, that `contact_frequency` and the engine's margins are meant for.
+pub const USUAL_THICKNESS: f64 = 0.1;
+/// Largest factor on `contact_frequency` for thinner bodies.
+const STIFFEST: f64 = 5.0;
 /// A contact spring is stable up to this share of the substeps' rate.
 const STABLE_PER_SUBSTEP: f64 = 0.25;
 /// A stack of such springs is calm up to this share: beyond it, a tall one oscillates forever and walks, until it
 /// falls.
 const CALM_PER_SUBSTEP: f64 = 0.14;
-/// As the range of `substeps`.
-const MOST_SUBSTEPS: u32 = 64;
+/// Most substeps: as the range of `substeps`.
+pub const MOST_SUBSTEPS: u32 = 64;
 
 impl Physics {
     /// The frequency of the contact springs, per characteristic time, where the thinnest body has this thickness (in
     /// d). A body sinks in by g / omega^2: thin ones get stiffer springs, so that it is the same share of their
     /// thickness.
     pub fn stiffness(&self, thickness: f64) -> f64 {
-        self.contact_frequency * (THIN.0 / thickness).sqrt().clamp(1.0, THIN.1)
+        self.contact_frequency * (USUAL_THICKNESS / thickness).sqrt().clamp(1.0, STIFFEST)
     }
 
     /// The substeps that contacts of this frequency need in a step of this length, characteristic times, and at least

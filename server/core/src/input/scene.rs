@@ -2,8 +2,8 @@
 
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
-use crate::input::params::Params;
 pub use crate::input::params::Turns;
+use crate::input::params::{Accuracy, Params};
 use glam::DVec3;
 
 /// Everything a bake needs besides its [`Params`].
@@ -77,7 +77,7 @@ impl Prop {
         Prop {
             model,
             weight: 1.0,
-            friction: FRICTION,
+            friction: Params::new(Accuracy::Standard).ground_friction,
             density: 1000.0,
             restitution: 0.0,
             scale: [1.0; 2],
@@ -93,8 +93,6 @@ impl Prop {
     }
 }
 
-/// Coulomb friction coefficient of props and scenery without another.
-pub const FRICTION: f64 = 0.7;
 /// The power for a skew of 1: the median is then at 1/16 of the range.
 const SKEW: f64 = 4.0;
 

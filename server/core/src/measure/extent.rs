@@ -1,12 +1,9 @@
 //! The size of a prop: its bounding sphere and its smallest extent, from the points that its triangles use.
 
 use crate::geometry::mesh::{TriMesh, bounds};
+use crate::geometry::{HALVINGS, MOST_ITERATIONS, TOLERANCE};
 use glam::DVec3;
 
-/// A point outside the ball by less than this share of its radius is on it.
-const BALL_TOLERANCE: f64 = 1e-9;
-/// Rounds of the bounding sphere: ten or so suffice; the bound only guards against cycling on rounding errors.
-const BALL_ROUNDS: usize = 200;
 /// Points in a cluster: about the square root of a large prop's, so that neither the clusters nor their points are
 /// many.
 const CLUSTER: usize = 64;
@@ -14,10 +11,6 @@ const CLUSTER: usize = 64;
 const DIRECTIONS: usize = 512;
 /// Directions on the half sphere in which the outermost points are sought.
 const OUTWARD: usize = 64;
-/// At most this many face normals join them.
-const NORMALS: usize = 1024;
-/// Each refinement halves the turn: the last is 0.1 rad / 2^12, where a width changes by less than 1e-9 of the size.
-const REFINEMENTS: usize = 12;
 
 /// Centre and radius of the smallest ball around the points that the triangles use; a radius of 0 without any.
 ///
@@ -28,10 +21,10 @@ pub fn bounding_sphere(mesh: &TriMesh) -> (DVec3, f64) {
     let Some(&first) = points.first() else { return (DVec3::ZERO, 0.0) };
     let mut support = vec![first];
     let mut ball = (first, 0.0);
-    for _ in 0..BALL_ROUNDS {
+    for _ in 0..MOST_ITERATIONS {
         let farthest =
             points.iter().copied().max_by(|a, b| ball.0.distance_squared(*a).total_cmp(&ball.0.distance_squared(*b)));
-        let Some(p) = farthest.filter(|p| ball.0.distance(*p) > ball.1 * (1.0 + BALL_TOLERANCE)) else { break };
+        let Some(p) = farthest.filter(|p| ball.0.distance(*p) > ball.1 * (1.0 + TOLERANCE)) else { break };
         support.push(p);
         (ball, support) = smallest_ball(&support);
     }
@@ -63,15 +56,17 @@ pub fn smallest_extent(mesh: &TriMesh) -> f64 {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h)));
         hi - lo
     };
-    let stride = mesh.triangles.len().div_ceil(NORMALS).max(1);
+    // At most twice as many normals as directions.
+    let stride = mesh.triangles.len().div_ceil(2 * DIRECTIONS).max(1);
     let normals = (0..mesh.triangles.len()).step_by(stride).filter_map(|i| {
         let [a, b, c] = mesh.corners(i);
         (b - a).cross(c - a).try_normalize()
     });
     let first = (DVec3::X, f64::INFINITY);
     let mut best = normals.chain(spread.iter().copied()).map(|d| (d, width(d))).fold(first, narrower);
+    // After the last halving, a width changes by less than 1e-9 of the size.
     let mut turn = 0.1;
-    for _ in 0..REFINEMENTS {
+    for _ in 0..HALVINGS {
         let (u, v) = best.0.any_orthonormal_pair();
         let around = (0..8).map(|k| {
             let (sin, cos) = (k as f64 * std::f64::consts::FRAC_PI_4).sin_cos();
@@ -175,7 +170,7 @@ fn smallest_ball(points: &[DVec3]) -> ((DVec3, f64), Vec<DVec3>) {
         }
         let subset: Vec<DVec3> = (0..points.len()).filter(|i| chosen >> i & 1 == 1).map(|i| points[i]).collect();
         let Some((centre, radius)) = circumsphere(&subset) else { continue };
-        let holds = points.iter().all(|p| centre.distance(*p) <= radius * (1.0 + BALL_TOLERANCE));
+        let holds = points.iter().all(|p| centre.distance(*p) <= radius * (1.0 + TOLERANCE));
         if holds && best.as_ref().is_none_or(|b| radius < b.0.1) {
             best = Some(((centre, radius), subset));
         }

@@ -4,12 +4,10 @@ use super::extent::PointCluster;
 use super::shape_measurer::{HEIGHT_SHARE, ShapeMeasurer, placed, ratio};
 use super::solid::SolidCells;
 use super::{Instances, PictureMeasures, PropSolid, ShapeMeasures, pictures};
+use crate::geometry::RESOLUTION;
 use crate::geometry::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
-
-/// A centre of mass this far outside still counts as inside, in d (the definition of `inside_fraction`).
-const INSIDE_TOLERANCE: f64 = 0.1;
 
 impl ShapeMeasurer<'_> {
     /// The figures of the shape of a pile of the same props.
@@ -45,7 +43,7 @@ impl ShapeMeasurer<'_> {
 
     /// Share of the bodies' volume whose centre of mass is inside the control mesh, tolerance d/10.
     pub fn inside_fraction(&self, pile: &Instances) -> f64 {
-        let tolerance = INSIDE_TOLERANCE * self.diameter;
+        let tolerance = RESOLUTION * self.diameter;
         let bodies = pile.bodies.par_iter().map(|b| {
             let inside = self.region.signed_distance(placed(b, self.solid(b).centre)) <= tolerance;
             (self.volume(b), if inside { self.volume(b) } else { 0.0 })

@@ -8,23 +8,20 @@ use super::Instances;
 use super::extent::{PointCluster, clusters, percentile};
 use super::solid::{PropSize, SolidCells};
 use super::voxels::{CellBlock, Lattice};
+use crate::geometry::RESOLUTION;
 use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Cells of the grid around the control mesh: 4 million, about 60 MB while closing.
-const CONTROL_CELLS: f64 = (1 << 22) as f64;
-/// A cell is at most this share of the median smallest extent, and of d (the definition of `shape_iou`).
+/// Most cells of the grid around the control mesh, and of all props' solids together, one of which has half of them at
+/// most: 4 million, about 60 MB while closing.
+pub(super) const MOST_CELLS: usize = 1 << 22;
+/// A cell is at most this share of the median smallest extent (the definition of `shape_iou`).
 const CELL_OF_THICKNESS: f64 = 0.5;
-const CELL_OF_DIAMETER: f64 = 0.1;
 /// A prop's own cells are this much finer than the grid's, so that its faces are not moved by half a cell.
 const SOLID_FINER: f64 = 3.0;
-/// Most cells of one prop's solid.
-const SOLID_CELLS: usize = 1 << 21;
-/// Most cells of all props' solids together.
-const ALL_SOLID_CELLS: usize = 1 << 22;
 /// Total sample points, and bounds per body. The error of a body's volume share is 1.6 % with the most samples, 12 %
 /// with the fewest. The fewest are taken in piles of so many bodies that single bodies do not matter.
 const ALL_SAMPLES: usize = 1 << 20;
@@ -69,11 +66,11 @@ impl<'a> ShapeMeasurer<'a> {
             percentile(&sizes.collect::<Vec<_>>(), 0.5)
         };
         let diameter = 2.0 * median(|o| o.radius);
-        let wanted_cell = (CELL_OF_THICKNESS * median(|o| o.thickness)).min(CELL_OF_DIAMETER * diameter);
+        let wanted_cell = (CELL_OF_THICKNESS * median(|o| o.thickness)).min(RESOLUTION * diameter);
         let (lattice, mut control_cells) = control_grid(region, wanted_cell, diameter / 2.0);
         control_cells.rows_mut(|at, row| region.mark_row(lattice.centre(at), lattice.cell, row));
         let used = outlines.iter().flatten().count();
-        let max_cells = SOLID_CELLS.min(ALL_SOLID_CELLS / used);
+        let max_cells = MOST_CELLS / used.max(2);
         let max_samples = (ALL_SAMPLES / pile.bodies.len()).clamp(SAMPLES.0, SAMPLES.1);
         let solid = |(i, outline): (usize, &Option<PropSize>)| {
             let outline = outline.as_ref()?;
@@ -146,7 +143,7 @@ fn control_grid(region: &MeshInterior, wanted_cell: f64, closing: f64) -> (Latti
     let (lo, hi) = region.bounds();
     let mut cell = wanted_cell;
     let padded = |cell: f64| ((hi - lo + 2.0 * closing) / cell).ceil() + 4.0;
-    while padded(cell).element_product() > CONTROL_CELLS {
+    while padded(cell).element_product() > MOST_CELLS as f64 {
         cell *= 1.02;
     }
     let lattice = Lattice { origin: lo, cell };

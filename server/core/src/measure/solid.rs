@@ -7,16 +7,13 @@
 use super::extent::{bounding_sphere, smallest_extent};
 use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
+use crate::geometry::{HOLLOW, SINGLE_PRECISION};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rapier3d::parry;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// An open mesh must enclose this share of its convex hull to count as a solid.
-const OPEN_SHARE: f64 = 0.01;
-/// A volume below this share of the cubed radius is none: single precision alone may make as much of a flat hull.
-const FLAT: f64 = 1e-6;
 /// Thickness given to a flat prop, relative to its diameter.
 const PLATE: f64 = 0.02;
 /// Seeds the choice of sample points: any fixed value.
@@ -60,13 +57,14 @@ impl PropSize {
             thickness: smallest_extent(mesh),
         };
         let region = MeshInterior::new(mesh);
-        let some = FLAT * radius.powi(3);
+        // Less is no volume: single precision alone may make as much of a flat hull.
+        let some = SINGLE_PRECISION * radius.powi(3);
         if !region.is_open() && region.volume() > some {
             return outline(mesh, region, SolidSource::Closed);
         }
         let hull = hull(&mesh.points, middle, radius);
         let hull_volume = hull.signed_volume().abs();
-        if region.volume() > some.max(OPEN_SHARE * hull_volume) {
+        if region.volume() > some.max(HOLLOW * hull_volume) {
             return outline(mesh, region, SolidSource::Capped);
         }
         if hull_volume > some {

@@ -1,14 +1,11 @@
 //! The volume IoU: bodies stamped onto the measurer's lattice, closed, and compared with the control mesh's cells.
 
-use super::shape_measurer::{ShapeMeasurer, placed, ratio};
+use super::shape_measurer::{MOST_CELLS, ShapeMeasurer, placed, ratio};
 use super::voxels::CellBlock;
 use super::{Instances, ShapeIou};
 use crate::geometry::mesh::bounds;
 use crate::geometry::pose::Pose;
 use glam::DVec3;
-
-/// Cells of the grid around a pile, which may spread: 16 million, about 200 MB while closing.
-const PILE_CELLS: f64 = (1 << 24) as f64;
 
 /// First cell, and the one after the last.
 type CellBox = [[i64; 3]; 2];
@@ -62,7 +59,8 @@ impl ShapeMeasurer<'_> {
             }
             let (lo, hi) = (lo.map(|x| x - room), hi.map(|x| x + room));
             let cells: f64 = (0..3).map(|a| (hi[a] - lo[a]) as f64).product();
-            if cells <= PILE_CELLS || margin == 0 {
+            // A pile may spread: four times as many as the control mesh has, about 200 MB while closing.
+            if cells <= 4.0 * MOST_CELLS as f64 || margin == 0 {
                 return (clip, CellBlock::new(lo, hi));
             }
             margin = margin * 4 / 5;

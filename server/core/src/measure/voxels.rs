@@ -1,5 +1,6 @@
 //! Cubic cells on a lattice, and closing by an exact Euclidean distance transform.
 
+use crate::geometry::TOLERANCE;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -98,7 +99,7 @@ impl CellBlock {
     /// keep that far from the block's border.
     pub fn close(&mut self, radius: f64) {
         // Squares are whole numbers: one that rounding has put just below the radius's belongs to it.
-        let square = (radius * radius * (1.0 + 1e-9)).min(f64::from(FAR - 1)) as i32;
+        let square = (radius * radius * (1.0 + TOLERANCE)).min(f64::from(FAR - 1)) as i32;
         // Each transform returns the axes Y and Z swapped; two of them put things back.
         let [nx, ny, nz] = self.size;
         let dilated = distance_transform(&self.cells, self.size, 1);

@@ -206,8 +206,9 @@ fn is_hollow(mesh: &TriMesh) -> bool {
 /// If less of the control mesh than this share is as thick as the thinnest prop, the scene is refused: the pile would
 /// have another shape.
 const LEAST_THICK: f64 = 0.1;
-/// If less than this share is, the user is warned.
-const MOSTLY_THICK: f64 = 0.5;
+/// The user is warned where less than this share is as thick, or less than this share of the underside lies on the
+/// ground: most of the mesh is then not what the pile needs.
+const MOST: f64 = 0.5;
 
 /// Whether the control mesh is thick enough for the props.
 fn room(scene: &Scene, params: &Params, control: Option<&ClosedMesh>, sizes: &[Size], found: &mut Findings) {
@@ -225,13 +226,10 @@ fn room(scene: &Scene, params: &Params, control: Option<&ClosedMesh>, sizes: &[S
     };
     if share < LEAST_THICK {
         found.problem("control_mesh", text(", so that next to none would find room"));
-    } else if share < MOSTLY_THICK {
+    } else if share < MOST {
         found.warnings.push(text(": the rest stays empty"));
     }
 }
-
-/// If less of the underside than this lies on the ground, the user is warned.
-const FLAT_BASE: f64 = 0.5;
 
 /// A warning about a small base. The base is the part of the underside within `height` (a share of the mesh's height)
 /// above the ground: a pour's opening is cut there, and the pile stands on it. It is small for a ball, hooves, a hill
@@ -248,7 +246,7 @@ fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<String> 
             base += if a.y.max(b.y).max(c.y) <= cut { area } else { 0.0 };
         }
     }
-    (base < FLAT_BASE * underside).then(|| {
+    (base < MOST * underside).then(|| {
         let share = 100.0 * base / underside;
         let cut = cut - ground;
         format!(

@@ -6,10 +6,11 @@ pub mod core;
 mod simplify;
 
 use self::core::Core;
-use crate::geometry::ClosedMesh;
+use crate::geometry::contact::CARRYING_GAP;
 use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::Topology;
+use crate::geometry::{ClosedMesh, RESOLUTION};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
 use ndshape::{RuntimeShape, Shape as _};
@@ -37,12 +38,8 @@ pub struct Container {
 
 /// Bound on the distance grid, for memory.
 const MAX_GRID_NODES: usize = 2_000_000;
-/// Grid spacing, in diameters of the median prop.
-const GRID_SPACING: f64 = 0.1;
 /// A container of more triangles than this per d^2 is finer than props need: each prop meets dozens of them.
 const FINE_WALLS: f64 = 50.0;
-/// Parts that reach less deep than this into each other, in d, only touch.
-const TOUCH: f64 = 0.005;
 /// A remeshed container is this far inside the control mesh, in grid spacings: the surface of a grid rounds edges off,
 /// outward at concave ones.
 const REMESH_INSET: f64 = 0.2;
@@ -73,7 +70,8 @@ impl Container {
         let solid = control.mesh.scaled(1.0 / length);
         let (region, distance) = grid(&control.mesh, length);
         let (low, high) = solid.bounds();
-        let remeshed = !topology.is_watertight() || topology.components > 1 && region.overlaps(TOUCH);
+        // Parts that reach less deep into each other only touch.
+        let remeshed = !topology.is_watertight() || topology.components > 1 && region.overlaps(CARRYING_GAP);
         let mesh = if remeshed {
             surface(&distance, REMESH_INSET * distance.spacing())
         } else {
@@ -151,7 +149,7 @@ fn without_base(mesh: &TriMesh, base: f64, cut: f64, collar: f64) -> (TriMesh, V
 /// The inside of a mesh in SI, and the distance to its surface, in engine units.
 pub fn grid(mesh: &TriMesh, length: f64) -> (MeshInterior, DistanceGrid) {
     let region = MeshInterior::new(&mesh.scaled(1.0 / length));
-    let distance = DistanceGrid::new(&region, GRID_SPACING, MAX_GRID_NODES);
+    let distance = DistanceGrid::new(&region, RESOLUTION, MAX_GRID_NODES);
     (region, distance)
 }
 

@@ -3,15 +3,15 @@
 use crate::input::params::{Params, Physics, Switch};
 use crate::input::scene::Scene;
 
-/// Beyond these the bodies are no longer simulated well, and the user is warned.
+/// Beyond this ratio of sizes the small bodies are simulated coarsely, and the user is warned.
 pub const MOST_SIZE_RATIO: f64 = 100.0;
+/// Beyond this ratio of masses a heavy body sinks into a light one, and the user is warned.
 pub const MOST_MASS_RATIO: f64 = 1000.0;
 
-/// A light body under one of r times its mass sinks by this share of its edge times r, at a contact frequency of 1 per
-/// characteristic time: a spring's sag under the load. Measured on two cubes.
-const SAG: f64 = 0.1;
-/// The share of its edge by which it may sink.
-const MOST_SAG: f64 = 0.008;
+/// Square of the contact frequency, per characteristic time, that a light body needs under one of its own mass; it
+/// grows with the ratio of the masses. Measured on two cubes: at a frequency of 1, the light one sinks by a tenth of
+/// its edge times that ratio, and it may sink by 0.008 of it.
+const STIFFNESS: f64 = 12.5;
 
 /// The bodies that the world will have: their props, each with the value of one that may occur.
 fn bodies<'a>(
@@ -95,7 +95,7 @@ pub fn stiffened(physics: &Physics, ratio: f64, thickness: f64) -> Physics {
         Switch::On => MOST_MASS_RATIO,
         Switch::Off => return physics.clone(),
     };
-    let needed = (SAG * ratio / MOST_SAG).sqrt();
+    let needed = (STIFFNESS * ratio).sqrt();
     let given = physics.stiffness(thickness);
     if needed <= given {
         return physics.clone();

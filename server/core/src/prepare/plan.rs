@@ -2,7 +2,7 @@
 
 use crate::geometry::ClosedMesh;
 use crate::input::observer::Stage;
-use crate::input::params::Params;
+use crate::input::params::{Accuracy, Params};
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
 use crate::prepare::container::core::Core;
@@ -58,15 +58,15 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
     }
 }
 
-/// `fill.full_below` of the fills that the packing was fitted on, and the share of the bodies that is missing for each
-/// unit beyond it.
-const USUAL_FULL_BELOW: f64 = 0.04;
+/// Share of the bodies that is missing for each unit of `fill.full_below` beyond that of the fills that the packing was
+/// fitted on, its default.
 const MISSING: f64 = 0.55;
 
 /// Bodies that the fill will place: fewer where `fill.full_below` ends it sooner.
 pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedScene) -> usize {
     let filled = checked.filled(scene, params);
-    let full = 1.0 - MISSING * (params.fill.full_below - USUAL_FULL_BELOW).max(0.0);
+    let usual = Params::new(Accuracy::Standard).fill.full_below;
+    let full = 1.0 - MISSING * (params.fill.full_below - usual).max(0.0);
     filled.map_or(0, |control| {
         expected_bodies(scene, &checked.sizes, &room(control, checked.core.as_ref()), &params.fill, full)
     })

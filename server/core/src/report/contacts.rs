@@ -3,10 +3,10 @@
 
 use super::inputs::NamedFigures;
 use crate::error::Error;
-use crate::geometry::contact::{self, Bearing};
+use crate::geometry::contact::{self, Bearing, REAL_CONTACT};
 use crate::measure::{self, Overlap};
 use crate::sim::pile::REST_SPEED;
-use crate::sim::pile_equilibrium::{PileEquilibrium, REAL_CONTACT};
+use crate::sim::pile_equilibrium::PileEquilibrium;
 use crate::world::{BodyId, ContactPair, World};
 use cairn_statics::glue::GlueError;
 use std::collections::BTreeMap;

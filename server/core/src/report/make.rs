@@ -3,9 +3,9 @@
 use super::inputs::ReportInputs;
 use super::{Name, Report, contacts, counts, glue, motion, shape, tidiness, warnings};
 use crate::error::Error;
+use crate::geometry::contact::REAL_CONTACT;
 use crate::input::observer::{Observer, Stage, observe};
 use crate::prepare::effects::{Count, EffectName, OwnSeconds, bill};
-use crate::sim::pile_equilibrium::REAL_CONTACT;
 use crate::sim::step::Simulation;
 use crate::stages::{free_pour, free_standing};
 use std::collections::BTreeMap;

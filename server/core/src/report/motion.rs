@@ -7,6 +7,7 @@ use crate::input::scene::PlacedBody;
 use crate::measure;
 use crate::sim::pile::Pile;
 use crate::sim::step::Simulation;
+use crate::stages::glue::policy::MOVED;
 use crate::world::World;
 use std::collections::BTreeMap;
 
@@ -49,14 +50,12 @@ pub fn figures(inputs: &ReportInputs, pile: &Pile) -> NamedFigures {
         let height = (top - inputs.ground) / units.length;
         let drift = displacements(0, hold_end).into_iter().fold(0.0, f64::max);
         figures.insert("stack_drift_rel", (height > 0.0).then(|| drift / height));
-        let fallen = frames[0].iter().zip(&frames[last]).filter(|(a, b)| a.translation.y - b.translation.y > FALLEN);
+        // In d.
+        let fallen = frames[0].iter().zip(&frames[last]).filter(|(a, b)| a.translation.y - b.translation.y > MOVED);
         figures.insert("fallen_fraction", Some(fallen.count() as f64 / frames[0].len().max(1) as f64));
     }
     figures
 }
-
-/// A body whose centre of mass has come down by more than this, in d, has fallen.
-const FALLEN: f64 = 0.25;
 
 /// Figures of the control: nails, loads, CPU time.
 pub fn control(sim: &Simulation) -> NamedFigures {

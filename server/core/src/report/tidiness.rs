@@ -20,7 +20,7 @@ const UPWARD: f64 = 0.5;
 /// bodies whose headings differ by a multiple of 90 degrees (within [`STRAIGHT`]). `bonded_share`: of the bodies that
 /// lie on others, those that lie on two or more.
 ///
-/// `pairs`: the contact pairs up to [`crate::sim::pile_equilibrium::REAL_CONTACT`].
+/// `pairs`: the contact pairs up to [`crate::geometry::contact::REAL_CONTACT`].
 pub fn figures(world: &World, shapes: &[Shape], pairs: &[ContactPair]) -> NamedFigures {
     let length = world.units.length;
     let bodies: Vec<BodyId> = world.present().collect();

@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::error::SceneProblem;
 use crate::input::scene::{Scene, StaticModel};
 use crate::prepare::effects::{EffectName, Resolved};
-use crate::world::{BodyId, Energy, Role, Snapshot, Units, World};
+use crate::world::{BodyId, Energy, PUSH_OUT_SPEED, Role, Snapshot, Units, World};
 use std::collections::BTreeSet;
 
 /// Actions of the guard.
@@ -57,19 +57,15 @@ const MOST_RETRIES_IN_A_ROW: u32 = 4;
 const REST_STEPS: u64 = 40;
 /// Energy that may be gained in a step, as a share of the kinetic energy before it: an error of integration.
 const ENERGY_SHARE: f64 = 0.1;
-/// The push that parts overlapping bodies raises them by at most this much, d per characteristic time (the world's
-/// limit of that speed).
-const PUSH_OUT: f64 = 0.35;
 /// Pushed apart, bodies get as fast as by a fall from this many d.
 const PUSH_OUT_FALL: f64 = 1.0;
 /// A body is too fast beyond this many times the speed of a fall from the highest place (hard cases: 2); a body that
-/// bounces hands a light one more, and so does a heavy one that squeezes it out sideways like a pip.
+/// bounces hands a light one more, and so does a heavy one that squeezes it out sideways like a pip. By turning it may
+/// be this many times as fast again: a light rod that a heavy body hits at its end.
 const SPEED_FACTOR: f64 = 2.0;
 const BOUNCE_FACTOR: f64 = 4.0;
 /// Heavy and light, by their masses' ratio.
 const SQUEEZING: f64 = 100.0;
-/// A body may be this many times as fast by turning as by moving: a light rod that a heavy body hits at its end.
-const SPIN_FACTOR: f64 = 2.0;
 /// Overlaps are looked for every this many steps: they grow slowly, and each look goes over all contacts.
 const DEPTH_PERIOD: u64 = 8;
 /// Bodies are deep in each other beyond this share of the thinner one's thickness.
@@ -191,14 +187,14 @@ impl Guard {
     /// The bodies gained energy in the step without a cause.
     fn gained(&self, world: &World, before: Energy) -> bool {
         let after = world.energy_of(&self.before);
-        after.whole - before.whole > ENERGY_SHARE * before.kinetic + PUSH_OUT * world.step_length() * before.mass
+        after.whole - before.whole > ENERGY_SHARE * before.kinetic + PUSH_OUT_SPEED * world.step_length() * before.mass
     }
 
     /// Bodies at impossible places or speeds.
     fn faults(&self, world: &World) -> Vec<(BodyId, AsideReason)> {
         let most = self.most_speed();
         // A body placed below the ground is moving up.
-        let runaway = world.runaway_bodies(most, SPIN_FACTOR * most, self.ground, PUSH_OUT);
+        let runaway = world.runaway_bodies(most, SPEED_FACTOR * most, self.ground, PUSH_OUT_SPEED);
         let fault = |(id, too_fast)| (id, if too_fast { AsideReason::TooFast } else { AsideReason::BelowGround });
         runaway.into_iter().map(fault).collect()
     }

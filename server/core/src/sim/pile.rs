@@ -13,8 +13,7 @@ use crate::input::scene::{PlacedBody, Scene};
 use crate::prepare::shape::Shape;
 use crate::world::{BodyId, Insertion, World};
 
-/// A body slower than this is at rest, in d per characteristic time, that is in units of sqrt(g d): 1 %.
-pub const REST_SPEED: f64 = 0.01;
+pub use crate::world::REST_SPEED;
 
 /// Counts of release and hold so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

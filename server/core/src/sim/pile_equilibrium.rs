@@ -6,9 +6,6 @@ use cairn_statics::glue::{self, GlueError, GlueProblem, GlueSite};
 use glam::DVec3;
 use std::ops::ControlFlow;
 
-/// Gap up to which contacts carry, as a share of the thinner body's thickness.
-pub const REAL_CONTACT: f64 = 0.05;
-
 /// All bodies of a world that may move, and all contacts between them. Engine units.
 pub struct PileEquilibrium {
     /// The bodies, ascending.

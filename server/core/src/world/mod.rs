@@ -65,10 +65,16 @@ pub use colliders::{BodyId, MovingId};
 pub use contacts::{ComingHit, ContactPair, ContactPoint, PairSide, ReservedPlaces};
 pub use corrections::WorldCounters;
 pub use joints::nails::NailId;
+pub use manifold::SOLVED;
 pub use queries::FrictionExcess;
 pub use scenery::WallId;
+pub use settings::PUSH_OUT_SPEED;
 pub use stepping::{Energy, Snapshot};
 pub use units::Units;
+
+/// A body slower than this is at rest, in d per characteristic time, that is in units of sqrt(g d): 1 %. A pile whose
+/// mean speed is lower does not bob: no one sees it.
+pub const REST_SPEED: f64 = 0.01;
 
 /// Bodies, ground, scenery and the engine that moves them.
 pub struct World {

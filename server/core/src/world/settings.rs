@@ -2,45 +2,32 @@
 
 use super::manifold::{Manifolds, SOLVED};
 use super::units::Units;
-use crate::input::params::{FrictionModel, Physics, Switch};
+use crate::geometry::contact::{CARRYING_GAP, REAL_CONTACT};
+use crate::input::params::{FrictionModel, Physics, Switch, USUAL_THICKNESS};
 use rapier3d::prelude::{IntegrationParameters, NarrowPhase, PhysicsWorld, RigidBody, SpringCoefficients, Vector};
 use std::sync::Arc;
 
-/// Contacts are predicted up to this distance: the engine's own choice for objects of its unit size.
-const PREDICTION: f64 = 0.02;
-/// [`PREDICTION`] holds where the thinnest body is this thick.
-const USUAL_THICKNESS: f64 = 0.1;
+/// Contacts are predicted up to this distance where the thinnest body is [`USUAL_THICKNESS`] thick: the engine's own
+/// choice for objects of its unit size. A slow body moves no farther in a step.
+pub const PREDICTION: f64 = 0.02;
 /// Where the thinnest body is thinner, contacts are predicted up to this many times as far: the rim of a plate that
 /// turns over is soon on its other side.
 const FARTHER: f64 = 2.5;
-/// The boxes by which the engine finds pairs are larger than the bodies by this share of the smallest thickness: with
-/// less, they are rebuilt too often; with more, the engine keeps pairs that are far apart.
-const BOX_MARGIN: f64 = 0.1;
-/// The margin that the engine (rapier 0.36.1) adds to the boxes itself, in its length unit.
-const ENGINE_MARGIN: f64 = 0.04;
-/// Overlap that is not pushed apart: the engine's own choice for objects of its unit size.
-const ALLOWED_OVERLAP: f64 = 0.005;
+/// The engine's length unit, in smallest thicknesses. The boxes by which the engine (rapier 0.36.1) finds pairs are
+/// larger than the bodies by 0.04 units, so by a tenth of that thickness: with less, they are rebuilt too often; with
+/// more, the engine keeps pairs that are far apart.
+const LENGTH_UNIT: f64 = 2.5;
 /// Top speed at which overlapping bodies are pushed apart: slower than a fall from one diameter, so that nothing
-/// bursts.
-const PUSH_OUT_SPEED: f64 = 0.35;
-/// Top speed of a body: a fall from 5,000 diameters.
-const MAX_SPEED: f64 = 100.0;
-/// Contacts are kept unchanged until a pair has moved by this share of the smallest thickness: with more, a verdict
-/// reads contacts that are gone; with less, small towers creep.
-const RECYCLE_SHARE: f64 = 0.05;
-/// Upper bound of that distance: beyond it, a body hovers visibly above its support.
-const MAX_RECYCLE: f64 = 1.0 / 200.0;
+/// bursts. So the energy that a step may gain is bounded, too.
+pub const PUSH_OUT_SPEED: f64 = 0.35;
 /// An island sleeps when all its bodies have been slower than this for [`SLEEP_TIME`].
 const SLEEP_SPEED: f64 = 0.03;
+/// See [`SLEEP_SPEED`]; characteristic times. Bodies that creep are looked for twice in it.
 const SLEEP_TIME: f64 = 1.5;
 /// A nail is a spring of this natural frequency, critically damped: the engine's rigid default spikes by three orders
 /// of magnitude over the load and breaks nails that carry nothing.
 const NAIL_FREQUENCY: f64 = 64.0;
-/// While overlaps are removed, contact springs are so stiff and so damped that about half of an overlap goes in a step.
-const PROJECTION_FREQUENCY: f64 = 60.0;
-const PROJECTION_DAMPING_RATIO: f64 = 10.0;
-/// With fewer, bodies between others are pushed too far.
-const PROJECTION_SUBSTEPS: usize = 4;
+/// Step while overlaps are removed, characteristic times: about half of an overlap goes in one.
 const PROJECTION_STEP: f64 = 0.05;
 
 /// The engine, empty. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
@@ -53,18 +40,19 @@ pub fn engine(units: Units, physics: &Physics, thickness: f64, compounds: bool) 
     p.dt = step as f32;
     p.num_solver_iterations = physics.substeps_for(frequency, step) as usize;
     set_softness(p, frequency, physics.contact_damping_ratio);
-    // The engine multiplies its normalized lengths by its length unit, which follows from the margin of its boxes.
-    let unit = (BOX_MARGIN * thickness / ENGINE_MARGIN).min(1.0);
+    // The engine multiplies its normalized lengths by its length unit.
+    let unit = (LENGTH_UNIT * thickness).min(1.0);
     p.length_unit = unit as f32;
-    p.normalized_allowed_linear_error = (ALLOWED_OVERLAP / unit) as f32;
+    p.normalized_allowed_linear_error = (CARRYING_GAP / unit) as f32;
     p.warmstart_joints = true;
     p.normalized_prediction_distance = (prediction(thickness) / unit) as f32;
     p.normalized_max_corrective_velocity = (PUSH_OUT_SPEED / unit) as f32;
-    p.normalized_max_linear_velocity = (MAX_SPEED / unit) as f32;
+    // The engine's own top speed, a fall from 80,000 diameters.
+    p.normalized_max_linear_velocity /= unit as f32;
     if physics.switches.continuous_collision == Switch::Off {
         p.max_ccd_substeps = 0;
     }
-    p.normalized_contact_recycle_distance = ((RECYCLE_SHARE * thickness).min(MAX_RECYCLE) / unit) as f32;
+    p.normalized_contact_recycle_distance = ((REAL_CONTACT * thickness).min(CARRYING_GAP) / unit) as f32;
     // Clustering picks other points of a compound from step to step, which rocks the compound forever.
     p.contact_clustering = !compounds;
     p.friction_model = match physics.friction_model {
@@ -95,8 +83,12 @@ fn set_softness(p: &mut IntegrationParameters, frequency: f64, damping_ratio: f6
 
 /// Settings under which each step is a projection that removes overlaps.
 pub fn set_projection(p: &mut IntegrationParameters) {
-    set_softness(p, PROJECTION_FREQUENCY, PROJECTION_DAMPING_RATIO);
-    p.num_solver_iterations = PROJECTION_SUBSTEPS;
+    // The engine's own contacts with the ground: stiff, and overdamped. With fewer substeps than its own, bodies
+    // between others are pushed too far.
+    let engine = IntegrationParameters::default();
+    p.contact_softness = engine.static_contact_softness;
+    p.static_contact_softness = engine.static_contact_softness;
+    p.num_solver_iterations = engine.num_solver_iterations;
     p.dt = PROJECTION_STEP as f32;
 }
 

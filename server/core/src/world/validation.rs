@@ -1,10 +1,8 @@
 //! Invariants of the world, checked at the end of each step ([`crate::invariants`] says when).
 
 use super::{Role, World, WorldBody, bodies::GlueCluster, colliders::Owner};
+use crate::geometry::SINGLE_ROUNDING;
 use rapier3d::prelude::*;
-
-/// Tolerance between a collider's pose and that of its body, engine units and radians: rounding.
-const ROUNDING: f32 = 1e-4;
 
 impl World {
     /// Panics where the records of the bodies, of their joints and of the engine contradict each other.
@@ -44,7 +42,10 @@ impl World {
         let [apart, opposite] = [place.rotation - expected.rotation, place.rotation + expected.rotation];
         let turn = 2.0 * apart.length().min(opposite.length());
         let apart = place.translation.distance(expected.translation).max(turn * body.radius as f32);
-        assert!(apart <= ROUNDING * (1.0 + place.translation.length()), "the collider of body {id} is {apart} off");
+        assert!(
+            apart <= SINGLE_ROUNDING * (1.0 + place.translation.length()),
+            "the collider of body {id} is {apart} off"
+        );
         match self.bodies.cluster(id) {
             Some(cluster) => self.validate_member(body, cluster),
             None => {

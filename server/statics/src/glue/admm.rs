@@ -3,7 +3,7 @@
 
 use super::factor::{Factor, Mobility, Workspace};
 use super::program::{GlueForces, GlueProgram};
-use super::{GlueError, Going};
+use super::{GlueError, Going, MINOR};
 use nalgebra::{SVector, Vector3, Vector6};
 
 /// Iterations of a run.
@@ -18,6 +18,7 @@ pub const FIRST: IterationLimits = IterationLimits { least: 200, most: 1200 };
 pub const NEXT: IterationLimits = IterationLimits { least: 100, most: 600 };
 /// [`NEXT`] for piles of at most [`SMALL`] bodies.
 pub const NEXT_SMALL: IterationLimits = IterationLimits { least: 600, most: 600 };
+/// In a pile of no more bodies, balance does not show whether the choice is settled.
 pub const SMALL: usize = 100;
 
 /// A run that only chooses ends once the mean imbalance of the forces that obey their laws is less than this, in a
@@ -25,11 +26,11 @@ pub const SMALL: usize = 100;
 pub const NEAR: f64 = 2e-3;
 /// Each new point is this far beyond the projection.
 const RELAXATION: f64 = 1.6;
-/// Iterations of conjugate gradients in each projection, and the residual that ends them.
+/// Iterations of conjugate gradients in each projection, which end by [`MINOR`]: the next one starts from its answer.
 const INNER: usize = 6;
-const INNER_TOLERANCE: f64 = 0.1;
-/// Every [`LOOK`] iterations the penalty is changed where the two residuals differ by more than [`UNEVEN`].
+/// Iterations between two looks at the residuals and the balance: each takes time of its own.
 const LOOK: u64 = 50;
+/// The penalty is changed where the two residuals differ by more than this factor (Boyd et al. 2011, section 3.4.1).
 const UNEVEN: f64 = 5.0;
 
 /// The price of each unknown.
@@ -184,7 +185,7 @@ impl<'p> Admm<'p> {
         difference(&mut point.joints, &state.joints, &dual.joints);
         difference(&mut point.missing, &state.missing, &dual.missing);
         program.imbalance(point, &mut self.left);
-        self.factor.solve(&self.left, multipliers, INNER_TOLERANCE, INNER, &mut self.work);
+        self.factor.solve(&self.left, multipliers, MINOR, INNER, &mut self.work);
         let (mut of_contacts, mut of_joints) = (Residuals::default(), Residuals::default());
         let contact = |at: usize, step: Vector3<f64>| {
             let (x, z, u) = (point.contacts[at] + step, &mut state.contacts[at], &mut dual.contacts[at]);

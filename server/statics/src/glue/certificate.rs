@@ -5,11 +5,12 @@
 //! where the forces leave any room. Where few bodies remain without balance, each lacks a joint that was too small to
 //! show among all the others, and gets one.
 
-use super::admm::{Admm, GlueWeights, IterationLimits, capped, onto_cone};
-use super::factor::{Factor, Mobility, Workspace};
+use super::admm::{Admm, GlueWeights, IterationLimits, NEAR, capped, onto_cone};
+use super::factor::{ACCURATE, Factor, Mobility, Workspace};
 use super::program::{GlueForces, GlueProgram};
-use super::{GlueError, Going, interior_point};
+use super::{GlueError, Going, MINOR, NOTHING, REPAIR_SHARE, interior_point};
 use crate::global::BALANCED;
+use crate::local::MOST_ITERATIONS;
 use nalgebra::{Vector3, Vector6};
 
 /// A balanced state, or the best one found.
@@ -23,32 +24,21 @@ pub struct Balanced {
     pub iterations: u64,
 }
 
-/// Iterations of the splitting method before a correction, and the mean imbalance of the bodies that ends them.
+/// Iterations of the splitting method before a correction.
 const APPROACH: IterationLimits = IterationLimits { least: 50, most: 600 };
-const NEAR: f64 = 3e-4;
-/// Price of a normal force meanwhile.
-const PRICE: f64 = 1e-3;
-/// Corrections, the residual of each, and the iterations that it may take.
+/// Bound on the corrections, and on the rounds that add joints. Each converges in a few, or stalls.
 const CORRECTIONS: usize = 12;
-const RESIDUAL: f64 = 1e-3;
-const INNER: usize = 400;
-/// Corrections in a row that may bring less than a tenth.
+/// Corrections in a row that may bring less than [`MINOR`].
 const STALLS: usize = 3;
-/// A force that lost more than [`CUT_BACK`] of its correction at its bound is less movable in the next one, by
-/// [`BOUND`]; each correction that it follows makes it more movable again, by [`FREED`].
-const CUT_BACK: f64 = 0.1;
-const BOUND: f64 = 0.1;
+/// Each correction that a force follows makes it more movable again, by this factor.
 const FREED: f64 = 2.0;
-/// A body lacks a joint if its imbalance is at least [`SHORT`] of the largest one. Where at most [`FEW`] bodies and
-/// [`FEW_OF`] of all lack one, each gets one, at most [`ADDITIONS`] times.
-const SHORT: f64 = 0.1;
-const FEW: usize = 2;
+/// Where at most [`FEW`] bodies and this share of all lack a joint, each gets one.
 const FEW_OF: f64 = 0.02;
-const ADDITIONS: usize = 8;
+/// See [`FEW_OF`]: of a small pile, that share is none.
+const FEW: usize = 2;
 /// The number of bodies that [`BALANCED`] is meant for.
 const COUNTED: f64 = 1000.0;
-/// Every force is as movable as one of this size at least, in weights; every joint as one of that size.
-const LEAST_CONTACT: f64 = 1e-4;
+/// Every joint is as movable as one that carries this much at least, in weights. (A contact: [`NOTHING`].)
 const LEAST_JOINT: f64 = 1.0;
 /// Beyond this many bodies, Clarabel takes longer than all other steps together.
 pub const MOST_BODIES: usize = 2000;
@@ -67,9 +57,9 @@ pub fn balance(
     chosen.iter().for_each(|&site| allowed[site] = true);
     let mut admm = Admm::new(tight, &allowed, false);
     admm.take(from);
-    let mut weights = GlueWeights::even(program, PRICE, false);
+    let mut weights = GlueWeights::even(program, interior_point::PRICE, false);
     weights.joints.fill(0.0);
-    admm.run(&weights, APPROACH, NEAR, going)?;
+    admm.run(&weights, APPROACH, NEAR * REPAIR_SHARE, going)?;
     let iterations = admm.iterations;
     let nearly = correct(program, admm.state, &allowed, going)?;
     let (state, imbalance) = add_where_short(program, nearly, &mut allowed, going)?;
@@ -96,13 +86,13 @@ fn add_where_short(
     going: &mut Going,
 ) -> Result<(GlueForces, f64), GlueError> {
     let mut left = Vec::new();
-    for _ in 0..ADDITIONS {
+    for _ in 0..CORRECTIONS {
         if best.1 <= BALANCED {
             break;
         }
         program.imbalance(&best.0, &mut left);
         let most = left.iter().map(|e| e.norm()).fold(0.0, f64::max);
-        let is_short: Vec<bool> = left.iter().map(|e| e.norm() >= SHORT * most).collect();
+        let is_short: Vec<bool> = left.iter().map(|e| e.norm() >= MINOR * most).collect();
         let few = FEW + (FEW_OF * left.len() as f64) as usize;
         if is_short.iter().filter(|is_short| **is_short).count() > few {
             break;
@@ -157,7 +147,7 @@ fn correct(
         }
         let size = |normal: f64, least: f64| normal.max(least).powi(2);
         let mobility = Mobility {
-            contacts: state.contacts.iter().zip(&movable).map(|(f, by)| size(f[0], LEAST_CONTACT) * by).collect(),
+            contacts: state.contacts.iter().zip(&movable).map(|(f, by)| size(f[0], NOTHING) * by).collect(),
             joints: state
                 .joints
                 .iter()
@@ -168,21 +158,21 @@ fn correct(
         };
         program.imbalance(&state, &mut left);
         let mut multipliers = vec![Vector6::zeros(); left.len()];
-        Factor::new(program, &mobility).solve(&left, &mut multipliers, RESIDUAL, INNER, &mut work);
+        Factor::new(program, &mobility).solve(&left, &mut multipliers, ACCURATE, MOST_ITERATIONS as usize, &mut work);
         let GlueForces { contacts, joints, .. } = &mut state;
         let contact = |at: usize, step: Vector3<f64>| {
             let step = step * mobility.contacts[at];
             let wanted = contacts[at] + step;
             contacts[at] = onto_cone(wanted, 0.0, program.contacts[at].friction);
-            let is_cut_back = (wanted - contacts[at]).norm() > CUT_BACK * step.norm();
-            movable[at] = if is_cut_back { movable[at] * BOUND } else { (movable[at] * FREED).min(1.0) };
+            let is_cut_back = (wanted - contacts[at]).norm() > MINOR * step.norm();
+            movable[at] = if is_cut_back { movable[at] * MINOR } else { (movable[at] * FREED).min(1.0) };
         };
         let joint = |t: usize, step: Vector6<f64>| {
             joints[t] = capped(joints[t] + step * mobility.joints[t], program.sites[t].strength);
         };
         program.velocities(&multipliers, allowed, contact, joint);
         let now = unbalanced(program, &state);
-        stalls = if now > 0.9 * best.1 { stalls + 1 } else { 0 };
+        stalls = if now > (1.0 - MINOR) * best.1 { stalls + 1 } else { 0 };
         if now < best.1 {
             best = (state.clone(), now);
         }

@@ -33,8 +33,8 @@ pub struct Factor {
 
 /// The factorised matrix's diagonal is enlarged by this factor, at first.
 const SHIFT: f64 = 1.05;
-/// Beyond this factor, the matrix has entries that are not numbers.
-const MOST_SHIFT: f64 = 1e9;
+/// Relative accuracy of an answer that no later iteration corrects: of a residual, of a total.
+pub const ACCURATE: f64 = 1e-3;
 /// Regularisation of a body whose forces span fewer than six directions, as a share of its block's trace.
 const LEAST: f64 = 1e-9;
 
@@ -80,8 +80,8 @@ impl Factor {
         let mut shift = SHIFT;
         while !factor.factorise(rows.clone(), shift) {
             shift *= 1.5;
-            if shift > MOST_SHIFT {
-                // Numbers beyond their range: nothing moves.
+            // Beyond this factor, the diagonal outweighs all else, unless entries are not numbers: then nothing moves.
+            if shift > 1.0 / LEAST {
                 factor.row_ends = vec![0; count];
                 factor.lower = Vec::new();
                 factor.inverse = vec![Matrix6::zeros(); count];

@@ -4,9 +4,8 @@ use super::admm::{Admm, FIRST, GlueWeights, IterationLimits, NEAR};
 use super::certificate::MOST_BODIES;
 use super::program::GlueProgram;
 use super::{GlueError, GlueOptions, GlueProblem, Going};
+use crate::global::SHARPEN;
 
-/// A body that lacks support for more than this share of its weight falls.
-const MISSING: f64 = 0.01;
 const LIMITS: IterationLimits = IterationLimits { most: 2000, ..FIRST };
 
 /// Outcome of [`fall`].
@@ -34,7 +33,7 @@ pub fn fall(
         let mut admm = Admm::new(&program, &allowed, true);
         admm.run(&weights, LIMITS, NEAR, going)?;
         iterations += admm.iterations;
-        let missing = admm.missing(MISSING);
+        let missing = admm.missing(SHARPEN);
         if missing.is_empty() {
             break;
         }

@@ -14,30 +14,28 @@
 
 use super::program::{GlueForces, GlueProgram};
 use super::{GlueError, GlueOptions, GluePlacement, GlueProblem, Going, NOTHING, ROUNDS};
-use crate::global::GlobalProblemError;
+use crate::global::{BALANCED, GlobalProblemError};
+use crate::local::PROOF_TOLERANCE;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver};
 use nalgebra::{Vector3, Vector6};
 
-/// Tolerances of the rounds that choose, and of the one that balances.
-const CHOOSING: f64 = 1e-5;
-const BALANCING: f64 = 1e-9;
 /// Price of joints and normal forces where they only have to balance.
-const PRICE: f64 = 1e-3;
+pub(super) const PRICE: f64 = 1e-3;
 
 /// Chooses the joints as [`super::place`] does, with no bound on their strength.
 pub fn place(pile: &GlueProblem, options: &GlueOptions, going: &mut Going) -> Result<GluePlacement, GlueError> {
     let program = GlueProgram::new(pile, &GlueOptions { strength: None, ..*options }, &vec![false; pile.bodies.len()])?;
     let allowed = program.allowed_sites();
     let mut weights = vec![1.0; allowed.len()];
-    let mut state = solve(&program, &allowed, &weights, &|at| program.contacts[at].price, CHOOSING)?;
+    let mut state = solve(&program, &allowed, &weights, &|at| program.contacts[at].price, BALANCED)?;
     for e in ROUNDS {
         if going().is_break() {
             return Err(GlueError::Cancelled);
         }
         weights.iter_mut().zip(&state.joints).for_each(|(weight, joint)| *weight = e / (joint.norm() + e));
-        state = solve(&program, &allowed, &weights, &|at| program.contacts[at].price * e, CHOOSING)?;
+        state = solve(&program, &allowed, &weights, &|at| program.contacts[at].price * e, BALANCED)?;
     }
     balanced(&program, &state.joints.iter().map(|joint| joint.norm() > NOTHING).collect::<Vec<_>>())
 }
@@ -65,7 +63,7 @@ fn balanced(program: &GlueProgram, allowed: &[bool]) -> Result<GluePlacement, Gl
 
 /// Forces that balance, with joints only where they may be. Shape of `allowed`: `[site]`.
 pub(super) fn balance(program: &GlueProgram, allowed: &[bool]) -> Result<GlueForces, GlueError> {
-    solve(program, allowed, &vec![PRICE; allowed.len()], &|_| PRICE, BALANCING)
+    solve(program, allowed, &vec![PRICE; allowed.len()], &|_| PRICE, PROOF_TOLERANCE)
 }
 
 fn solve(

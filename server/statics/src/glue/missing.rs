@@ -2,18 +2,17 @@
 //! fast.
 
 use super::admm::{Admm, GlueWeights, IterationLimits};
+use super::factor::ACCURATE;
 use super::program::GlueProgram;
-use super::{GlueError, GlueOptions, GlueProblem, Going, MOST_ROUNDS};
+use super::{GlueError, GlueProblem, Going, UNBOUNDED};
 use crate::global::SHARPEN;
 
-const PLAIN: GlueOptions = GlueOptions { friction_factor: 1.0, normal_price: 0.0, strength: None, rounds: MOST_ROUNDS };
 /// Iterations between two looks at the imbalance.
 const LOOK: IterationLimits = IterationLimits { least: 100, most: 100 };
 /// Looks at most: first with even weights, then in the rounds that settle ties.
 const LOOKS: [usize; 3] = [40, 20, 20];
-/// A round ends once the total imbalance changes by no larger share between looks, or [`STEADY`] looks in a row find
-/// the same number of unsupported bodies: their number settles long before their imbalance does.
-const SETTLED: f64 = 0.001;
+/// A round ends once this many looks in a row find the same number of unsupported bodies, which settles long before
+/// their imbalance does; or once the total imbalance changes by no larger share than [`ACCURATE`].
 const STEADY: usize = 10;
 
 /// The imbalance of the best contact forces found, and the iterations. Shape `[body]`, by substitution, in the body's
@@ -21,7 +20,7 @@ const STEADY: usize = 10;
 /// search ends once no body's imbalance exceeds `enough`.
 pub fn missing(pile: &GlueProblem, enough: f64, going: &mut Going) -> Result<(Vec<f64>, u64), GlueError> {
     let fallen = vec![false; pile.bodies.len()];
-    let program = GlueProgram::new(pile, &PLAIN, &fallen)?;
+    let program = GlueProgram::new(pile, &UNBOUNDED, &fallen)?;
     let mut weights = GlueWeights::even(&program, 0.0, true);
     let mut admm = Admm::new(&program, &vec![false; pile.sites.len()], true);
     let mut best: Option<(usize, Vec<f64>)> = None;
@@ -34,7 +33,7 @@ pub fn missing(pile: &GlueProblem, enough: f64, going: &mut Going) -> Result<(Ve
             admm.run(&weights, LOOK, 0.0, going)?;
             let missing = admm.left_by_contacts();
             let total: f64 = missing.iter().sum();
-            let is_settled = (total - last).abs() <= SETTLED * total;
+            let is_settled = (total - last).abs() <= ACCURATE * total;
             last = total;
             let count = missing.iter().filter(|e| **e > enough).count();
             if best.as_ref().is_none_or(|(fewest, _)| count <= *fewest) {

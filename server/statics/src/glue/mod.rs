@@ -155,29 +155,33 @@ pub enum GlueError {
 }
 
 /// The e of each round of reweighting, in weights of the lighter body.
-const ROUNDS: [f64; MOST_ROUNDS] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
-pub const MOST_ROUNDS: usize = 7;
+const ROUNDS: [f64; 7] = [0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005];
+/// Most rounds of reweighting.
+pub const MOST_ROUNDS: usize = ROUNDS.len();
 /// Fewest rounds. If they find no balance, all rounds run.
 pub const LEAST_ROUNDS: usize = 2;
-/// Most rounds for a pile of more than [`LARGE`] bodies.
-const ROUNDS_LARGE: usize = LEAST_ROUNDS;
+/// A pile of more bodies gets [`LEAST_ROUNDS`] alone, to bound the time.
 const LARGE: usize = 4000;
-/// The first solve and all rounds but the last only weigh the joints: they may end this many times as far from balance.
-const FIRST_NEAR: f64 = 4.0;
-const EARLY_NEAR: f64 = 2.0;
 /// Rounds that are left out where joints are known.
 const KNOWN: usize = 3;
-/// A joint that carries less than this, in weights of the lighter body, is dropped.
+/// A force less than this is none, in weights of the lighter body: its joint is dropped.
 const NOTHING: f64 = 1e-4;
+/// The share below which a part matters little. A projection may leave this share of the imbalance. A correction stalls
+/// if it lowers the imbalance by less. A force that lost more of its correction at its bound is only this share as
+/// movable in the next one. A body lacks a joint if its imbalance is at least this share of the largest one.
+const MINOR: f64 = 0.1;
 /// Joints are chosen for a friction that is smaller still, by this factor: that leaves the certificate the room which
 /// it needs.
 const TIGHT: f64 = 0.985;
-/// Where a choice does not balance, further joints are sought at this share of the price of normal forces, and to this
-/// share of [`admm::NEAR`].
+/// Where a choice does not balance, further joints are sought at this share of the price of normal forces. Chosen
+/// joints are balanced to this share of [`admm::NEAR`].
 const REPAIR_SHARE: f64 = 0.25;
 /// In a pile of more bodies, more joints are tried before the cone program, which takes longer than all other steps
 /// together.
 const CONE_PROGRAM_FIRST: usize = 400;
+/// Friction counts in full, normal forces are free, and glue is not bounded.
+const UNBOUNDED: GlueOptions =
+    GlueOptions { friction_factor: 1.0, normal_price: 0.0, strength: None, rounds: MOST_ROUNDS };
 /// Called between iterations; `Break` cancels.
 pub type Going<'a> = dyn FnMut() -> ControlFlow<()> + 'a;
 
@@ -195,7 +199,7 @@ pub fn place_again(
     going: &mut Going,
 ) -> Result<GluePlacement, GlueError> {
     let mut fallen = vec![false; pile.bodies.len()];
-    let most_rounds = if pile.bodies.len() <= LARGE { MOST_ROUNDS } else { ROUNDS_LARGE };
+    let most_rounds = if pile.bodies.len() <= LARGE { MOST_ROUNDS } else { LEAST_ROUNDS };
     let (mut iterations, mut rounds) = (0, options.rounds.clamp(LEAST_ROUNDS, most_rounds));
     let tight_options = GlueOptions { friction_factor: options.friction_factor * TIGHT, ..*options };
     loop {
@@ -239,7 +243,7 @@ fn choose(
 ) -> Result<Vec<Vec<usize>>, GlueError> {
     let mut weights = GlueWeights::of(admm.program, 1.0);
     if known.is_empty() {
-        admm.run(&weights, admm::FIRST, admm::NEAR * FIRST_NEAR, going)?;
+        admm.run(&weights, admm::FIRST, admm::NEAR, going)?;
     } else {
         admm.take(admm.program.state(known));
     }
@@ -251,12 +255,11 @@ fn choose(
     for number in left_out..rounds {
         // Spread evenly over all of them.
         let e = ROUNDS[(number + 1) * (MOST_ROUNDS + 1) / (rounds + 1) - 1];
-        let near = admm::NEAR * if number + 1 < rounds { EARLY_NEAR } else { 1.0 };
         weights.reweight(&admm.state.joints, e);
         weights.price(admm.program, e);
         // Costs have fallen by e; balance must not outweigh them.
         admm.set_penalty(e);
-        admm.run(&weights, next, near, going)?;
+        admm.run(&weights, next, admm::NEAR, going)?;
         chosen.push(admm.joints(NOTHING));
     }
     chosen.reverse();

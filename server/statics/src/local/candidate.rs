@@ -28,15 +28,12 @@
 
 use super::analyser::{Analyser, Start};
 use super::scaled::SolverOutcome;
-use super::{LocalProblem, Options, ProblemError, Solver};
+use super::{LocalProblem, Options, PROOF_TOLERANCE, ProblemError, Solver};
 use glam::{DVec2, DVec3};
 
 /// Contacts nearer to each other than this share of the body's radius support like one. Contact points of a
 /// single-precision engine repeat within 1e-6; contacts 1e-4 R apart resist no tilt worth the name.
 pub const DISTINCT: f64 = 1e-4;
-
-/// A force below this share of mg does not load its contact, so that Eq. 5 has nothing to test there.
-const UNLOADED: f64 = 1e-9;
 
 /// Eq. 5, in its two readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -145,7 +142,7 @@ impl Analyser {
         let keeps = self.scaled.contacts().iter().zip(&self.forces).all(|(contact, f)| {
             let normal = f.dot(contact.n);
             let limit = ratio * contact.mu * normal;
-            normal <= UNLOADED || (f.dot(contact.t1).abs() < limit && f.dot(contact.t2).abs() < limit)
+            normal <= PROOF_TOLERANCE || (f.dot(contact.t1).abs() < limit && f.dot(contact.t2).abs() < limit)
         });
         (!keeps).then_some(Candidacy::NoReserve)
     }

@@ -11,15 +11,12 @@
 //! The objective is zero: an interior-point method then ends near the middle of the feasible set. If there is no x,
 //! the multiplier of the six equations is Farkas' certificate, minus the separator z of the module's documentation.
 
-use super::FrictionLaw;
 use super::scaled::{ScaledProblem, SolverOutcome, Tolerances, Vec6, norm};
+use super::{FrictionLaw, PROOF_TOLERANCE};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{NonnegativeConeT, SecondOrderConeT, ZeroConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use glam::DVec3;
-
-/// Stops ten times below what [`Tolerances::REFERENCE`] demands of the proofs.
-const STOP: f64 = 1e-9;
 
 /// Decides with Clarabel. `None`: no decision, or a decision that does not pass substitution.
 pub(super) fn solve(scaled: &ScaledProblem, tolerances: Tolerances, forces: &mut Vec<DVec3>) -> Option<SolverOutcome> {
@@ -40,9 +37,9 @@ pub(super) fn solve(scaled: &ScaledProblem, tolerances: Tolerances, forces: &mut
     let settings = DefaultSettings {
         verbose: false,
         presolve_enable: false,
-        tol_feas: STOP,
-        tol_infeas_abs: STOP,
-        tol_infeas_rel: STOP,
+        tol_feas: PROOF_TOLERANCE,
+        tol_infeas_abs: PROOF_TOLERANCE,
+        tol_infeas_rel: PROOF_TOLERANCE,
         max_threads: 1,
         ..DefaultSettings::default()
     };

@@ -20,6 +20,7 @@
 //! projection onto a cone is slowest.) Each projection starts from the previous one's generators, and each azimuth at
 //! the least push so far: most of the six are settled by one projection.
 
+use super::MOST_ITERATIONS;
 use super::projection::{Projection, StopRule};
 use super::scaled::{ScaledProblem, Vec6, dot, join, norm, split};
 use std::f64::consts::FRAC_PI_3;
@@ -35,9 +36,6 @@ pub const LEAST_PUSH: f64 = 1e-5;
 
 /// The projections only have to distinguish the two sides of the slack.
 const ACCURACY: StopRule = StopRule { reached: 1e-6, violation: 1e-5, excluded_force: 1e2 };
-
-/// Newton's steps per azimuth; two to four are usual. If they do not suffice the push counts as not survived.
-const MOST_NEWTON: u32 = 40;
 
 /// The margin of a stable body. Leaves other generators in the projection.
 pub(super) fn of(scaled: &ScaledProblem, projection: &mut Projection) -> f64 {
@@ -62,7 +60,8 @@ pub(super) fn of(scaled: &ScaledProblem, projection: &mut Projection) -> f64 {
 /// A t <= `most` with b + t d in W, and the largest within the slack.
 fn ray(scaled: &ScaledProblem, projection: &mut Projection, b: &Vec6, d: &Vec6, most: f64) -> f64 {
     let mut t = most;
-    for _ in 0..MOST_NEWTON {
+    // Newton's steps: two to four are usual. If all do not suffice, the push counts as not survived.
+    for _ in 0..MOST_ITERATIONS {
         let target = std::array::from_fn(|k| b[k] + t * d[k]);
         projection.resume(scaled, target, ACCURACY);
         let Some(y) = projection.separator() else { return t };

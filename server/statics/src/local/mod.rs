@@ -85,20 +85,26 @@ pub const STABLE_RESIDUAL: f64 = 1e-10;
 
 /// [`STABLE_RESIDUAL`] grows by this much per mg of normal force: forces of F mg are themselves rounded to 1e-16 F, and
 /// a wedge that needs 1e6 mg to hold cannot show a smaller residual. The same forces balance exactly if the contact
-/// points move by about this share of the radius.
+/// points move by about this share of the radius. The solver's offers of work below it are rounding, too.
 pub const FORCE_ROUNDING: f64 = 1e-15;
 
-/// A certificate z of instability is accepted if, for every contact, no force of unit normal component does more work
-/// with z than this. Exact arithmetic would give zero.
-pub const CERTIFICATE_TOLERANCE: f64 = 1e-9;
+/// The most by which a proof may violate what it shows; exact arithmetic would give zero. For every contact, no force
+/// of unit normal component does more work with a certificate z of instability. The forces of a stable verdict exceed
+/// the friction law by no larger share, and show no larger tension, in mg. A normal force of no more than that loads
+/// no contact: Eq. 5 has nothing to test there. Clarabel works to this tolerance.
+pub const PROOF_TOLERANCE: f64 = 1e-9;
 
 /// A certificate of instability must also exclude all forces whose normal components sum to less than this many mg.
-/// Near the boundary this is stricter than [`CERTIFICATE_TOLERANCE`]: the violation v of a certificate with residual r
+/// Near the boundary this is stricter than [`PROOF_TOLERANCE`]: the violation v of a certificate with residual r
 /// leaves open only forces above r/v.
 pub const EXCLUDED_FORCE: f64 = 1e4;
 
-/// Largest relative excess over the friction law, and largest tension in mg, that the forces of a stable verdict show.
-pub const FRICTION_TOLERANCE: f64 = 1e-9;
+/// Bound on the iterations of a solver, far more than any problem has needed: beyond, the next solver decides.
+pub(crate) const MOST_ITERATIONS: u32 = 400;
+
+/// Wrenches nearer than this (forces by mg, torques by mgR) to the span of the others add nothing to it:
+/// single-precision contacts on a line are no straighter.
+pub const INDEPENDENT: f64 = 1e-6;
 
 /// One contact of the analysed body.
 #[derive(Clone, Copy, Debug, PartialEq)]

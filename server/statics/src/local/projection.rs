@@ -29,33 +29,18 @@
 //! generators to rounding. This is what makes certificates possible down to 1e-10.
 
 use super::scaled::{ScaledProblem, TIE, Vec6, dot, norm, split, subtract};
-use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE};
+use super::{EXCLUDED_FORCE, FORCE_ROUNDING, INDEPENDENT, MOST_ITERATIONS, PROOF_TOLERANCE, STABLE_RESIDUAL};
 use glam::DVec3;
 
 /// The span of seven wrenches is the span of six of them.
 const MOST: usize = 6;
 
-/// Left over less than this, the target is reached: a hundred times below [`super::STABLE_RESIDUAL`].
-const REACHED: f64 = 1e-12;
-
-/// Work per unit of separator that is rounding and not an offer.
-const NO_OFFER: f64 = 1e-15;
-
 /// Of the tolerance of a certificate, the share that the solver uses up; the rest is for the substitution's rounding.
 const SHARE: f64 = 0.25;
-
-/// A remembered force below this share of mg is not worth starting from.
-const WARM_FORCE: f64 = 1e-9;
-
-/// Remembered generators nearer than this to the span of the others are left to pricing.
-const WARM_RANK: f64 = 1e-6;
 
 /// Steps that may fail to bring the iterate nearer before the projection ends. They are legitimate at the level of
 /// rounding, where a step may only turn the separator.
 const MOST_STALLS: u32 = 12;
-
-/// Far more steps than any problem has needed; beyond, the next solver decides.
-const MOST_STEPS: u32 = 400;
 
 /// A force of unit normal component, and its wrench.
 #[derive(Clone, Copy, Debug, Default)]
@@ -94,7 +79,11 @@ pub(super) struct StopRule {
 
 impl Default for StopRule {
     fn default() -> Self {
-        StopRule { reached: REACHED, violation: SHARE * CERTIFICATE_TOLERANCE, excluded_force: EXCLUDED_FORCE / SHARE }
+        StopRule {
+            reached: STABLE_RESIDUAL / 100.0,
+            violation: SHARE * PROOF_TOLERANCE,
+            excluded_force: EXCLUDED_FORCE / SHARE,
+        }
     }
 }
 
@@ -121,14 +110,15 @@ impl Projection {
         self.count = 0;
         for (index, (contact, f)) in scaled.contacts().iter().zip(forces).enumerate() {
             let normal = f.dot(contact.n);
-            if !(normal > WARM_FORCE && f.is_finite()) || self.count == MOST {
+            if !(normal > PROOF_TOLERANCE && f.is_finite()) || self.count == MOST {
                 continue;
             }
             let force = scaled.within_friction(contact, *f / normal);
             if self.enter(Generator { contact: index, force, wrench: contact.wrench(force) }) {
                 let j = self.count - 1;
                 self.lambda[j] = normal;
-                if self.r[j][j] < WARM_RANK {
+                // A generator that adds nothing to the span of the others is left to pricing.
+                if self.r[j][j] < INDEPENDENT {
                     self.count = j;
                 }
             }
@@ -139,7 +129,7 @@ impl Projection {
     fn iterate(&mut self, scaled: &ScaledProblem) -> u32 {
         let mut least = f64::INFINITY;
         let mut stalls = 0;
-        for step in 0..MOST_STEPS {
+        for step in 0..MOST_ITERATIONS {
             self.set_left();
             let left = norm(&self.left);
             if left <= self.accuracy.reached || self.count == MOST || stalls > MOST_STALLS {
@@ -148,12 +138,12 @@ impl Projection {
             stalls += u32::from(left >= least);
             least = left.min(least);
             let allowed = (left / self.accuracy.excluded_force).min(self.accuracy.violation);
-            let Some(best) = self.price(scaled, left * allowed.max(NO_OFFER)) else { return step };
+            let Some(best) = self.price(scaled, left * allowed.max(FORCE_ROUNDING)) else { return step };
             if !self.enter(best) || !self.solve_entered() {
                 return step;
             }
         }
-        MOST_STEPS
+        MOST_ITERATIONS
     }
 
     /// Forces per contact of the current iterate.

@@ -5,12 +5,8 @@
 
 use super::analyser::Analyser;
 use super::scaled::{ScaledProblem, Vec6, dot, norm, subtract};
-use super::{FrictionLaw, LocalProblem, ProblemError};
+use super::{FrictionLaw, INDEPENDENT, LocalProblem, ProblemError};
 use glam::DVec3;
-
-/// Wrenches nearer than this (forces by mg, torques by mgR) to the span of the others add nothing to it:
-/// single-precision contacts on a line are no straighter.
-pub const INDEPENDENT: f64 = 1e-6;
 
 impl Analyser {
     /// The dimension of the span of all wrenches that the contacts can exert, 0 to 6.

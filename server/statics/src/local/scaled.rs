@@ -3,18 +3,16 @@
 //! Forces are in mg, lever arms in bounding radii R; a wrench is (force, torque about the centre of mass). This file
 //! knows the friction laws and nothing of how the solvers work.
 
-use super::{CERTIFICATE_TOLERANCE, EXCLUDED_FORCE, FORCE_ROUNDING, FRICTION_TOLERANCE, Fit, FrictionLaw};
+use super::{EXCLUDED_FORCE, FORCE_ROUNDING, Fit, FrictionLaw, PROOF_TOLERANCE};
 use super::{LocalProblem, ProblemError, REFERENCE_EXCLUDED_FORCE, REFERENCE_RESIDUAL, STABLE_RESIDUAL, Wrench};
 use glam::DVec3;
 
 /// Largest number of sides of a friction pyramid.
 pub const MAX_SIDES: u32 = 64;
 
-/// Lever arms beyond this many radii would overflow when squared.
-const LARGEST_LEVER: f64 = 1e150;
-
-/// A shorter normal has no direction: its square would underflow.
-const SHORTEST_NORMAL: f64 = 1e-150;
+/// The square of a larger number overflows, that of its inverse underflows: a lever arm of more radii, and a normal
+/// that is shorter than the inverse, are refused.
+const LARGEST: f64 = 1e150;
 
 /// Choices whose worth differs by less count as equal, and the first wins: rounding, which differs from unit system to
 /// unit system, then does not choose between the two halves of a symmetric body.
@@ -127,8 +125,8 @@ pub(super) struct Tolerances {
 impl Tolerances {
     pub const OWN: Tolerances = Tolerances {
         residual: STABLE_RESIDUAL,
-        friction: FRICTION_TOLERANCE,
-        certificate: CERTIFICATE_TOLERANCE,
+        friction: PROOF_TOLERANCE,
+        certificate: PROOF_TOLERANCE,
         excluded_force: EXCLUDED_FORCE,
     };
     /// An interior point stops at about 1e-8 of everything, before its multipliers are scaled to length one.
@@ -141,7 +139,7 @@ impl Tolerances {
     /// For the reference where the fast solver found no proof: it may not say "stable" on weaker grounds than the fast
     /// solver, whose verdicts reach nearer to the boundary than an interior point's.
     pub const FALLBACK: Tolerances =
-        Tolerances { residual: STABLE_RESIDUAL, friction: FRICTION_TOLERANCE, ..Tolerances::REFERENCE };
+        Tolerances { residual: STABLE_RESIDUAL, friction: PROOF_TOLERANCE, ..Tolerances::REFERENCE };
 }
 
 /// A unit wrench as a proof of instability, and the result of its substitution.
@@ -222,7 +220,7 @@ impl ScaledProblem {
         self.contacts.reserve(p.contacts.len());
         for (index, c) in p.contacts.iter().enumerate() {
             let r = (c.point - p.center_of_mass) / p.radius;
-            if !(r.is_finite() && r.abs().max_element() <= LARGEST_LEVER) {
+            if !(r.is_finite() && r.abs().max_element() <= LARGEST) {
                 return Err(ProblemError::Point(index));
             }
             let n = direction(c.normal).ok_or(ProblemError::Normal(index))?;
@@ -378,5 +376,5 @@ impl ScaledProblem {
 /// Unit vector along `v`, without overflow; `None` if there is none.
 fn direction(v: DVec3) -> Option<DVec3> {
     let largest = v.abs().max_element();
-    (v.is_finite() && largest > SHORTEST_NORMAL).then(|| (v / largest).normalize())
+    (v.is_finite() && largest > 1.0 / LARGEST).then(|| (v / largest).normalize())
 }

@@ -46,8 +46,8 @@ fn assert_proof(case: &Case, law: FrictionLaw, verdict: &Verdict, seed: u64) {
                 let normal = f.dot(c.normal);
                 let tangential = (*f - normal * c.normal).length();
                 let mu = if law == FrictionLaw::PAPER { c.friction * 2f64.sqrt() } else { c.friction };
-                assert!(normal >= -FRICTION_TOLERANCE, "seed {seed}: tension");
-                assert!(tangential <= mu * normal + FRICTION_TOLERANCE * (1.0 + normal), "seed {seed}: friction");
+                assert!(normal >= -PROOF_TOLERANCE, "seed {seed}: tension");
+                assert!(tangential <= mu * normal + PROOF_TOLERANCE * (1.0 + normal), "seed {seed}: friction");
                 total += normal;
             }
             let left = (force.length_squared() + torque.length_squared()).sqrt();
@@ -62,7 +62,7 @@ fn assert_proof(case: &Case, law: FrictionLaw, verdict: &Verdict, seed: u64) {
                 let tangential = v - v.dot(c.normal) * c.normal;
                 // The pyramid's polygon holds the circle, so that the circle's work bounds it from below.
                 let work = v.dot(c.normal) + c.friction * tangential.length();
-                assert!(work <= CERTIFICATE_TOLERANCE + 1e-12, "seed {seed}: work {work:e}");
+                assert!(work <= PROOF_TOLERANCE + 1e-12, "seed {seed}: work {work:e}");
                 assert!(work * EXCLUDED_FORCE <= residual + 1e-9, "seed {seed}: work {work:e} of {residual:e}");
             }
         }

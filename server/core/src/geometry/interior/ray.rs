@@ -7,6 +7,7 @@
 use super::bvh::Bvh;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::weld::merged;
+use crate::geometry::{ROUNDING, SINGLE_PRECISION};
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -14,17 +15,10 @@ use std::collections::HashMap;
 /// exactly gives way to the next.
 pub(super) const SLOPES: [(f64, f64); 4] =
     [(0.41134, 0.23371), (-0.29177, 0.37143), (0.13391, -0.45317), (-0.36971, -0.17389)];
-/// Points nearer than this share of the box diagonal may be one point that an exporter has rounded twice.
-const WELD: f64 = 1e-6;
-/// A ray that meets a triangle within this share of its size starts on it: where two parts touch, rounding must not
-/// count one of the two faces alone.
-const ON_FACE: f64 = 1e-12;
-/// A box is entered although rounding says that the ray passes it by this share of its length.
-const BOX_SLACK: f64 = 1e-12;
 
 /// The mesh with points that are the same merged, and whether it is then closed: every edge is used as often in one
 /// direction as in the other. Then, and only then, is the winding number a whole number everywhere. Points are the same
-/// when their coordinates are; if that leaves holes, also when they are nearer than [`WELD`].
+/// when their coordinates are; if that leaves holes, also when an exporter may have rounded one point twice.
 pub(super) fn welded(mesh: &TriMesh, diagonal: f64) -> (TriMesh, bool) {
     let welded = |mesh: &TriMesh, reach: f64| {
         let (numbers, points) = merged(&mesh.points, reach);
@@ -34,7 +28,7 @@ pub(super) fn welded(mesh: &TriMesh, diagonal: f64) -> (TriMesh, bool) {
     if is_closed(&exact) {
         return (exact, true);
     }
-    let near = welded(&exact, WELD * diagonal);
+    let near = welded(&exact, SINGLE_PRECISION * diagonal);
     if is_closed(&near) { (near, true) } else { (exact, false) }
 }
 
@@ -61,7 +55,7 @@ fn cast(tree: &Bvh, p: DVec3, (x, y): (f64, f64)) -> Option<i32> {
             let (a, b) = ((lo - p) / slopes, (hi - p) / slopes);
             let enter = a.min(b).max_element().max(0.0);
             let leave = a.max(b).min_element();
-            enter <= leave + BOX_SLACK * (enter.abs() + leave.abs())
+            enter <= leave + ROUNDING * (enter.abs() + leave.abs())
         },
         |triangle| {
             let crossing = cross(triangle.map(|v| v - p), x, y);
@@ -87,7 +81,8 @@ fn cross(triangle: [DVec3; 3], x: f64, y: f64) -> Option<i32> {
     }
     let along = (u * a.z + v * b.z + w * c.z) / (u + v + w);
     let size = a.abs().max(b.abs()).max(c.abs()).max_element();
-    if along.abs() <= ON_FACE * size {
+    // Where two parts touch, rounding must not count one of the two faces alone.
+    if along.abs() <= ROUNDING * size {
         return None;
     }
     Some(if along < 0.0 {

@@ -7,11 +7,8 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
+use crate::geometry::ROUNDING;
 use crate::geometry::mesh::TriMesh;
-
-/// Height over the longest side, relative to that side, below which three points lie on a line: some thousand roundings
-/// of double precision. Slivers of single precision are wider and stay.
-const COLLINEAR: f64 = 1e-12;
 
 /// The triangles of no area that [`drop_flat`] found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,9 +48,10 @@ pub fn drop_flat(mesh: &mut TriMesh) -> Flat {
     result
 }
 
+/// Whether the height over the longest side is all rounding. Slivers of single precision are wider and stay.
 fn is_flat([a, b, c]: [DVec3; 3]) -> bool {
     let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
-    (b - a).cross(c - a).length() <= COLLINEAR * longest
+    (b - a).cross(c - a).length() <= ROUNDING * longest
 }
 
 /// The triangles at each edge.

@@ -4,10 +4,8 @@ use glam::DVec3;
 
 use super::double::drop_doubles;
 use super::{DisjointSets, Edges, Repair, area, drop_flat, weld};
+use crate::geometry::TOLERANCE;
 use crate::geometry::mesh::{TriMesh, bounds, solid_angle};
-
-/// Volume, relative to the cube of a part's own diagonal, below which the part has no inside.
-const FLAT: f64 = 1e-9;
 
 /// Triangles that the search for cavities may look at: seconds of one core. Beyond, all parts count as solids.
 const MOST_CAVITY_WORK: usize = 200_000_000;
@@ -147,7 +145,8 @@ fn parts(mesh: &TriMesh, edges: &Edges) -> Vec<MeshPart> {
 
 /// The parts to turn as a whole. Shape `[part]`.
 fn outward(mesh: &TriMesh, parts: &[MeshPart], repair: &mut Repair) -> Vec<bool> {
-    let solid = |p: &MeshPart| p.volume.abs() > FLAT * p.low.distance(p.high).powi(3);
+    // Else the part has no inside.
+    let solid = |p: &MeshPart| p.volume.abs() > TOLERANCE * p.low.distance(p.high).powi(3);
     // Largest first: a containing part is oriented before the parts inside it.
     let mut order: Vec<usize> = (0..parts.len()).filter(|&i| parts[i].closed && solid(&parts[i])).collect();
     order.sort_by(|&a, &b| parts[b].volume.abs().total_cmp(&parts[a].volume.abs()).then(a.cmp(&b)));

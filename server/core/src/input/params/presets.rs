@@ -2,10 +2,6 @@
 
 use super::*;
 
-/// Stiffness of a fill's contacts, per characteristic time, whatever the pile's is: stiffer ones make another fill of
-/// the same seed, and overlapping bodies are separated afterwards by position.
-const FILL_FREQUENCY: f64 = 22.0;
-
 /// Properties of an accuracy preset besides its parameters.
 #[derive(Clone, Copy, Debug)]
 pub struct AccuracyTraits {
@@ -162,7 +158,9 @@ impl Params {
         let mut physics = Physics {
             substeps: self.physics.substeps.div_ceil(2),
             rolling_resistance: 0.0,
-            contact_frequency: FILL_FREQUENCY,
+            // Whatever the pile's is: stiffer contacts make another fill of the same seed, and overlapping bodies are
+            // separated afterwards by position.
+            contact_frequency: Params::standard().physics.contact_frequency,
             ..self.physics.clone()
         };
         if !self.fill.method.traits().falls {

@@ -1,16 +1,17 @@
 //! Checks of all bodies besides the fill: placed bodies, emitters, moving scenery.
 
 use super::{FieldChecks, Findings};
+use crate::geometry::TOLERANCE;
 use crate::input::params::Params;
 use crate::input::scene::{Emitter, EmitterVolume, PlacedBody, Scene, StaticModel};
 use glam::{DQuat, DVec3};
 
-/// Bounds of positions (m), of velocities (m/s and rad/s) and of times (s).
+/// Bound of positions, m, as the schema states it.
 const FARTHEST: f64 = 1e6;
+/// Bound of velocities, m/s and rad/s, as the schema states it.
 const FASTEST: f64 = 1e4;
+/// Bound of times, s, as the schema states it.
 const LATEST: f64 = 1e5;
-/// A quaternion shorter than this has no direction.
-const SHORTEST_ROTATION: f64 = 1e-9;
 /// Bound on the bodies placed and emitted, together.
 const MOST_BODIES: u64 = 100_000;
 
@@ -52,7 +53,7 @@ impl FieldChecks<'_> {
     }
 
     fn rotation(&mut self, rotation: DQuat) {
-        if rotation.is_nan() || rotation.length() < SHORTEST_ROTATION {
+        if rotation.is_nan() || rotation.length() < TOLERANCE {
             self.problem("rotation", "all four are 0; give a rotation, such as [0, 0, 0, 1] for none");
         }
     }

@@ -1,9 +1,9 @@
 //! The core of a pile that is a shell of props: the inside of the control mesh below them, unseen and at rest.
 
 use super::{MAX_GRID_NODES, simplify, surface, without_base};
-use crate::geometry::ClosedMesh;
 use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::TriMesh;
+use crate::geometry::{ClosedMesh, RESOLUTION};
 use crate::prepare::shape::hull_mesh;
 
 /// Props lie on it instead of on others. SI.
@@ -18,15 +18,11 @@ pub struct Core {
     pub is_convex: bool,
 }
 
-/// Nodes of the grid that the core is found on are this far apart, d: it need not be exact, as nobody sees it. The
-/// lengths below are in d, too.
-const SPACING: f64 = 0.2;
-const MAX_NODES: usize = MAX_GRID_NODES / 8;
-/// Its surface may be made coarser by this much.
+/// The surface of the core may be made coarser by this much, d.
 const TOLERANCE: f64 = 0.05;
 /// Its convex hull replaces it where that takes less than this times its volume: on a mesh, some props never rest.
 const CONVEX: f64 = 1.03;
-/// It reaches so deep into the ground.
+/// It reaches so deep into the ground, d.
 const DEPTH: f64 = 0.5;
 
 impl Core {
@@ -35,7 +31,9 @@ impl Core {
     pub fn new(control: &ClosedMesh, ground: f64, cut: f64, shell: f64, diameter: f64) -> Option<Core> {
         let base = control.mesh.bounds().0.y.max(ground);
         let lengthened = lengthened(&control.mesh, base, cut, shell + DEPTH * diameter);
-        let distance = DistanceGrid::new(&MeshInterior::new(&lengthened), SPACING * diameter, MAX_NODES);
+        // Nodes twice as far apart as the container's: nobody sees the core.
+        let spacing = 2.0 * RESOLUTION * diameter;
+        let distance = DistanceGrid::new(&MeshInterior::new(&lengthened), spacing, MAX_GRID_NODES / 8);
         let fine = surface(&distance, shell);
         if fine.triangles.is_empty() {
             return None;

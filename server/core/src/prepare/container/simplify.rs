@@ -1,18 +1,16 @@
 //! Meshes with fewer triangles: edges collapse where the surface hardly changes (Garland & Heckbert 1997).
 
 use super::CollisionMesh;
+use crate::geometry::HALVINGS;
 use crate::geometry::interior;
 use crate::geometry::mesh::TriMesh;
 use meshoptimizer_rs::{Positions, SimplifyOptions, SimplifySettings, Workspace, simplify};
 
-/// The library bounds the mean error of a collapse, not the largest: the bound is halved this often until the largest
-/// is kept, too.
-const TRIES: usize = 7;
-
 /// Simplifies a mesh: no removed corner is farther from the simplified mesh than `tolerance`, in the mesh's unit. The
 /// corners of the result are corners of the mesh, and rims stay rims.
 pub fn run(mesh: TriMesh, tolerance: f64) -> CollisionMesh {
-    let mut bounds = std::iter::successors(Some(tolerance), |bound| Some(bound / 2.0)).take(TRIES);
+    // The library bounds the mean error of a collapse, not the largest: its bound is halved until the largest is kept.
+    let mut bounds = std::iter::successors(Some(tolerance), |bound| Some(bound / 2.0)).take(HALVINGS);
     let found = bounds.find_map(|bound| Some(coarser(&mesh, bound)?).filter(|found| found.deviation <= tolerance));
     found.unwrap_or(CollisionMesh { mesh, saved: 0, deviation: 0.0 })
 }

@@ -1,18 +1,14 @@
 //! The choice of the solid that stands for a prop: the cheapest one that is close enough.
 
 use super::fit::{self, OrientedBox};
-use super::{FLAT_THICKNESS, ShapeKind, Solid, convex, mass};
+use super::{FLAT_THICKNESS, INVISIBLE, ShapeKind, Solid, convex, mass};
 use crate::geometry::mesh::TriMesh;
 use crate::input::params::{Physics, Switch};
 use glam::DVec3;
 
-/// A mesh within this share of its diameter of a box or a ball is simulated as one: invisible, and several times
-/// cheaper than a hull.
-const PRIMITIVE_TOLERANCE: f64 = 0.003;
-/// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume).
+/// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume). No convex mesh of 80 faces
+/// or fewer does (Fejes Toth's bound): dice and gems should not roll like balls.
 const BALL_ROUNDNESS: f64 = 0.97;
-/// A mesh with fewer faces than this is no ball: dice and gems with fewer should not roll like balls.
-const BALL_TRIANGLES: usize = 80;
 
 /// The cheapest solid that is close enough, and its distance from the mesh, m.
 pub fn solid(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
@@ -28,7 +24,8 @@ fn primitive(
     closed: bool,
     switch: Switch,
 ) -> Option<(Solid, f64)> {
-    let tolerance = PRIMITIVE_TOLERANCE * diameter;
+    // Several times cheaper than a hull.
+    let tolerance = f64::from(INVISIBLE) * diameter;
     let flat = FLAT_THICKNESS * diameter;
     if around.half.min_element() * 2.0 < flat {
         // A sheet: its box, given some thickness.
@@ -46,7 +43,7 @@ fn primitive(
     let (center, radius) = fit::bounding_sphere(mesh);
     // A faceted ball lies inside its sphere: the collision ball has the mesh's own volume.
     let ball_radius = (volume.abs() * 0.75 / std::f64::consts::PI).cbrt();
-    let round = radius > 0.0 && ball_radius / radius > BALL_ROUNDNESS && mesh.triangles.len() >= BALL_TRIANGLES;
+    let round = radius > 0.0 && ball_radius / radius > BALL_ROUNDNESS;
     round.then(|| {
         let deviation = fit::ball_deviation(mesh, center, ball_radius);
         (Solid::Ball { center, radius: ball_radius }, deviation)

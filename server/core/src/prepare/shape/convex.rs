@@ -2,8 +2,8 @@
 
 use crate::geometry::mesh::TriMesh;
 use crate::input::params::{Physics, Switch};
-use crate::prepare::shape::Solid;
 use crate::prepare::shape::hull::Hull;
+use crate::prepare::shape::{INVISIBLE, Solid};
 use glam::DVec3;
 use rapier3d::math::Vector;
 use rapier3d::parry::query::PointQuery;
@@ -14,20 +14,15 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// More corners than this make contact queries slow without being seen.
 const MAX_HULL_POINTS: usize = 48;
-/// A hull leaves out corners that stand out by less than this, in prop diameters: the thickness of a sheet of paper on
-/// a book.
-const HULL_TOLERANCE: f32 = 1.0 / 500.0;
-/// The same for the hulls of a coarser shape, coarsest first: the first is taken that is no farther from the mesh than
-/// may be.
+/// Tolerance of the hulls of a coarser shape, in prop diameters, coarsest first: the first is taken that is no farther
+/// from the mesh than may be.
 const COARSER: [f32; 3] = [1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0];
-/// A coarser shape may be farther from the mesh than the finest by this factor, or by this share of
-/// [`Physics::shape_tolerance`], in thicknesses.
+/// A coarser shape may be farther from the mesh than the finest by this factor.
 const FARTHER: f64 = 1.1;
+/// Or it may be as far as this share of [`Physics::shape_tolerance`], in thicknesses.
 const FARTHER_SHARE: f64 = 0.5;
 /// Points sampled on each surface to measure the deviation.
 const DEVIATION_SAMPLES: usize = 600;
-/// Voxels along the longest side for the decomposition: fine enough for parts of a fiftieth of the prop.
-const DECOMPOSITION_RESOLUTION: u32 = 64;
 
 /// One hull where that is close enough to the mesh, else up to `max_parts` convex parts, with few corners. `thickness`:
 /// of the prop, m. The second value is the deviation, m: the largest distance, both ways, between sampled points of
@@ -109,14 +104,13 @@ impl<'a> Unit<'a> {
     }
 
     fn hull(&self) -> Vec<Vector> {
-        reduced(hull_points(&self.points), HULL_TOLERANCE)
+        reduced(hull_points(&self.points), INVISIBLE)
     }
 
     fn vhacd(&self, concavity: f32, max_parts: u32) -> Option<Vec<Vec<Vector>>> {
         let fill_mode =
             if self.closed { FillMode::FloodFill { detect_cavities: false } } else { FillMode::SurfaceOnly };
-        let resolution = DECOMPOSITION_RESOLUTION;
-        let params = VHACDParameters { concavity, resolution, fill_mode, ..VHACDParameters::default() };
+        let params = VHACDParameters { concavity, fill_mode, ..VHACDParameters::default() };
         // The library panics on some dirty meshes; one hull is then the answer, and the report states its deviation.
         let parts = catch_unwind(AssertUnwindSafe(|| {
             let split = VHACD::decompose(&params, &self.points, self.triangles, true);
@@ -126,7 +120,7 @@ impl<'a> Unit<'a> {
         // A part of an open mesh may have no corner at all.
         let solid = parts.into_iter().map(|(points, _)| points).filter(|points| points.len() >= 4);
         let parts: Vec<_> =
-            solid.map(|points| reduced(hull_points(&points), HULL_TOLERANCE)).filter(|p| p.len() >= 4).collect();
+            solid.map(|points| reduced(hull_points(&points), INVISIBLE)).filter(|p| p.len() >= 4).collect();
         (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
     }
 }

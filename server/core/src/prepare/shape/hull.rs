@@ -3,6 +3,7 @@
 //! The engine's own merges faces whose normals differ by up to a degree and a half, and forgets the corners between
 //! them: a point of such a face may be off by a hundredth of the prop, which is more than a thin prop's thickness.
 
+use crate::geometry::SINGLE_ROUNDING;
 use rapier3d::math::{Pose, Vector};
 use rapier3d::parry::bounding_volume::{Aabb, BoundingSphere};
 use rapier3d::parry::mass_properties::MassProperties;
@@ -14,9 +15,6 @@ use rapier3d::parry::transformation::try_convex_hull;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-
-/// Triangles are of one facet if their corners are this near to its plane, in sizes of the hull.
-const FLATNESS: f32 = 1e-4;
 
 /// The convex hull of some points.
 #[derive(Clone, Debug)]
@@ -111,7 +109,8 @@ fn facets(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Facet> {
     for seed in order {
         let Some(normal) = area(&triangles[seed]).try_normalize().filter(|_| !taken[seed]) else { continue };
         let origin = at(triangles[seed][0]);
-        let is_flat = |t: &[u32; 3]| t.iter().all(|&i| (at(i) - origin).dot(normal).abs() <= FLATNESS * size);
+        // Triangles are of one facet if their corners are in its plane, up to rounding.
+        let is_flat = |t: &[u32; 3]| t.iter().all(|&i| (at(i) - origin).dot(normal).abs() <= SINGLE_ROUNDING * size);
         taken[seed] = true;
         let (mut group, mut looked) = (vec![seed], 0);
         while let Some(&i) = group.get(looked) {
@@ -298,8 +297,8 @@ mod tests {
             for facet in hull.facets() {
                 let at = |i: &u32| hull.points()[*i as usize].dot(facet.normal);
                 let height = at(&facet.corners[0]);
-                assert!(facet.corners.iter().all(|i| (at(i) - height).abs() < 3.0 * FLATNESS));
-                assert!((0..hull.points().len() as u32).all(|i| at(&i) < height + 3.0 * FLATNESS));
+                assert!(facet.corners.iter().all(|i| (at(i) - height).abs() < 3.0 * SINGLE_ROUNDING));
+                assert!((0..hull.points().len() as u32).all(|i| at(&i) < height + 3.0 * SINGLE_ROUNDING));
             }
         }
     }

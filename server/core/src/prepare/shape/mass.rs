@@ -1,6 +1,7 @@
 //! Volume, centre of mass and inertia of a solid bounded by triangles, in f64.
 
 use crate::geometry::mesh::TriMesh;
+use crate::geometry::{MOST_ITERATIONS, TOLERANCE};
 use glam::{DMat3, DQuat, DVec3};
 
 /// Mass properties at density 1, in the mesh's frame.
@@ -14,9 +15,6 @@ pub struct Moments {
     pub inertia: DMat3,
 }
 
-/// The most that rounding adds to a moment, as a share of their sum: a needle's smallest is nearly zero.
-const MOMENT_ROUNDING: f64 = 1e-9;
-
 impl Moments {
     /// Whether a body within these bounds can have them. A closed mesh whose parts cross each other, some inside out,
     /// may have a positive volume and yet a centre outside, and negative moments.
@@ -24,8 +22,8 @@ impl Moments {
         let (moments, _) = principal(self.inertia);
         let sum = moments.element_sum();
         let is_inside = self.center.cmpge(bounds.0).all() && self.center.cmple(bounds.1).all();
-        // No moment exceeds the sum of the two others.
-        is_inside && sum > 0.0 && moments.max_element() <= sum * (0.5 + MOMENT_ROUNDING)
+        // No moment exceeds the sum of the two others, up to rounding: a needle's smallest is nearly zero.
+        is_inside && sum > 0.0 && moments.max_element() <= sum * (0.5 + TOLERANCE)
     }
 }
 
@@ -61,7 +59,8 @@ fn outer(v: DVec3) -> DMat3 {
 pub fn principal(m: DMat3) -> (DVec3, DQuat) {
     let mut a = m.to_cols_array_2d();
     let mut v = DMat3::IDENTITY.to_cols_array_2d();
-    for _ in 0..JACOBI_SWEEPS {
+    for _ in 0..MOST_ITERATIONS {
+        let before = a;
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             if a[p][q].abs() <= f64::EPSILON * (a[p][p].abs() + a[q][q].abs()) {
                 continue;
@@ -76,6 +75,9 @@ pub fn principal(m: DMat3) -> (DVec3, DQuat) {
             }
             rotate_rows(&mut v, p, q, c, s);
         }
+        if a == before {
+            break;
+        }
     }
     let mut frame = DMat3::from_cols_array_2d(&v);
     if frame.determinant() < 0.0 {
@@ -89,6 +91,3 @@ fn rotate_rows(m: &mut [[f64; 3]; 3], p: usize, q: usize, c: f64, s: f64) {
     m[p] = (c * x - s * y).to_array();
     m[q] = (s * x + c * y).to_array();
 }
-
-/// Each sweep squares the off-diagonal; 12 are far more than f64 needs.
-const JACOBI_SWEEPS: usize = 12;

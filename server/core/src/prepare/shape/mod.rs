@@ -16,6 +16,7 @@ mod size;
 mod summary;
 
 use crate::error::{Error, SceneProblem};
+use crate::geometry::HOLLOW;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
@@ -101,9 +102,9 @@ pub enum Solid {
     Convex(Vec<Vec<DVec3>>),
 }
 
-/// A mesh whose own volume is below this share of its hull's has no usable inside: a sheet, or an open or inverted
-/// mesh.
-const MIN_VOLUME_SHARE: f64 = 0.01;
+/// No one sees less, in prop diameters: the thickness of a sheet of paper on a book. A mesh within it of a box is one;
+/// a hull leaves out corners that stand out by less.
+const INVISIBLE: f32 = 1.0 / 500.0;
 /// Flat props are given this thickness, as a share of their diameter.
 const FLAT_THICKNESS: f64 = 0.01;
 
@@ -289,7 +290,7 @@ fn no_inside(closed: bool, own: &Moments, mesh: &TriMesh, solid: f64) -> Option<
     if !closed {
         return Some("the mesh is open");
     }
-    if own.volume < MIN_VOLUME_SHARE * solid {
+    if own.volume < HOLLOW * solid {
         return Some("the mesh encloses next to no volume");
     }
     (!own.are_of_a_body(mesh.bounds())).then_some("the mesh crosses itself")

@@ -2,6 +2,7 @@
 
 use super::{Shape, Solid, hull_mesh};
 use crate::geometry::raster::rasterise;
+use crate::geometry::{MOST_ITERATIONS, ROUNDING, TOLERANCE};
 use glam::{DQuat, DVec2, DVec3};
 use rapier3d::math::Pose as EnginePose;
 use rapier3d::parry::query::intersection_test;
@@ -13,10 +14,6 @@ const CELLS: usize = 96;
 const HALVINGS: usize = 16;
 /// Start of the search for a plane at rest, diameters: beyond every prop, and below every gap.
 const FAR: f64 = 100.0;
-/// Most steps to a plane at rest.
-const MAX_STEPS: usize = 60;
-/// Largest height of a point above a plane at rest, diameters.
-const AT_REST: f64 = 1e-9;
 
 /// The pose of a prop at rest in another one of its kind, in the frame of the one below.
 #[derive(Clone, Copy, Debug)]
@@ -77,16 +74,19 @@ fn heights(triangles: &[[DVec3; 3]], of: fn(f64, f64) -> f64) -> Vec<f64> {
     let mut heights = vec![f64::NAN; CELLS * CELLS];
     for triangle in triangles {
         let placed = triangle.map(|p| (DVec2::new(p.x, p.z) + 1.0, p.y));
-        rasterise(placed, EDGE, [CELLS; 2], &[0.0], |cell, _, y| heights[cell] = of(heights[cell], y));
+        rasterise(placed, edge(), [CELLS; 2], &[0.0], |cell, _, y| heights[cell] = of(heights[cell], y));
     }
     heights
 }
 
-const EDGE: f64 = 2.0 / CELLS as f64;
+/// Edge of a cell: the height fields cover two diameters.
+fn edge() -> f64 {
+    2.0 / CELLS as f64
+}
 
 /// The cells that both cover (x, z), and the height by which the upper one must be raised there (y).
 fn gaps(below: &[f64], above: &[f64]) -> Vec<DVec3> {
-    let at = |i: usize| EDGE * (i as f64 + 0.5) - 1.0;
+    let at = |i: usize| edge() * (i as f64 + 0.5) - 1.0;
     let gap = |i: usize| DVec3::new(at(i % CELLS), below[i] - above[i], at(i / CELLS));
     (0..below.len()).map(gap).filter(|gap| gap.y.is_finite()).collect()
 }
@@ -95,11 +95,11 @@ fn gaps(below: &[f64], above: &[f64]) -> Vec<DVec3> {
 /// on three of them. By the simplex method on the dual program, the weights of the points that carry.
 fn resting_slope(points: &[DVec3]) -> [f64; 2] {
     let mut carry = [0.0, 1.0, 2.0].map(|i| DVec3::new(libm::cos(TAU * i / 3.0), -1.0, libm::sin(TAU * i / 3.0)) * FAR);
-    for _ in 0..MAX_STEPS {
+    for _ in 0..MOST_ITERATIONS {
         let Some([slope_x, height, slope_z]) = plane(carry) else { break };
         let above = |p: &DVec3| p.y - (height + slope_x * p.x + slope_z * p.z);
         let Some(highest) = points.iter().max_by(|a, b| above(a).total_cmp(&above(b))) else { break };
-        if above(highest) <= AT_REST {
+        if above(highest) <= TOLERANCE {
             break;
         }
         // It takes the place of one of the three, so that the origin stays between them.
@@ -120,13 +120,13 @@ fn weights([a, b, c]: [DVec3; 3]) -> Option<DVec3> {
     let area = |p: DVec3, q: DVec3| flat(p).perp_dot(flat(q));
     let shares = DVec3::new(area(b, c), area(c, a), area(a, b));
     let whole = shares.element_sum();
-    (whole.abs() > 1e-12).then(|| shares / whole)
+    (whole.abs() > ROUNDING).then(|| shares / whole)
 }
 
 /// Slope along X, height at the origin and slope along Z of the plane through three points.
 fn plane([a, b, c]: [DVec3; 3]) -> Option<[f64; 3]> {
     let normal = (b - a).cross(c - a);
-    (normal.y.abs() > 1e-12).then(|| [-normal.x / normal.y, normal.dot(a) / normal.y, -normal.z / normal.y])
+    (normal.y.abs() > ROUNDING).then(|| [-normal.x / normal.y, normal.dot(a) / normal.y, -normal.z / normal.y])
 }
 
 #[cfg(test)]

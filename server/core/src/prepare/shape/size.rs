@@ -1,6 +1,7 @@
 //! The size of a prop, known without its collision shape.
 
-use super::{FLAT_THICKNESS, MIN_VOLUME_SHARE, fit, hull_mesh, round};
+use super::{FLAT_THICKNESS, fit, hull_mesh, round};
+use crate::geometry::HOLLOW;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology;
 use crate::measure::outermost_points;
@@ -35,7 +36,7 @@ impl Size {
         extents.sort_by(f64::total_cmp);
         let own = mesh.signed_volume();
         let bulk = extents.iter().product::<f64>();
-        let closed = topology::inspect(mesh).is_watertight() && own.abs() > MIN_VOLUME_SHARE * bulk;
+        let closed = topology::inspect(mesh).is_watertight() && own.abs() > HOLLOW * bulk;
         let volume = if closed { own.abs() } else { bulk / 2.0 };
         let hull_volume = hull_volume(mesh, center, radius).clamp(volume.min(bulk), bulk);
         let round = round::rolling_radius(mesh, &around);

@@ -37,6 +37,7 @@ pub const PEG: f64 = 0.5;
 /// first; but not across gaps wider than [`WIDEST`]. Guards against narrow places that the fill left empty, such as the
 /// top of a leg.
 pub const BRIDGES: [f64; 3] = [1.0, 2.0, 4.0];
+/// Widest gap of a bridge, d, however thick the bodies are.
 pub const WIDEST: f64 = 0.75;
 /// Statics knows nothing of overlaps: bodies that are pressed into each other by more than this share of the thinner
 /// one's thickness are welded. A wall of fifteen overlapping cubes springs apart without that (`tests/glue.rs`).
@@ -51,6 +52,7 @@ pub const PRICES: [f64; 4] = [0.0, 0.3, 0.6, 1.0];
 /// After these attempts, only bodies that moved get a higher price, where no larger share than [`LOCAL_MOVED`] has. A
 /// tenth fewer joints in the median of 54 piles.
 pub const LOCAL: Range<usize> = 1..5;
+/// Beyond this share of moved bodies, the price rises everywhere.
 pub const LOCAL_MOVED: f64 = 0.3;
 /// Guards against piles that come no nearer: most need one or two attempts, a standing man of bananas five.
 pub const ATTEMPTS: usize = 8;
@@ -69,8 +71,6 @@ pub const WELD_ROUNDS: usize = 3;
 pub const TRIAL_TIME: f64 = 20.0;
 /// A body has moved beyond this.
 pub const MOVED: f64 = 0.25;
-/// A body has moved a little beyond this: its normal forces get a higher price.
-pub const MOVED_A_LITTLE: f64 = 0.1;
 /// The pile stands if no larger share of its bodies has moved.
 pub const MOST_MOVED: f64 = 0.01;
 /// The pile leans as a whole, on a foot that is too narrow, if its bodies have moved by more than this in the mean.
@@ -79,8 +79,6 @@ pub const MOST_MOVED: f64 = 0.01;
 pub const LEANS: f64 = 0.03;
 /// The pile fails in few places if no larger share has moved.
 pub const IN_PLACES: f64 = 0.1;
-/// The pile plainly does not stand if a larger share has moved: the trial ends.
-pub const COLLAPSED: f64 = 0.4;
 /// The pile sags, and a little more would bring it down, if its bodies have moved by more than this in the mean. Late
 /// attempts at a standing man of 1,023 bananas sag by 0.054 to 0.065.
 pub const SAGS: f64 = 0.06;
@@ -89,6 +87,7 @@ pub const LOOK: u64 = 25;
 /// The trial ends once this many looks in a row predict that no body gets farther than [`STILL`] in the rest of the
 /// time.
 pub const STILL_LOOKS: u32 = 3;
+/// See [`STILL_LOOKS`]; d. Far less than [`MOVED`].
 pub const STILL: f64 = 0.02;
 /// The second trial tilts the ground by this to four sides, degrees. Half of friction leaves a cone of sticks standing
 /// at 5 and 10.

@@ -2,11 +2,12 @@
 //! [`cairn_statics::glue`].
 
 use super::policy::{ARM, BRIDGES, PEG, WIDEST};
+use crate::geometry::contact::REAL_CONTACT;
 use crate::geometry::interior::DistanceGrid;
 use crate::sim::control;
 use crate::sim::glue::Joint;
-use crate::sim::pile_equilibrium::{self, REAL_CONTACT};
-use crate::world::{BodyId, ContactPair, PairSide, Role, World};
+use crate::sim::pile_equilibrium;
+use crate::world::{BodyId, ContactPair, PairSide, Role, SOLVED, World};
 use cairn_statics::global::{GlobalBody, GlobalContact};
 use cairn_statics::glue::{GluePlacement, GlueProblem, GlueSite};
 use glam::DVec3;
@@ -251,12 +252,11 @@ fn add_new(pairs: &mut Vec<ContactPair>, near: Vec<ContactPair>) {
     pairs.extend(near.into_iter().filter(|pair| !known.contains(&(pair.a, pair.b))));
 }
 
-/// Points of a patch that are kept: the outermost ones.
-const KEPT: usize = 4;
 /// Contacts whose normals differ by less than this are one patch, 1 - cosine.
 const ONE_PATCH: f64 = 1e-3;
 
-/// The outermost points of each patch: the points between them would carry nothing that these do not.
+/// The outermost points of each patch, as many as the engine solves: the points between them would carry nothing that
+/// these do not.
 fn few(contacts: Vec<GlobalContact>) -> Vec<GlobalContact> {
     let mut patches: Vec<Vec<GlobalContact>> = Vec::new();
     for contact in contacts {
@@ -267,7 +267,7 @@ fn few(contacts: Vec<GlobalContact>) -> Vec<GlobalContact> {
         }
     }
     let spread = |patch: Vec<GlobalContact>| {
-        if patch.len() <= KEPT {
+        if patch.len() <= SOLVED {
             return patch;
         }
         let middle = patch.iter().map(|c| c.point).sum::<DVec3>() / patch.len() as f64;
@@ -277,7 +277,7 @@ fn few(contacts: Vec<GlobalContact>) -> Vec<GlobalContact> {
             patch.iter().copied().reduce(|a, b| if far(&b) > far(&a) { b } else { a })
         };
         let mut kept: Vec<GlobalContact> = farthest(&[middle]).into_iter().collect();
-        while kept.len() < KEPT {
+        while kept.len() < SOLVED {
             let points: Vec<DVec3> = kept.iter().map(|c| c.point).collect();
             kept.extend(farthest(&points));
         }

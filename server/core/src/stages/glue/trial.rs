@@ -1,7 +1,8 @@
 //! A trial: the glued pile is released without control, and its motion is measured.
 
-use super::policy::{COLLAPSED, LOOK, MOST_MOVED, MOVED, MOVED_A_LITTLE, STILL, STILL_LOOKS, TRIAL_TIME};
+use super::policy::{LOOK, MOST_MOVED, MOVED, STILL, STILL_LOOKS, TRIAL_TIME};
 use crate::error::Error;
+use crate::geometry::RESOLUTION;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::sim::glue::{Joint, PileGlue};
@@ -16,7 +17,7 @@ pub struct TrialResult {
     pub moved: f64,
     /// The bodies that have moved by more than [`MOVED`], ascending.
     pub moved_bodies: Vec<BodyId>,
-    /// The bodies that have moved by more than [`MOVED_A_LITTLE`], ascending.
+    /// The bodies that have moved by more than the figures resolve ([`RESOLUTION`]), ascending.
     pub moved_a_little: Vec<BodyId>,
     /// Mean displacement of the bodies, d.
     pub displacement: f64,
@@ -96,7 +97,7 @@ pub fn release_trial(
                 trial.poses = Some(poses(world));
                 return Ok(trial);
             }
-            if (trial.moved > COLLAPSED || failing > 1) && !to_the_end {
+            if failing > 1 && !to_the_end {
                 return Ok(trial);
             }
             let now = poses(world);
@@ -124,7 +125,7 @@ fn look(world: &World, before: &[Option<Pose>], steps: u64) -> TrialResult {
         |id: BodyId| before[id].map_or(0.0, |pose| world.pose(id).translation.distance(pose.translation));
     let beyond = |least: f64| world.present().filter(move |&id| displacement(id) > least).collect::<Vec<BodyId>>();
     let count = world.present().count().max(1) as f64;
-    let (moved_bodies, moved_a_little) = (beyond(MOVED), beyond(MOVED_A_LITTLE));
+    let (moved_bodies, moved_a_little) = (beyond(MOVED), beyond(RESOLUTION));
     let mean = world.present().map(|id| displacement(id).min(1.0)).sum::<f64>() / count;
     let moved = moved_bodies.len() as f64 / count;
     TrialResult { moved, moved_bodies, moved_a_little, displacement: mean, poses: None, steps }

@@ -1,6 +1,7 @@
 //! Coming hits: a held body must be free before it is hit, or it would stop the other like a wall.
 
-use super::{PairSide, STALE_INDEX};
+use super::PairSide;
+use crate::world::settings::PREDICTION;
 use crate::world::{BodyId, Role, World};
 use glam::DVec3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
@@ -28,7 +29,7 @@ impl World {
         let fast = |&id: &BodyId| self.bodies[id].role == Role::Free && self.speed(id) > least;
         for hitter in self.present().filter(fast) {
             let reach = self.speed(hitter) * self.step_length() * STEPS_AHEAD;
-            let mut near: Vec<BodyId> = self.frozen_around(self.bodies[hitter].collider, reach + STALE_INDEX);
+            let mut near: Vec<BodyId> = self.frozen_around(self.bodies[hitter].collider, reach + PREDICTION);
             near.sort_unstable();
             for frozen in near {
                 if let Some(speed) = self.approach(hitter, frozen, reach).filter(|&speed| speed > least) {
@@ -44,7 +45,7 @@ impl World {
         let mut near = Vec::new();
         for piece in self.moving_colliders() {
             let collider = &self.engine.colliders[piece];
-            for id in self.frozen_around(piece, NEAR_MOVING + STALE_INDEX) {
+            for id in self.frozen_around(piece, NEAR_MOVING + PREDICTION) {
                 let other = &self.engine.colliders[self.bodies[id].collider];
                 let apart = query::distance(collider.position(), collider.shape(), other.position(), other.shape());
                 if apart.is_ok_and(|apart| f64::from(apart.distance) <= NEAR_MOVING) {

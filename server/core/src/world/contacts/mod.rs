@@ -67,11 +67,9 @@ impl ContactPair {
     }
 }
 
-/// The spatial index has the boxes of the beginning of the last step: a slow body has not moved farther since, d.
-const STALE_INDEX: f64 = 0.02;
-
 impl World {
-    /// The engine's spatial index of all colliders.
+    /// The engine's spatial index of all colliders. It has the boxes of the beginning of the last step: a slow body has
+    /// moved by [`PREDICTION`](super::settings::PREDICTION) at most since then.
     pub(super) fn query(&self) -> QueryPipeline<'_> {
         self.engine.broad_phase.as_query_pipeline(
             &DefaultQueryDispatcher,

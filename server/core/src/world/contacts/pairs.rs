@@ -1,7 +1,8 @@
 //! Contact pairs of all bodies.
 
-use super::{ContactPair, ContactPoint, PairSide, STALE_INDEX};
+use super::{ContactPair, ContactPoint, PairSide};
 use crate::world::manifold::{Manifolds, REPORTED};
+use crate::world::settings::PREDICTION;
 use crate::world::{BodyId, World};
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::{ContactManifold, ContactManifoldsWorkspace, PersistentQueryDispatcher};
@@ -71,7 +72,7 @@ impl World {
     fn near(&self, a: BodyId, tolerance: f64) -> Vec<(PairSide, ColliderHandle)> {
         let collider = &self.engine.colliders[self.bodies[a].collider];
         let reach = tolerance * self.bodies[a].thickness;
-        let aabb = collider.compute_aabb().loosened((reach + STALE_INDEX) as f32);
+        let aabb = collider.compute_aabb().loosened((reach + PREDICTION) as f32);
         let other = |collider: &Collider| self.side_of(collider).filter(|&side| side != PairSide::Body(a));
         let mut near: Vec<(PairSide, ColliderHandle)> =
             self.query().intersect_aabb_conservative(aabb).filter_map(|(h, c)| Some((other(c)?, h))).collect();

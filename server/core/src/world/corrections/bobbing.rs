@@ -3,6 +3,8 @@
 //! added while the pile bobs.
 
 use super::WorldCounters;
+use crate::input::params::MOST_SUBSTEPS;
+use crate::world::REST_SPEED;
 use crate::world::bodies::Bodies;
 use rapier3d::prelude::PhysicsWorld;
 
@@ -29,8 +31,6 @@ struct Swing {
 
 /// Fewer bodies are no pile.
 const LEAST_BODIES: usize = 20;
-/// A bobbing swing reaches at least this mean speed, d per characteristic time: slower ones cannot be seen.
-const FAST: f64 = 0.01;
 /// A bobbing swing reaches at least this share of the speed of the swing before: else the pile settles.
 const LASTING: f64 = 0.8;
 /// A bobbing swing is over within this time, characteristic times: else the pile falls.
@@ -39,7 +39,6 @@ const LONGEST: f64 = 1.0;
 const SWINGS: u32 = 6;
 /// The substeps are multiplied by this, up to [`MOST_SUBSTEPS`].
 const FINER: usize = 2;
-const MOST_SUBSTEPS: usize = 64;
 
 impl Bobbing {
     /// Records a step of this length with this mean upward speed. Returns whether the pile bobs.
@@ -47,7 +46,7 @@ impl Bobbing {
         self.swing.time += length;
         if (speed > 0.0) != self.swing.rises {
             let Swing { time, top_speed, .. } = self.swing;
-            let lasts = top_speed > FAST && top_speed > LASTING * self.before && time < LONGEST;
+            let lasts = top_speed > REST_SPEED && top_speed > LASTING * self.before && time < LONGEST;
             self.swings = if lasts { self.swings + 1 } else { 0 };
             self.before = top_speed;
             self.swing = Swing { rises: speed > 0.0, ..Swing::default() };
@@ -74,8 +73,8 @@ impl Bobbing {
         }
         self.swings = 0;
         let substeps = &mut engine.integration_parameters.num_solver_iterations;
-        if *substeps < MOST_SUBSTEPS {
-            *substeps = (*substeps * FINER).min(MOST_SUBSTEPS);
+        if *substeps < MOST_SUBSTEPS as usize {
+            *substeps = (*substeps * FINER).min(MOST_SUBSTEPS as usize);
             counters.calmed += 1;
         }
     }

@@ -24,10 +24,9 @@ const WINDOW: f64 = 0.7;
 /// A body that has moved by more than this since the last look (its center, or its rim by turning; d) stays awake. A
 /// block whose slope is a tenth of a degree too steep moves farther by the second look; a body at rest does not.
 const CREEP: f64 = 0.001;
-/// Looks after which a body that creeps at that pace has moved by this many times as much.
+/// Looks after which a body that creeps at that pace has moved by this many times as much. A body that has not, only
+/// rocks.
 const LONG: u32 = 20;
-/// A body that is within this distance of where it was [`LONG`] looks ago, d, only rocks.
-const ROCKING: f64 = LONG as f64 * CREEP;
 
 impl Creep {
     /// After a step: no body that has crept since the last look may sleep before the next.
@@ -46,7 +45,8 @@ impl Creep {
             if moved(&self.last[id], &now[id], body) <= CREEP {
                 continue;
             }
-            let rocks = self.early.get(id).is_some_and(|before| moved(before, &now[id], body) <= ROCKING);
+            let rocks =
+                self.early.get(id).is_some_and(|before| moved(before, &now[id], body) <= f64::from(LONG) * CREEP);
             counters.rocking_looks += u64::from(rocks);
             let rigid = engine.bodies.get_mut(body.carrier).filter(|rigid| !rocks && !rigid.is_sleeping());
             if let Some(rigid) = rigid {

@@ -1,7 +1,8 @@
 //! Two convex shapes with faces: where they are nearest, and the points of their contact.
 
 use super::sides::{SideScratch, corners, engine_face};
-use super::{ContactCandidate, ContactFrame, Few, widest};
+use super::{APART, ContactCandidate, ContactFrame, Few, NEAR, widest};
+use crate::geometry::SINGLE_ROUNDING;
 use crate::prepare::shape::Hull;
 use rapier3d::parry::query::details::{
     NormalConstraints, NormalConstraintsPair, contact_support_map_support_map_with_params,
@@ -12,19 +13,9 @@ use rapier3d::parry::shape::{PackedFeatureId, Shape, SupportMap};
 use rapier3d::prelude::*;
 use std::cell::Cell;
 
-/// Manifolds are kept while the shapes have turned and moved by less than this: cosine of a degree, and square of a
-/// thousandth of an engine unit. The engine's own bounds.
-const SAME_TURN: f32 = 0.999_847_7;
-const SAME_PLACE: f32 = 1e-6;
-/// The closest points are one of the others if they are no closer than those by more than this, engine units.
-const CLOSER: f32 = 1e-4;
 /// Where a mesh's edges bend the normal of a contact, points deeper than this many times the depth along the true one
 /// are no contacts of this pair.
 const BENT_DEPTH: f32 = 5.0;
-/// The normal of a face is as good as the direction between the closest points if the gap along it is no smaller by
-/// more than this, engine units: between faces nearer than [`NEAR`], that direction is all rounding.
-const SEPARATION_NOISE: f32 = 1e-5;
-const NEAR: f32 = 1e-3;
 
 /// A shape has faces with corners, and no rounding.
 pub(super) fn has_faces(shape: &dyn Shape) -> bool {
@@ -46,7 +37,7 @@ pub(super) fn update_manifold<M, C: Default + Copy>(
     manifold: &mut ContactManifold<M, C>,
 ) {
     let (Some(first), Some(second)) = (a.as_support_map(), b.as_support_map()) else { return };
-    if manifold.try_update_contacts_eps(pos12, SAME_TURN, SAME_PLACE) {
+    if manifold.try_update_contacts(pos12) {
         return;
     }
     let pair = ConvexPair { pos12, shapes: [a, b], solids: [first, second] };
@@ -63,7 +54,7 @@ pub(super) fn update_manifold<M, C: Default + Copy>(
             let all = corners(&frame, [(a, &Pose::IDENTITY), (b, pos12)], prediction, &mut scratch);
             if normal != direction {
                 all.retain(|m| depth >= 0.0 || m.gap() >= BENT_DEPTH * depth);
-            } else if let Some(at) = at.filter(|_| !all.iter().any(|m| m.gap() <= depth + CLOSER)) {
+            } else if let Some(at) = at.filter(|_| !all.iter().any(|m| m.gap() <= depth + SINGLE_ROUNDING)) {
                 let at = at.map(|p| frame.axes.transpose() * p);
                 all.push(ContactCandidate { at, features: [PackedFeatureId::UNKNOWN; 2] });
             }
@@ -104,13 +95,13 @@ impl ConvexPair<'_> {
         match found {
             GJKResult::ClosestPoints(p, q, direction) => {
                 let depth = (q - p).dot(direction);
-                if direction.is_normalized() && self.separation(direction) >= depth - CLOSER {
+                if direction.is_normalized() && self.separation(direction) >= depth - SINGLE_ROUNDING {
                     let steady = depth.abs() > NEAR;
                     let direction = if steady { direction } else { self.steadied(direction, depth) };
                     return Nearest::Within { direction, depth, at: Some([p, q]) };
                 }
             }
-            GJKResult::NoIntersection(direction) if self.separation(direction) >= prediction - CLOSER => {
+            GJKResult::NoIntersection(direction) if self.separation(direction) >= prediction - SINGLE_ROUNDING => {
                 return Nearest::Apart(direction);
             }
             _ => {}
@@ -140,13 +131,13 @@ impl ConvexPair<'_> {
         self.pos12.transform_point(far).dot(direction) - a.local_support_point(direction).dot(direction)
     }
 
-    /// The direction of a contact, or the normal of a face that is as good.
+    /// The direction of a contact, or the normal of a face along which the gap is as large.
     fn steadied(&self, direction: Vector, depth: f32) -> Vector {
         let back = self.pos12.rotation.inverse() * -direction;
         let of_second = face_normal(self.shapes[1], back).map(|n| -(self.pos12.rotation * n));
         let faces = [face_normal(self.shapes[0], direction), of_second].into_iter().flatten();
         let best = faces.map(|n| (self.separation(n), n)).max_by(|(s, _), (t, _)| s.total_cmp(t));
-        best.filter(|&(s, _)| s >= depth - SEPARATION_NOISE).map_or(direction, |(_, n)| n)
+        best.filter(|&(s, _)| s >= depth - APART).map_or(direction, |(_, n)| n)
     }
 
     /// Of all faces' normals, the one along which the shapes are farthest apart.

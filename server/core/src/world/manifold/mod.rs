@@ -25,10 +25,10 @@ use smallvec::SmallVec;
 /// A point whose gap exceeds that of the nearest one by this share of its distance from it is no better than the
 /// nearest: the bodies meet there only after one has turned by as much.
 const SLOPE: f32 = 0.02;
-/// Points nearer to each other than this, engine units, are one.
+/// Points nearer to each other than this, engine units, are one; gaps that differ by less are the same.
 const APART: f32 = 1e-5;
 
-/// Points of one manifold that the engine's solver takes: among more, it chooses with less care.
+/// Points of one patch that are solved. Among more, the engine's solver chooses with less care.
 pub const SOLVED: usize = 4;
 /// Points of one manifold that a contact pair reports: more add next to nothing to the polygon that they span.
 pub const REPORTED: usize = 8;
@@ -160,16 +160,17 @@ impl ContactCandidate {
     }
 }
 
-/// A point that was among the chosen ones in the last step counts as nearer by this, engine units: where many are about
-/// as good, points that change from step to step would keep bodies trembling.
-const KEPT: f32 = 1e-3;
+/// Distances that differ by less than this, engine units, are about the same. Between faces this near, the direction
+/// between the closest points is all rounding. A point that was among the chosen ones in the last step counts as nearer
+/// by this: where many are about as good, points that change from step to step would keep bodies trembling.
+const NEAR: f32 = 1e-3;
 
 /// At most `most` of the points: the nearest one, the one farthest from it, those farthest to both sides of the line
 /// through the two, each weighed against its gap; then those farthest from all of these.
 fn widest<C>(all: &[ContactCandidate], most: usize, before: &[TrackedContact<C>]) -> Few<ContactCandidate> {
     let is_kept =
         |m: &ContactCandidate| before.iter().any(|c| m.features == [c.fid1, c.fid2] || m.features == [c.fid2, c.fid1]);
-    let bonus = |m: &ContactCandidate| if is_kept(m) { KEPT } else { 0.0 };
+    let bonus = |m: &ContactCandidate| if is_kept(m) { NEAR } else { 0.0 };
     let nearness = |m: &ContactCandidate| bonus(m) - m.gap();
     let Some(first) = all.iter().copied().max_by(|a, b| nearness(a).total_cmp(&nearness(b))) else { return Few::new() };
     let (origin, least) = (first.across(), first.gap().max(0.0));

@@ -5,14 +5,13 @@
 //! are candidates for points of the contact.
 
 use super::{ContactCandidate, ContactFrame};
+use crate::geometry::SINGLE_ROUNDING;
 use crate::prepare::shape::Hull;
 use rapier3d::parry::shape::{PackedFeatureId, PolygonalFeature, Shape};
 use rapier3d::prelude::*;
 
 /// Facets steeper than this, cosine, take no part: a shape that touches one touches its edges as well.
 const STEEP: f32 = 0.1;
-/// Distance by which a point may be outside a triangle, as a share of it: rounding.
-const RIM: f32 = 1e-4;
 
 /// The face of one of the engine's own shapes that looks most along `direction`.
 pub(super) fn engine_face(shape: &dyn Shape, direction: Vector) -> PolygonalFeature {
@@ -158,7 +157,8 @@ impl<'a> ContactSide<'a> {
             // Times the square of the area: most are outside, and need no division.
             let whole = area * area;
             let (s, t) = (w.perp_dot(v.truncate()) * area, u.truncate().perp_dot(w) * area);
-            let least = -RIM * whole;
+            // On the rim, up to rounding.
+            let least = -SINGLE_ROUNDING * whole;
             let inside = s >= least && t >= least && s + t <= whole - least && whole > 0.0;
             inside.then(|| Vector::new(p.x, p.y, origin.z + (u.z * s + v.z * t) / whole))
         })

@@ -4,9 +4,6 @@ use crate::world::{BodyId, Role, World};
 use glam::DVec3;
 use rapier3d::prelude::*;
 
-/// The engine marks new contacts in the highest bit of their index.
-const INDEX: u32 = 0x7fff_ffff;
-
 /// Frequency of contact springs, per characteristic time, up to which loads are compared with kappa as they are.
 const USUAL_FREQUENCY: f64 = 20.0;
 
@@ -40,7 +37,7 @@ impl World {
             .data
             .solver_contacts
             .iter()
-            .filter_map(|contact| patch.points.get((contact.contact_id[0] & INDEX) as usize))
+            .filter_map(|contact| patch.points.get(contact.contact_indices()[0] as usize))
             .map(|point| (pose.transform_point(point.local_p1).as_dvec3() - center, &point.data))
             .collect();
         let (mut force, mut moment) = (DVec3::ZERO, DVec3::ZERO);
