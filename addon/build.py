@@ -217,7 +217,7 @@ def tooltip(comment):
 
 def describe_field(message, field, comment, enums):
     kinds = {1: "float", 3: "int", 5: "int", 8: "bool", 14: "enum"}
-    if field.label == field.LABEL_REPEATED or field.type not in kinds:
+    if field.label == field.LABEL_REPEATED or field.type not in kinds or field.options.deprecated:
         return None
     entry = {"name": field.name, "kind": kinds[field.type], "description": tooltip(comment)}
     if field.type == field.TYPE_ENUM:

@@ -89,6 +89,22 @@ fn unknown_fields_and_wrong_types_all_at_once_with_their_lines() {
 }
 
 #[test]
+fn replaced_fields_are_refused_with_what_takes_their_place() {
+    let desk = Desk::new();
+    desk.write(
+        "pile.toml",
+        "control_mesh = 'cone.glb'\nprops = ['stick.glb']\nrelease.damping = 1\ncontrol.damping = 2",
+    );
+    desk.line("check pile.toml").fails(
+        65,
+        &[
+            "pile.toml:3: `release.damping`: it is not used any more. Give `resistance` instead",
+            "pile.toml:4: `control.damping`: it is not used any more. Give `resistance` instead",
+        ],
+    );
+}
+
+#[test]
 fn texts_that_are_no_scene() {
     let desk = Desk::new();
     for (name, text, printed) in [

@@ -1,6 +1,6 @@
 //! Conversions between the core's parameters and the messages, for `cairn::wire`.
 
-use crate::{Group, Parameter, Schema, Value, camel, measure, stated, variants};
+use crate::{Group, Parameter, Schema, Value, camel, is_deprecated, measure, of_field, stated, variants};
 use protox::prost_reflect::{EnumDescriptor, FieldDescriptor, Kind, MessageDescriptor};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -19,8 +19,9 @@ impl Schema {
                 if group.wire.is_empty() { "scene" } else { &format!("scene.{}.unwrap_or_default()", group.wire) };
             writeln!(code, "let given = {given};").unwrap();
             group.parameters.iter().for_each(|parameter| from(&mut code, group, parameter));
+            group.message.fields().filter(is_deprecated).for_each(|field| refuse(&mut code, group, &field));
         }
-        code.push_str("}\n/// A scene of these parameters, without models.\n");
+        code.push_str("}\n/// A scene of these parameters, without models.\n#[allow(deprecated)]\n");
         code.push_str("pub fn to_scene(params: &Params) -> proto::Scene {\nproto::Scene {\n");
         self.fields(&mut code, "");
         let groups: BTreeSet<_> = self.groups.iter().skip(1).map(|group| (&group.wire, group.message.name())).collect();
@@ -38,6 +39,8 @@ impl Schema {
     fn fields(&self, code: &mut String, wire: &str) {
         for group in self.groups.iter().filter(|group| group.wire == wire) {
             group.parameters.iter().for_each(|parameter| to(code, group, parameter));
+            let replaced = group.message.fields().filter(is_deprecated);
+            replaced.for_each(|field| writeln!(code, "{}: None,", field.name()).unwrap());
         }
     }
 }
@@ -81,6 +84,14 @@ fn from(code: &mut String, group: &Group, parameter: &Parameter) {
     };
     let given = if parameter.is_optional { format!("{given}.map(Some)") } else { given };
     writeln!(code, "set(&mut {}, {given});", group.place("params", name)).unwrap();
+}
+
+/// A field that was replaced: its comment begins with what to do.
+fn refuse(code: &mut String, group: &Group, field: &FieldDescriptor) {
+    let (name, about) = (field.name(), of_field(field));
+    let remedy = about.split_inclusive(". ").next().unwrap_or_default().trim_end();
+    let place = group.place("", name);
+    writeln!(code, "#[allow(deprecated)] counts.replaced(\"{place}\", given.{name}.is_some(), {remedy:?});").unwrap();
 }
 
 fn to(code: &mut String, group: &Group, parameter: &Parameter) {

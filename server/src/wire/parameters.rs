@@ -20,6 +20,13 @@ impl Counts {
             U::default()
         })
     }
+
+    /// A field that another one has replaced.
+    fn replaced(&mut self, field: &str, is_set: bool, remedy: &str) {
+        if is_set {
+            self.problems.push(Problem::new(field, "it is not used any more", remedy).of_field(field));
+        }
+    }
 }
 
 /// A count as the wire has it. The core's ranges keep counts far below the wire's limits.

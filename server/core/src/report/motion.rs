@@ -32,6 +32,12 @@ pub fn figures(inputs: &ReportInputs, pile: &Pile) -> NamedFigures {
         ("kinetic_energy_rel", Some(pile.world.kinetic_energy() / weight.max(f64::MIN_POSITIVE))),
         ("active_body_share", Some(pile.counters.active_body_steps as f64 / count / pile.step.max(1) as f64)),
     ]);
+    let motion = &pile.motion;
+    figures.insert("ballistic_error_max", Some(motion.ballistic_error));
+    figures.insert("second_collapse", Some(motion.second_collapse as f64));
+    // Bodies that come in, and scenery that moves, bring energy.
+    let is_closed = !inputs.scene.something_hits();
+    figures.insert("energy_growth_rel", is_closed.then(|| motion.energy_growth(&pile.world)));
     if let Some(rest) = inputs.held.rest {
         let seconds = rest.steps as f64 * pile.world.step_length() * units.time;
         figures.insert("rest_seconds", Some(seconds));

@@ -7,6 +7,7 @@ mod gentle_stop;
 pub mod glue;
 pub mod guard;
 pub mod instance;
+pub mod motion;
 pub mod pile;
 pub mod pile_equilibrium;
 pub mod policy;

@@ -4,6 +4,7 @@ use super::control::PileControl;
 use super::gentle_stop::GentleStop;
 use super::glue::PileGlue;
 use super::instance::Instance;
+use super::motion::Motion;
 use super::policy::Policy;
 use super::record::Recorder;
 use crate::error::Error;
@@ -32,6 +33,7 @@ pub struct Pile<'a> {
     pub control: PileControl<'a>,
     pub glue: PileGlue,
     pub gentle_stop: GentleStop,
+    pub motion: Motion,
     pub recorder: Recorder,
     /// Steps since turning over.
     pub step: u64,
@@ -66,6 +68,7 @@ impl<'a> Pile<'a> {
             control,
             glue: PileGlue::default(),
             gentle_stop: GentleStop::default(),
+            motion: Motion::default(),
             recorder,
             step: 0,
             latest_event: 0,
@@ -135,6 +138,7 @@ impl<'a> Pile<'a> {
     /// The control ends and glue is gone. Gently: the control is withdrawn.
     pub fn end_control(&mut self, gently: bool) {
         self.disturb();
+        self.motion.expect_collapse();
         self.glue.end(&mut self.world, &mut self.policy);
         if gently {
             self.withdraw_control();

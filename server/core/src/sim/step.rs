@@ -126,7 +126,11 @@ impl<'a> Simulation<'a> {
                 StepStage::GentleStop => self.stop_gently(),
                 StepStage::Control => self.control(),
                 StepStage::Policy => self.pile.policy.apply(&mut self.pile.world),
-                StepStage::Engine => self.guard.step(&mut self.pile.world)?,
+                StepStage::Engine => {
+                    self.pile.motion.before_step(&self.pile.world);
+                    self.guard.step(&mut self.pile.world)?;
+                    self.pile.motion.after_step(&self.pile.world);
+                }
                 StepStage::Fallen => self.set_fallen_aside(),
                 StepStage::Breaking => self.break_overloaded(),
                 StepStage::Record => self.record(observer, stage),

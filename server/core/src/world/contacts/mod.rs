@@ -80,7 +80,7 @@ impl World {
     }
 
     /// The side that a collider is in a contact pair; `None` for a container.
-    fn side_of(&self, collider: &Collider) -> Option<PairSide> {
+    pub(super) fn side_of(&self, collider: &Collider) -> Option<PairSide> {
         match Owner::of(collider) {
             Owner::Container => None,
             Owner::Ground => Some(PairSide::Ground),

@@ -69,7 +69,7 @@ impl World {
     }
 
     /// Other colliders that may be within `tolerance` times its thickness of body `a`, in order.
-    fn near(&self, a: BodyId, tolerance: f64) -> Vec<(PairSide, ColliderHandle)> {
+    pub(in crate::world) fn near(&self, a: BodyId, tolerance: f64) -> Vec<(PairSide, ColliderHandle)> {
         let collider = &self.engine.colliders[self.bodies[a].collider];
         let reach = tolerance * self.bodies[a].thickness;
         let aabb = collider.compute_aabb().loosened((reach + PREDICTION) as f32);
@@ -82,7 +82,13 @@ impl World {
 
     /// The contact of body `a` with another collider; `None` where the gap is wider than `tolerance` times the thinner
     /// one's thickness.
-    fn pair(&self, a: BodyId, b: PairSide, other: ColliderHandle, tolerance: f64) -> Option<ContactPair> {
+    pub(in crate::world) fn pair(
+        &self,
+        a: BodyId,
+        b: PairSide,
+        other: ColliderHandle,
+        tolerance: f64,
+    ) -> Option<ContactPair> {
         let (first, second) = (&self.engine.colliders[self.bodies[a].collider], &self.engine.colliders[other]);
         let points = points(first, second, tolerance * self.thinner(a, b));
         if points.is_empty() {

@@ -1,5 +1,6 @@
 //! Readings of the world after a step: loads, energy, and bodies that are where, or as fast as, none should be.
 
+mod ballistics;
 mod energy;
 mod faults;
 mod friction;

@@ -1,0 +1,58 @@
+//! Whether bodies that touch nothing fall as gravity makes them fall.
+
+use crate::geometry::contact::REAL_CONTACT;
+use crate::world::{BodyId, PairSide, World};
+use glam::DVec3;
+
+/// A deviation below this share of gravity is the engine's rounding.
+const ROUNDING: f64 = 1e-3;
+
+impl World {
+    /// Velocity of the rigid body that each free body leads; `None`: it is not free, or does not lead. Shape `[body]`.
+    pub fn free_velocities(&self) -> Vec<Option<DVec3>> {
+        let mut velocities = vec![None; self.bodies().len()];
+        for (id, body) in self.bodies.free().filter(|&(id, _)| self.bodies.leads(id)) {
+            velocities[id] = Some(self.engine.bodies[body.carrier].linvel().as_dvec3());
+        }
+        velocities
+    }
+
+    /// After a step: the largest deviation of the acceleration of a body that touched nothing from that of gravity, as a
+    /// share of it. `before`: [`World::free_velocities`] before the step.
+    pub fn ballistic_error(&self, before: &[Option<DVec3>]) -> f64 {
+        let gravity = self.engine.gravity.as_dvec3();
+        let error = |(id, now): (BodyId, Option<DVec3>)| {
+            let gained = (now? - before.get(id).copied().flatten()?) / self.step_length();
+            let error = (gained - gravity).length() / gravity.length();
+            let touches_nothing = || self.pressed_by(id).is_empty() && !self.touches(id);
+            (error > ROUNDING && touches_nothing()).then_some(error)
+        };
+        self.free_velocities().into_iter().enumerate().filter_map(error).fold(0.0, f64::max)
+    }
+
+    /// Whether a body, or one that is glued to it, has a contact now, up to the widest gap that counts as one.
+    fn touches(&self, id: BodyId) -> bool {
+        let members = self.bodies.glued_with(id);
+        let is_other = |side: PairSide| !matches!(side, PairSide::Body(b) if members.contains(&b));
+        let has_contact = |&member: &BodyId| {
+            let mut near = self.near(member, REAL_CONTACT).into_iter().filter(|&(side, _)| is_other(side));
+            near.any(|(side, other)| self.pair(member, side, other, REAL_CONTACT).is_some())
+        };
+        members.iter().any(has_contact)
+    }
+
+    /// What pressed on a body, or on one that is glued to it, in the latest step.
+    pub fn pressed_by(&self, id: BodyId) -> Vec<PairSide> {
+        let mut sides = Vec::new();
+        for &member in self.bodies.glued_with(id) {
+            let collider = self.bodies[member].collider;
+            for pair in self.engine.narrow_phase.contact_pairs_with(collider) {
+                if pair.total_impulse_magnitude() > 0.0 {
+                    let other = if pair.collider1 == collider { pair.collider2 } else { pair.collider1 };
+                    sides.extend(self.engine.colliders.get(other).and_then(|other| self.side_of(other)));
+                }
+            }
+        }
+        sides
+    }
+}
