@@ -98,8 +98,8 @@ fn replaced_fields_are_refused_with_what_takes_their_place() {
     desk.line("check pile.toml").fails(
         65,
         &[
-            "pile.toml:3: `release.damping`: it is not used any more. Give `resistance` instead",
-            "pile.toml:4: `control.damping`: it is not used any more. Give `resistance` instead",
+            "release.damping: it is not used any more. Give `resistance` instead",
+            "control.damping: it is not used any more. Give `resistance` instead",
         ],
     );
 }

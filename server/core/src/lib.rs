@@ -181,9 +181,10 @@ pub fn fill_container(
     };
     let resolved = Resolved::new(scene, params, &checked, &summaries(&shapes));
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
-    let container = container(params, &checked, &resolved, units.length);
+    let units = units.about(scene.middle());
+    let container = container(params, &checked, &resolved, &units);
     let target = checked.target().filter(|_| container.is_none());
-    let region = checked.region.as_ref().or(target).map(|closed| grid(&closed.mesh, units.length).1);
+    let region = checked.region.as_ref().or(target).map(|closed| grid(&closed.mesh, &units).1);
     clock.lap(Stage::Shape, observer);
 
     let found = match cached {
@@ -211,14 +212,14 @@ pub fn fill_container(
     Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached, clock })
 }
 
-/// The container, if anything is filled. `length`: metres per engine unit.
-fn container(params: &Params, checked: &CheckedScene, resolved: &Resolved, length: f64) -> Option<Container> {
+/// The container, if anything is filled.
+fn container(params: &Params, checked: &CheckedScene, resolved: &Resolved, units: &Units) -> Option<Container> {
     let control = checked.control.as_ref().filter(|_| resolved.is_on(EffectName::Fill))?;
     let is_simplified = resolved.is_on(EffectName::WallSimplification);
     let tolerance = if is_simplified { params.fill.wall_tolerance } else { 0.0 };
-    let container = Container::new(control, length, checked.ground, tolerance);
+    let container = Container::new(control, units, checked.ground, tolerance);
     Some(match &checked.core {
-        Some(core) => container.around(core, length),
+        Some(core) => container.around(core, units),
         None => container,
     })
 }

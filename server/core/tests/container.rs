@@ -43,7 +43,7 @@ fn joined(parts: &[TriMesh]) -> TriMesh {
 }
 
 fn container(mesh: &TriMesh, tolerance: f64) -> Container {
-    Container::new(&ClosedMesh::new(inspect(mesh), mesh.clone()), 1.0, 0.0, tolerance)
+    Container::new(&ClosedMesh::new(inspect(mesh), mesh.clone()), &Units::new(1.0, 1.0, 1.0), 0.0, tolerance)
 }
 
 fn unit(x: f64, edge: f64) -> TriMesh {

@@ -223,6 +223,17 @@ impl Scene {
         target.into_iter().chain(placed).chain(emitted).chain(scenery).fold(f64::INFINITY, f64::min)
     }
 
+    /// The middle of the control mesh; without one, of the places at which bodies come in. m.
+    pub fn middle(&self) -> DVec3 {
+        let placed = || self.bodies.iter().map(|body| (body.pose.translation, body.pose.translation));
+        let emitted = || self.emitters.iter().map(|emitter| emitter.place.bounds());
+        let bounds = match &self.control {
+            Some(model) => Some(model.mesh.bounds()),
+            None => placed().chain(emitted()).reduce(|(low, high), (l, h)| (low.min(l), high.max(h))),
+        };
+        bounds.map_or(DVec3::ZERO, |(low, high)| (low + high) / 2.0)
+    }
+
     /// Whether the control mesh is filled.
     pub fn is_filled(&self, params: &Params) -> bool {
         self.control.is_some() && params.fill.method.traits().fills

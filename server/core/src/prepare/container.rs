@@ -11,6 +11,7 @@ use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::Topology;
 use crate::geometry::{ClosedMesh, RESOLUTION};
+use crate::prepare::units::Units;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
 use ndshape::{RuntimeShape, Shape as _};
@@ -63,12 +64,12 @@ pub fn has_fine_walls(topology: &Topology, d: f64) -> bool {
 }
 
 impl Container {
-    /// `control` and `ground` in SI, `length` metres per engine unit. `tolerance`: how far the simplified container may
+    /// `control` and `ground` in SI. `tolerance`: how far the simplified container may
     /// be from the mesh, in d; 0: it is not simplified.
-    pub fn new(control: &ClosedMesh, length: f64, ground: f64, tolerance: f64) -> Container {
+    pub fn new(control: &ClosedMesh, units: &Units, ground: f64, tolerance: f64) -> Container {
         let topology = &control.topology;
-        let solid = control.mesh.scaled(1.0 / length);
-        let (region, distance) = grid(&control.mesh, length);
+        let solid = units.mesh_to_engine(&control.mesh);
+        let (region, distance) = grid(&control.mesh, units);
         let (low, high) = solid.bounds();
         // Parts that reach less deep into each other only touch.
         let remeshed = !topology.is_watertight() || topology.components > 1 && region.overlaps(CARRYING_GAP);
@@ -77,14 +78,14 @@ impl Container {
         } else {
             inward(&solid, region.was_inside_out())
         };
-        let base = low.y.max(ground / length);
+        let base = low.y.max(units.height_to_engine(ground));
         Container {
             mesh,
             tolerance,
             distance,
             base,
             volume: region.volume(),
-            area: topology.area / length.powi(2),
+            area: topology.area / units.length.powi(2),
             low,
             high,
             remeshed,
@@ -93,11 +94,11 @@ impl Container {
     }
 
     /// Leaves no room in the core.
-    pub fn around(mut self, core: &Core, length: f64) -> Container {
-        self.distance.cut_out(&grid(&core.mesh, length).1);
-        self.volume -= core.volume / length.powi(3);
-        self.area += core.area / length.powi(2);
-        self.core = Some(core.mesh.scaled(1.0 / length));
+    pub fn around(mut self, core: &Core, units: &Units) -> Container {
+        self.distance.cut_out(&grid(&core.mesh, units).1);
+        self.volume -= core.volume / units.length.powi(3);
+        self.area += core.area / units.length.powi(2);
+        self.core = Some(units.mesh_to_engine(&core.mesh));
         self
     }
 
@@ -147,8 +148,8 @@ fn without_base(mesh: &TriMesh, base: f64, cut: f64, collar: f64) -> (TriMesh, V
 }
 
 /// The inside of a mesh in SI, and the distance to its surface, in engine units.
-pub fn grid(mesh: &TriMesh, length: f64) -> (MeshInterior, DistanceGrid) {
-    let region = MeshInterior::new(&mesh.scaled(1.0 / length));
+pub fn grid(mesh: &TriMesh, units: &Units) -> (MeshInterior, DistanceGrid) {
+    let region = MeshInterior::new(&units.mesh_to_engine(mesh));
     let distance = DistanceGrid::new(&region, RESOLUTION, MAX_GRID_NODES);
     (region, distance)
 }

@@ -9,3 +9,4 @@ pub(crate) mod extremes;
 pub mod packing;
 pub mod plan;
 pub mod shape;
+pub mod units;

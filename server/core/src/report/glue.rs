@@ -20,7 +20,7 @@ pub fn baked(sim: &Simulation) -> BakedGlue {
         BakedGlueDot {
             body: dot.a,
             other: dot.b,
-            point: (point * units.length).to_array(),
+            point: units.point_to_si(point).to_array(),
             normal: (turn * dot.normal).to_array(),
             force: (turn * dot.force * force).to_array(),
             moment: (turn * dot.moment * force * units.length).to_array(),

@@ -1,4 +1,4 @@
-//! The withdrawal of the control: it lets go of layer after layer, from the bottom to the top, while the contacts of all
+//! The withdrawal of the control: it releases layer after layer, from the bottom to the top, while the contacts of all
 //! bodies resist slow motion; then that resistance fades out, and the pile stands by itself as far as it can.
 
 use super::control::PileControl;

@@ -1,8 +1,7 @@
-//! Looks at the motion of a pile for what no one would believe: bodies in the air that do not fall as they should, bodies
-//! that fall although nothing touched them after they had stood, and energy out of nothing.
+//! Looks at the motion of a pile for what no one would believe: bodies in the air that do not fall as they should,
+//! bodies that fall although nothing touched them after they had stood, and energy out of nothing.
 
-use super::pile::REST_SPEED;
-use crate::world::{PairSide, Role, World};
+use crate::world::{PairSide, REST_SPEED, Role, World};
 use glam::DVec3;
 
 /// A body that has been at rest for this long stands, s.

@@ -1,12 +1,12 @@
-//! Role, resistance and friction of each body, each from the reasons for it. Nothing else in the simulation writes one of
-//! the three.
+//! Role, resistance and friction of each body, each from the reasons for it. Nothing else in the simulation writes one
+//! of the three.
 
 use crate::invariants;
 use crate::world::{BodyId, Role, World};
 use std::collections::BTreeMap;
 
-/// The reasons for which the contacts of bodies resist slow motion. Resistances are shares of the force that presses the
-/// contacts (`world::corrections::resistance`); of several reasons, the strongest counts.
+/// The reasons for which the contacts of bodies resist slow motion. Resistances are shares of the force that presses
+/// the contacts (`world::corrections::resistance`); of several reasons, the strongest counts.
 ///
 /// Roles and friction take effect at once, since other decisions of the same step rest on them; resistance takes effect
 /// in [`Policy::apply`], once a step.

@@ -63,7 +63,7 @@ const PLACES: usize = 2;
 /// Rounds in which bodies that the clean-up removes are replaced.
 const REPLACEMENTS: usize = 5;
 /// Passes of depenetration; the pile settles after each.
-const DEPENETRATIONS: usize = 2;
+const DEPENETRATIONS: usize = 1;
 /// Settling after each of them, and after the bodies have shrunk to their size, characteristic times.
 const CLOSE_GAPS: f64 = 1.0;
 

@@ -55,7 +55,7 @@ pub fn free_pour(
     let scene = Scene { props: vec![prop], ..Scene::default() };
     let units = Units::new(diameter, shape.mass * scale.powi(3), params.gravity);
     let bin = ClosedMesh::of(bin);
-    let container = Container::new(&bin, units.length, 0.0, 0.0);
+    let container = Container::new(&bin, &units, 0.0, 0.0);
     let shapes = std::slice::from_ref(shape);
     let poured = fill::pour_only(&scene, shapes, &params, units, &container, observer)?;
 

@@ -12,8 +12,8 @@ const REST_TIME: f64 = 1.0;
 const ROCKING: f64 = 1e-4;
 const ROCKING_TIMES: u64 = 3;
 
-/// Initial resistance of the contacts of bodies that still roll or rattle late in the hold, as a share of the force that
-/// presses them. It doubles every [`LATE_TIMES`] characteristic times while bodies still move, up to
+/// Initial resistance of the contacts of bodies that still roll or rattle late in the hold, as a share of the force
+/// that presses them. It doubles every [`LATE_TIMES`] characteristic times while bodies still move, up to
 /// [`MOST_LATE_RESISTANCE`]. It stops what touches something; what falls freely goes on to fall.
 const LATE_RESISTANCE: f64 = 0.1;
 const LATE_TIMES: f64 = 5.0;

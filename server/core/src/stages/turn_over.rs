@@ -41,8 +41,8 @@ pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error>
     let &TurnOverInputs { scene, params, resolved, units, bodies, ground, .. } = inputs;
     let world = world(inputs)?;
     let control = control(inputs, &world);
-    let depth = (!params.ground).then(|| scene.lowest().min(ground) / units.length - FALL_DEPTH);
-    let floor = depth.map_or(ground / units.length, |depth| depth - FALL_DEPTH);
+    let depth = (!params.ground).then(|| units.height_to_engine(scene.lowest().min(ground)) - FALL_DEPTH);
+    let floor = depth.map_or(units.height_to_engine(ground), |depth| depth - FALL_DEPTH);
     let guard = Guard::new(scene, resolved, units, floor);
     let recorder = Recorder::new(&world, Pace::new(params, resolved.is_on(EffectName::Frames), units));
     let bounces = resolved.is_on(EffectName::Restitution);
@@ -68,7 +68,7 @@ pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error>
 
 /// A pile on a tip or a round foot may have room below it for no prop: it is set down on the ground.
 fn set_down(pile: &mut Pile, filled: usize, inputs: &TurnOverInputs) {
-    let gap = pile.world.lowest(0..filled) - inputs.ground / inputs.units.length;
+    let gap = pile.world.lowest(0..filled) - inputs.units.height_to_engine(inputs.ground);
     if !(inputs.params.ground
         && inputs.scene.statics.is_empty()
         && inputs.core.is_none()
@@ -92,7 +92,7 @@ fn world(inputs: &TurnOverInputs) -> Result<World, Error> {
         world.watch_bobbing();
     }
     if params.ground {
-        world.add_ground(ground / units.length, params.ground_friction);
+        world.add_ground(units.height_to_engine(*ground), params.ground_friction);
     }
     for model in scene.statics.iter().filter(|model| model.keys.is_empty()) {
         world.add_scenery(&model.model.mesh, model.friction).map_err(Error::Internal)?;

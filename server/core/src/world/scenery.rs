@@ -84,17 +84,18 @@ impl World {
 
     /// Static geometry. The mesh is in SI.
     pub fn add_scenery(&mut self, mesh: &TriMesh, friction: f64) -> Result<(), String> {
-        let scenery = mesh_collider(mesh, self.units.length, friction, TWO_SIDED, Owner::Scenery)?;
+        let scenery = mesh_collider(&self.units.mesh_to_engine(mesh), 1.0, friction, TWO_SIDED, Owner::Scenery)?;
         self.engine.insert_collider(scenery, None);
         Ok(())
     }
 
     /// The core of a pile, closed: bodies that have sunk into it are pushed out. The mesh is in SI.
     pub fn add_core(&mut self, mesh: &TriMesh, is_convex: bool, friction: f64) -> Result<(), String> {
-        let points: Vec<Vector> = mesh.points.iter().map(|&p| (p / self.units.length).as_vec3()).collect();
+        let mesh = self.units.mesh_to_engine(mesh);
+        let points: Vec<Vector> = mesh.points.iter().map(|p| p.as_vec3()).collect();
         let core = match ColliderBuilder::convex_hull(&points).filter(|_| is_convex) {
             Some(hull) => hull.friction(friction as f32).user_data(Owner::Scenery.user_data()),
-            None => mesh_collider(mesh, self.units.length, friction, ONE_SIDED, Owner::Scenery)?,
+            None => mesh_collider(&mesh, 1.0, friction, ONE_SIDED, Owner::Scenery)?,
         };
         self.engine.insert_collider(core, None);
         Ok(())

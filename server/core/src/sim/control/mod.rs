@@ -158,7 +158,7 @@ impl<'a> PileControl<'a> {
         freed.into_iter().for_each(|id| self.analysis.mark_moved(id));
     }
 
-    /// The control lets go of all bodies whose center is below this height, engine units.
+    /// From now on the control holds no body whose center is below this height, engine units.
     pub fn withdraw_below(&mut self, height: f64) {
         self.withdrawn_below = height;
     }

@@ -1,13 +1,17 @@
 //! Resistance of contacts to what moves slowly over them: sliding creep, rolling, rocking and spinning.
 //!
 //! It acts at contacts only, and is bounded by the force that presses them: per body, it takes at most the share
-//! `resistance` of the impulse of its contacts from the momentum of sliding, and the same, at a lever of half the body's
-//! thickness, from the angular momentum. So it acts as more friction and as a moment in a contact patch do: it brings to
-//! rest what rocks or creeps, and does not slow what falls. A body that touches nothing is ballistic.
+//! `resistance` of the impulse of its contacts from the momentum of sliding, and the same, at a small lever, from the
+//! angular momentum. So it acts as more friction and as a moment in a contact patch do: it brings to rest what rocks or
+//! creeps, and does not slow what falls. A body that touches nothing is ballistic.
 
 use super::WorldCounters;
 use crate::world::bodies::Bodies;
 use rapier3d::prelude::*;
+
+/// Half the width of a contact patch, as a share of the body's thickness: the lever of the moment that the patch can
+/// carry. With a tenth of it, sticks roll on; with ten times as much, a cube that is pushed over an edge tips too late.
+const PATCH: f64 = 0.05;
 
 /// After a step: the resistance of the contacts, by the forces of that step.
 pub fn brake(engine: &mut PhysicsWorld, bodies: &Bodies, counters: &mut WorldCounters) {
@@ -30,7 +34,7 @@ pub fn brake(engine: &mut PhysicsWorld, bodies: &Bodies, counters: &mut WorldCou
         let kept = velocity - sliding * (limit / momentum.max(f32::MIN_POSITIVE)).min(1.0);
         let inertia = rigid.mass_properties().local_mprops.reconstruct_inertia_matrix();
         let angular_momentum = (inertia * (rigid.rotation().inverse() * spin)).length();
-        let lever = size.thickness as f32 / 2.0;
+        let lever = (PATCH * size.thickness) as f32;
         let kept_spin = spin * (1.0 - limit * lever / angular_momentum.max(f32::MIN_POSITIVE)).max(0.0);
         counters.resisted_body_steps += 1;
         if let Some(rigid) = engine.bodies.get_mut(body.carrier).filter(|_| kept.is_finite() && kept_spin.is_finite()) {

@@ -17,8 +17,8 @@ impl World {
         velocities
     }
 
-    /// After a step: the largest deviation of the acceleration of a body that touched nothing from that of gravity, as a
-    /// share of it. `before`: [`World::free_velocities`] before the step.
+    /// After a step: the largest deviation of the acceleration of a body that touched nothing from that of gravity, as
+    /// a share of it. `before`: [`World::free_velocities`] before the step.
     pub fn ballistic_error(&self, before: &[Option<DVec3>]) -> f64 {
         let gravity = self.engine.gravity.as_dvec3();
         let error = |(id, now): (BodyId, Option<DVec3>)| {

@@ -1,0 +1,68 @@
+//! Engine units: the one place of the conversion.
+
+use crate::geometry::mesh::TriMesh;
+use crate::geometry::pose::Pose;
+use crate::input::params::Time;
+use glam::DVec3;
+
+/// SI value of one engine unit, and the place of the engine's origin.
+///
+/// The engine computes in single precision: far from its origin, it would place bodies as coarsely as a millimeter. So
+/// its origin is the middle of the scene, wherever that is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Units {
+    /// m: the diameter d of the median prop.
+    pub length: f64,
+    /// s: the characteristic time sqrt(d / g).
+    pub time: f64,
+    /// kg.
+    pub mass: f64,
+    /// m, of the scene.
+    pub origin: DVec3,
+}
+
+impl Units {
+    /// Units in which the median prop has size, mass and gravity 1.
+    pub fn new(diameter: f64, mass: f64, gravity: f64) -> Units {
+        Units { length: diameter, time: (diameter / gravity).sqrt(), mass, origin: DVec3::ZERO }
+    }
+
+    /// The same units about this place of the scene, m.
+    pub fn about(self, origin: DVec3) -> Units {
+        Units { origin, ..self }
+    }
+
+    /// A duration in engine units.
+    pub fn duration(&self, time: Time) -> f64 {
+        match time {
+            Time::Natural(t) => t,
+            Time::Seconds(s) => s / self.time,
+        }
+    }
+
+    pub fn pose_to_engine(&self, pose: &Pose) -> Pose {
+        Pose { translation: self.point_to_engine(pose.translation), ..*pose }
+    }
+
+    pub fn pose_to_si(&self, pose: &Pose) -> Pose {
+        Pose { translation: self.point_to_si(pose.translation), ..*pose }
+    }
+
+    pub fn point_to_engine(&self, point: DVec3) -> DVec3 {
+        (point - self.origin) / self.length
+    }
+
+    pub fn point_to_si(&self, point: DVec3) -> DVec3 {
+        point * self.length + self.origin
+    }
+
+    /// A height above the scene's origin, m -> above the engine's.
+    pub fn height_to_engine(&self, height: f64) -> f64 {
+        (height - self.origin.y) / self.length
+    }
+
+    pub fn mesh_to_engine(&self, mesh: &TriMesh) -> TriMesh {
+        let points = mesh.points.iter().map(|&p| self.point_to_engine(p)).collect();
+        TriMesh { points, triangles: mesh.triangles.clone() }
+    }
+}
