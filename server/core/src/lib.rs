@@ -265,10 +265,11 @@ pub fn release_pile<'a>(
 
     let is_staged = resolved.is_on(EffectName::StagedRelease);
     let order = if is_staged { params.release.order } else { ReleaseOrder::AtOnce };
-    release::run(&mut sim, params, order, observer)?;
+    let stands = resolved.is_on(EffectName::Stand);
+    release::run(&mut sim, params, order, stands, observer)?;
     clock.lap(Stage::Release, observer);
 
-    let held = hold::run(&mut sim, params, resolved.is_on(EffectName::Stand), observer)?;
+    let held = hold::run(&mut sim, params, stands, observer)?;
     clock.lap(Stage::Hold, observer);
 
     let pile = baked_pile(scene, params, &sim, glued.is_some())?;

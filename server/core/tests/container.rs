@@ -9,6 +9,7 @@ use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::prepare::container::{Container, has_fine_walls};
 use cairn_core::prepare::effects::EffectName;
+use cairn_core::prepare::units::Units;
 use common::cone;
 use glam::DVec3;
 

@@ -76,7 +76,7 @@ impl Motion {
         }
     }
 
-    /// The pile is asked to move: what has stood until now may fall.
+    /// Something hits the pile, or it is asked to move: what has stood until now may fall.
     pub fn expect_collapse(&mut self) {
         self.stands.clear();
     }

@@ -125,14 +125,17 @@ impl<'a> Pile<'a> {
         self.recorder.disturb();
     }
 
-    /// The control is withdrawn, and the bake is done once the pile stands by itself.
-    pub fn withdraw_control(&mut self) {
+    /// The control is withdrawn, after `lag` characteristic times: the bake is done once the pile stands by itself. The
+    /// withdrawal rises as fast as the release.
+    pub fn withdraw_control(&mut self, lag: f64) {
         self.latest_event = self.step;
-        let Params { release, control, .. } = self.params;
-        let interval = self.world.units.duration(release.interval);
-        let speed = release.layer / interval.max(self.world.step_length());
+        let release = &self.params.release;
+        let (step_length, interval) = (self.world.step_length(), self.world.units.duration(release.interval));
+        let speed = release.layer / interval.max(step_length);
         self.policy.set_quiet(0.0);
-        self.gentle_stop.begin(self.step, &self.world, speed, control.resistance);
+        let begin = self.step + (lag / step_length).round() as u64;
+        self.control.withdraw_below(f64::MIN);
+        self.gentle_stop.begin(begin, &self.world, speed);
     }
 
     /// The control ends and glue is gone. Gently: the control is withdrawn.
@@ -141,7 +144,7 @@ impl<'a> Pile<'a> {
         self.motion.expect_collapse();
         self.glue.end(&mut self.world, &mut self.policy);
         if gently {
-            self.withdraw_control();
+            self.withdraw_control(0.0);
         } else {
             self.control.end(&mut self.world, &mut self.policy);
             self.policy.set_quiet(0.0);

@@ -16,8 +16,6 @@ pub struct Policy {
     base: f64,
     /// Late in the hold, of every released body, so that bodies that still roll or rattle come to rest.
     quiet: f64,
-    /// While the control is withdrawn, of every body.
-    gentle: f64,
     /// By the control's latest look at a body.
     controlled: BTreeMap<BodyId, f64>,
     /// Bodies without friction, ascending.
@@ -81,6 +79,7 @@ impl Policy {
         for id in world.present().collect::<Vec<_>>() {
             world.set_slippery(id, jammed.binary_search(&id).is_ok());
         }
+        self.is_stale |= self.jammed != jammed;
         self.jammed = jammed.to_vec();
     }
 
@@ -88,12 +87,6 @@ impl Policy {
     pub fn set_quiet(&mut self, quiet: f64) {
         self.is_stale |= self.quiet != quiet;
         self.quiet = quiet;
-    }
-
-    /// As [`Policy::set_quiet`], while the control is withdrawn.
-    pub fn set_gentle(&mut self, gentle: f64) {
-        self.is_stale |= self.gentle != gentle;
-        self.gentle = gentle;
     }
 
     /// The control has ended: it looks at no body.
@@ -112,10 +105,13 @@ impl Policy {
         }
     }
 
-    /// Resistance of a free body.
+    /// Resistance of a free body. A jammed one is to slip.
     fn resistance(&self, id: BodyId) -> f64 {
+        if self.jammed.binary_search(&id).is_ok() {
+            return 0.0;
+        }
         let controlled = self.controlled.get(&id).copied().unwrap_or(0.0);
-        controlled.max(self.base).max(self.quiet).max(self.gentle)
+        controlled.max(self.base).max(self.quiet)
     }
 
     /// Brings the resistance of all free bodies up to date.
@@ -160,9 +156,6 @@ mod tests {
         assert_eq!(of(&policy), [0.5, 0.1], "the control's look at one");
         policy.set_quiet(0.2);
         assert_eq!(of(&policy), [0.5, 0.2]);
-        policy.set_gentle(1.0);
-        assert_eq!(of(&policy), [1.0, 1.0]);
-        policy.set_gentle(0.0);
         policy.forget_looks();
         policy.set_quiet(0.0);
         assert_eq!(of(&policy), [0.1, 0.1], "all reasons have ended");

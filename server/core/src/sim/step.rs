@@ -153,8 +153,10 @@ impl<'a> Simulation<'a> {
     }
 
     fn control(&mut self) {
-        let Pile { world, policy, control, step, .. } = &mut self.pile;
-        control.free_before_hits(world, policy);
+        let Pile { world, policy, control, motion, step, .. } = &mut self.pile;
+        if control.free_before_hits(world, policy) {
+            motion.expect_collapse();
+        }
         if control.is_due(*step) {
             control.cycle(world, policy);
         }

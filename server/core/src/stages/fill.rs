@@ -63,7 +63,7 @@ const PLACES: usize = 2;
 /// Rounds in which bodies that the clean-up removes are replaced.
 const REPLACEMENTS: usize = 5;
 /// Passes of depenetration; the pile settles after each.
-const DEPENETRATIONS: usize = 1;
+const DEPENETRATIONS: usize = 2;
 /// Settling after each of them, and after the bodies have shrunk to their size, characteristic times.
 const CLOSE_GAPS: f64 = 1.0;
 
@@ -79,7 +79,7 @@ pub fn run(
     let task = FillTask::new(scene, shapes, params, units, container);
     let (fill, wanted) = (&params.fill, task.wanted());
     let mut method = method::of(fill.method);
-    let mut filling = Filling::new(task, true);
+    let mut filling = Filling::new(task, method.gravity(task.height()), true);
     filling.place_given()?;
     let zones = Zones::new(&task, &mut filling.rng);
     let poured = if method.is_open() { Some(fill_open(&mut *method, &mut filling, observer)?) } else { None };
@@ -101,7 +101,7 @@ pub fn run(
     };
     filling.use_real_friction();
     // Turned over with the container still around it, the pile closes its gaps under its own weight.
-    filling.world.set_gravity(DVec3::NEG_Y);
+    filling.point_gravity(DVec3::NEG_Y);
     if full {
         filling.settle(fill.settle, observer)?
     } else {
@@ -204,7 +204,7 @@ pub(crate) fn pour_only(
 ) -> Result<Vec<Instance>, Error> {
     let task = FillTask::new(scene, shapes, params, units, container);
     let mut method = method::of(params.fill.method);
-    let mut filling = Filling::new(task, false);
+    let mut filling = Filling::new(task, method.gravity(task.height()), false);
     fill_open(&mut *method, &mut filling, observer)?;
     Ok(filling.world.present().map(|id| filling.world.instance(id)).collect())
 }

@@ -15,9 +15,9 @@ const ROCKING_TIMES: u64 = 3;
 /// Initial resistance of the contacts of bodies that still roll or rattle late in the hold, as a share of the force
 /// that presses them. It doubles every [`LATE_TIMES`] characteristic times while bodies still move, up to
 /// [`MOST_LATE_RESISTANCE`]. It stops what touches something; what falls freely goes on to fall.
-const LATE_RESISTANCE: f64 = 0.1;
+const LATE_RESISTANCE: f64 = 0.5;
 const LATE_TIMES: f64 = 5.0;
-const MOST_LATE_RESISTANCE: f64 = 2.0;
+const MOST_LATE_RESISTANCE: f64 = 4.0;
 /// It sets in after this share of the patience, or once at most a share of [`ROLLING`] of the bodies has moved for
 /// [`REST_TIME`]: the shape no longer changes.
 const LATE_ONSET: f64 = 0.125;
@@ -82,9 +82,14 @@ fn late_resistance(times: f64) -> f64 {
     (LATE_RESISTANCE * 2f64.powi(doublings)).min(MOST_LATE_RESISTANCE)
 }
 
+/// Whether the control is withdrawn only once the pile rests, where it `stands` by itself in the end.
+fn holds_first(params: &Params, stands: bool) -> bool {
+    stands && params.control.until.is_none() && params.control.stand == Switch::On
+}
+
 /// Simulates until the pile is at rest, patience is over, or the last frame is there. A pile at rest is not simulated
 /// any further: its bodies are certified or asleep, and each further cycle would find the same. `stands`: the
-/// control is withdrawn, at once, or, where the parameters ask for the figures of the held pile, once it rests.
+/// control is withdrawn once the pile rests, where the parameters ask for the figures of the held pile.
 pub fn run(
     sim: &mut Simulation,
     params: &Params,
@@ -98,11 +103,7 @@ pub fn run(
     let mut begin = sim.pile.step;
     let (mut counters, mut top_speed) = (RestCounters::default(), 0.0f64);
     let (mut rest, mut rolls_since) = (None, None);
-    let mut to_stand = stands && params.control.until.is_none() && sim.pile.control.is_on();
-    if to_stand && params.control.stand != Switch::On {
-        sim.pile.withdraw_control();
-        to_stand = false;
-    }
+    let mut to_stand = holds_first(params, stands) && sim.pile.control.is_on();
     loop {
         let rests = counters.is_over(rest_steps) && sim.is_left_alone();
         if rests && to_stand {
@@ -176,7 +177,7 @@ mod tests {
 
     #[test]
     fn contacts_resist_more_and_more() {
-        assert_eq!([0.0, 4.9, 5.0, 12.0].map(late_resistance), [0.1, 0.1, 0.2, 0.4]);
+        assert_eq!([0.0, 4.9, 5.0, 12.0].map(late_resistance), [0.5, 0.5, 1.0, 2.0]);
         assert_eq!(late_resistance(f64::from(u16::MAX)), MOST_LATE_RESISTANCE);
     }
 }

@@ -3,16 +3,22 @@
 
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage};
-use crate::input::params::{Params, ReleaseOrder};
+use crate::input::params::{Params, ReleaseOrder, Switch};
 use crate::sim::step::Simulation;
 use crate::world::{BodyId, Role, World};
 use std::collections::BTreeMap;
 
-/// Releases the layers one after the other.
+/// The withdrawal of the control follows the release at this distance, characteristic times. Bodies that are held for
+/// longer seem to stand, and then fall; piles whose bodies are held for less keep a little less of their shape.
+const LAG: f64 = 1.0;
+
+/// Releases the layers one after the other. `stands`: the control is withdrawn behind them, so that the pile stands by
+/// itself.
 pub fn run(
     sim: &mut Simulation,
     params: &Params,
     order: ReleaseOrder,
+    stands: bool,
     observer: &mut dyn Observer,
 ) -> Result<(), Error> {
     let world = &sim.pile.world;
@@ -20,6 +26,9 @@ pub fn run(
     let layers = layers(world, params.release.layer, order);
     let total = layers.len() as u64 * interval;
     sim.show(observer, Stage::Release);
+    if stands && params.control.until.is_none() && params.control.stand != Switch::On && sim.pile.control.is_on() {
+        sim.pile.withdraw_control(LAG);
+    }
     for layer in layers {
         sim.pile.counters.layers += 1;
         layer.into_iter().for_each(|id| sim.pile.release(id));

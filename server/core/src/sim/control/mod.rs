@@ -110,13 +110,14 @@ impl<'a> PileControl<'a> {
         self.analysis.problems(world)
     }
 
-    /// Before each step: frees the bodies that are about to be hit.
-    pub fn free_before_hits(&mut self, world: &mut World, policy: &mut Policy) {
+    /// Before each step: frees the bodies that are about to be hit. Returns whether there were any.
+    pub fn free_before_hits(&mut self, world: &mut World, policy: &mut Policy) -> bool {
         if !self.frees_before_hits || !self.is_on() {
-            return;
+            return false;
         }
         let freed = self.impact.free_before_hits(world, policy, &self.analysis.pairs, self.counters.cycles);
-        freed.into_iter().for_each(|id| self.analysis.mark_moved(id));
+        freed.iter().for_each(|&id| self.analysis.mark_moved(id));
+        !freed.is_empty()
     }
 
     /// One cycle: each held body is judged again.
@@ -158,7 +159,12 @@ impl<'a> PileControl<'a> {
         freed.into_iter().for_each(|id| self.analysis.mark_moved(id));
     }
 
-    /// From now on the control holds no body whose center is below this height, engine units.
+    /// Its end is near: a body that its resistance stops now would stand for a moment, and fall when it ends.
+    fn is_withdrawn(&self) -> bool {
+        self.withdrawn_below > f64::NEG_INFINITY
+    }
+
+    /// From now on the control resists nothing, and holds no body whose center is below this height, engine units.
     pub fn withdraw_below(&mut self, height: f64) {
         self.withdrawn_below = height;
     }
@@ -176,7 +182,7 @@ impl<'a> PileControl<'a> {
     /// The contacts of slow bodies that are not held resist their motion, so that gaps close gently and resting bodies
     /// become candidates; a falling body falls.
     fn resist(&self, world: &World, policy: &mut Policy) {
-        if self.params.resistance == 0.0 {
+        if self.params.resistance == 0.0 || self.is_withdrawn() {
             return;
         }
         for id in (0..world.bodies().len()).filter(|&id| world.bodies()[id].role == Role::Free) {

@@ -90,32 +90,39 @@ pub(crate) struct Filling<'a> {
     progress: FillProgress,
     /// Bodies that grew beyond their size, each with its own scale.
     pub overgrown: Vec<(BodyId, f64)>,
+    /// Strength of gravity, as a share of the scene's.
+    gravity: f64,
 }
 
-/// The pile as a whole falls if its mean speed downward is more than this, d per characteristic time (closing gaps is
-/// slower), and at least this share of its largest speed so far.
+/// The pile as a whole falls if its mean speed downward is more than this, d per characteristic time under full gravity
+/// (closing gaps is slower), and at least this share of its largest speed so far.
 const FALLING: f64 = 0.1;
 const STILL_FALLING: f64 = 0.1;
 /// Longest fall, in times of a fall through all of the container.
 const LONGEST_FALL: f64 = 1.5;
 
 impl<'a> Filling<'a> {
-    /// An empty world under upward gravity. `with_frames`: for observers.
-    pub fn new(task: FillTask<'a>, with_frames: bool) -> Filling<'a> {
+    /// An empty world, under upward gravity of this strength, as a share of the scene's. `with_frames`: for observers.
+    pub fn new(task: FillTask<'a>, gravity: f64, with_frames: bool) -> Filling<'a> {
         let compounds = task.shapes.iter().any(|s| s.solid.parts() > 1);
         let physics = task.params.fill_physics(task.units.time);
         let world = FillWorld::new(World::new(task.units, &physics, task.least_thickness(), compounds));
         let rng = Pcg64Mcg::seed_from_u64(task.params.seed);
         let (removed, progress) = (Removed::default(), FillProgress::new(with_frames));
-        let mut filling = Filling { task, world, rng, removed, progress, overgrown: Vec::new() };
+        let mut filling = Filling { task, world, rng, removed, progress, overgrown: Vec::new(), gravity };
         // An upright container is filled as if it stood on its head.
-        filling.world.set_gravity(DVec3::Y);
+        filling.point_gravity(DVec3::Y);
         filling
     }
 
     /// Bodies taken out so far, by reason.
     pub fn removed(&self) -> Removed {
         self.removed
+    }
+
+    /// Lets gravity act along `direction`, times its length.
+    pub fn point_gravity(&mut self, direction: DVec3) {
+        self.world.set_gravity(direction * self.gravity);
     }
 
     /// Pins the bodies that the scene placed: the others are filled in around them.
@@ -159,14 +166,14 @@ impl<'a> Filling<'a> {
 
     /// Settles, after a pile that does not fill the container has fallen to its end.
     pub fn settle_from_fall(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
-        let mut left = LONGEST_FALL * (2.0 * self.task.height()).sqrt();
+        let mut left = LONGEST_FALL * (2.0 * self.task.height() / self.gravity).sqrt();
         // Bodies that have just moved upward must stop.
         for id in self.world.loose().collect::<Vec<_>>() {
             self.world.stop(id);
         }
         self.settle(self.task.params.fill.settle, observer)?;
         let mut speed = self.world.falling_speed();
-        if speed <= FALLING {
+        if speed <= FALLING * self.gravity {
             return Ok(());
         }
         let mut top_speed = speed;

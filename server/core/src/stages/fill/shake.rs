@@ -26,10 +26,10 @@ pub fn run(filling: &mut Filling, observer: &mut dyn Observer) -> Result<Shaken,
     let pockets_before = pockets::fraction(filling);
     let swings = (time / SWING).ceil() as usize;
     for [x, z] in (0..swings).map(|swing| LEANS[swing % LEANS.len()]) {
-        filling.world.set_gravity(DVec3::new(LEAN * x, -1.0, LEAN * z));
+        filling.point_gravity(DVec3::new(LEAN * x, -1.0, LEAN * z));
         filling.settle(SWING.min(time), observer)?;
     }
-    filling.world.set_gravity(DVec3::NEG_Y);
+    filling.point_gravity(DVec3::NEG_Y);
     filling.settle(SETTLE, observer)?;
     let lost = before.iter().any(|&(id, _)| !filling.world.is_present(id));
     let taken_back = !lost && pockets::fraction(filling) > pockets_before + WORSE;

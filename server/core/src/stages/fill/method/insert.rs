@@ -13,6 +13,9 @@ use glam::{DQuat, DVec3};
 use rand::RngExt;
 use std::collections::BTreeMap;
 
+/// A container this high, in d, is filled under full gravity; a higher one under less, so that bodies at its end are
+/// squeezed no more.
+const TALL: f64 = 6.0;
 /// Size at insertion, as a share of the full size.
 const SEED_SCALE: f64 = 0.4;
 /// Where overlaps are to be removed, props grow beyond their full size by this share, and shrink to it once the
@@ -47,6 +50,10 @@ const LEAST_SEEDS: usize = 20;
 pub struct Insert;
 
 impl Method for Insert {
+    fn gravity(&self, height: f64) -> f64 {
+        (TALL / height).min(1.0)
+    }
+
     /// Runs rounds until they add next to nothing.
     fn run(&mut self, filling: &mut Filling, pass: &Pass, observer: &mut dyn Observer) -> Result<bool, Error> {
         let (fill, expected) = (&filling.task.params.fill, filling.task.expected as f64);

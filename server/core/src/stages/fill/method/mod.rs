@@ -30,9 +30,14 @@ impl Pass<'_> {
     }
 }
 
-/// A fill method. The fill asks [`Method::is_open`] once, and calls [`Method::run`]: once where the container is open,
-/// else for each pass, and again where the clean-up took too many bodies.
+/// A fill method. The fill asks [`Method::gravity`] and [`Method::is_open`] once, and calls [`Method::run`]: once where
+/// the container is open, else for each pass, and again where the clean-up took too many bodies.
 pub trait Method {
+    /// Gravity of the fill as a share of the scene's, in a container of this height, d.
+    fn gravity(&self, _height: f64) -> f64 {
+        1.0
+    }
+
     /// Whether the container is open while it is filled. Then the method adds the container itself.
     fn is_open(&self) -> bool {
         false

@@ -70,7 +70,7 @@ impl Method for Stack {
 
 /// Lays props until there is no more room. Returns whether the container is full.
 fn stack(filling: &mut Filling, pass: &Pass, observer: &mut dyn Observer) -> Result<bool, Error> {
-    filling.world.set_gravity(DVec3::NEG_Y);
+    filling.point_gravity(DVec3::NEG_Y);
     let task = filling.task;
     let props: Vec<Layable> = task.scene.props.iter().zip(task.shapes).map(|(p, s)| layable(s, p)).collect();
     let mut field = field_of(&task, &props);
