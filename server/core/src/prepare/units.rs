@@ -31,7 +31,7 @@ impl Units {
         Units { length: diameter, time: (diameter / gravity).sqrt(), mass, origin: DVec3::ZERO }
     }
 
-    /// The same units for a scene with this middle, m: the engine's origin is there, along each axis on which it is far.
+    /// The same units for a scene with this middle, m: the engine's origin is there along each axis on which it is far.
     pub fn about(self, middle: DVec3) -> Units {
         let is_far = middle.abs().cmpgt(DVec3::splat(FAR * self.length));
         Units { origin: DVec3::select(is_far, middle, DVec3::ZERO), ..self }

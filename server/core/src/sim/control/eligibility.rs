@@ -85,7 +85,7 @@ pub fn is_inside(region: &DistanceGrid, world: &World, id: BodyId) -> bool {
 
 /// Bodies that moving scenery carries or pushes, directly or through others: they move along. Shape `[body]`; empty
 /// where none moves.
-fn carried(world: &World, pairs: &[ContactPair]) -> Vec<bool> {
+pub fn carried(world: &World, pairs: &[ContactPair]) -> Vec<bool> {
     if !world.scenery_moves() {
         return Vec::new();
     }

@@ -142,7 +142,7 @@ impl<'a> PileControl<'a> {
             shaken: &self.impact.shaken,
         };
         support.place(&verdicts, world, policy, &mut self.counters);
-        self.resist(world, policy);
+        self.resist(world, policy, &eligibility::carried(world, &pairs));
         self.counters.unjammed += hanging.len() as u64;
         policy.unjam(world, &hanging);
         self.analysis.remember(world, pairs);
@@ -180,14 +180,17 @@ impl<'a> PileControl<'a> {
     }
 
     /// The contacts of slow bodies that are not held resist their motion, so that gaps close gently and resting bodies
-    /// become candidates; a falling body falls.
-    fn resist(&self, world: &World, policy: &mut Policy) {
+    /// become candidates; a falling body falls. `carried`: bodies that moving scenery carries or pushes, which are left to
+    /// it; shape `[body]`, may be shorter.
+    fn resist(&self, world: &World, policy: &mut Policy, carried: &[bool]) {
         if self.params.resistance == 0.0 || self.is_withdrawn() {
             return;
         }
         for id in (0..world.bodies().len()).filter(|&id| world.bodies()[id].role == Role::Free) {
             let is_slow = world.speed(id) < self.params.speed && self.eligibility.is_inside(world, id);
-            let is_resisted = is_slow && !self.impact.is_shaken(id, self.counters.cycles);
+            let is_left_alone =
+                !self.impact.is_shaken(id, self.counters.cycles) && !carried.get(id).copied().unwrap_or(false);
+            let is_resisted = is_slow && is_left_alone;
             policy.resist(id, if is_resisted { self.params.resistance } else { 0.0 });
         }
     }
