@@ -180,8 +180,8 @@ impl<'a> PileControl<'a> {
     }
 
     /// The contacts of slow bodies that are not held resist their motion, so that gaps close gently and resting bodies
-    /// become candidates; a falling body falls. `carried`: bodies that moving scenery carries or pushes, which are left to
-    /// it; shape `[body]`, may be shorter.
+    /// become candidates; a falling body falls. `carried`: bodies that moving scenery carries or pushes, which are left
+    /// to it; shape `[body]`, may be shorter.
     fn resist(&self, world: &World, policy: &mut Policy, carried: &[bool]) {
         if self.params.resistance == 0.0 || self.is_withdrawn() {
             return;
