@@ -119,6 +119,8 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
         let seconds = bake.pile.frames.len() as f64 / bake.pile.fps;
         must((at - center(first, k)).length() < limit * seconds, format!("body {k} escaped to {at}"))?;
     }
+    let floating = bake.report.measures["ballistic_error_max"].unwrap_or(0.0);
+    must(floating <= 0.01, format!("what touches nothing falls at {floating:.3} g beside g"))?;
     let deepest = bake.report.measures["penetration_max_rel"].unwrap_or(0.0);
     let thinnest = shapes.iter().map(|s| s.thickness()).fold(f64::INFINITY, f64::min) / d;
     let limit = MOST_PENETRATION.max(MOST_DEPTH / thinnest);

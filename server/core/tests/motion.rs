@@ -1,0 +1,75 @@
+//! Motion that nobody doubts: what touches nothing falls freely, what stands does not fall by itself, and a pile is the
+//! same wherever it stands.
+
+mod common;
+
+use cairn_core::bake;
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::observer::Silent;
+use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params, Switch};
+use cairn_core::input::scene::{PlacedBody, Scene};
+use cairn_core::report::bake::Bake;
+use common::{cone, scene, stick};
+use glam::{DQuat, DVec3};
+
+fn natural() -> Params {
+    let mut params = Params::new(Accuracy::Preview);
+    params.glue.mode = GlueMode::Natural;
+    params
+}
+
+fn baked(scene: &Scene, params: &Params) -> Bake {
+    bake(scene, params, &mut Silent).unwrap()
+}
+
+#[test]
+fn nothing_in_a_natural_pile_floats_or_falls_twice() {
+    let scene = scene(cone(0.9, 1.6), stick());
+    let held = |params: &mut Params| params.control.stand = Switch::Off;
+    let alone = |params: &mut Params| params.control.mode = ControlMode::Off;
+    for (name, change) in [("natural", None), ("held", Some(&held as &dyn Fn(&mut Params))), ("alone", Some(&alone))] {
+        let mut params = natural();
+        change.iter().for_each(|change| change(&mut params));
+        let report = baked(&scene, &params).report;
+        let figure = |name: &str| report.measures[name].unwrap();
+        assert!(figure("ballistic_error_max") <= 0.01, "{name}: {}", figure("ballistic_error_max"));
+        assert_eq!(figure("second_collapse"), 0.0, "{name}");
+        assert!(figure("energy_growth_rel") < 1e-3, "{name}: {}", figure("energy_growth_rel"));
+    }
+}
+
+#[test]
+fn resistance_does_not_slow_what_falls() {
+    let mut scene = scene(cone(0.9, 1.6), stick());
+    scene.control = None;
+    let pose = Pose { translation: DVec3::new(0.0, 2.0, 0.0), rotation: DQuat::IDENTITY };
+    scene.bodies = vec![PlacedBody::new(0, pose)];
+    let mut params = natural();
+    params.release.resistance = 10.0;
+    params.output.frames = Some(12);
+    let bake = baked(&scene, &params);
+    let fallen = 2.0 - bake.pile.frames[12][0].translation.y;
+    let exact = params.gravity / 2.0 * 0.5f64.powi(2);
+    // The engine adds the velocity of a step before it moves.
+    assert!((fallen - exact).abs() < 0.05 * exact, "{fallen} m of {exact}");
+    assert!(bake.report.measures["ballistic_error_max"].unwrap() <= 0.01);
+}
+
+#[test]
+fn a_pile_is_the_same_wherever_it_stands() {
+    let at = |offset: DVec3| {
+        let control = cone(0.7, 1.2);
+        let points = control.points.iter().map(|&p| p + offset).collect();
+        baked(&scene(TriMesh { points, ..control }, stick()), &natural())
+    };
+    let here = at(DVec3::ZERO);
+    for offset in [DVec3::new(1e3, 0.0, 0.0), DVec3::new(0.0, 0.0, -1e6), DVec3::new(2e5, 0.0, 3e5)] {
+        let there = at(offset);
+        let (first, last) = (here.pile.frames.last().unwrap(), there.pile.frames.last().unwrap());
+        assert_eq!(first.len(), last.len(), "{offset}");
+        let apart = first.iter().zip(last).map(|(a, b)| (b.translation - offset).distance(a.translation));
+        let apart = apart.fold(0.0, f64::max);
+        assert!(apart < 1e-3 * 0.5, "{offset}: {apart} m");
+    }
+}
