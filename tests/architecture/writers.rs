@@ -5,7 +5,7 @@ use std::path::Path;
 use syn::visit::Visit;
 
 /// What the world lets change of how a body is treated.
-const TREATMENT: [&str; 4] = ["set_role", "set_damping", "set_slippery", "keep_awake"];
+const TREATMENT: [&str; 4] = ["set_role", "set_resistance", "set_slippery", "keep_awake"];
 /// Who may call these.
 const WRITER: &str = "server/core/src/sim/policy.rs";
 
@@ -30,7 +30,7 @@ fn calls(text: &str) -> Vec<String> {
 }
 
 #[test]
-fn role_damping_and_friction_have_one_writer() {
+fn role_resistance_and_friction_have_one_writer() {
     assert!(!calls(&read(WRITER)).is_empty(), "{WRITER} writes");
     for path in files("server/core/src", ".rs").iter().filter(|path| !path.starts_with("server/core/src/world")) {
         let calls = calls(&read(path));
