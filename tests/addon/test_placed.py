@@ -90,8 +90,10 @@ def test_projectiles_appear_and_hit(placing):
     assert body.hide_render and body.hide_viewport
     bpy.context.scene.frame_set(7)
     assert not body.hide_render and 1.0 < body.matrix_world.translation.x < 2.0
+    bpy.context.scene.frame_set(10)
+    assert body.matrix_world.translation.x < 1.0, "it comes to the pile"
     bpy.context.scene.frame_set(31)
-    assert body.matrix_world.translation.x < 1.0
+    assert body.matrix_world.translation.x > -1.0, "the pile stops it"
 
 
 def test_drops(placing):
