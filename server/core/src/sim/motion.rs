@@ -65,7 +65,7 @@ impl Motion {
                 continue;
             }
             let height = world.pose(id).translation.y;
-            if stand.rested >= standing && !world.pressed_by(id).into_iter().any(moves) {
+            if stand.rested >= standing && !world.pressed_by(id).any(moves) {
                 stand.left_at = Some(height);
             }
             stand.rested = 0.0;

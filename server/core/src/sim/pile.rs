@@ -134,7 +134,7 @@ impl<'a> Pile<'a> {
         let speed = release.layer / interval.max(step_length);
         self.policy.set_quiet(0.0);
         let begin = self.step + (lag / step_length).round() as u64;
-        self.control.withdraw_below(f64::MIN);
+        self.control.withdraw_below(f64::NEG_INFINITY);
         self.gentle_stop.begin(begin, &self.world, speed);
     }
 

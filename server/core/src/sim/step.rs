@@ -3,7 +3,7 @@
 //! | stage | reads | writes |
 //! | --- | --- | --- |
 //! | events | events of the scene that are due | bodies, poses of moving scenery, roles, the control's end |
-//! | gentle stop | since when the control is withdrawn | reasons for resistance, the control's end, the latest event |
+//! | gentle stop | since when the control is withdrawn | where the control acts, its end, the latest event |
 //! | control | contact pairs, poses, speeds | verdicts, supports, roles, reasons for resistance, friction |
 //! | policy | reasons | resistance |
 //! | engine | all of the world | poses, velocities, contacts; bodies that the guard sets aside |

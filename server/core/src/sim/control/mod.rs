@@ -39,8 +39,8 @@ pub struct PileControl<'a> {
     /// `None`: the control is off.
     support: Option<Box<dyn Support>>,
     counters: ControlCounters,
-    /// Bodies with their center below this height are no longer held, engine units.
-    withdrawn_below: f64,
+    /// The control is withdrawn: bodies with their center below this height are no longer held, engine units.
+    withdrawn_below: Option<f64>,
     /// It has ended for good.
     ended: bool,
 }
@@ -65,7 +65,7 @@ impl<'a> PileControl<'a> {
             impact: Impact::new(f64::from(params.period) * step_length),
             support: support::of(params, seed).filter(|_| resolved.is_on(EffectName::Control)),
             counters: ControlCounters::default(),
-            withdrawn_below: f64::NEG_INFINITY,
+            withdrawn_below: None,
             ended: false,
         }
     }
@@ -132,8 +132,9 @@ impl<'a> PileControl<'a> {
         self.analysis.judge_all(world, &pairs, &barred, &self.eligibility, &mut self.counters);
         let hanging = self.eligibility.hanging(world, &pairs, self.params.speed);
         hanging.iter().for_each(|&id| self.analysis.candidates[id] = false);
-        for id in world.present().filter(|&id| world.pose(id).translation.y < self.withdrawn_below) {
-            self.analysis.candidates[id] = false;
+        if let Some(height) = self.withdrawn_below {
+            let below = world.present().filter(|&id| world.pose(id).translation.y < height);
+            below.for_each(|id| self.analysis.candidates[id] = false);
         }
         let verdicts = Verdicts {
             cycle: self.counters.cycles,
@@ -159,14 +160,9 @@ impl<'a> PileControl<'a> {
         freed.into_iter().for_each(|id| self.analysis.mark_moved(id));
     }
 
-    /// Its end is near: a body that its resistance stops now would stand for a moment, and fall when it ends.
-    fn is_withdrawn(&self) -> bool {
-        self.withdrawn_below > f64::NEG_INFINITY
-    }
-
     /// From now on the control resists nothing, and holds no body whose center is below this height, engine units.
     pub fn withdraw_below(&mut self, height: f64) {
-        self.withdrawn_below = height;
+        self.withdrawn_below = Some(height);
     }
 
     /// Ends the control: no body is held, resisted or slippery from now on.
@@ -183,7 +179,8 @@ impl<'a> PileControl<'a> {
     /// become candidates; a falling body falls. `carried`: bodies that moving scenery carries or pushes, which are left
     /// to it; shape `[body]`, may be shorter.
     fn resist(&self, world: &World, policy: &mut Policy, carried: &[bool]) {
-        if self.params.resistance == 0.0 || self.is_withdrawn() {
+        // A body that resistance stops shortly before the end would stand for a moment, and then fall.
+        if self.params.resistance == 0.0 || self.withdrawn_below.is_some() {
             return;
         }
         for id in (0..world.bodies().len()).filter(|&id| world.bodies()[id].role == Role::Free) {

@@ -24,7 +24,7 @@ impl World {
         let error = |(id, now): (BodyId, Option<DVec3>)| {
             let gained = (now? - before.get(id).copied().flatten()?) / self.step_length();
             let error = (gained - gravity).length() / gravity.length();
-            let touches_nothing = || self.pressed_by(id).is_empty() && !self.touches(id);
+            let touches_nothing = || self.pressed_by(id).next().is_none() && !self.touches(id);
             (error > ROUNDING && touches_nothing()).then_some(error)
         };
         self.free_velocities().into_iter().enumerate().filter_map(error).fold(0.0, f64::max)
@@ -42,17 +42,14 @@ impl World {
     }
 
     /// What pressed on a body, or on one that is glued to it, in the latest step.
-    pub fn pressed_by(&self, id: BodyId) -> Vec<PairSide> {
-        let mut sides = Vec::new();
-        for &member in self.bodies.glued_with(id) {
+    pub fn pressed_by(&self, id: BodyId) -> impl Iterator<Item = PairSide> + '_ {
+        self.bodies.glued_with(id).iter().flat_map(move |&member| {
             let collider = self.bodies[member].collider;
-            for pair in self.engine.narrow_phase.contact_pairs_with(collider) {
-                if pair.total_impulse_magnitude() > 0.0 {
-                    let other = if pair.collider1 == collider { pair.collider2 } else { pair.collider1 };
-                    sides.extend(self.engine.colliders.get(other).and_then(|other| self.side_of(other)));
-                }
-            }
-        }
-        sides
+            let pressing = self.engine.narrow_phase.contact_pairs_with(collider);
+            pressing.filter(|pair| pair.total_impulse_magnitude() > 0.0).filter_map(move |pair| {
+                let other = if pair.collider1 == collider { pair.collider2 } else { pair.collider1 };
+                self.side_of(self.engine.colliders.get(other)?)
+            })
+        })
     }
 }
