@@ -121,6 +121,7 @@ class Job:
                 self._forget_request()
                 self.messages.put(("accepted", event.accepted))
             elif kind == "progress":
+                self.recording.add_progress(event.progress)
                 self.messages.put(("progress", event.progress))
             elif kind == "body_table":
                 self.recording.add_table(event.body_table)

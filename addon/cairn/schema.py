@@ -12,6 +12,7 @@ OWN = {
     *(("Fill", name) for name in ("order", "surface", "shake", "layout", "sort_by", "descending", "gaps")),
     ("Output", "fps"),
     ("Output", "frames"),
+    ("Output", "trim"),
     ("Effects", "frames"),
     ("Glue", "mode"),
     ("Glue", "strength"),

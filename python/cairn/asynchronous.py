@@ -129,6 +129,7 @@ class AsyncBake:
             elif kind == "frame":
                 yield self._recording.add_frame(event.frame)
             elif kind == "progress":
+                self._recording.add_progress(event.progress)
                 yield event.progress
             elif kind == "accepted":
                 self.accepted, self.id = event.accepted, event.accepted.bake_id

@@ -1,7 +1,7 @@
 //! Bakes written as `.glb` and read back by an independent, validating reader.
 
 use crate::files::encode;
-use crate::files::{self, no_files, pile_of, textured_cube, tumbling};
+use crate::files::{self, FAR, far_from_its_origin, no_files, pile_of, textured_cube, tumbling};
 use crate::reader::{drawn_matrix, json_of, pose_error, read_valid, world_matrix, world_matrix_of_path};
 use cairn::model::export::Format::{Csv, Glb, Json};
 use cairn::model::export::{ExportError, ExportScene, SourceModel, write};
@@ -29,6 +29,21 @@ fn world_matrices_follow_the_poses() {
     assert_eq!(pile.children().len(), 3);
     assert_eq!(file.document.default_scene().unwrap().nodes().count(), 1, "no scenery");
     assert_eq!(file.document.meshes().count(), 1, "bodies share their mesh");
+}
+
+#[test]
+fn a_body_far_from_its_origin_turns_about_its_center() {
+    let cube = textured_cube();
+    let scene = ExportScene { props: vec![prop("cube", &cube, None)], scenery: vec![], ..Default::default() };
+    let pile = far_from_its_origin(4);
+    let file = read_valid(&encode(Glb, &pile, &scene).unwrap());
+    for moment in [0.0, 1.0, 1.5, 2.25, 3.0] {
+        let offset = world_matrix(&file, "cube.0000.offset", moment / pile.fps);
+        let center = offset.transform_point3(FAR);
+        assert!(center.distance(DVec3::X * moment) < 1e-4, "at frame {moment}: {center}");
+    }
+    let offset = world_matrix(&file, "cube.0000.offset", 2.0 / pile.fps);
+    assert!(pose_error(&offset, &pile, 2, 0) < 1e-4, "at a frame, it is where it was baked");
 }
 
 #[test]

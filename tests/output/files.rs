@@ -15,8 +15,23 @@ pub fn no_files(uri: &str) -> Result<Vec<u8>, String> {
 
 /// A pile of bodies (prop, scale) with the given poses.
 pub fn pile_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> BakedPile {
-    let bodies = bodies.iter().map(|&(prop, scale)| BakedBody { prop, scale, first_frame: 0 }).collect();
-    BakedPile { fps: 24.0, bodies, frames, scenery: Vec::new(), glue: None }
+    let bodies: Vec<BakedBody> =
+        bodies.iter().map(|&(prop, scale)| BakedBody { prop, scale, first_frame: 0 }).collect();
+    let pivots = vec![DVec3::ZERO; bodies.iter().map(|body| body.prop + 1).max().unwrap_or(0)];
+    BakedPile { fps: 24.0, bodies, frames, scenery: Vec::new(), glue: None, pivots }
+}
+
+/// The center of mass of a prop that lies far from its origin, in its own frame.
+pub const FAR: DVec3 = DVec3::new(100.0, 0.0, 0.0);
+
+/// A body of such a prop: its center moves evenly along x, by 1 m per frame, while it turns.
+pub fn far_from_its_origin(frames: usize) -> BakedPile {
+    let pose = |frame: usize| {
+        let rotation = DQuat::from_rotation_y(0.4 * frame as f64);
+        Pose { translation: DVec3::X * frame as f64 - rotation * FAR, rotation }
+    };
+    let frames = (0..frames).map(|frame| vec![pose(frame)]).collect();
+    BakedPile { pivots: vec![FAR], ..pile_of(&[(0, 1.0)], frames) }
 }
 
 /// Bodies that fall and spin, each its own way; every second quaternion has the other sign.

@@ -1,6 +1,6 @@
 //! Bakes written as USD. That USD's own library reads the same is tested in `tests/usd`.
 
-use crate::files::{self, PNG, kit, no_files, pile_of, textured_cube, tumbling};
+use crate::files::{self, PNG, far_from_its_origin, kit, no_files, pile_of, textured_cube, tumbling};
 use cairn::model::export::Format::{Glb, Usda, Usdc, Usdz};
 use cairn::model::export::{ExportScene, SourceModel, encode, origin, write};
 use cairn_core::report::bake::BakedPile;
@@ -45,6 +45,19 @@ fn bodies_are_instances_of_their_props() {
     assert_eq!(lines(&text, "vector3f[] angularVelocities = ").len(), 1);
     assert_eq!(lines(&text, "displayName = \"kit/cube.glb\"").len(), 1);
     assert!(!text.contains("Scenery") && !text.contains("Glue"));
+}
+
+#[test]
+fn a_prop_far_from_its_origin_is_moved_to_its_center() {
+    let cube = textured_cube();
+    let scene = ExportScene { props: vec![prop("cube.glb", &cube)], ..Default::default() };
+    let text = text(&far_from_its_origin(3), &scene);
+    assert_eq!(lines(&text, "double3 xformOp:translate"), ["double3 xformOp:translate = (-100.0, 0.0, 0.0)"]);
+    let at = text.find("positions.timeSamples").unwrap();
+    let positions: Vec<&str> = text[at..].lines().skip(1).take(3).map(str::trim).collect();
+    for (frame, line) in positions.iter().enumerate() {
+        assert!(line.starts_with(&format!("{frame}: [({frame}")), "{line}");
+    }
 }
 
 #[test]

@@ -18,7 +18,7 @@ use cairn_core::sim::control::BodyProblem;
 use cairn_core::sim::step::Simulation;
 use cairn_core::stages::hold;
 use cairn_core::stages::release;
-use cairn_core::world::{Role, World};
+use cairn_core::world::{Resistance, Role, World};
 use cairn_statics::local::{
     Analyser, Candidacy, CandidateRules, Fit, FrictionLaw, Options, ReserveRule, Solver, SpreadRule,
 };
@@ -162,7 +162,7 @@ fn judge(mut sim: Simulation, params: &Params, tallies: &mut [Tally; LAWS.len()]
 fn stands_alone(world: &mut World, id: usize) -> bool {
     let (before, role) = (world.pose(id), world.bodies()[id].role);
     world.set_role(id, Role::Free);
-    world.set_resistance(id, 0.0);
+    world.set_resistance(id, Resistance::default());
     world.set_slippery(id, false);
     let steps = (TRUTH.1 / world.units.time / world.step_length()).ceil() as u64;
     let mut stands = true;

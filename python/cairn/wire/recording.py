@@ -76,6 +76,11 @@ class Recording:
             self.frames.append(snapshot)
         return snapshot
 
+    def add_progress(self, progress):
+        """Leaves out the last frames, which the result does not have (`output.trim`)."""
+        if progress.frame_count:
+            del self.frames[progress.frame_count :]
+
     def motion(self):
         """The result's frames as one. None if there is none yet."""
         frames = list(self.frames)

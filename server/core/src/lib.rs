@@ -287,7 +287,8 @@ fn baked_pile(scene: &Scene, params: &Params, sim: &Simulation, is_glued: bool) 
     let count = if recorder.keeps() { frames.len() } else { recorder.count() + 1 };
     let scenery = scenery_frames(scene, fps, count);
     let glue = is_glued.then(|| report::baked_glue(sim));
-    Ok(BakedPile { fps, bodies, frames, scenery, glue })
+    let pivots = sim.pile.shapes.iter().map(Shape::pivot).collect();
+    Ok(BakedPile { fps, bodies, frames, scenery, glue, pivots })
 }
 
 impl Released<'_> {

@@ -8,6 +8,7 @@ use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Frame, Observer, Progress, Silent, State};
 use cairn_core::input::params::{Accuracy, ContactSelection, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
 use cairn_core::input::scene::{Emitter, EmitterVolume, Keyframe, Model, PlacedBody, Prop, Scene, StaticModel};
+use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake};
 use common::{cone, scene, stick};
@@ -189,6 +190,24 @@ fn moving_scenery_takes_along_the_bodies_on_it() {
         assert!((body.translation.x - 1.0).abs() < 0.15, "{}", body.translation);
     }
     assert!(end[1].translation.y > 0.45, "the upper one is still on the lower one");
+}
+
+#[test]
+fn fast_scenery_does_not_pass_through_bodies() {
+    // A wall of 8 mm at 4 m/s, and cubes of 20 mm.
+    let cube = |x: f64| PlacedBody::new(0, at(x, 0.01, 0.0));
+    let mut scene = bricks(vec![cube(0.03), cube(0.06), cube(0.09)]);
+    scene.props[0].model.mesh = block(DVec3::splat(0.02));
+    let wall = Model { name: "wall".into(), mesh: block(DVec3::new(0.008, 0.1, 0.2)) };
+    let key = |time: f64, x: f64| Keyframe { time, pose: at(x, 0.05, 0.0) };
+    scene.statics = vec![StaticModel { model: wall, friction: 0.7, keys: vec![key(0.5, 0.0), key(0.6, 0.4)] }];
+    let bake = baked(&scene, &params());
+    for body in bake.pile.frames.last().unwrap() {
+        assert!(body.translation.x > 0.41, "{}", body.translation);
+    }
+    assert!(bake.report.counts[&Count::SceneryPartSteps] > 0);
+    scene.statics[0].keys[1].time = 20.0;
+    assert_eq!(baked(&scene, &params()).report.counts[&Count::SceneryPartSteps], 0, "slow scenery needs no more steps");
 }
 
 #[test]

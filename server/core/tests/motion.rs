@@ -9,6 +9,7 @@ use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params, Switch};
 use cairn_core::input::scene::{PlacedBody, Scene};
+use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::Bake;
 use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
@@ -37,6 +38,25 @@ fn nothing_in_a_natural_pile_floats_or_falls_twice() {
         assert_eq!(figure("second_collapse"), 0.0, "{name}");
         assert!(figure("energy_growth_rel") < 1e-3, "{name}: {}", figure("energy_growth_rel"));
     }
+}
+
+#[test]
+fn frames_in_which_nothing_is_seen_are_left_out_on_request() {
+    let scene = scene(cone(0.9, 1.6), stick());
+    let mut params = natural();
+    params.output.frames = Some(240);
+    let whole = baked(&scene, &params);
+    params.output.trim = true;
+    let trimmed = baked(&scene, &params);
+    let count = trimmed.pile.frames.len();
+    assert_eq!((whole.pile.frames.len(), whole.report.counts[&Count::FramesTrimmed]), (241, 0));
+    assert_eq!(count as u64 + trimmed.report.counts[&Count::FramesTrimmed], 241);
+    assert!((25..200).contains(&count), "{count} frames");
+    assert_eq!(whole.pile.frames[..count], trimmed.pile.frames, "the others are the same");
+    let d = trimmed.report.plan.prop_diameter;
+    let ways = whole.pile.frames[240].iter().zip(&trimmed.pile.frames[count - 1]);
+    let farthest = ways.map(|(a, b)| a.translation.distance(b.translation)).fold(0.0, f64::max);
+    assert!(farthest <= 0.1 * d, "{farthest} m");
 }
 
 #[test]

@@ -119,7 +119,8 @@ const MAX_SCENE: usize = 2 << 20;
 /// Bakes, and writes the files into the folder.
 pub fn bake(folder: &Path, cache: &mut BakeCache) -> Result<(), WorkerError> {
     // Report the start before reading, which may take long.
-    let begun = Progress { stage: Stage::Shape, fraction: 0.0, bodies: 0, released: 0, at_rest: 0, nails: 0 };
+    let begun =
+        Progress { stage: Stage::Shape, fraction: 0.0, bodies: 0, released: 0, at_rest: 0, nails: 0, frames: 0 };
     send(WorkerMessage::Progress(to_proto::progress(&begun, None)));
     let (spec, job) = read(folder)?;
     let name = result_name(spec.format());

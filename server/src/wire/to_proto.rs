@@ -71,6 +71,7 @@ pub fn progress(progress: &Progress, remaining_seconds: Option<f64>) -> proto::P
         at_rest_count: signed(progress.at_rest),
         nail_count: signed(progress.nails),
         remaining_seconds,
+        frame_count: signed(progress.frames),
     }
 }
 

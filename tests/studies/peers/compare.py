@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 import table
-from entries import BASELINES, CAIRN, FEW, OURS, PEERS, PILES, ROOT, TARGET
+from entries import BASELINES, CAIRN, FEW, HERE, OURS, PEERS, PILES, ROOT, TARGET
 
 
 def arguments():
@@ -143,7 +143,7 @@ def main():
     text = table.page(results, [pile for pile in PILES if (results / pile.name).exists()])
     (results / "results.md").write_text(text)
     if not chosen.small:
-        (ROOT / "examples" / "peers" / "results.md").write_text(text)
+        (ROOT / HERE / "results.md").write_text(text)
     print(text)
     return 1 if failed else 0
 

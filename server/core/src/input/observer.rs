@@ -31,6 +31,8 @@ pub struct Progress {
     pub released: usize,
     pub at_rest: usize,
     pub nails: usize,
+    /// Frames of the result, from [`Stage::Measure`] on; 0 before.
+    pub frames: usize,
 }
 
 /// The bodies at a moment, reported while the bake runs.

@@ -3,6 +3,7 @@
 use crate::geometry::pose::Pose;
 use crate::report::Report;
 use crate::sim::pile::Pile;
+use glam::DVec3;
 
 /// A finished bake: the pile and its report.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -25,6 +26,9 @@ pub struct BakedPile {
     pub scenery: Vec<Vec<Pose>>,
     /// `None` where nothing may be glued.
     pub glue: Option<BakedGlue>,
+    /// Per prop: the point about which it turns between two frames, in its own frame, m: its center of mass where its
+    /// origin is far from it, else the origin.
+    pub pivots: Vec<DVec3>,
 }
 
 impl BakedPile {
@@ -37,7 +41,14 @@ impl BakedPile {
             frames: self.frames.last().cloned().into_iter().collect(),
             scenery: self.scenery.iter().map(last).collect(),
             glue: self.glue.clone(),
+            pivots: self.pivots.clone(),
         }
+    }
+
+    /// The pose of a body's pivot in a frame; its axes are the body's.
+    pub fn pivot_pose(&self, frame: usize, body: usize) -> Pose {
+        let (pose, BakedBody { prop, scale, .. }) = (self.frames[frame][body], self.bodies[body]);
+        Pose { translation: pose.transform_point(self.pivots[prop] * scale), ..pose }
     }
 }
 

@@ -44,7 +44,8 @@ impl ReportInputs<'_> {
     /// Progress of the measures, 0 to 1.
     pub fn progress(&self, fraction: f64) -> Progress {
         let bodies = self.pile.bodies.len();
-        Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 }
+        let frames = self.pile.frames.len();
+        Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0, frames }
     }
 
     /// The bodies that a frame has, as the measures take them: prop, scale and pose.

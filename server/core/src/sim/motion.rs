@@ -1,7 +1,7 @@
 //! Looks at the motion of a pile for what no one would believe: bodies in the air that do not fall as they should,
 //! bodies that fall although nothing touched them after they had stood, and energy out of nothing.
 
-use crate::world::{PairSide, REST_SPEED, Role, World};
+use crate::world::{BodyId, PairSide, REST_SPEED, Role, World};
 use glam::DVec3;
 
 /// A body that has been at rest for this long stands, s.
@@ -28,8 +28,12 @@ pub struct Motion {
 /// How long a body has stood.
 #[derive(Clone, Copy, Debug, Default)]
 struct Standing {
-    /// Characteristic times at rest.
+    /// Characteristic times at rest, and untouched by what moves.
     rested: f64,
+    /// The same, since something last hit the pile.
+    stood: f64,
+    /// It moved in the latest step.
+    moves: bool,
     /// It began to move untouched after it had stood: its height then.
     left_at: Option<f64>,
 }
@@ -47,38 +51,66 @@ impl Motion {
         let began = self.energy.unwrap_or_default();
         self.growth = self.growth.max(world.mechanical_energy() - began);
         let standing = STANDING / world.units.time;
-        let old = self.stands.clone();
         self.stands.resize(world.bodies().len(), Standing::default());
-        // A body that moved in the step before, too.
-        let moves = |side: PairSide| match side {
-            PairSide::Body(b) => {
-                world.bodies()[b].role == Role::Free && old.get(b).is_none_or(|standing| standing.rested == 0.0)
-            }
-            PairSide::Moving => true,
-            PairSide::Ground | PairSide::Scenery => false,
-        };
+        let touched = self.touched(world);
         for id in world.present() {
             let stand = &mut self.stands[id];
             let is_released = matches!(world.bodies()[id].role, Role::Free | Role::Frozen);
-            if is_released && world.speed(id) < REST_SPEED {
-                *stand = Standing { rested: stand.rested + world.step_length(), left_at: None };
-                continue;
-            }
+            let rests = is_released && world.speed(id) < REST_SPEED;
             let height = world.pose(id).translation.y;
-            if stand.rested >= standing && !world.pressed_by(id).any(moves) {
-                stand.left_at = Some(height);
+            stand.moves = !rests;
+            if rests && !touched[id] {
+                stand.rested += world.step_length();
+                stand.stood += world.step_length();
+            } else {
+                if stand.stood >= standing && !touched[id] {
+                    stand.left_at = Some(height);
+                }
+                (stand.rested, stand.stood) = (0.0, 0.0);
             }
-            stand.rested = 0.0;
-            if stand.left_at.is_some_and(|from| from - height > FALLEN) {
+            if rests {
+                stand.left_at = None;
+            } else if stand.left_at.is_some_and(|from| from - height > FALLEN) {
                 stand.left_at = None;
                 self.second_collapse += 1;
             }
         }
     }
 
+    /// Bodies on which something presses that has moved for at least two steps. Shape `[body]`.
+    fn touched(&self, world: &World) -> Vec<bool> {
+        let mut touched = vec![false; self.stands.len()];
+        for id in world.present() {
+            let moves = self.stands[id].moves && world.speed(id) >= REST_SPEED && world.bodies()[id].role == Role::Free;
+            if !moves && !world.scenery_moves() {
+                continue;
+            }
+            for side in world.pressed_by(id) {
+                match side {
+                    PairSide::Body(b) if moves => touched[b] = true,
+                    PairSide::Moving => touched[id] = true,
+                    _ => {}
+                }
+            }
+        }
+        touched
+    }
+
+    /// How long each body has been at rest, untouched by what moves, s. Shape `[body]`; may be shorter.
+    pub fn rested(&self, world: &World) -> Vec<f64> {
+        self.stands.iter().map(|stand| stand.rested * world.units.time).collect()
+    }
+
     /// Something hits the pile, or it is asked to move: what has stood until now may fall.
     pub fn expect_collapse(&mut self) {
-        self.stands.clear();
+        self.stands.iter_mut().for_each(|stand| (stand.stood, stand.left_at) = (0.0, None));
+    }
+
+    /// The body is about to be hit.
+    pub fn disturb(&mut self, id: BodyId) {
+        if let Some(stand) = self.stands.get_mut(id) {
+            *stand = Standing::default();
+        }
     }
 
     /// The most by which the mechanical energy grew over its value at the beginning, in weights of the pile times d.

@@ -2,11 +2,12 @@
 //! of the three.
 
 use crate::invariants;
-use crate::world::{BodyId, Role, World};
+use crate::world::{BodyId, Resistance, Role, World};
 use std::collections::BTreeMap;
 
-/// The reasons for which the contacts of bodies resist slow motion. Resistances are shares of the force that presses
-/// the contacts (`world::corrections::resistance`); of several reasons, the strongest counts.
+/// The reasons for which the contacts of bodies resist slow motion. Resistances are shares of the friction that the
+/// contacts can bear ([`Resistance`]); of several reasons, the strongest counts. The control resists motion in the
+/// world; the others, motion over what touches a body.
 ///
 /// Roles and friction take effect at once, since other decisions of the same step rest on them; resistance takes effect
 /// in [`Policy::apply`], once a step.
@@ -100,18 +101,18 @@ impl Policy {
         *self = Policy { jammed: std::mem::take(&mut self.jammed), ..Policy::new(0.0) };
         for id in world.present().filter(|&id| !world.bodies()[id].role.stands()).collect::<Vec<_>>() {
             world.set_role(id, Role::Free);
-            world.set_resistance(id, 0.0);
+            world.set_resistance(id, Resistance::default());
             world.keep_awake(id);
         }
     }
 
     /// Resistance of a free body. A jammed one is to slip.
-    fn resistance(&self, id: BodyId) -> f64 {
+    fn resistance(&self, id: BodyId) -> Resistance {
         if self.jammed.binary_search(&id).is_ok() {
-            return 0.0;
+            return Resistance::default();
         }
-        let controlled = self.controlled.get(&id).copied().unwrap_or(0.0);
-        controlled.max(self.base).max(self.quiet)
+        let (always, controlled) = (self.base.max(self.quiet), self.controlled.get(&id).copied().unwrap_or(0.0));
+        Resistance { share: always.max(controlled), in_world: controlled > always }
     }
 
     /// Brings the resistance of all free bodies up to date.
@@ -135,7 +136,7 @@ impl Policy {
             let (role, resistance) = (world.bodies()[id].role, world.bodies()[id].resistance);
             assert!(
                 role != Role::Free || resistance == self.resistance(id),
-                "the contacts of body {id} resist by {resistance}"
+                "the contacts of body {id} resist by {resistance:?}"
             );
             let is_jammed = self.jammed.binary_search(&id).is_ok();
             assert_eq!(world.is_slippery(id), is_jammed, "body {id} has no friction only where it is jammed");
@@ -150,10 +151,11 @@ mod tests {
     #[test]
     fn the_strongest_reason_counts() {
         let mut policy = Policy::new(0.1);
-        let of = |policy: &Policy| [0, 1].map(|id| policy.resistance(id));
+        let of = |policy: &Policy| [0, 1].map(|id| policy.resistance(id).share);
         assert_eq!(of(&policy), [0.1, 0.1], "every released body");
         policy.resist(0, 0.5);
         assert_eq!(of(&policy), [0.5, 0.1], "the control's look at one");
+        assert_eq!([0, 1].map(|id| policy.resistance(id).in_world), [true, false], "only the control's");
         policy.set_quiet(0.2);
         assert_eq!(of(&policy), [0.5, 0.2]);
         policy.forget_looks();

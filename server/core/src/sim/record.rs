@@ -26,6 +26,12 @@ impl Pace {
     }
 }
 
+/// A body this far from its final pose still moves, d.
+const SEEN: f64 = 0.01;
+/// Share of the bodies that may still move in a frame that is left out, and how far, d.
+const FEW: f64 = 1e-3;
+const NEAR: f64 = 0.1;
+
 /// Collects frames while a world runs. Poses are those of the bodies (center of mass), engine units.
 pub struct Recorder {
     pace: Pace,
@@ -42,6 +48,8 @@ pub struct Recorder {
     pub first_frames: Vec<usize>,
     /// The frame at which the hold began.
     pub hold_frame: usize,
+    /// Frames left out at the end, because nothing was to be seen in them.
+    pub trimmed: usize,
     /// The frame at which the hold was first disturbed: by a body thrown in, or by the end of the control.
     pub disturbed_frame: Option<usize>,
 }
@@ -59,6 +67,7 @@ impl Recorder {
             first_frames: vec![0; first.len()],
             frames: vec![first],
             hold_frame: 0,
+            trimmed: 0,
             disturbed_frame: None,
         }
     }
@@ -130,6 +139,24 @@ impl Recorder {
             self.frames.push(self.latest.clone());
         }
         self.frames.len() - 1
+    }
+
+    /// Leaves the last frames out in which nothing is to be seen (`output.trim`), but none before the step of this
+    /// number: something is still to happen then.
+    pub fn trim(&mut self, world: &World, step: u64) {
+        let Some(last) = self.frames.last().filter(|_| self.pace.keeps).cloned() else { return };
+        let is_settled = |frame: &Vec<Pose>| {
+            let way = |(id, pose): (usize, &Pose)| pose.moved(&last[id], world.bodies()[id].radius);
+            let ways: Vec<f64> = frame.iter().enumerate().map(way).filter(|&way| way > SEEN).collect();
+            frame.len() == last.len()
+                && ways.len() as f64 <= FEW * last.len() as f64
+                && ways.iter().all(|&way| way <= NEAR)
+        };
+        let settled = self.frames.iter().rev().take_while(|frame| is_settled(frame)).count();
+        let event = (step as f64 * world.step_length() / self.pace.interval).ceil() as usize;
+        let count = (self.frames.len() - settled).max(event).max(self.hold_frame) + 1;
+        self.trimmed = self.frames.len().saturating_sub(count);
+        self.frames.truncate(count);
     }
 
     /// Makes it `count` frames after frame 0, repeating the last pose.

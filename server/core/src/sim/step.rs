@@ -154,11 +154,13 @@ impl<'a> Simulation<'a> {
 
     fn control(&mut self) {
         let Pile { world, policy, control, motion, step, .. } = &mut self.pile;
-        if control.free_before_hits(world, policy) {
+        let freed = control.free_before_hits(world, policy);
+        if !freed.is_empty() {
             motion.expect_collapse();
+            freed.into_iter().for_each(|id| motion.disturb(id));
         }
         if control.is_due(*step) {
-            control.cycle(world, policy);
+            control.cycle(world, policy, &motion.rested(world));
         }
     }
 
@@ -202,6 +204,6 @@ impl<'a> Simulation<'a> {
         self.moving = bodies - at_rest;
         let nails = world.nail_count();
         let fraction = fraction(self).clamp(0.0, 1.0);
-        observe(observer, &Progress { stage, fraction, bodies, released, at_rest, nails })
+        observe(observer, &Progress { stage, fraction, bodies, released, at_rest, nails, frames: 0 })
     }
 }

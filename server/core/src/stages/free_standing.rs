@@ -44,7 +44,8 @@ pub fn run(pile: &mut Pile, observer: &mut dyn Observer) -> Result<FreeStanding,
         }
         let fraction = 0.8 + 0.2 * k as f64 / steps as f64;
         let bodies = ids.len();
-        let progress = Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0 };
+        let progress =
+            Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0, frames: 0 };
         observe(observer, &progress)?;
     }
     let after = poses(world, &ids);

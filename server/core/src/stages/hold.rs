@@ -3,6 +3,7 @@
 use crate::error::Error;
 use crate::input::observer::{Observer, Stage};
 use crate::input::params::{Params, Switch};
+use crate::sim::pile::Pile;
 use crate::sim::step::Simulation;
 
 /// The pile is at rest once all of its bodies have been for this long, characteristic times.
@@ -147,6 +148,10 @@ pub fn run(
     if let Some(n) = params.output.frames {
         sim.pile.recorder.fit(n as usize);
         sim.show(observer, Stage::Hold);
+    }
+    if params.output.trim {
+        let Pile { recorder, world, latest_event, .. } = &mut sim.pile;
+        recorder.trim(world, *latest_event);
     }
     sim.show_end(observer, Stage::Hold);
     let resting_speed_max = top_speed.max(sim.top_speed);

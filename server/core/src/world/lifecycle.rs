@@ -1,7 +1,9 @@
 //! Insertion and removal of bodies.
 
 use super::colliders::{INSIDE, Owner};
-use super::{BodyId, BodySize, Insertion, Role, World, WorldBody, bodies::scaled, settings, units::to_engine};
+use super::{
+    BodyId, BodySize, Insertion, Resistance, Role, World, WorldBody, bodies::scaled, settings, units::to_engine,
+};
 use crate::prepare::shape::Shape;
 use rapier3d::prelude::*;
 
@@ -39,7 +41,7 @@ impl World {
             thickness,
             face_area,
             friction: body.friction,
-            resistance: 0.0,
+            resistance: Resistance::default(),
             id,
             carrier: own,
             own,

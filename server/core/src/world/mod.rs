@@ -60,7 +60,7 @@ use crate::input::params::{Physics, Switch};
 use corrections::{bobbing::Bobbing, creep::Creep, rolling::Rolling};
 use rapier3d::prelude::PhysicsWorld;
 
-pub use bodies::{BodySize, ClusterId, Insertion, Momentum, Role, WorldBody};
+pub use bodies::{BodySize, ClusterId, Insertion, Momentum, Resistance, Role, WorldBody};
 pub use colliders::{BodyId, MovingId};
 pub use contacts::{ComingHit, ContactPair, ContactPoint, PairSide, ReservedPlaces};
 pub use corrections::WorldCounters;

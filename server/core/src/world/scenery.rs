@@ -2,7 +2,7 @@
 //! outside.
 
 use super::colliders::{OUTSIDE, Owner};
-use super::{MovingId, World, units::to_engine};
+use super::{MovingId, World, units::from_engine, units::to_engine};
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use glam::DVec3;
@@ -19,9 +19,23 @@ pub(super) struct MovingPiece {
     handle: RigidBodyHandle,
     pub collider: ColliderHandle,
     pose: Pose,
+    /// Of the sphere about the origin of its own frame that holds it, engine units.
+    radius: f64,
     /// Whether the current step moves it.
     pub moves: bool,
 }
+
+/// The way of a moving piece through a step: from its pose before.
+pub(super) struct SceneryPath {
+    piece: usize,
+    from: Pose,
+    to: Pose,
+}
+
+/// Scenery that moves by more than this share of a near body's thickness in a step passes into it, and a thin wall
+/// through it: such a step is taken in smaller ones, but in at most so many. With 0.25, thin walls stick in bodies.
+const FAST: f64 = 0.1;
+const MOST_PARTS: u32 = 32;
 
 /// Scenery is seen from both sides; a container, and the core of a pile, from the side that its triangles face.
 const TWO_SIDED: TriMeshFlags =
@@ -108,7 +122,8 @@ impl World {
         let collider = mesh_collider(mesh, self.units.length, friction, TWO_SIDED, Owner::Moving(id))?;
         let rigid = RigidBodyBuilder::kinematic_position_based().pose(to_engine(&pose));
         let (handle, collider) = self.engine.insert(rigid, collider);
-        self.moving.push(MovingPiece { handle, collider, pose, moves: false });
+        let radius = mesh.points.iter().map(|p| p.length()).fold(0.0, f64::max) / self.units.length;
+        self.moving.push(MovingPiece { handle, collider, pose, radius, moves: false });
         Ok(id)
     }
 
@@ -132,6 +147,39 @@ impl World {
     /// Colliders of the scenery that moves.
     pub(super) fn moving_colliders(&self) -> impl Iterator<Item = ColliderHandle> + '_ {
         self.moving.iter().filter(|piece| piece.moves).map(|piece| piece.collider)
+    }
+
+    /// How many steps the next one must be taken in, so that moving scenery does not pass through bodies.
+    pub(super) fn scenery_parts(&self) -> u32 {
+        let parts = |path: &SceneryPath| {
+            let piece = &self.moving[path.piece];
+            let length = path.from.moved(&path.to, piece.radius);
+            // Bodies that it may meet in this step.
+            let near = self.bodies.free().filter(|&(id, body)| {
+                let reach = piece.radius + length + body.radius;
+                self.pose(id).translation.distance_squared(path.from.translation) < reach * reach
+            });
+            let thinnest = near.map(|(_, body)| body.thickness).fold(f64::INFINITY, f64::min);
+            (length / (FAST * thinnest)).ceil().clamp(1.0, f64::from(MOST_PARTS)) as u32
+        };
+        self.scenery_paths().iter().map(parts).max().unwrap_or(1)
+    }
+
+    pub(super) fn scenery_paths(&self) -> Vec<SceneryPath> {
+        let moving = self.moving.iter().enumerate().filter(|(_, piece)| piece.moves);
+        let path = |(piece, moved): (usize, &MovingPiece)| {
+            let from = from_engine(self.engine.bodies[moved.handle].position());
+            SceneryPath { piece, from, to: moved.pose }
+        };
+        moving.map(path).collect()
+    }
+
+    /// The next step takes the pieces to this share of their paths.
+    pub(super) fn place_scenery_along(&mut self, paths: &[SceneryPath], share: f64) {
+        for path in paths {
+            let pose = if share < 1.0 { path.from.interpolate(&path.to, share) } else { path.to };
+            self.engine.bodies[self.moving[path.piece].handle].set_next_kinematic_position(to_engine(&pose));
+        }
     }
 
     /// Whether any scenery moves.

@@ -2,7 +2,9 @@
 //!
 //! Two nodes at the top: `pile` holds one node per body, in the bodies' order, named `<prop>.<body's index>`;
 //! `scenery` holds the static geometry and is absent when there is none. A body's node places the prop's own origin:
-//! translation, rotation and uniform scale at frame 0; the animation `pile` moves it. All bodies of a prop share its
+//! translation, rotation and uniform scale at frame 0; the animation `pile` moves it. Where that origin is far from the
+//! prop, the node places the prop's centre of mass, and the prop hangs below it with its offset, so that what players
+//! show between two frames is right, too. All bodies of a prop share its
 //! mesh data: the body's node carries the mesh itself where the prop is one mesh in its own frame, else the prop's
 //! nodes stand below it. The `pile` node's extras have `fps` and `frames`.
 //!
@@ -30,6 +32,7 @@ use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::BakedPile;
 use cairn_gltf::INSTANCING;
 use cairn_gltf::document::{DocumentError, Object};
+use glam::DVec3;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -83,7 +86,16 @@ impl<'a> GlbFile<'a> {
             let at = pile + 1 + i;
             let mut node = Object::from_iter([("name".to_string(), json!(names[i]))]);
             let wrap = |error| ExportError::source(model, error);
+            let pivot = bake.pivots[body.prop];
             match branch.lone_mesh() {
+                _ if pivot != DVec3::ZERO => {
+                    let children = self.place(*source, branch).map_err(wrap)?;
+                    let offset = json!({
+                        "name": format!("{}.offset", names[i]), "translation": (-pivot).as_vec3().to_array(),
+                        "children": children,
+                    });
+                    node.insert("children".into(), json!([self.out.push("nodes", offset)]));
+                }
                 Some(lone) => {
                     let mut json = lone.json.clone();
                     json.remove("name");
@@ -94,8 +106,8 @@ impl<'a> GlbFile<'a> {
                     node.insert("children".into(), json!(children));
                 }
             }
-            if let Some(poses) = bake.frames.first() {
-                place_node(&mut node, poses[i]);
+            if !bake.frames.is_empty() {
+                place_node(&mut node, bake.pivot_pose(0, i));
             }
             let scale = [if body.first_frame > 0 { 0.0 } else { body.scale as f32 }; 3];
             node.insert("scale".into(), json!(scale));
@@ -206,7 +218,7 @@ fn animate(bake: &BakedPile, pile: usize, moving: &[(usize, usize)], out: &mut G
     let mut keys = Keys::default();
     for body in 0..bake.bodies.len() {
         let node = pile + 1 + body;
-        keys.add_motion(node, || bake.frames.iter().map(|poses| poses[body]));
+        keys.add_motion(node, || (0..bake.frames.len()).map(|frame| bake.pivot_pose(frame, body)));
         if let Some(track) = tracks::appearance(&bake.bodies[body]) {
             keys.add(node, "scale", &track);
         }

@@ -42,6 +42,7 @@ pub fn progress(progress: &proto::Progress) -> Progress {
         released: count(progress.released_count),
         at_rest: count(progress.at_rest_count),
         nails: count(progress.nail_count),
+        frames: count(progress.frame_count),
     }
 }
 

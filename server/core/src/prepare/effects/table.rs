@@ -81,9 +81,11 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         ReleaseOrder::TopDown => yes("layers are released from the top to the bottom"),
         ReleaseOrder::AtOnce => no("all bodies are released at frame 0"),
     }),
-    row(Scenery, Never, &[SceneryPieces], |c| match c.scene.statics.iter().filter(|m| !m.keys.is_empty()).count() {
-        _ if c.scene.statics.is_empty() => no("there is no geometry besides the ground"),
-        moving => yes(format!("geometry besides the ground: {}, of which {moving} moving", c.scene.statics.len())),
+    row(Scenery, Never, &[SceneryPieces, SceneryPartSteps], |c| {
+        match c.scene.statics.iter().filter(|m| !m.keys.is_empty()).count() {
+            _ if c.scene.statics.is_empty() => no("there is no geometry besides the ground"),
+            moving => yes(format!("geometry besides the ground: {}, of which {moving} moving", c.scene.statics.len())),
+        }
     }),
     row(Bodies, Never, &[BodiesPlaced], |c| match c.scene.bodies.len() {
         0 => no("no body is placed by hand"),
@@ -121,6 +123,17 @@ pub(super) const ROWS: &[EffectDefinition] = &[
             none => none,
         },
     ),
+    row(ContactResistance, ByValue("control.resistance"), &[ResistedBodySteps], |c| {
+        match (c.params.release.resistance, c.params.control.resistance) {
+            (0.0, share) if c.control == ControlMode::Off || share == 0.0 => {
+                yes("late in the hold, contacts resist what still rolls or rocks")
+            }
+            (0.0, share) => {
+                yes(format!("contacts of slow bodies that are not held resist by {share} of their friction"))
+            }
+            (share, _) => yes(format!("contacts of all released bodies resist by {share} of their friction")),
+        }
+    }),
     row(StiffContacts, By("effects.stiff_contacts", |c| c.engine.stiff_contacts), &[StepsWithStiffContacts], |c| {
         let (ratio, frequency, substeps) = (c.mass_ratio, c.physics.contact_frequency, c.physics.substeps);
         match format!("the masses of the pile differ by {ratio:.0}:1") {
@@ -136,7 +149,7 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         |_| yes("every step is checked, in less than one percent of the time"),
     ),
     row(SameOnAllMachines, Never, &[], |_| yes("the engine's arithmetic is the same on every processor")),
-    row(Control, ByValue("control.mode"), &[ControlCycles], |c| match c.control {
+    row(Control, ByValue("control.mode"), &[ControlCycles, HeldAtRest], |c| match c.control {
         _ if c.glues() => no(GLUED),
         ControlMode::Off => no("the scene switches it off"),
         ControlMode::Nails => yes("certified pairs are nailed together until the next verdict"),
@@ -157,7 +170,7 @@ pub(super) const ROWS: &[EffectDefinition] = &[
     }),
     row(Region, By("effects.region", |c| c.effects.region), &[RegionTests], |c| match c.scene.target() {
         _ if c.control == ControlMode::Off && !c.glues() => useless(NO_CONTROL),
-        Some(_) => yes("bodies outside are neither controlled nor glued"),
+        Some(_) => yes("bodies outside are neither judged nor glued"),
         None => useless("there is no region: the control acts everywhere"),
     }),
     row(Nails, ByValue("control.mode"), &[NailsDriven], |c| match c.control {
@@ -194,6 +207,10 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         yes(format!("{} per second; without them, the result is the final pose", c.params.output.fps))
     })
     .seconds(|spent| spent.frames),
+    row(Trim, ByValue("output.trim"), &[FramesTrimmed], |c| match c.params.output.trim {
+        true => yes("the last frames are left out where nothing is to be seen"),
+        false => no("the scene does not ask for it"),
+    }),
     row(ShapeFigures, By("report.shape", |c| c.params.report.shape), &[ShapesMeasured], |c| match c.scene.target() {
         Some(_) => yes("the pile is compared with the control mesh"),
         None => useless("there is no control mesh to compare with"),

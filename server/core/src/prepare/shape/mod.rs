@@ -47,7 +47,10 @@ pub fn run(scene: &Scene, params: &Params, sizes: &[Size], observer: &mut dyn Ob
     let mut shapes = Vec::new();
     for (i, (prop, size)) in scene.props.iter().zip(sizes).enumerate() {
         let fraction = i as f64 / scene.props.len() as f64;
-        observe(observer, &Progress { stage: Stage::Shape, fraction, bodies: 0, released: 0, at_rest: 0, nails: 0 })?;
+        observe(
+            observer,
+            &Progress { stage: Stage::Shape, fraction, bodies: 0, released: 0, at_rest: 0, nails: 0, frames: 0 },
+        )?;
         shapes.push(Shape::new(prop, *size, &params.physics).map_err(fault(i))?);
     }
     Ok(shapes)
@@ -181,6 +184,13 @@ impl Shape {
     /// The inverse of [`Shape::body_pose`].
     pub fn prop_pose(&self, body: &Pose, scale: f64) -> Pose {
         Pose { translation: body.transform_point(-self.center * scale), rotation: body.rotation }
+    }
+
+    /// The point about which programs should turn the prop between two poses, in the prop's frame, m: its origin where
+    /// that is on the prop or near it; else its center of mass, since a straight way of a far origin would take the
+    /// prop off its own.
+    pub fn pivot(&self) -> DVec3 {
+        if self.center.length() > self.radius { self.center } else { DVec3::ZERO }
     }
 
     /// The engine's shape and its place in the body's frame, `scale` engine units per metre of the prop. `None` where

@@ -17,6 +17,8 @@ pub struct ControlCounters {
     /// Verdicts that left the solver without a proof within its tolerances: there must be none.
     pub undecided: u64,
     pub candidates: u64,
+    /// Bodies that were held without a verdict, because they had stood for a while.
+    pub held_at_rest: u64,
     pub nails_driven: u64,
     pub nails_broken: u64,
     pub nails_peak: u64,

@@ -16,7 +16,7 @@ const MOST_OVERLAP: f64 = 0.05;
 const DEEP: f64 = 0.35;
 
 pub struct Eligibility<'a> {
-    /// Bodies whose center of mass is outside are never controlled; `None`: the control acts everywhere. Engine units.
+    /// Bodies whose center of mass is outside are not judged; `None`: the control acts everywhere. Engine units.
     region: Option<&'a DistanceGrid>,
     region_tests: Cell<u64>,
     /// Bodies placed by hand that may overlap: not held before they have come apart.

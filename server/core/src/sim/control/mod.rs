@@ -24,6 +24,11 @@ use eligibility::Eligibility;
 use impact::Impact;
 use support::{Lifetime, Support, Verdicts};
 
+/// Bodies that have rested untouched for this long are held, s. The contacts of a pile move a little all the time, and
+/// with them the verdicts: a body at the limit of its friction would be freed again long after the collapse. Shorter
+/// than what counts as standing (`sim::motion::STANDING`).
+const HELD_AFTER: f64 = 0.5;
+
 /// The control and its memory.
 pub struct PileControl<'a> {
     params: &'a ControlParams,
@@ -110,18 +115,19 @@ impl<'a> PileControl<'a> {
         self.analysis.problems(world)
     }
 
-    /// Before each step: frees the bodies that are about to be hit. Returns whether there were any.
-    pub fn free_before_hits(&mut self, world: &mut World, policy: &mut Policy) -> bool {
+    /// Before each step: frees the bodies that are about to be hit, and returns them.
+    pub fn free_before_hits(&mut self, world: &mut World, policy: &mut Policy) -> Vec<BodyId> {
         if !self.frees_before_hits || !self.is_on() {
-            return false;
+            return Vec::new();
         }
         let freed = self.impact.free_before_hits(world, policy, &self.analysis.pairs, self.counters.cycles);
         freed.iter().for_each(|&id| self.analysis.mark_moved(id));
-        !freed.is_empty()
+        freed
     }
 
-    /// One cycle: each held body is judged again.
-    pub fn cycle(&mut self, world: &mut World, policy: &mut Policy) {
+    /// One cycle: each held body is judged again. `rested`: how long each body has been at rest untouched, s; shape
+    /// `[body]`, may be shorter.
+    pub fn cycle(&mut self, world: &mut World, policy: &mut Policy, rested: &[f64]) {
         let Some(support) = &mut self.support else { return };
         self.counters.cycles += 1;
         if support.lifetime() == Lifetime::Cycle {
@@ -130,6 +136,13 @@ impl<'a> PileControl<'a> {
         let pairs = self.analysis.contact_pairs(world);
         let barred = self.eligibility.barred(world, &pairs);
         self.analysis.judge_all(world, &pairs, &barred, &self.eligibility, &mut self.counters);
+        if support.lifetime() == Lifetime::Verdict {
+            for (id, _) in rested.iter().enumerate().filter(|&(_, &time)| time >= HELD_AFTER) {
+                let may = !barred.get(id).is_some_and(|&barred| barred);
+                self.counters.held_at_rest += u64::from(may && !self.analysis.candidates[id]);
+                self.analysis.candidates[id] |= may;
+            }
+        }
         let hanging = self.eligibility.hanging(world, &pairs, self.params.speed);
         hanging.iter().for_each(|&id| self.analysis.candidates[id] = false);
         if let Some(height) = self.withdrawn_below {

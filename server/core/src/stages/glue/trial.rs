@@ -46,7 +46,7 @@ impl<'p, 'a> Trials<'p, 'a> {
 
     pub fn progress(&self, part: f64) -> Progress {
         let fraction = self.begin + part * (self.end - self.begin) / 2.0;
-        Progress { stage: Stage::Glue, fraction, bodies: self.bodies, released: 0, at_rest: 0, nails: 0 }
+        Progress { stage: Stage::Glue, fraction, bodies: self.bodies, released: 0, at_rest: 0, nails: 0, frames: 0 }
     }
 
     /// One trial of a pile that is turned over again.

@@ -1,6 +1,6 @@
 //! Changes of a body: its place, its size, its mass, and how it is treated.
 
-use super::{BodySize, Role, scaled, stop};
+use super::{BodySize, Resistance, Role, scaled, stop};
 use crate::geometry::pose;
 use crate::prepare::shape::Shape;
 use crate::world::{BodyId, World, colliders::OUTSIDE, units::to_engine};
@@ -81,9 +81,8 @@ impl World {
         }
     }
 
-    /// Lets the contacts of a body resist slow motion, by this share of the force that presses them. See
-    /// `corrections::resistance`. A cluster is resisted as its first body.
-    pub fn set_resistance(&mut self, id: BodyId, resistance: f64) {
+    /// Lets the contacts of a body resist slow motion. A cluster is resisted as its first body.
+    pub fn set_resistance(&mut self, id: BodyId, resistance: Resistance) {
         self.bodies[id].resistance = resistance;
     }
 

@@ -55,6 +55,16 @@ pub struct Insertion {
     pub restitution: f64,
 }
 
+/// How much the contacts of a body resist its motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Resistance {
+    /// As a share of the friction that the contacts can bear.
+    pub share: f64,
+    /// Motion in the world is resisted, and so are parts of a pile that slide down as one; otherwise, motion over what
+    /// touches the body.
+    pub in_world: bool,
+}
+
 /// One body; lengths, masses in engine units.
 #[derive(Clone, Debug)]
 pub struct WorldBody {
@@ -70,8 +80,7 @@ pub struct WorldBody {
     /// Product of the two smaller extents: the area of its smallest face.
     pub face_area: f64,
     pub friction: f64,
-    /// Resistance of its contacts to slow motion, as a share of the force that presses them.
-    pub resistance: f64,
+    pub resistance: Resistance,
     pub(super) id: BodyId,
     /// The rigid body that moves it: its own, or its cluster's.
     pub(super) carrier: RigidBodyHandle,

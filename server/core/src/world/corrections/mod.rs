@@ -23,6 +23,8 @@ pub struct WorldCounters {
     pub rolling_body_steps: u64,
     /// Bodies braked by the resistance of their contacts.
     pub resisted_body_steps: u64,
+    /// Steps taken for those of one because scenery moved fast.
+    pub scenery_part_steps: u64,
     /// Looks at a body that moved on the spot, and so was allowed to fall asleep.
     pub rocking_looks: u64,
     /// Times that a pile that bobbed got more substeps.

@@ -1,22 +1,23 @@
 //! Resistance of contacts to what moves slowly over them: sliding creep, rolling, rocking and spinning.
 //!
-//! It acts at contacts only, and is bounded by the force that presses them: per body, it takes at most the share
-//! `resistance` of the impulse of its contacts from the momentum of sliding over what touches it, and the same, at a
-//! small lever, from the angular momentum. So it acts as more friction and as a moment in a contact patch do: it brings
-//! to rest what rocks or creeps, and does not slow what falls. A body that touches nothing is ballistic. Resisting
-//! motion in the world instead keeps more of a column, but holds cards without friction upright.
+//! It acts at contacts only, and is bounded by the friction that they can bear: per body, it takes at most the share
+//! [`Resistance::share`] of the friction coefficient times the impulse of its contacts from the momentum of sliding,
+//! and the same, at a small lever, from the angular momentum. So it acts as more friction and as a moment in a contact
+//! patch do: it brings to rest what rocks or creeps, and does not slow what falls. A body that touches nothing is
+//! ballistic.
 
 use super::WorldCounters;
-use crate::world::{BodyId, bodies::Bodies};
+use crate::world::{BodyId, Resistance, bodies::Bodies};
 use rapier3d::prelude::*;
 
 /// Half the width of a contact patch, as a share of the body's thickness: the lever of the moment that the patch can
-/// carry. With half of it, columns of sticks lean on for long.
-const PATCH: f64 = 0.1;
+/// carry. With half of it, columns of sticks keep 0.01 less of their shape; with 0.5, cards with too little friction
+/// stand.
+const PATCH: f64 = 0.2;
 
 /// After a step: the resistance of the contacts, by the forces of that step.
 pub fn brake(engine: &mut PhysicsWorld, bodies: &Bodies, counters: &mut WorldCounters) {
-    for (id, body) in bodies.free().filter(|&(id, body)| body.resistance > 0.0 && bodies.leads(id)) {
+    for (id, body) in bodies.free().filter(|&(id, body)| body.resistance.share > 0.0 && bodies.leads(id)) {
         let rigid = &engine.bodies[body.carrier];
         if rigid.is_sleeping() {
             continue;
@@ -25,9 +26,14 @@ pub fn brake(engine: &mut PhysicsWorld, bodies: &Bodies, counters: &mut WorldCou
         if total <= 0.0 {
             continue;
         }
-        let (velocity, spin) = (rigid.linvel() - velocity, rigid.angvel() - spin);
+        let Resistance { share, in_world } = body.resistance;
+        let (velocity, spin) = if in_world {
+            (rigid.linvel(), rigid.angvel())
+        } else {
+            (rigid.linvel() - velocity, rigid.angvel() - spin)
+        };
         let size = bodies.carried(id);
-        let limit = body.resistance as f32 * total;
+        let limit = (share * body.friction) as f32 * total;
         // Where all contacts push one way, motion along that way is a fall or a rise: only sliding is resisted.
         let along = net.normalize_or_zero();
         let sliding = velocity - along * (velocity.dot(along) * net.length() / total);

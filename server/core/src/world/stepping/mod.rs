@@ -12,6 +12,29 @@ use glam::DVec3;
 impl World {
     /// One step. Returns the bodies whose state became non-finite: they are removed.
     pub fn step(&mut self) -> Vec<BodyId> {
+        match self.scenery_parts() {
+            1 => self.single_step(),
+            parts => self.step_in_parts(parts),
+        }
+    }
+
+    /// The step in `parts` smaller ones, through which moving scenery moves evenly.
+    fn step_in_parts(&mut self, parts: u32) -> Vec<BodyId> {
+        let (dt, steps) = (self.engine.integration_parameters.dt, self.steps);
+        self.engine.integration_parameters.dt = dt / parts as f32;
+        let paths = self.scenery_paths();
+        let mut lost = Vec::new();
+        for part in 1..=parts {
+            self.place_scenery_along(&paths, f64::from(part) / f64::from(parts));
+            lost.extend(self.single_step());
+        }
+        self.engine.integration_parameters.dt = dt;
+        self.steps = steps + 1;
+        self.counters.scenery_part_steps += u64::from(parts);
+        lost
+    }
+
+    fn single_step(&mut self) -> Vec<BodyId> {
         ccd::enable_for_fast_bodies(self.ccd, &mut self.engine, &self.bodies, &mut self.counters);
         self.engine.step();
         self.steps += 1;

@@ -36,7 +36,8 @@ pub fn write<'a>(
     let frames = tracks::key_frames(&bake.frames);
     let at = |values: &dyn Fn(usize) -> Value| -> Samples { frames.iter().map(|&f| (f as f64, values(f))).collect() };
     let points = |v: Vec<DVec3>| Value::Vec3fVec(v.into_iter().map(vector).collect());
-    let positions = at(&|f| points(bake.frames[f].iter().map(|pose| pose.translation).collect()));
+    let place = |frame: usize, body: usize| bake.pivot_pose(frame, body).translation;
+    let positions = at(&|f| points((0..bake.bodies.len()).map(|body| place(f, body)).collect()));
     layer.animated(&instancer, "point3f[] positions", positions);
     let rotations = rotations(bake);
     layer.orientations(&instancer, frames.iter().map(|&f| (f as f64, rotations[f].clone())).collect());
@@ -45,9 +46,11 @@ pub fn write<'a>(
         layer.animated(&instancer, "int64[] invisibleIds", invisible(bake));
     }
     if bake.frames.len() > 1 {
-        let velocities = at(&|f| points(motion(bake, f, |a, b| b.translation - a.translation)));
+        let velocities = at(&|f| points(motion(bake, f, |a, b, body| place(b, body) - place(a, body))));
         layer.animated(&instancer, "vector3f[] velocities", velocities);
-        let turns = at(&|f| points(motion(bake, f, |a, b| turn(a.rotation, b.rotation))));
+        let turned =
+            |a: usize, b: usize, body: usize| turn(bake.frames[a][body].rotation, bake.frames[b][body].rotation);
+        let turns = at(&|f| points(motion(bake, f, turned)));
         layer.animated(&instancer, "vector3f[] angularVelocities", turns);
     }
     layer.animated(&instancer, "float3[] extent", at(&|f| Value::Vec3fVec(room(bake, f, &bounds).extent())));
@@ -78,6 +81,11 @@ fn prototypes<'a>(
         let prim = stage.layer.prim(&scope, short_name(model.name), "Xform");
         let shown = stage.layer.text(model.name);
         stage.layer.set(&prim, FieldKey::DisplayName, shown);
+        let pivot = bake.pivots[prop];
+        if pivot != DVec3::ZERO {
+            stage.layer.attribute(&prim, "double3 xformOp:translate", gf::Vec3d::from((-pivot).to_array()));
+            stage.layer.order(&prim, &["xformOp:translate"]);
+        }
         bounds.insert(prop, stage.model(&prim, model, BranchFrame::Origin)?);
         prims.insert(prop, (place, prim));
     }
@@ -127,10 +135,11 @@ fn appearances(bake: &BakedPile) -> BTreeSet<usize> {
 
 /// Velocities between a frame and the next, per second. USD extrapolates bodies by them, so that they arrive at the
 /// poses of the next frame. The last frame has the velocities of the one before it.
-fn motion(bake: &BakedPile, frame: usize, change: impl Fn(&Pose, &Pose) -> DVec3) -> Vec<DVec3> {
+///
+/// `change`: of a body from one frame to another.
+fn motion(bake: &BakedPile, frame: usize, change: impl Fn(usize, usize, usize) -> DVec3) -> Vec<DVec3> {
     let from = frame.min(bake.frames.len() - 2);
-    let pairs = bake.frames[from].iter().zip(&bake.frames[from + 1]);
-    pairs.map(|(a, b)| change(a, b) * bake.fps).collect()
+    (0..bake.bodies.len()).map(|body| change(from, from + 1, body) * bake.fps).collect()
 }
 
 /// The turn from one rotation to another by the short way: its axis, as long as its angle in degrees.

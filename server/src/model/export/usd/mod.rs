@@ -3,7 +3,8 @@
 //! The default prim `Pile` has below it:
 //!
 //! - `Bodies`, a `PointInstancer`: `ids` are the bodies' numbers, in all formats the same; `Prototypes` holds the
-//!   props, each with its own materials, so that it can be referred to by itself. A time code is a frame. `velocities`
+//!   props, each with its own materials, so that it can be referred to by itself; one whose origin is far from it is
+//!   moved to its centre of mass, about which it then turns between two frames. A time code is a frame. `velocities`
 //!   (per second) and `angularVelocities` (degrees per second) lead from each frame to the next. Bodies that appear
 //!   later are among the `invisibleIds` until then, and without size for programs that do not look at these.
 //! - `Scenery`, where there is any: each file below a prim of its name. Moving pieces have time samples.

@@ -59,5 +59,5 @@ impl FillProgress {
 pub const LAST: f64 = 0.99;
 
 pub fn report(bodies: usize, fraction: f64, observer: &mut dyn Observer) -> Result<(), Error> {
-    observe(observer, &Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0 })
+    observe(observer, &Progress { stage: Stage::Fill, fraction, bodies, released: 0, at_rest: 0, nails: 0, frames: 0 })
 }
