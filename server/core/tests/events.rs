@@ -201,13 +201,14 @@ fn fast_scenery_does_not_pass_through_bodies() {
     let wall = Model { name: "wall".into(), mesh: block(DVec3::new(0.008, 0.1, 0.2)) };
     let key = |time: f64, x: f64| Keyframe { time, pose: at(x, 0.05, 0.0) };
     scene.statics = vec![StaticModel { model: wall, friction: 0.7, keys: vec![key(0.5, 0.0), key(0.6, 0.4)] }];
-    let bake = baked(&scene, &params());
+    let params = Params::new(Accuracy::Standard);
+    let bake = baked(&scene, &params);
     for body in bake.pile.frames.last().unwrap() {
         assert!(body.translation.x > 0.41, "{}", body.translation);
     }
     assert!(bake.report.counts[&Count::SceneryPartSteps] > 0);
     scene.statics[0].keys[1].time = 20.0;
-    assert_eq!(baked(&scene, &params()).report.counts[&Count::SceneryPartSteps], 0, "slow scenery needs no more steps");
+    assert_eq!(baked(&scene, &params).report.counts[&Count::SceneryPartSteps], 0, "slow scenery needs no more steps");
 }
 
 #[test]
