@@ -6,7 +6,7 @@ from bpy.types import Operator, Panel
 
 from mathutils import Matrix
 
-from . import edit, parts, pointers, preferences, preview, request, result, running, weighing
+from . import belongings, edit, parts, pointers, preferences, preview, request, result, running, weighing
 from .client import Fault
 from .following import Follows, explain, explaining, is_running
 from .layouts import wrapped
@@ -103,6 +103,10 @@ class CAIRN_OT_replace_bodies(_Edits, Operator):
                 made.location, made.rotation_quaternion = body.location, body.rotation_quaternion
                 made.cairn.number, made.cairn.prop, made.cairn.size = body.cairn.number, number, body.cairn.size
                 collection.objects.link(made)
+                if body.parent is not None:
+                    made.parent, made.matrix_parent_inverse = body.parent, body.matrix_parent_inverse
+                belongings.mark(made)
+            belongings.note_data(collection, [part])
             bpy.data.batch_remove(chosen)
             edit.carry(collection)
             return {"FINISHED"}

@@ -41,8 +41,10 @@ class CAIRN_OT_delete(OfPile, Operator):
     def poll(cls, _):
         return not is_running()
 
-    def change(self, _, collection):
-        result.delete(collection)
+    def change(self, context, collection):
+        said = result.delete(context.scene, collection)
+        if said:
+            self.report({"WARNING"}, said)
 
 
 class CAIRN_OT_restore_settings(OfPile, Operator):

@@ -9,6 +9,7 @@ from bpy.props import (
     FloatVectorProperty,
     IntProperty,
     PointerProperty,
+    StringProperty,
 )
 from bpy.types import PropertyGroup
 
@@ -334,9 +335,12 @@ def register():
     bpy.types.Scene.cairn_variants = CollectionProperty(type=CairnVariant)
     bpy.types.Collection.cairn = PointerProperty(type=CairnResult)
     bpy.types.Object.cairn = PointerProperty(type=CairnBody)
+    # A digest of a mesh that a bake made; empty of others.
+    bpy.types.Mesh.cairn_made = StringProperty()
 
 
 def unregister():
+    del bpy.types.Mesh.cairn_made
     del bpy.types.Object.cairn
     del bpy.types.Collection.cairn
     del bpy.types.Scene.cairn_variants

@@ -8,7 +8,7 @@ import bpy
 
 from . import arrangement, placed, pointers
 from .client import Fault
-from .export import Exporter
+from .export import SOLID, Exporter
 from .prop_collections import members
 from .schema import GROUPS, fields_of, knows
 
@@ -17,6 +17,8 @@ WAITING = "waiting"
 PAUSE = 0.02
 # Objects that are props or scenery; others in the same collections are left alone.
 PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
+# What a prop may hang on, besides.
+RIGS = {"ARMATURE", "LATTICE"}
 
 
 @dataclass
@@ -44,21 +46,43 @@ def props_of(settings):
         pairs = [(source, settings.prop_common) for source in sources if not is_bare(source)]
     else:
         pairs = []
-    taken = {settings.control_mesh, settings.drop_mesh, settings.region, *objects_of(settings.keep)}
-    taken.update(objects_of(settings.impact))
+    taken = taken_by_others(settings)
     return [(source, item) for source, item in pairs if source not in taken]
 
 
 def objects_of(collection):
-    """The top objects of a collection: their children belong to them."""
+    """The top objects of a collection: their children belong to them. Below a camera or a light, each child counts."""
     inside = dict.fromkeys(members(collection) if collection else ())
-    return [source for source in inside if source.parent not in inside and source.type in PLACED]
+    tops = PLACED | RIGS
+    return [
+        source
+        for source in inside
+        if source.type in tops and not (source.parent in inside and source.parent.type in tops)
+    ]
 
 
 def is_bare(source):
-    """An empty with nothing below it is a marker, not a prop."""
+    """What has no surface, neither itself nor below it, is no prop: a marker, or an armature alone."""
     family = [source, *source.children_recursive]
-    return all(member.type == "EMPTY" and member.instance_collection is None for member in family)
+    return not any(member.type in SOLID or member.instance_collection for member in family)
+
+
+def left_out(settings):
+    """The objects of the props' collection that no body shows: lights, cameras, markers, armatures alone."""
+    if settings.prop_source != "COLLECTION" or not settings.prop_collection:
+        return []
+    props = [source for source, _ in props_of(settings)]
+    shown = {member for source in props for member in (source, *source.children_recursive)}
+    shown = {member for member in shown if member.type in PLACED | RIGS} | taken_by_others(settings)
+    return [source for source in members(settings.prop_collection) if source not in shown]
+
+
+def taken_by_others(settings):
+    """The objects that are something else than props of the fill."""
+    taken = {settings.control_mesh, settings.drop_mesh, settings.region}
+    for other in (settings.keep, settings.impact):
+        taken.update(objects_of(other))
+    return taken
 
 
 def colliders_of(settings):
@@ -164,6 +188,9 @@ def taking(context, passive=False):
     names.update((model.uri, source.name) for source, model in statics)
     names.update(extras.names)
     props += extras.props
+    missed = left_out(settings)
+    for source in missed:
+        names.setdefault(source.name, source.name)
     recipe = {
         "token": uuid.uuid4().hex,
         "scene": scene.name,
@@ -183,7 +210,8 @@ def taking(context, passive=False):
             f"{model.uri}: it moves, but the bake uses its pose at the start frame"
             for source, model in statics
             if placed.is_animated(source)
-        ],
+        ]
+        + [f"{source.name}: it has no surface, so no body shows it" for source in missed],
         "metres": exporter.metres,
         "start_frame": settings.start_frame,
         "output_mode": settings.output_mode,

@@ -55,6 +55,8 @@ class Bake:
         # "", "done", "stopped", "kept" or "failed".
         self.end = ""
         self.is_stopping = False
+        # What is drawn while a stopped bake waits for a decision.
+        self.preview = None
         # Share of the writing, once there is a result.
         self.written = None
         self.began = time.monotonic()
@@ -87,6 +89,12 @@ class Bake:
         self.end = "stopped"
         self.summary = None
         pending.forget(self.recipe)
+
+    def hide(self):
+        """Removes what is drawn of a stopped bake."""
+        if self.preview:
+            self.preview.remove()
+            self.preview = None
 
     def kept_kind(self):
         """The text of the button that keeps the unfinished result; empty if there is none."""
@@ -338,6 +346,7 @@ def end():
     global bake
     if bake is not None:
         pointers.forget(bake.recipe)
+        bake.hide()
     bake = None
 
 
@@ -347,6 +356,7 @@ def forget_all():
     for other in [bake, *measuring]:
         if other is not None:
             other.job.detach()
+            other.hide()
     measuring.clear()
     bake = plan = left = None
     problems = []

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from blocks import bodies_of
 from conftest import cuboid, gap, shown_vertices
 from mathutils import Euler, Matrix
 
@@ -14,7 +15,7 @@ def check_bodies(desk, collection):
     last = len(desk.motion.positions) - 1
     bpy.context.scene.frame_set(desk.settings.start_frame + last)
     shown = shown_vertices()
-    bodies = list(collection.objects)
+    bodies = list(bodies_of(collection))
     expected = desk.expected(last)
     assert len(bodies) == len(expected) > 0
     scale = 1.0 / desk.recipe["metres"]
@@ -30,7 +31,7 @@ def test_scales_even_negative(desk, scale):
     stick.rotation_euler = (0.3, 1.0, -2.0)
     stick.location = (5, -3, 2)
     collection = desk.bake()
-    assert all(body.data == stick.data for body in collection.objects)
+    assert all(body.data == stick.data for body in bodies_of(collection))
     check_bodies(desk, collection)
 
 
@@ -74,7 +75,7 @@ def test_modifiers_curves_and_hierarchies(desk):
     assert sorted(desk.recipe["names"][p.path] for p in desk.request.spec.scene.props) == ["Hammer", "Pipe", "Smooth"]
     assert set(desk.motion.props) == {0, 1, 2}
     check_bodies(desk, collection)
-    bevelled = [body for body in collection.objects if body.name.startswith("Smooth")]
+    bevelled = [body for body in bodies_of(collection) if body.name.startswith("Smooth")]
     assert len({body.data for body in bevelled}) == 1 and len(bevelled[0].data.vertices) > 8
 
 
@@ -87,7 +88,7 @@ def test_instances_of_collections(desk):
     empty.rotation_euler, empty.scale = (1, 2, 3), (0.8, 1.0, 1.2)
     desk.props.objects.link(empty)
     collection = desk.bake()
-    assert all(body.instance_collection == kit for body in collection.objects)
+    assert all(body.instance_collection == kit for body in bodies_of(collection))
     check_bodies(desk, collection)
 
 
@@ -167,7 +168,7 @@ def test_linked_props(desk, tmp_path):
     # One of the same name in the file itself is another.
     cuboid("Linked", (1, 1, 1))
     collection = desk.bake()
-    assert all(body.library is None and body.data.library for body in collection.objects)
+    assert all(body.library is None and body.data.library for body in bodies_of(collection))
     check_bodies(desk, collection)
 
 

@@ -4,6 +4,7 @@ import time
 
 import bpy
 import pytest
+from blocks import bodies_of
 from conftest import PROGRAM, cuboid, mesh_object
 
 # Long enough to be stopped on the way.
@@ -180,7 +181,7 @@ def test_what_there_is_can_be_kept(desk, addon):
     assert bpy.ops.cairn.keep() == {"FINISHED"}
     assert addon("running").bake is None
     collection = bpy.data.collections["Heap Pile"]
-    assert len(collection.objects) > 0
+    assert len(bodies_of(collection)) > 0
     report = addon("running").report_of(collection)
     assert not report["is_whole"] and report["frame_count"] > 3
 
@@ -199,7 +200,7 @@ def test_a_bake_survives_its_file_and_its_server(desk, addon, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=path)
     assert running.left is not None
     assert bpy.ops.cairn.fetch() == {"FINISHED"}
-    assert len(bpy.data.collections["Heap Pile"].objects) > 0
+    assert len(bodies_of(bpy.data.collections["Heap Pile"])) > 0
     assert running.left is None and addon("pending").of_this_file() is None
 
 

@@ -6,7 +6,7 @@ import time
 import bpy
 import numpy as np
 import pytest
-from blocks import all_blocks
+from blocks import all_blocks, bodies_of
 from conftest import count_blocks, cuboid, mesh_object
 from test_faults import LONG, PATIENCE, names, refusal, start, wait
 
@@ -115,10 +115,10 @@ def test_what_the_fill_has_can_be_kept(desk, addon):
     assert bake.kept_kind() == f"Keep the {count} Bodies as They Are"
     assert bpy.ops.cairn.keep() == {"FINISHED"}
     collection = bpy.data.collections["Heap Pile"]
-    assert len(collection.objects) == count and collection.cairn.mode == "POSE"
+    assert len(bodies_of(collection)) == count and collection.cairn.mode == "POSE"
     report = addon("running").report_of(collection)
     assert not report["is_whole"] and report["body_count"] == count
-    inside = [body.location for body in collection.objects]
+    inside = [body.location for body in bodies_of(collection)]
     assert all(abs(place.x) < 0.5 and abs(place.y) < 0.5 and -0.1 < place.z < 0.7 for place in inside)
 
 
@@ -243,7 +243,7 @@ def test_a_rename_during_a_bake_does_no_harm(desk, addon):
     )
     addon("running").end()
     assert collection.cairn.control == desk.control and collection.name == "Hill Pile"
-    assert all(body.data == stick.data for body in collection.objects)
+    assert all(body.data == stick.data for body in bodies_of(collection))
     assert not bpy.context.scene.cairn_asked.token and not bpy.context.scene.cairn_asked.pointers
 
 
@@ -271,7 +271,7 @@ def test_bodies_are_as_the_render_has_them(desk, addon):
     smooth.levels, smooth.render_levels = 0, 2
     before = count_blocks()["scenes"]
     collection = desk.bake(output_mode="POSE")
-    assert len(desk.sent_vertices(0)) == 98 == len(collection.objects[0].data.vertices)
+    assert len(desk.sent_vertices(0)) == 98 == len(bodies_of(collection)[0].data.vertices)
     assert (smooth.levels, count_blocks()["scenes"]) == (0, before)
 
 

@@ -15,6 +15,7 @@ import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 
+from blocks import bodies_of
 import hands
 import ui_hour
 from hands import click, picture, press, sidebar, view, wait, xdotool
@@ -108,7 +109,7 @@ def walk():
     bpy.context.window_manager.cairn_states = False
     yield from wait(lambda: running.bake is None, "the pile")
     pile = bpy.data.collections["Cone Pile"]
-    count, frames = len(pile.objects), running.report_of(pile)["frame_count"]
+    count, frames = len(bodies_of(pile)), running.report_of(pile)["frame_count"]
     assert count > 20 and running.report_of(pile)["is_whole"]
     # The figures may come later.
     yield from wait(lambda: "measures" in running.report_of(bpy.data.collections["Cone Pile"]), "the report")
@@ -122,7 +123,7 @@ def walk():
     assert "Cone Pile" not in bpy.data.collections and sorted(bpy.data.objects.keys()) == objects
     with view(area):
         bpy.ops.ed.redo()
-    assert len(bpy.data.collections["Cone Pile"].objects) == count
+    assert len(bodies_of(bpy.data.collections["Cone Pile"])) == count
     assert "measures" in running.report_of(bpy.data.collections["Cone Pile"])
     yield from by_state(area, "objects")
     # Undo has put another scene in the old one's place.
