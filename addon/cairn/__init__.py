@@ -7,6 +7,7 @@ from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
 from . import (
+    aside,
     edit_operators,
     estimates,
     glue,
@@ -66,6 +67,7 @@ def _before_load(*_):
     live.show(False)
     glue.show(False)
     variants.forget()
+    aside.forget()
     weighing.forget()
     running.forget_all()
     states.forget()
@@ -77,11 +79,13 @@ def _after_load(*_):
     running.left = pending.of_this_file()
     # Blender may have saved this file by itself, with colors.
     states.restore()
+    aside.bring_back()
 
 
 @persistent
 def _before_save(*_):
     states.restore()
+    aside.bring_back()
 
 
 @persistent
@@ -90,12 +94,14 @@ def _after_save(*_):
     if bake is not None and not bake.end and bake.recipe:
         pending.note(bake.recipe, bake.job.bake_id)
     states.refresh(bpy.context.scene)
+    aside.refresh(bpy.context)
 
 
 @persistent
 def _after_undo(*_):
     # The undo step may be from before the colors were set, or from before they were removed.
     states.refresh(bpy.context.scene)
+    aside.refresh(bpy.context)
 
 
 HANDLERS = {

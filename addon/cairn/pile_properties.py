@@ -150,6 +150,8 @@ class CairnResult(PropertyGroup):
     control: PointerProperty(type=bpy.types.Object)
     # The objects of settings and bodies, by the recipe's keys.
     pointers: CollectionProperty(type=CairnPointer)
+    # While a preview is drawn over it: the scenes and view layers in which it is hidden (JSON).
+    aside: StringProperty()
     # Whether the bake ran to its end.
     is_whole: BoolProperty(default=True)
     # Not a result, but inside of bodies; and not a result, but the collection of what the artist had in that pile.
