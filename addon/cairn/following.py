@@ -296,7 +296,7 @@ def _is_in_sidebar(context, event):
 
 
 def _draw_question(self, _):
-    self.layout.operator("cairn.stop", text="Stop", icon="CANCEL")
+    self.layout.operator("cairn.stop", icon="CANCEL")
     self.layout.operator("cairn.go_on", icon="PLAY")
 
 

@@ -63,7 +63,7 @@ class CAIRN_OT_stop(Operator):
     """Stop the bake. You can keep the unfinished result. Esc over the 3D View does the same, after a question"""
 
     bl_idname = "cairn.stop"
-    bl_label = "Cancel"
+    bl_label = "Stop Baking"
 
     @classmethod
     def poll(cls, _):

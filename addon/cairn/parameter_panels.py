@@ -35,7 +35,7 @@ class _Parameters(Pile):
 
 
 class CAIRN_PT_material(_Parameters, Panel):
-    bl_label = "Material"
+    bl_label = "Prop Physics"
 
     def draw_more(self, layout, settings):
         is_common = settings.prop_source == "COLLECTION"
@@ -51,12 +51,20 @@ class CAIRN_PT_material(_Parameters, Panel):
             if knows("Prop", "turns"):
                 for name in ("up", "turns", "skew"):
                     column.prop(item, name)
-        column = layout.column(align=True)
-        column.label(text="Ground and Colliders")
-        column.prop(settings, "collider_friction")
 
 
-class CAIRN_PT_fill(_Parameters, Panel):
+class CAIRN_PT_advanced(_Parameters, Panel):
+    bl_label = "Advanced"
+
+    def draw_more(self, layout, settings):
+        layout.label(text="Each is set by the quality, unless ticked")
+
+
+class _Advanced(_Parameters):
+    bl_parent_id = "CAIRN_PT_advanced"
+
+
+class CAIRN_PT_fill(_Advanced, Panel):
     bl_label = "Fill"
     messages = ("Fill", "Base")
 
@@ -69,17 +77,17 @@ class CAIRN_PT_fill(_Parameters, Panel):
         depth.prop(settings.fill, "shell", text="Depth (Prop Sizes)")
 
 
-class CAIRN_PT_release(_Parameters, Panel):
+class CAIRN_PT_release(_Advanced, Panel):
     bl_label = "Release"
     messages = ("Release", "Hold")
 
 
-class CAIRN_PT_control(_Parameters, Panel):
+class CAIRN_PT_control(_Advanced, Panel):
     bl_label = "Control"
     messages = ("Control",)
 
 
-class CAIRN_PT_glue(_Parameters, Panel):
+class CAIRN_PT_glue(_Advanced, Panel):
     bl_label = "Glue"
     messages = ("Glue",)
 
@@ -88,7 +96,7 @@ class CAIRN_PT_glue(_Parameters, Panel):
         return knows("Glue")
 
 
-class CAIRN_PT_physics(_Parameters, Panel):
+class CAIRN_PT_physics(_Advanced, Panel):
     bl_label = "Simulation"
     messages = ("Physics",)
 
@@ -96,8 +104,8 @@ class CAIRN_PT_physics(_Parameters, Panel):
         layout.prop(settings, "gravity")
 
 
-class CAIRN_PT_effects(_Parameters, Panel):
-    bl_label = "Effects"
+class CAIRN_PT_effects(_Advanced, Panel):
+    bl_label = "Solver Features"
     messages = ("Effects",)
 
     @classmethod
@@ -105,7 +113,7 @@ class CAIRN_PT_effects(_Parameters, Panel):
         return knows("Effects")
 
 
-class CAIRN_PT_figures(_Parameters, Panel):
+class CAIRN_PT_figures(_Advanced, Panel):
     bl_label = "Measures"
     messages = ("Figures",)
 
@@ -118,7 +126,7 @@ class CAIRN_PT_figures(_Parameters, Panel):
 
 
 class CAIRN_PT_keep(_Parameters, Panel):
-    bl_label = "Keep"
+    bl_label = "Build Around"
 
     @classmethod
     def poll(cls, _):
@@ -178,15 +186,16 @@ class CAIRN_PT_output(_Parameters, Panel):
 
 CLASSES = [
     CAIRN_PT_material,
+    CAIRN_PT_keep,
+    CAIRN_PT_drop,
+    CAIRN_PT_region,
+    CAIRN_PT_output,
+    CAIRN_PT_advanced,
     CAIRN_PT_fill,
     CAIRN_PT_release,
     CAIRN_PT_control,
     CAIRN_PT_glue,
-    CAIRN_PT_drop,
-    CAIRN_PT_region,
-    CAIRN_PT_keep,
     CAIRN_PT_physics,
     CAIRN_PT_effects,
     CAIRN_PT_figures,
-    CAIRN_PT_output,
 ]

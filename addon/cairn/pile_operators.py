@@ -51,7 +51,7 @@ class CAIRN_OT_restore_settings(OfPile, Operator):
     """Restore all settings of this pile, including its seed, so that a new bake gives the same pile"""
 
     bl_idname = "cairn.restore_settings"
-    bl_label = "Use Its Settings"
+    bl_label = "Restore These Settings"
 
     def change(self, context, collection):
         found = pointers.read(collection.cairn.pointers)

@@ -207,8 +207,8 @@ class CairnSettings(PropertyGroup):
         poll=_is_solid,
     )
     keep: PointerProperty(
-        name="Keep",
-        description="Objects that stay exactly as you placed them. The pile is filled around them and may lean on them",
+        name="Build Around",
+        description="Objects that stay exactly as you placed them. The pile is built around them and may lean on them",
         type=bpy.types.Collection,
     )
     impact: PointerProperty(
@@ -273,8 +273,9 @@ class CairnSettings(PropertyGroup):
         name="Gravity (m/s²)", description="Acceleration of gravity, downward", default=9.81, min=0.01, max=1000.0
     )
     accuracy: EnumProperty(
-        name="Accuracy",
-        description="Accuracy of the simulation. The expected CPU time of a bake is beside each",
+        name="Simulation Quality",
+        description="Accuracy of the simulation. Beside each are the expected time of a bake and the size of visible "
+        "overlaps between bodies",
         items=ACCURACIES,
         default="STANDARD",
     )
@@ -285,8 +286,8 @@ class CairnSettings(PropertyGroup):
         min=0,
     )
     use_replace: BoolProperty(
-        name="Replace",
-        description="Replace the shown pile. If off, piles of other seeds are kept hidden",
+        name="Replace Old Pile",
+        description="A bake with another seed replaces the shown pile. If off, the piles of other seeds stay, hidden",
     )
     output_mode: EnumProperty(name="Output", description="Objects that the pile becomes in Blender", items=OUTPUTS)
     use_prop_collections: BoolProperty(

@@ -15,7 +15,6 @@ FIGURES = [
     ("unsupported_fraction", "Unsupported", "{:.1%}"),
     # Relative to the thinner body.
     ("penetration_max_rel", "Penetration", "{:.1%}"),
-    ("nails_end", "Nails at End", "{:.0f}"),
 ]
 
 # Dots of glue that are listed: those that carry most.
@@ -25,6 +24,7 @@ LISTED = 12
 class CAIRN_PT_states(Pile, Panel):
     bl_label = "States"
     bl_parent_id = "CAIRN_PT_pile"
+    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context):
@@ -86,7 +86,8 @@ class CAIRN_PT_report(Pile, Panel):
         for name, title, form in FIGURES:
             value = report.get("measures", {}).get(name)
             if value is not None:
-                draw_figure(column, title, form.format(value))
+                # A pile that settles into its shape measures a little more than all of it.
+                draw_figure(column, title, form.format(min(value, 1.0) if name == "kept_shape" else value))
         if "seconds" in report:
             draw_figure(column, "Time", running.duration(report["seconds"]))
         glue = running.glue_of(report)

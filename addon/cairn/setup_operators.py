@@ -236,7 +236,9 @@ class CAIRN_OT_test_server(_Waits, Operator):
         except concurrent.futures.TimeoutError:
             self.answer.cancel()
             return explain(self, Fault("The server does not answer. Check its address."))
-        self.report({"INFO"}, f"Cairn {info.versions.cairn} answers. It runs {info.limits.worker_count} bakes at once")
+        count = info.limits.worker_count
+        bakes = "1 bake" if count == 1 else f"{count} bakes"
+        self.report({"INFO"}, f"Cairn {info.versions.cairn} is ready ({bakes} at a time)")
         return {"FINISHED"}
 
 

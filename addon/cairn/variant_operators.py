@@ -28,7 +28,7 @@ class CAIRN_OT_try_seeds(Operator):
         name="Seeds", description="How many seeds to try, starting with the scene's seed", default=4, min=1, max=32
     )
     is_with_glue: BoolProperty(
-        name="Also Vary Glue",
+        name="Vary Glue",
         description="Try each seed with several amounts of glue: those chosen here, and the glue set in the scene",
     )
     kept_shapes: EnumProperty(

@@ -6,16 +6,16 @@ from .schema import FIELDS, GROUPS, title
 
 # The panel of each group of parameters.
 PANELS = {
-    "physics": "Simulation",
-    "base": "Fill",
-    "fill": "Fill",
-    "release": "Release",
-    "control": "Control",
-    "glue": "Glue",
-    "hold": "Release",
+    "physics": "Advanced, Simulation",
+    "base": "Advanced, Fill",
+    "fill": "Advanced, Fill",
+    "release": "Advanced, Release",
+    "control": "Advanced, Control",
+    "glue": "Advanced, Glue",
+    "hold": "Advanced, Release",
     "output": "Output",
-    "effects": "Effects",
-    "report": "Measures",
+    "effects": "Advanced, Solver Features",
+    "report": "Advanced, Measures",
 }
 MESSAGES = {name: message for message, name in GROUPS.items()}
 FIELD = re.compile(r"`?\b(" + "|".join(PANELS) + r")\.([a-z_0-9]+)\b`?( = (?:\"\w+\"|[\w.]+))?")
@@ -39,7 +39,8 @@ def _parameter(found):
     known = {field["name"] for field in FIELDS.get(MESSAGES[group], [])}
     if name not in known:
         return found[0]
-    words = f"“{title(name)}” in the panel {PANELS[group]}"
+    # The unit is not part of its name.
+    words = f"“{title(name).split(' (')[0]}” in the panel {PANELS[group]}"
     return words + (f" ({title(value[3:].strip(chr(34)))})" if value else "")
 
 

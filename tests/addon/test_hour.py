@@ -52,7 +52,7 @@ def test_looking_changes_nothing(desk, addon, looking):
         looking(lambda: False, 20)
     finally:
         bpy.app.handlers.frame_change_pre.pop()
-    assert {"DRAFT", "STANDARD"} <= set(running.plan["estimates"])
+    assert {"DRAFT", "STANDARD"} <= set(running.plan["times"])
     assert not moved and (all_blocks(), scene.frame_current, scene.frame_subframe) == before
 
 
@@ -210,9 +210,9 @@ def test_warnings_are_told_once_and_in_words(addon):
     gathered_pairs = gathered(texts, names)
     assert [things for _, things in gathered_pairs] == [["Rock", "Rock.001", "c: d", "Leaf"], [], ["Leaf"], []]
     assert gathered_pairs[0][0].startswith("“Rock”, “Rock.001”, “c: d” and 1 more: The mesh is open")
-    assert gathered_pairs[1][0].endswith("raise “Patience” in the panel Release")
-    assert "(“Height” in the panel Fill)" in gathered_pairs[2][0]
-    assert "“Max Bodies” in the panel Fill (20): the shape will" in gathered_pairs[3][0]
+    assert gathered_pairs[1][0].endswith("raise “Patience” in the panel Advanced, Release")
+    assert "(“Height” in the panel Advanced, Fill)" in gathered_pairs[2][0]
+    assert "“Max Bodies” in the panel Advanced, Fill (20): the shape will" in gathered_pairs[3][0]
 
 
 def test_settings_come_back_after_everything_was_renamed(desk, addon):

@@ -235,7 +235,7 @@ def test_a_pile_of_which_only_the_surface_is_made_of_props(desk, addon):
     scene = taken.spec.scene
     assert scene.control_mesh.path and abs(scene.fill.shell - 0.6) < 1e-6
     assert bpy.ops.cairn.settle() == {"FINISHED"}
-    assert addon("wording").said("fill.shell: 0.1 is").startswith("“Only Near the Surface” in the panel Fill")
+    assert addon("wording").said("fill.shell: 0.1 is").startswith("“Only Near the Surface” in the panel Advanced, Fill")
 
 
 def finish(generator):

@@ -62,7 +62,7 @@ def walk():
     picture("2-before.png")
     objects = sorted(bpy.data.objects.keys())
     yield from wait(lambda: running.plan, "what a bake is expected to take")
-    assert {"DRAFT", "STANDARD", "FINE"} <= set(running.plan["estimates"])
+    assert {"DRAFT", "STANDARD", "FINE"} <= set(running.plan["times"])
     yield 0.5
     picture("2-expected.png")
     yield from ui_hour.idle()
