@@ -49,7 +49,7 @@ ARTIST = [
     (r"\bnatural time", "characteristic time"),
     (r"\bagainst the control mesh\b", "against the shape as modeled"),
     (r"\bcontrol mesh\b", "shape"),
-    (r"\(see contact_frequency\)", "(see “Contact Stiffness”)"),
+    (r"\(see contact_frequency\)", "(see “Stiffness”)"),
     (r"\^2", "²"),
     (r"\^3", "³"),
     (r"odelled\b", "odeled"),

@@ -6,8 +6,12 @@ from bpy.types import Panel, UIList
 
 from . import action_panel, arrangement, estimates, preferences, presets, request, running
 from .following import is_running
-from .layouts import wrapped
+from .layouts import signs_of, wrapped
 from .schema import ACCURACIES, knows
+
+
+# Width of a quality's button, of the panel's.
+BUTTON = 0.4
 
 
 class Pile:
@@ -71,7 +75,7 @@ class CAIRN_PT_support(_Settings, Panel):
 
 
 class CAIRN_PT_props(_Settings, Panel):
-    bl_label = "Props"
+    bl_label = "Size and Order"
 
     def draw_settings(self, layout, _, settings):
         draw_sizes(layout, settings)
@@ -84,7 +88,9 @@ class CAIRN_PT_quality(_Settings, Panel):
     def draw_settings(self, layout, _, settings):
         draw_accuracies(layout, settings)
         layout.prop(settings, "seed")
-        layout.prop(settings, "use_replace")
+        row = layout.row()
+        row.use_property_split = False
+        row.prop(settings, "use_replace")
 
 
 class CAIRN_PT_around(_Settings, Panel):
@@ -131,10 +137,12 @@ def effect_of(settings):
 
 def draw_source(layout, settings):
     """Draws where the props come from."""
-    row = layout.row(heading="Props")
+    # Across the whole width, so that nothing is cut.
+    row = layout.row(align=True)
+    row.use_property_split = False
     row.prop(settings, "prop_source", expand=True)
     if settings.prop_source == "COLLECTION":
-        layout.prop(settings, "prop_collection", text=" ")
+        layout.prop(settings, "prop_collection", text="Props")
         return
     row = layout.row()
     row.template_list("CAIRN_UL_props", "", settings, "props", settings, "active_prop", rows=3)
@@ -172,9 +180,11 @@ def draw_arrangement(layout, settings):
     column.label(text="How Props Lie")
     sliders = column.column(align=True)
     for name in arrangement.WORDS:
-        row = sliders.split(factor=0.6, align=True)
-        row.prop(chosen, name, slider=True)
-        row.label(text=arrangement.word(chosen, name))
+        row = sliders.split(factor=0.27, align=True)
+        row.label(text=chosen.bl_rna.properties[name].name)
+        value = row.split(factor=0.42, align=True)
+        value.prop(chosen, name, text="", slider=True)
+        value.label(text=arrangement.word(chosen, name))
     if len(request.props_of(settings)) < 2:
         return
     layout.prop(chosen, "layout")
@@ -191,13 +201,13 @@ def draw_accuracies(layout, settings):
     """Each accuracy with its expected cost, once the server has estimated it."""
     column = layout.column(align=True)
     column.use_property_split = False
-    row = column.split(factor=0.36)
+    row = column.split(factor=BUTTON)
     row.label(text="")
     row.label(text=reliance())
     for name, *_ in ACCURACIES:
-        row = column.split(factor=0.36, align=True)
+        row = column.split(factor=BUTTON, align=True)
         row.prop_enum(settings, "accuracy", name)
-        costs = row.split(factor=0.56)
+        costs = row.split(factor=0.52, align=True)
         costs.active = not running.plan_is_old
         costs.label(text=expected(name))
         costs.label(text=overlap(name))
@@ -214,10 +224,10 @@ def expected(accuracy):
         if high >= 90:
             low, high, unit = low / 60, high / 60, larger
     if high < 1:
-        return f"< 1 {unit}"
-    # More than two digits would suggest too much precision.
-    low, high = (float(f"{value:.2g}") if value >= 1 else round(value, 1) for value in (low, high))
-    return f"{low:g} to {high:g} {unit}"
+        return f"<1 {unit}"
+    # More digits would suggest too much precision.
+    low, high = (f"{float(f'{value:.2g}'):g}" if value >= 10 else f"{value:.0f}" for value in (low, high))
+    return f"{'<1' if low == '0' else low}–{high} {unit}" if low != high else f"{low} {unit}"
 
 
 def overlap(accuracy):
@@ -227,7 +237,8 @@ def overlap(accuracy):
         return ""
     units = {"μm": 1e-6, "mm": 1e-3, "cm": 1e-2}
     unit = "μm" if length < 1e-4 else "mm" if length < 1e-2 else "cm"
-    return f"{float(f'{length / units[unit]:.2g}'):g} {unit}"
+    # One digit: it is an estimate.
+    return f"{float(f'{length / units[unit]:.1g}'):g} {unit}"
 
 
 def reliance():
@@ -251,16 +262,25 @@ def draw_optional(layout, group, name, heading):
     draw_switch(layout, group, name, heading).prop(group, name, text="")
 
 
-def draw_field(layout, group, field):
-    """Draws a parameter that has the accuracy's value unless it is set."""
+def draw_field(layout, context, group, field):
+    """Draws a parameter that has the accuracy's value unless it is set: in one line, if it has room."""
     name = field["name"]
-    row = layout.split(factor=0.5 if field["kind"] == "enum" else 0.62)
+    title, is_set = group.bl_rna.properties[name].name, getattr(group, "use_" + name)
+    known = presets.text(group, field)
+    # Beside the label are a checkbox and, once it is set, a value of its own.
+    room = signs_of(context, "CHECKBOX")
+    longest = max((len(item[0]) for item in field.get("items", ())), default=6)
+    if len(title) + 1 + max(len(known), longest + 2 if is_set else 0) <= room:
+        row = layout.split(factor=(len(title) + 4) / (room + 4))
+    else:
+        row = layout.column(align=True)
     row.use_property_split = False
-    row.prop(group, "use_" + name, text=group.bl_rna.properties[name].name)
+    row.prop(group, "use_" + name, text=title)
     value = row.row()
-    if not getattr(group, "use_" + name):
+    if not is_set:
         value.enabled = False
-        value.label(text=presets.text(group, field))
+        value.alignment = "RIGHT"
+        value.label(text=known)
     elif field["kind"] == "bool":
         value.prop(group, name, text="On" if getattr(group, name) else "Off", toggle=True)
     else:

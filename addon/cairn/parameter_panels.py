@@ -1,8 +1,10 @@
 """The panels below the button, closed at first: parameters, and objects placed by hand."""
 
+import bpy
 from bpy.types import Panel
 
 from .following import is_running
+from .layouts import wrapped
 from .panels import Pile, draw_field, draw_optional
 from .schema import GROUPS, fields_of, knows
 
@@ -28,10 +30,17 @@ class _Parameters(Pile):
             group = getattr(context.scene.cairn, GROUPS[message], None)
             for field in fields_of(message) if group else ():
                 if (message, field["name"]) not in DRAWN:
-                    draw_field(layout, group, field)
+                    draw_field(layout, context, group, field)
 
     def draw_more(self, layout, settings):
         pass
+
+
+def draw_whole(layout, group, name):
+    """Draws a value across the whole width: beside it, its label would be cut."""
+    row = layout.row()
+    row.use_property_split = False
+    row.prop(group, name)
 
 
 class CAIRN_PT_material(_Parameters, Panel):
@@ -44,7 +53,8 @@ class CAIRN_PT_material(_Parameters, Panel):
             column = layout.column(align=True)
             if not is_common and item.object:
                 column.label(text=item.object.name)
-            for name in ("density", "friction", "restitution"):
+            draw_whole(column, item, "density")
+            for name in ("friction", "restitution"):
                 column.prop(item, name)
             if knows("Prop", "tilt_max"):
                 column.prop(item, "tilt")
@@ -57,7 +67,7 @@ class CAIRN_PT_advanced(_Parameters, Panel):
     bl_label = "Advanced"
 
     def draw_more(self, layout, settings):
-        layout.label(text="Each is set by the quality, unless ticked")
+        wrapped(layout, bpy.context, "The simulation quality sets these values, unless you tick them.")
 
 
 class _Advanced(_Parameters):
@@ -71,10 +81,12 @@ class CAIRN_PT_fill(_Advanced, Panel):
     def draw_more(self, layout, settings):
         if not knows("Fill", "shell"):
             return
-        layout.prop(settings.fill, "use_shell")
-        depth = layout.row()
+        column = layout.column()
+        column.use_property_split = False
+        column.prop(settings.fill, "use_shell", text="Only Near the Surface")
+        depth = column.row()
         depth.active = settings.fill.use_shell
-        depth.prop(settings.fill, "shell", text="Depth (Prop Sizes)")
+        depth.prop(settings.fill, "shell", text="Depth (Sizes)")
 
 
 class CAIRN_PT_release(_Advanced, Panel):
@@ -101,7 +113,7 @@ class CAIRN_PT_physics(_Advanced, Panel):
     messages = ("Physics",)
 
     def draw_more(self, layout, settings):
-        layout.prop(settings, "gravity")
+        draw_whole(layout, settings, "gravity")
 
 
 class CAIRN_PT_effects(_Advanced, Panel):
@@ -122,7 +134,7 @@ class CAIRN_PT_figures(_Advanced, Panel):
         return knows("Figures")
 
     def draw_more(self, layout, settings):
-        layout.prop(settings, "use_report")
+        draw_whole(layout, settings, "use_report")
 
 
 class CAIRN_PT_keep(_Parameters, Panel):
@@ -148,15 +160,16 @@ class CAIRN_PT_drop(_Parameters, Panel):
         column.prop(settings, "drop_mesh")
         details = column.column()
         details.active = settings.drop_mesh is not None
-        for name in ("drop_frame", "drop_rate", "drop_count", "drop_velocity"):
+        for name in ("drop_frame", "drop_rate", "drop_count"):
             details.prop(settings, name)
+        draw_whole(details, settings, "drop_velocity")
         layout.separator()
         column = layout.column()
         column.prop(settings, "impact")
         details = column.column()
         details.active = settings.impact is not None
-        for name in ("impact_frame", "impact_velocity"):
-            details.prop(settings, name)
+        details.prop(settings, "impact_frame")
+        draw_whole(details, settings, "impact_velocity")
         draw_optional(details, settings, "impact_mass", "Mass (kg)")
 
 
@@ -179,7 +192,7 @@ class CAIRN_PT_output(_Parameters, Panel):
         layout.prop(settings, "output_mode")
         besides = layout.row()
         besides.active = settings.output_mode != "POINTS"
-        besides.prop(settings, "use_prop_collections")
+        draw_whole(besides, settings, "use_prop_collections")
         layout.prop(settings, "start_frame")
         draw_optional(layout, settings, "frame_count", "Frames")
 

@@ -115,15 +115,15 @@ class CAIRN_PT_holds(Pile, Panel):
     def draw(self, context):
         layout, manager = self.layout, context.window_manager
         collection = result.chosen(context)
-        listed, objects = glue.dots_of(collection), glue.objects_of(collection)
+        listed = glue.dots_of(collection)
         layout.prop(manager, "cairn_glue")
         layout.prop(manager, "cairn_loads")
         if states.is_by_load:
             draw_shading(layout, context)
-        wrapped(layout, context, "Load of each dot of glue, in weights of a typical prop:")
+        wrapped(layout, context, "Bodies that a dot of glue joins, and its load in weights of a typical prop:")
         column = layout.column(align=True)
         for number, dot in enumerate(listed[:LISTED]):
-            names = [_called(collection, objects, body) for body in (dot["body"], dot["other"])]
+            names = [_called(collection, body) for body in (dot["body"], dot["other"])]
             row = column.split(factor=0.78, align=True)
             button = row.operator("cairn.select_dot", text=" – ".join(names), icon="RESTRICT_SELECT_OFF")
             button.collection, button.dot = collection.name, number
@@ -136,11 +136,12 @@ def _said(load):
     return f"{load:.0f}" if load >= 10 else f"{load:.2g}"
 
 
-def _called(collection, objects, body):
+def _called(collection, body):
+    """A body by its number, with which its name ends."""
     if body is None:
         return "Ground"
-    shown = objects.get(dots.number_of(collection, body))
-    return f"Body {body}" if shown is None or collection.cairn.mode == "POINTS" else shown.name
+    number = dots.number_of(collection, body)
+    return "–" if number is None else f"{number:03}"
 
 
 def draw_figure(layout, title, value):

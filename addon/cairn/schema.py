@@ -32,7 +32,7 @@ GROUPS = {
 # Labels of fields and values whose name does not say what they do, has no unit, or is not in US English.
 TITLES = {
     "as_modelled": "As Modeled",
-    "contact_frequency": "Contact Stiffness (Relative)",
+    "contact_frequency": "Stiffness (Relative)",
     "contact_tolerance": "Contact Gap (Share)",
     "full_below": "Full Below (Share)",
     "growth": "Growth (Relative)",
@@ -41,12 +41,12 @@ TITLES = {
     "interval_seconds": "Interval (s)",
     "kappa": "Nail Strength (N·s/kg)",
     "least_seconds": "At Least (s)",
-    "layer": "Layer (Prop Sizes)",
+    "layer": "Layer (Sizes)",
     "neighbours": "Neighbors",
     "overlap": "Overlap (Share)",
     "patience": "Patience (Relative)",
     "period": "Period (Steps)",
-    "protrusion": "Protrusion (Prop Sizes)",
+    "protrusion": "Protrusion (Sizes)",
     "residual_overlap": "Overlap Left (Share)",
     "round": "Round (Share)",
     "settle": "Settle (Relative)",
@@ -61,7 +61,7 @@ TITLES = {
     "step_seconds": "Step (s)",
     "until_frame": "Until Frame",
     "until_seconds": "Until (s)",
-    "wall_tolerance": "Wall Tolerance (Prop Sizes)",
+    "wall_tolerance": "Wall Tolerance (Sizes)",
 }
 # First values of fields that the accuracy leaves open.
 FIRST = {"shell": 1.0}

@@ -139,16 +139,16 @@ def test_check_tells_what_each_accuracy_costs(desk, addon):
     assert all(0 < low < high for low, high in running.plan["times"].values())
     running.plan["times"] = {"DRAFT": (0.3, 0.8), "STANDARD": (27.1, 69.4), "FINE": (100.0, 625.0)}
     assert [panels.expected(name) for name in ("DRAFT", "STANDARD", "FINE", "PAPER")] == [
-        "< 1 s",
-        "27 to 69 s",
-        "1.7 to 10 min",
+        "<1 s",
+        "27–69 s",
+        "2–10 min",
         "",
     ]
     assert panels.reliance() == "Time / Overlap"
     running.plan["overlaps"] = {"DRAFT": 0.017, "STANDARD": 0.00028, "REFERENCE": 9e-6}
     assert [panels.overlap(name) for name in ("DRAFT", "STANDARD", "REFERENCE", "PAPER")] == [
-        "1.7 cm",
-        "0.28 mm",
+        "2 cm",
+        "0.3 mm",
         "9 μm",
         "",
     ]

@@ -2,7 +2,7 @@
 
     blender --factory-startup --window-geometry 0 0 1400 900 --python ui.py
 
-Bakes four times: stopped by Esc and by the Cancel button, and to the end, as objects and as points, both of them
+Bakes four times: stopped by Esc and by the Stop button, and to the end, as objects and as points, both of them
 colored by state, too. $CAIRN_ADDON is the add-on's zip,
 $CAIRN_SCREENSHOTS a folder for pictures of the window.
 """
@@ -22,11 +22,10 @@ from hands import click, picture, press, sidebar, view, wait, xdotool
 from window import install, make_scene, start
 
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
-# there; the button; and Cancel, at the right end of the same row while a bake runs.
+# there; the button; and Stop, at the right end of the same row while a bake runs.
 TAB = 1144, 192
-BAKE_BELOW_ACCURACIES = 1000, 585
-ACCURACY_HEIGHT = 21
-CANCEL_X = 1106
+BAKE = 1000, 205
+STOP_X = 1106
 VIEW = 600, 500
 OUTLINER = 1270, 170
 
@@ -43,10 +42,9 @@ def answer_escape():
 
 def walk():
     """The steps; what is yielded is the pause until the next, s."""
-    from cairn import running, schema
+    from cairn import running
 
-    # One line for each accuracy that there is.
-    bake_button = BAKE_BELOW_ACCURACIES[0], BAKE_BELOW_ACCURACIES[1] + ACCURACY_HEIGHT * len(schema.ACCURACIES)
+    bake_button = BAKE
     for source in list(bpy.data.objects):
         bpy.data.objects.remove(source)
     area = sidebar()
@@ -71,7 +69,7 @@ def walk():
 
     # To be stopped on the way. A click elsewhere, or Esc without an answer, does not.
     settings.accuracy, settings.use_frame_count, settings.frame_count = "DRAFT", True, 100000
-    cancel_button = CANCEL_X, bake_button[1]
+    cancel_button = STOP_X, bake_button[1]
     for name, stop in (("escape", answer_escape), ("button", lambda: click(*cancel_button))):
         yield from click(*bake_button)
         yield from wait(lambda: running.bake and running.bake.frame_count > 5, f"frames, to stop by {name}")
