@@ -13,6 +13,7 @@ from . import (
     glue,
     job,
     live,
+    menus,
     operators,
     panels,
     parameter_panels,
@@ -23,6 +24,7 @@ from . import (
     report_panels,
     running,
     setup_operators,
+    starters,
     states,
     timing_panel,
     variant_operators,
@@ -51,6 +53,8 @@ CLASSES = [
     *setup_operators.CLASSES,
     *glue.CLASSES,
     *variant_operators.CLASSES,
+    *starters.CLASSES,
+    *menus.CLASSES,
     *panels.CLASSES,
     *timing_panel.CLASSES,
     *edit_operators.CLASSES,
@@ -137,6 +141,7 @@ def register():
     states.register()
     live.register()
     glue.register()
+    menus.register()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
     atexit.register(preferences.stop_server)
@@ -144,6 +149,7 @@ def register():
 
 def unregister():
     atexit.unregister(preferences.stop_server)
+    menus.unregister()
     glue.unregister()
     live.unregister()
     states.unregister()

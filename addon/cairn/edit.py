@@ -225,10 +225,10 @@ def _pose(state):
     return int(prop), Matrix.Translation(numbers[:3]) @ Quaternion(numbers[3:7]).to_matrix().to_4x4(), size
 
 
-def settling(context, collection, added=0, over=(), region=""):
+def settling(context, collection, added=0, over=(), region="", seed=0):
     """A generator: the request that settles the disturbed bodies, the objects, and whether each may move. `added`:
     how many props are dropped from above, over the given objects or the whole pile, or over the painted vertex
-    group `region` of the shape."""
+    group `region` of the shape. `seed`: another than the settings'; 0: theirs."""
     from .messages import v1
 
     settings = context.scene.cairn
@@ -256,8 +256,8 @@ def settling(context, collection, added=0, over=(), region=""):
 
     scene_message = v1.Scene(
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
-        seed=settings.seed,
-        gravity=round(settings.gravity, 6),
+        seed=seed or settings.seed,
+        gravity=request.gravity_of(context.scene),
         ground_friction=round(settings.collider_friction, 6),
         ground=settings.use_ground,
         ground_height=_ground(collection, settings) * exporter.metres,

@@ -15,6 +15,7 @@ from .panels import Pile
 
 # Name of a new vertex group for painting.
 REGION = "Drop Here"
+SEED = "Another seed gives another result; 0: the seed of the settings"
 
 
 def _pile(context):
@@ -82,6 +83,7 @@ class CAIRN_OT_replace_bodies(_Edits, Operator):
 
     bl_idname = "cairn.replace_bodies"
     bl_label = "Replace"
+    bl_options = {"REGISTER", "UNDO"}
 
     prop: EnumProperty(name="By", description="Prop of the pile that replaces the selected bodies", items=_prop_items)
 
@@ -114,6 +116,7 @@ class CAIRN_OT_replace_bodies(_Edits, Operator):
 
 
 class _Settles(Follows):
+    bl_options = {"REGISTER", "UNDO"}
     added, over_painted = 0, ""
 
     @classmethod
@@ -127,7 +130,7 @@ class _Settles(Follows):
         bake = running.bake = running.Bake(server)
         yield
         over = _selected(context, self.pile)
-        settling = edit.settling(context, self.pile, self.added, over, self.over_painted)
+        settling = edit.settling(context, self.pile, self.added, over, self.over_painted, self.seed)
         taken, self.objects, self.free = yield from settling
         same = {body.cairn.number for body, is_free in zip(self.objects, self.free) if not is_free}
         self.weighing = weighing.Weighing(server, taken, edit.settled(self.pile), same)
@@ -151,6 +154,8 @@ class CAIRN_OT_settle(_Settles, Operator):
     bl_idname = "cairn.settle"
     bl_label = "Settle Again"
 
+    seed: IntProperty(name="Seed", description=SEED, default=0, min=0)
+
 
 class CAIRN_OT_add_on_top(_Settles, Operator):
     """Drop more props from above: over the painted region, if one is chosen; over the selected bodies; or, with
@@ -160,6 +165,8 @@ class CAIRN_OT_add_on_top(_Settles, Operator):
     bl_label = "Add on Top"
 
     count: IntProperty(name="Count", description="How many props to drop", default=10, min=1, max=10000)
+
+    seed: IntProperty(name="Seed", description=SEED, default=0, min=0)
 
     region: StringProperty(
         name="Region",

@@ -4,7 +4,7 @@ import math
 
 from bpy.types import Panel, UIList
 
-from . import action_panel, arrangement, estimates, preferences, presets, request, running
+from . import action_panel, arrangement, estimates, preferences, presets, request, running, starters
 from .following import is_running
 from .layouts import signs_of, wrapped
 from .schema import ACCURACIES, knows
@@ -78,6 +78,7 @@ class CAIRN_PT_props(_Settings, Panel):
     bl_label = "Size and Order"
 
     def draw_settings(self, layout, _, settings):
+        starters.draw(layout, starters.CAIRN_MT_heap_presets, "cairn.add_heap_preset")
         draw_sizes(layout, settings)
         draw_arrangement(layout, settings)
 
@@ -168,6 +169,10 @@ def draw_sizes(layout, settings):
         value.prop(settings.fill, "count", text="")
     else:
         value.label(text=f"about {count}" if count else "as many as fit")
+    if settings.prop_source == "COLLECTION":
+        row = layout.row()
+        row.use_property_split = False
+        row.prop(settings, "use_rendered")
 
 
 def draw_arrangement(layout, settings):

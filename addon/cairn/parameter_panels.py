@@ -3,6 +3,7 @@
 import bpy
 from bpy.types import Panel
 
+from . import starters
 from .following import is_running
 from .layouts import wrapped
 from .panels import Pile, draw_field, draw_optional
@@ -47,6 +48,7 @@ class CAIRN_PT_material(_Parameters, Panel):
     bl_label = "Prop Physics"
 
     def draw_more(self, layout, settings):
+        starters.draw(layout, starters.CAIRN_MT_prop_presets, "cairn.add_prop_preset")
         is_common = settings.prop_source == "COLLECTION"
         items = [settings.prop_common] if is_common else settings.props
         for item in items:
@@ -113,7 +115,10 @@ class CAIRN_PT_physics(_Advanced, Panel):
     messages = ("Physics",)
 
     def draw_more(self, layout, settings):
-        draw_whole(layout, settings, "gravity")
+        draw_whole(layout, settings, "use_gravity")
+        own = layout.column()
+        own.active = settings.use_gravity
+        draw_whole(own, settings, "gravity")
 
 
 class CAIRN_PT_effects(_Advanced, Panel):

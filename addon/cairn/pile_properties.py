@@ -58,7 +58,10 @@ class CairnBody(PropertyGroup):
     home: FloatVectorProperty(size=3)
     # Not a body, but inside of one.
     is_part: BoolProperty()
-    # Not a body, but the shape of a pile: how it was shown before the bake, as far as that was changed.
+    # Not a body, but a shape: the settings that were last used with it (JSON), and their objects; and how it was shown
+    # before its first bake.
+    settings: StringProperty()
+    pointers: CollectionProperty(type=CairnPointer)
     is_veiled: BoolProperty()
     was_hidden_in_render: BoolProperty()
     was_display_type: StringProperty()

@@ -7,7 +7,7 @@ def of(group, path=""):
     """Objects and collections that a property group points to, by path; those of the groups inside it, too."""
     found = {}
     for prop in group.bl_rna.properties:
-        if prop.identifier == "rna_type":
+        if prop.identifier in ("rna_type", "last_shape"):
             continue
         value = getattr(group, prop.identifier)
         name = path + prop.identifier

@@ -13,7 +13,7 @@ from bpy.props import (
 )
 from bpy.types import PropertyGroup
 
-from . import pile_properties
+from . import pile_properties, shapes
 from .arrangement import TURNS, UPS, CairnArrangement
 from .pile_properties import CairnAsked, CairnBody, CairnResult, CairnVariant
 from .schema import ACCURACIES, GROUPS, PARAMETERS
@@ -25,6 +25,10 @@ def _is_solid(_, source):
 
 def _is_placed(_, source):
     return source.type not in {"CAMERA", "LIGHT", "SPEAKER", "LIGHT_PROBE"}
+
+
+def _choose(self, _):
+    shapes.choose(self)
 
 
 class CairnProp(PropertyGroup):
@@ -147,9 +151,14 @@ class CairnSettings(PropertyGroup):
 
     control_mesh: PointerProperty(
         name="Shape",
-        description="Closed mesh that the pile fills, standing on the ground. The server calls it the control mesh",
+        description="Closed mesh that the pile fills, standing on the ground. Each shape keeps its own settings",
         type=bpy.types.Object,
         poll=_is_solid,
+        update=_choose,
+    )
+    # The one before, whose settings are kept when another is chosen.
+    last_shape: PointerProperty(
+        name="Last Shape", description="Shape whose settings these are", type=bpy.types.Object
     )
     kept_shape: EnumProperty(
         name="Shape Support",
@@ -182,6 +191,10 @@ class CairnSettings(PropertyGroup):
         name="Props",
         description="Every object in this collection is a prop of the pile",
         type=bpy.types.Collection,
+    )
+    use_rendered: BoolProperty(
+        name="Skip Unrendered Props",
+        description="Leave out the collection's objects whose own camera icon in the outliner is off",
     )
     # Of all objects of the collection.
     prop_common: PointerProperty(type=CairnProp)
@@ -268,6 +281,9 @@ class CairnSettings(PropertyGroup):
     )
     ground_height: FloatProperty(
         name="Ground Height", description="Height of the ground plane", unit="LENGTH", precision=3
+    )
+    use_gravity: BoolProperty(
+        name="Own Gravity", description="Use another gravity than the scene's, which is in Scene Properties, Gravity"
     )
     gravity: FloatProperty(
         name="Gravity (m/s²)", description="Acceleration of gravity, downward", default=9.81, min=0.01, max=1000.0

@@ -97,6 +97,7 @@ class CAIRN_PT_report(Pile, Panel):
         draw_folded(layout, context, wording.gathered(report.get("warnings", ()), names))
         if collection.cairn.mode != "POINTS":
             layout.prop(collection.cairn, "display")
+        layout.operator("cairn.select_pile", icon="EMPTY_AXIS").collection = collection.name
         row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name

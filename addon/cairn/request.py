@@ -8,7 +8,7 @@ import bpy
 
 from . import arrangement, placed, pointers
 from .client import Fault
-from .export import SOLID, Exporter
+from .export import SOLID, Exporter, metres
 from .prop_collections import members
 from .schema import GROUPS, fields_of, knows
 
@@ -17,6 +17,8 @@ WAITING = "waiting"
 PAUSE = 0.02
 # Objects that are props or scenery; others in the same collections are left alone.
 PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
+# Blender's default gravity, and the sideways part of a gravity that counts as downward.
+EARTH, SLANTED = (0.0, 0.0, -9.81), 1e-3
 # What a prop may hang on, besides.
 RIGS = {"ARMATURE", "LATTICE"}
 
@@ -42,8 +44,10 @@ def props_of(settings):
     if settings.prop_source == "LIST":
         pairs = [(item.object, item) for item in settings.props if item.object]
     elif settings.prop_collection:
-        sources = objects_of(settings.prop_collection)
-        pairs = [(source, settings.prop_common) for source in sources if not is_bare(source)]
+        sources = [source for source in objects_of(settings.prop_collection) if not is_bare(source)]
+        if settings.use_rendered:
+            sources = [source for source in sources if not source.hide_render]
+        pairs = [(source, settings.prop_common) for source in sources]
     else:
         pairs = []
     taken = taken_by_others(settings)
@@ -74,6 +78,10 @@ def left_out(settings):
     props = [source for source, _ in props_of(settings)]
     shown = {member for source in props for member in (source, *source.children_recursive)}
     shown = {member for member in shown if member.type in PLACED | RIGS} | taken_by_others(settings)
+    if settings.use_rendered:
+        # The artist has asked for it.
+        hidden = [source for source in objects_of(settings.prop_collection) if source.hide_render]
+        shown.update(member for source in hidden for member in (source, *source.children_recursive))
     return [source for source in members(settings.prop_collection) if source not in shown]
 
 
@@ -107,6 +115,24 @@ def missing(settings):
     if not settings.use_ground and not colliders_of(settings) and not objects_of(settings.keep):
         return "Everything would fall forever. Switch the ground on, or choose colliders."
     return ""
+
+
+def gravity_of(scene):
+    """The acceleration of gravity, downward, m/s²: the artist's own, or the scene's."""
+    settings = scene.cairn
+    if settings.use_gravity:
+        return round(settings.gravity, 6)
+    if not scene.use_gravity:
+        raise Fault("The scene's gravity is off. Switch it on in Scene Properties, or set a gravity of the pile's own.")
+    x, y, z = scene.gravity
+    # Blender's own value does not know the scene's unit.
+    if max(abs(a - b) for a, b in zip(scene.gravity, EARTH)) < 1e-6:
+        return 9.81
+    if z >= 0 or max(abs(x), abs(y)) > -SLANTED * z:
+        raise Fault(
+            "The scene's gravity does not point down. Change it in Scene Properties, or set a gravity of the pile's own."
+        )
+    return round(-z * metres(scene), 6)
 
 
 def take(context, passive=False):
@@ -157,7 +183,7 @@ def taking(context, passive=False):
         control_mesh=v1.ControlMesh(path=control.uri if control else ""),
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
         seed=settings.seed,
-        gravity=round(settings.gravity, 6),
+        gravity=gravity_of(scene),
         ground_friction=round(settings.collider_friction, 6),
     )
     if not settings.use_ground:
@@ -284,7 +310,7 @@ def to_dict(group):
     out = {}
     for prop in group.bl_rna.properties:
         name = prop.identifier
-        if name in ("rna_type", "name"):
+        if name in ("rna_type", "name", "last_shape"):
             continue
         value = getattr(group, name)
         if prop.type == "COLLECTION":

@@ -146,7 +146,7 @@ class CAIRN_OT_next_variant(Operator):
     """Draw the next variant over the view"""
 
     bl_idname = "cairn.next_variant"
-    bl_label = "Flip"
+    bl_label = "Next Variant"
 
     step: IntProperty(name="Step", description="How many variants to move forward; negative moves back", default=1)
 
