@@ -32,6 +32,7 @@ def draw(layout, context, settings):
     for line in lines:
         column.label(text=line)
     if is_running():
+        layout.operator("cairn.enough", icon="CHECKMARK")
         return
     if lacking:
         wrapped(layout, context, lacking, "INFO")

@@ -47,9 +47,7 @@ class CAIRN_OT_add_shape(AddObjectHelper, Operator):
         else:
             radius = self.width / 2
             top = radius * {"MOUND": TOP, "CONE": 0.05, "DRUM": 1.0}[self.style]
-            bmesh.ops.create_cone(
-                made, cap_ends=True, segments=SIDES, radius1=radius, radius2=top, depth=self.height
-            )
+            bmesh.ops.create_cone(made, cap_ends=True, segments=SIDES, radius1=radius, radius2=top, depth=self.height)
         # It stands on its origin.
         bmesh.ops.translate(made, verts=made.verts, vec=(0, 0, self.height / 2))
         made.to_mesh(mesh)
@@ -68,6 +66,7 @@ class CAIRN_MT_pile(Menu):
         layout.operator("cairn.use_selected", text="Use Active as Shape, Others as Props", icon="EYEDROPPER")
         layout.operator("cairn.bake", icon="PHYSICS")
         layout.operator("cairn.check", text="Check the Scene", icon="VIEWZOOM")
+        layout.operator("cairn.enough", icon="CHECKMARK")
         layout.operator("cairn.stop", icon="CANCEL")
         layout.separator()
         layout.operator("cairn.select_pile", icon="RESTRICT_SELECT_OFF")

@@ -74,6 +74,21 @@ class CAIRN_OT_stop(Operator):
         return {"FINISHED"}
 
 
+class CAIRN_OT_enough(Operator):
+    """End the bake here: the frames so far are the pile, because it rests enough. The report has no measures then"""
+
+    bl_idname = "cairn.enough"
+    bl_label = "It Rests Enough"
+
+    @classmethod
+    def poll(cls, _):
+        return is_running() and running.bake.may_be_enough()
+
+    def execute(self, _):
+        running.bake.be_enough()
+        return {"FINISHED"}
+
+
 class CAIRN_OT_go_on(Operator):
     """Close this question, and let the bake continue"""
 
@@ -115,4 +130,12 @@ class CAIRN_OT_discard(Operator):
         return {"FINISHED"}
 
 
-CLASSES = [CAIRN_OT_bake, CAIRN_OT_fetch, CAIRN_OT_stop, CAIRN_OT_go_on, CAIRN_OT_keep, CAIRN_OT_discard]
+CLASSES = [
+    CAIRN_OT_bake,
+    CAIRN_OT_fetch,
+    CAIRN_OT_stop,
+    CAIRN_OT_enough,
+    CAIRN_OT_go_on,
+    CAIRN_OT_keep,
+    CAIRN_OT_discard,
+]

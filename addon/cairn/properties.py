@@ -157,9 +157,7 @@ class CairnSettings(PropertyGroup):
         update=_choose,
     )
     # The one before, whose settings are kept when another is chosen.
-    last_shape: PointerProperty(
-        name="Last Shape", description="Shape whose settings these are", type=bpy.types.Object
-    )
+    last_shape: PointerProperty(name="Last Shape", description="Shape whose settings these are", type=bpy.types.Object)
     kept_shape: EnumProperty(
         name="Shape Support",
         description="How much glue keeps the pile in shape",

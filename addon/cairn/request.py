@@ -123,14 +123,14 @@ def gravity_of(scene):
     if settings.use_gravity:
         return round(settings.gravity, 6)
     if not scene.use_gravity:
-        raise Fault("The scene's gravity is off. Switch it on in Scene Properties, or set a gravity of the pile's own.")
+        raise Fault("The scene's gravity is off. Switch it on in Scene Properties, or tick the pile's own gravity.")
     x, y, z = scene.gravity
     # Blender's own value does not know the scene's unit.
     if max(abs(a - b) for a, b in zip(scene.gravity, EARTH)) < 1e-6:
         return 9.81
     if z >= 0 or max(abs(x), abs(y)) > -SLANTED * z:
         raise Fault(
-            "The scene's gravity does not point down. Change it in Scene Properties, or set a gravity of the pile's own."
+            "The scene's gravity does not point down. Change it in Scene Properties, or tick the pile's own gravity."
         )
     return round(-z * metres(scene), 6)
 

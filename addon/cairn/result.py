@@ -145,7 +145,7 @@ def build(context, motion, recipe, record):
         raise
 
     if before:
-        # What is told with the other notes of the bake.
+        # Reported with the other notes of the bake.
         recipe["notes"] = [*recipe.get("notes", ()), *filter(None, [clear(before, own, others)])]
         roots.settle(root, corners)
     collection = before or _collection(scene, control, name, recipe, record)

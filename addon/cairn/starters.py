@@ -1,6 +1,5 @@
 """Presets of props and of heaps: those that come with the add-on, and the artist's own, which Blender keeps."""
 
-import bpy
 from bl_operators.presets import AddPresetBase
 from bpy.props import EnumProperty
 from bpy.types import Menu, Operator

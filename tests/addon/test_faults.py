@@ -241,3 +241,23 @@ def test_the_pile_is_there_before_its_figures(desk, addon):
     assert report["measures"]["shape_iou"] > 0.5
     # None was late.
     assert report["frame_count"] == len(motion.positions)
+
+
+def test_a_pile_that_rests_enough_is_the_result(desk, addon):
+    """The frames so far take the old pile's place, as a whole bake's do."""
+    desk.add_stick()
+    pile = desk.bake()
+    bake = start(desk, addon, accuracy="DRAFT", use_frame_count=True, frame_count=100000)
+    assert not bpy.ops.cairn.enough.poll()
+    wait(bake, lambda: bake.frame_count > 20 or bake.end)
+    assert bpy.ops.cairn.enough() == {"FINISHED"} and bake.has_all_frames and not bpy.ops.cairn.enough.poll()
+    # As the operator that follows the bake does then.
+    result, request = addon("result"), addon("request")
+    made = request.finish(result.build(bpy.context, bake.motion(), bake.recipe, bake.record()))
+    addon("running").end()
+    assert made == pile and made.cairn.is_whole
+    report = addon("running").report_of(pile)
+    assert report["is_whole"] and report["frame_count"] == bake.frame_count > 20
+    assert any(
+        "ended at this frame by hand" in text and "% of the bodies at rest" in text for text in report["warnings"]
+    )

@@ -33,7 +33,16 @@ def test_menus_have_the_operators(addon):
     assert menus._in_add in bpy.types.VIEW3D_MT_add._dyn_ui_initialize()
     assert drawn_by(menus._in_object) == ["CAIRN_MT_pile"] and drawn_by(menus._in_add) == ["cairn.add_shape"]
     listed = drawn_by(menus.CAIRN_MT_pile.draw)
-    for name in ("bake", "settle", "add_on_top", "replace_bodies", "delete", "edit_pile", "use_selected", "select_pile"):
+    for name in (
+        "bake",
+        "settle",
+        "add_on_top",
+        "replace_bodies",
+        "delete",
+        "edit_pile",
+        "use_selected",
+        "select_pile",
+    ):
         assert f"cairn.{name}" in listed
     for name in listed:
         getattr(bpy.ops.cairn, name.removeprefix("cairn.")).get_rna_type()

@@ -1,5 +1,5 @@
-//! Who uses a server that belongs to programs of this machine: each of them holds a lock on a file of its own, which the
-//! system releases also when it is killed.
+//! Who uses a server that belongs to programs of this machine: each of them holds a lock on a file of its own, which
+//! the system releases also when it is killed.
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
