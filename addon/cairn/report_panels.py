@@ -94,7 +94,8 @@ class CAIRN_PT_report(Pile, Panel):
         if glue:
             wrapped(layout, context, glue)
         names = running.recipe_of(collection).get("names", {})
-        draw_folded(layout, context, wording.gathered(report.get("warnings", ()), names))
+        texts = wording.with_bodies(report.get("warnings", ()), collection)
+        draw_folded(layout, context, wording.gathered(texts, names))
         if collection.cairn.mode != "POINTS":
             layout.prop(collection.cairn, "display")
         layout.operator("cairn.select_pile", icon="EMPTY_AXIS").collection = collection.name

@@ -214,6 +214,10 @@ def taking(context, passive=False):
     names.update((model.uri, source.name) for source, model in statics)
     names.update(extras.names)
     props += extras.props
+    # The server may count where it does not name.
+    counted = {"props": [prop.source for prop in props[: len(chosen)]], "statics": [source for source, _ in statics]}
+    for kind, sources in counted.items():
+        names.update((f"{kind}.{number}", source.name) for number, source in enumerate(sources))
     missed = left_out(settings)
     for source in missed:
         names.setdefault(source.name, source.name)

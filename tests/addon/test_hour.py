@@ -215,6 +215,20 @@ def test_warnings_are_told_once_and_in_words(addon):
     assert "“Max Bodies” in the panel Advanced, Fill (20): the shape will" in gathered_pairs[3][0]
 
 
+def test_warnings_name_objects_not_numbers(desk, addon):
+    desk.add_stick()
+    desk.add_stick("Block", (0.2, 0.2, 0.2))
+    wording, pile = addon("wording"), desk.bake(output_mode="POSE")
+    names = desk.recipe["names"]
+    texts = ["`props.1`: too thin", "prop 0 is larger than props[1]", "prop 9 is missing", "Stick: prop 0 is open"]
+    (thin, larger, missing, twice) = wording.gathered(texts, names)
+    assert thin == ("“Block”: too thin", ["Block"]) and larger == ("“Stick” is larger than “Block”", ["Stick", "Block"])
+    assert missing == ("Prop 9 is missing", []) and twice == ("“Stick” is open", ["Stick"])
+    first, last = bodies_of(pile)[0], bodies_of(pile)[-1]
+    text = f"bodies 0 (Stick), {len(bodies_of(pile)) - 1} (Stick) (2 in all) fell"
+    assert wording.with_bodies([text], pile) == [f"bodies “{first.name}”, “{last.name}” (2 in all) fell"]
+
+
 def test_settings_come_back_after_everything_was_renamed(desk, addon):
     desk.add_stick()
     extra = desk.add_stick("Extra", (0.2, 0.2, 0.2))
