@@ -163,6 +163,8 @@ def draw_sizes(layout, settings):
         size = layout.column(align=True)
         size.prop(item, "scale_min", text="Size Min")
         size.prop(item, "scale_max", text="Max")
+    if len(request.props_of(settings)) > 1:
+        layout.prop(settings, "weigh_by")
     count = running.plan["body_count"] if running.plan else 0
     value = draw_switch(layout, settings.fill, "count", "Count")
     if value.active:

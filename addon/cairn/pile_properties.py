@@ -95,6 +95,8 @@ class CairnResult(PropertyGroup):
     report: StringProperty()
     # As `states` packs them.
     states: StringProperty()
+    # JSON: how many bodies each prop has.
+    counts: StringProperty()
     # JSON: the server's bodies that no object shows.
     left_out: StringProperty()
     # Frames of the result, and their timing: as set, and as applied to the pile (JSON).

@@ -190,6 +190,14 @@ class CairnSettings(PropertyGroup):
         description="Every object in this collection is a prop of the pile",
         type=bpy.types.Collection,
     )
+    weigh_by: EnumProperty(
+        name="Weights By",
+        description="What the weights of several props share out",
+        items=[
+            ("COUNT", "Count", "A prop of weight 2 is tried twice as often as one of weight 1"),
+            ("VOLUME", "Volume", "A prop of weight 2 takes twice the volume of one of weight 1: small props are more"),
+        ],
+    )
     use_rendered: BoolProperty(
         name="Skip Unrendered Props",
         description="Leave out the collection's objects whose own camera icon in the outliner is off",

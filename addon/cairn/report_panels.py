@@ -90,6 +90,7 @@ class CAIRN_PT_report(Pile, Panel):
                 draw_figure(column, title, form.format(min(value, 1.0) if name == "kept_shape" else value))
         if "seconds" in report:
             draw_figure(column, "Time", running.duration(report["seconds"]))
+        draw_shares(layout, collection)
         glue = running.glue_of(report)
         if glue:
             wrapped(layout, context, glue)
@@ -102,6 +103,23 @@ class CAIRN_PT_report(Pile, Panel):
         row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
+
+
+def draw_shares(layout, collection):
+    """Draws the weights of several props, as wanted and as reached: large props may not fit as often."""
+    shares = result.shares_of(collection)
+    if not shares:
+        return
+    by_volume = running.recipe_of(collection)["settings"].get("weigh_by") == "VOLUME"
+    column = layout.column(align=True)
+    draw_figure(column, "Bodies of Each Prop" if by_volume else "Share: Reached (Wanted)", "")
+    for name, wanted, reached, count in shares:
+        draw_figure(column, name, str(count) if by_volume else f"{percent(reached)} ({percent(wanted)})", 0.55)
+
+
+def percent(share):
+    """Not 0% of what is there."""
+    return "<1%" if 0 < share < 0.005 else f"{share:.0%}"
 
 
 class CAIRN_PT_holds(Pile, Panel):
@@ -146,8 +164,8 @@ def _called(collection, body):
     return "–" if number is None else f"{number:03}"
 
 
-def draw_figure(layout, title, value):
-    split = layout.split(factor=0.7)
+def draw_figure(layout, title, value, factor=0.7):
+    split = layout.split(factor=factor)
     split.label(text=title)
     split.label(text=value)
 

@@ -5,6 +5,7 @@ import uuid
 from dataclasses import dataclass
 
 import bpy
+import numpy as np
 
 from . import arrangement, placed, pointers
 from .client import Fault
@@ -19,6 +20,8 @@ PAUSE = 0.02
 PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
 # Blender's default gravity, and the sideways part of a gravity that counts as downward.
 EARTH, SLANTED = (0.0, 0.0, -9.81), 1e-3
+# The largest weight where weights go by volume; and the share of its box below which a mesh counts as a sheet.
+MOST_WEIGHT, HOLLOW = 1000.0, 1e-3
 # What a prop may hang on, besides.
 RIGS = {"ARMATURE", "LATTICE"}
 
@@ -190,8 +193,10 @@ def taking(context, passive=False):
         scene_message.ground = False
     if settings.use_ground_height:
         scene_message.ground_height = settings.ground_height * exporter.metres
-    for prop, (_, item) in zip(props, chosen):
+    weights = weights_of(settings, props, [item for _, item in chosen])
+    for prop, (_, item), weight in zip(props, chosen, weights):
         scene_message.props.append(prop_message(v1, prop.model.uri, item))
+        scene_message.props[-1].weight = weight
     for _, model in statics:
         scene_message.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     extras = placed.Extras(v1, scene_message, exporter, settings)
@@ -243,6 +248,8 @@ def taking(context, passive=False):
         ]
         + [f"{source.name}: it has no surface, so no body shows it" for source in missed],
         "metres": exporter.metres,
+        # What the artist has asked for, of the fill's props alone.
+        "weights": [item.weight for _, item in chosen],
         "start_frame": settings.start_frame,
         "output_mode": settings.output_mode,
         "settings": to_dict(settings),
@@ -252,6 +259,24 @@ def taking(context, passive=False):
     return Request(
         v1.BakeSpec(scene=scene_message, assets=assets), exporter.contents, props, recipe, exporter.problems, named
     )
+
+
+def weights_of(settings, props, items):
+    """How often each prop is tried, relative to the others."""
+    weights = np.array([item.weight for item in items])
+    if settings.weigh_by == "VOLUME" and len(props) > 1:
+        sizes = np.array([(item.scale_min**3 + item.scale_max**3) / 2 for item in items])
+        weights = weights / (np.array([volume_of(prop) for prop in props]) * sizes)
+        weights *= MOST_WEIGHT / weights.max()
+    return [round(float(weight), 6) for weight in weights]
+
+
+def volume_of(prop):
+    """The volume of a prop; of its box, where its mesh encloses none."""
+    corners = (prop.vertices - prop.vertices.mean(axis=0))[prop.triangles]
+    inside = abs(np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6)
+    box = np.prod(np.maximum(np.ptp(prop.vertices, axis=0), 1e-9))
+    return float(inside if inside > HOLLOW * box else box)
 
 
 def prop_message(v1, uri, item):

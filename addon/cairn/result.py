@@ -69,6 +69,23 @@ def replaced(scene, control, settings, is_whole=True):
     return next(iter(sorted(same, key=lambda pile: not pile.cairn.is_whole)), None)
 
 
+def shares_of(collection):
+    """For each of several props of a pile: its name, its weight as a share of all, its share of the bodies, and their
+    count."""
+    try:
+        recipe, counts = json.loads(collection.cairn.settings), json.loads(collection.cairn.counts)
+    except ValueError:
+        return []
+    weights = recipe.get("weights", ())
+    total = sum(counts[: len(weights)])
+    if len(weights) < 2 or not total:
+        return []
+    names = [prop["name"] for prop in recipe["props"]]
+    return [
+        (name, weight / sum(weights), count / total, count) for name, weight, count in zip(names, weights, counts)
+    ]
+
+
 def seed_of(collection):
     """The seed of a pile; None if it is not known."""
     try:
@@ -164,6 +181,7 @@ def build(context, motion, recipe, record):
     pointers.forget(recipe)
     timing.set_by_bake(collection, recipe["start_frame"], len(moved.positions))
     collection.cairn.left_out = json.dumps(moved.left_out)
+    collection.cairn.counts = json.dumps(np.bincount(moved.props, minlength=len(made)).tolist())
     collection.cairn.states = states.packed(moved.states, recipe["start_frame"])
     states.refresh(scene)
     return collection

@@ -183,3 +183,27 @@ def test_colliders_that_are_not_followed_are_told(desk):
     collection = desk.bake(colliders=walls)
     warnings = desk.addon("running").report_of(collection)["warnings"]
     assert [text for text in warnings if text.startswith("Door: it moves")]
+
+
+def test_weights_as_wanted_and_as_reached(desk):
+    for name, size in (("A", (0.26, 0.14, 0.12)), ("B", (0.13, 0.07, 0.06))):
+        desk.settings.props.add().object = cuboid(name, size)
+    desk.settings.props[0].weight = 3
+    pile = desk.bake(prop_source="LIST", output_mode="POSE")
+    assert [prop.weight for prop in desk.request.spec.scene.props] == [3, 1]
+    result = desk.addon("result")
+    shares = result.shares_of(pile)
+    counts = np.bincount(desk.motion.props)
+    assert [(name, wanted) for name, wanted, *_ in shares] == [("A", 0.75), ("B", 0.25)]
+    assert [count for *_, count in shares] == counts.tolist()
+    assert sum(reached for _, _, reached, _ in shares) == pytest.approx(1)
+    # By volume: B has an eighth of A's, and a third of its weight.
+    desk.settings.weigh_by = "VOLUME"
+    first, second = (prop.weight for prop in desk.addon("request").take(bpy.context).spec.scene.props)
+    assert second / first == pytest.approx(8 / 3, rel=1e-4)
+    # A sheet has a box.
+    sheet = desk.settings.props.add()
+    sheet.object = cuboid("Sheet", (0.2, 0.2, 0.0))
+    weights = [prop.weight for prop in desk.addon("request").take(bpy.context).spec.scene.props]
+    assert all(0 < weight <= 1000 for weight in weights)
+    assert desk.addon("report_panels").percent(0.002) == "<1%" and desk.addon("report_panels").percent(0.5) == "50%"
