@@ -386,6 +386,8 @@ def applied(context, collection, objects, free, motion, recipe, record):
     collection.cairn.report = json.dumps(note)
     collection.cairn.bake_id = record.get("bake_id", "")
     collection.cairn.states = ""
+    props = [body.cairn.prop for body in belongings.bodies(collection)]
+    collection.cairn.counts = json.dumps(np.bincount(props, minlength=len(recipe["props"])).tolist())
     remember(collection)
     carry(collection)
     belongings.note_data(collection, made)

@@ -80,6 +80,8 @@ class CAIRN_MT_pile(Menu):
         layout.operator("cairn.fit_timing", text="Fit Collapse to Scene Range")
         layout.operator("cairn.keep_pose", text="Keep Final Pose Only")
         layout.separator()
+        layout.operator("cairn.export_pile")
+        layout.operator("cairn.mark_asset", text="Mark Pile as Asset")
         layout.operator("cairn.restore_settings", text="Restore the Pile's Settings")
         layout.operator("cairn.delete", text="Delete Pile", icon="TRASH")
 

@@ -101,6 +101,9 @@ class CAIRN_PT_report(Pile, Panel):
             layout.prop(collection.cairn, "display")
         layout.operator("cairn.select_pile", icon="EMPTY_AXIS").collection = collection.name
         row = layout.row(align=True)
+        row.operator("cairn.export_pile", text="Export", icon="EXPORT").collection = collection.name
+        row.operator("cairn.mark_asset", text="Asset", icon="ASSET_MANAGER").collection = collection.name
+        row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
 

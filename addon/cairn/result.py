@@ -81,9 +81,7 @@ def shares_of(collection):
     if len(weights) < 2 or not total:
         return []
     names = [prop["name"] for prop in recipe["props"]]
-    return [
-        (name, weight / sum(weights), count / total, count) for name, weight, count in zip(names, weights, counts)
-    ]
+    return [(name, weight / sum(weights), count / total, count) for name, weight, count in zip(names, weights, counts)]
 
 
 def seed_of(collection):
@@ -207,7 +205,7 @@ def _name(objects, made):
         if not shown.cairn.mark:
             # Points.
             continue
-        name = f"{made[shown.cairn.prop].name} Body {number + 1:0{digits}}"
+        name = f"{_base(made[shown.cairn.prop])} Body {number + 1:0{digits}}"
         if name not in taken:
             shown.name = name
         action = shown.animation_data.action if shown.animation_data else None
@@ -216,11 +214,16 @@ def _name(objects, made):
         shown.cairn.made_name = shown.name
 
 
+def _base(part):
+    """A prop's name without dots, which other programs' files do not have in names."""
+    return part.name.replace(".", "_")
+
+
 def _body(made, moved, body, mode, start_frame):
     part = made[moved.props[body]]
     factor = float(moved.scales[body])
     digits = max(3, len(str(len(moved.props))))
-    shown = part.body(f"{part.name} Body {body + 1:0{digits}}", factor)
+    shown = part.body(f"{_base(part)} Body {body + 1:0{digits}}", factor)
     shown.cairn.number, shown.cairn.prop, shown.cairn.size = body + 1, int(moved.props[body]), factor
     here = moved.present[:, body]
     # Where it is first or last seen.
