@@ -14,6 +14,22 @@ SIDES, TOP, THICK = 48, 0.35, 0.3
 _keys = []
 
 
+def shape_mesh(style, width, height):
+    """A closed mesh that stands on its origin."""
+    mesh, made = bpy.data.meshes.new("Heap"), bmesh.new()
+    if style == "WALL":
+        bmesh.ops.create_cube(made, size=1.0)
+        bmesh.ops.scale(made, verts=made.verts, vec=(width, THICK * width, height))
+    else:
+        radius = width / 2
+        top = radius * {"MOUND": TOP, "CONE": 0.05, "DRUM": 1.0}[style]
+        bmesh.ops.create_cone(made, cap_ends=True, segments=SIDES, radius1=radius, radius2=top, depth=height)
+    bmesh.ops.translate(made, verts=made.verts, vec=(0, 0, height / 2))
+    made.to_mesh(mesh)
+    made.free()
+    return mesh
+
+
 class CAIRN_OT_add_shape(AddObjectHelper, Operator):
     """Add a closed mesh to be filled, and choose it as the shape of the pile"""
 
@@ -39,19 +55,7 @@ class CAIRN_OT_add_shape(AddObjectHelper, Operator):
     )
 
     def execute(self, context):
-        mesh = bpy.data.meshes.new("Heap")
-        made = bmesh.new()
-        if self.style == "WALL":
-            bmesh.ops.create_cube(made, size=1.0)
-            bmesh.ops.scale(made, verts=made.verts, vec=(self.width, THICK * self.width, self.height))
-        else:
-            radius = self.width / 2
-            top = radius * {"MOUND": TOP, "CONE": 0.05, "DRUM": 1.0}[self.style]
-            bmesh.ops.create_cone(made, cap_ends=True, segments=SIDES, radius1=radius, radius2=top, depth=self.height)
-        # It stands on its origin.
-        bmesh.ops.translate(made, verts=made.verts, vec=(0, 0, self.height / 2))
-        made.to_mesh(mesh)
-        made.free()
+        mesh = shape_mesh(self.style, self.width, self.height)
         shown = object_data_add(context, mesh, operator=self)
         context.scene.cairn.control_mesh = shown
         return {"FINISHED"}
@@ -84,6 +88,8 @@ class CAIRN_MT_pile(Menu):
         layout.operator("cairn.mark_asset", text="Mark Pile as Asset")
         layout.operator("cairn.restore_settings", text="Restore the Pile's Settings")
         layout.operator("cairn.delete", text="Delete Pile", icon="TRASH")
+        layout.separator()
+        layout.operator("cairn.add_examples")
 
 
 def _in_object(self, _):

@@ -11,7 +11,7 @@ from mathutils import Euler
 
 from . import belongings, result, roots, states, timing, tints
 from .client import Fault
-from .following import explaining, is_running
+from .following import is_running
 from .pile_operators import OfPile
 
 ENDINGS = {"USD": ".usdc", "ALEMBIC": ".abc", "GLTF": ".glb"}

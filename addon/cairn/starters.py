@@ -31,6 +31,15 @@ def item_of(settings):
     return settings.props[settings.active_prop] if 0 <= settings.active_prop < len(settings.props) else None
 
 
+def set_prop(item, kind):
+    _, item.density, item.friction, item.restitution = PROPS[kind]
+
+
+def set_heap(settings, kind):
+    lie = settings.arrangement
+    _, lie.order, lie.surface, lie.shake, settings.kept_shape = HEAPS[kind]
+
+
 class CAIRN_OT_prop_preset(Operator):
     """Set density, friction and bounce of the props to those of a material"""
 
@@ -49,8 +58,7 @@ class CAIRN_OT_prop_preset(Operator):
         return item_of(context.scene.cairn) is not None
 
     def execute(self, context):
-        item = item_of(context.scene.cairn)
-        _, item.density, item.friction, item.restitution = PROPS[self.kind]
+        set_prop(item_of(context.scene.cairn), self.kind)
         return {"FINISHED"}
 
 
@@ -68,9 +76,7 @@ class CAIRN_OT_heap_preset(Operator):
     )
 
     def execute(self, context):
-        settings = context.scene.cairn
-        lie = settings.arrangement
-        _, lie.order, lie.surface, lie.shake, settings.kept_shape = HEAPS[self.kind]
+        set_heap(context.scene.cairn, self.kind)
         return {"FINISHED"}
 
 
