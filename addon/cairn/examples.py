@@ -5,6 +5,7 @@ from math import pi
 import bmesh
 import bpy
 from bpy.types import Operator
+from mathutils import Matrix
 
 from . import menus, starters
 
@@ -75,6 +76,9 @@ def add(name):
     settings.control_mesh, settings.prop_collection = shape, collection
     starters.set_heap(settings, heap)
     starters.set_prop(settings.prop_common, material)
+    if heap == "TIDIED":
+        # Logs lie, and do not stand on their ends.
+        settings.prop_common.up = "Z"
     return scene
 
 
@@ -86,8 +90,11 @@ def _mesh(title, form, size):
     elif form == "BALL":
         bmesh.ops.create_icosphere(made, subdivisions=2, radius=size[0] / 2)
     else:
+        # It lies along X.
         length, width = size
-        bmesh.ops.create_cone(made, cap_ends=True, segments=SIDES, radius1=width / 2, radius2=width / 2, depth=length)
+        ends = {"radius1": width / 2, "radius2": width / 2, "depth": length}
+        bmesh.ops.create_cone(made, cap_ends=True, segments=SIDES, **ends)
+        bmesh.ops.rotate(made, verts=made.verts, matrix=Matrix.Rotation(pi / 2, 3, "Y"))
     made.to_mesh(mesh)
     made.free()
     return mesh

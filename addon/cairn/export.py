@@ -205,7 +205,7 @@ def evaluated(context, sources, passive=False, realized=()):
             bpy.data.scenes.remove(scratch)
 
 
-def has_instances(source):
+def may_have_instances(source):
     """Whether an object may show instances: to check all instances of a large scene takes long."""
     kinds = {modifier.type for modifier in source.modifiers}
     return source.instance_type != "NONE" or not kinds.isdisjoint({"NODES", "PARTICLE_SYSTEM"})
@@ -257,7 +257,7 @@ class Geometry:
         # By object: its instances, with matrices to the world.
         self.instances = {copies.get(source, source): [] for source in sources}
         # Blender lists the meshes of curves, texts and metaballs, too, as if these had instances.
-        may_instance = {copies.get(source, source) for source in sources if has_instances(source)}
+        may_instance = {copies.get(source, source) for source in sources if may_have_instances(source)}
         own = {source: self._digest(source) for source in may_instance if source.type in SOLID - {"MESH"}}
         for graph in graphs if may_instance else ():
             for instance in graph.object_instances:

@@ -6,7 +6,7 @@ import bpy
 from mathutils import Matrix
 
 from . import belongings
-from .export import SOLID, evaluated, is_realizable, is_sheared
+from .export import SOLID, evaluated, is_realizable, is_sheared, may_have_instances
 
 PLAIN_EMPTY_SIZE = 0.1
 # A displacement below this, relative to the largest scale, is rounding.
@@ -56,8 +56,10 @@ def make(context, sources, locals_, as_collections):
     """A part for each source object. `locals_`: matrices from the sources' local spaces to the props' frames."""
     families = [[source, *source.children_recursive] for source in sources]
     members = [member for family in families for member in family]
-    with evaluated(context, members) as geometry:
-        instancers = {member for member in members if geometry.has_instances(member)}
+    instancers = {member for member in members if may_have_instances(member)}
+    if instancers:
+        with evaluated(context, members) as geometry:
+            instancers = {member for member in instancers if geometry.has_instances(member)}
     # Instances of nodes become part of a mesh, so that exporters have them.
     realized = [member for member in instancers if is_realizable(member)]
     with evaluated(context, members, realized=realized) as geometry:

@@ -297,10 +297,11 @@ def clear(collection, own=None, others=None):
     states.restore()
     if own is None:
         own, others = _finish(belongings.sorted_out(collection))
-    own, root = [shown for shown in own if shown.name in collection.objects], roots.of(collection)
-    others = [*others, *(shown for shown in collection.objects if shown != root and shown not in own)]
+    # Something may have come in since.
+    mine, root = set(own), roots.of(collection)
+    others = [*others, *(shown for shown in collection.objects if shown != root and shown not in mine)]
     inner = _made_by(own)[4]
-    strangers = [shown for held in prop_collections.of(collection) for shown in held.objects if shown not in own]
+    strangers = [shown for held in prop_collections.of(collection) for shown in held.objects if shown not in mine]
     strangers += [shown for part in inner for shown in part.objects if not shown.cairn.is_part]
     others = list(dict.fromkeys([*others, *strangers]))
     theirs = [child for child in collection.children if not child.cairn.is_of_state]
