@@ -20,6 +20,17 @@ def bodies(pile):
     return [shown for shown in pile.objects if shown.cairn.number]
 
 
+def number_copies(pile):
+    """Gives copies of bodies, made by hand, numbers of their own."""
+    found, seen = bodies(pile), set()
+    last = max((body.cairn.number for body in found), default=0)
+    for body in sorted(found, key=lambda body: body.name != body.cairn.made_name):
+        if body.cairn.number in seen:
+            last += 1
+            body.cairn.number = last
+        seen.add(body.cairn.number)
+
+
 def mark(shown):
     """Remembers an object as the bake leaves it."""
     shown.cairn.made_name, shown.cairn.mark = shown.name, _digest(shown)

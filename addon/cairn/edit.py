@@ -72,7 +72,7 @@ def still_copy(scene, collection):
         if not prop.is_readonly and prop.identifier not in ("name", "rna_type") and not prop.identifier[:6] == "timing":
             setattr(made.cairn, prop.identifier, getattr(collection.cairn, prop.identifier))
     pointers.write(made.cairn.pointers, pointers.read(collection.cairn.pointers))
-    _number_copies(made)
+    belongings.number_copies(made)
     for copy in copies:
         belongings.mark(copy)
     made.cairn.mode, made.cairn.frame_count = "POSE", 0
@@ -91,17 +91,6 @@ def remember(collection):
 def settled(collection):
     """The bodies' last settled states, by number."""
     return {int(number): state for number, state in json.loads(collection.cairn.settled).items()}
-
-
-def _number_copies(collection):
-    """Gives copies of bodies, made by hand, numbers of their own."""
-    bodies, seen = belongings.bodies(collection), set()
-    last = max((body.cairn.number for body in bodies), default=0)
-    for body in sorted(bodies, key=lambda body: body.name != body.cairn.made_name):
-        if body.cairn.number in seen:
-            last += 1
-            body.cairn.number = last
-        seen.add(body.cairn.number)
 
 
 def carry(collection):
@@ -247,7 +236,7 @@ def settling(context, collection, added=0, over=(), region="", seed=0):
             f"The pile was moved, and it settles only where it was baked. Clear the transform of “{root.name}” (Alt G, "
             "Alt R, Alt S) and its animation first; afterward, move it again."
         )
-    _number_copies(collection)
+    belongings.number_copies(collection)
     placed = Placed(collection, props)
     free = yield from placed.disturbed()
     if not any(free) and not added:

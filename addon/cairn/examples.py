@@ -90,7 +90,7 @@ def _mesh(title, form, size):
     elif form == "BALL":
         bmesh.ops.create_icosphere(made, subdivisions=2, radius=size[0] / 2)
     else:
-        # It lies along X.
+        # Its axis is X.
         length, width = size
         ends = {"radius1": width / 2, "radius2": width / 2, "depth": length}
         bmesh.ops.create_cone(made, cap_ends=True, segments=SIDES, **ends)
