@@ -47,12 +47,18 @@ ARTIST = [
     (r"([\d.]) d\b(?!/)", r"\1 prop diameters"),
     (r"\bd/(\d+)\b", r"1/\1 of a prop diameter"),
     (r"\bnatural time", "characteristic time"),
-    (r"(?<!against the )\bcontrol mesh\b", "shape"),
+    (r"\bagainst the control mesh\b", "against the shape as modeled"),
+    (r"\bcontrol mesh\b", "shape"),
+    (r"\(see contact_frequency\)", "(see “Stiffness”)"),
     (r"\^2", "²"),
     (r"\^3", "³"),
     (r"odelled\b", "odeled"),
     (r"eighbour", "eighbor"),
     (r"\bmetre", "meter"),
+    (r" \((?:Hsu & Keyser)[^)]*\)", ""),
+    (r"^Hsu & Keyser \(2012\), Table 1, literal and in SI", "As in the paper that the method comes from"),
+    (r"\bvolume IoU\b", "overlap of the volumes"),
+    (r", sqrt\([^)]*\) <= mu fn", ""),
     (r"olour", "olor"),
 ]
 # Fixed, so that the same sources give the same zip.
@@ -196,12 +202,20 @@ def fields(files):
             enums[f".{file.package}.{enum.name}"] = prefix, text(comments, (5, number)), items
         for number, message in enumerate(file.message_type):
             messages[message.name] = [
-                (message, field, text(comments, (4, number, 2, index))) for index, field in enumerate(message.field)
+                (message, field, of_choice(comments, number, field) + text(comments, (4, number, 2, index)))
+                for index, field in enumerate(message.field)
             ]
     return {
         name: [entry for message, field, comment in rows if (entry := describe_field(message, field, comment, enums))]
         for name, rows in sorted(messages.items())
     }
+
+
+def of_choice(comments, number, field):
+    """What the fields say of which one at most is set; each field's own comment does not say it again."""
+    if not field.HasField("oneof_index") or field.proto3_optional:
+        return ""
+    return text(comments, (4, number, 8, field.oneof_index)).removesuffix(".") + ". "
 
 
 def text(comments, path):
@@ -212,7 +226,27 @@ def tooltip(comment):
     """A comment of the schema as Blender shows it: in an artist's words, US English, without a final full stop."""
     for pattern, words in ARTIST:
         comment = re.sub(pattern, words, comment)
+    # A parameter or a value by its label, as far as its name is one; a default by as many digits as matter.
+    comment = re.sub(r"`(?:\w+\.)?(\w+)`", lambda found: f"“{label(found[1])}”", comment)
+    comment = re.sub(r"\b[a-z]+_[a-z]+\b", lambda found: label(found[0]), comment)
+    comment = re.sub(r"\b0\.[1-9]\d{4,}", lambda found: f"{float(found[0]):.3g}", comment)
     return comment.removesuffix(".")
+
+
+def label(name):
+    """A field's label in the panels, without its unit."""
+    return TITLES.get(name, name.replace("_", " ").title()).split(" (")[0]
+
+
+def titles():
+    """The labels of `schema.py`, which needs Blender to be imported."""
+    for node in ast.parse((ADDON / "cairn" / "schema.py").read_text()).body:
+        if isinstance(node, ast.Assign) and node.targets[0].id == "TITLES":
+            return ast.literal_eval(node.value)
+    sys.exit("addon/cairn/schema.py has no TITLES.")
+
+
+TITLES = titles()
 
 
 def describe_field(message, field, comment, enums):
@@ -222,8 +256,8 @@ def describe_field(message, field, comment, enums):
     entry = {"name": field.name, "kind": kinds[field.type], "description": tooltip(comment)}
     if field.type == field.TYPE_ENUM:
         entry["prefix"], meaning, entry["items"] = enums[field.type_name]
-        # The comments of switch fields are complete without the enum's meaning.
-        is_said = field.type_name.endswith(".Switch") or comment.startswith(meaning)
+        # Most comments are complete without the enum's meaning.
+        is_said = not comment.startswith("Default:")
         entry["description"] = tooltip(comment if is_said else f"{meaning} {comment}")
     limits = re.search(r"Range: (?:above )?(-?[\d.]*\d)(?: to (-?[\d.]*\d))?", comment)
     if limits:

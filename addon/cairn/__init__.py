@@ -7,12 +7,16 @@ from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
 from . import (
+    aside,
     edit_operators,
     estimates,
+    examples,
     glue,
     job,
     live,
+    menus,
     operators,
+    outgoing,
     panels,
     parameter_panels,
     pending,
@@ -22,6 +26,7 @@ from . import (
     report_panels,
     running,
     setup_operators,
+    starters,
     states,
     timing_panel,
     variant_operators,
@@ -50,6 +55,10 @@ CLASSES = [
     *setup_operators.CLASSES,
     *glue.CLASSES,
     *variant_operators.CLASSES,
+    *starters.CLASSES,
+    *menus.CLASSES,
+    *outgoing.CLASSES,
+    *examples.CLASSES,
     *panels.CLASSES,
     *timing_panel.CLASSES,
     *edit_operators.CLASSES,
@@ -66,6 +75,7 @@ def _before_load(*_):
     live.show(False)
     glue.show(False)
     variants.forget()
+    aside.forget()
     weighing.forget()
     running.forget_all()
     states.forget()
@@ -77,11 +87,13 @@ def _after_load(*_):
     running.left = pending.of_this_file()
     # Blender may have saved this file by itself, with colors.
     states.restore()
+    aside.bring_back()
 
 
 @persistent
 def _before_save(*_):
     states.restore()
+    aside.bring_back()
 
 
 @persistent
@@ -90,12 +102,14 @@ def _after_save(*_):
     if bake is not None and not bake.end and bake.recipe:
         pending.note(bake.recipe, bake.job.bake_id)
     states.refresh(bpy.context.scene)
+    aside.refresh(bpy.context)
 
 
 @persistent
 def _after_undo(*_):
     # The undo step may be from before the colors were set, or from before they were removed.
     states.refresh(bpy.context.scene)
+    aside.refresh(bpy.context)
 
 
 HANDLERS = {
@@ -131,6 +145,7 @@ def register():
     states.register()
     live.register()
     glue.register()
+    menus.register()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
     atexit.register(preferences.stop_server)
@@ -138,6 +153,7 @@ def register():
 
 def unregister():
     atexit.unregister(preferences.stop_server)
+    menus.unregister()
     glue.unregister()
     live.unregister()
     states.unregister()

@@ -32,6 +32,7 @@ def draw(layout, context, settings):
     for line in lines:
         column.label(text=line)
     if is_running():
+        layout.operator("cairn.enough", icon="CHECKMARK")
         return
     if lacking:
         wrapped(layout, context, lacking, "INFO")
@@ -75,7 +76,7 @@ def _draw_bake(row, context, settings, may_bake):
     buttons.enabled = may_bake
     buttons.operator("cairn.bake", text="Bake Pile Again" if again else "Bake Pile", icon="PHYSICS")
     buttons.operator("cairn.check", text="", icon="VIEWZOOM")
-    row.prop(context.window_manager, "cairn_live", text="", icon="HIDE_OFF" if live.is_on else "HIDE_ON")
+    row.prop(context.window_manager, "cairn_live", text="", icon="PAUSE" if live.is_on else "PLAY")
     if live.is_on:
         first, _, second = live.status().partition("\n")
         return first or "Live", second

@@ -10,7 +10,21 @@ import numpy as np
 from mathutils import Matrix, Quaternion, Vector
 from mathutils.bvhtree import BVHTree
 
-from . import axes, outline, painted, parts, pointers, prop_collections, request, result, running, timing, weighing
+from . import (
+    axes,
+    belongings,
+    outline,
+    painted,
+    parts,
+    pointers,
+    prop_collections,
+    request,
+    result,
+    roots,
+    running,
+    timing,
+    weighing,
+)
 from .client import Fault
 from .dots import number_of
 from .export import Exporter
@@ -34,11 +48,23 @@ def still_copy(scene, collection):
     if frame != end:
         scene.frame_set(end)
     made = bpy.data.collections.new(f"{collection.name} Edited")
-    for body in collection.objects:
+    root = roots.of(collection)
+    if root is not None:
+        root = root.copy()
+        root.animation_data_clear()
+        if made.name not in bpy.data.objects:
+            root.name = made.name
+        root.cairn.made_name = root.name
+        made.objects.link(root)
+    copies = []
+    for body in belongings.bodies(collection):
         copy = body.copy()
         copy.animation_data_clear()
-        copy.matrix_world = body.matrix_world
+        copy.matrix_basis = body.matrix_basis
+        if body.parent is not None and body.parent.cairn.is_root:
+            copy.parent = root
         made.objects.link(copy)
+        copies.append(copy)
     if frame != end:
         scene.frame_set(frame)
     scene.collection.children.link(made)
@@ -46,6 +72,9 @@ def still_copy(scene, collection):
         if not prop.is_readonly and prop.identifier not in ("name", "rna_type") and not prop.identifier[:6] == "timing":
             setattr(made.cairn, prop.identifier, getattr(collection.cairn, prop.identifier))
     pointers.write(made.cairn.pointers, pointers.read(collection.cairn.pointers))
+    belongings.number_copies(made)
+    for copy in copies:
+        belongings.mark(copy)
     made.cairn.mode, made.cairn.frame_count = "POSE", 0
     remember(made)
     carry(made)
@@ -55,7 +84,8 @@ def still_copy(scene, collection):
 
 def remember(collection):
     """Remembers the poses of the settled pile."""
-    collection.cairn.settled = json.dumps({str(body.cairn.number): _state(body) for body in collection.objects})
+    found = belongings.bodies(collection)
+    collection.cairn.settled = json.dumps({str(body.cairn.number): _state(body) for body in found})
 
 
 def settled(collection):
@@ -83,7 +113,7 @@ class Placed:
     """Bodies of a pile at their current poses: objects [n], and their props."""
 
     def __init__(self, collection, props):
-        self.objects = [body for body in collection.objects if body.cairn.number]
+        self.objects = belongings.bodies(collection)
         self.props = props
         # The pile's last settled state, by number: prop, pose and size.
         before = settled(collection)
@@ -184,10 +214,10 @@ def _pose(state):
     return int(prop), Matrix.Translation(numbers[:3]) @ Quaternion(numbers[3:7]).to_matrix().to_4x4(), size
 
 
-def settling(context, collection, added=0, over=(), region=""):
+def settling(context, collection, added=0, over=(), region="", seed=0):
     """A generator: the request that settles the disturbed bodies, the objects, and whether each may move. `added`:
     how many props are dropped from above, over the given objects or the whole pile, or over the painted vertex
-    group `region` of the shape."""
+    group `region` of the shape. `seed`: another than the settings'; 0: theirs."""
     from .messages import v1
 
     settings = context.scene.cairn
@@ -200,6 +230,13 @@ def settling(context, collection, added=0, over=(), region=""):
     props = yield from exporter.props(sources)
     if exporter.problems:
         raise Fault("", problems=exporter.problems)
+    root = roots.of(collection)
+    if root is not None and not roots.is_home(root):
+        raise Fault(
+            f"The pile was moved, and it settles only where it was baked. Clear the transform of “{root.name}” (Alt G, "
+            "Alt R, Alt S) and its animation first; afterward, move it again."
+        )
+    belongings.number_copies(collection)
     placed = Placed(collection, props)
     free = yield from placed.disturbed()
     if not any(free) and not added:
@@ -208,8 +245,8 @@ def settling(context, collection, added=0, over=(), region=""):
 
     scene_message = v1.Scene(
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
-        seed=settings.seed,
-        gravity=round(settings.gravity, 6),
+        seed=seed or settings.seed,
+        gravity=request.gravity_of(context.scene),
         ground_friction=round(settings.collider_friction, 6),
         ground=settings.use_ground,
         ground_height=_ground(collection, settings) * exporter.metres,
@@ -312,6 +349,7 @@ def applied(context, collection, objects, free, motion, recipe, record):
     made = parts.make(context, sources, [Matrix(prop["local"]) for prop in recipe["props"]], as_collections=False)
     yield 0.5
     number = max((body.cairn.number for body in objects), default=0)
+    root = roots.of(collection)
     # Nothing is written before this, so that a stop changes nothing.
     fallen = []
     for index in range(len(moved.props)):
@@ -321,6 +359,8 @@ def applied(context, collection, objects, free, motion, recipe, record):
                 number += 1
                 body = result.still_body(made, moved, index, number)
                 collection.objects.link(body)
+                if root is not None:
+                    roots.adopt(root, body)
         elif free[index] and is_there:
             objects[index].location = moved.positions[-1, index]
             objects[index].rotation_quaternion = moved.rotations[-1, index]
@@ -330,19 +370,24 @@ def applied(context, collection, objects, free, motion, recipe, record):
     bpy.data.batch_remove(fallen)
     before = running.report_of(collection)
     stay = _dots_that_stay(collection, before.get("dots", ()), loose)
-    note = {**before, **record, "dots": stay, "body_count": len(collection.objects)}
+    note = {**before, **record, "dots": stay, "body_count": len(belongings.bodies(collection))}
     note["settled"] = {"moved": len(loose), "kept": count - len(loose), "added": max(0, len(moved.props) - count)}
     collection.cairn.report = json.dumps(note)
     collection.cairn.bake_id = record.get("bake_id", "")
     collection.cairn.states = ""
+    props = [body.cairn.prop for body in belongings.bodies(collection)]
+    collection.cairn.counts = json.dumps(np.bincount(props, minlength=len(recipe["props"])).tolist())
     remember(collection)
     carry(collection)
+    belongings.note_data(collection, made)
+    for body in belongings.bodies(collection):
+        belongings.mark(body)
     pointers.forget(recipe)
     return collection
 
 
 def _dots_that_stay(collection, dots, loose):
     """Dots between bodies that did not move."""
-    here = {body.cairn.number for body in collection.objects} - loose
+    here = {body.cairn.number for body in belongings.bodies(collection)} - loose
     ends = [[number_of(collection, body) for body in (dot["body"], dot["other"])] for dot in dots]
     return [dot for dot, own in zip(dots, ends) if all(number is None or number in here for number in own)]

@@ -6,7 +6,7 @@ from bpy.types import Operator, Panel
 
 from mathutils import Matrix
 
-from . import edit, parts, pointers, preferences, preview, request, result, running, weighing
+from . import belongings, edit, parts, pointers, preferences, preview, request, result, running, weighing
 from .client import Fault
 from .following import Follows, explain, explaining, is_running
 from .layouts import wrapped
@@ -15,6 +15,7 @@ from .panels import Pile
 
 # Name of a new vertex group for painting.
 REGION = "Drop Here"
+SEED = "Another seed gives another result; 0: the seed of the settings"
 
 
 def _pile(context):
@@ -82,6 +83,7 @@ class CAIRN_OT_replace_bodies(_Edits, Operator):
 
     bl_idname = "cairn.replace_bodies"
     bl_label = "Replace"
+    bl_options = {"REGISTER", "UNDO"}
 
     prop: EnumProperty(name="By", description="Prop of the pile that replaces the selected bodies", items=_prop_items)
 
@@ -103,6 +105,10 @@ class CAIRN_OT_replace_bodies(_Edits, Operator):
                 made.location, made.rotation_quaternion = body.location, body.rotation_quaternion
                 made.cairn.number, made.cairn.prop, made.cairn.size = body.cairn.number, number, body.cairn.size
                 collection.objects.link(made)
+                if body.parent is not None:
+                    made.parent, made.matrix_parent_inverse = body.parent, body.matrix_parent_inverse
+                belongings.mark(made)
+            belongings.note_data(collection, [part])
             bpy.data.batch_remove(chosen)
             edit.carry(collection)
             return {"FINISHED"}
@@ -110,6 +116,7 @@ class CAIRN_OT_replace_bodies(_Edits, Operator):
 
 
 class _Settles(Follows):
+    bl_options = {"REGISTER", "UNDO"}
     added, over_painted = 0, ""
 
     @classmethod
@@ -123,7 +130,7 @@ class _Settles(Follows):
         bake = running.bake = running.Bake(server)
         yield
         over = _selected(context, self.pile)
-        settling = edit.settling(context, self.pile, self.added, over, self.over_painted)
+        settling = edit.settling(context, self.pile, self.added, over, self.over_painted, self.seed)
         taken, self.objects, self.free = yield from settling
         same = {body.cairn.number for body, is_free in zip(self.objects, self.free) if not is_free}
         self.weighing = weighing.Weighing(server, taken, edit.settled(self.pile), same)
@@ -147,6 +154,8 @@ class CAIRN_OT_settle(_Settles, Operator):
     bl_idname = "cairn.settle"
     bl_label = "Settle Again"
 
+    seed: IntProperty(name="Seed", description=SEED, default=0, min=0)
+
 
 class CAIRN_OT_add_on_top(_Settles, Operator):
     """Drop more props from above: over the painted region, if one is chosen; over the selected bodies; or, with
@@ -156,6 +165,8 @@ class CAIRN_OT_add_on_top(_Settles, Operator):
     bl_label = "Add on Top"
 
     count: IntProperty(name="Count", description="How many props to drop", default=10, min=1, max=10000)
+
+    seed: IntProperty(name="Seed", description=SEED, default=0, min=0)
 
     region: StringProperty(
         name="Region",

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import axes, client, glb
+from . import axes, client, glb, nodes
 from .client import Problem
 
 SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
@@ -168,17 +168,19 @@ def _key(matrix):
 
 
 @contextmanager
-def evaluated(context, sources, passive=False):
+def evaluated(context, sources, passive=False, realized=()):
     """Gives a function from an object to its evaluated meshes, with `.matrix(object)` for its place. Blender does not
     evaluate objects that are hidden or outside the view layer, nor for the render: copies in a separate scene
-    replace them. `passive`: there are no copies, and hidden objects are exported without modifiers."""
+    replace them. `passive`: there are no copies, and hidden objects are exported without modifiers. `realized`: objects
+    whose instances become part of their meshes."""
     unseen = [source for source in sources if context.view_layer.objects.get(source.name) != source]
     unseen += [source for source in sources if source not in unseen and not source.visible_get()]
     if passive:
         yield Geometry([context.evaluated_depsgraph_get()], sources, {}, unseen)
         return
     copied = unseen + [source for source in sources if source not in unseen and differs_in_render(source)]
-    scratch, copies = None, {}
+    copied += [source for source in realized if source not in copied]
+    scratch, copies, groups = None, {}, []
     try:
         if copied:
             scratch = bpy.data.scenes.new("Cairn export")
@@ -187,6 +189,8 @@ def evaluated(context, sources, passive=False):
                 copy = source.copy()
                 copy.hide_viewport = False
                 as_rendered(copy)
+                if source in realized:
+                    groups.append(realize(copy))
                 copies[source] = copy
                 scratch.collection.objects.link(copy)
             scratch.view_layers[0].update()
@@ -195,14 +199,34 @@ def evaluated(context, sources, passive=False):
     finally:
         for copy in copies.values():
             bpy.data.objects.remove(copy)
+        for group in groups:
+            bpy.data.node_groups.remove(group)
         if scratch:
             bpy.data.scenes.remove(scratch)
 
 
-def has_instances(source):
+def may_have_instances(source):
     """Whether an object may show instances: to check all instances of a large scene takes long."""
     kinds = {modifier.type for modifier in source.modifiers}
     return source.instance_type != "NONE" or not kinds.isdisjoint({"NODES", "PARTICLE_SYSTEM"})
+
+
+def is_realizable(source):
+    """Whether nodes can make the instances of an object part of its mesh: particles and children are not theirs."""
+    is_of_nodes = any(modifier.type == "NODES" for modifier in source.modifiers)
+    others = any(modifier.type == "PARTICLE_SYSTEM" for modifier in source.modifiers)
+    return is_of_nodes and not others and source.instance_type == "NONE" and source.type in SOLID
+
+
+def realize(copy):
+    """Makes the instances of an object part of its mesh. Gives the node group for that."""
+    group = bpy.data.node_groups.new("Cairn export", "GeometryNodeTree")
+    incoming, outgoing = nodes.interface(group)
+    node = group.nodes.new("GeometryNodeRealizeInstances")
+    group.links.new(incoming, node.inputs[0])
+    group.links.new(node.outputs[0], outgoing)
+    copy.modifiers.new("Cairn export", "NODES").node_group = group
+    return group
 
 
 def differs_in_render(source):
@@ -232,14 +256,27 @@ class Geometry:
         self.known = {}
         # By object: its instances, with matrices to the world.
         self.instances = {copies.get(source, source): [] for source in sources}
-        may_instance = any(has_instances(source) for source in sources)
+        # Blender lists the meshes of curves, texts and metaballs, too, as if these had instances.
+        may_instance = {copies.get(source, source) for source in sources if may_have_instances(source)}
+        own = {source: self._digest(source) for source in may_instance if source.type in SOLID - {"MESH"}}
         for graph in graphs if may_instance else ():
             for instance in graph.object_instances:
                 if instance.is_instance and instance.object.type in SOLID:
-                    found = self.instances.get(instance.parent.original)
-                    if found is not None:
+                    source = instance.parent.original
+                    if source in may_instance:
                         # Read at once: Blender may use the same object for the next instance.
-                        found.append((self._read(instance.object), instance.matrix_world.copy()))
+                        arrays, matrix = self._read(instance.object), instance.matrix_world.copy()
+                        if source not in own or Mesh(*arrays, matrix).digest() != own[source]:
+                            self.instances[source].append((arrays, matrix))
+
+    def _digest(self, source):
+        """Of an object's own mesh, without its instances."""
+        graph = self.graphs[-1] if source in self.copies.values() else self.graphs[0]
+        return Mesh(*triangles_of(source.evaluated_get(graph)), Matrix()).digest()
+
+    def has_instances(self, source):
+        """Whether an object shows instances."""
+        return bool(self.instances[self.copies.get(source, source)] or source.instance_collection)
 
     def matrix(self, source):
         return self.shown(source).matrix_world.copy()
@@ -248,7 +285,8 @@ class Geometry:
         """A mesh data block as evaluated, with materials and all layers."""
         graph = self.graphs[-1] if source in self.copies else self.graphs[0]
         mesh = bpy.data.meshes.new_from_object(self.shown(source), preserve_all_data_layers=True, depsgraph=graph)
-        mesh.name = source.name
+        if source.name not in bpy.data.meshes:
+            mesh.name = source.name
         return mesh
 
     def shown(self, source):

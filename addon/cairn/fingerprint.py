@@ -30,4 +30,5 @@ def of(scene):
     # All objects are read at once, and the form of the text costs nothing.
     for name in ("accuracy", "output_mode", "active_prop", "use_replace", "use_prop_collections"):
         values.pop(name)
-    return json.dumps([values, parts, scene.unit_settings.scale_length, scene.render.fps])
+    units = scene.unit_settings.scale_length, scene.render.fps, scene.use_gravity, *scene.gravity
+    return json.dumps([values, parts, units])

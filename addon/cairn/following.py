@@ -161,7 +161,10 @@ class Follows:
             if generator:
                 generator.close()
         self.slices = self.writer = bake.written = None
+        drawn, self.preview = self.preview, None
         self._leave(context, None)
+        # What is drawn stays until the artist decides.
+        bake.preview = drawn
         if bake.kept_kind():
             context.window_manager.popup_menu(_draw_choice, title="Bake Stopped", icon="QUESTION")
         else:
@@ -216,6 +219,8 @@ class Follows:
         if self.preview:
             self.preview.remove()
             self.preview = None
+        if running.bake is not None:
+            running.bake.hide()
 
     def cancel(self, context):
         """Blender ends the operator, because a file is opened or the window closes. The bake itself continues."""
@@ -291,7 +296,7 @@ def _is_in_sidebar(context, event):
 
 
 def _draw_question(self, _):
-    self.layout.operator("cairn.stop", text="Stop", icon="CANCEL")
+    self.layout.operator("cairn.stop", icon="CANCEL")
     self.layout.operator("cairn.go_on", icon="PLAY")
 
 

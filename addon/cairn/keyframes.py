@@ -76,6 +76,18 @@ def freeze(body, frame):
     body.animation_data_clear()
 
 
+def digest(action, made):
+    """Adds all keys of an action to a hash."""
+    for curve in _all_curves(action):
+        points = curve.keyframe_points
+        coordinates, kinds = np.empty(2 * len(points), np.float32), np.empty(len(points), np.intc)
+        points.foreach_get("co", coordinates)
+        points.foreach_get("interpolation", kinds)
+        made.update(f"{curve.data_path}{curve.array_index}".encode())
+        made.update(coordinates.tobytes())
+        made.update(kinds.tobytes())
+
+
 def _all_curves(action):
     if not HAS_SLOTS:
         return list(action.fcurves)

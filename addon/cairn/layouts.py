@@ -6,10 +6,15 @@ import bpy
 SIGN = 6.2
 
 
+def signs_of(context, icon="NONE"):
+    """The characters that a line has room for in the sidebar."""
+    scale = context.preferences.system.ui_scale
+    return max(16, int((context.region.width / scale - (62 if icon == "NONE" else 84)) / SIGN))
+
+
 def wrapped(layout, context, text, icon="NONE"):
     """Draws a text in as many lines as the sidebar's width needs."""
-    scale = context.preferences.system.ui_scale
-    signs = max(16, int((context.region.width / scale - (62 if icon == "NONE" else 84)) / SIGN))
+    signs = signs_of(context, icon)
     column = layout.column(align=True)
     line = ""
     lines = []

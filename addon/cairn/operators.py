@@ -63,7 +63,7 @@ class CAIRN_OT_stop(Operator):
     """Stop the bake. You can keep the unfinished result. Esc over the 3D View does the same, after a question"""
 
     bl_idname = "cairn.stop"
-    bl_label = "Cancel"
+    bl_label = "Stop Baking"
 
     @classmethod
     def poll(cls, _):
@@ -71,6 +71,21 @@ class CAIRN_OT_stop(Operator):
 
     def execute(self, _):
         running.bake.stop()
+        return {"FINISHED"}
+
+
+class CAIRN_OT_enough(Operator):
+    """End the bake here: the frames so far are the pile, because it rests enough. The report has no measures then"""
+
+    bl_idname = "cairn.enough"
+    bl_label = "It Rests Enough"
+
+    @classmethod
+    def poll(cls, _):
+        return is_running() and running.bake.may_be_enough()
+
+    def execute(self, _):
+        running.bake.be_enough()
         return {"FINISHED"}
 
 
@@ -115,4 +130,12 @@ class CAIRN_OT_discard(Operator):
         return {"FINISHED"}
 
 
-CLASSES = [CAIRN_OT_bake, CAIRN_OT_fetch, CAIRN_OT_stop, CAIRN_OT_go_on, CAIRN_OT_keep, CAIRN_OT_discard]
+CLASSES = [
+    CAIRN_OT_bake,
+    CAIRN_OT_fetch,
+    CAIRN_OT_stop,
+    CAIRN_OT_enough,
+    CAIRN_OT_go_on,
+    CAIRN_OT_keep,
+    CAIRN_OT_discard,
+]

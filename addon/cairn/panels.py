@@ -4,10 +4,14 @@ import math
 
 from bpy.types import Panel, UIList
 
-from . import action_panel, arrangement, estimates, preferences, presets, request, running
+from . import action_panel, arrangement, estimates, preferences, presets, request, running, starters
 from .following import is_running
-from .layouts import wrapped
+from .layouts import signs_of, wrapped
 from .schema import ACCURACIES, knows
+
+
+# Width of a quality's button, of the panel's.
+BUTTON = 0.4
 
 
 class Pile:
@@ -38,42 +42,74 @@ class CAIRN_PT_pile(Pile, Panel):
         layout.use_property_decorate = False
         column = layout.column()
         column.enabled = not is_running()
-        self.draw_scene(column, context, settings)
-        layout.separator()
-        action_panel.draw(layout, context, settings)
-
-    def draw_scene(self, layout, context, settings):
-        layout.prop(settings, "control_mesh", text="Shape")
+        column.prop(settings, "control_mesh", text="Shape")
         active = context.object
         if settings.control_mesh is None and active and active.type == "MESH":
-            layout.operator("cairn.use_selected", text=f"Use “{active.name}”", icon="EYEDROPPER")
+            column.operator("cairn.use_selected", text=f"Use “{active.name}”", icon="EYEDROPPER")
+        draw_source(column, settings)
+        action_panel.draw(layout, context, settings)
+
+
+class _Settings(Pile):
+    """Settings of the next bake."""
+
+    bl_parent_id = "CAIRN_PT_pile"
+
+    def draw(self, context):
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.enabled = not is_running()
+        self.draw_settings(layout, context, context.scene.cairn)
+
+
+class CAIRN_PT_support(_Settings, Panel):
+    bl_label = "Shape Support"
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Glue")
+
+    def draw_settings(self, layout, _, settings):
         draw_kept_shape(layout, settings)
-        draw_props(layout, context, settings)
+
+
+class CAIRN_PT_props(_Settings, Panel):
+    bl_label = "Size and Order"
+
+    def draw_settings(self, layout, _, settings):
+        starters.draw(layout, starters.CAIRN_MT_heap_presets, "cairn.add_heap_preset")
+        draw_sizes(layout, settings)
         draw_arrangement(layout, settings)
-        layout.separator()
+
+
+class CAIRN_PT_quality(_Settings, Panel):
+    bl_label = "Simulation Quality"
+
+    def draw_settings(self, layout, _, settings):
+        draw_accuracies(layout, settings)
+        layout.prop(settings, "seed")
+        row = layout.row()
+        row.use_property_split = False
+        row.prop(settings, "use_replace")
+
+
+class CAIRN_PT_around(_Settings, Panel):
+    bl_label = "Ground and Colliders"
+
+    def draw_settings(self, layout, _, settings):
         layout.prop(settings, "colliders")
+        layout.prop(settings, "collider_friction")
         layout.row(heading="Ground").prop(settings, "use_ground", text="")
         if settings.use_ground:
             draw_optional(layout, settings, "ground_height", "Height")
-        layout.separator()
-        draw_accuracies(layout, settings)
-        row = layout.row(align=True)
-        row.prop(settings, "seed")
-        row.prop(settings, "use_replace", text="", icon="FILE_REFRESH")
 
 
 def draw_kept_shape(layout, settings):
-    """Draws the choice of how far the shape is kept, below the shape."""
-    if not knows("Glue"):
-        return
+    """Draws the choice of how far the shape is kept."""
     column = layout.column()
     column.use_property_split = False
-    # The first name is the longest.
-    row = column.split(factor=0.44, align=True)
-    row.prop_enum(settings, "kept_shape", "AS_MODELLED")
-    others = row.row(align=True)
-    for name in ("TACKY", "NATURAL"):
-        others.prop_enum(settings, "kept_shape", name)
+    column.column(align=True).prop(settings, "kept_shape", expand=True)
     if settings.kept_shape == "TACKY":
         column.prop(settings, "glue_strength", slider=True)
     lines = column.column(align=True)
@@ -89,8 +125,8 @@ def effect_of(settings):
     low, high = known["kept"].get(settings.accuracy, (0.0, 0.0))
     # The range of eight bakes of ten; a pile that settles into the shape keeps a little more than all of it.
     low, high = (min(100, round(100 * share)) for share in (low, high))
-    kept = f"{high} %" if low == high else f"{low} to {high} %"
-    lines = [f"Likely to keep {kept} of the shape"] if high > 0 else []
+    kept = f"about {high}%" if low == high else f"{low} to {high}%"
+    lines = [f"Keeps {kept} of the shape"] if high > 0 else []
     if settings.kept_shape == "NATURAL":
         return [*lines, "No glue: overhanging bodies fall"]
     if settings.kept_shape == "TACKY":
@@ -100,32 +136,45 @@ def effect_of(settings):
     return [*lines, f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
 
 
-def draw_props(layout, context, settings):
-    layout.separator()
-    row = layout.row()
+def draw_source(layout, settings):
+    """Draws where the props come from."""
+    # Across the whole width, so that nothing is cut.
+    row = layout.row(align=True)
     row.use_property_split = False
     row.prop(settings, "prop_source", expand=True)
     if settings.prop_source == "COLLECTION":
-        layout.prop(settings, "prop_collection", text="Collection")
+        layout.prop(settings, "prop_collection", text="Props")
+        return
+    row = layout.row()
+    row.template_list("CAIRN_UL_props", "", settings, "props", settings, "active_prop", rows=3)
+    side = row.column(align=True)
+    side.operator("cairn.add_props", text="", icon="ADD")
+    side.operator("cairn.remove_prop", text="", icon="REMOVE")
+
+
+def draw_sizes(layout, settings):
+    """Draws how large the props are, and how many."""
+    if settings.prop_source == "COLLECTION":
         item = settings.prop_common
     else:
-        row = layout.row()
-        row.template_list("CAIRN_UL_props", "", settings, "props", settings, "active_prop", rows=3)
-        side = row.column(align=True)
-        side.operator("cairn.add_props", text="", icon="ADD")
-        side.operator("cairn.remove_prop", text="", icon="REMOVE")
         chosen = 0 <= settings.active_prop < len(settings.props)
         item = settings.props[settings.active_prop] if chosen else None
     if item:
         size = layout.column(align=True)
         size.prop(item, "scale_min", text="Size Min")
         size.prop(item, "scale_max", text="Max")
+    if len(request.props_of(settings)) > 1:
+        layout.prop(settings, "weigh_by")
     count = running.plan["body_count"] if running.plan else 0
     value = draw_switch(layout, settings.fill, "count", "Count")
     if value.active:
         value.prop(settings.fill, "count", text="")
     else:
         value.label(text=f"about {count}" if count else "as many as fit")
+    if settings.prop_source == "COLLECTION":
+        row = layout.row()
+        row.use_property_split = False
+        row.prop(settings, "use_rendered")
 
 
 def draw_arrangement(layout, settings):
@@ -133,15 +182,16 @@ def draw_arrangement(layout, settings):
     if not knows("Fill", "order"):
         return
     chosen = settings.arrangement
-    layout.separator()
     column = layout.column()
     column.use_property_split = False
     column.label(text="How Props Lie")
     sliders = column.column(align=True)
     for name in arrangement.WORDS:
-        row = sliders.split(factor=0.6, align=True)
-        row.prop(chosen, name, slider=True)
-        row.label(text=arrangement.word(chosen, name))
+        row = sliders.split(factor=0.27, align=True)
+        row.label(text=chosen.bl_rna.properties[name].name)
+        value = row.split(factor=0.42, align=True)
+        value.prop(chosen, name, text="", slider=True)
+        value.label(text=arrangement.word(chosen, name))
     if len(request.props_of(settings)) < 2:
         return
     layout.prop(chosen, "layout")
@@ -158,29 +208,33 @@ def draw_accuracies(layout, settings):
     """Each accuracy with its expected cost, once the server has estimated it."""
     column = layout.column(align=True)
     column.use_property_split = False
-    row = column.split(factor=0.35)
-    row.label(text="Accuracy")
+    row = column.split(factor=BUTTON)
+    row.label(text="")
     row.label(text=reliance())
     for name, *_ in ACCURACIES:
-        row = column.row(align=True)
+        row = column.split(factor=BUTTON, align=True)
         row.prop_enum(settings, "accuracy", name)
-        costs = row.row()
+        costs = row.split(factor=0.52, align=True)
         costs.active = not running.plan_is_old
         costs.label(text=expected(name))
         costs.label(text=overlap(name))
 
 
 def expected(accuracy):
-    """The expected CPU time of an accuracy, as a short text; empty before it is known."""
-    estimate = running.plan["estimates"].get(accuracy) if running.plan else None
-    if not estimate:
+    """The expected time of an accuracy, as a short text; empty before it is known."""
+    times = running.plan["times"].get(accuracy) if running.plan else None
+    if not times:
         return ""
-    seconds, unit = max(estimate[0], 1.0), "s"
+    # Nine of ten bakes take a time between these.
+    (low, high), unit = times, "s"
     for larger in ("min", "h"):
-        if seconds >= 60:
-            seconds, unit = seconds / 60, larger
-    # More than two digits would suggest too much precision.
-    return f"~{float(f'{seconds:.2g}'):g} {unit}"
+        if high >= 90:
+            low, high, unit = low / 60, high / 60, larger
+    if high < 1:
+        return f"<1 {unit}"
+    # More digits would suggest too much precision.
+    low, high = (f"{float(f'{value:.2g}'):g}" if value >= 10 else f"{value:.0f}" for value in (low, high))
+    return f"{'<1' if low == '0' else low}–{high} {unit}" if low != high else f"{low} {unit}"
 
 
 def overlap(accuracy):
@@ -190,15 +244,15 @@ def overlap(accuracy):
         return ""
     units = {"μm": 1e-6, "mm": 1e-3, "cm": 1e-2}
     unit = "μm" if length < 1e-4 else "mm" if length < 1e-2 else "cm"
-    return f"{float(f'{length / units[unit]:.2g}'):g} {unit}"
+    # One digit: it is an estimate.
+    return f"{float(f'{length / units[unit]:.1g}'):g} {unit}"
 
 
 def reliance():
-    """A heading for the expected times, with the factor by which they may be wrong."""
-    factors = [factor for _, factor in running.plan["estimates"].values()] if running.plan else []
-    if not factors:
-        return "Check shows the CPU time" if estimates.is_too_much else ""
-    return f"CPU time ×÷ {max(factors):.2g}, overlap"
+    """A heading for the expected times and overlaps."""
+    if not (running.plan and running.plan["times"]):
+        return "Check shows the time" if estimates.is_too_much else ""
+    return "Time / Overlap"
 
 
 def draw_switch(layout, group, name, heading):
@@ -215,16 +269,25 @@ def draw_optional(layout, group, name, heading):
     draw_switch(layout, group, name, heading).prop(group, name, text="")
 
 
-def draw_field(layout, group, field):
-    """Draws a parameter that has the accuracy's value unless it is set."""
+def draw_field(layout, context, group, field):
+    """Draws a parameter that has the accuracy's value unless it is set: in one line, if it has room."""
     name = field["name"]
-    row = layout.split(factor=0.5 if field["kind"] == "enum" else 0.62)
+    title, is_set = group.bl_rna.properties[name].name, getattr(group, "use_" + name)
+    known = presets.text(group, field)
+    # Beside the label are a checkbox and, once it is set, a value of its own.
+    room = signs_of(context, "CHECKBOX")
+    longest = max((len(item[0]) for item in field.get("items", ())), default=6)
+    if len(title) + 1 + max(len(known), longest + 2 if is_set else 0) <= room:
+        row = layout.split(factor=(len(title) + 4) / (room + 4))
+    else:
+        row = layout.column(align=True)
     row.use_property_split = False
-    row.prop(group, "use_" + name, text=group.bl_rna.properties[name].name)
+    row.prop(group, "use_" + name, text=title)
     value = row.row()
-    if not getattr(group, "use_" + name):
+    if not is_set:
         value.enabled = False
-        value.label(text=presets.text(group, field))
+        value.alignment = "RIGHT"
+        value.label(text=known)
     elif field["kind"] == "bool":
         value.prop(group, name, text="On" if getattr(group, name) else "Off", toggle=True)
     else:
@@ -247,6 +310,6 @@ class CAIRN_PT_server(Pile, Panel):
         layout.operator("cairn.preferences", icon="PREFERENCES")
 
 
-CLASSES = [CAIRN_UL_props, CAIRN_PT_pile]
+CLASSES = [CAIRN_UL_props, CAIRN_PT_pile, CAIRN_PT_support, CAIRN_PT_props, CAIRN_PT_quality, CAIRN_PT_around]
 # After all others.
 LAST = [CAIRN_PT_server]

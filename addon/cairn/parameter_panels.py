@@ -1,8 +1,11 @@
 """The panels below the button, closed at first: parameters, and objects placed by hand."""
 
+import bpy
 from bpy.types import Panel
 
+from . import starters
 from .following import is_running
+from .layouts import wrapped
 from .panels import Pile, draw_field, draw_optional
 from .schema import GROUPS, fields_of, knows
 
@@ -28,58 +31,77 @@ class _Parameters(Pile):
             group = getattr(context.scene.cairn, GROUPS[message], None)
             for field in fields_of(message) if group else ():
                 if (message, field["name"]) not in DRAWN:
-                    draw_field(layout, group, field)
+                    draw_field(layout, context, group, field)
 
     def draw_more(self, layout, settings):
         pass
 
 
+def draw_whole(layout, group, name):
+    """Draws a value across the whole width: beside it, its label would be cut."""
+    row = layout.row()
+    row.use_property_split = False
+    row.prop(group, name)
+
+
 class CAIRN_PT_material(_Parameters, Panel):
-    bl_label = "Material"
+    bl_label = "Prop Physics"
 
     def draw_more(self, layout, settings):
+        starters.draw(layout, starters.CAIRN_MT_prop_presets, "cairn.add_prop_preset")
         is_common = settings.prop_source == "COLLECTION"
         items = [settings.prop_common] if is_common else settings.props
         for item in items:
             column = layout.column(align=True)
             if not is_common and item.object:
                 column.label(text=item.object.name)
-            for name in ("density", "friction", "restitution"):
+            draw_whole(column, item, "density")
+            for name in ("friction", "restitution"):
                 column.prop(item, name)
             if knows("Prop", "tilt_max"):
                 column.prop(item, "tilt")
             if knows("Prop", "turns"):
                 for name in ("up", "turns", "skew"):
                     column.prop(item, name)
-        column = layout.column(align=True)
-        column.label(text="Ground and Colliders")
-        column.prop(settings, "collider_friction")
 
 
-class CAIRN_PT_fill(_Parameters, Panel):
+class CAIRN_PT_advanced(_Parameters, Panel):
+    bl_label = "Advanced"
+
+    def draw_more(self, layout, settings):
+        wrapped(layout, bpy.context, "The simulation quality sets these values, unless you tick them.")
+
+
+class _Advanced(_Parameters):
+    bl_parent_id = "CAIRN_PT_advanced"
+
+
+class CAIRN_PT_fill(_Advanced, Panel):
     bl_label = "Fill"
     messages = ("Fill", "Base")
 
     def draw_more(self, layout, settings):
         if not knows("Fill", "shell"):
             return
-        layout.prop(settings.fill, "use_shell")
-        depth = layout.row()
+        column = layout.column()
+        column.use_property_split = False
+        column.prop(settings.fill, "use_shell", text="Only Near the Surface")
+        depth = column.row()
         depth.active = settings.fill.use_shell
-        depth.prop(settings.fill, "shell", text="Depth (Prop Sizes)")
+        depth.prop(settings.fill, "shell", text="Depth (Sizes)")
 
 
-class CAIRN_PT_release(_Parameters, Panel):
+class CAIRN_PT_release(_Advanced, Panel):
     bl_label = "Release"
     messages = ("Release", "Hold")
 
 
-class CAIRN_PT_control(_Parameters, Panel):
+class CAIRN_PT_control(_Advanced, Panel):
     bl_label = "Control"
     messages = ("Control",)
 
 
-class CAIRN_PT_glue(_Parameters, Panel):
+class CAIRN_PT_glue(_Advanced, Panel):
     bl_label = "Glue"
     messages = ("Glue",)
 
@@ -88,16 +110,19 @@ class CAIRN_PT_glue(_Parameters, Panel):
         return knows("Glue")
 
 
-class CAIRN_PT_physics(_Parameters, Panel):
+class CAIRN_PT_physics(_Advanced, Panel):
     bl_label = "Simulation"
     messages = ("Physics",)
 
     def draw_more(self, layout, settings):
-        layout.prop(settings, "gravity")
+        draw_whole(layout, settings, "use_gravity")
+        own = layout.column()
+        own.active = settings.use_gravity
+        draw_whole(own, settings, "gravity")
 
 
-class CAIRN_PT_effects(_Parameters, Panel):
-    bl_label = "Effects"
+class CAIRN_PT_effects(_Advanced, Panel):
+    bl_label = "Solver Features"
     messages = ("Effects",)
 
     @classmethod
@@ -105,7 +130,7 @@ class CAIRN_PT_effects(_Parameters, Panel):
         return knows("Effects")
 
 
-class CAIRN_PT_figures(_Parameters, Panel):
+class CAIRN_PT_figures(_Advanced, Panel):
     bl_label = "Measures"
     messages = ("Figures",)
 
@@ -114,11 +139,11 @@ class CAIRN_PT_figures(_Parameters, Panel):
         return knows("Figures")
 
     def draw_more(self, layout, settings):
-        layout.prop(settings, "use_report")
+        draw_whole(layout, settings, "use_report")
 
 
 class CAIRN_PT_keep(_Parameters, Panel):
-    bl_label = "Keep"
+    bl_label = "Build Around"
 
     @classmethod
     def poll(cls, _):
@@ -140,15 +165,16 @@ class CAIRN_PT_drop(_Parameters, Panel):
         column.prop(settings, "drop_mesh")
         details = column.column()
         details.active = settings.drop_mesh is not None
-        for name in ("drop_frame", "drop_rate", "drop_count", "drop_velocity"):
+        for name in ("drop_frame", "drop_rate", "drop_count"):
             details.prop(settings, name)
+        draw_whole(details, settings, "drop_velocity")
         layout.separator()
         column = layout.column()
         column.prop(settings, "impact")
         details = column.column()
         details.active = settings.impact is not None
-        for name in ("impact_frame", "impact_velocity"):
-            details.prop(settings, name)
+        details.prop(settings, "impact_frame")
+        draw_whole(details, settings, "impact_velocity")
         draw_optional(details, settings, "impact_mass", "Mass (kg)")
 
 
@@ -171,22 +197,23 @@ class CAIRN_PT_output(_Parameters, Panel):
         layout.prop(settings, "output_mode")
         besides = layout.row()
         besides.active = settings.output_mode != "POINTS"
-        besides.prop(settings, "use_prop_collections")
+        draw_whole(besides, settings, "use_prop_collections")
         layout.prop(settings, "start_frame")
         draw_optional(layout, settings, "frame_count", "Frames")
 
 
 CLASSES = [
     CAIRN_PT_material,
+    CAIRN_PT_keep,
+    CAIRN_PT_drop,
+    CAIRN_PT_region,
+    CAIRN_PT_output,
+    CAIRN_PT_advanced,
     CAIRN_PT_fill,
     CAIRN_PT_release,
     CAIRN_PT_control,
     CAIRN_PT_glue,
-    CAIRN_PT_drop,
-    CAIRN_PT_region,
-    CAIRN_PT_keep,
     CAIRN_PT_physics,
     CAIRN_PT_effects,
     CAIRN_PT_figures,
-    CAIRN_PT_output,
 ]

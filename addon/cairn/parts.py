@@ -5,9 +5,12 @@ from dataclasses import dataclass
 import bpy
 from mathutils import Matrix
 
-from .export import SOLID, evaluated, is_sheared
+from . import belongings
+from .export import SOLID, evaluated, is_realizable, is_sheared, may_have_instances
 
 PLAIN_EMPTY_SIZE = 0.1
+# A displacement below this, relative to the largest scale, is rounding.
+CENTERED = 1e-6
 
 
 @dataclass
@@ -35,7 +38,8 @@ class Part:
             made.instance_type = "COLLECTION"
             made.instance_collection = self.collection
             made.empty_display_size = PLAIN_EMPTY_SIZE
-        carry(self.source, made)
+        if self.source:
+            carry(self.source, made)
         return made
 
 
@@ -51,18 +55,28 @@ def carry(source, made):
 def make(context, sources, locals_, as_collections):
     """A part for each source object. `locals_`: matrices from the sources' local spaces to the props' frames."""
     families = [[source, *source.children_recursive] for source in sources]
-    with evaluated(context, [member for family in families for member in family]) as geometry:
+    members = [member for family in families for member in family]
+    instancers = {member for member in members if may_have_instances(member)}
+    if instancers:
+        with evaluated(context, members) as geometry:
+            instancers = {member for member in instancers if geometry.has_instances(member)}
+    # Instances of nodes become part of a mesh, so that exporters have them.
+    realized = [member for member in instancers if is_realizable(member)]
+    with evaluated(context, members, realized=realized) as geometry:
         made = []
         for source, family, local in zip(sources, families, locals_):
-            is_simple = len(family) == 1 and not is_sheared(local)
-            if as_collections or not is_simple:
-                made.append(Part(source.name, collection=_collection(geometry, source, family, local)))
-            elif source.type == "EMPTY" and source.instance_collection:
+            inward = local @ geometry.matrix(source).inverted()
+            solids = [member for member in family if member.type in SOLID]
+            rest = [member for member in family if member in instancers and member not in realized]
+            if as_collections:
+                made.append(Part(source.name, collection=_collection(geometry, source, family, inward, rest)))
+            elif len(solids) == 1 and not rest:
+                made.append(_single(geometry, solids[0], inward @ geometry.matrix(solids[0])))
+                made[-1].name = source.name
+            elif family == rest == [source] and source.instance_collection and not is_sheared(local):
                 made.append(Part(source.name, collection=source.instance_collection, scale=_diagonal(local)))
-            elif geometry.instances.get(geometry.copies.get(source, source)):
-                made.append(Part(source.name, collection=_collection(geometry, source, family, local)))
             else:
-                made.append(_single(geometry, source, local))
+                made.append(Part(source.name, collection=_collection(geometry, source, family, inward, rest)))
             made[-1].source = source
         return made
 
@@ -71,38 +85,68 @@ def _diagonal(matrix):
     return tuple(matrix[i][i] for i in range(3))
 
 
-def _single(geometry, source, local):
-    data = source.data
-    if source.modifiers or source.type != "MESH" or data.shape_keys:
-        data = geometry.new_mesh(source)
-        materials = {}
-    else:
+def _is_diagonal(matrix):
+    return not is_sheared(matrix) and matrix.translation.length <= CENTERED * max(map(abs, _diagonal(matrix)))
+
+
+def _single(geometry, source, place):
+    """A part of one mesh. `place`: from the source's local space to the prop's frame."""
+    scale = _diagonal(place) if _is_diagonal(place) else (1.0, 1.0, 1.0)
+    if source.type == "MESH" and not source.modifiers and not source.data.shape_keys and _is_diagonal(place):
         materials = {n: slot.material for n, slot in enumerate(source.material_slots) if slot.link == "OBJECT"}
-    return Part(source.name, data, _diagonal(local), materials)
+        return Part(source.name, source.data, scale, materials)
+    return Part(source.name, _own_mesh(geometry, source, None if _is_diagonal(place) else place), scale)
 
 
-def _collection(geometry, source, family, local):
-    """A collection that is in no scene, with the family standing in the prop's frame."""
+def _own_mesh(geometry, source, place):
+    """A new mesh of an object as it is evaluated, transformed by `place`."""
+    mesh = geometry.new_mesh(source)
+    for number, slot in enumerate(source.material_slots):
+        if slot.link == "OBJECT" and number < len(mesh.materials):
+            mesh.materials[number] = slot.material
+        elif slot.link == "OBJECT":
+            mesh.materials.append(slot.material)
+    if place is not None:
+        mesh.transform(place)
+        if place.determinant() < 0:
+            mesh.flip_normals()
+    belongings.mark_mesh(mesh)
+    return mesh
+
+
+def _collection(geometry, source, family, inward, instancers):
+    """A collection that is in no scene, with the family standing in the prop's frame. `inward`: from the world."""
     collection = bpy.data.collections.new(source.name)
-    # From the world to the prop's frame.
-    inward = local @ geometry.matrix(source).inverted()
+    collection.cairn.is_part = True
     for member in family:
-        if member.type not in SOLID and not member.instance_collection:
+        if member.type not in SOLID and member not in instancers:
             continue
         place = inward @ geometry.matrix(member)
-        copy = member.copy()
-        copy.parent = None
-        copy.constraints.clear()
-        copy.animation_data_clear()
-        copy.hide_viewport = copy.hide_render = False
-        if is_sheared(place) and member.type in SOLID:
-            copy.modifiers.clear()
-            copy.data = geometry.new_mesh(member)
-            copy.data.transform(place)
-            place = Matrix()
-        copy.matrix_parent_inverse = Matrix()
-        copy.matrix_basis = place
-        copy.delta_location, copy.delta_scale = (0, 0, 0), (1, 1, 1)
-        copy.delta_rotation_euler, copy.delta_rotation_quaternion = (0, 0, 0), (1, 0, 0, 0)
-        collection.objects.link(copy)
+        if member in instancers:
+            made = _instancer(member)
+        else:
+            part = _single(geometry, member, Matrix() if not is_sheared(place) else place)
+            place = place if not is_sheared(place) else Matrix()
+            made = part.body(member.name, 1.0)
+        made.cairn.is_part = True
+        made.matrix_basis = place
+        collection.objects.link(made)
     return collection
+
+
+def _instancer(member):
+    """A copy of an object that shows instances."""
+    if member.type == "EMPTY":
+        made = bpy.data.objects.new(member.name, None)
+        made.instance_type, made.instance_collection = "COLLECTION", member.instance_collection
+        carry(member, made)
+        return made
+    made = member.copy()
+    made.parent = None
+    made.constraints.clear()
+    made.animation_data_clear()
+    made.hide_viewport = made.hide_render = False
+    made.matrix_parent_inverse = Matrix()
+    made.delta_location, made.delta_scale = (0, 0, 0), (1, 1, 1)
+    made.delta_rotation_euler, made.delta_rotation_quaternion = (0, 0, 0), (1, 0, 0, 0)
+    return made

@@ -4,7 +4,7 @@ import bpy
 from bpy.props import StringProperty
 from bpy.types import Operator
 
-from . import pending, pointers, request, result, running
+from . import pending, pointers, request, result, roots, running
 from .client import Fault
 from .following import explaining, is_running
 
@@ -41,15 +41,34 @@ class CAIRN_OT_delete(OfPile, Operator):
     def poll(cls, _):
         return not is_running()
 
-    def change(self, _, collection):
-        result.delete(collection)
+    def change(self, context, collection):
+        said = result.delete(context.scene, collection)
+        if said:
+            self.report({"WARNING"}, said)
+
+
+class CAIRN_OT_select_pile(OfPile, Operator):
+    """Select the empty that the whole pile hangs on: move, turn, scale, parent or animate it"""
+
+    bl_idname = "cairn.select_pile"
+    bl_label = "Select Pile"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def change(self, context, collection):
+        root = roots.of(collection)
+        if root is None or context.view_layer.objects.get(root.name) != root:
+            raise Fault("The pile's empty is not in this view layer. Bake again to get one.")
+        for other in context.selected_objects:
+            other.select_set(False)
+        root.select_set(True)
+        context.view_layer.objects.active = root
 
 
 class CAIRN_OT_restore_settings(OfPile, Operator):
     """Restore all settings of this pile, including its seed, so that a new bake gives the same pile"""
 
     bl_idname = "cairn.restore_settings"
-    bl_label = "Use Its Settings"
+    bl_label = "Restore These Settings"
 
     def change(self, context, collection):
         found = pointers.read(collection.cairn.pointers)
@@ -68,4 +87,4 @@ class CAIRN_OT_forget(Operator):
         return {"FINISHED"}
 
 
-CLASSES = [CAIRN_OT_delete, CAIRN_OT_restore_settings, CAIRN_OT_forget]
+CLASSES = [CAIRN_OT_delete, CAIRN_OT_select_pile, CAIRN_OT_restore_settings, CAIRN_OT_forget]

@@ -19,6 +19,7 @@ class CairnPointer(PropertyGroup):
 
     object: PointerProperty(type=bpy.types.Object)
     collection: PointerProperty(type=bpy.types.Collection)
+    mesh: PointerProperty(type=bpy.types.Mesh)
 
 
 class CairnAsked(PropertyGroup):
@@ -49,6 +50,22 @@ class CairnBody(PropertyGroup):
     prop: IntProperty()
     size: FloatProperty(default=1.0)
     # While it is colored by state: its own color; of points, whether they were shown.
+    # Its name and a digest of it, as the bake left it.
+    made_name: StringProperty()
+    mark: StringProperty()
+    # Not a body, but the empty that a pile's bodies are parented to; and its place, scene units.
+    is_root: BoolProperty()
+    home: FloatVectorProperty(size=3)
+    # Not a body, but inside of one.
+    is_part: BoolProperty()
+    # Not a body, but a shape: the settings that were last used with it (JSON), and their objects; and how it was shown
+    # before its first bake.
+    settings: StringProperty()
+    pointers: CollectionProperty(type=CairnPointer)
+    is_veiled: BoolProperty()
+    was_hidden_in_render: BoolProperty()
+    was_display_type: StringProperty()
+    is_hidden_here: BoolProperty()
     is_coloured: BoolProperty()
     color: FloatVectorProperty(size=4)
     was_shown: BoolProperty()
@@ -62,7 +79,8 @@ def _retime(self, _):
 
 def _display(self, _):
     for body in self.id_data.objects:
-        body.display_type = self.display
+        if body.cairn.number:
+            body.display_type = self.display
 
 
 class CairnResult(PropertyGroup):
@@ -77,6 +95,8 @@ class CairnResult(PropertyGroup):
     report: StringProperty()
     # As `states` packs them.
     states: StringProperty()
+    # JSON: how many bodies each prop has.
+    counts: StringProperty()
     # JSON: the server's bodies that no object shows.
     left_out: StringProperty()
     # Frames of the result, and their timing: as set, and as applied to the pile (JSON).
@@ -135,9 +155,13 @@ class CairnResult(PropertyGroup):
     control: PointerProperty(type=bpy.types.Object)
     # The objects of settings and bodies, by the recipe's keys.
     pointers: CollectionProperty(type=CairnPointer)
-    # The control mesh's display before the bake.
-    control_hide_render: BoolProperty()
-    control_display_type: StringProperty()
+    # While a preview is drawn over it: the scenes and view layers in which it is hidden (JSON).
+    aside: StringProperty()
+    # Whether the bake ran to its end.
+    is_whole: BoolProperty(default=True)
+    # Not a result, but inside of bodies; and not a result, but the collection of what the artist had in that pile.
+    is_part: BoolProperty()
+    saved_of: PointerProperty(type=bpy.types.Collection)
 
 
 CLASSES = [CairnPointer, CairnAsked, CairnVariant, CairnBody, CairnResult]

@@ -7,7 +7,7 @@ def of(group, path=""):
     """Objects and collections that a property group points to, by path; those of the groups inside it, too."""
     found = {}
     for prop in group.bl_rna.properties:
-        if prop.identifier == "rna_type":
+        if prop.identifier in ("rna_type", "last_shape"):
             continue
         value = getattr(group, prop.identifier)
         name = path + prop.identifier
@@ -27,12 +27,13 @@ def write(owner, pointers):
     for key, value in pointers.items():
         made = owner.add()
         made.name = key
-        setattr(made, "object" if isinstance(value, bpy.types.Object) else "collection", value)
+        kinds = (("object", bpy.types.Object), ("collection", bpy.types.Collection), ("mesh", bpy.types.Mesh))
+        setattr(made, next(name for name, kind in kinds if isinstance(value, kind)), value)
 
 
 def read(owner):
     """The ones that are still in the file, by key."""
-    found = {item.name: item.object or item.collection for item in owner}
+    found = {item.name: item.object or item.collection or item.mesh for item in owner}
     return {key: value for key, value in found.items() if value}
 
 

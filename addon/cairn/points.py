@@ -8,6 +8,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from . import belongings, nodes
+
 # Whole numbers up to here are exact in the nodes' single precision: rows of one table.
 MAX_ROWS = 1 << 24
 AXES = ("axis_x", "axis_z")
@@ -69,6 +71,8 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
             axis *= present[:, None]
         _attribute(table, key, "FLOAT_VECTOR", "vector", axis)
     table_object = bpy.data.objects.new(table.name, table)
+    table_object.cairn.is_part = True
+    belongings.mark_mesh(table)
 
     mesh = bpy.data.meshes.new(name)
     _fill(mesh, motion.positions[-1, part])
@@ -79,6 +83,7 @@ def _object(name, motion, part, first, count, parts_collection, start_frame):
     # For materials, as an attribute of the instancer: the state in the last frame.
     _attribute(mesh, "state", "INT", "value", motion.states[-1, part])
     _attribute(mesh, "size", "FLOAT", "value", motion.scales[part])
+    belongings.mark_mesh(mesh)
     shown = bpy.data.objects.new(name, mesh)
     shown.cairn.number = part.start + 1
     modifier = shown.modifiers.new("Pile", "NODES")
@@ -102,6 +107,7 @@ def keep_end(shown):
     _fill(table, positions[last])
     for key, axis in axes.items():
         _attribute(table, key, "FLOAT_VECTOR", "vector", axis[last])
+    belongings.mark_mesh(table)
     count = len(last)
     for name, values in (("first", np.zeros(count)), ("count", np.ones(count)), ("offset", np.arange(count))):
         _set(shown.data, name, values)
@@ -218,6 +224,7 @@ def _of_state(shown, number, color, collection):
     name = f"{shown.name} State {number - 1}"
     part = bpy.data.objects.new(name, bpy.data.meshes.new(name))
     part.parent, part.cairn.number, part.color = shown, number, color
+    part.cairn.is_part = True
     part.hide_render = part.hide_select = True
     part.modifiers.new("Pile", "NODES").node_group = shown.modifiers["Pile"].node_group
     collection.objects.link(part)
@@ -288,7 +295,7 @@ def _enabled(sockets, name):
 def _nodes(name, table_object, parts_collection, start_frame):
     tree = _Tree(name)
     links, add = tree.group.links, tree.group.nodes.new
-    incoming, outgoing = _interface(tree.group)
+    incoming, outgoing = nodes.interface(tree.group)
 
     # The two rows of the body around the frame.
     time = tree.math("SUBTRACT", add("GeometryNodeInputSceneTime").outputs["Frame"], float(start_frame))
@@ -353,15 +360,3 @@ def _align(tree, axis, pivot, vector, rotation):
     if rotation:
         tree.group.links.new(rotation, made.inputs["Rotation"])
     return made.outputs["Rotation"]
-
-
-def _interface(group):
-    """The group's geometry in and out."""
-    if hasattr(group, "interface"):
-        for way in ("INPUT", "OUTPUT"):
-            group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    else:
-        group.inputs.new("NodeSocketGeometry", "Geometry")
-        group.outputs.new("NodeSocketGeometry", "Geometry")
-    incoming, outgoing = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    return incoming.outputs[0], outgoing.inputs[0]

@@ -7,7 +7,7 @@ import gpu
 import numpy as np
 from mathutils import Euler, Matrix, Vector
 
-from . import axes, outline, states, tints
+from . import aside, axes, outline, states, tints
 
 # Triangles of one body, from fine to coarse; and the most triangles drawn at once. Many bodies are drawn coarser.
 BODY_TRIANGLES = (300, 80, 12)
@@ -54,12 +54,16 @@ class Preview:
         self.arrays = self.batch = None
         # The triangles depend on the outlines and the bodies; they are rebuilt only when those change.
         self.faces_of, self.faces = None, None
-        self.handle = is_shown and bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")
+        self.handle = None
+        if is_shown:
+            self.handle = bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")
+            aside.begin(self)
 
     def remove(self):
         if self.handle:
             bpy.types.SpaceView3D.draw_handler_remove(self.handle, "WINDOW")
             self.handle = None
+            aside.end(self)
 
     def update(self, snapshot):
         """Takes the latest snapshot. Returns whether there is anything new to draw."""

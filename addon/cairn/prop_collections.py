@@ -3,7 +3,7 @@ bodies are not among the props, and a hidden pile is also hidden there."""
 
 import bpy
 
-from . import pointers
+from . import pointers, visibility
 
 
 def refresh(pile, sources):
@@ -38,14 +38,23 @@ def of(pile):
     return [collection for collection in bpy.data.collections if collection.cairn.of_pile == pile]
 
 
-def show(pile, on):
+def show(scene, pile, on):
     """Shows or hides a pile in all its collections."""
     for collection in (pile, *of(pile)):
-        collection.hide_viewport = collection.hide_render = not on
+        visibility.show(scene, collection, on)
 
 
 def remove(pile):
-    bpy.data.batch_remove(of(pile))
+    """Removes these collections. What the artist put there comes into the collections that they are in."""
+    made = of(pile)
+    for inner in made:
+        outers = [outer for outer in bpy.data.collections if inner.name in outer.children]
+        for shown in inner.objects:
+            if shown.name not in pile.objects:
+                for outer in outers:
+                    if shown.name not in outer.objects:
+                        outer.objects.link(shown)
+    bpy.data.batch_remove(made)
 
 
 def members(collection):

@@ -9,10 +9,11 @@ from bpy.props import (
     FloatVectorProperty,
     IntProperty,
     PointerProperty,
+    StringProperty,
 )
 from bpy.types import PropertyGroup
 
-from . import pile_properties
+from . import pile_properties, shapes
 from .arrangement import TURNS, UPS, CairnArrangement
 from .pile_properties import CairnAsked, CairnBody, CairnResult, CairnVariant
 from .schema import ACCURACIES, GROUPS, PARAMETERS
@@ -24,6 +25,10 @@ def _is_solid(_, source):
 
 def _is_placed(_, source):
     return source.type not in {"CAMERA", "LIGHT", "SPEAKER", "LIGHT_PROBE"}
+
+
+def _choose(self, _):
+    shapes.choose(self)
 
 
 class CairnProp(PropertyGroup):
@@ -146,10 +151,13 @@ class CairnSettings(PropertyGroup):
 
     control_mesh: PointerProperty(
         name="Shape",
-        description="Closed mesh that the pile fills, standing on the ground. The server calls it the control mesh",
+        description="Closed mesh that the pile fills, standing on the ground. Each shape keeps its own settings",
         type=bpy.types.Object,
         poll=_is_solid,
+        update=_choose,
     )
+    # The one before, whose settings are kept when another is chosen.
+    last_shape: PointerProperty(name="Last Shape", description="Shape whose settings these are", type=bpy.types.Object)
     kept_shape: EnumProperty(
         name="Shape Support",
         description="How much glue keeps the pile in shape",
@@ -182,6 +190,18 @@ class CairnSettings(PropertyGroup):
         description="Every object in this collection is a prop of the pile",
         type=bpy.types.Collection,
     )
+    weigh_by: EnumProperty(
+        name="Weights By",
+        description="What the weights of several props share out",
+        items=[
+            ("COUNT", "Count", "A prop of weight 2 is tried twice as often as one of weight 1"),
+            ("VOLUME", "Volume", "A prop of weight 2 takes twice the volume of one of weight 1: small props are more"),
+        ],
+    )
+    use_rendered: BoolProperty(
+        name="Skip Unrendered Props",
+        description="Leave out the collection's objects whose own camera icon in the outliner is off",
+    )
     # Of all objects of the collection.
     prop_common: PointerProperty(type=CairnProp)
     props: CollectionProperty(type=CairnProp)
@@ -206,8 +226,8 @@ class CairnSettings(PropertyGroup):
         poll=_is_solid,
     )
     keep: PointerProperty(
-        name="Keep",
-        description="Objects that stay exactly as you placed them. The pile is filled around them and may lean on them",
+        name="Build Around",
+        description="Objects that stay exactly as you placed them. The pile is built around them and may lean on them",
         type=bpy.types.Collection,
     )
     impact: PointerProperty(
@@ -268,12 +288,16 @@ class CairnSettings(PropertyGroup):
     ground_height: FloatProperty(
         name="Ground Height", description="Height of the ground plane", unit="LENGTH", precision=3
     )
+    use_gravity: BoolProperty(
+        name="Own Gravity", description="Use another gravity than the scene's, which is in Scene Properties, Gravity"
+    )
     gravity: FloatProperty(
         name="Gravity (m/s²)", description="Acceleration of gravity, downward", default=9.81, min=0.01, max=1000.0
     )
     accuracy: EnumProperty(
-        name="Accuracy",
-        description="Accuracy of the simulation. The expected CPU time of a bake is beside each",
+        name="Simulation Quality",
+        description="Accuracy of the simulation. Beside each are the expected time of a bake and the size of visible "
+        "overlaps between bodies",
         items=ACCURACIES,
         default="STANDARD",
     )
@@ -284,8 +308,8 @@ class CairnSettings(PropertyGroup):
         min=0,
     )
     use_replace: BoolProperty(
-        name="Replace",
-        description="Replace the shown pile. If off, piles of other seeds are kept hidden",
+        name="Replace Old Pile",
+        description="A bake with another seed replaces the shown pile. If off, the piles of other seeds stay, hidden",
     )
     output_mode: EnumProperty(name="Output", description="Objects that the pile becomes in Blender", items=OUTPUTS)
     use_prop_collections: BoolProperty(
@@ -334,9 +358,12 @@ def register():
     bpy.types.Scene.cairn_variants = CollectionProperty(type=CairnVariant)
     bpy.types.Collection.cairn = PointerProperty(type=CairnResult)
     bpy.types.Object.cairn = PointerProperty(type=CairnBody)
+    # A digest of a mesh that a bake made; empty of others.
+    bpy.types.Mesh.cairn_made = StringProperty()
 
 
 def unregister():
+    del bpy.types.Mesh.cairn_made
     del bpy.types.Object.cairn
     del bpy.types.Collection.cairn
     del bpy.types.Scene.cairn_variants

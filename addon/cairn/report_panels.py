@@ -15,7 +15,6 @@ FIGURES = [
     ("unsupported_fraction", "Unsupported", "{:.1%}"),
     # Relative to the thinner body.
     ("penetration_max_rel", "Penetration", "{:.1%}"),
-    ("nails_end", "Nails at End", "{:.0f}"),
 ]
 
 # Dots of glue that are listed: those that carry most.
@@ -25,6 +24,7 @@ LISTED = 12
 class CAIRN_PT_states(Pile, Panel):
     bl_label = "States"
     bl_parent_id = "CAIRN_PT_pile"
+    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context):
@@ -86,19 +86,43 @@ class CAIRN_PT_report(Pile, Panel):
         for name, title, form in FIGURES:
             value = report.get("measures", {}).get(name)
             if value is not None:
-                draw_figure(column, title, form.format(value))
+                # A pile that settles into its shape measures a little more than all of it.
+                draw_figure(column, title, form.format(min(value, 1.0) if name == "kept_shape" else value))
         if "seconds" in report:
             draw_figure(column, "Time", running.duration(report["seconds"]))
+        draw_shares(layout, collection)
         glue = running.glue_of(report)
         if glue:
             wrapped(layout, context, glue)
         names = running.recipe_of(collection).get("names", {})
-        draw_folded(layout, context, wording.gathered(report.get("warnings", ()), names))
+        texts = wording.with_bodies(report.get("warnings", ()), collection)
+        draw_folded(layout, context, wording.gathered(texts, names))
         if collection.cairn.mode != "POINTS":
             layout.prop(collection.cairn, "display")
+        layout.operator("cairn.select_pile", icon="EMPTY_AXIS").collection = collection.name
+        row = layout.row(align=True)
+        row.operator("cairn.export_pile", text="Export", icon="EXPORT").collection = collection.name
+        row.operator("cairn.mark_asset", text="Asset", icon="ASSET_MANAGER").collection = collection.name
         row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
+
+
+def draw_shares(layout, collection):
+    """Draws the weights of several props, as wanted and as reached: large props may not fit as often."""
+    shares = result.shares_of(collection)
+    if not shares:
+        return
+    by_volume = running.recipe_of(collection)["settings"].get("weigh_by") == "VOLUME"
+    column = layout.column(align=True)
+    draw_figure(column, "Bodies of Each Prop" if by_volume else "Share: Reached (Wanted)", "")
+    for name, wanted, reached, count in shares:
+        draw_figure(column, name, str(count) if by_volume else f"{percent(reached)} ({percent(wanted)})", 0.55)
+
+
+def percent(share):
+    """Not 0% of what is there."""
+    return "<1%" if 0 < share < 0.005 else f"{share:.0%}"
 
 
 class CAIRN_PT_holds(Pile, Panel):
@@ -114,15 +138,15 @@ class CAIRN_PT_holds(Pile, Panel):
     def draw(self, context):
         layout, manager = self.layout, context.window_manager
         collection = result.chosen(context)
-        listed, objects = glue.dots_of(collection), glue.objects_of(collection)
+        listed = glue.dots_of(collection)
         layout.prop(manager, "cairn_glue")
         layout.prop(manager, "cairn_loads")
         if states.is_by_load:
             draw_shading(layout, context)
-        wrapped(layout, context, "Load of each dot of glue, in weights of a typical prop:")
+        wrapped(layout, context, "Bodies that a dot of glue joins, and its load in weights of a typical prop:")
         column = layout.column(align=True)
         for number, dot in enumerate(listed[:LISTED]):
-            names = [_called(collection, objects, body) for body in (dot["body"], dot["other"])]
+            names = [_called(collection, body) for body in (dot["body"], dot["other"])]
             row = column.split(factor=0.78, align=True)
             button = row.operator("cairn.select_dot", text=" – ".join(names), icon="RESTRICT_SELECT_OFF")
             button.collection, button.dot = collection.name, number
@@ -135,15 +159,16 @@ def _said(load):
     return f"{load:.0f}" if load >= 10 else f"{load:.2g}"
 
 
-def _called(collection, objects, body):
+def _called(collection, body):
+    """A body by its number, with which its name ends."""
     if body is None:
         return "Ground"
-    shown = objects.get(dots.number_of(collection, body))
-    return f"Body {body}" if shown is None or collection.cairn.mode == "POINTS" else shown.name
+    number = dots.number_of(collection, body)
+    return "–" if number is None else f"{number:03}"
 
 
-def draw_figure(layout, title, value):
-    split = layout.split(factor=0.7)
+def draw_figure(layout, title, value, factor=0.7):
+    split = layout.split(factor=factor)
     split.label(text=title)
     split.label(text=value)
 

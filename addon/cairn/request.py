@@ -5,10 +5,11 @@ import uuid
 from dataclasses import dataclass
 
 import bpy
+import numpy as np
 
 from . import arrangement, placed, pointers
 from .client import Fault
-from .export import Exporter
+from .export import SOLID, Exporter, metres
 from .prop_collections import members
 from .schema import GROUPS, fields_of, knows
 
@@ -17,6 +18,12 @@ WAITING = "waiting"
 PAUSE = 0.02
 # Objects that are props or scenery; others in the same collections are left alone.
 PLACED = {"MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY"}
+# Blender's default gravity, and the sideways part of a gravity that counts as downward.
+EARTH, SLANTED = (0.0, 0.0, -9.81), 1e-3
+# The largest weight where weights go by volume; and the share of its box below which a mesh counts as a sheet.
+MOST_WEIGHT, HOLLOW = 1000.0, 1e-3
+# What a prop may hang on, besides.
+RIGS = {"ARMATURE", "LATTICE"}
 
 
 @dataclass
@@ -40,25 +47,53 @@ def props_of(settings):
     if settings.prop_source == "LIST":
         pairs = [(item.object, item) for item in settings.props if item.object]
     elif settings.prop_collection:
-        sources = objects_of(settings.prop_collection)
-        pairs = [(source, settings.prop_common) for source in sources if not is_bare(source)]
+        sources = [source for source in objects_of(settings.prop_collection) if not is_bare(source)]
+        if settings.use_rendered:
+            sources = [source for source in sources if not source.hide_render]
+        pairs = [(source, settings.prop_common) for source in sources]
     else:
         pairs = []
-    taken = {settings.control_mesh, settings.drop_mesh, settings.region, *objects_of(settings.keep)}
-    taken.update(objects_of(settings.impact))
+    taken = taken_by_others(settings)
     return [(source, item) for source, item in pairs if source not in taken]
 
 
 def objects_of(collection):
-    """The top objects of a collection: their children belong to them."""
+    """The top objects of a collection: their children belong to them. Below a camera or a light, each child counts."""
     inside = dict.fromkeys(members(collection) if collection else ())
-    return [source for source in inside if source.parent not in inside and source.type in PLACED]
+    tops = PLACED | RIGS
+    return [
+        source
+        for source in inside
+        if source.type in tops and not (source.parent in inside and source.parent.type in tops)
+    ]
 
 
 def is_bare(source):
-    """An empty with nothing below it is a marker, not a prop."""
+    """What has no surface, neither itself nor below it, is no prop: a marker, or an armature alone."""
     family = [source, *source.children_recursive]
-    return all(member.type == "EMPTY" and member.instance_collection is None for member in family)
+    return not any(member.type in SOLID or member.instance_collection for member in family)
+
+
+def left_out(settings):
+    """The objects of the props' collection that no body shows: lights, cameras, markers, armatures alone."""
+    if settings.prop_source != "COLLECTION" or not settings.prop_collection:
+        return []
+    props = [source for source, _ in props_of(settings)]
+    shown = {member for source in props for member in (source, *source.children_recursive)}
+    shown = {member for member in shown if member.type in PLACED | RIGS} | taken_by_others(settings)
+    if settings.use_rendered:
+        # The artist has asked for it.
+        hidden = [source for source in objects_of(settings.prop_collection) if source.hide_render]
+        shown.update(member for source in hidden for member in (source, *source.children_recursive))
+    return [source for source in members(settings.prop_collection) if source not in shown]
+
+
+def taken_by_others(settings):
+    """The objects that are something else than props of the fill."""
+    taken = {settings.control_mesh, settings.drop_mesh, settings.region}
+    for other in (settings.keep, settings.impact):
+        taken.update(objects_of(other))
+    return taken
 
 
 def colliders_of(settings):
@@ -83,6 +118,24 @@ def missing(settings):
     if not settings.use_ground and not colliders_of(settings) and not objects_of(settings.keep):
         return "Everything would fall forever. Switch the ground on, or choose colliders."
     return ""
+
+
+def gravity_of(scene):
+    """The acceleration of gravity, downward, m/s²: the artist's own, or the scene's."""
+    settings = scene.cairn
+    if settings.use_gravity:
+        return round(settings.gravity, 6)
+    if not scene.use_gravity:
+        raise Fault("The scene's gravity is off. Switch it on in Scene Properties, or tick the pile's own gravity.")
+    x, y, z = scene.gravity
+    # Blender's own value does not know the scene's unit.
+    if max(abs(a - b) for a, b in zip(scene.gravity, EARTH)) < 1e-6:
+        return 9.81
+    if z >= 0 or max(abs(x), abs(y)) > -SLANTED * z:
+        raise Fault(
+            "The scene's gravity does not point down. Change it in Scene Properties, or tick the pile's own gravity."
+        )
+    return round(-z * metres(scene), 6)
 
 
 def take(context, passive=False):
@@ -133,15 +186,17 @@ def taking(context, passive=False):
         control_mesh=v1.ControlMesh(path=control.uri if control else ""),
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
         seed=settings.seed,
-        gravity=round(settings.gravity, 6),
+        gravity=gravity_of(scene),
         ground_friction=round(settings.collider_friction, 6),
     )
     if not settings.use_ground:
         scene_message.ground = False
     if settings.use_ground_height:
         scene_message.ground_height = settings.ground_height * exporter.metres
-    for prop, (_, item) in zip(props, chosen):
+    weights = weights_of(settings, props, [item for _, item in chosen])
+    for prop, (_, item), weight in zip(props, chosen, weights):
         scene_message.props.append(prop_message(v1, prop.model.uri, item))
+        scene_message.props[-1].weight = weight
     for _, model in statics:
         scene_message.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     extras = placed.Extras(v1, scene_message, exporter, settings)
@@ -166,6 +221,13 @@ def taking(context, passive=False):
     names.update((model.uri, source.name) for source, model in statics)
     names.update(extras.names)
     props += extras.props
+    # The server may count where it does not name.
+    counted = {"props": [prop.source for prop in props[: len(chosen)]], "statics": [source for source, _ in statics]}
+    for kind, sources in counted.items():
+        names.update((f"{kind}.{number}", source.name) for number, source in enumerate(sources))
+    missed = left_out(settings)
+    for source in missed:
+        names.setdefault(source.name, source.name)
     recipe = {
         "token": uuid.uuid4().hex,
         "scene": scene.name,
@@ -185,8 +247,11 @@ def taking(context, passive=False):
             f"{model.uri}: it moves, but the bake uses its pose at the start frame"
             for source, model in statics
             if placed.is_animated(source)
-        ],
+        ]
+        + [f"{source.name}: it has no surface, so no body shows it" for source in missed],
         "metres": exporter.metres,
+        # What the artist has asked for, of the fill's props alone.
+        "weights": [item.weight for _, item in chosen],
         "start_frame": settings.start_frame,
         "output_mode": settings.output_mode,
         "settings": to_dict(settings),
@@ -196,6 +261,24 @@ def taking(context, passive=False):
     return Request(
         v1.BakeSpec(scene=scene_message, assets=assets), exporter.contents, props, recipe, exporter.problems, named
     )
+
+
+def weights_of(settings, props, items):
+    """How often each prop is tried, relative to the others."""
+    weights = np.array([item.weight for item in items])
+    if settings.weigh_by == "VOLUME" and len(props) > 1:
+        sizes = np.array([(item.scale_min**3 + item.scale_max**3) / 2 for item in items])
+        weights = weights / (np.array([volume_of(prop) for prop in props]) * sizes)
+        weights *= MOST_WEIGHT / weights.max()
+    return [round(float(weight), 6) for weight in weights]
+
+
+def volume_of(prop):
+    """The volume of a prop; of its box, where its mesh encloses none."""
+    corners = (prop.vertices - prop.vertices.mean(axis=0))[prop.triangles]
+    inside = abs(np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6)
+    box = np.prod(np.maximum(np.ptp(prop.vertices, axis=0), 1e-9))
+    return float(inside if inside > HOLLOW * box else box)
 
 
 def prop_message(v1, uri, item):
@@ -258,7 +341,7 @@ def to_dict(group):
     out = {}
     for prop in group.bl_rna.properties:
         name = prop.identifier
-        if name in ("rna_type", "name"):
+        if name in ("rna_type", "name", "last_shape"):
             continue
         value = getattr(group, name)
         if prop.type == "COLLECTION":

@@ -6,7 +6,19 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import axes, keyframes, parts, pointers, points, prop_collections, states, timing
+from . import (
+    axes,
+    belongings,
+    keyframes,
+    parts,
+    pointers,
+    points,
+    prop_collections,
+    roots,
+    states,
+    timing,
+    visibility,
+)
 from .client import Fault
 
 # Bodies up to which `AUTO` animates objects. More of them make Blender slow.
@@ -35,7 +47,7 @@ class BodyMotion:
 def piles(scene, control):
     """The collections with piles of a control mesh in a scene, visible ones first."""
     inside = [c for c in scene.collection.children_recursive if c.cairn.is_result and c.cairn.control == control]
-    return sorted(inside, key=lambda collection: collection.hide_viewport)
+    return sorted(inside, key=lambda collection: not visibility.is_shown(scene, collection))
 
 
 def existing(scene, control):
@@ -43,14 +55,33 @@ def existing(scene, control):
     return next(iter(piles(scene, control)), None)
 
 
-def replaced(scene, control, settings):
-    """The pile that a new one replaces; None if all stay. `settings`: as `to_dict` gives them."""
-    found = piles(scene, control)
-    if settings.get("use_replace", True) and found:
+def replaced(scene, control, settings, is_whole=True):
+    """The pile that a new one replaces; None if all stay. `settings`: as `to_dict` gives them. `is_whole`: whether the
+    new one ran to its end."""
+    # Piles edited by hand must not be lost, and another scene's piles are not this scene's to change. What was
+    # stopped replaces nothing.
+    found = [pile for pile in piles(scene, control) if not pile.cairn.settled and not visibility.others(scene, pile)]
+    if not is_whole or not found:
+        return None
+    if settings.get("use_replace", True):
         return found[0]
-    # Piles edited by hand must not be lost.
-    same = [pile for pile in found if seed_of(pile) == settings["seed"] and not pile.cairn.settled]
-    return next(iter(same), None)
+    same = [pile for pile in found if seed_of(pile) == settings["seed"]]
+    return next(iter(sorted(same, key=lambda pile: not pile.cairn.is_whole)), None)
+
+
+def shares_of(collection):
+    """For each of several props of a pile: its name, its weight as a share of all, its share of the bodies, and their
+    count."""
+    try:
+        recipe, counts = json.loads(collection.cairn.settings), json.loads(collection.cairn.counts)
+    except ValueError:
+        return []
+    weights = recipe.get("weights", ())
+    total = sum(counts[: len(weights)])
+    if len(weights) < 2 or not total:
+        return []
+    names = [prop["name"] for prop in recipe["props"]]
+    return [(name, weight / sum(weights), count / total, count) for name, weight, count in zip(names, weights, counts)]
 
 
 def seed_of(collection):
@@ -64,16 +95,18 @@ def seed_of(collection):
 def show_only(scene, collection):
     """Shows one of the piles of a control mesh."""
     for other in piles(scene, collection.cairn.control):
-        prop_collections.show(other, other == collection)
+        prop_collections.show(scene, other, other == collection)
 
 
 def chosen(context):
-    """The pile that the panels show: that of the control mesh, or that of the active object."""
+    """The pile that the panels show: that of the selected object, if it belongs to one; that of the control mesh."""
     control, active = context.scene.cairn.control_mesh, context.object
-    found = existing(context.scene, control) if control else None
-    if found is None and active:
-        found = next((collection for collection in active.users_collection if collection.cairn.is_result), None)
-    return found
+    if active and active.select_get():
+        found = next((c for c in active.users_collection if c.cairn.is_result), None)
+        found = found or (existing(context.scene, active) if active.cairn.is_veiled else None)
+        if found is not None:
+            return found
+    return existing(context.scene, control) if control else None
 
 
 def mode_of(recipe, body_count):
@@ -100,8 +133,15 @@ def build(context, motion, recipe, record):
     name = f"{control.name if control else recipe['control']} Pile"
     yield 0.0
 
-    objects = []
+    before = replaced(scene, control, recipe.get("settings", {"seed": 0}), record.get("is_whole", True))
+    root = before and roots.of(before)
+    is_new = root is None
+    corners = roots.corners_of(control, moved.positions[-1])
+    if is_new:
+        root = roots.make(name, corners)
+    objects, made = [], []
     try:
+        own, others = (yield from belongings.sorted_out(before)) if before else ([], [])
         made = parts.make(context, sources, locals_, as_collections=mode == "POINTS")
         if mode == "POINTS":
             objects += points.write(name, moved, _numbered(name, made), recipe["start_frame"])
@@ -111,24 +151,35 @@ def build(context, motion, recipe, record):
             for batch in range(0, len(moved.props), BATCH):
                 for body in range(batch, min(batch + BATCH, len(moved.props))):
                     objects.append(_body(made, moved, body, mode, recipe["start_frame"]))
+                    roots.adopt(root, objects[-1])
+                    belongings.mark(objects[-1])
                 yield len(objects) / len(moved.props)
     except GeneratorExit:
         # Cancelled on the way.
-        unwanted = bpy.data.collections.new(name)
-        _link(objects, unwanted)
-        clear(unwanted)
-        bpy.data.collections.remove(unwanted)
+        _remove([*objects, root] if is_new else objects, made)
         raise
 
-    collection = _collection(scene, control, name, recipe.get("settings", {}))
+    if before:
+        # Reported with the other notes of the bake.
+        recipe["notes"] = [*recipe.get("notes", ()), *filter(None, [clear(before, own, others)])]
+        roots.settle(root, corners)
+    collection = before or _collection(scene, control, name, recipe, record)
+    _name(objects, made)
     # Slow for many one by one; and until here nobody has seen them.
-    _link(objects, collection)
+    _link([root, *objects] if is_new else objects, collection)
+    for shown in objects:
+        # The empty may have a new home.
+        roots.adopt(root, shown)
+        if mode == "POINTS":
+            belongings.mark(shown)
     _remember(scene, collection, recipe, record, mode, control)
     pointers.write(collection.cairn.pointers, found)
+    belongings.note_data(collection, made if mode != "POINTS" else ())
     prop_collections.refresh(collection, sources)
     pointers.forget(recipe)
     timing.set_by_bake(collection, recipe["start_frame"], len(moved.positions))
     collection.cairn.left_out = json.dumps(moved.left_out)
+    collection.cairn.counts = json.dumps(np.bincount(moved.props, minlength=len(made)).tolist())
     collection.cairn.states = states.packed(moved.states, recipe["start_frame"])
     states.refresh(scene)
     return collection
@@ -145,10 +196,34 @@ def _link(objects, collection):
         collection.objects.link(made_object)
 
 
+def _name(objects, made):
+    """Numbers the bodies from 1. The pile that they replace is gone."""
+    digits = max(3, len(str(len(objects))))
+    # Up to Blender 4.2, another block with the name would lose it.
+    taken, used = set(bpy.data.objects.keys()), set(bpy.data.actions.keys())
+    for number, shown in enumerate(objects):
+        if not shown.cairn.mark:
+            # Points.
+            continue
+        name = f"{_base(made[shown.cairn.prop])} Body {number + 1:0{digits}}"
+        if name not in taken:
+            shown.name = name
+        action = shown.animation_data.action if shown.animation_data else None
+        if action and name not in used:
+            action.name = name
+        shown.cairn.made_name = shown.name
+
+
+def _base(part):
+    """A prop's name without dots, which other programs' files do not have in names."""
+    return part.name.replace(".", "_")
+
+
 def _body(made, moved, body, mode, start_frame):
     part = made[moved.props[body]]
     factor = float(moved.scales[body])
-    shown = part.body(f"{part.name} Body", factor)
+    digits = max(3, len(str(len(moved.props))))
+    shown = part.body(f"{_base(part)} Body {body + 1:0{digits}}", factor)
     shown.cairn.number, shown.cairn.prop, shown.cairn.size = body + 1, int(moved.props[body]), factor
     here = moved.present[:, body]
     # Where it is first or last seen.
@@ -182,76 +257,112 @@ def _numbered(name, made):
     outer = bpy.data.collections.new(f"{name} Parts")
     for number, part in enumerate(made):
         part.collection.name = f"{number:05} {part.name}"
+        outer.cairn.is_part = True
         outer.children.link(part.collection)
     return outer
 
 
-def _collection(scene, control, name, settings):
-    """The empty collection of the result: the one that it replaces, or a new one."""
-    collection, before = replaced(scene, control, settings), existing(scene, control)
-    if collection:
-        clear(collection)
-    else:
-        collection = bpy.data.collections.new(f"{name} Seed {settings['seed']}" if before else name)
-        scene.collection.children.link(collection)
-        if before:
-            # The shape is wire already.
-            note = collection.cairn
-            note.is_result, note.control = True, control
-            note.control_hide_render = before.cairn.control_hide_render
-            note.control_display_type = before.cairn.control_display_type
+def _collection(scene, control, name, recipe, record):
+    """The new, empty collection of a result."""
+    if existing(scene, control):
+        is_whole = record.get("is_whole", True)
+        name += f" Seed {recipe['settings']['seed']}" if is_whole else " Unfinished"
+    collection = bpy.data.collections.new(name)
+    scene.collection.children.link(collection)
     return collection
 
 
 def _remember(scene, collection, recipe, record, mode, control):
     note = collection.cairn
-    if control and not note.is_result:
-        note.control_hide_render, note.control_display_type = control.hide_render, control.display_type
     note.is_result = True
     note.control = control
     note.mode = mode
+    note.is_whole = record.get("is_whole", True)
     note.use_prop_collections = recipe.get("settings", {}).get("use_prop_collections", False)
     note.bake_id = record.get("bake_id", "")
     note.result_hash = record.get("result_hash", "")
+    if control:
+        said = visibility.veil(scene, control)
+        if said:
+            recipe["notes"] = [*recipe.get("notes", ()), said]
+        show_only(scene, collection)
+    record["warnings"] = list(dict.fromkeys([*record.get("warnings", ()), *recipe.get("notes", ())]))
     note.settings = json.dumps(recipe)
     note.report = json.dumps(record)
-    if control:
-        control.hide_render = True
-        # The pile stands where the mesh is.
-        control.display_type = "WIRE"
-        show_only(scene, collection)
 
 
-def clear(collection):
-    """Deletes the bodies, and the data that only they use."""
+def clear(collection, own=None, others=None):
+    """Removes what the bake made in a pile and nobody changed, and the data that only that used; the pile's empty
+    stays. Everything else is moved out: gives a sentence about it. `own`, `others`: as `belongings` sorts them."""
     states.restore()
+    if own is None:
+        own, others = _finish(belongings.sorted_out(collection))
+    # Something may have come in since.
+    mine, root = set(own), roots.of(collection)
+    others = [*others, *(shown for shown in collection.objects if shown != root and shown not in mine)]
+    inner = _made_by(own)[4]
+    strangers = [shown for held in prop_collections.of(collection) for shown in held.objects if shown not in mine]
+    strangers += [shown for part in inner for shown in part.objects if not shown.cairn.is_part]
+    others = list(dict.fromkeys([*others, *strangers]))
+    theirs = [child for child in collection.children if not child.cairn.is_of_state]
+    place = belongings.move_out(collection, others, theirs)
+    freed = [child for child in belongings.let_children_be(own) if child not in others]
     prop_collections.remove(collection)
-    before = _made_by(collection)
-    bpy.data.batch_remove(list(collection.objects))
-    # Data that only they used. Data that refers to other data comes first.
+    said = belongings.said(collection.name, others, theirs, place, freed)
+    collection.cairn.pointers.clear()
+    _remove(own)
+    return said
+
+
+def _remove(objects, made=()):
+    """Removes objects that a bake made, and the data that only they used. `made`: parts that are not needed either."""
+    before = _made_by(objects, made)
+    bpy.data.batch_remove(objects)
+    # Data that refers to other data comes first.
     for ids in before:
         unused = [data for data in ids if data.users == 0]
         bpy.data.batch_remove(unused)
 
 
-def delete(collection):
-    """Deletes a baked pile, and shows the control mesh as before."""
-    note = collection.cairn
-    others = [pile for pile in piles(bpy.context.scene, note.control) if pile != collection] if note.control else []
-    if others:
-        show_only(bpy.context.scene, others[0])
-    elif note.control:
-        note.control.hide_render = note.control_hide_render
-        note.control.display_type = note.control_display_type or "TEXTURED"
-    clear(collection)
-    bpy.data.collections.remove(collection)
-    states.refresh(bpy.context.scene)
+def _finish(generator):
+    while True:
+        try:
+            next(generator)
+        except StopIteration as end:
+            return end.value
 
 
-def _made_by(collection):
-    """Data blocks that the bodies use, in groups to be checked in this order after the bodies are deleted."""
-    actions, groups, meshes, outer, inner, tables = set(), set(), set(), set(), set(), set()
-    for body in collection.objects:
+def delete(scene, collection):
+    """Deletes a baked pile, and shows the control mesh as before. Gives a sentence about what stays."""
+    control = collection.cairn.control
+    elsewhere = visibility.others(scene, collection)
+    if elsewhere:
+        # The other scenes keep it.
+        visibility.leave(scene, collection)
+        said = f"“{collection.name}” stays in the scene “{elsewhere[0].name}”"
+    else:
+        said = clear(collection)
+        root = roots.of(collection)
+        if root is not None and (root.animation_data or root.constraints or root.parent or root.children):
+            # The artist's work, or what such an object hangs on.
+            belongings.move_out(collection, [root])
+        elif root is not None:
+            bpy.data.objects.remove(root)
+        bpy.data.collections.remove(collection)
+    rest = piles(scene, control) if control else []
+    if rest:
+        show_only(scene, rest[0])
+    elif control:
+        visibility.unveil(scene, control)
+    states.refresh(scene)
+    return said
+
+
+def _made_by(objects, made=()):
+    """Data blocks that a bake made for objects, in groups to be checked in this order once the objects are removed."""
+    actions, groups, outer, tables = set(), set(), set(), set()
+    meshes, inner = ({getattr(part, name) for part in made} - {None} for name in ("data", "collection"))
+    for body in objects:
         if body.animation_data and body.animation_data.action:
             actions.add(body.animation_data.action)
         if body.data:
@@ -269,6 +380,10 @@ def _made_by(collection):
                 outer.add(node.inputs["Collection"].default_value)
     for parts_collection in outer:
         inner.update(parts_collection.children)
-    members = {member for parts_collection in inner for member in parts_collection.objects}
-    data = meshes | {table.data for table in tables} | {member.data for member in members if member.data}
+    # Props' own collections and meshes are the artist's.
+    inner, outer = ({part for part in found if part.cairn.is_part} for found in (inner, outer))
+    members = {member for part in inner for member in part.objects if member.cairn.is_part}
+    tables = {table for table in tables if table.cairn.is_part}
+    data = meshes | {shown.data for shown in (*tables, *members) if isinstance(shown.data, bpy.types.Mesh)}
+    data = {mesh for mesh in data if isinstance(mesh, bpy.types.Mesh) and mesh.cairn_made}
     return actions, groups, tables, outer, inner, members, data

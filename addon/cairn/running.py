@@ -1,5 +1,6 @@
 """The bake that runs, for the operators that drive it and the panels that show it. One at a time."""
 
+import copy
 import json
 import queue
 import time
@@ -10,6 +11,7 @@ import numpy as np
 from . import dots, pending, pointers
 from .job import Job
 from .recording import Motion
+from .time_left import TimeLeft, duration
 
 STAGES = {
     "STAGE_SHAPE": "Splitting shapes",
@@ -25,9 +27,6 @@ REST = 1e-3
 
 # How often a bake that only measures is polled, s.
 TICK = 0.25
-
-# The time left is unknown if a new estimate exceeds the last one by this factor and this many seconds.
-DOUBT = 1.5, 3.0
 
 # The bake that runs or was stopped and waits for a decision; None if there is none.
 bake = None
@@ -55,6 +54,12 @@ class Bake:
         # "", "done", "stopped", "kept" or "failed".
         self.end = ""
         self.is_stopping = False
+        # Whether the artist has ended it, because the pile rests enough.
+        self.is_enough = False
+        # What is drawn while a stopped bake waits for a decision.
+        self.preview = None
+        # What there was when it was stopped: more may still arrive.
+        self.stopped_at = None
         # Share of the writing, once there is a result.
         self.written = None
         self.began = time.monotonic()
@@ -83,16 +88,43 @@ class Bake:
         """Ends at once; the server is informed in the background."""
         self.is_stopping = True
         self.state = "Stopping"
+        recording = copy.copy(self.job.recording)
+        recording.frames = list(recording.frames)
+        self.stopped_at = recording, self.job.latest
         self.job.stop()
         self.end = "stopped"
         self.summary = None
         pending.forget(self.recipe)
 
+    @property
+    def recording(self):
+        return self.stopped_at[0] if self.stopped_at else self.job.recording
+
+    @property
+    def latest(self):
+        return self.stopped_at[1] if self.stopped_at else self.job.latest
+
+    def may_be_enough(self):
+        """Whether there are frames that may be the whole result."""
+        return self.frame_count > 1 and not self.end and not self.is_stopping
+
+    def be_enough(self):
+        """Ends the bake at the frames that there are, which are the result."""
+        self.stop()
+        self.is_enough = True
+        self.keep()
+
+    def hide(self):
+        """Removes what is drawn of a stopped bake."""
+        if self.preview:
+            self.preview.remove()
+            self.preview = None
+
     def kept_kind(self):
         """The text of the button that keeps the unfinished result; empty if there is none."""
         if self.frame_count:
             return f"Keep the {self.frame_count} Frames"
-        latest = self.job.latest
+        latest = self.latest
         count = 0 if latest is None else int(latest.present.sum())
         return f"Keep the {count} Bodies as They Are" if count else ""
 
@@ -104,7 +136,7 @@ class Bake:
 
     def motion(self):
         """The result; of a bake that was stopped during the fill, the bodies at their place in it."""
-        return self.job.recording.motion() or Motion.of([self.job.latest])
+        return self.recording.motion() or Motion.of([self.latest])
 
     def poll(self, wait=0.0):
         """Reads the job's messages. Returns whether there were any."""
@@ -144,7 +176,7 @@ class Bake:
     @property
     def frame_count(self):
         """Frames of the result so far."""
-        return len(self.job.recording.frames)
+        return len(self.recording.frames)
 
     def stage(self):
         if self.is_stopping or self.progress is None:
@@ -189,7 +221,10 @@ class Bake:
 
     def record(self):
         """Values that the result's collection remembers."""
-        record = {"bake_id": self.job.bake_id, "is_whole": self.has_all_frames and self.end != "kept"}
+        record = {
+            "bake_id": self.job.bake_id,
+            "is_whole": self.is_enough or (self.has_all_frames and self.end != "kept"),
+        }
         record["warnings"] = []
         if self.accepted:
             versions = self.accepted.versions
@@ -215,14 +250,19 @@ class Bake:
                 dots=dots.remembered(self.job, self.job.report, self.recipe["metres"]),
             )
         else:
-            bodies = len(self.job.recording.props) if self.frame_count else int(self.job.latest.present.sum())
+            bodies = len(self.recording.props) if self.frame_count else int(self.latest.present.sum())
             record.update(body_count=bodies, frame_count=self.frame_count)
+        if self.is_enough:
+            share = self.at_rest()
+            record["warnings"].append(
+                f"the bake was ended at this frame by hand, with {share:.1%} of the bodies at rest"
+            )
         record["warnings"] += self.recipe.get("notes", ())
         return record
 
     def at_rest(self):
         """Share of the bodies that did not move between the last two frames."""
-        frames = self.job.recording.frames[-2:]
+        frames = self.recording.frames[-2:]
         before, after = frames[0], frames[-1]
         count = len(before.props)
         steps = np.linalg.norm(after.positions[:count] - before.positions[:count], axis=1)
@@ -231,39 +271,8 @@ class Bake:
 
     def prop_diameter(self):
         """m. Without a fill, the measure of this name is 0."""
-        return self.summary.measures.get("prop_diameter") or self.accepted.plan.prop_diameter
-
-
-class TimeLeft:
-    """The time left of a stage, as a person sees it: it only falls, or it is unknown."""
-
-    def __init__(self):
-        self.stage = self.end = None
-        self.is_doubted = False
-
-    def hear(self, stage, seconds, now):
-        """The latest estimate; None before there is one."""
-        if stage != self.stage:
-            self.stage, self.end, self.is_doubted = stage, None, False
-        if seconds is None:
-            return
-        if self.end is None or now + seconds <= self.end:
-            self.end, self.is_doubted = now + seconds, False
-        else:
-            factor, more = DOUBT
-            self.is_doubted = seconds > factor * max(self.end - now, 0.0) + more
-
-    def remaining(self, now):
-        """Seconds; None if they are not known."""
-        return None if self.end is None or self.is_doubted else max(self.end - now, 0.0)
-
-
-def duration(seconds):
-    seconds = round(seconds)
-    if seconds < 60:
-        return f"{seconds} s"
-    minutes, seconds = divmod(seconds, 60)
-    return f"{minutes}:{seconds:02} min" if minutes < 60 else f"{minutes // 60}:{minutes % 60:02} h"
+        measured = self.summary.measures.get("prop_diameter") if self.summary else 0.0
+        return measured or self.accepted.plan.prop_diameter
 
 
 def report_of(collection):
@@ -338,6 +347,7 @@ def end():
     global bake
     if bake is not None:
         pointers.forget(bake.recipe)
+        bake.hide()
     bake = None
 
 
@@ -347,6 +357,7 @@ def forget_all():
     for other in [bake, *measuring]:
         if other is not None:
             other.job.detach()
+            other.hide()
     measuring.clear()
     bake = plan = left = None
     problems = []

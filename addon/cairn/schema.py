@@ -33,15 +33,36 @@ GROUPS = {
 # Labels of fields and values whose name does not say what they do, has no unit, or is not in US English.
 TITLES = {
     "as_modelled": "As Modeled",
+    "contact_frequency": "Stiffness (Relative)",
+    "contact_tolerance": "Contact Gap (Share)",
+    "full_below": "Full Below (Share)",
+    "growth": "Growth (Relative)",
+    "height": "Height (Share)",
     "interval_natural": "Interval (Relative)",
     "interval_seconds": "Interval (s)",
     "kappa": "Nail Strength (N·s/kg)",
+    "least_seconds": "At Least (s)",
+    "layer": "Layer (Sizes)",
     "neighbours": "Neighbors",
+    "overlap": "Overlap (Share)",
+    "patience": "Patience (Relative)",
+    "period": "Period (Steps)",
+    "protrusion": "Protrusion (Sizes)",
+    "residual_overlap": "Overlap Left (Share)",
+    "round": "Round (Share)",
+    "settle": "Settle (Relative)",
+    "shape_tolerance": "Shape Tolerance (Share)",
     "shell": "Only Near the Surface",
+    "speed": "Speed (Relative)",
     "spread_area": "Spread (m²)",
     "spread_relative": "Spread (Relative)",
+    "stand": "Stand by Itself",
+    "step": "Step (Relative)",
     "step_natural": "Step (Relative)",
     "step_seconds": "Step (s)",
+    "until_frame": "Until Frame",
+    "until_seconds": "Until (s)",
+    "wall_tolerance": "Wall Tolerance (Sizes)",
 }
 # First values of fields that the accuracy leaves open.
 FIRST = {"shell": 1.0}
@@ -115,9 +136,9 @@ def _group(message):
     properties = {}
     for field in fields_of(message):
         properties[field["name"]] = _property(field)
-        about = f"Set {title(field['name'])} here, instead of using the value of the accuracy"
+        # An artist looks at the tick first.
         properties["use_" + field["name"]] = BoolProperty(
-            name="Set " + title(field["name"]), description=about, update=_only_one(message, field)
+            name="Set " + title(field["name"]), description=field["description"], update=_only_one(message, field)
         )
     return type(f"Cairn{message}", (PropertyGroup,), {"__annotations__": properties})
 

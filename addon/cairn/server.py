@@ -21,6 +21,8 @@ START = 20.0
 END = 5.0
 # Longest time for a running bake to finish after Blender quits, s; its result is offered when the file is opened again.
 DRAIN = 3600
+# Files of Blenders that are gone are removed after this time, s: a new one may not have locked its file yet.
+OLD = 60.0
 
 
 def find(chosen):
@@ -53,6 +55,8 @@ class LocalServer:
         self.folder = Path(folder)
         self.lock = threading.Lock()
         self.is_used = False
+        # Held while this Blender uses the server: the system releases it also when Blender is killed.
+        self.held = None
 
     @property
     def note(self):
@@ -63,6 +67,7 @@ class LocalServer:
         """The target of a server that runs; starts one if there is none."""
         with self.lock:
             self.is_used = True
+            self._hold()
             return self._running() or self._start(program)
 
     def _read_note(self):
@@ -86,6 +91,9 @@ class LocalServer:
         command = [program, "serve", "--listen", listen, "--data", self.folder / "data", "--drain-seconds", str(DRAIN)]
         log = self.folder / "server.log"
         environment = {**os.environ, "CAIRN_TOKEN": token}
+        if self.held:
+            # Not as a flag: an older program does not know it.
+            environment["CAIRN_USERS"] = str(self.users)
         try:
             with log.open("wb") as errors:
                 process = subprocess.Popen(
@@ -121,12 +129,53 @@ class LocalServer:
             json.dump(note, file)
         part.replace(self.note)
 
+    def _hold(self):
+        """Locks a file of this Blender's own."""
+        if self.held:
+            return
+        try:
+            self.users.mkdir(parents=True, exist_ok=True)
+            self.held = (self.users / f"{os.getpid()}-{secrets.token_hex(4)}.lock").open("wb")
+            _lock(self.held)
+        except OSError:
+            # A drive without locks: the server then stays until it is asked to end.
+            self.held = None
+
+    @property
+    def users(self):
+        return self.folder / "users"
+
+    def _others(self):
+        """Whether another Blender uses the server. Removes the files of those that are gone."""
+        found = False
+        for path in self.users.glob("*.lock"):
+            if self.held and path.name == Path(self.held.name).name:
+                continue
+            try:
+                with path.open("rb+") as file:
+                    _lock(file)
+                    is_old = time.time() - path.stat().st_mtime > OLD
+                if is_old:
+                    path.unlink(missing_ok=True)
+            except FileNotFoundError:
+                continue
+            except OSError:
+                found = True
+        return found
+
     def stop(self):
-        """Asks the server to end, which it does after its last bake."""
+        """Asks the server to end, which it does after its last bake; not if another Blender uses it."""
         note = self._read_note()
-        if self.is_used and note and _listens(note["address"]):
+        if self.is_used and not self._others() and note and _listens(note["address"]):
             _signal(note["pid"])
         self.is_used = False
+        if self.held:
+            self.held.close()
+            try:
+                os.unlink(self.held.name)
+            except OSError:
+                pass
+            self.held = None
 
     def stop_now(self):
         """Kills a server that is already ending. The next one resumes its bakes."""
@@ -139,6 +188,18 @@ class LocalServer:
             while _listens(note["address"]) and time.monotonic() < until:
                 _signal(note["pid"])
                 time.sleep(0.1)
+
+
+def _lock(file):
+    """Locks a file until it is closed, or raises `OSError` if another holds it."""
+    if os.name == "nt":
+        import msvcrt
+
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _listens(address):

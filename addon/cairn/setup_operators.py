@@ -20,19 +20,42 @@ PATIENCE = 20.0
 
 
 class CAIRN_OT_use_selected(Operator):
-    """Use the active mesh as the shape of the pile"""
+    """Use the active mesh as the shape of the pile, and the other selected objects as its props"""
 
     bl_idname = "cairn.use_selected"
-    bl_label = "Use Active Mesh"
-    bl_options = {"UNDO"}
+    bl_label = "Use Selected"
+    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context):
         return context.object is not None and context.object.type == "MESH"
 
     def execute(self, context):
-        context.scene.cairn.control_mesh = context.object
+        settings = context.scene.cairn
+        settings.control_mesh = context.object
+        others = new_props(context)
+        if others:
+            settings.prop_source = "LIST"
+            for source in others:
+                settings.props.add().object = source
         return {"FINISHED"}
+
+
+def new_props(context):
+    """The selected objects that are no props yet."""
+    settings = context.scene.cairn
+    known = {item.object for item in settings.props} | {settings.control_mesh}
+    chosen = set(context.selected_objects)
+    return [
+        source
+        for source in context.selected_objects
+        if source.type in request.PLACED | request.RIGS
+        and source.parent not in chosen
+        and source not in known
+        and not request.is_bare(source)
+        and not source.cairn.number
+        and not source.cairn.is_root
+    ]
 
 
 class CAIRN_OT_add_props(Operator):
@@ -44,13 +67,7 @@ class CAIRN_OT_add_props(Operator):
 
     def execute(self, context):
         settings = context.scene.cairn
-        known = {item.object for item in settings.props} | {settings.control_mesh}
-        chosen = set(context.selected_objects)
-        new = [
-            s
-            for s in context.selected_objects
-            if s.type in request.PLACED and s.parent not in chosen and s not in known
-        ]
+        new = new_props(context)
         if not new:
             return explain(self, Fault("Select the objects to use as props, then press this button."))
         settings.prop_source = "LIST"
@@ -236,7 +253,9 @@ class CAIRN_OT_test_server(_Waits, Operator):
         except concurrent.futures.TimeoutError:
             self.answer.cancel()
             return explain(self, Fault("The server does not answer. Check its address."))
-        self.report({"INFO"}, f"Cairn {info.versions.cairn} answers. It runs {info.limits.worker_count} bakes at once")
+        count = info.limits.worker_count
+        bakes = "1 bake" if count == 1 else f"{count} bakes"
+        self.report({"INFO"}, f"Cairn {info.versions.cairn} is ready ({bakes} at a time)")
         return {"FINISHED"}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
-from . import dots, points, running, timing
+from . import belongings, dots, points, running, timing
 
 # By the number of `BodyState`: its label, and its color (sRGB) from a palette (Okabe and Ito's) that the
 # color-blind can distinguish, too.
@@ -110,7 +110,7 @@ def refresh(scene):
         if now is None:
             continue
         if collection.cairn.mode == "POINTS":
-            for shown in collection.objects:
+            for shown in belongings.bodies(collection):
                 points.show_states(shown, now, LINEAR, _inside(collection))
         else:
             _color(collection.objects, now)
@@ -154,10 +154,16 @@ def restore():
     for collection in bpy.data.collections:
         if collection.cairn.is_result and collection.cairn.mode == "POINTS":
             last = _last(collection)
-            for shown in collection.objects:
+            for shown in belongings.bodies(collection):
                 points.hide_states(shown, last)
     made = [collection for collection in bpy.data.collections if collection.cairn.is_of_state]
-    parts = [part for collection in made for part in collection.objects]
+    parts = [part for collection in made for part in collection.objects if part.cairn.is_part]
+    for collection in made:
+        # What an artist put there comes into the pile's collection.
+        for pile in (pile for pile in bpy.data.collections if collection.name in pile.children):
+            for shown in collection.objects:
+                if not shown.cairn.is_part and shown.name not in pile.objects:
+                    pile.objects.link(shown)
     meshes = [part.data for part in parts]
     for unwanted in (parts, made, meshes):
         bpy.data.batch_remove(unwanted)

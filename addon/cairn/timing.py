@@ -5,7 +5,7 @@ import json
 import bpy
 import numpy as np
 
-from . import keyframes, points
+from . import belongings, keyframes, points
 
 
 def times(count, start, hold, speed, ease):
@@ -48,22 +48,30 @@ def apply(collection):
     values = [note.timing_start, note.timing_hold, note.timing_speed, note.timing_ease]
     note.timed = json.dumps(values)
     after = shown(collection)
-    for body in collection.objects:
+    is_unchanged = belongings.Unchanged(collection)
+    for body in belongings.bodies(collection):
+        is_own = is_unchanged(body)
         if note.mode == "POINTS":
             points.retime(body, note.frame_count - 1, *values)
         elif body.animation_data and body.animation_data.action:
             keyframes.retime(body.animation_data.action, before, after)
+        if is_own:
+            belongings.mark(body)
 
 
 def keep_end(collection):
     """Keeps only the final pose of an animated pile."""
     end, used = end_of(collection), set()
-    for body in collection.objects:
+    is_unchanged = belongings.Unchanged(collection)
+    for body in belongings.bodies(collection):
+        is_own = is_unchanged(body)
         if collection.cairn.mode == "POINTS":
             points.keep_end(body)
         elif body.animation_data and body.animation_data.action:
             used.add(body.animation_data.action)
             keyframes.freeze(body, end)
+        if is_own:
+            belongings.mark(body)
     bpy.data.batch_remove([action for action in used if action.users == 0])
     note = collection.cairn
     note.mode = note.mode if note.mode == "POINTS" else "POSE"

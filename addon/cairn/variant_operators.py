@@ -28,7 +28,7 @@ class CAIRN_OT_try_seeds(Operator):
         name="Seeds", description="How many seeds to try, starting with the scene's seed", default=4, min=1, max=32
     )
     is_with_glue: BoolProperty(
-        name="Also Vary Glue",
+        name="Vary Glue",
         description="Try each seed with several amounts of glue: those chosen here, and the glue set in the scene",
     )
     kept_shapes: EnumProperty(
@@ -146,7 +146,7 @@ class CAIRN_OT_next_variant(Operator):
     """Draw the next variant over the view"""
 
     bl_idname = "cairn.next_variant"
-    bl_label = "Flip"
+    bl_label = "Next Variant"
 
     step: IntProperty(name="Step", description="How many variants to move forward; negative moves back", default=1)
 

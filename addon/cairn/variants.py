@@ -96,7 +96,7 @@ class _Trials:
 
     def status(self):
         at = self.count - len(self.wanted)
-        return "Reading props" if self.slices else f"{at} of {self.count}: {self.progress:.0%} of its stage"
+        return "Reading props" if self.slices else f"Variant {at} of {self.count}, {self.progress:.0%}"
 
     def stop(self):
         if self.slices:

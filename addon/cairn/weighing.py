@@ -112,10 +112,11 @@ def said(report):
     before, after = report["settled"].get("standing", (None, None))
     if before is None or after is None:
         return ""
-    kept = report["settled"]["kept"]
-    # The analysis does not count the dots.
-    alone = " without glue" if report.get("dots") else ""
-    return f"Of the {kept} untouched, {before} were certified to stand{alone} before the edit, {after} are after it"
+    if after >= before:
+        return "The edit did not weaken the rest"
+    lost = before - after
+    bodies = "1 untouched body is" if lost == 1 else f"{lost} untouched bodies are"
+    return f"The edit weakened the rest: {bodies} no longer certain to stand"
 
 
 def forget():

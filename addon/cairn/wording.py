@@ -2,23 +2,27 @@
 
 import re
 
+from . import belongings, dots
 from .schema import FIELDS, GROUPS, title
 
 # The panel of each group of parameters.
 PANELS = {
-    "physics": "Simulation",
-    "base": "Fill",
-    "fill": "Fill",
-    "release": "Release",
-    "control": "Control",
-    "glue": "Glue",
-    "hold": "Release",
+    "physics": "Advanced, Simulation",
+    "base": "Advanced, Fill",
+    "fill": "Advanced, Fill",
+    "release": "Advanced, Release",
+    "control": "Advanced, Control",
+    "glue": "Advanced, Glue",
+    "hold": "Advanced, Release",
     "output": "Output",
-    "effects": "Effects",
-    "report": "Measures",
+    "effects": "Advanced, Solver Features",
+    "report": "Advanced, Measures",
 }
 MESSAGES = {name: message for message, name in GROUPS.items()}
 FIELD = re.compile(r"`?\b(" + "|".join(PANELS) + r")\.([a-z_0-9]+)\b`?( = (?:\"\w+\"|[\w.]+))?")
+# A thing of the scene by its number, and a body of the result with its prop's name.
+COUNTED = re.compile(r"`?\b(prop|static)s?(?:\.| |\[)(\d+)\]?`?")
+BODY = re.compile(r"\b(\d+) \(([^()]+)\)")
 OTHERS = [
     (re.compile(r"\bcontrol[ _]mesh\b"), "shape"),
     (re.compile(r"\bControl mesh\b"), "Shape"),
@@ -39,8 +43,35 @@ def _parameter(found):
     known = {field["name"] for field in FIELDS.get(MESSAGES[group], [])}
     if name not in known:
         return found[0]
-    words = f"“{title(name)}” in the panel {PANELS[group]}"
+    # The unit is not part of its name.
+    words = f"“{title(name).split(' (')[0]}” in the panel {PANELS[group]}"
     return words + (f" ({title(value[3:].strip(chr(34)))})" if value else "")
+
+
+def _counted(text, names):
+    """A sentence with names instead of numbers, and these names: `props.3`, "prop 3"."""
+    things = []
+
+    def name(found):
+        known = names.get(f"{found[1]}s.{found[2]}")
+        if known is None:
+            return found[0]
+        things.append(known)
+        return f"“{known}”"
+
+    return COUNTED.sub(name, text), things
+
+
+def with_bodies(texts, collection):
+    """Sentences of a pile's report with the names of its bodies, which the server counts from 0."""
+    objects = {shown.cairn.number: shown.name for shown in belongings.bodies(collection)}
+    is_each = collection.cairn.mode != "POINTS"
+
+    def name(found):
+        number = dots.number_of(collection, int(found[1]))
+        return f"“{objects[number]}”" if is_each and number in objects else f"{found[2]} {int(found[1]) + 1}"
+
+    return [BODY.sub(name, text) for text in texts]
 
 
 def gathered(texts, names):
@@ -54,10 +85,15 @@ def gathered(texts, names):
         if known:
             thing = max(known, key=len)
             rest = text[len(thing) + 2 :]
-        things = about.setdefault(said(rest if known else text), [])
-        if known and names[thing] not in things:
-            things.append(names[thing])
-    return [(_of(things) + text, things) for text, things in about.items()]
+        rest, counted = _counted(rest if known else text, names)
+        things = about.setdefault(said(rest), [])
+        for name in [*([names[thing]] if known else []), *counted]:
+            if name not in things:
+                things.append(name)
+    # Names that are in the sentence already need not begin it.
+    return [
+        (_of([name for name in things if f"“{name}”" not in text]) + text, things) for text, things in about.items()
+    ]
 
 
 def _of(things):

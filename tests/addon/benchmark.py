@@ -21,6 +21,7 @@ import time
 from pathlib import Path
 
 import bpy
+from blocks import bodies_of
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -129,11 +130,11 @@ def bake():
     ours = here + report["cpu_seconds"]
     preferences.stop_server()
     measured = report["stage_seconds"]["measure"]
-    print(f"Cairn: {len(collection.objects)} bodies, {report['frame_count']} frames")
+    print(f"Cairn: {len(bodies_of(collection))} bodies, {report['frame_count']} frames")
     print(
         f"{ours:.1f} s CPU, {wall:.1f} s wall; of the CPU time {here:.1f} s in Blender, {measured:.1f} s for the report"
     )
-    bodies = list(collection.objects)
+    bodies = list(bodies_of(collection))
     bpy.context.scene.frame_set(1)
     poses = [body.matrix_world.copy() for body in bodies]
     for body, pose in zip(bodies, poses):
@@ -236,7 +237,7 @@ def turns():
     pile = result.chosen(bpy.context)
     from cairn import preferences
 
-    bodies = len(pile.objects)
+    bodies = len(bodies_of(pile))
     again = job.Job(preferences.server(bpy.context), taken.spec, taken.contents, taken.problems)
     wait_for(again)
     motion = again.recording.motion()
@@ -255,7 +256,7 @@ def turns():
     bpy.context.scene.frame_set(1)
     pressed("Edit Pile, in another frame than the last", edit_operators.CAIRN_OT_edit_pile, bpy.ops.cairn.edit_pile)
     edited = result.chosen(bpy.context)
-    select = sorted(edited.objects, key=lambda body: body.location.z)
+    select = sorted(bodies_of(edited), key=lambda body: body.location.z)
     for other in bpy.context.view_layer.objects:
         other.select_set(False)
     for body in select[-60:]:

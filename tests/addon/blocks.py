@@ -1,6 +1,11 @@
-"""The data-blocks of a file, to compare before and after."""
+"""The data-blocks of a file, to compare before and after; and the bodies of a pile."""
 
 import bpy
+
+
+def bodies_of(pile):
+    """The bodies of a pile, in the order of the server's: not the empty that they hang on."""
+    return [body for body in pile.objects if not body.cairn.is_root]
 
 
 def all_blocks():

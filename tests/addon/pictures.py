@@ -19,14 +19,12 @@ from window import follow_changes, install, make_scene, start, take_out
 NAME = os.environ["CAIRN_PICTURE"]
 # Which panels are open.
 OPEN = {
-    "panel": {"states"},
-    "live": set(),
+    "panel": {"states", "support", "props", "quality"},
+    "live": {"support", "props", "quality"},
     "variants": {"variants"},
     "glue": {"holds"},
     "edit": {"edit"},
 }[NAME]
-# By so many lines the sidebar is scrolled down to them.
-SCROLLED = {"variants": 12, "glue": 14, "edit": 9}
 # The tab, before any object is there, from the view's right edge and its top; and how wide the sidebar becomes.
 TAB = 12, 166
 WIDTH = 330
@@ -37,13 +35,8 @@ def region_of(area, kind):
 
 
 def take(area):
-    """A picture of the view with its sidebar, scrolled to where its subject is."""
+    """A picture of the view with its sidebar."""
     xdotool("mousemove", 300, 700)
-    for _ in range(SCROLLED.get(NAME, 0)):
-        with bpy.context.temp_override(
-            window=bpy.context.window_manager.windows[0], area=area, region=region_of(area, "UI")
-        ):
-            bpy.ops.view2d.scroll_down()
     yield 1.0
     with view(area):
         bpy.ops.screen.screenshot_area(filepath=os.path.join(SCREENSHOTS, f"{NAME}.png"))
@@ -143,7 +136,8 @@ def open_panels():
     from cairn import CLASSES
 
     panels = [cls for cls in CLASSES if issubclass(cls, bpy.types.Panel) and getattr(cls, "bl_parent_id", "")]
-    for cls in panels:
+    # Those inside of others first.
+    for cls in reversed(panels):
         bpy.utils.unregister_class(cls)
         is_open = cls.__name__.rpartition("_PT_")[2] in OPEN
         cls.bl_options = set() if is_open else {"DEFAULT_CLOSED"}

@@ -7,13 +7,14 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
+from blocks import bodies_of
 from conftest import points_of
 
 
 def poses(collection):
     return {
         body.name: np.float32([*body.location, *body.rotation_quaternion, *body.scale]).tobytes()
-        for body in collection.objects
+        for body in bodies_of(collection)
     }
 
 
@@ -23,13 +24,13 @@ def edited(desk):
     desk.add_stick()
     desk.add_stick("Block", (0.2, 0.2, 0.2))
     first = desk.bake(kept_shape="NATURAL")
-    before = {body.name: body.animation_data is not None for body in first.objects}
+    before = {body.name: body.animation_data is not None for body in bodies_of(first)}
     assert bpy.ops.cairn.edit_pile() == {"FINISHED"}
     collection = desk.addon("result").chosen(bpy.context)
-    assert collection != first and first.hide_viewport and len(collection.objects) == len(first.objects)
-    assert {body.name: body.animation_data is not None for body in first.objects} == before
+    assert collection != first and first.hide_viewport and len(bodies_of(collection)) == len(bodies_of(first))
+    assert {body.name: body.animation_data is not None for body in bodies_of(first)} == before
     last = desk.expected(len(desk.motion.positions) - 1)
-    for body, matrix in zip(collection.objects, last):
+    for body, matrix in zip(bodies_of(collection), last):
         assert np.abs(np.array(body.matrix_basis)[:3, 3] - matrix[:3, 3]).max() < 1e-5 and not body.animation_data
     return collection
 
@@ -40,12 +41,12 @@ def select(*bodies):
 
 
 def top_of(collection):
-    return max(collection.objects, key=lambda body: body.location.z)
+    return max(bodies_of(collection), key=lambda body: body.location.z)
 
 
 def bottom_of(collection):
     """One that carries others: low, and in the middle."""
-    return min(collection.objects, key=lambda body: body.location.z + body.location.xy.length)
+    return min(bodies_of(collection), key=lambda body: body.location.z + body.location.xy.length)
 
 
 def test_nothing_to_settle_is_told(edited):
@@ -57,9 +58,9 @@ def test_nothing_to_settle_is_told(edited):
 
 
 def test_what_stood_on_a_removed_body_settles(edited, desk):
-    count = len(edited.objects)
+    count = len(bodies_of(edited))
     select(bottom_of(edited))
-    assert bpy.ops.cairn.remove_bodies() == {"FINISHED"} and len(edited.objects) == count - 1
+    assert bpy.ops.cairn.remove_bodies() == {"FINISHED"} and len(bodies_of(edited)) == count - 1
     before = poses(edited)
     bpy.ops.ed.undo_push(message="removed")
     assert bpy.ops.cairn.settle() == {"FINISHED"}
@@ -75,10 +76,7 @@ def test_what_stood_on_a_removed_body_settles(edited, desk):
     stood, stands = settled["standing"]
     assert settled["kept"] >= stood > 0.8 * settled["kept"] and stands >= 0.95 * stood
     said = desk.addon("weighing").said(report)
-    assert (
-        f"Of the {settled['kept']} untouched, {stood} were certified to stand before" in said
-        and f"{stands} are" in said
-    )
+    assert said.startswith("The edit did not weaken" if stands >= stood else "The edit weakened")
     # One step back is all of it.
     name = edited.name
     bpy.ops.ed.undo()
@@ -114,21 +112,21 @@ def test_a_body_is_replaced(edited, desk):
     number, where = body.cairn.number, body.location.copy()
     other = 1 - body.cairn.prop
     assert bpy.ops.cairn.replace_bodies(prop=str(other)) == {"FINISHED"}
-    (made,) = [body for body in edited.objects if body.cairn.number == number]
+    (made,) = [body for body in bodies_of(edited) if body.cairn.number == number]
     assert made.location == where and made.cairn.prop == other
     assert made.data == bpy.data.objects[["Stick", "Block"][other]].data
     assert bpy.ops.cairn.settle() == {"FINISHED"}
 
 
 def test_more_is_dropped_on_top(edited, desk):
-    before, count = poses(edited), len(edited.objects)
+    before, count = poses(edited), len(bodies_of(edited))
     assert bpy.ops.cairn.add_on_top(count=6) == {"FINISHED"}
     after = poses(edited)
-    assert len(edited.objects) == count + 6
+    assert len(bodies_of(edited)) == count + 6
     assert all(after[name] == before[name] for name in before)
     settled = desk.addon("running").report_of(edited)["settled"]
     assert (settled["moved"], settled["kept"], settled["added"]) == (0, count, 6)
-    numbers = [body.cairn.number for body in edited.objects]
+    numbers = [body.cairn.number for body in bodies_of(edited)]
     assert len(set(numbers)) == len(numbers)
 
 
@@ -136,9 +134,9 @@ def test_what_has_lost_its_hold_is_not_certified(edited, desk):
     """If bodies were left where nothing holds them, the verdict after the edit would show it."""
     weighing, edit = desk.addon("weighing"), desk.addon("edit")
     before = edit.settled(edited)
-    edited.objects[0].location.z += 3.0
+    bodies_of(edited)[0].location.z += 3.0
     taken = desk.addon("request").finish(edit.settling(bpy.context, edited))[0]
-    after = {body.cairn.number: edit._state(body) for body in edited.objects}
+    after = {body.cairn.number: edit._state(body) for body in bodies_of(edited)}
     asked = weighing.Weighing(desk.addon("preferences").server(bpy.context), taken, before, set(before))
     asked.begin("none", after)
     while weighing.collect():
@@ -146,7 +144,7 @@ def test_what_has_lost_its_hold_is_not_certified(edited, desk):
     stood, stands = asked.standing()
     assert stood > stands > 0
     (first, second) = (set(job.report["unsupported"]) for job in asked.jobs)
-    lifted = list(after).index(edited.objects[0].cairn.number)
+    lifted = list(after).index(bodies_of(edited)[0].cairn.number)
     assert lifted in second and lifted not in first
 
 
@@ -163,7 +161,7 @@ def test_what_hung_from_a_removed_body_is_let_go(edited, desk):
     listed = [{"body": 0, "other": 1, "at": [0, 0, 0], "load": 1.0, "broken": False}]
     edited.cairn.report = json.dumps({**running.report_of(edited), "dots": listed})
     ends = [dots.number_of(edited, body) for body in (listed[0]["body"], listed[0]["other"])]
-    by_number = {body.cairn.number: body for body in edited.objects}
+    by_number = {body.cairn.number: body for body in bodies_of(edited)}
     gone, other = sorted((by_number[number] for number in ends), key=lambda body: -body.location.z)
     props = desk.addon("request").finish(desk.addon("export").Exporter(bpy.context).props(list(desk.props.objects)))
     select(gone)
@@ -177,9 +175,9 @@ def test_bodies_carry_what_a_pipeline_goes_by(desk):
     stick = desk.add_stick()
     stick.pass_index, stick["asset"], stick["lod"] = 7, "stick_a", 2
     collection = desk.bake(output_mode="POSE")
-    assert {(body.pass_index, body["asset"], body["lod"]) for body in collection.objects} == {(7, "stick_a", 2)}
+    assert {(body.pass_index, body["asset"], body["lod"]) for body in bodies_of(collection)} == {(7, "stick_a", 2)}
     collection.cairn.display = "BOUNDS"
-    assert {body.display_type for body in collection.objects} == {"BOUNDS"} and stick.display_type == "TEXTURED"
+    assert {body.display_type for body in bodies_of(collection)} == {"BOUNDS"} and stick.display_type == "TEXTURED"
 
 
 def test_a_bake_leaves_an_edited_pile_alone(edited, desk):
@@ -199,8 +197,8 @@ def test_what_is_gone_had_its_size(desk, size):
     bpy.ops.cairn.edit_pile()
     collection = desk.addon("result").chosen(bpy.context)
     edge = 0.2 * size
-    bodies = sorted(collection.objects, key=lambda body: body.name)[:3]
-    for body in set(collection.objects) - set(bodies):
+    bodies = sorted(bodies_of(collection), key=lambda body: body.name)[:3]
+    for body in set(bodies_of(collection)) - set(bodies):
         bpy.data.objects.remove(body)
     # One on the other, and one beside it, where a block of the prop's own size would be.
     for body, place in zip(bodies, ((0, 0, 0), (0, 0, edge), (1.1 * edge, 0, 0.1 * edge))):
@@ -208,7 +206,7 @@ def test_what_is_gone_had_its_size(desk, size):
     bpy.context.view_layer.update()
     edit, request = desk.addon("edit"), desk.addon("request")
     edit.remember(collection)
-    assert all(abs(body.cairn.size - size) < 1e-6 for body in collection.objects)
+    assert all(abs(body.cairn.size - size) < 1e-6 for body in bodies_of(collection))
     gone, on_it, far = bodies
     select(gone)
     bpy.ops.cairn.remove_bodies()
@@ -237,7 +235,7 @@ def paint(control, name, weight_of):
 
 def test_more_is_dropped_over_what_is_painted(edited, desk, monkeypatch):
     paint(desk.control, "Half", lambda place: float(place.x > 0.1 and place.z > 0.4))
-    before, count = poses(edited), len(edited.objects)
+    before, count = poses(edited), len(bodies_of(edited))
     edit, asked, settling = desk.addon("edit"), [], desk.addon("edit").settling
 
     def spying(*words):
@@ -248,7 +246,7 @@ def test_more_is_dropped_over_what_is_painted(edited, desk, monkeypatch):
     monkeypatch.setattr(edit, "settling", spying)
     assert bpy.ops.cairn.add_on_top(count=8, region="Half") == {"FINISHED"}
     after = poses(edited)
-    assert len(edited.objects) == count + 8 and all(after[name] == before[name] for name in before)
+    assert len(bodies_of(edited)) == count + 8 and all(after[name] == before[name] for name in before)
     (request,) = asked
     (emitter,) = request.spec.scene.emitters
     (sha256,) = [asset.sha256 for asset in request.spec.assets if asset.uri == emitter.mesh]
@@ -256,9 +254,9 @@ def test_more_is_dropped_over_what_is_painted(edited, desk, monkeypatch):
     low, high = points.min(axis=0), points.max(axis=0)
     # The half of the shape's top, from above the bodies on; a cell more or less.
     assert np.abs(low[:2] - (0.1, -0.4)).max() < 0.1 and np.abs(high[:2] - (0.4, 0.4)).max() < 0.1
-    top = max(body.location.z for body in edited.objects if body.name in before)
+    top = max(body.location.z for body in bodies_of(edited) if body.name in before)
     assert top < low[2] < top + 1.0 and high[2] - low[2] == pytest.approx(0.36, abs=0.01)
-    new = [body.location.x for body in edited.objects if body.name not in before]
+    new = [body.location.x for body in bodies_of(edited) if body.name not in before]
     assert np.mean(new) > 0.1
 
 
@@ -281,10 +279,10 @@ def test_a_region_is_painted(edited, desk):
     assert bpy.context.mode == "OBJECT" and control.display_type == "WIRE"
     assert bpy.ops.cairn.paint_region() == {"FINISHED"} and len(control.vertex_groups) == 1
     control.vertex_groups[name].add(range(8), 1.0, "REPLACE")
-    count = len(edited.objects)
+    count = len(bodies_of(edited))
     # From the painting on.
     assert bpy.ops.cairn.add_on_top(count=2, region=name) == {"FINISHED"}
-    assert bpy.context.mode == "OBJECT" and control.display_type == "WIRE" and len(edited.objects) == count + 2
+    assert bpy.context.mode == "OBJECT" and control.display_type == "WIRE" and len(bodies_of(edited)) == count + 2
     manager.cairn_add_region = ""
 
 

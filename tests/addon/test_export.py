@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from blocks import bodies_of
 from conftest import cuboid, gap, shown_vertices
 from mathutils import Euler, Matrix
 
@@ -14,7 +15,7 @@ def check_bodies(desk, collection):
     last = len(desk.motion.positions) - 1
     bpy.context.scene.frame_set(desk.settings.start_frame + last)
     shown = shown_vertices()
-    bodies = list(collection.objects)
+    bodies = list(bodies_of(collection))
     expected = desk.expected(last)
     assert len(bodies) == len(expected) > 0
     scale = 1.0 / desk.recipe["metres"]
@@ -30,7 +31,7 @@ def test_scales_even_negative(desk, scale):
     stick.rotation_euler = (0.3, 1.0, -2.0)
     stick.location = (5, -3, 2)
     collection = desk.bake()
-    assert all(body.data == stick.data for body in collection.objects)
+    assert all(body.data == stick.data for body in bodies_of(collection))
     check_bodies(desk, collection)
 
 
@@ -74,7 +75,7 @@ def test_modifiers_curves_and_hierarchies(desk):
     assert sorted(desk.recipe["names"][p.path] for p in desk.request.spec.scene.props) == ["Hammer", "Pipe", "Smooth"]
     assert set(desk.motion.props) == {0, 1, 2}
     check_bodies(desk, collection)
-    bevelled = [body for body in collection.objects if body.name.startswith("Smooth")]
+    bevelled = [body for body in bodies_of(collection) if body.name.startswith("Smooth")]
     assert len({body.data for body in bevelled}) == 1 and len(bevelled[0].data.vertices) > 8
 
 
@@ -87,7 +88,7 @@ def test_instances_of_collections(desk):
     empty.rotation_euler, empty.scale = (1, 2, 3), (0.8, 1.0, 1.2)
     desk.props.objects.link(empty)
     collection = desk.bake()
-    assert all(body.instance_collection == kit for body in collection.objects)
+    assert all(body.instance_collection == kit for body in bodies_of(collection))
     check_bodies(desk, collection)
 
 
@@ -167,7 +168,7 @@ def test_linked_props(desk, tmp_path):
     # One of the same name in the file itself is another.
     cuboid("Linked", (1, 1, 1))
     collection = desk.bake()
-    assert all(body.library is None and body.data.library for body in collection.objects)
+    assert all(body.library is None and body.data.library for body in bodies_of(collection))
     check_bodies(desk, collection)
 
 
@@ -182,3 +183,27 @@ def test_colliders_that_are_not_followed_are_told(desk):
     collection = desk.bake(colliders=walls)
     warnings = desk.addon("running").report_of(collection)["warnings"]
     assert [text for text in warnings if text.startswith("Door: it moves")]
+
+
+def test_weights_as_wanted_and_as_reached(desk):
+    for name, size in (("A", (0.26, 0.14, 0.12)), ("B", (0.13, 0.07, 0.06))):
+        desk.settings.props.add().object = cuboid(name, size)
+    desk.settings.props[0].weight = 3
+    pile = desk.bake(prop_source="LIST", output_mode="POSE")
+    assert [prop.weight for prop in desk.request.spec.scene.props] == [3, 1]
+    result = desk.addon("result")
+    shares = result.shares_of(pile)
+    counts = np.bincount(desk.motion.props)
+    assert [(name, wanted) for name, wanted, *_ in shares] == [("A", 0.75), ("B", 0.25)]
+    assert [count for *_, count in shares] == counts.tolist()
+    assert sum(reached for _, _, reached, _ in shares) == pytest.approx(1)
+    # By volume: B has an eighth of A's, and a third of its weight.
+    desk.settings.weigh_by = "VOLUME"
+    first, second = (prop.weight for prop in desk.addon("request").take(bpy.context).spec.scene.props)
+    assert second / first == pytest.approx(8 / 3, rel=1e-4)
+    # A sheet has a box.
+    sheet = desk.settings.props.add()
+    sheet.object = cuboid("Sheet", (0.2, 0.2, 0.0))
+    weights = [prop.weight for prop in desk.addon("request").take(bpy.context).spec.scene.props]
+    assert all(0 < weight <= 1000 for weight in weights)
+    assert desk.addon("report_panels").percent(0.002) == "<1%" and desk.addon("report_panels").percent(0.5) == "50%"

@@ -4,6 +4,7 @@ import time
 
 import bpy
 import pytest
+from blocks import bodies_of
 from conftest import PROGRAM, cuboid, mesh_object
 
 # Long enough to be stopped on the way.
@@ -180,7 +181,7 @@ def test_what_there_is_can_be_kept(desk, addon):
     assert bpy.ops.cairn.keep() == {"FINISHED"}
     assert addon("running").bake is None
     collection = bpy.data.collections["Heap Pile"]
-    assert len(collection.objects) > 0
+    assert len(bodies_of(collection)) > 0
     report = addon("running").report_of(collection)
     assert not report["is_whole"] and report["frame_count"] > 3
 
@@ -199,7 +200,7 @@ def test_a_bake_survives_its_file_and_its_server(desk, addon, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=path)
     assert running.left is not None
     assert bpy.ops.cairn.fetch() == {"FINISHED"}
-    assert len(bpy.data.collections["Heap Pile"].objects) > 0
+    assert len(bodies_of(bpy.data.collections["Heap Pile"])) > 0
     assert running.left is None and addon("pending").of_this_file() is None
 
 
@@ -240,3 +241,23 @@ def test_the_pile_is_there_before_its_figures(desk, addon):
     assert report["measures"]["shape_iou"] > 0.5
     # None was late.
     assert report["frame_count"] == len(motion.positions)
+
+
+def test_a_pile_that_rests_enough_is_the_result(desk, addon):
+    """The frames so far take the old pile's place, as a whole bake's do."""
+    desk.add_stick()
+    pile = desk.bake()
+    bake = start(desk, addon, accuracy="DRAFT", use_frame_count=True, frame_count=100000)
+    assert not bpy.ops.cairn.enough.poll()
+    wait(bake, lambda: bake.frame_count > 20 or bake.end)
+    assert bpy.ops.cairn.enough() == {"FINISHED"} and bake.has_all_frames and not bpy.ops.cairn.enough.poll()
+    # As the operator that follows the bake does then.
+    result, request = addon("result"), addon("request")
+    made = request.finish(result.build(bpy.context, bake.motion(), bake.recipe, bake.record()))
+    addon("running").end()
+    assert made == pile and made.cairn.is_whole
+    report = addon("running").report_of(pile)
+    assert report["is_whole"] and report["frame_count"] == bake.frame_count > 20
+    assert any(
+        "ended at this frame by hand" in text and "% of the bodies at rest" in text for text in report["warnings"]
+    )

@@ -5,6 +5,7 @@ import json
 import bpy
 import numpy as np
 import pytest
+from blocks import bodies_of
 from conftest import TURN, count_blocks
 from test_motion import made_up, write
 
@@ -179,7 +180,7 @@ def test_dots_go_along_with_bodies_of_both_kinds(desk, addon, mode):
     note.timing_start, note.timing_hold, note.timing_speed, note.timing_ease = 10, 5, 0.5, 1.0
     times = addon("timing").shown(collection)
     assert all(holds(float(times[number]), number) for number in (0, 4, 11))
-    for shown in collection.objects:
+    for shown in bodies_of(collection):
         shown.location.x += 2.0 if mode == "POINTS" else 0.0
     bpy.context.view_layer.update()
     before = view.places(collection)
@@ -188,7 +189,7 @@ def test_dots_go_along_with_bodies_of_both_kinds(desk, addon, mode):
     scene.frame_set(1)
     assert np.isfinite(before).all() and np.isfinite(view.places(collection)).all()
     # What somebody has changed has no places, and is no fault.
-    collection.objects[0].modifiers.clear()
+    bodies_of(collection)[0].modifiers.clear()
     if mode == "POINTS":
         assert np.isnan(view.places(collection)).all()
 
@@ -208,7 +209,7 @@ def test_loads_are_shown_where_no_states_are_told(desk, addon, mode):
             level = len(states.STATES) + dots.level(wanted[body]) if body in wanted else 0
             assert now[body] == level, body
         if mode == "ANIMATION":
-            shown = {body.cairn.number: tuple(body.color) for body in collection.objects}
+            shown = {body.cairn.number: tuple(body.color) for body in bodies_of(collection)}
             assert np.allclose(shown[4], states.LINEAR[now[3]], atol=1e-6)
         else:
             assert len({part.cairn.number for part in bpy.data.objects if part.parent}) == 4
@@ -218,7 +219,7 @@ def test_loads_are_shown_where_no_states_are_told(desk, addon, mode):
         manager.cairn_loads = manager.cairn_states = False
     assert count_blocks() == blocks
     if mode == "POINTS":
-        assert not any(item.value for item in collection.objects[0].data.attributes["state"].data)
+        assert not any(item.value for item in bodies_of(collection)[0].data.attributes["state"].data)
 
 
 def test_a_settled_pile_has_its_loads(desk, glue, addon):
@@ -227,7 +228,7 @@ def test_a_settled_pile_has_its_loads(desk, glue, addon):
     bpy.ops.cairn.edit_pile()
     collection = addon("result").chosen(bpy.context)
     view, states, dots = addon("glue"), addon("states"), addon("dots")
-    first = max(collection.objects, key=lambda body: body.location.z)
+    first = max(bodies_of(collection), key=lambda body: body.location.z)
     number = first.cairn.number
     bpy.data.objects.remove(first)
     bpy.ops.cairn.add_on_top(count=2)

@@ -6,7 +6,7 @@ import time
 import bpy
 import numpy as np
 import pytest
-from blocks import all_blocks
+from blocks import all_blocks, bodies_of
 from conftest import count_blocks, cuboid, mesh_object
 from test_faults import LONG, PATIENCE, names, refusal, start, wait
 
@@ -52,7 +52,7 @@ def test_looking_changes_nothing(desk, addon, looking):
         looking(lambda: False, 20)
     finally:
         bpy.app.handlers.frame_change_pre.pop()
-    assert {"DRAFT", "STANDARD"} <= set(running.plan["estimates"])
+    assert {"DRAFT", "STANDARD"} <= set(running.plan["times"])
     assert not moved and (all_blocks(), scene.frame_current, scene.frame_subframe) == before
 
 
@@ -115,10 +115,10 @@ def test_what_the_fill_has_can_be_kept(desk, addon):
     assert bake.kept_kind() == f"Keep the {count} Bodies as They Are"
     assert bpy.ops.cairn.keep() == {"FINISHED"}
     collection = bpy.data.collections["Heap Pile"]
-    assert len(collection.objects) == count and collection.cairn.mode == "POSE"
+    assert len(bodies_of(collection)) == count and collection.cairn.mode == "POSE"
     report = addon("running").report_of(collection)
     assert not report["is_whole"] and report["body_count"] == count
-    inside = [body.location for body in collection.objects]
+    inside = [body.location for body in bodies_of(collection)]
     assert all(abs(place.x) < 0.5 and abs(place.y) < 0.5 and -0.1 < place.z < 0.7 for place in inside)
 
 
@@ -210,9 +210,23 @@ def test_warnings_are_told_once_and_in_words(addon):
     gathered_pairs = gathered(texts, names)
     assert [things for _, things in gathered_pairs] == [["Rock", "Rock.001", "c: d", "Leaf"], [], ["Leaf"], []]
     assert gathered_pairs[0][0].startswith("“Rock”, “Rock.001”, “c: d” and 1 more: The mesh is open")
-    assert gathered_pairs[1][0].endswith("raise “Patience” in the panel Release")
-    assert "(“Height” in the panel Fill)" in gathered_pairs[2][0]
-    assert "“Max Bodies” in the panel Fill (20): the shape will" in gathered_pairs[3][0]
+    assert gathered_pairs[1][0].endswith("raise “Patience” in the panel Advanced, Release")
+    assert "(“Height” in the panel Advanced, Fill)" in gathered_pairs[2][0]
+    assert "“Max Bodies” in the panel Advanced, Fill (20): the shape will" in gathered_pairs[3][0]
+
+
+def test_warnings_name_objects_not_numbers(desk, addon):
+    desk.add_stick()
+    desk.add_stick("Block", (0.2, 0.2, 0.2))
+    wording, pile = addon("wording"), desk.bake(output_mode="POSE")
+    names = desk.recipe["names"]
+    texts = ["`props.1`: too thin", "prop 0 is larger than props[1]", "prop 9 is missing", "Stick: prop 0 is open"]
+    (thin, larger, missing, twice) = wording.gathered(texts, names)
+    assert thin == ("“Block”: too thin", ["Block"]) and larger == ("“Stick” is larger than “Block”", ["Stick", "Block"])
+    assert missing == ("Prop 9 is missing", []) and twice == ("“Stick” is open", ["Stick"])
+    first, last = bodies_of(pile)[0], bodies_of(pile)[-1]
+    text = f"bodies 0 (Stick), {len(bodies_of(pile)) - 1} (Stick) (2 in all) fell"
+    assert wording.with_bodies([text], pile) == [f"bodies “{first.name}”, “{last.name}” (2 in all) fell"]
 
 
 def test_settings_come_back_after_everything_was_renamed(desk, addon):
@@ -243,7 +257,7 @@ def test_a_rename_during_a_bake_does_no_harm(desk, addon):
     )
     addon("running").end()
     assert collection.cairn.control == desk.control and collection.name == "Hill Pile"
-    assert all(body.data == stick.data for body in collection.objects)
+    assert all(body.data == stick.data for body in bodies_of(collection))
     assert not bpy.context.scene.cairn_asked.token and not bpy.context.scene.cairn_asked.pointers
 
 
@@ -271,7 +285,7 @@ def test_bodies_are_as_the_render_has_them(desk, addon):
     smooth.levels, smooth.render_levels = 0, 2
     before = count_blocks()["scenes"]
     collection = desk.bake(output_mode="POSE")
-    assert len(desk.sent_vertices(0)) == 98 == len(collection.objects[0].data.vertices)
+    assert len(desk.sent_vertices(0)) == 98 == len(bodies_of(collection)[0].data.vertices)
     assert (smooth.levels, count_blocks()["scenes"]) == (0, before)
 
 

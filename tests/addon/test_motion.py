@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from blocks import bodies_of
 from conftest import count_blocks, gap, shown_vertices
 
 CLOSE = 1e-5
@@ -52,7 +53,7 @@ def write(desk, motion, mode):
 
 def check(desk, collection, frame, matrices, present):
     bpy.context.scene.frame_set(int(frame), subframe=frame % 1)
-    owners = {body.name for body in collection.objects}
+    owners = {body.name for body in bodies_of(collection)}
     shown = [points for (name, _), points in shown_vertices().items() if name in owners and len(points)]
     assert len(shown) == present.sum()
     corners = np.array([vertex.co for vertex in bpy.data.objects["Stick"].data.vertices])
@@ -78,8 +79,8 @@ def test_bodies_that_come_and_go(desk, addon, mode):
     collection = write(desk, motion, mode)
     for frame in (0, 3, 4, 6, 7, 11):
         bpy.context.scene.frame_set(1 + frame)
-        owners = {body.name for body in collection.objects}
-        visible = {body.name for body in collection.objects if not body.hide_viewport and not body.hide_render}
+        owners = {body.name for body in bodies_of(collection)}
+        visible = {body.name for body in bodies_of(collection) if not body.hide_viewport and not body.hide_render}
         shown = [key for key, points in shown_vertices().items() if key[0] in owners & visible and len(points)]
         assert len(shown) == motion.present[frame].sum()
 
@@ -109,7 +110,7 @@ def test_what_is_given_up_on_the_way_leaves_nothing(desk, addon, mode):
 def test_what_stands_still_is_not_keyed(desk, addon):
     motion = made_up(addon)
     collection = write(desk, motion, "ANIMATION")
-    bodies = list(collection.objects)
+    bodies = list(bodies_of(collection))
     assert bodies[-1].animation_data is None
     changes = (motion.positions[1:] != motion.positions[:-1]).any(axis=2)
     for number, body in enumerate(bodies):
@@ -147,7 +148,7 @@ def test_a_pile_beyond_one_table_becomes_several_objects(desk, addon, monkeypatc
     monkeypatch.setattr(points, "MAX_ROWS", 40)
     motion = made_up(addon)
     collection = write(desk, motion, "POINTS")
-    assert len(collection.objects) > 1
+    assert len(bodies_of(collection)) > 1
     check(desk, collection, 6, desk.expected(5), motion.present[5])
 
 

@@ -3,6 +3,7 @@
 import time
 
 import bpy
+from blocks import bodies_of
 from test_faults import PATIENCE, start
 
 
@@ -31,7 +32,7 @@ def test_a_bake_is_noted_when_it_is_asked_for(desk, addon, tmp_path, monkeypatch
     assert running.left is not None and running.left["bake_id"] == ""
     bpy.data.objects["Heap"].scale = (0.1, 0.1, 0.1)
     assert bpy.ops.cairn.fetch() == {"FINISHED"}
-    assert len(bpy.data.collections["Heap Pile"].objects) > 20
+    assert len(bodies_of(bpy.data.collections["Heap Pile"])) > 20
     assert pending.of_this_file() is None and not folder.exists()
 
 
@@ -63,7 +64,7 @@ def test_a_file_that_gets_its_name_while_connecting_is_fetched(desk, addon, tmp_
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.wm.open_mainfile(filepath=path)
     assert addon("running").left["bake_id"] == "" and bpy.ops.cairn.fetch() == {"FINISHED"}
-    assert len(bpy.data.collections["Heap Pile"].objects) > 20
+    assert len(bodies_of(bpy.data.collections["Heap Pile"])) > 20
     assert pending.of_this_file() is None and not folder.exists()
 
 

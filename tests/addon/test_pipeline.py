@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from blocks import bodies_of
 from conftest import count_blocks, cuboid
 
 CLOSE = 1e-4
@@ -28,24 +29,24 @@ def test_bodies_are_in_their_props_collections_on_request(desk, addon, sorted_pr
     wood, stone = sorted_props
     before = count_blocks()["collections"]
     pile = desk.bake(output_mode="POSE")
-    assert all(list(body.users_collection) == [pile] for body in pile.objects)
+    assert all(list(body.users_collection) == [pile] for body in bodies_of(pile))
     pile = desk.bake(use_prop_collections=True)
     assert count_blocks()["collections"] == before + 3
     for outer, prop in ((wood, "Stick"), (stone, "Block")):
         (inner,) = [child for child in outer.children if child.cairn.of_pile == pile]
-        mine = {body for body in pile.objects if desk.recipe["props"][body.cairn.prop]["name"] == prop}
+        mine = {body for body in bodies_of(pile) if desk.recipe["props"][body.cairn.prop]["name"] == prop}
         assert set(inner.objects) == mine and mine
         # Nothing lies between the props.
         assert len(outer.objects) == 1
-    assert {len(body.users_collection) for body in pile.objects} == {2}
+    assert {len(body.users_collection) for body in bodies_of(pile)} == {2}
     # They are no props, though they are below their collection.
     names = {source.name for source, _ in addon("request").props_of(desk.settings)}
     assert names == {"Stick", "Block"}
-    count = len(pile.objects)
-    assert len(desk.bake(output_mode="POINTS").objects) == 1 and count_blocks()["collections"] > before
+    count = len(bodies_of(pile))
+    assert len(bodies_of(desk.bake(output_mode="POINTS"))) == 1 and count_blocks()["collections"] > before
     assert not [one for one in bpy.data.collections if one.cairn.of_pile]
     pile = desk.bake(output_mode="ANIMATION")
-    assert len(pile.objects) == count
+    assert len(bodies_of(pile)) == count
     assert bpy.ops.cairn.delete() == {"FINISHED"}
     assert count_blocks()["collections"] == before
 
@@ -56,7 +57,7 @@ def test_a_pile_is_hidden_in_its_props_collections_too(desk, addon, sorted_props
 
     def seen(pile):
         bpy.context.view_layer.update()
-        return {body.visible_get() for body in pile.objects}
+        return {body.visible_get() for body in bodies_of(pile)}
 
     assert seen(first) == {False} and seen(second) == {True}
     assert bpy.ops.cairn.show_pile(collection=first.name) == {"FINISHED"}
@@ -65,13 +66,13 @@ def test_a_pile_is_hidden_in_its_props_collections_too(desk, addon, sorted_props
     assert bpy.ops.cairn.edit_pile() == {"FINISHED"}
     edited = addon("result").chosen(bpy.context)
     assert seen(edited) == {True} and seen(first) == {False}
-    body = next(body for body in edited.objects if body.cairn.prop == 0)
+    body = next(body for body in bodies_of(edited) if body.cairn.prop == 0)
     for other in bpy.context.view_layer.objects:
         other.select_set(other == body)
     assert bpy.ops.cairn.replace_bodies(prop="1") == {"FINISHED"}
-    assert {len(body.users_collection) for body in edited.objects} == {2}
+    assert {len(body.users_collection) for body in bodies_of(edited)} == {2}
     sizes = {one.name: len(one.objects) for one in bpy.data.collections if one.cairn.of_pile == edited}
-    assert sum(sizes.values()) == len(edited.objects) and len(sizes) == 2
+    assert sum(sizes.values()) == len(bodies_of(edited)) and len(sizes) == 2
 
 
 @pytest.fixture
@@ -121,7 +122,7 @@ def test_assets_are_props(desk, addon, library, link, mode):
     sent = [desk.sent_vertices(number) for number in range(2)]
     # The instance's own place and its collection's do not matter.
     assert np.abs(sent[1]).max() < 0.3 and len(sent[1]) == 16
-    owners = {body.name for body in pile.objects}
+    owners = {body.name for body in bodies_of(pile)}
     shown = [points for (name, _), points in shown_vertices().items() if name in owners and len(points)]
     expected = [sent[prop] @ matrix[:3, :3].T + matrix[:3, 3] for prop, matrix in zip(desk.motion.props, last)]
     assert {0, 1} <= set(desk.motion.props.tolist())
@@ -147,7 +148,7 @@ def test_assets_can_be_chosen_one_by_one(desk, addon, library, link, tmp_path):
     assert bpy.ops.cairn.add_props() == {"FINISHED"}
     assert {item.object for item in desk.settings.props} == {rod, instance}
     pile = desk.bake(output_mode="POSE", use_prop_collections=True)
-    count = len(pile.objects)
+    count = len(bodies_of(pile))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "pile.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "pile.blend"))
     settings = bpy.context.scene.cairn
@@ -156,7 +157,7 @@ def test_assets_can_be_chosen_one_by_one(desk, addon, library, link, tmp_path):
     assert {item.object.name for item in settings.props} == {"Rod", "Chair"}
     assert {bool(item.object.library) for item in settings.props} == ({True, False} if link else {False})
     assert bpy.ops.cairn.bake() == {"FINISHED"}
-    assert len(bpy.data.collections["Heap Pile"].objects) == count
+    assert len(bodies_of(bpy.data.collections["Heap Pile"])) == count
 
 
 def poses(objects, frames):
@@ -181,7 +182,7 @@ def test_other_programs_get_the_motion(desk, form, tmp_path):
     scene, last = bpy.context.scene, len(desk.motion.positions)
     scene.frame_start, scene.frame_end = 1, last
     frames = (1 + last // 2, last)
-    before = poses(pile.objects, frames)
+    before = poses(bodies_of(pile), frames)
     moved = [name for frame, name in before if not np.allclose(before[frames[0], name], before[last, name])]
     assert moved
     for other in bpy.context.view_layer.objects:
@@ -214,19 +215,19 @@ def test_other_programs_get_the_motion(desk, form, tmp_path):
 
 def test_a_pile_of_which_only_the_surface_is_made_of_props(desk, addon):
     desk.add_stick("Twig", (0.2, 0.08, 0.07))
-    full = len(desk.bake(kept_shape="NATURAL").objects)
+    full = len(bodies_of(desk.bake(kept_shape="NATURAL")))
     assert not desk.request.spec.scene.fill.HasField("shell")
     desk.settings.fill.use_shell, desk.settings.fill.shell = True, 0.6
     shell = desk.bake()
     assert abs(desk.request.spec.scene.fill.shell - 0.6) < 1e-6
-    assert len(shell.objects) < 0.9 * full
+    assert len(bodies_of(shell)) < 0.9 * full
     # Well inside the core: half of the heap's width less 0.14 m and a prop's reach.
-    middle = [body.name for body in shell.objects if body.location.xy.length < 0.15 and body.location.z < 0.25]
+    middle = [body.name for body in bodies_of(shell) if body.location.xy.length < 0.15 and body.location.z < 0.25]
     assert not middle, "nothing lies in the core"
     # When a pile is edited, the core is still there.
     assert bpy.ops.cairn.edit_pile() == {"FINISHED"}
     edited = addon("result").chosen(bpy.context)
-    lowest = sorted(edited.objects, key=lambda body: body.location.z)[:3]
+    lowest = sorted(bodies_of(edited), key=lambda body: body.location.z)[:3]
     for body in bpy.context.view_layer.objects:
         body.select_set(body in lowest)
     assert bpy.ops.cairn.remove_bodies() == {"FINISHED"}
@@ -234,7 +235,7 @@ def test_a_pile_of_which_only_the_surface_is_made_of_props(desk, addon):
     scene = taken.spec.scene
     assert scene.control_mesh.path and abs(scene.fill.shell - 0.6) < 1e-6
     assert bpy.ops.cairn.settle() == {"FINISHED"}
-    assert addon("wording").said("fill.shell: 0.1 is").startswith("“Only Near the Surface” in the panel Fill")
+    assert addon("wording").said("fill.shell: 0.1 is").startswith("“Only Near the Surface” in the panel Advanced, Fill")
 
 
 def finish(generator):

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from blocks import bodies_of
 from conftest import cuboid, shown_vertices
 
 
@@ -40,7 +41,7 @@ def test_moving_colliders_are_followed(placing):
     assert scenery.keyframes[-1].position[0] == pytest.approx(0.3)
     # It has pushed the pile.
     bpy.context.scene.frame_set(25)
-    names = {body.name for body in made.objects}
+    names = {body.name for body in bodies_of(made)}
     points = [points for (name, _), points in shown_vertices().items() if name in names]
     assert np.median([p[:, 0].mean() for p in points]) < -0.02
     assert bpy.context.scene.frame_current == 25
@@ -64,11 +65,11 @@ def test_what_is_kept_stays_and_is_not_made_twice(placing):
     made = placing.bake(keep=kept)
     (body,) = placing.request.spec.scene.bodies
     assert body.kept and body.position == pytest.approx([0.05, 0.151, -0.02], abs=1e-6)
-    assert len(made.objects) == (placing.motion.props == 0).sum() == len(placing.motion.props) - 1
+    assert len(bodies_of(made)) == (placing.motion.props == 0).sum() == len(placing.motion.props) - 1
     where = placing.expected(-1)[placing.motion.props == 1][0]
     assert np.abs(where - np.array(rock.matrix_world)).max() < 1e-5
     assert rock.matrix_basis == before and not rock.hide_render
-    assert not [body for body in made.objects if body.name.startswith("Rock")]
+    assert not [body for body in bodies_of(made) if body.name.startswith("Rock")]
 
 
 def test_projectiles_appear_and_hit(placing):
@@ -85,7 +86,7 @@ def test_projectiles_appear_and_hit(placing):
     )
     (thrown,) = placing.request.spec.scene.bodies
     assert thrown.start_frame == 5 and thrown.mass == 50 and list(thrown.velocity) == [-8, 1, 0]
-    (body,) = [body for body in made.objects if body.name.startswith("Ball")]
+    (body,) = [body for body in bodies_of(made) if body.name.startswith("Ball")]
     bpy.context.scene.frame_set(4)
     assert body.hide_render and body.hide_viewport
     bpy.context.scene.frame_set(7)
@@ -110,7 +111,7 @@ def test_drops(placing):
     assert placing.request.spec.scene.HasField("region")
     present = placing.motion.present
     assert present[-1].sum() == present[0].sum() + 4
-    assert len(made.objects) == len(placing.motion.props)
+    assert len(bodies_of(made)) == len(placing.motion.props)
 
 
 def test_tilt(placing):
@@ -147,7 +148,7 @@ def test_how_props_lie(placing):
     for prop in placing.request.spec.scene.props:
         assert list(prop.up) == [0, 0, 1] and prop.turns == v1.TURNS_QUARTER and prop.scale_skew == 0.5
     # Laid, not thrown: each of them has its Y axis down.
-    turns = np.array([np.array(body.matrix_world)[:3, :3] for body in made.objects])
+    turns = np.array([np.array(body.matrix_world)[:3, :3] for body in bodies_of(made)])
     assert (turns[:, 2, 1] < -0.9).mean() > 0.7
     # A result brings them back.
     for name in set_here:

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from blocks import bodies_of
 from conftest import count_blocks
 from test_motion import made_up, write
 
@@ -27,8 +28,8 @@ def test_objects_have_their_states_colors_at_each_frame(desk, addon, show):
     motion = made_up(addon)
     collection = write(desk, motion, "ANIMATION")
     own = (0.1, 0.2, 0.3, 0.4)
-    collection.objects[3].color = own
-    before, blocks = colors_of(collection.objects), count_blocks()
+    bodies_of(collection)[3].color = own
+    before, blocks = colors_of(bodies_of(collection)), count_blocks()
     bpy.context.scene.frame_set(6)
     show(True)
     assert bpy.context.window_manager.cairn_states
@@ -37,12 +38,12 @@ def test_objects_have_their_states_colors_at_each_frame(desk, addon, show):
         now = motion.states[min(frame - 1, 11)]
         assert np.array_equal(states.at(collection, frame), now)
         graph = bpy.context.evaluated_depsgraph_get()
-        for body, state in zip(collection.objects, now):
+        for body, state in zip(bodies_of(collection), now):
             assert np.array_equal(body.evaluated_get(graph).color, states.LINEAR[state])
     show(False)
-    assert np.array_equal(colors_of(collection.objects), before) and count_blocks() == blocks
+    assert np.array_equal(colors_of(bodies_of(collection)), before) and count_blocks() == blocks
     bpy.context.scene.frame_set(2)
-    assert np.array_equal(colors_of(collection.objects), before)
+    assert np.array_equal(colors_of(bodies_of(collection)), before)
     assert not bpy.app.handlers.frame_change_pre
 
 
@@ -56,7 +57,7 @@ def test_points_of_each_state_have_an_instancer_of_its_color(desk, addon, show):
     states = addon("states")
     motion = made_up(addon)
     collection = write(desk, motion, "POINTS")
-    (shown,) = collection.objects
+    (shown,) = bodies_of(collection)
     blocks = count_blocks()
     values = lambda name: [item.value for item in shown.data.attributes[name].data]  # noqa: E731
     assert values("state") == motion.states[-1].tolist()
@@ -78,7 +79,7 @@ def test_points_of_each_state_have_an_instancer_of_its_color(desk, addon, show):
 
 def test_what_was_changed_by_hand_is_left_alone(desk, addon, show):
     collection = write(desk, made_up(addon), "POINTS")
-    (shown,) = collection.objects
+    (shown,) = bodies_of(collection)
     collection.objects.link(desk.control)
     show(True)
     shown.data.attributes.remove(shown.data.attributes["state"])
@@ -94,7 +95,7 @@ def test_what_was_changed_by_hand_is_left_alone(desk, addon, show):
 def test_the_file_and_the_undo_history_never_keep_them(desk, addon, show, mode, tmp_path):
     states = addon("states")
     collection = write(desk, made_up(addon), mode)
-    before, blocks = colors_of(collection.objects), count_blocks()
+    before, blocks = colors_of(bodies_of(collection)), count_blocks()
     bpy.ops.ed.undo_push(message="pile")
     show(True)
     bpy.ops.ed.undo_push(message="with colors")
@@ -108,13 +109,13 @@ def test_the_file_and_the_undo_history_never_keep_them(desk, addon, show, mode, 
     bpy.ops.ed.undo_push(message="without")
     bpy.ops.ed.undo()
     collection = bpy.data.collections["Heap Pile"]
-    assert np.array_equal(colors_of(collection.objects), before) and count_blocks() == blocks
+    assert np.array_equal(colors_of(bodies_of(collection)), before) and count_blocks() == blocks
     bpy.ops.wm.save_as_mainfile(filepath=path)
     show(True)
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.open_mainfile(filepath=path)
     assert not states.is_shown
-    assert np.array_equal(colors_of(bpy.data.collections["Heap Pile"].objects), before)
+    assert np.array_equal(colors_of(bodies_of(bpy.data.collections["Heap Pile"])), before)
     assert count_blocks() == blocks and states.at(bpy.data.collections["Heap Pile"], 4) is not None
 
 
@@ -125,16 +126,16 @@ def test_a_bake_tells_of_states(desk, addon, show):
     collection = desk.bake(start_frame=11, kept_shape="NATURAL")
     states = addon("states")
     first = states.at(collection, 11)
-    assert len(first) == len(collection.objects) and (first == v1.BODY_STATE_WAITING).all()
+    assert len(first) == len(bodies_of(collection)) and (first == v1.BODY_STATE_WAITING).all()
     # The control may end before the bake does.
     frames = range(11, 11 + len(desk.motion.positions))
     assert max((states.at(collection, frame) == v1.BODY_STATE_HELD).mean() for frame in frames) > 0.5
     bpy.context.scene.frame_set(11)
-    assert np.array_equal(colors_of(collection.objects), states.LINEAR[first])
+    assert np.array_equal(colors_of(bodies_of(collection)), states.LINEAR[first])
     desk.settings.control.use_mode, desk.settings.control.mode = True, "OFF"
     collection = desk.bake()
     assert not collection.cairn.states and states.at(collection, 11) is None
-    assert (colors_of(collection.objects) == 1).all()
+    assert (colors_of(bodies_of(collection)) == 1).all()
 
 
 def test_the_numbers_are_those_of_the_schema(addon):

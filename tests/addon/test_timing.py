@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from blocks import bodies_of
 from conftest import gap, shown_vertices
 
 CLOSE = 1e-4
@@ -15,9 +16,9 @@ def at(desk, collection, frame, number):
     low, high = desk.expected(int(np.floor(number))), desk.expected(int(np.ceil(number)))
     wanted = low[:, :3, 3] + (number - np.floor(number)) * (high - low)[:, :3, 3]
     if collection.cairn.mode == "ANIMATION":
-        found = np.array([body.matrix_world.translation for body in collection.objects])
+        found = np.array([body.matrix_world.translation for body in bodies_of(collection)])
         return np.abs(found - wanted).max() < CLOSE
-    owners = {body.name for body in collection.objects}
+    owners = {body.name for body in bodies_of(collection)}
     shown = [points for (name, _), points in shown_vertices().items() if name in owners and len(points)]
     middles = np.array([points.mean(axis=0) for points in shown])
     own = desk.sent_vertices(0).mean(axis=0)
@@ -67,7 +68,7 @@ def test_it_fits_the_scene(desk, addon):
 def test_a_key_of_ones_own_goes_along(desk):
     desk.add_stick()
     collection = desk.bake(start_frame=1)
-    body = next(body for body in collection.objects if body.animation_data)
+    body = next(body for body in bodies_of(collection) if body.animation_data)
     body.keyframe_insert("scale", frame=0)
     body.keyframe_insert("scale", frame=1000)
     collection.cairn.timing_start = 11
@@ -114,7 +115,7 @@ def test_the_final_pose_stays_alone(desk, addon, mode):
 def test_what_had_fallen_out_is_not_in_the_final_pose(desk, addon):
     desk.add_stick()
     collection = desk.bake()
-    body = next(body for body in collection.objects if body.animation_data)
+    body = next(body for body in bodies_of(collection) if body.animation_data)
     body.hide_render = body.hide_viewport = False
     for hidden, frame in ((False, 1), (True, 4)):
         body.hide_render = body.hide_viewport = hidden

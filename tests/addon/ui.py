@@ -2,7 +2,7 @@
 
     blender --factory-startup --window-geometry 0 0 1400 900 --python ui.py
 
-Bakes four times: stopped by Esc and by the Cancel button, and to the end, as objects and as points, both of them
+Bakes four times: stopped by Esc and by the Stop button, and to the end, as objects and as points, both of them
 colored by state, too. $CAIRN_ADDON is the add-on's zip,
 $CAIRN_SCREENSHOTS a folder for pictures of the window.
 """
@@ -15,17 +15,17 @@ import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 
+from blocks import bodies_of
 import hands
 import ui_hour
 from hands import click, picture, press, sidebar, view, wait, xdotool
 from window import install, make_scene, start
 
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
-# there; the button; and Cancel, at the right end of the same row while a bake runs.
+# there; the button; and Stop, at the right end of the same row while a bake runs.
 TAB = 1144, 192
-BAKE_BELOW_ACCURACIES = 1000, 585
-ACCURACY_HEIGHT = 21
-CANCEL_X = 1106
+BAKE = 1000, 205
+STOP_X = 1106
 VIEW = 600, 500
 OUTLINER = 1270, 170
 
@@ -42,10 +42,9 @@ def answer_escape():
 
 def walk():
     """The steps; what is yielded is the pause until the next, s."""
-    from cairn import running, schema
+    from cairn import running
 
-    # One line for each accuracy that there is.
-    bake_button = BAKE_BELOW_ACCURACIES[0], BAKE_BELOW_ACCURACIES[1] + ACCURACY_HEIGHT * len(schema.ACCURACIES)
+    bake_button = BAKE
     for source in list(bpy.data.objects):
         bpy.data.objects.remove(source)
     area = sidebar()
@@ -61,7 +60,7 @@ def walk():
     picture("2-before.png")
     objects = sorted(bpy.data.objects.keys())
     yield from wait(lambda: running.plan, "what a bake is expected to take")
-    assert {"DRAFT", "STANDARD", "FINE"} <= set(running.plan["estimates"])
+    assert {"DRAFT", "STANDARD", "FINE"} <= set(running.plan["times"])
     yield 0.5
     picture("2-expected.png")
     yield from ui_hour.idle()
@@ -70,7 +69,7 @@ def walk():
 
     # To be stopped on the way. A click elsewhere, or Esc without an answer, does not.
     settings.accuracy, settings.use_frame_count, settings.frame_count = "DRAFT", True, 100000
-    cancel_button = CANCEL_X, bake_button[1]
+    cancel_button = STOP_X, bake_button[1]
     for name, stop in (("escape", answer_escape), ("button", lambda: click(*cancel_button))):
         yield from click(*bake_button)
         yield from wait(lambda: running.bake and running.bake.frame_count > 5, f"frames, to stop by {name}")
@@ -108,7 +107,7 @@ def walk():
     bpy.context.window_manager.cairn_states = False
     yield from wait(lambda: running.bake is None, "the pile")
     pile = bpy.data.collections["Cone Pile"]
-    count, frames = len(pile.objects), running.report_of(pile)["frame_count"]
+    count, frames = len(bodies_of(pile)), running.report_of(pile)["frame_count"]
     assert count > 20 and running.report_of(pile)["is_whole"]
     # The figures may come later.
     yield from wait(lambda: "measures" in running.report_of(bpy.data.collections["Cone Pile"]), "the report")
@@ -122,7 +121,7 @@ def walk():
     assert "Cone Pile" not in bpy.data.collections and sorted(bpy.data.objects.keys()) == objects
     with view(area):
         bpy.ops.ed.redo()
-    assert len(bpy.data.collections["Cone Pile"].objects) == count
+    assert len(bodies_of(bpy.data.collections["Cone Pile"])) == count
     assert "measures" in running.report_of(bpy.data.collections["Cone Pile"])
     yield from by_state(area, "objects")
     # Undo has put another scene in the old one's place.

@@ -5,6 +5,7 @@ import sys
 import traceback
 
 import bpy
+from blocks import bodies_of
 from hands import picture, view, wait
 
 
@@ -46,7 +47,7 @@ def take_out(area, near, count):
     with view(area):
         bpy.ops.cairn.edit_pile()
     pile = result.chosen(bpy.context)
-    nearest = sorted(pile.objects, key=lambda body: (body.location - near).length)
+    nearest = sorted(bodies_of(pile), key=lambda body: (body.location - near).length)
     with view(area):
         for body in nearest[:count]:
             body.select_set(True)

@@ -342,3 +342,27 @@ async fn a_data_directory_has_one_server() {
     assert_eq!(second.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&second.stderr).contains("in use by another server"));
 }
+
+/// A program that was killed asks nothing: the system has released its lock.
+#[tokio::test]
+async fn a_server_that_nobody_uses_any_more_ends_with_its_bakes() {
+    let folder = tempfile::tempdir().unwrap();
+    let users = folder.path().join("users");
+    std::fs::create_dir(&users).unwrap();
+    let held = std::fs::File::create(users.join("1.lock")).unwrap();
+    held.lock().unwrap();
+    let args = ["--drain-seconds", "3600", "--users", users.to_str().unwrap()];
+    let mut server = Server::start_in(folder.path(), &args);
+    let mut connection = server.ready().await;
+    let stream = connection.service.bake(request(endless(1))).await.unwrap().into_inner();
+    // Longer than the server waits between two looks.
+    tokio::time::sleep(Duration::from_secs(3)).await;
+    assert!(server.is_running(), "a lock is held");
+    drop(held);
+    let (received, end) = events(stream).await;
+    assert_fault(&end.unwrap_err(), Code::Unavailable, "SHUTTING_DOWN");
+    drop(connection);
+    assert_eq!(server.wait(), Some(0));
+    let server = Server::start_in(folder.path(), &[]);
+    until(&mut server.connect().await, &accepted_id(&received), BakeState::Running).await;
+}

@@ -107,6 +107,11 @@ pub struct Args {
     #[arg(long, value_name = "SECONDS", env = "CAIRN_DRAIN_SECONDS")]
     drain_seconds: Option<u64>,
 
+    /// Folder in which each program that uses the server locks a file; once none is locked, the server ends at once
+    /// [default: none]
+    #[arg(long, value_name = "FOLDER", env = "CAIRN_USERS")]
+    users: Option<PathBuf>,
+
     /// HTTP address of Prometheus metrics [default: none]
     #[arg(long, value_name = "HOST:PORT", env = "CAIRN_METRICS")]
     metrics: Option<SocketAddr>,

@@ -47,6 +47,9 @@ pub struct Config {
     pub unfinished: Unfinished,
     /// Time that running bakes get to finish when the server shuts down, s. Default: 30.
     pub drain_seconds: u64,
+    /// Folder in which the programs that use the server each hold a lock on a file. Once none is held, the server ends,
+    /// and what it bakes with it. Default: none, the server does not end by itself.
+    pub users: Option<PathBuf>,
     /// HTTP address of the Prometheus metrics, `HOST:PORT`. Default: none.
     pub metrics: Option<SocketAddr>,
     /// `text` or `json`. Default: text.
@@ -94,6 +97,7 @@ impl Default for Config {
             reuse: true,
             unfinished: Unfinished::Restart,
             drain_seconds: 30,
+            users: None,
             metrics: None,
             log: LogForm::Text,
             worker_program: None,

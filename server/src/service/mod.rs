@@ -23,5 +23,6 @@ mod store;
 pub mod telemetry;
 #[cfg(unix)]
 mod unix;
+mod users;
 pub mod worker;
 pub mod worker_message;

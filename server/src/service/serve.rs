@@ -13,6 +13,7 @@ use crate::service::status::Fault;
 use crate::service::store::Store;
 #[cfg(unix)]
 use crate::service::unix;
+use crate::service::users;
 use crate::wire::proto::pile_service_server::PileServiceServer;
 use std::future::Future;
 use std::sync::Arc;
@@ -83,7 +84,8 @@ pub async fn run(
     secrets: Secrets,
     store: Store,
 ) -> Result<(), ServeError> {
-    let drain = Duration::from_secs(config.drain_seconds);
+    let mut drain = Duration::from_secs(config.drain_seconds);
+    let users = config.users.clone();
     let bakes = Bakes::new(config, store);
     bakes.restore().map_err(|error| ServeError::Failed(format!("the store cannot be read: {error}")))?;
     let keeper = tokio::spawn(bakes.clone().keep_limits());
@@ -109,6 +111,12 @@ pub async fn run(
 
     let failed = tokio::select! {
         () = shutdown => None,
+        () = users::all_gone(users) => {
+            // Nobody waits for a result. The next server takes up what is not finished.
+            info!("nobody uses this server any more");
+            drain = Duration::ZERO;
+            None
+        }
         ended = servers.join_next() => ended,
     };
     info!("shutting down");

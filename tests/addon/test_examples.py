@@ -1,0 +1,26 @@
+"""The five scenes to begin with can be baked as they are."""
+
+import bpy
+import numpy as np
+import pytest
+from blocks import bodies_of
+
+NAMES = ("Firewood", "Rubble", "Oranges", "Books", "Cans")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_example_is_baked(addon, name):
+    assert bpy.ops.cairn.add_examples() == {"FINISHED"}
+    assert set(NAMES) <= set(bpy.data.scenes.keys())
+    scene = bpy.data.scenes[name]
+    assert addon("request").missing(scene.cairn) == "" and scene.camera
+    scene.cairn.accuracy, scene.cairn.output_mode = "DRAFT", "POSE"
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        assert bpy.ops.cairn.bake() == {"FINISHED"}
+    pile = addon("result").existing(scene, scene.cairn.control_mesh)
+    bodies = bodies_of(pile)
+    props = {body.cairn.prop for body in bodies}
+    assert len(bodies) > 30 and props == set(range(len(scene.cairn.prop_collection.objects)))
+    # It stands on the ground, about where its shape is.
+    places = np.array([body.location for body in bodies])
+    assert places[:, 2].min() > 0 and np.abs(np.median(places[:, :2], axis=0)).max() < 0.3
