@@ -165,7 +165,8 @@ fn literals(code: &str) -> Vec<String> {
                 '\\' => match chars.next() {
                     Some((_, '\n')) => {
                         let tail = &rest[at + 1 + place + 2..];
-                        (0..tail.chars().take_while(|c| c.is_whitespace()).count()).for_each(|_| drop(chars.next()));
+                        let blank = tail.chars().take_while(|c| c.is_whitespace()).count();
+                        chars.by_ref().take(blank).for_each(|_| ());
                     }
                     Some((_, other)) => literal.push(other),
                     None => {}
