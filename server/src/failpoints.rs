@@ -37,11 +37,15 @@ pub fn write(place: &str, to: &mut impl Write, bytes: &[u8]) -> Result<()> {
 #[cfg(feature = "failpoints")]
 fn error(name: &str) -> std::io::Error {
     std::io::Error::from_raw_os_error(match name {
+        "ENOENT" => 2,
         "EIO" => 5,
         "ENOMEM" => 12,
+        "EACCES" => 13,
         "EMFILE" => 24,
         "ENOSPC" => 28,
+        "EROFS" => 30,
         "EPIPE" => 32,
+        "ENAMETOOLONG" => 36,
         "KILL" => {
             let own = std::process::id().to_string();
             let _ = std::process::Command::new("kill").args(["-KILL", &own]).status();

@@ -2,6 +2,8 @@
 
 use crate::failpoints;
 use crate::problem::{Problem, nearest};
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
@@ -53,14 +55,88 @@ fn missing(path: &Path) -> String {
     }
 }
 
+/// Where the files of a scene come from: a disk, or the uploads of a request.
+pub trait FileSource: Send + Sync {
+    fn read(&self, path: &Path) -> Result<Vec<u8>, Problem>;
+
+    /// The file that a model means by this path: the path itself, or the only one that differs from it in case alone.
+    fn find(&self, path: &Path) -> Option<PathBuf>;
+
+    /// What is said of a file that is not there, and the remedy.
+    fn absence(&self) -> (&'static str, &'static str);
+}
+
+/// The files of this machine.
+#[derive(Clone, Debug, Default)]
+pub struct Disk {
+    /// Files that lie elsewhere than the scene says, by their [`normalized`] paths there.
+    pub moved: BTreeMap<PathBuf, PathBuf>,
+}
+
+impl FileSource for Disk {
+    fn read(&self, path: &Path) -> Result<Vec<u8>, Problem> {
+        read(self.moved.get(&normalized(path)).map_or(path, PathBuf::as_path))
+    }
+
+    fn find(&self, path: &Path) -> Option<PathBuf> {
+        if let Some(found) = self.moved.get(&normalized(path)) {
+            return Some(found.clone());
+        }
+        if path.is_file() {
+            return Some(path.to_owned());
+        }
+        let mut found = PathBuf::new();
+        for part in path.components() {
+            let next = found.join(part);
+            found = if !matches!(part, Component::Normal(_)) || next.exists() {
+                next
+            } else {
+                let folder = if found.as_os_str().is_empty() { Path::new(".") } else { &found };
+                let names = folder.read_dir().ok()?.flatten().map(|entry| entry.file_name());
+                found.join(only_in_another_case(part.as_os_str(), names)?)
+            };
+        }
+        found.is_file().then_some(found)
+    }
+
+    fn absence(&self) -> (&'static str, &'static str) {
+        ("was not found", "Put it there, or export the model as one .glb file.")
+    }
+}
+
+/// The only one of `names` that differs from `wanted` in case alone.
+pub fn only_in_another_case<N: AsRef<OsStr>>(wanted: &OsStr, names: impl Iterator<Item = N>) -> Option<N> {
+    let wanted = wanted.to_str()?.to_lowercase();
+    let mut same = names.filter(|name| name.as_ref().to_str().is_some_and(|name| name.to_lowercase() == wanted));
+    let first = same.next()?;
+    same.next().is_none().then_some(first)
+}
+
+/// A path without `.` and, as far as it can be, without `..`: `a/../b` is `b`. Links are not followed.
+pub fn normalized(path: &Path) -> PathBuf {
+    let mut parts = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir if matches!(parts.components().next_back(), Some(Component::Normal(_))) => {
+                parts.pop();
+            }
+            part => parts.push(part),
+        }
+    }
+    parts
+}
+
 /// Whether a path is relative and has no `..`.
 fn is_plain(path: &Path) -> bool {
     path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
 }
 
-/// The path of a file that a glTF file in `folder` names; `None` if it lies outside `folder`.
-pub fn below(folder: &Path, relative: &str) -> Option<PathBuf> {
-    let leads_away = relative.is_empty() || relative.contains(['\\', ':', '\0']) || !is_plain(Path::new(relative));
+/// The path of a file that a glTF file in `folder` names; `None` for a path that is not of the form which its reader
+/// gives: relative, and `..` only in front.
+pub fn beside(folder: &Path, relative: &str) -> Option<PathBuf> {
+    let below = relative.trim_start_matches("../");
+    let leads_away = below.is_empty() || below.contains(['\\', ':', '\0']) || !is_plain(Path::new(below));
     (!leads_away).then(|| folder.join(relative))
 }
 
@@ -244,6 +320,38 @@ mod tests {
         remove_abandoned(folder.path());
         let path = staged.publish().unwrap();
         assert_eq!(std::fs::read(path).unwrap(), b"pile");
+    }
+
+    #[test]
+    fn files_are_found_in_another_case_where_one_alone_fits() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("Textures")).unwrap();
+        std::fs::write(folder.path().join("Textures/Red.PNG"), "red").unwrap();
+        let disk = Disk::default();
+        let find = |name: &str| disk.find(&folder.path().join(name)).map(|path| std::fs::read(path).unwrap());
+        for name in ["Textures/Red.PNG", "textures/red.png", "TEXTURES/RED.png", "none/../textures/red.png"] {
+            assert_eq!(find(name).as_deref(), (!name.contains("none")).then_some(&b"red"[..]), "{name}");
+        }
+        assert_eq!(find("textures/blue.png"), None);
+        assert_eq!(find("textures"), None);
+        // Of two that fit as well, none is taken. Some disks cannot hold both.
+        std::fs::write(folder.path().join("Textures/RED.png"), "other").unwrap();
+        if std::fs::read(folder.path().join("Textures/Red.PNG")).unwrap() == b"red" {
+            assert_eq!(find("textures/red.png"), None);
+            assert_eq!(find("Textures/RED.png").as_deref(), Some(&b"other"[..]));
+        }
+    }
+
+    #[test]
+    fn paths_are_normalized() {
+        for (path, expected) in [
+            ("kit/gltf/../textures/a.png", "kit/textures/a.png"),
+            ("../a/./b", "../a/b"),
+            ("a/../../b", "../b"),
+            ("/../a", "/../a"),
+        ] {
+            assert_eq!(normalized(Path::new(path)), Path::new(expected), "{path}");
+        }
     }
 
     #[test]

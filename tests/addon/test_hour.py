@@ -203,7 +203,7 @@ def test_warnings_are_told_once_and_in_words(addon):
     tail = ": the mesh is open: its mass is computed from its collision shape; close it for the exact mass"
     names = {"a.glb": "Rock", "b.glb": "Rock.001", "c: d": "c: d", "e": "Leaf"}
     texts = [uri + tail for uri in names] + ["a.glb" + tail]
-    texts += ["the pile was still moving at the last frame; bake more frames, or raise hold.patience"] * 2
+    texts += ["3 bodies were still moving at the last frame; bake more frames, or raise hold.patience"] * 2
     foot = "e: the pile stands on a small foot: 3 % of its underside lies within 0.010 m of the ground (base.height), a"
     texts += [foot]
     texts += ["more bodies would fit than fill.max_bodies = 20: the control mesh will not be full; raise it"]

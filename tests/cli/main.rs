@@ -9,6 +9,8 @@ mod effects;
 mod examples;
 mod faults;
 mod measures;
+mod messages;
+mod models;
 mod outputs;
 mod readme;
 mod scenes;

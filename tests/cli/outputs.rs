@@ -1,6 +1,6 @@
 //! Outputs: checked before any work, written complete or not at all.
 
-use crate::desk::Desk;
+use crate::desk::{Desk, Done};
 
 const SCENE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";
 
@@ -9,19 +9,72 @@ fn places_where_no_file_can_be() {
     let desk = Desk::new();
     std::fs::create_dir(desk.path("folder.glb")).unwrap();
     let before = desk.files();
-    for (output, message) in [
-        ("pile.fbx", ".glb, .usdc, .usda, .usdz, .json or .csv"),
-        ("pile", ".json or .csv"),
-        ("folder.glb", "folder.glb"),
-        ("gone/pile.glb", "gone"),
-        ("stick.glb", "the scene reads this file"),
+    let long = format!("{}.glb", "x".repeat(300));
+    for (code, output, message) in [
+        (2, "pile.fbx", ".glb, .usdc, .usda, .usdz, .json or .csv"),
+        (2, "pile", ".json or .csv"),
+        (65, "folder.glb", "folder.glb"),
+        (65, "gone/pile.glb", "gone"),
+        (65, &long, "no file can have this name"),
+        (65, "stick.glb", "the scene reads this file"),
     ] {
-        desk.line(&format!("bake {SCENE} -o {output}")).fails(2, &[message]);
+        desk.line(&format!("bake {SCENE} -o {output}")).fails(code, &[message]);
         assert_eq!(desk.files(), before);
     }
-    for (report, message) in [("gone/report.json", "gone"), (".", "folder"), ("pile.json", "replace")] {
-        desk.line(&format!("bake {SCENE} -o pile.json --report {report}")).fails(2, &[message]);
+    let long = format!("{}.json", "x".repeat(300));
+    for (code, report, message) in [
+        (65, "gone/report.json", "gone"),
+        (65, ".", "folder"),
+        (65, &long, "Choose a shorter, plain name"),
+        (2, "pile.json", "replace"),
+    ] {
+        desk.line(&format!("bake {SCENE} -o pile.json --report {report}")).fails(code, &[message]);
         assert_eq!(desk.files(), before);
+    }
+}
+
+/// What can be known of the disk is known before the bake: it takes no time, and nothing is lost.
+#[test]
+fn disks_without_room_are_known_before_the_bake() {
+    let desk = Desk::new();
+    let before = desk.files();
+    for (faults, words) in [
+        (
+            "output-room=return(ENOSPC)",
+            &["pile.glb: the result will take about 1 MiB", "0 MiB left", "Make room there"][..],
+        ),
+        ("output-folder=return(EROFS)", &["nothing can be written in .: ", "Choose another folder"]),
+    ] {
+        let mut command = desk.command(&["bake", "--progress", "json", "-o", "pile.glb"]);
+        command.args(SCENE.split_whitespace()).env("FAILPOINTS", faults);
+        let done = Done::of(command.output().unwrap());
+        assert_eq!(done.code, 65, "{}", done.stderr);
+        assert!(words.iter().all(|word| done.stderr.contains(word)), "{}", done.stderr);
+        // No stage had begun.
+        assert!(!done.stderr.contains("\"fill\""), "{}", done.stderr);
+        assert_eq!(desk.files(), before);
+    }
+    // With room, nothing is said.
+    let done = desk.line(&format!("bake {SCENE} -o pile.glb"));
+    assert!(done.code == 0 && !done.stderr.contains("MiB"), "{}", done.stderr);
+}
+
+/// What may pass is to be tried again, what does not is to be changed; the remedy is that of the cause.
+#[test]
+fn faults_of_writing_have_their_own_remedies() {
+    let desk = Desk::new();
+    for (fault, code, remedy) in [
+        ("ENOSPC", 75, "Make room on the disk, and run the command again"),
+        ("ENOENT", 75, "Make sure that the folder exists"),
+        ("EIO", 75, "Check the disk, and run the command again"),
+        ("ENAMETOOLONG", 65, "Choose a shorter name"),
+        ("EACCES", 65, "Change its permissions, or choose another folder"),
+    ] {
+        let mut command = desk.command(&["bake", "-o", "pile.glb"]);
+        command.args(SCENE.split_whitespace()).env("FAILPOINTS", format!("files-rename=return({fault})"));
+        let done = Done::of(command.output().unwrap());
+        assert!(done.code == code && done.stderr.contains(remedy), "{fault}: {}", done.stderr);
+        assert!(done.stderr.contains("pile.glb: cannot be written: ") && !desk.path("pile.glb").exists());
     }
 }
 
@@ -69,10 +122,10 @@ fn a_reader_that_goes_away_is_no_fault() {
     assert!(done.status.success() && done.stderr.is_empty(), "{done:?}");
 }
 
-/// The size of files is limited to 30 or 60 kilobytes, enough for the report, to act like a full disk.
+/// The size of files is limited to 30 or 60 kilobytes, enough for the report, as on a disk that holds no larger ones.
 #[cfg(unix)]
 #[test]
-fn a_full_disk_leaves_nothing_and_says_try_again() {
+fn a_result_that_is_too_large_for_the_disk_leaves_nothing() {
     let desk = Desk::new();
     let before = desk.files();
     let program = env!("CARGO_BIN_EXE_cairn");
@@ -82,11 +135,8 @@ fn a_full_disk_leaves_nothing_and_says_try_again() {
     );
     let done = std::process::Command::new("sh").args(["-c", &script]).current_dir(desk.path("")).output().unwrap();
     let message = String::from_utf8(done.stderr).unwrap();
-    assert_eq!(done.status.code(), Some(75), "{message}");
-    assert!(
-        message.contains("pile.json: cannot be written") && message.contains("Make sure that the disk has space"),
-        "{message}"
-    );
+    assert_eq!(done.status.code(), Some(65), "{message}");
+    assert!(message.contains("pile.json: cannot be written") && message.contains("Bake fewer frames"), "{message}");
     assert_eq!(desk.files(), before);
 }
 
@@ -121,6 +171,6 @@ fn results_go_where_a_path_leads() {
 
     desk.write("kept.json", "kept");
     std::fs::set_permissions(desk.path("kept.json"), std::fs::Permissions::from_mode(0o444)).unwrap();
-    desk.line(&format!("bake {SCENE} -o kept.json")).fails(2, &["kept.json", "read-only"]);
+    desk.line(&format!("bake {SCENE} -o kept.json")).fails(65, &["kept.json", "read-only"]);
     assert_eq!(std::fs::read_to_string(desk.path("kept.json")).unwrap(), "kept");
 }

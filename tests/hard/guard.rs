@@ -30,7 +30,7 @@ fn provoked(params: &Params, steps: u64, fault: impl Fn(&mut Pile, u64)) -> Resu
 /// One cube under a plate that comes down on it: from above to this height in this time.
 fn pressed(to: f64, seconds: f64) -> Outcome {
     let mut scene = placed(prop("cube", block(DVec3::splat(0.1)), 0.5), [at(0.0, 0.05, 0.0)]);
-    let plate = Model { name: "plate".into(), mesh: block(DVec3::new(4.0, 0.2, 4.0)) };
+    let plate = Model::new("plate", block(DVec3::new(4.0, 0.2, 4.0)));
     let key = |time: f64, low: f64| Keyframe { time, pose: at(0.0, low + 0.1, 0.0) };
     scene.statics =
         vec![StaticModel { model: plate, friction: 0.5, keys: vec![key(0.2, 0.12), key(0.2 + seconds, to)] }];

@@ -13,7 +13,7 @@ use glam::{DQuat, DVec3};
 use std::path::{Path, PathBuf};
 
 /// Names relative to a folder, sorted: all that the manifest lists of these kinds, or the folder's own.
-fn collection() -> (PathBuf, Vec<String>) {
+pub fn collection() -> (PathBuf, Vec<String>) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("CAIRN_DATA").map_or(root.join("../shared/data"), PathBuf::from);
     if let Ok(manifest) = std::fs::read_to_string(folder.join("MANIFEST.tsv")) {
@@ -42,7 +42,7 @@ fn what_can_be_read_can_be_written() {
         let bytes = std::fs::read(&path).unwrap();
         let beside = path.parent().unwrap();
         let resolve = |relative: &str| {
-            let path = files::below(beside, relative).ok_or("it leads away")?;
+            let path = files::beside(beside, relative).ok_or("it leads away")?;
             std::fs::read(path).map_err(|error| error.to_string())
         };
         let limits = Limits::default();

@@ -311,7 +311,6 @@ fn hostile_sources_are_errors() {
         ("/meshes/0/primitives/0/attributes/POSITION", json!(u64::MAX)),
         ("/meshes/0/primitives/0", json!(1)),
         ("/meshes/0/primitives", json!(null)),
-        ("/meshes/0/primitives/0/material", json!(7)),
         ("/accessors/0/bufferView", json!(77)),
         ("/bufferViews/0/buffer", json!(3)),
         ("/bufferViews/1/byteOffset", json!(u64::MAX)),

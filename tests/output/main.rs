@@ -2,8 +2,10 @@
 
 mod collection;
 mod export;
+mod field_reports;
 mod files;
 mod glue;
+mod losses;
 mod reader;
 mod render;
 mod usd;

@@ -5,7 +5,7 @@ use cairn::model::export::Format::{Glb, Usda, Usdc, Usdz};
 use cairn::model::export::{ExportScene, SourceModel, encode, origin, write};
 use cairn_core::report::bake::BakedPile;
 use cairn_core::report::{BakedGlue, BakedGlueDot};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 fn prop<'a>(name: &'a str, bytes: &'a [u8]) -> SourceModel<'a> {
@@ -125,6 +125,7 @@ fn the_same_bake_gives_the_same_bytes_and_tells_its_origin() {
         scenery: vec![prop("kit.gltf", &kit)],
         origin: Some(&stated),
         measures: Some(&measures),
+        ..Default::default()
     };
     let pile = pile_of(&[(0, 1.0); 20], tumbling(20, 30));
     for format in [Usda, Usdc, Usdz] {
@@ -206,4 +207,30 @@ fn glue_is_told_as_guides() {
     ] {
         assert_eq!(lines(&text, stated).len(), 1, "{stated}");
     }
+}
+
+/// What USD's preview surface does not have is not lost in silence.
+#[test]
+fn what_usd_leaves_out_is_reported() {
+    let mut kit: Value = serde_json::from_slice(&kit()).unwrap();
+    let plain = kit.to_string();
+    kit["meshes"][0]["primitives"][0]["targets"] = json!([{ "POSITION": 0 }]);
+    kit["materials"][1]["extensions"]["KHR_materials_sheen"] = json!({});
+    let webp = "data:image/webp,RIFF%00%00%00%00WEBP";
+    kit["images"][1] = json!({ "uri": webp });
+    let rich = kit.to_string();
+    let pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
+    let left_out = |bytes: &str| {
+        let scene = ExportScene { props: vec![prop("kit.gltf", bytes.as_bytes())], ..Default::default() };
+        [Usda, Usdc, Usdz].map(|format| encode(format, &pile, &scene).unwrap().left_out)
+    };
+    for sentences in left_out(&rich) {
+        let all = sentences.join("\n");
+        for what in
+            ["no morph targets", "no material extension KHR_materials_sheen", "no pictures of the type image/webp"]
+        {
+            assert!(all.contains(&format!("kit.gltf: a USD result has {what}")), "{all}");
+        }
+    }
+    assert!(left_out(&plain).iter().all(Vec::is_empty), "{:?}", left_out(&plain));
 }

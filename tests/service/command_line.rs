@@ -219,3 +219,64 @@ async fn labels_and_priority() {
         assert!(code == expected && printed.contains(words), "{rest}: {printed}");
     }
 }
+
+/// A prop with a picture of this URI, and with a skin.
+fn painted(picture: &str, size: f32) -> String {
+    let points = [[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.0, size, 0.0], [0.0, 0.0, size]];
+    let faces: [u16; 12] = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3];
+    let data = points.iter().flatten().flat_map(|x| x.to_le_bytes()).chain(faces.iter().flat_map(|i| i.to_le_bytes()));
+    let data: String = data.map(|byte| format!("%{byte:02x}")).collect();
+    serde_json::json!({
+        "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0, "skin": 0 }],
+        "skins": [{ "joints": [0] }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0 }] }],
+        "materials": [{ "name": "Clay", "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }],
+        "textures": [{ "source": 0 }], "images": [{ "uri": picture }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 4 },
+            { "bufferView": 1, "componentType": 5123, "type": "SCALAR", "count": 12 },
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": 48 }, { "buffer": 0, "byteOffset": 48, "byteLength": 24 }],
+        "buffers": [{ "byteLength": 72, "uri": format!("data:,{data}") }],
+    })
+    .to_string()
+}
+
+/// A picture of a folder above is sent, nothing else from there is, and what was not sent is reported.
+#[test]
+fn pictures_are_sent_and_missing_ones_reported() {
+    const PNG: &[u8] = b"\x89PNG\r\n\x1a\nrest";
+    let server = Server::start(&[]);
+    let far = &server.addresses[0];
+    for folder in ["kit/gltf", "kit/textures"] {
+        std::fs::create_dir_all(server.path(folder)).unwrap();
+    }
+    std::fs::write(server.path("kit/textures/Red.png"), PNG).unwrap();
+    std::fs::write(server.path("kit/secret.png"), "a private key").unwrap();
+    let run = |arguments: &str| {
+        let line = format!("bake --control cone-small.glb --prop kit/gltf/a.gltf {arguments}");
+        let done = cairn(server.folder(), &format!("{line} --accuracy draft --set fill.count=3"));
+        (done.status.code().unwrap(), String::from_utf8(done.stderr).unwrap())
+    };
+    std::fs::write(server.path("kit/gltf/a.gltf"), painted("..\\Textures\\red.png", 0.2)).unwrap();
+    for arguments in ["-o near.glb".to_owned(), format!("-o far.glb --server {far}")] {
+        let (code, printed) = run(&arguments);
+        assert!(code == 0 && !printed.contains("image"), "{printed}");
+    }
+    let read = |name: &str| std::fs::read(server.path(name)).unwrap();
+    assert!(read("near.glb") == read("far.glb") && read("far.glb").windows(PNG.len()).any(|part| part == PNG));
+
+    std::fs::write(server.path("kit/gltf/a.gltf"), painted("../secret.png", 0.2)).unwrap();
+    let (code, printed) = run(&format!("-o far.glb --server {far}"));
+    let expected =
+        "the image \"../secret.png\" of material `Clay` was not sent to the server (looked for kit/secret.png)";
+    assert!(code == 0 && printed.contains(expected), "{printed}");
+    let assets = std::fs::read_dir(server.path("data/assets")).unwrap();
+    assert!(assets.flatten().all(|asset| std::fs::read(asset.path()).unwrap() != b"a private key"));
+
+    // A refused bake keeps its notes.
+    std::fs::write(server.path("kit/gltf/a.gltf"), painted("../textures/Red.png", 200.0)).unwrap();
+    let (code, printed) = run(&format!("-o far.glb --server {far}"));
+    assert!(code == 65 && printed.contains("error: kit/gltf/a.gltf: at "), "{printed}");
+    assert!(printed.contains("note: kit/gltf/a.gltf: node 0: its skin is not applied"), "{printed}");
+}

@@ -143,7 +143,7 @@ fn model(name: &str) -> Result<Model, String> {
         limits: Default::default(),
     };
     let asset = cairn_core::asset::read(&source).map_err(|problems| format!("{problems:?}"))?;
-    Ok(Model { name: name.into(), mesh: asset.mesh })
+    Ok(Model::new(name, asset.mesh))
 }
 
 /// Counts CPU time and cancels nothing.

@@ -67,8 +67,8 @@ fn fate(folder: &Path, name: &str, wanted: f64) -> Fate {
     // Bricks fill about half of the room. An open mesh has none, but is refused by itself.
     let volume = (mesh.signed_volume().abs() * 0.5 / wanted).max(f64::MIN_POSITIVE);
     let edge = (volume / (1.0 * 0.7 * 0.5)).cbrt();
-    let brick = Prop::new(Model { name: "brick".into(), mesh: block(DVec3::new(1.0, 0.7, 0.5) * edge) });
-    let control = Some(Model { name: name.into(), mesh });
+    let brick = Prop::new(Model::new("brick", block(DVec3::new(1.0, 0.7, 0.5) * edge)));
+    let control = Some(Model::new(name, mesh));
     let scene = Scene { control, props: vec![brick], ..Scene::default() };
     let mut params = Params::new(Accuracy::Draft);
     params.fill.max_bodies = (4.0 * wanted) as u32;

@@ -69,7 +69,7 @@ fn read(path: &Path, name: &str) -> anyhow::Result<Result<asset::Asset, Vec<asse
     let bytes = std::fs::read(path)?;
     let beside = path.parent().unwrap_or(Path::new(""));
     let resolve = |relative: &str| {
-        let path = files::below(beside, relative).ok_or("it leads out of the file's own folder")?;
+        let path = files::beside(beside, relative).ok_or("it leads out of the file's own folder")?;
         files::read(&path).map_err(|problem| problem.to_string())
     };
     Ok(asset::read(&Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() }))

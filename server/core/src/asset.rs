@@ -39,6 +39,8 @@ pub struct Asset {
     pub root: Option<usize>,
     /// Triangles left out because they have no area.
     pub degenerate: usize,
+    /// A node with a skin shows one of the meshes. Skins are not applied.
+    pub is_skinned: bool,
     /// Deviations from the file's content, one sentence each.
     pub notes: Vec<String>,
 }
@@ -61,7 +63,7 @@ pub fn read(source: &Source<'_>) -> Result<Asset, Vec<AssetProblem>> {
 }
 
 fn read_with(source: &Source<'_>, log: &mut Log) -> Logged<Asset> {
-    let Geometry { parts, root, linear, why_empty, unread } = Geometry::open(source, log)?;
+    let Geometry { parts, root, linear, why_empty, is_skinned, unread } = Geometry::open(source, log)?;
     let (mut welder, mut mesh, mut degenerate) = (Welder::default(), TriMesh::default(), 0);
     for (primitive, maps) in parts {
         degenerate += add(&primitive, &maps, &mut welder, &mut mesh, log);
@@ -85,7 +87,7 @@ fn read_with(source: &Source<'_>, log: &mut Log) -> Logged<Asset> {
         let all = (degenerate > 0).then(|| format!("every triangle ({degenerate}) has no area"));
         return Err(log.refuse("", ProblemKind::NoTriangles { why: all.or(why_empty) }));
     }
-    Ok(Asset { mesh, linear, root, degenerate, notes: log.notes() })
+    Ok(Asset { mesh, linear, root, degenerate, is_skinned, notes: log.notes() })
 }
 
 /// Adds a primitive to the mesh, once for each of `maps`, and gives how many triangles have two equal corners: these

@@ -15,6 +15,11 @@ pub enum Error {
     Internal(String),
 }
 
+/// "1 body" or "2 bodies", for messages.
+pub fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
 /// One thing wrong with a scene or its parameters.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SceneProblem {

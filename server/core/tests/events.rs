@@ -29,7 +29,7 @@ fn block(size: DVec3) -> TriMesh {
 }
 
 fn prop(name: &str, mesh: TriMesh) -> Prop {
-    let model = Model { name: name.into(), mesh };
+    let model = Model::new(name, mesh);
     Prop { model, ..scene(TriMesh::default(), TriMesh::default()).props.remove(0) }
 }
 
@@ -180,7 +180,7 @@ fn tilted_draws_stay_within_their_angle() {
 #[test]
 fn moving_scenery_takes_along_the_bodies_on_it() {
     let mut scene = bricks(vec![PlacedBody::new(0, at(0.0, 0.3, 0.0)), PlacedBody::new(0, at(0.0, 0.5, 0.0))]);
-    let board = Model { name: "board".into(), mesh: block(DVec3::new(3.0, 0.2, 3.0)) };
+    let board = Model::new("board", block(DVec3::new(3.0, 0.2, 3.0)));
     let key = |time: f64, x: f64| Keyframe { time, pose: at(x, 0.1, 0.0) };
     scene.statics = vec![StaticModel { model: board, friction: 0.7, keys: vec![key(0.5, 0.0), key(2.5, 1.0)] }];
     let bake = baked(&scene, &params());
@@ -329,7 +329,7 @@ fn all_problems_of_additions_are_reported_at_once() {
     scene.emitters =
         vec![Emitter { place, props: vec![], rate: 0.0, count: 200_000, velocity: DVec3::ZERO, start: 0.0 }];
     let key = Keyframe { time: 1.0, pose: Pose::IDENTITY };
-    let model = Model { name: "board".into(), mesh: block(DVec3::ONE) };
+    let model = Model::new("board", block(DVec3::ONE));
     scene.statics = vec![StaticModel { model, friction: 0.7, keys: vec![key, key] }];
     let Err(Error::Invalid(problems)) = cairn_core::plan(&scene, &params()) else { panic!("accepted") };
     for field in [
@@ -377,7 +377,7 @@ fn frames_show_how_the_control_treats_each_body() {
     let kept = PlacedBody { pinned: true, ..PlacedBody::new(0, at(2.0, 0.1, 0.0)) };
     let late = PlacedBody { start: 2.0 / 24.0, ..PlacedBody::new(0, at(5.0, 0.1, 0.0)) };
     let mut scene = bricks([tower(3), vec![kept, late]].concat());
-    scene.region = Some(Model { name: "region".into(), mesh: block(DVec3::splat(8.0)) });
+    scene.region = Some(Model::new("region", block(DVec3::splat(8.0))));
     let mut params = params();
     params.release.order = ReleaseOrder::BottomUp;
     params.control.mode = ControlMode::Hold;
@@ -402,7 +402,7 @@ fn without_a_ground_bodies_that_miss_the_scenery_are_set_aside() {
     assert_eq!(problems.iter().map(|p| &*p.field).collect::<Vec<_>>(), ["ground"]);
     let mut mesh = block(DVec3::new(4.0, 1.0, 4.0));
     mesh.points.iter_mut().for_each(|p| p.y -= 0.5);
-    scene.statics = vec![StaticModel { model: Model { name: "table".into(), mesh }, friction: 0.7, keys: Vec::new() }];
+    scene.statics = vec![StaticModel { model: Model::new("table", mesh), friction: 0.7, keys: Vec::new() }];
     let bake = baked(&scene, &params);
     let last = bake.pile.frames.last().unwrap();
     assert!(last[0].translation.distance(DVec3::new(0.0, 0.1, 0.0)) < 0.02, "the table carries it");

@@ -29,7 +29,7 @@ fn top(radius: f64, height: f64) -> TriMesh {
 fn cubes(bodies: Vec<PlacedBody>) -> Scene {
     let stick = stick();
     let points = stick.points.iter().map(|p| p / DVec3::new(0.25, 0.03, 0.03) * 0.1).collect();
-    let model = Model { name: "cube".into(), mesh: TriMesh { points, ..stick } };
+    let model = Model::new("cube", TriMesh { points, ..stick });
     let prop = Prop { density: 500.0, ..Prop::new(model) };
     Scene { props: vec![prop], bodies, ..Scene::default() }
 }

@@ -14,7 +14,7 @@ use crate::gate::{BUFFERS, Gate, MAY, MUST, Member, MemberKind, NATURAL, NUMBER,
 use crate::log::{Log, Logged, Reported};
 use crate::problem::{ProblemKind, clip};
 use crate::source::Resolver;
-use crate::uri;
+use crate::uri::{self, Reach};
 
 const VIEW: &[Member] = &[
     ("buffer", NUMBER, MUST),
@@ -216,10 +216,13 @@ impl<'a, 'g> Buffers<'a, 'g> {
         if uri::is_data(text) {
             return uri::decode_data(text).map_err(|why| log.refuse(path, ProblemKind::DataUri { why }));
         }
-        let name =
-            uri::relative_path(text).map_err(|why| log.refuse(path, ProblemKind::Uri { uri: clip(text), why }))?;
-        (self.resolve)(&name)
-            .map_err(|why| log.refuse(path, ProblemKind::External { uri: clip(&name), why: clip(&why) }))
+        if let Err(why) = uri::paths(text, Reach::Below) {
+            return Err(log.refuse(path, ProblemKind::Uri { uri: clip(text), why }));
+        }
+        let found = uri::find(text, Reach::Below, self.resolve, |_| true);
+        found
+            .map(|(_, bytes)| bytes)
+            .map_err(|missing| log.refuse(path, ProblemKind::External { uri: clip(text), why: clip(&missing.why) }))
     }
 
     fn too_much(&self, path: &str, log: &mut Log) -> Reported {

@@ -10,13 +10,16 @@ mod numbers;
 mod triangles;
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
 use crate::container::{self, Chunks};
+use crate::media::media_type;
+use crate::node::VISIBILITY;
 use crate::problem::ProblemKind;
 use crate::source::Resolver;
-use crate::uri;
+use crate::uri::{self, Reach};
 pub use local::{LocalTransform, matrix, unit};
 pub use triangles::Triangles;
 
@@ -141,15 +144,6 @@ impl<'a> Document<'a> {
         data.get(start..end).ok_or_else(|| malformed("reaches beyond its buffer"))
     }
 
-    /// The bytes of an image, in the file or beside it; `None` if they cannot be found.
-    pub fn image(&self, index: usize, resolve: &Resolver) -> Option<Cow<'_, [u8]>> {
-        let image = self.get("images", index).ok()?;
-        match reference(image, "bufferView") {
-            Some(view) => self.view(view).ok().map(Cow::Borrowed),
-            None => uri::fetch(image.get("uri")?.as_str()?, resolve).ok().map(Cow::Owned),
-        }
-    }
-
     /// The primitives of a mesh.
     pub fn primitives(&self, mesh: usize) -> Result<impl Iterator<Item = &Object>, DocumentError> {
         let list = self.get("meshes", mesh)?.get("primitives").and_then(Value::as_array);
@@ -209,12 +203,23 @@ pub fn references(object: &Object, key: &str) -> Vec<usize> {
     items.iter().filter_map(|v| v.as_u64().and_then(|v| usize::try_from(v).ok())).collect()
 }
 
-/// The files beside a glTF file that its buffers and images name, as paths relative to its folder.
-pub fn external_files(bytes: &[u8]) -> Result<Vec<String>, DocumentError> {
+/// The files beside a glTF file that its buffers and images name and that `resolve` gives, by their paths from its
+/// folder. Missing ones are left out.
+pub fn external_files(bytes: &[u8], resolve: &Resolver) -> Result<BTreeMap<String, Vec<u8>>, DocumentError> {
     let (json, _) = split(bytes)?;
-    let lists = ["buffers", "images"].iter().filter_map(|list| json.get(*list)?.as_array());
-    let uris = lists.flatten().filter_map(|entry| entry.get("uri")?.as_str()).filter(|uri| !uri::is_data(uri));
-    Ok(uris.filter_map(|uri| uri::relative_path(uri).ok()).collect())
+    let mut files = BTreeMap::new();
+    for (list, reach) in [("buffers", Reach::Below), ("images", Reach::Above)] {
+        let entries = json.get(list).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+        let uris = entries.iter().filter_map(|entry| entry.get("uri")?.as_str()).filter(|uri| !uri::is_data(uri));
+        files.extend(uris.filter_map(|uri| uri::find(uri, reach, resolve, |b| media_type(b).is_some()).ok()));
+    }
+    Ok(files)
+}
+
+/// Whether a node is hidden, with all that is below it.
+pub fn is_hidden(node: &Object) -> bool {
+    let visibility = node.get("extensions").and_then(|extensions| extensions.get(VISIBILITY));
+    visibility.and_then(|visibility| visibility.get("visible")).and_then(Value::as_bool) == Some(false)
 }
 
 /// The root object, and the binary chunk of a GLB.

@@ -18,7 +18,7 @@ use crate::buffer::Buffers;
 use crate::compressed::{Attribute, DRACO, DracoMesh, MOST_BROKEN};
 use crate::gate::{ACCESSORS, Gate, MAY, MESHES, MUST, Member, MemberKind, NODES, NUMBER, Piece};
 use crate::log::{Log, Logged};
-use crate::node::{INSTANCING, Nodes, PlacedNode, unit};
+use crate::node::{INSTANCING, Nodes, PlacedNode, Selection, unit};
 use crate::problem::{ProblemKind, clip};
 use crate::source::Source;
 use crate::triangulate;
@@ -46,6 +46,8 @@ pub struct Geometry<'a> {
     pub linear: DMat3,
     /// The reason, if there is no triangle.
     pub why_empty: Option<String>,
+    /// A node with a skin shows one of the meshes. Skins are not applied.
+    pub is_skinned: bool,
     /// Not in the log yet: call [`UnreadExtensions::check`].
     pub unread: UnreadExtensions,
 }
@@ -78,12 +80,14 @@ impl<'a> Geometry<'a> {
             most_triangles,
             most_instances: limits.nodes as u64,
             broken: 0,
+            is_skinned: false,
         };
         let mut nodes = Nodes::new(gate, limits.nodes, log)?;
         let selection = nodes.place_all(source.node, log)?;
-        let (parts, why_empty) = reader.parts(&nodes, &selection.placed, log)?;
+        let (parts, why_empty) = reader.parts(&nodes, &selection, log)?;
         let unread = UnreadExtensions(gate.unread().map(|(name, met)| (name.to_owned(), met)).collect());
-        Ok(Geometry { parts, root: selection.root, linear: selection.linear, why_empty, unread })
+        let is_skinned = reader.is_skinned;
+        Ok(Geometry { parts, root: selection.root, linear: selection.linear, why_empty, is_skinned, unread })
     }
 }
 
@@ -130,13 +134,15 @@ struct Reader<'a, 'g> {
     most_instances: u64,
     /// Draco streams that could not be decoded.
     broken: u32,
+    is_skinned: bool,
 }
 
 /// Primitives with their transforms; and why there may be no triangle.
 type Parts<'a> = (Vec<(Primitive<'a>, Rc<Vec<DAffine3>>)>, Option<String>);
 
 impl<'a, 'g> Reader<'a, 'g> {
-    fn parts(&mut self, nodes: &Nodes<'a, 'g>, placed: &[PlacedNode], log: &mut Log) -> Logged<Parts<'a>> {
+    fn parts(&mut self, nodes: &Nodes<'a, 'g>, selection: &Selection, log: &mut Log) -> Logged<Parts<'a>> {
+        let placed = &selection.placed;
         // Nodes by mesh, in the order in which the meshes are met.
         let mut order: Vec<(usize, Vec<&PlacedNode>)> = Vec::new();
         let mut known: BTreeMap<usize, usize> = BTreeMap::new();
@@ -146,6 +152,7 @@ impl<'a, 'g> Reader<'a, 'g> {
             self.gate.meet(&piece);
             let Some(mesh) = node.mesh.map(|mesh| mesh.value()) else { continue };
             if piece.member("skin").is_some() {
+                self.is_skinned = true;
                 log.note(
                     "its skin is not applied: the mesh stands as modelled, in the node's frame",
                     &nodes.place(place.index),
@@ -182,7 +189,7 @@ impl<'a, 'g> Reader<'a, 'g> {
             }
         }
         let meshes = self.gate.count(MESHES, &mut Log::new("")).unwrap_or(0);
-        Ok((parts, why_empty(placed, &order, &left_out, meshes)))
+        Ok((parts, why_empty(selection, &order, &left_out, meshes)))
     }
 
     /// The primitives of a mesh that make triangles, with good accessors.
@@ -334,11 +341,12 @@ impl<'a, 'g> Reader<'a, 'g> {
 
 /// The reason why a file has no triangles.
 fn why_empty(
-    placed: &[PlacedNode],
+    selection: &Selection,
     order: &[(usize, Vec<&PlacedNode>)],
     left_out: &BTreeSet<&'static str>,
     meshes: usize,
 ) -> Option<String> {
+    let placed = &selection.placed;
     if !left_out.is_empty() {
         let parts: Vec<&str> = left_out.iter().copied().collect();
         Some(format!("only {}", parts.join(" and ")))
@@ -346,9 +354,20 @@ fn why_empty(
         None
     } else if meshes == 0 {
         Some("it has no mesh at all".to_owned())
+    } else if selection.hidden > 0 {
+        Some(format!("its meshes are hidden (KHR_node_visibility, {})", nodes_text(selection.hidden)))
     } else if placed.is_empty() {
-        Some(format!("it has {meshes} mesh(es), but its scene has no nodes"))
+        Some(format!("its scene shows none of {}", meshes_text(meshes)))
     } else {
-        Some(format!("it has {meshes} mesh(es), but none of the {} node(s) read shows one", placed.len()))
+        let meshes = meshes_text(meshes);
+        Some(format!("it has {meshes}, but none of the nodes read ({}) shows one", placed.len()))
     }
+}
+
+fn meshes_text(count: usize) -> String {
+    if count == 1 { "1 mesh".into() } else { format!("{count} meshes") }
+}
+
+fn nodes_text(count: usize) -> String {
+    if count == 1 { "1 node".into() } else { format!("{count} nodes") }
 }

@@ -26,6 +26,9 @@ const NEAR: f64 = 0.8;
 /// Draws a node's mesh many times; its attributes are accessors.
 pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
+/// Hides a node with all that is below it: collision proxies, parts of a kit that are switched off.
+pub const VISIBILITY: &str = "KHR_node_visibility";
+
 const NODE: &[Member] = &[("children", MemberKind::Nodes, MAY), ("mesh", NUMBER, MAY), ("name", MemberKind::Name, MAY)];
 
 const SCENE: &[Member] = &[("nodes", MemberKind::Nodes, MAY)];
@@ -43,6 +46,8 @@ pub(crate) struct Selection {
     pub root: Option<usize>,
     /// The linear part of its world transform.
     pub linear: DMat3,
+    /// Hidden nodes that were met, and left out with all that is below them.
+    pub hidden: usize,
 }
 
 /// All nodes of a file, with the first parent of each.
@@ -102,13 +107,18 @@ impl<'a, 'g> Nodes<'a, 'g> {
         if let Some(scene) = scene {
             let roots = self.scene_roots(scene, log)?;
             let worlds = self.worlds(&roots, log);
-            let placed = self.descend(roots.into_iter().zip(worlds).collect(), log);
-            return Ok(Selection { placed, root: None, linear: DMat3::IDENTITY });
+            let starts: Vec<_> = roots.into_iter().zip(worlds).collect();
+            let count = starts.len();
+            let starts: Vec<_> = starts.into_iter().filter(|(root, _)| !self.is_hidden(*root, log)).collect();
+            let hidden = count - starts.len();
+            let (placed, below) = self.descend(starts, log);
+            return Ok(Selection { placed, root: None, linear: DMat3::IDENTITY, hidden: hidden + below });
         }
         let chosen = self.find(wanted.unwrap_or_default(), log)?;
         let linear = self.worlds(&[chosen], log).first().map_or(DMat3::IDENTITY, |world| world.matrix3);
-        let placed = self.descend(vec![(chosen, DAffine3::from_mat3(linear))], log);
-        Ok(Selection { placed, root: Some(chosen), linear })
+        // What is chosen by its name is wanted, hidden or not.
+        let (placed, hidden) = self.descend(vec![(chosen, DAffine3::from_mat3(linear))], log);
+        Ok(Selection { placed, root: Some(chosen), linear, hidden })
     }
 
     fn find(&self, wanted: &str, log: &mut Log) -> Logged<usize> {
@@ -189,10 +199,23 @@ impl<'a, 'g> Nodes<'a, 'g> {
         result
     }
 
-    /// Every node at and below `starts`, in the order of the file's lists.
-    fn descend(&mut self, starts: Vec<(usize, DAffine3)>, log: &mut Log) -> Vec<PlacedNode> {
+    /// Whether a node is hidden, which is noted.
+    fn is_hidden(&self, node: usize, log: &mut Log) -> bool {
+        let visible = self.gate.find(NODES, node).and_then(|piece| piece.extension(VISIBILITY)?.member("visible"));
+        let is_hidden = visible.is_some_and(|visible| visible.text == "false");
+        if is_hidden {
+            log.note(
+                "it is hidden (KHR_node_visibility): it is left out, with all that is below it",
+                &self.place(node),
+            );
+        }
+        is_hidden
+    }
+
+    /// Every node at and below `starts` that is not hidden, in the order of the file's lists; and how many are hidden.
+    fn descend(&mut self, starts: Vec<(usize, DAffine3)>, log: &mut Log) -> (Vec<PlacedNode>, usize) {
         let mut visited = vec![false; self.items.len()];
-        let mut placed = Vec::new();
+        let (mut placed, mut hidden) = (Vec::new(), 0);
         // A node that hangs below another start is found from there, with the same transform.
         for start in starts {
             let mut stack = vec![start];
@@ -211,6 +234,10 @@ impl<'a, 'g> Nodes<'a, 'g> {
                 }
                 for child in children(&self.items[index]).rev().collect::<Vec<_>>() {
                     if self.parents[child] == Some(index) {
+                        if self.is_hidden(child, log) {
+                            hidden += 1;
+                            continue;
+                        }
                         stack.push((child, map * self.local(child, log)));
                     } else if !log.is_full() {
                         self.refuse_child(child, index, log);
@@ -218,7 +245,7 @@ impl<'a, 'g> Nodes<'a, 'g> {
                 }
             }
         }
-        placed
+        (placed, hidden)
     }
 
     /// A child that has another parent is part of a circle, or has two.

@@ -30,7 +30,9 @@ pub(crate) fn of(what: &ProblemKind) -> String {
         Transform { .. } => "Reset or apply the transform of that node, and export again.",
         UnknownNode { .. } => "Use the name of a node as it is in the file; capitals matter.",
         AmbiguousNode { .. } => "Give each of them a name of its own, or save the wanted one in a file of its own.",
-        Uri { .. } => "Keep buffers in the file's own folder or below it, or export as one .glb file.",
+        Uri { .. } => {
+            "Put the buffer into the file's own folder and write its plain name as the URI, or export as one .glb file."
+        }
         DataUri { .. } | NoData => "Export the file again, best as one .glb file.",
         External { .. } => "Put the .bin file that was exported with it beside it, or export as one .glb file.",
         ShortBuffer { .. } | OutOfBytes { .. } => {

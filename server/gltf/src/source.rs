@@ -23,8 +23,9 @@ impl Default for Limits {
     }
 }
 
-/// Gives the bytes of an external file, or why not. The path is relative to the glTF's folder, `/` between its parts,
-/// and does not lead out of it: no root, drive, scheme, `..` or backslash.
+/// Gives the bytes of an external file, or why not. The path is relative to the glTF's folder, `/` between its parts:
+/// no root, drive, scheme or backslash. That of a picture may start with `../`, that of a buffer may not; neither has
+/// `..` elsewhere.
 pub type Resolver<'a> = dyn Fn(&str) -> Result<Vec<u8>, String> + 'a;
 
 /// A file to read.

@@ -1,4 +1,5 @@
-//! URIs of buffers and images: data URIs are decoded, relative paths are checked, everything else is refused.
+//! URIs of buffers and images: data URIs are decoded, paths are read as the world writes them, everything else is
+//! refused.
 
 use std::borrow::Cow;
 
@@ -14,12 +15,53 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
     GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
 );
 
-/// The bytes that a URI stands for: its own data, or a file below the glTF's folder.
+/// How far a URI may lead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// To files in the glTF's folder and below it.
+    Below,
+    /// To pictures in folders above it, too: whoever reads them takes only what is a picture by its first bytes.
+    Above,
+}
+
+/// The bytes that a URI stands for: its own data, or a file that `resolve` gives.
 pub fn fetch(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, String> {
     if is_data(uri) {
         return decode_data(uri);
     }
-    resolve(&relative_path(uri).map_err(|why| format!("{uri}: {why}"))?)
+    find(uri, Reach::Below, resolve, |_| true).map(|(_, bytes)| bytes).map_err(|missing| missing.why)
+}
+
+/// Why a URI leads to no file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NotFound {
+    pub why: String,
+    /// The paths that were tried, relative to the glTF's folder.
+    pub tried: Vec<String>,
+}
+
+/// The file that a URI names: the first of its [`paths`] that is there and is wanted. Gives the path, too.
+pub fn find(
+    uri: &str,
+    reach: Reach,
+    resolve: &Resolver,
+    is_wanted: impl Fn(&[u8]) -> bool,
+) -> Result<(String, Vec<u8>), NotFound> {
+    let tried = paths(uri, reach).map_err(|why| NotFound { why: why.to_owned(), tried: Vec::new() })?;
+    let mut first = None;
+    for path in &tried {
+        match resolve(path) {
+            // Above the folder there may be anything, which is nobody's business.
+            Ok(bytes) if path.starts_with("../") && !is_wanted(&bytes) => {
+                first.get_or_insert_with(|| "it is not of the kind that is wanted".to_owned());
+            }
+            Ok(bytes) => return Ok((path.clone(), bytes)),
+            Err(why) => {
+                first.get_or_insert(why);
+            }
+        }
+    }
+    Err(NotFound { why: first.unwrap_or_default(), tried })
 }
 
 /// Is it a `data:` URI?
@@ -45,42 +87,86 @@ pub fn decode_data(uri: &str) -> Result<Vec<u8>, String> {
     BASE64.decode(&body).map_err(|e| format!("bad base64, {}", e.to_string().to_lowercase()))
 }
 
-/// The path of a file at or below the glTF's own folder, `/` between its parts; or why it is not one.
+/// The paths that a URI may mean, likeliest first, relative to the glTF's folder, `/` between their parts; or why it
+/// means none. At least one; `..` only in front, and only where `reach` admits it.
 ///
-/// Percent-encoding is undone once, so that `my%20bin` works; but a URI that encodes a dot, a slash, a backslash or a
-/// colon tries to get past this check. Colons are refused wherever they stand: schemes, drives, alternate streams.
-pub fn relative_path(uri: &str) -> Result<String, &'static str> {
+/// Files of the world hold more than URIs. Percent-encoding is undone once, so that `my%20bin` works; the name as it
+/// stands comes next, for exporters that do not encode (`10%.bin`). A backslash is a slash. Of a path from a root or a
+/// drive, its last parts are looked for in the glTF's folder: `C:\kit\tex\a.png` as `kit/tex/a.png`, `tex/a.png`,
+/// `a.png`. But a URI that encodes a dot, a slash, a backslash or a colon tries to get past these rules, and is
+/// refused. So are colons that are of no drive: schemes, alternate streams.
+pub fn paths(uri: &str, reach: Reach) -> Result<Vec<String>, &'static str> {
+    const HIDDEN: &str = "it hides a dot, slash, backslash or colon by %-encoding";
     if encodes_path_syntax(uri) {
-        return Err("it hides a dot, slash, backslash or colon by %-encoding");
+        return Err(HIDDEN);
     }
-    let bytes = decode_percent(uri).ok_or("a % is not followed by two hexadecimal digits")?;
-    let path = String::from_utf8(bytes).map_err(|_| "its %-encoding is not UTF-8")?;
+    let decoded = match decode_percent(uri) {
+        Some(bytes) => Some(String::from_utf8(bytes).map_err(|_| "its %-encoding is not UTF-8")?),
+        None => None,
+    };
     // A second decoding must find nothing either, in case the resolver decodes once more.
-    if encodes_path_syntax(&path) {
-        return Err("it hides a dot, slash, backslash or colon by %-encoding");
+    if decoded.as_deref().is_some_and(encodes_path_syntax) {
+        return Err(HIDDEN);
     }
-    if path.chars().any(char::is_control) {
+    let mut found = Vec::new();
+    let as_it_stands = decoded.as_deref() != Some(uri);
+    for text in decoded.iter().map(String::as_str).chain(as_it_stands.then_some(uri)) {
+        for path in paths_of(text, reach)? {
+            if !found.contains(&path) {
+                found.push(path);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The paths that a text without percent-encoding may mean.
+fn paths_of(text: &str, reach: Reach) -> Result<Vec<String>, &'static str> {
+    /// Last parts of a path from a root that are looked for together.
+    const MOST_LAST: usize = 4;
+    if text.chars().any(char::is_control) {
         return Err("it contains control characters");
     }
-    if path.contains('\\') {
-        return Err("it contains a backslash");
+    let text = text.replace('\\', "/");
+    let file_scheme = text.get(..5).filter(|scheme| scheme.eq_ignore_ascii_case("file:"));
+    let mut path = &text[file_scheme.map_or(0, str::len)..];
+    let drive = path.trim_start_matches('/');
+    let mut is_from_root = file_scheme.is_some() || path.starts_with('/');
+    if let [letter, b':', ..] = drive.as_bytes()
+        && letter.is_ascii_alphabetic()
+    {
+        (path, is_from_root) = (&drive[2..], true);
     }
     if path.contains(':') {
-        return Err("it names a scheme or drive, and only files beside the glTF are read");
+        return Err("it names a scheme or a stream, and only files are read");
     }
-    if path.starts_with('/') || path.starts_with('~') {
-        return Err("it is an absolute path");
+    if path.starts_with('~') {
+        return Err("it starts in a home folder, and only files beside the glTF are read");
     }
-    let mut parts = Vec::new();
+    let (mut up, mut parts) = (0, Vec::new());
     for part in path.split('/') {
         match part {
             "." | "" => {}
+            ".." => match parts.pop() {
+                Some(_) => {}
+                None => up += 1,
+            },
             // Some systems drop trailing dots and spaces: `.. ` and `...` lead up there.
             _ if part.trim_end_matches(['.', ' ']).is_empty() => return Err("it leads out of the glTF's folder"),
             _ => parts.push(part),
         }
     }
-    if parts.is_empty() { Err("it names no file") } else { Ok(parts.join("/")) }
+    if parts.is_empty() {
+        return Err("it names no file");
+    }
+    if is_from_root {
+        let first = parts.len().saturating_sub(MOST_LAST);
+        return Ok((first..parts.len()).map(|from| parts[from..].join("/")).collect());
+    }
+    if up > 0 && reach == Reach::Below {
+        return Err("it leads out of the glTF's folder");
+    }
+    Ok(vec![format!("{}{}", "../".repeat(up), parts.join("/"))])
 }
 
 fn encodes_path_syntax(text: &str) -> bool {
@@ -109,19 +195,54 @@ mod tests {
 
     #[test]
     fn paths_below_the_folder_are_kept() {
-        for (uri, path) in [
-            ("a.bin", "a.bin"),
-            ("./a.bin", "a.bin"),
-            ("sub/dir//a.bin", "sub/dir/a.bin"),
-            ("my%20file.bin", "my file.bin"),
-            ("h%C3%BCgel.bin", "hügel.bin"),
-            ("hügel.bin", "hügel.bin"),
-            ("100%25.bin", "100%.bin"),
-            ("a..b/c.bin", "a..b/c.bin"),
-            (".hidden", ".hidden"),
+        for (uri, expected) in [
+            ("a.bin", &["a.bin"][..]),
+            ("./a.bin", &["a.bin"]),
+            ("sub/dir//a.bin", &["sub/dir/a.bin"]),
+            ("sub/../a.bin", &["a.bin"]),
+            ("hügel.bin", &["hügel.bin"]),
+            ("a..b/c.bin", &["a..b/c.bin"]),
+            (".hidden", &[".hidden"]),
+            // Percent-encoding either way.
+            ("my%20file.bin", &["my file.bin", "my%20file.bin"]),
+            ("h%C3%BCgel.bin", &["hügel.bin", "h%C3%BCgel.bin"]),
+            ("100%25.bin", &["100%.bin", "100%25.bin"]),
+            ("example 10%.bin", &["example 10%.bin"]),
+            ("50%zz.bin", &["50%zz.bin"]),
+            // Backslashes.
+            (".\\test.bin", &["test.bin"]),
+            ("tex\\a.png", &["tex/a.png"]),
+            // Roots and drives.
+            ("/etc/passwd", &["etc/passwd", "passwd"]),
+            ("//host/share", &["host/share", "share"]),
+            ("C:\\kit\\tex\\a.png", &["kit/tex/a.png", "tex/a.png", "a.png"]),
+            ("c:a", &["a"]),
+            ("file:///C:/kit/a%20b.png", &["kit/a b.png", "a b.png", "kit/a%20b.png", "a%20b.png"]),
+            ("FILE:a.png", &["a.png"]),
+            ("/../../etc/passwd", &["etc/passwd", "passwd"]),
+            ("/1/2/3/4/5/6", &["3/4/5/6", "4/5/6", "5/6", "6"]),
         ] {
-            assert_eq!(relative_path(uri).as_deref(), Ok(path), "{uri}");
+            let found = paths(uri, Reach::Below).unwrap_or_else(|why| panic!("{uri}: {why}"));
+            assert_eq!(found, expected, "{uri}");
         }
+    }
+
+    #[test]
+    fn pictures_may_lie_above_the_folder() {
+        for (uri, path) in [
+            ("../textures/red.png", "../textures/red.png"),
+            ("..\\textures\\red.png", "../textures/red.png"),
+            ("a/../../b/./c.png", "../b/c.png"),
+            ("../../a.png", "../../a.png"),
+        ] {
+            assert_eq!(paths(uri, Reach::Above), Ok(vec![path.to_owned()]), "{uri}");
+            assert!(paths(uri, Reach::Below).is_err(), "{uri}");
+        }
+        // Only what is wanted comes from there.
+        let resolve = |_: &str| Ok(b"secret".to_vec());
+        let is_png = |bytes: &[u8]| bytes.starts_with(b"\x89PNG");
+        assert!(find("../secret", Reach::Above, &resolve, is_png).is_err());
+        assert!(find("secret", Reach::Above, &resolve, is_png).is_ok());
     }
 
     #[test]
@@ -134,16 +255,14 @@ mod tests {
             "../a.bin",
             "a/../../b",
             "a/..",
-            "/etc/passwd",
-            "//host/share",
             "~/a",
-            "C:/a.bin",
-            "c:a",
-            "file:///etc/passwd",
             "http://x/y.bin",
+            "HTTPS://x/y.bin",
             "a.bin:stream",
+            "C:/a.bin:stream",
+            "C:",
+            "/",
             "..\\a",
-            "a\\b",
             "%2e%2e/a",
             "%2E./a",
             "a%2fb",
@@ -152,16 +271,13 @@ mod tests {
             "%252fa",
             "file%3a//x",
             "%ff",
-            "%",
-            "%4",
-            "%zz",
             "a%00b",
             "a\nb",
             ".. /a",
             ".../a",
             ". ./a",
         ] {
-            let found = relative_path(uri);
+            let found = paths(uri, Reach::Below);
             // `. .` is made of dots and spaces alone, like every part refused here that has no other fault.
             assert!(found.is_err(), "{uri:?} gave {found:?}");
         }

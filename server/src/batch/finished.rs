@@ -1,14 +1,15 @@
 //! Recognizes finished results by the hashes of their requests and files.
 
 use super::Variant;
-use crate::files;
+use crate::files::FileSource;
 use crate::job::report::ReportFile;
-use crate::job::{InputFile, PortableNames, model_files, request};
+use crate::job::request::{self, Asset};
+use crate::job::{InputFile, PortableNames, model_files};
 use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
 use crate::wire::from_proto;
-use crate::wire::proto::{AssetReference, Scene};
+use crate::wire::proto::Scene;
 use cairn_core::input::params::Params;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,14 +25,14 @@ pub struct RequestHashes {
 
 /// The files of variants, each read once.
 #[derive(Default)]
-pub struct Assets(BTreeMap<PathBuf, Vec<AssetReference>>);
+pub struct Assets(BTreeMap<PathBuf, Vec<Asset>>);
 
 impl Assets {
-    fn of(&mut self, scene: &Scene) -> Result<Vec<AssetReference>, Vec<Problem>> {
+    fn of(&mut self, scene: &Scene, source: &Arc<dyn FileSource>) -> Result<Vec<Asset>, Vec<Problem>> {
         let (mut found, mut problems) = (Vec::new(), Vec::new());
         for path in model_files(scene) {
             if !self.0.contains_key(&path) {
-                match InputFile::read(&path, &(Arc::new(files::read) as _)) {
+                match InputFile::read(&path, source) {
                     Ok(file) => drop(self.0.insert(path.clone(), request::assets(&file))),
                     Err(problem) => {
                         problems.push(problem);
@@ -49,21 +50,21 @@ impl Assets {
         let scene = variant.tree.to_message();
         let params = from_proto::params(&scene)?;
         let format = Format::of(&variant.output).expect("the matrix checks the file extension");
-        let assets = self.of(&scene)?;
-        let fill = fill_hash(&scene, &params, &assets);
+        let assets = self.of(&scene, &variant.tree.files())?;
         let models = model_files(&scene);
         let names = PortableNames::new(models.iter().map(PathBuf::as_path), variant.tree.folder());
+        let fill = fill_hash(&scene, &params, &assets, &names);
         let request = request::request(effective(&scene, &params), assets, format, &names);
         Ok(RequestHashes { request: request::hash(&request), fill })
     }
 }
 
 /// A hash of everything that the fill depends on, and a little more.
-fn fill_hash(scene: &Scene, params: &Params, assets: &[AssetReference]) -> blake3::Hash {
+fn fill_hash(scene: &Scene, params: &Params, assets: &[Asset], names: &PortableNames) -> blake3::Hash {
     let Params { seed, gravity, ground, ground_height, physics, base, fill, .. } = params;
     let given = (seed, gravity, ground, ground_height, physics, base, fill);
     let Scene { control_mesh, props, bodies, .. } = scene;
-    let files: Vec<_> = assets.iter().map(|asset| (&asset.uri, &asset.sha256)).collect();
+    let files: Vec<_> = assets.iter().map(|asset| (asset.uri(names), &asset.sha256)).collect();
     blake3::hash(format!("{given:?} {control_mesh:?} {props:?} {bodies:?} {files:?}").as_bytes())
 }
 

@@ -83,7 +83,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let tree = args.scene.tree()?;
     let scene = tree.to_message();
     if let Some(server) = &args.server {
-        let files = remote::Files::read(&scene, tree.folder())?;
+        let files = remote::Files::read(&tree)?;
         check_outputs(args, files.paths())?;
         let (output, report) = (Some(&*args.output), args.report.as_deref());
         let delivery = Delivery { output, report, progress: &args.progress };
@@ -95,10 +95,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
     let mode = args.progress.shown();
-    let job = progress::while_reading(mode, || Job::read_within(&tree.to_message(), args.bounds.limits()))
-        .map_err(Failure::Input)?
-        .relative_to(tree.folder());
+    let job = progress::while_reading(mode, || Job::read_tree(tree, args.bounds.limits()))?.relative_to(tree.folder());
     check_outputs(args, job.inputs())?;
+    let plan = cairn_core::plan(&job.scene, &job.params);
+    let plan = plan.map_err(|error| Failure::from(error).with_notes(&job.notes))?;
+    output::check_room(&args.output, job.expected_bytes(&plan, format))?;
 
     let mut reporter = Reporter::new(mode);
     // The result is written before the measures are taken.
@@ -117,14 +118,15 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
         print_error(&format!("cancelled; {name} is complete, but its measures were not taken"));
         return Err(Failure::Reported(interrupt::code()));
     }
-    let FinishedBake { bake, report, seconds, .. } = done?;
+    let done = done.map_err(|error| Failure::from(error).with_notes(&job.notes))?;
+    let FinishedBake { bake, notes, report, seconds, .. } = done;
     if let Some(path) = &args.report {
         let _complete = interrupt::shield();
         output::write(path, report.as_bytes())?;
     }
 
     if !args.progress.quiet {
-        for warning in job.notes.iter().chain(&bake.report.warnings) {
+        for warning in notes.iter().chain(&bake.report.warnings) {
             print_warning(warning);
         }
         let counted = |name: &str| bake.report.counts.get(name).copied().unwrap_or(0);

@@ -41,10 +41,11 @@ pub struct PlanArgs {
 impl PlanArgs {
     /// Reads the scene with all its files, and plans its bake.
     pub fn read(&self) -> Result<(Job, Plan), Failure> {
-        let scene = self.scene.tree()?.to_message();
+        let tree = self.scene.tree()?;
         progress::while_reading(Mode::Auto, || {
-            let job = Job::read_within(&scene, self.bounds.limits()).map_err(Failure::Input)?;
-            let plan = cairn_core::plan(&job.scene, &job.params)?;
+            let job = Job::read_tree(&tree, self.bounds.limits())?;
+            let plan = cairn_core::plan(&job.scene, &job.params);
+            let plan = plan.map_err(|error| Failure::from(error).with_notes(&job.notes))?;
             Ok((job, plan))
         })
     }
@@ -62,9 +63,10 @@ fn check(args: &PlanArgs) -> Result<(), Failure> {
             Err(failure) => {
                 let problems = match failure {
                     Failure::Usage(problems) | Failure::Input(problems) => problems.clone(),
+                    Failure::Refused(refused) => refused.problems.clone(),
                     other => other.messages().into_iter().map(Problem::from).collect(),
                 };
-                json!({ "ok": false, "problems": problems, "notes": [], "plan": null })
+                json!({ "ok": false, "problems": problems, "notes": failure.notes(), "plan": null })
             }
         };
         print(&format!("{answer:#}\n"))?;

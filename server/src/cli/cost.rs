@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn study(args: &Args) -> Result<(), Failure> {
     let tree = args.scene.tree()?;
-    let job = Job::read_within(&tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
+    let job = Job::read_tree(&tree, args.bounds.limits())?;
     let variants = match (&args.knobs[..], args.presets_only) {
         _ if args.effects => cost::effects::switched(&cairn_core::plan(&job.scene, &job.params)?),
         (_, true) => cost::variants(Some(&[])),
@@ -143,7 +143,7 @@ fn bake_all(
                 left_out.push(name);
                 continue;
             }
-            let job = Job::read_within(&want.tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
+            let job = Job::read_tree(&want.tree, args.bounds.limits())?;
             let bodies = args.bodies.map(|n| n as usize);
             match cost::run(&job, &variants[want.variant], want.key.clone(), bodies, &mut watch) {
                 Ok(record) => ledger.add(record).map_err(Failure::TryAgain)?,

@@ -2,6 +2,7 @@
 
 use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, print};
+use crate::files::FileSource;
 use crate::job::machine;
 use crate::job::reuse::BakeCache;
 use crate::job::{FinishedBake, Job};
@@ -12,7 +13,7 @@ use crate::wire::versions::versions;
 use anstyle::{AnsiColor, Style};
 use serde_json::{Value, json};
 use std::ops::RangeInclusive;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Memory and disk below which real scenes may fail, bytes: about the need of a bake of a thousand detailed props.
@@ -157,8 +158,7 @@ fn self_test(progress: Mode) -> Result<Vec<Finding>, Failure> {
 }
 
 fn self_bake(progress: Mode) -> Result<FinishedBake, Failure> {
-    let job =
-        Job::read_with(&scene()?, Arc::new(open), cairn_core::asset::Limits::default()).map_err(Failure::Input)?;
+    let job = Job::read_with(&scene()?, Arc::new(OwnFiles), cairn_core::asset::Limits::default())?;
     let mut reporter = Reporter::new(progress);
     let done = job.run(Format::Csv, "self-test", &mut BakeCache::none(), &mut reporter);
     reporter.finish(done.is_ok());
@@ -176,7 +176,20 @@ fn scene() -> Result<crate::wire::proto::Scene, Failure> {
     Ok(scene.to_message())
 }
 
-fn open(path: &Path) -> Result<Vec<u8>, Problem> {
-    let found = [CONTROL, PROP].into_iter().find(|(name, _)| Path::new(name) == path);
-    found.map(|(_, bytes)| bytes.to_vec()).ok_or_else(|| Problem::at(path, "no such file", ""))
+/// The files that the program holds.
+struct OwnFiles;
+
+impl FileSource for OwnFiles {
+    fn read(&self, path: &Path) -> Result<Vec<u8>, Problem> {
+        let found = [CONTROL, PROP].into_iter().find(|(name, _)| Path::new(name) == path);
+        found.map(|(_, bytes)| bytes.to_vec()).ok_or_else(|| Problem::at(path, "no such file", ""))
+    }
+
+    fn find(&self, path: &Path) -> Option<PathBuf> {
+        Some(path.to_owned())
+    }
+
+    fn absence(&self) -> (&'static str, &'static str) {
+        ("is not in the program", "")
+    }
 }

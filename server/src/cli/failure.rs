@@ -1,10 +1,11 @@
 //! Failures of commands, and their exit codes.
 
 use super::interrupt;
-use crate::job::JobError;
+use crate::files;
+use crate::job::{JobError, Refused};
 use crate::model::export::ExportError;
 use crate::problem::Problem;
-use std::fmt::Display;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -14,8 +15,10 @@ use std::process::ExitCode;
 pub enum Failure {
     /// The command line is wrong.
     Usage(Vec<Problem>),
-    /// The scene or one of its files is wrong.
+    /// The scene or one of its files is wrong, or the result cannot be written there.
     Input(Vec<Problem>),
+    /// The same, with notes about the files, which are often the reason.
+    Refused(Refused),
     /// A fault in Cairn.
     Internal(String),
     /// The result could not be written; the scene is fine.
@@ -30,7 +33,7 @@ impl Failure {
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self {
             Failure::Usage(_) => 2,
-            Failure::Input(_) => 65,
+            Failure::Input(_) | Failure::Refused(_) => 65,
             Failure::Internal(_) => 70,
             Failure::TryAgain(_) => interrupt::TRY_AGAIN,
             Failure::Cancelled => interrupt::code(),
@@ -43,6 +46,7 @@ impl Failure {
         let all = |problems: &[Problem]| problems.iter().map(Problem::to_string).collect();
         match self {
             Failure::Usage(problems) | Failure::Input(problems) => all(problems),
+            Failure::Refused(refused) => all(&refused.problems),
             Failure::TryAgain(problem) => vec![problem.to_string()],
             Failure::Internal(what) => vec![format!(
                 "internal error: {what}. This is a fault in Cairn, not in your scene. Please report it with this \
@@ -57,10 +61,43 @@ impl Failure {
         }
     }
 
-    /// A file that could not be written.
-    pub fn write(path: &Path, error: impl Display) -> Failure {
-        let remedy = "Make sure that the disk has space and the folder exists, and run the command again.";
-        Failure::TryAgain(Problem::at(path, format!("cannot be written: {error}"), remedy))
+    /// What was noted of the scene's files.
+    pub fn notes(&self) -> &[String] {
+        match self {
+            Failure::Refused(refused) => &refused.notes,
+            _ => &[],
+        }
+    }
+
+    /// With notes about the scene's files, if the scene is refused.
+    pub fn with_notes(self, notes: &[String]) -> Failure {
+        match self {
+            Failure::Input(problems) => Failure::Refused(Refused { problems, notes: notes.to_vec() }),
+            other => other,
+        }
+    }
+
+    /// A file that could not be written. What may pass is to be tried again; what does not is the input's fault.
+    pub fn write(path: &Path, error: &std::io::Error) -> Failure {
+        let (may_pass, remedy) = match error.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+                (true, "Make room on the disk, and run the command again.")
+            }
+            ErrorKind::NotFound | ErrorKind::NotADirectory => {
+                (true, "Make sure that the folder exists, and run the command again.")
+            }
+            ErrorKind::InvalidFilename => (false, "Choose a shorter name, without characters that the disk refuses."),
+            ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+                (false, "Change its permissions, or choose another folder.")
+            }
+            ErrorKind::IsADirectory => (false, "Choose another name."),
+            ErrorKind::FileTooLarge => {
+                (false, "Bake fewer frames or bodies, or choose a disk that holds larger files.")
+            }
+            _ => (true, "Check the disk, and run the command again."),
+        };
+        let problem = Problem::at(path, format!("cannot be written: {}", files::plain_reason(error)), remedy);
+        if may_pass { Failure::TryAgain(problem) } else { Failure::input(problem) }
     }
 
     /// One problem of the command line.
@@ -84,6 +121,12 @@ impl From<cairn_core::Error> for Failure {
     }
 }
 
+impl From<Refused> for Failure {
+    fn from(refused: Refused) -> Failure {
+        Failure::Refused(refused)
+    }
+}
+
 impl From<JobError> for Failure {
     fn from(error: JobError) -> Failure {
         match error {
@@ -96,10 +139,11 @@ impl From<JobError> for Failure {
 impl From<ExportError> for Failure {
     fn from(error: ExportError) -> Failure {
         match &error {
-            ExportError::UnknownFormat(_) | ExportError::IsDirectory(_) | ExportError::NoFolder(_) => {
-                Failure::Usage(vec![error.to_string().into()])
-            }
-            ExportError::Source { .. } | ExportError::TooLarge => Failure::Input(vec![error.to_string().into()]),
+            ExportError::UnknownFormat(_) => Failure::Usage(vec![error.to_string().into()]),
+            ExportError::IsDirectory(_)
+            | ExportError::NoFolder(_)
+            | ExportError::Source { .. }
+            | ExportError::TooLarge => Failure::Input(vec![error.to_string().into()]),
             ExportError::NotFinite { .. } => Failure::Internal(error.to_string()),
             ExportError::Write { path, error } => Failure::write(path, error),
             ExportError::Io(error) => Failure::Internal(error.to_string()),

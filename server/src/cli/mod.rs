@@ -132,6 +132,9 @@ pub fn main() -> ExitCode {
             for message in &messages {
                 print_error(message);
             }
+            for note in failure.notes() {
+                print_note(note);
+            }
             if is_openjd && !messages.is_empty() {
                 progress::openjd("fail", &messages.join("; "));
             }
@@ -178,7 +181,7 @@ fn print(text: &str) -> Result<(), Failure> {
     let mut stdout = std::io::stdout().lock();
     match failpoints::write("stdout-write", &mut stdout, text.as_bytes()).and_then(|()| stdout.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-            Err(Failure::write("the standard output".as_ref(), error))
+            Err(Failure::write("the standard output".as_ref(), &error))
         }
         _ => Ok(()),
     }

@@ -3,6 +3,7 @@
 use super::{Failure, interrupt};
 use crate::failpoints;
 use crate::files::{self, Staged};
+use crate::job::machine;
 use crate::model::export::{Encoded, SIDECAR_FOLDER};
 use crate::problem::Problem;
 use std::fs::File;
@@ -47,27 +48,59 @@ impl Destination {
 /// Checks that a file can be written to this path and would not replace an input. Removes temporary files of killed
 /// commands beside it.
 pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
-    let usage = |what: String, remedy: &str| Err(Failure::Usage(vec![Problem::at(path, what, remedy)]));
+    let refuse = |what: String, remedy: &str| Err(Failure::input(Problem::at(path, what, remedy)));
     if path.is_dir() {
-        return usage("a folder, not a file".into(), "Name a file in it.");
+        return refuse("a folder, not a file".into(), "Name a file in it.");
     }
     let Destination::File(target) = Destination::to(path) else { return Ok(()) };
     let folder = files::folder_of(&target);
     files::remove_abandoned(folder);
     if !folder.is_dir() {
-        return usage(format!("there is no folder {}", folder.display()), "Create it first.");
+        return refuse(format!("there is no folder {}", folder.display()), "Create it first.");
     }
-    if let Err(error) = tempfile::tempfile_in(folder) {
-        return usage(format!("nothing can be written in {}: {error}", folder.display()), "Choose another folder.");
+    if let Err(error) = failpoints::at("output-folder").and_then(|()| tempfile::tempfile_in(folder).map(drop)) {
+        let reason = files::plain_reason(&error);
+        return refuse(format!("nothing can be written in {}: {reason}", folder.display()), "Choose another folder.");
     }
-    if std::fs::metadata(&target).is_ok_and(|found| found.permissions().readonly()) {
-        return usage("the file is read-only".into(), "Make it writable, or choose another name.");
+    match std::fs::metadata(&target) {
+        Ok(found) if found.permissions().readonly() => {
+            return refuse("the file is read-only".into(), "Make it writable, or choose another name.");
+        }
+        // The name is too long, or has characters that the disk refuses.
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            let reason = files::plain_reason(&error);
+            return refuse(format!("no file can have this name: {reason}"), "Choose a shorter, plain name.");
+        }
+        _ => {}
     }
     let own = target.canonicalize().ok();
     if own.is_some() && inputs.iter().any(|input| input.canonicalize().ok() == own) {
-        return usage("the scene reads this file".into(), "Choose another name for the result.");
+        return refuse("the scene reads this file".into(), "Choose another name for the result.");
     }
     Ok(())
+}
+
+/// Checks that a result of about this size, in bytes, has room where it will be written.
+pub fn check_room(path: &Path, expected: u64) -> Result<(), Failure> {
+    let Destination::File(target) = Destination::to(path) else { return Ok(()) };
+    let folder = files::folder_of(&target);
+    let free = match failpoints::at("output-room") {
+        Ok(()) => machine::free_disk(folder),
+        Err(_) => Some(0),
+    };
+    match free {
+        Some(free) if free < expected => {
+            let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+            let what = format!(
+                "the result will take about {} MiB, but the disk of {} has {} MiB left",
+                mib(expected),
+                folder.display(),
+                mib(free)
+            );
+            Err(Failure::input(Problem::at(path, what, "Make room there, or write elsewhere.")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Checks that a result can have sidecars: it must be a local file, and the folder of the sidecars usable.
@@ -98,7 +131,7 @@ pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
         Destination::File(target) => files::write_atomically(&target, content),
         way => write_through(way, path, content),
     };
-    written.map_err(|error| Failure::write(path, error))
+    written.map_err(|error| Failure::write(path, &error))
 }
 
 /// Writes to a destination that is not a file.
@@ -117,11 +150,11 @@ pub fn write_before_report(output: &Path, result: &Encoded, report: Option<&Path
     let _guard = begin()?;
     result
         .write_sidecars(output)
-        .map_err(|error| Failure::write(&files::folder_of(output).join(SIDECAR_FOLDER), error))?;
+        .map_err(|error| Failure::write(&files::folder_of(output).join(SIDECAR_FOLDER), &error))?;
     write(output, &result.bytes)?;
     let Some((path, Destination::File(old))) = report.map(|path| (path, Destination::to(path))) else { return Ok(()) };
     match std::fs::remove_file(old) {
-        Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::write(path, error)),
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::write(path, &error)),
         _ => Ok(()),
     }
 }
@@ -141,24 +174,24 @@ pub fn write_result(output: &Path, result: &[u8], report: Option<(&Path, String)
     for (path, content) in parts {
         match Destination::to(path) {
             Destination::File(target) => {
-                files.push((path, Staged::write(&target, content).map_err(|error| Failure::write(path, error))?));
+                files.push((path, Staged::write(&target, content).map_err(|error| Failure::write(path, &error))?));
             }
             way => streams.push((way, path, content)),
         }
     }
     for (way, path, content) in streams {
-        write_through(way, path, content).map_err(|error| Failure::write(path, error))?;
+        write_through(way, path, content).map_err(|error| Failure::write(path, &error))?;
     }
     let mut named = Vec::new();
     for (path, file) in files {
         named.push(file.publish().map_err(|error| {
             // A report without its result would mislead.
             named.iter().for_each(|before: &PathBuf| drop(std::fs::remove_file(before)));
-            Failure::write(path, error)
+            Failure::write(path, &error)
         })?);
     }
     for path in named {
-        files::sync_folder(files::folder_of(&path)).map_err(|error| Failure::write(&path, error))?;
+        files::sync_folder(files::folder_of(&path)).map_err(|error| Failure::write(&path, &error))?;
     }
     Ok(())
 }

@@ -4,15 +4,16 @@ use super::progress::{ProgressArgs, Reporter};
 use super::{Failure, interrupt, output, print_warning, summary};
 use crate::client::{Connection, Target};
 use crate::files;
-use crate::job::{self, PortableNames};
+use crate::job::{self, InputFile, PortableNames, Refused};
 use crate::model::export::Format;
 use crate::problem::Problem;
+use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
 use crate::wire::from_proto;
 use crate::wire::proto::{Artifact, AssetReference, BakeRequest, BakeSpec, Scene, Summary, bake_event::Kind};
+use crate::wire::to_proto::NOTES_FIELD;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
-use cairn_gltf::document;
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::cell::Cell;
@@ -122,12 +123,14 @@ pub struct Files {
 }
 
 impl Files {
-    /// Reads the scene's files, and the files that they name. The server checks their content. `folder`: the scene's
-    /// own. A path may visibly lead out of it, by `../` or from the root, but not by a link.
-    pub fn read(scene: &Scene, folder: &Path) -> Result<Files, Failure> {
+    /// Reads the scene's files, and the files that they name. The server checks their content. A path may visibly lead
+    /// out of the scene's own folder, by `../` or from the root, but not by a link; and out of a model's folder only to
+    /// a picture.
+    pub fn read(tree: &SceneTree) -> Result<Files, Failure> {
+        let (scene, folder, source) = (tree.to_message(), tree.folder(), tree.files());
         let mut found = BTreeMap::new();
         let mut problems = Vec::new();
-        let models = job::model_files(scene);
+        let models = job::model_files(&scene);
         let names = PortableNames::new(models.iter().map(PathBuf::as_path), folder);
         for path in models {
             if files::is_below(folder, &path) && files::leads_out(folder, &path) {
@@ -135,36 +138,36 @@ impl Files {
                 problems.push(Problem::at(&path, what, "Name its target, or put the file itself there."));
                 continue;
             }
-            match files::read(&path) {
-                Ok(bytes) => {
-                    let folder = path.parent().unwrap_or(Path::new(""));
-                    let beside = document::external_files(&bytes).unwrap_or_default();
-                    for path in beside.iter().filter_map(|relative| files::below(folder, relative)) {
-                        if files::leads_out(folder, &path) {
-                            let what = "a link that leads out of the folder of its .gltf file, which is not sent";
-                            problems.push(Problem::at(&path, what, "Put the file itself there."));
-                            continue;
-                        }
-                        // Only a bake that uses a missing texture needs it.
-                        if let Ok(bytes) = files::read(&path) {
-                            found.insert(path, bytes);
-                        }
-                    }
-                    found.insert(path, bytes);
+            let file = match InputFile::read(&path, &source) {
+                Ok(file) => file,
+                Err(problem) => {
+                    problems.push(problem);
+                    continue;
                 }
-                Err(problem) => problems.push(problem),
+            };
+            let folder = files::folder_of(&path);
+            // Only a bake that uses a missing texture needs it.
+            for (relative, bytes) in file.sidecars() {
+                let Some(there) = files::beside(folder, &relative) else { continue };
+                let there = source.find(&there).unwrap_or(there);
+                if !relative.starts_with("../") && files::leads_out(folder, &there) {
+                    let what = "a link that leads out of the folder of its .gltf file, which is not sent";
+                    problems.push(Problem::at(&there, what, "Put the file itself there."));
+                    continue;
+                }
+                found.insert(names.beside(&file.name, &relative), (there, bytes));
             }
+            found.insert(names.of(&file.name), (file.path, file.bytes));
         }
         if !problems.is_empty() {
             return Err(Failure::Input(problems));
         }
-        let (mut references, mut contents) = (Vec::new(), BTreeMap::new());
-        let paths = found.keys().cloned().collect();
-        for (path, bytes) in found {
+        let (mut references, mut contents, mut paths) = (Vec::new(), BTreeMap::new(), Vec::new());
+        for (uri, (path, bytes)) in found {
             let sha256 = hex(&Sha256::digest(&bytes));
-            let uri = names.of(&path.to_string_lossy());
             references.push(AssetReference { uri, sha256: sha256.clone() });
             contents.insert(sha256, bytes.into());
+            paths.push(path);
         }
         Ok(Files { references, contents, paths, names })
     }
@@ -177,7 +180,7 @@ impl Files {
 
     /// Writes the request into a folder, the message last.
     pub fn write(&self, scene: Scene, folder: &Path) -> Result<(), Failure> {
-        std::fs::create_dir_all(folder).map_err(|error| Failure::write(folder, error))?;
+        std::fs::create_dir_all(folder).map_err(|error| Failure::write(folder, &error))?;
         for (sha256, content) in &self.contents {
             output::write(&folder.join(sha256), content)?;
         }
@@ -357,10 +360,13 @@ impl From<Status> for Failure {
         match status.code() {
             Code::InvalidArgument => {
                 let violations = details.bad_request().map(|request| &request.field_violations[..]).unwrap_or_default();
-                match violations {
-                    [] => Failure::Input(one("")),
-                    all => Failure::Input(all.iter().map(|v| Problem::from(v.description.clone())).collect()),
+                if violations.is_empty() {
+                    return Failure::Input(one(""));
                 }
+                let (notes, problems): (Vec<_>, Vec<_>) = violations.iter().partition(|v| v.field == NOTES_FIELD);
+                let notes = notes.into_iter().map(|v| v.description.clone()).collect();
+                let problems = problems.into_iter().map(|v| Problem::from(v.description.clone())).collect();
+                Failure::Refused(Refused { problems, notes })
             }
             Code::Unauthenticated | Code::NotFound | Code::FailedPrecondition | Code::PermissionDenied => {
                 Failure::Usage(one(""))

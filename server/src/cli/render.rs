@@ -1,12 +1,14 @@
 //! `cairn render`: renders a still of a baked pile.
 
-use super::{Failure, interrupt, output};
-use crate::files;
-use crate::model::render::{Moment, RenderError, RenderModel, Settings, render};
+use super::{Failure, interrupt, output, print_warning};
+use crate::files::{self, Disk, FileSource};
+use crate::job::InputFile;
+use crate::model::render::{Moment, RenderError, RenderModel, Settings, missing_pictures, render};
 use crate::problem::Problem;
 use image::{ImageFormat, RgbImage};
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Renders a picture of a pile
 ///
@@ -85,13 +87,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         samples: args.samples,
         glue: args.glue,
     };
-    let read = |path: &PathBuf| ModelFile::read(path.as_path()).map_err(Failure::input);
+    let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
+    let read = |path: &PathBuf| InputFile::read(path, &disk).map_err(Failure::input);
     let pile = read(&args.pile)?;
     let control = args.control.as_ref().map(read).transpose()?;
-    let beside_pile = |name: &str| pile.beside(name);
-    let beside_control = |name: &str| control.as_ref().map_or(Err(String::new()), |c| c.beside(name));
-    let control = control.as_ref().map(|c| c.model(&beside_control));
-    let picture = render(&pile.model(&beside_pile), control.as_ref(), &settings)?;
+    let picture = render(&model(&pile), control.as_ref().map(model).as_ref(), &settings)?;
+    missing_pictures(&model(&pile)).iter().for_each(|sentence| print_warning(sentence));
     write(&args.output, &picture, format)
 }
 
@@ -100,31 +101,11 @@ fn write(path: &Path, picture: &RgbImage, format: ImageFormat) -> Result<(), Fai
     let mut bytes = Cursor::new(Vec::new());
     picture.write_to(&mut bytes, format).map_err(|error| Failure::Internal(error.to_string()))?;
     let _guard = output::begin()?;
-    files::write_atomically(path, bytes.get_ref()).map_err(|error| Failure::write(path, error))
+    files::write_atomically(path, bytes.get_ref()).map_err(|error| Failure::write(path, &error))
 }
 
-/// A file in memory, with its path.
-struct ModelFile {
-    path: PathBuf,
-    name: String,
-    bytes: Vec<u8>,
-}
-
-impl ModelFile {
-    fn read(path: &Path) -> Result<ModelFile, Problem> {
-        Ok(ModelFile { path: path.to_path_buf(), name: path.display().to_string(), bytes: files::read(path)? })
-    }
-
-    /// Reads another file below the same folder.
-    fn beside(&self, name: &str) -> Result<Vec<u8>, String> {
-        let folder = self.path.parent().unwrap_or(Path::new(""));
-        let path = files::below(folder, name).ok_or("it leads out of the file's folder")?;
-        files::read(&path).map_err(|problem| problem.to_string())
-    }
-
-    fn model<'a>(&'a self, resolve: &'a dyn Fn(&str) -> Result<Vec<u8>, String>) -> RenderModel<'a> {
-        RenderModel { name: &self.name, bytes: &self.bytes, resolve }
-    }
+fn model(file: &InputFile) -> RenderModel<'_> {
+    RenderModel { name: &file.name, bytes: &file.bytes, resolve: &*file.resolve }
 }
 
 impl From<RenderError> for Failure {

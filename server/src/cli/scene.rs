@@ -36,9 +36,8 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut tree = args.scene.tree()?;
     if let Some(folder) = &args.request {
-        let scene = tree.to_message();
-        let files = remote::Files::read(&scene, tree.folder())?;
-        return files.write(scene, folder);
+        let files = remote::Files::read(&tree)?;
+        return files.write(tree.to_message(), folder);
     }
     if args.full {
         let scene = tree.to_message();

@@ -28,7 +28,8 @@ pub fn lines(
     lines.extend(glue(&measure, counted));
     if let (Some(speed), Some(moving)) = (measure("resting_speed_max"), measure("moving")) {
         let state = match moving as usize {
-            0 => "all at rest".to_owned(),
+            0 if measure("rest_seconds").is_some() => "all at rest".to_owned(),
+            0 => "no body moves in the last frame".to_owned(),
             some => format!("{} of {} still moving", grouped(some as u64), count(bodies, "body", "bodies")),
         };
         lines.push(format!("{state}; largest speed at the end: {:.1} mm/s", speed * 1000.0));

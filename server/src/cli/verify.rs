@@ -75,14 +75,13 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
         let what = format!("baked by other versions: {}; this is {own}", origin.versions);
         return Err(Failure::input(Problem::at(path, what, "Use the version of Cairn that baked it.")));
     }
-    let job = Job::read_within(&tree.to_message(), args.bounds.limits()).map_err(Failure::Input)?;
-    let job = job.relative_to(tree.folder());
+    let job = Job::read_tree(&tree, args.bounds.limits())?.relative_to(tree.folder());
     let mut reporter = Reporter::new(args.progress);
     let format = Format::of(path).filter(|format| format.states_origin()).unwrap_or(Format::Glb);
     let done = job.run(format, &path.display().to_string(), &mut BakeCache::none(), &mut reporter);
     reporter.finish(done.is_ok());
     let FinishedBake { result, hash, .. } = done?;
-    let Encoded { bytes, sidecars } = result;
+    let Encoded { bytes, sidecars, .. } = result;
     if bytes == before {
         let is_there = |(name, bytes): &(&String, &Vec<u8>)| {
             std::fs::read(files::folder_of(path).join(name)).is_ok_and(|there| there == **bytes)

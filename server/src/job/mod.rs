@@ -10,16 +10,19 @@ pub mod reuse;
 mod run;
 mod sources;
 
-use crate::model::export::{ExportScene, Format, Measures, SourceModel};
+use crate::files::FileSource;
+use crate::model::export::{self, ExportScene, Format, Measures, Rehearsal, SourceModel};
+use crate::problem::Problem;
 use crate::wire::proto::{self, BakeSpec};
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::estimate::Estimate;
+use cairn_core::prepare::plan::Plan;
 use machine::Meter;
 pub use run::{FinishedBake, JobError};
 use serde_json::Value;
 use sources::Reference;
-pub use sources::{InputFile, OpenFile, PortableNames, model_files, rename};
+pub use sources::{InputFile, PortableNames, model_files, rename};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -43,6 +46,8 @@ pub struct Job {
     files: BTreeMap<PathBuf, InputFile>,
     /// Names of the files in the result.
     names: PortableNames,
+    /// Of the models' data in a `.glb`.
+    model_bytes: usize,
 }
 
 impl Job {
@@ -52,9 +57,24 @@ impl Job {
         cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
     }
 
-    /// The files of the scene.
+    /// About the size of the result, bytes: less than it will be rather than more, so that no bake is refused that has
+    /// room. For that, the motion counts as that of a pile which hardly moves.
+    pub fn expected_bytes(&self, plan: &Plan, format: Format) -> u64 {
+        /// Of a body's node and its animation in the JSON of a `.glb`.
+        const BODY: u64 = 300;
+        /// Of a body in one frame of a table.
+        const ROW: u64 = 60;
+        let bodies = plan.expected_bodies as u64;
+        if format.states_origin() {
+            self.model_bytes as u64 + BODY * bodies
+        } else {
+            ROW * bodies * u64::from(self.params.output.frames.unwrap_or(0) + 1)
+        }
+    }
+
+    /// The files of the scene, where they lie.
     pub fn inputs(&self) -> Vec<PathBuf> {
-        self.files.keys().cloned().collect()
+        self.files.values().flat_map(InputFile::paths).collect()
     }
 
     /// Makes the result name files relative to the scene's folder, where possible.
@@ -87,20 +107,42 @@ impl Job {
     /// The models in their original files, and the provenance for the result.
     pub fn export_scene<'a>(&'a self, origin: &'a Value, measures: Option<&'a Measures>) -> ExportScene<'a> {
         let (props, scenery) = (self.sources(&self.props), self.sources(&self.statics));
-        ExportScene { props, scenery, origin: Some(origin), measures }
+        let keeps_instancing = self.params.output.instancing;
+        ExportScene { props, scenery, origin: Some(origin), measures, keeps_instancing }
     }
 
     fn sources<'a>(&'a self, references: &'a [Reference]) -> Vec<SourceModel<'a>> {
-        let source = |reference: &'a Reference| {
-            let file = &self.files[&reference.file];
-            SourceModel {
-                name: &reference.portable,
-                file: &file.name,
-                bytes: &file.bytes,
-                node: reference.node.as_deref(),
-                resolve: &*file.resolve,
-            }
-        };
-        references.iter().map(source).collect()
+        references.iter().map(|reference| source_model(reference, &self.files)).collect()
     }
+}
+
+/// A scene that cannot be baked.
+#[derive(Debug)]
+pub struct Refused {
+    pub problems: Vec<Problem>,
+    /// Deviations from the files' content made while reading, one sentence each: often the reason of a problem.
+    pub notes: Vec<String>,
+}
+
+fn source_model<'a>(reference: &'a Reference, files: &'a BTreeMap<PathBuf, InputFile>) -> SourceModel<'a> {
+    let file = &files[&reference.file];
+    SourceModel {
+        name: &reference.portable,
+        file: &file.name,
+        bytes: &file.bytes,
+        node: reference.node.as_deref(),
+        resolve: &*file.resolve,
+    }
+}
+
+/// Copies the models that a result shows into nothing; or gives the reasons why they cannot be shown.
+fn rehearse(
+    shown: &[&Reference],
+    files: &BTreeMap<PathBuf, InputFile>,
+    keeps_instancing: bool,
+    source: &dyn FileSource,
+) -> Result<Rehearsal, Vec<Problem>> {
+    let models: Vec<SourceModel> = shown.iter().map(|reference| source_model(reference, files)).collect();
+    let rehearsal = export::rehearse(&models, keeps_instancing, source);
+    rehearsal.map_err(|errors| errors.iter().map(|error| Problem::from(error.to_string())).collect())
 }

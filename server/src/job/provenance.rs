@@ -1,6 +1,6 @@
 //! The provenance of a result: the scene that it was baked from, and its files.
 
-use crate::files;
+use crate::files::{self, Disk};
 use crate::model::export::{self, Format};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
@@ -8,6 +8,7 @@ use crate::wire::digest::hex;
 use serde::Deserialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The provenance as it is stored in a result.
@@ -31,8 +32,8 @@ pub fn origin(result: &[u8]) -> Option<Origin> {
     Origin::deserialize(export::origin(result)?).ok()
 }
 
-/// The scene of a result. Its files are found by name and hash: below `assets` if given, else below the result's
-/// folder, one above it, or the current folder.
+/// The scene of a result. Its files are found by their hashes, below `assets` if given, else below the result's folder,
+/// one above it, or the current folder; first under their names, then under any. In the scene, they keep their names.
 pub fn scene(path: &Path, assets: Option<&Path>) -> Result<SceneTree, Vec<Problem>> {
     let one = |what: &str, remedy: &str| vec![Problem::at(path, what, remedy)];
     let bytes = files::read(path).map_err(|problem| vec![problem])?;
@@ -42,20 +43,49 @@ pub fn scene(path: &Path, assets: Option<&Path>) -> Result<SceneTree, Vec<Proble
             _ => one("it does not hold its scene", "Name an unchanged result of Cairn, or a scene file."),
         });
     };
-    let folder = find(&origin.assets, &places(path, assets)).map_err(|asset| {
-        let what = format!("its file {} is not here with the content that was baked", asset.uri);
-        one(&what, "Name the folder of the file by --assets.")
-    })?;
+    let places = places(path, assets);
     let text = origin.scene.to_string();
-    // Reading it as a scene file of that folder checks its fields against the schema.
-    SceneTree::read(&folder.join("scene.json"), text.as_bytes())
+    // Reading it as a scene file of a folder checks its fields against the schema.
+    let read = |folder: &Path| SceneTree::read(&folder.join("scene.json"), text.as_bytes());
+    if let Some(folder) = places.folders().find(|folder| has_all(folder, &origin.assets)) {
+        return read(&folder);
+    }
+    let folder = places.tops.first().cloned().unwrap_or_default();
+    let (mut finder, mut moved, mut problems) = (FileFinder::new(&places), BTreeMap::new(), Vec::new());
+    for asset in &origin.assets {
+        match finder.find(asset) {
+            Some(found) => drop(moved.insert(files::normalized(&folder.join(&asset.uri)), found)),
+            None => {
+                let what = format!("its file {} is not here with the content that was baked", asset.uri);
+                let hash = asset.sha256.get(..12).unwrap_or(&asset.sha256);
+                let remedy = match assets {
+                    Some(folder) => format!(
+                        "No file in {} or below it has its SHA-256 ({hash}...): find an unchanged copy of it.",
+                        folder.display()
+                    ),
+                    None => "Name the folder of the file by --assets.".to_owned(),
+                };
+                problems.push(Problem::at(path, what, remedy));
+            }
+        }
+    }
+    if problems.is_empty() { Ok(read(&folder)?.with_files(Disk { moved })) } else { Err(problems) }
 }
 
-/// Folders that may hold the files, most likely first.
-fn places(result: &Path, assets: Option<&Path>) -> Vec<PathBuf> {
-    /// Folders searched below each of the first ones.
-    const MOST: usize = 1000;
-    let mut tops: Vec<PathBuf> = match assets {
+/// Folders that may hold the files.
+struct Places {
+    /// Most likely first.
+    tops: Vec<PathBuf>,
+    /// How many of these are searched with all that is below them.
+    deep: usize,
+}
+
+/// Folders and files that are looked at below one folder.
+const MOST_FOLDERS: usize = 1000;
+const MOST_FILES: usize = 10_000;
+
+fn places(result: &Path, assets: Option<&Path>) -> Places {
+    let tops: Vec<PathBuf> = match assets {
         Some(folder) => vec![folder.to_owned()],
         None => {
             let own = files::folder_of(result);
@@ -63,10 +93,15 @@ fn places(result: &Path, assets: Option<&Path>) -> Vec<PathBuf> {
             [own.to_owned(), PathBuf::new()].into_iter().chain(above.ancestors().skip(1).map(Path::to_owned)).collect()
         }
     };
-    let wide = tops.len().min(2);
-    let inside: Vec<PathBuf> = tops[..wide].iter().flat_map(|top| below(top, MOST)).collect();
-    tops.extend(inside);
-    tops
+    let deep = tops.len().min(2);
+    Places { tops, deep }
+}
+
+impl Places {
+    /// The folders, then those below the first ones.
+    fn folders(&self) -> impl Iterator<Item = PathBuf> {
+        self.tops.iter().cloned().chain(self.tops[..self.deep].iter().flat_map(|top| below(top, MOST_FOLDERS)))
+    }
 }
 
 /// The folders below one, nearest first.
@@ -87,19 +122,63 @@ fn below(top: &Path, most: usize) -> Vec<PathBuf> {
     found.split_off(1)
 }
 
-/// The first folder that has all files, or else the first file that no folder has.
-fn find<'a>(assets: &'a [AssetRecord], places: &[PathBuf]) -> Result<PathBuf, &'a AssetRecord> {
-    let is_there = |folder: &Path, asset: &AssetRecord| folder.join(&asset.uri).is_file();
-    let is_same = |folder: &Path, asset: &AssetRecord| {
-        files::read(&folder.join(&asset.uri)).is_ok_and(|bytes| hex(&Sha256::digest(&bytes)) == asset.sha256)
-    };
-    let mut missing = assets.first();
-    for folder in places {
-        let wrong = assets.iter().find(|asset| !is_there(folder, asset));
-        match wrong.or_else(|| assets.iter().find(|asset| !is_same(folder, asset))) {
-            None => return Ok(folder.clone()),
-            Some(wrong) => missing = missing.or(Some(wrong)),
-        }
+/// Whether a folder has all files under their names.
+fn has_all(folder: &Path, assets: &[AssetRecord]) -> bool {
+    let path = |asset: &AssetRecord| folder.join(&asset.uri);
+    assets.iter().all(|asset| path(asset).is_file())
+        && assets.iter().all(|asset| hash(&path(asset)).is_some_and(|found| found == asset.sha256))
+}
+
+fn hash(path: &Path) -> Option<String> {
+    Some(hex(&Sha256::digest(files::read(path).ok()?)))
+}
+
+/// Finds files by their hashes.
+struct FileFinder<'a> {
+    places: &'a Places,
+    /// All files that may be the ones, once they were needed.
+    files: Option<Vec<PathBuf>>,
+    hashes: BTreeMap<PathBuf, Option<String>>,
+}
+
+impl<'a> FileFinder<'a> {
+    fn new(places: &'a Places) -> FileFinder<'a> {
+        FileFinder { places, files: None, hashes: BTreeMap::new() }
     }
-    missing.map_or_else(|| Ok(PathBuf::new()), Err)
+
+    fn find(&mut self, asset: &AssetRecord) -> Option<PathBuf> {
+        let named = self.places.folders().map(|folder| folder.join(&asset.uri)).find(|path| self.is(path, asset));
+        if named.is_some() {
+            return named;
+        }
+        let wanted = Path::new(&asset.uri);
+        let mut files = self.files.take().unwrap_or_else(|| self.all_files());
+        // Files of this name first, then those of this kind.
+        files.sort_by_key(|path| (path.file_name() != wanted.file_name(), path.extension() != wanted.extension()));
+        let found = files.iter().find(|path| self.is(path, asset)).cloned();
+        self.files = Some(files);
+        found
+    }
+
+    fn is(&mut self, path: &Path, asset: &AssetRecord) -> bool {
+        if !path.is_file() {
+            return false;
+        }
+        let known = self.hashes.entry(path.to_owned()).or_insert_with(|| hash(path));
+        known.as_deref() == Some(&*asset.sha256)
+    }
+
+    fn all_files(&self) -> Vec<PathBuf> {
+        let Places { tops, deep } = self.places;
+        let folders = tops[..*deep].iter().flat_map(|top| std::iter::once(top.clone()).chain(below(top, MOST_FOLDERS)));
+        let entries = folders.flat_map(|folder| {
+            let read = if folder.as_os_str().is_empty() { Path::new(".").read_dir() } else { folder.read_dir() };
+            let names = read.into_iter().flatten().flatten().map(|entry| entry.file_name());
+            names.map(|name| folder.join(name)).collect::<Vec<_>>()
+        });
+        let mut files: Vec<PathBuf> = entries.take(MOST_FILES).filter(|path| path.is_file()).collect();
+        files.sort();
+        files.dedup();
+        files
+    }
 }

@@ -1,10 +1,11 @@
 //! Reads a scene's files, and gathers all problems of scene and files.
 
-use super::Job;
 use super::machine::Meter;
-use super::sources::{InputFile, OpenFile, PortableNames, Reference};
-use crate::files;
+use super::sources::{InputFile, PortableNames, Reference};
+use super::{Job, Refused};
+use crate::files::{Disk, FileSource};
 use crate::problem::Problem;
+use crate::scene_file::SceneTree;
 use crate::wire::effective::effective;
 use crate::wire::from_proto::{self, extra_bodies::ExtraBodies};
 use crate::wire::proto;
@@ -19,20 +20,20 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl Job {
-    /// Reads all files of a scene, or returns all problems.
+    /// Reads all files of a scene from this machine's disk, or returns all problems.
     pub fn read(scene: &proto::Scene) -> Result<Job, Vec<Problem>> {
-        Job::read_within(scene, Limits::default())
+        Job::read_with(scene, Arc::new(Disk::default()), Limits::default()).map_err(|refused| refused.problems)
     }
 
-    /// Reads the files within limits for each file.
-    pub fn read_within(scene: &proto::Scene, limits: Limits) -> Result<Job, Vec<Problem>> {
-        Job::read_with(scene, Arc::new(files::read), limits)
+    /// Reads the files of a scene file's scene within limits for each file.
+    pub fn read_tree(tree: &SceneTree, limits: Limits) -> Result<Job, Refused> {
+        Job::read_with(&tree.to_message(), tree.files(), limits)
     }
 
-    /// Reads the files by `open`.
-    pub fn read_with(scene: &proto::Scene, open: OpenFile, limits: Limits) -> Result<Job, Vec<Problem>> {
+    /// Reads the files from `source`.
+    pub fn read_with(scene: &proto::Scene, source: Arc<dyn FileSource>, limits: Limits) -> Result<Job, Refused> {
         let (began, meter) = (Instant::now(), Meter::start());
-        let mut reader = SceneReader::new(open, limits);
+        let mut reader = SceneReader::new(source, limits);
         let (params, problems) = from_proto::params_and_problems(scene);
         reader.problems.extend(problems);
         let effective = effective(scene, &params);
@@ -48,11 +49,11 @@ impl Job {
             reader.problems.push(Problem::new("props", "there are no props", remedy).of_field("props"));
         }
         let read: Vec<_> = effective.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
-        let (props, prop_models) = read.into_iter().unzip();
+        let (props, prop_models): (Vec<Reference>, _) = read.into_iter().unzip();
         let mut extra = ExtraBodies::new(&effective, params.output.fps);
         let statics = effective.statics.iter().enumerate();
         let read: Vec<_> = statics.map(|(i, model)| reader.scenery(i, model, extra.keys(i, model))).collect();
-        let (statics, static_models) = read.into_iter().unzip();
+        let (statics, static_models): (Vec<Reference>, _) = read.into_iter().unzip();
         let bodies = effective.bodies.iter().enumerate().map(|(i, body)| extra.body(i, body)).collect();
         let emitter = |(i, emitter): (usize, &proto::Emitter)| {
             let place = |mesh: &String| EmitterVolume::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
@@ -69,9 +70,18 @@ impl Job {
         let scene = Scene { control, region, props: prop_models, statics: static_models, bodies, emitters };
         if !reader.problems.is_empty() {
             reader.check_values(&scene, &params);
-            return Err(reader.problems);
+            return Err(Refused { problems: reader.problems, notes: reader.notes });
         }
-        let (read_seconds, notes, files) = (meter.seconds(), reader.notes, reader.files);
+        let SceneReader { source, files, mut notes, .. } = reader;
+        let shown: Vec<&Reference> = props.iter().chain(&statics).collect();
+        let model_bytes = match super::rehearse(&shown, &files, params.output.instancing, &*source) {
+            Ok(rehearsal) => {
+                notes.extend(rehearsal.left_out);
+                rehearsal.bytes
+            }
+            Err(problems) => return Err(Refused { problems, notes }),
+        };
+        let read_seconds = meter.seconds();
         Ok(Job {
             scene,
             params,
@@ -85,6 +95,7 @@ impl Job {
             statics,
             files,
             names: PortableNames::default(),
+            model_bytes,
         })
     }
 }
@@ -92,7 +103,7 @@ impl Job {
 /// Reads models and gathers their problems. An empty model stands in for one that cannot be read; the problem then
 /// prevents the job.
 struct SceneReader {
-    open: OpenFile,
+    source: Arc<dyn FileSource>,
     /// Of each file.
     limits: Limits,
     files: BTreeMap<PathBuf, InputFile>,
@@ -103,9 +114,9 @@ struct SceneReader {
 }
 
 impl SceneReader {
-    fn new(open: OpenFile, limits: Limits) -> SceneReader {
+    fn new(source: Arc<dyn FileSource>, limits: Limits) -> SceneReader {
         let (files, missing) = Default::default();
-        SceneReader { open, limits, files, missing, notes: Vec::new(), problems: Vec::new() }
+        SceneReader { source, limits, files, missing, notes: Vec::new(), problems: Vec::new() }
     }
 
     /// Adds the core's problems with values. Its problems with models are left out, since unreadable models cause them.
@@ -122,12 +133,13 @@ impl SceneReader {
 
     fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {
         let reference = Reference::new(path);
-        let mesh = self.mesh(field, &reference).unwrap_or_default();
+        let (mesh, is_skinned) = self.mesh(field, &reference).unwrap_or_default();
         let name = reference.name.clone();
-        (reference, Model { name, mesh })
+        (reference, Model { name, mesh, is_skinned })
     }
 
-    fn mesh(&mut self, field: &str, reference: &Reference) -> Option<TriMesh> {
+    /// The mesh of a model, and whether it has a skin.
+    fn mesh(&mut self, field: &str, reference: &Reference) -> Option<(TriMesh, bool)> {
         if reference.file.as_os_str().is_empty() {
             let field = format!("{field}.path");
             let problem = Problem::new(&field, "it is empty", "Name a .glb or .gltf file.");
@@ -138,7 +150,7 @@ impl SceneReader {
             return None;
         }
         if !self.files.contains_key(&reference.file) {
-            match InputFile::read(&reference.file, &self.open) {
+            match InputFile::read(&reference.file, &self.source) {
                 Ok(file) => {
                     self.files.insert(reference.file.clone(), file);
                 }
@@ -161,7 +173,7 @@ impl SceneReader {
         match asset::read(&source) {
             Ok(asset) => {
                 self.notes.extend(asset.notes.into_iter().map(|note| format!("{}: {note}", reference.name)));
-                Some(asset.mesh)
+                Some((asset.mesh, asset.is_skinned))
             }
             Err(problems) => {
                 let field = format!("{field}.path");

@@ -8,30 +8,47 @@ use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
 use crate::wire::proto::{AssetReference, BakeSpec, Scene};
 use crate::wire::versions::versions;
-use cairn_gltf::document;
 use prost::Message;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
-/// A file and the files that it names, with their hashes. Missing files are left out, because only bakes that use them
-/// need them.
-pub fn assets(file: &InputFile) -> Vec<AssetReference> {
-    let asset = |uri: String, bytes: &[u8]| AssetReference { uri, sha256: hex(&Sha256::digest(bytes)) };
-    let folder = file.name.rfind(['/', '\\']).map_or("", |at| &file.name[..=at]);
-    let beside = document::external_files(&file.bytes).unwrap_or_default();
-    let beside = beside.iter().filter_map(|relative| {
-        let bytes = (file.resolve)(relative).ok()?;
-        Some(asset(format!("{folder}{relative}"), &bytes))
-    });
-    std::iter::once(asset(file.name.clone(), &file.bytes)).chain(beside).collect()
+/// A file of a scene.
+#[derive(Clone, Debug)]
+pub struct Asset {
+    /// The model's name.
+    model: String,
+    /// The path from the model's folder, of a file that it names.
+    beside: Option<String>,
+    pub sha256: String,
+}
+
+impl Asset {
+    /// Its name in results and on servers.
+    pub fn uri(&self, names: &PortableNames) -> String {
+        match &self.beside {
+            Some(relative) => names.beside(&self.model, relative),
+            None => names.of(&self.model),
+        }
+    }
+}
+
+/// A file and the files that it names and that are there, with their hashes.
+pub fn assets(file: &InputFile) -> Vec<Asset> {
+    let asset = |beside: Option<String>, bytes: &[u8]| Asset {
+        model: file.name.clone(),
+        beside,
+        sha256: hex(&Sha256::digest(bytes)),
+    };
+    let beside = file.sidecars().into_iter().map(|(relative, bytes)| asset(Some(relative), &bytes));
+    std::iter::once(asset(None, &file.bytes)).chain(beside).collect()
 }
 
 /// A request with all defaults filled in.
-pub fn request(mut scene: Scene, assets: Vec<AssetReference>, format: Format, names: &PortableNames) -> BakeSpec {
+pub fn request(mut scene: Scene, assets: Vec<Asset>, format: Format, names: &PortableNames) -> BakeSpec {
     rename(&mut scene, |path| names.of(path));
     // Sorted by name, without repetitions.
-    let assets = assets.into_iter().map(|asset| (names.of(&asset.uri), asset.sha256));
+    let assets = assets.into_iter().map(|asset| (asset.uri(names), asset.sha256));
     let assets: BTreeMap<String, String> = assets.collect();
     let assets = assets.into_iter().map(|(uri, sha256)| AssetReference { uri, sha256 }).collect();
     BakeSpec { scene: Some(scene), assets, format: format.wire().into() }

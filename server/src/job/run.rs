@@ -16,6 +16,8 @@ pub struct FinishedBake {
     pub bake: Bake,
     /// In the requested format.
     pub result: Encoded,
+    /// What is not as in the scene's files, one sentence each.
+    pub notes: Vec<String>,
     /// JSON.
     pub report: String,
     /// See [`report::result_hash`].
@@ -106,8 +108,9 @@ impl Job {
             output: blake3::hash(&result.bytes),
             name: output,
         };
-        let report = format!("{:#}\n", report::json(&bake, &identity, &scene, &self.notes, &caller));
-        Ok(FinishedBake { bake, result, report, hash, seconds })
+        let notes: Vec<String> = self.notes.iter().chain(&result.left_out).cloned().collect();
+        let report = format!("{:#}\n", report::json(&bake, &identity, &scene, &notes, &caller));
+        Ok(FinishedBake { bake, result, notes, report, hash, seconds })
     }
 }
 

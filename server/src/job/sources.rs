@@ -1,15 +1,12 @@
 //! The files of a scene, in memory.
 
-use crate::files::{self, split_node};
+use crate::files::{self, FileSource, split_node};
 use crate::problem::Problem;
 use crate::wire::proto;
-use cairn_gltf::Resolver;
+use cairn_gltf::{Resolver, document};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-
-/// Returns the content of a file that the scene or another file names.
-pub type OpenFile = Arc<dyn Fn(&Path) -> Result<Vec<u8>, Problem> + Send + Sync>;
 
 /// A model as a scene names it: `kit.glb#Brick`.
 pub struct Reference {
@@ -60,6 +57,14 @@ impl PortableNames {
         let name = parts.collect::<Vec<_>>().join("/");
         node.map_or(name.clone(), |node| format!("{name}#{node}"))
     }
+
+    /// The name of a file that a model names by this path from its folder.
+    pub fn beside(&self, model: &str, relative: &str) -> String {
+        let model = self.of(model);
+        let folder = model.rfind('/').map_or("", |at| &model[..=at]);
+        let path = files::normalized(Path::new(&format!("{folder}{relative}")));
+        path.components().map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/")
+    }
 }
 
 fn from_root(file: &Path) -> PathBuf {
@@ -93,36 +98,55 @@ pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
 pub struct InputFile {
     /// Its name in messages.
     pub name: String,
+    /// Where it lies.
+    pub path: PathBuf,
     pub bytes: Vec<u8>,
     /// Reads files that it names.
     pub resolve: Box<Resolver<'static>>,
+    source: Arc<dyn FileSource>,
 }
 
 impl InputFile {
-    pub fn read(path: &Path, open: &OpenFile) -> Result<InputFile, Problem> {
-        let bytes = open(path)?;
+    pub fn read(path: &Path, source: &Arc<dyn FileSource>) -> Result<InputFile, Problem> {
+        let bytes = source.read(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let sidecars = SidecarReader { folder, open: open.clone(), read: Mutex::default() };
+        let sidecars = SidecarReader { folder, source: source.clone(), read: Mutex::default() };
         let resolve = Box::new(move |relative: &str| sidecars.read(relative));
-        Ok(InputFile { name: path.display().to_string(), bytes, resolve })
+        let found = source.find(path).unwrap_or_else(|| path.to_owned());
+        Ok(InputFile { name: path.display().to_string(), path: found, bytes, resolve, source: source.clone() })
+    }
+
+    /// Where the file lies, and those that it names.
+    pub fn paths(&self) -> Vec<PathBuf> {
+        let folder = Path::new(&self.name).parent().unwrap_or(Path::new(""));
+        let beside = self.sidecars().into_keys().filter_map(|relative| files::beside(folder, &relative));
+        let beside = beside.map(|path| self.source.find(&path).unwrap_or(path));
+        std::iter::once(self.path.clone()).chain(beside).collect()
+    }
+
+    /// The files that it names and that are there, by their paths from its folder. Missing ones are left out, because
+    /// only bakes that use them need them.
+    pub fn sidecars(&self) -> BTreeMap<String, Vec<u8>> {
+        document::external_files(&self.bytes, &*self.resolve).unwrap_or_default()
     }
 }
 
 /// The files that a glTF file names. They stay in memory, so that the export uses what the bake has read.
 struct SidecarReader {
     folder: PathBuf,
-    open: OpenFile,
+    source: Arc<dyn FileSource>,
     read: Mutex<BTreeMap<String, Vec<u8>>>,
 }
 
 impl SidecarReader {
     fn read(&self, relative: &str) -> Result<Vec<u8>, String> {
-        let path = files::below(&self.folder, relative).ok_or("it leads out of the file's own folder")?;
+        let path = files::beside(&self.folder, relative).ok_or("it is not beside the file")?;
         let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(bytes) = read.get(relative) {
             return Ok(bytes.clone());
         }
-        let bytes = (self.open)(&path).map_err(|problem| problem.to_string())?;
+        let path = self.source.find(&path).unwrap_or(path);
+        let bytes = self.source.read(&path).map_err(|problem| problem.to_string())?;
         read.insert(relative.to_owned(), bytes.clone());
         Ok(bytes)
     }
@@ -135,6 +159,16 @@ mod tests {
     fn names(files: &[&str], folder: &str) -> Vec<String> {
         let names = PortableNames::new(files.iter().map(Path::new), Path::new(folder));
         files.iter().map(|file| names.of(&format!("{file}#Node"))).collect()
+    }
+
+    #[test]
+    fn files_beside_a_model_are_named_from_its_folder() {
+        let names = |base: &str, from_root| PortableNames { base: base.into(), from_root };
+        let red = "../textures/red.png";
+        assert_eq!(names("", false).beside("kit/gltf/a.gltf", red), "kit/textures/red.png");
+        assert_eq!(names("kit/gltf", false).beside("kit/gltf/a.gltf", red), "../textures/red.png");
+        assert_eq!(names("/kit/gltf", true).beside("/kit/gltf/a.gltf", red), "../textures/red.png");
+        assert_eq!(names("", false).beside("a.gltf", "sub/a.bin"), "sub/a.bin");
     }
 
     #[test]

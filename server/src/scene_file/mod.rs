@@ -6,7 +6,7 @@ pub mod schema;
 mod set;
 mod text;
 
-use crate::files;
+use crate::files::{self, Disk, FileSource};
 use crate::problem::Problem;
 use crate::wire::proto;
 use check::Checker;
@@ -14,6 +14,7 @@ use prost::Message;
 use prost_reflect::{DynamicMessage, EnumDescriptor, Kind, MessageDescriptor, SerializeOptions};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 pub use text::from_f64 as number;
 
 /// A scene as written, checked against the schema. Paths in it are relative to the current directory.
@@ -23,11 +24,12 @@ pub struct SceneTree {
     values: Value,
     /// The scene file's own.
     folder: PathBuf,
+    files: Disk,
 }
 
 impl Default for SceneTree {
     fn default() -> Self {
-        SceneTree { values: Value::Object(Map::new()), folder: PathBuf::new() }
+        SceneTree { values: Value::Object(Map::new()), folder: PathBuf::new(), files: Disk::default() }
     }
 }
 
@@ -70,7 +72,7 @@ impl SceneTree {
             Some(mut values) if checker.problems.is_empty() => {
                 let folder = path.parent().unwrap_or(Path::new(""));
                 rebase(&mut values, folder);
-                Ok(SceneTree { values, folder: folder.to_owned() })
+                Ok(SceneTree { values, folder: folder.to_owned(), files: Disk::default() })
             }
             _ => Err(checker.problems),
         }
@@ -82,7 +84,7 @@ impl SceneTree {
         dynamic.transcode_from(scene).expect("the message is of this schema");
         let options = SerializeOptions::new().stringify_64_bit_integers(false).use_proto_field_name(true);
         let values = dynamic.serialize_with_options(serde_json::value::Serializer, &options);
-        SceneTree { values: values.expect("every message has a JSON mapping"), folder: PathBuf::new() }
+        SceneTree { values: values.expect("every message has a JSON mapping"), ..SceneTree::default() }
     }
 
     /// The problems of a tree that came from a message: names that the schema does not have.
@@ -101,6 +103,16 @@ impl SceneTree {
     /// The scene file's own folder: results name files relative to it.
     pub fn folder(&self) -> &Path {
         &self.folder
+    }
+
+    /// Where its files come from.
+    pub fn files(&self) -> Arc<dyn FileSource> {
+        Arc::new(self.files.clone())
+    }
+
+    /// The same scene with its files elsewhere.
+    pub fn with_files(self, files: Disk) -> SceneTree {
+        SceneTree { files, ..self }
     }
 
     /// Changes one field by `path=value`.

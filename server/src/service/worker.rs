@@ -1,11 +1,11 @@
 //! The worker's side of a bake's process. It reads the folder that the server has made, appends events to the log
 //! there, writes the result beside it, and reports to the server by messages on its standard output.
 
-use crate::files;
+use crate::files::{self, FileSource};
 use crate::job::machine;
 use crate::job::pace::StagePace;
 use crate::job::reuse::BakeCache;
-use crate::job::{FinishedBake, Job, JobError, OpenFile};
+use crate::job::{FinishedBake, Job, JobError, Refused};
 use crate::model::export::{self, ExportError};
 use crate::problem::{Cause, Problem};
 use crate::scene_file::SceneTree;
@@ -48,22 +48,16 @@ impl From<std::io::Error> for WorkerError {
     }
 }
 
-impl From<JobError> for WorkerError {
-    fn from(error: JobError) -> WorkerError {
-        match error {
-            JobError::Bake(cairn_core::Error::Invalid(problems)) => {
-                invalid(problems.into_iter().map(Problem::from).collect())
-            }
-            JobError::Export(ExportError::Source { .. } | ExportError::TooLarge) => {
-                invalid(vec![Problem::from(error.to_string())])
-            }
-            _ => WorkerError::Internal(error.to_string()),
-        }
-    }
-}
-
-fn invalid(problems: Vec<Problem>) -> WorkerError {
-    invalid_fields(problems.iter().map(to_proto::field_problem).collect(), false)
+/// The error of a job whose files were read with these notes.
+fn failed(error: JobError, notes: &[String]) -> WorkerError {
+    let problems = match error {
+        JobError::Bake(cairn_core::Error::Invalid(problems)) => problems.into_iter().map(Problem::from).collect(),
+        JobError::Export(ExportError::Source { .. } | ExportError::TooLarge) => vec![Problem::from(error.to_string())],
+        _ => return WorkerError::Internal(error.to_string()),
+    };
+    let mut fields: Vec<_> = problems.iter().map(to_proto::field_problem).collect();
+    fields.extend(to_proto::notes(notes));
+    invalid_fields(fields, false)
 }
 
 /// Keeps a readable number of problems: a scene may have 100,000.
@@ -100,8 +94,9 @@ pub fn end_with_server() {
 /// machine, which takes as long as the bake's first stage.
 pub fn plan(folder: &Path, with_estimates: bool) -> Result<(), WorkerError> {
     let (_, job) = read(folder)?;
-    let estimates = if with_estimates { job.estimates().map_err(JobError::from)? } else { Vec::new() };
-    let plan = cairn_core::plan(&job.scene, &job.params).map_err(JobError::from)?;
+    let refused = |error: cairn_core::Error| failed(error.into(), &job.notes);
+    let estimates = if with_estimates { job.estimates().map_err(refused)? } else { Vec::new() };
+    let plan = cairn_core::plan(&job.scene, &job.params).map_err(refused)?;
     files::write_atomically(&folder.join(SCENE), SceneTree::from_message(&job.effective).to_json().as_bytes())?;
     let has_parameters_only = job.effective.encoded_len() > MAX_SCENE;
     send(WorkerMessage::Planned(Box::new(proto::Accepted {
@@ -125,16 +120,16 @@ pub fn bake(folder: &Path, cache: &mut BakeCache) -> Result<(), WorkerError> {
     let (spec, job) = read(folder)?;
     let name = result_name(spec.format());
     let path = folder.join(&name);
-    let format = export::check_destination(&path).map_err(JobError::from)?;
+    let format = export::check_destination(&path).map_err(|error| failed(error.into(), &[]))?;
     let mut watcher = Watcher::new(LogWriter::resume(&folder.join(EVENTS))?);
     let done = job.run(format, &name, cache, &mut watcher);
     if let Some(error) = watcher.failed {
         return Err(error.into());
     }
-    let done = done?;
+    let done = done.map_err(|error| failed(error, &job.notes))?;
     files::write_atomically(&folder.join(REPORT), done.report.as_bytes())?;
     files::write_atomically(&path, &done.result.bytes)?;
-    let summary = summary(&done, &job.notes);
+    let summary = summary(&done);
     watcher.log.append(Kind::Summary(summary.clone()))?;
     send(WorkerMessage::Logged(watcher.log.sync()?));
     send(WorkerMessage::Done(summary));
@@ -149,10 +144,11 @@ fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), WorkerError> {
         .filter(|(_, asset)| !folder.join(ASSETS).join(&asset.sha256).is_file())
         .map(|(index, _)| index)
         .collect();
-    let problems = match Job::read_with(&scene, open(folder, &spec), cairn_core::asset::Limits::default()) {
+    let uploads = Arc::new(Uploads::of(folder, &spec));
+    let Refused { problems, notes } = match Job::read_with(&scene, uploads, cairn_core::asset::Limits::default()) {
         Ok(job) if missing.is_empty() => return Ok((spec, job)),
-        Ok(_) => Vec::new(),
-        Err(problems) => problems,
+        Ok(_) => Refused { problems: Vec::new(), notes: Vec::new() },
+        Err(refused) => refused,
     };
     let others = problems.iter().filter(|problem| problem.cause != Cause::NotUploaded);
     let mut wrong: Vec<proto::FieldProblem> = others.map(to_proto::field_problem).collect();
@@ -161,19 +157,29 @@ fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), WorkerError> {
         field: format!("spec.assets[{index}].sha256"),
         description: format!("{}: {NOT_UPLOADED}. Upload it by UploadAsset.", spec.assets[index].uri),
     }));
+    if !only_missing {
+        wrong.extend(to_proto::notes(&notes));
+    }
     Err(invalid_fields(wrong, only_missing))
 }
 
 const NOT_UPLOADED: &str = "the asset is not on the server";
 
-/// Opens files by the uris of the request, and no other files.
-fn open(folder: &Path, spec: &proto::BakeSpec) -> OpenFile {
-    let folder = folder.join(ASSETS);
-    let assets: BTreeMap<PathBuf, PathBuf> =
-        spec.assets.iter().map(|asset| (PathBuf::from(&asset.uri), folder.join(&asset.sha256))).collect();
-    Arc::new(move |path: &Path| {
+/// The files of a request, by their uris, and no other files.
+struct Uploads(BTreeMap<PathBuf, PathBuf>);
+
+impl Uploads {
+    fn of(folder: &Path, spec: &proto::BakeSpec) -> Uploads {
+        let folder = folder.join(ASSETS);
+        let uri = |asset: &proto::AssetReference| files::normalized(Path::new(&asset.uri));
+        Uploads(spec.assets.iter().map(|asset| (uri(asset), folder.join(&asset.sha256))).collect())
+    }
+}
+
+impl FileSource for Uploads {
+    fn read(&self, path: &Path) -> Result<Vec<u8>, Problem> {
         let name = path.display().to_string();
-        let Some(file) = assets.get(path) else {
+        let Some(file) = self.0.get(&files::normalized(path)) else {
             return Err(Problem::new(name, "no asset has this uri", "Add it to spec.assets, with its SHA-256."));
         };
         let bytes = read_file(file).map_err(|error| match error.kind() {
@@ -181,7 +187,19 @@ fn open(folder: &Path, spec: &proto::BakeSpec) -> OpenFile {
             _ => Problem::new(&name, format!("cannot be read: {error}"), "Upload it again."),
         })?;
         if bytes.is_empty() { Err(Problem::new(name, "the file is empty", "Export it again.")) } else { Ok(bytes) }
-    })
+    }
+
+    fn find(&self, path: &Path) -> Option<PathBuf> {
+        let path = files::normalized(path);
+        if self.0.contains_key(&path) {
+            return Some(path);
+        }
+        files::only_in_another_case(path.as_os_str(), self.0.keys()).cloned()
+    }
+
+    fn absence(&self) -> (&'static str, &'static str) {
+        ("was not sent to the server", "Upload it, and add it to the assets of the request.")
+    }
 }
 
 /// Reads a whole file. Lack of memory ends the process, as everywhere in a bake.
@@ -192,7 +210,7 @@ fn read_file(path: &Path) -> std::io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-fn summary(done: &FinishedBake, notes: &[String]) -> proto::Summary {
+fn summary(done: &FinishedBake) -> proto::Summary {
     let report = &done.bake.report;
     proto::Summary {
         body_count: to_proto::signed(report.bodies),
@@ -203,7 +221,7 @@ fn summary(done: &FinishedBake, notes: &[String]) -> proto::Summary {
         stage_seconds: (report.seconds.iter())
             .map(|(stage, seconds)| (crate::job::pace::name(*stage).to_owned(), *seconds))
             .collect(),
-        warnings: notes.iter().chain(&report.warnings).cloned().collect(),
+        warnings: done.notes.iter().chain(&report.warnings).cloned().collect(),
         result_blake3: done.hash.to_hex().to_string(),
         result_bytes: to_proto::signed(done.result.bytes.len()),
         result_sha256: hex(&Sha256::digest(&done.result.bytes)),

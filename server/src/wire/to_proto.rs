@@ -101,6 +101,16 @@ pub fn field_problem(problem: &Problem) -> proto::FieldProblem {
     proto::FieldProblem { field, description: problem.to_string() }
 }
 
+/// The field of a [`proto::FieldProblem`] that is no problem, but a note about the scene's files: often the reason of
+/// the problems beside it.
+pub const NOTES_FIELD: &str = "notes";
+
+/// Notes beside the problems of a refused scene.
+pub fn notes(notes: &[String]) -> impl Iterator<Item = proto::FieldProblem> {
+    let field = |note: &String| proto::FieldProblem { field: NOTES_FIELD.into(), description: note.clone() };
+    notes.iter().map(field)
+}
+
 /// The name of an accuracy in scene files: `standard`.
 pub fn accuracy_name(of: Accuracy) -> String {
     proto::Accuracy::from(of).as_str_name().trim_start_matches("ACCURACY_").to_lowercase()

@@ -108,9 +108,8 @@ pub fn shape(bytes: &[u8]) {
     let corner = |byte: &u8| u32::from(*byte) % count as u32;
     let triangles = corners.chunks_exact(3).take(MOST_TRIANGLES).map(|each| [0, 1, 2].map(|i| corner(&each[i])));
     let Some(mesh) = read(&points, &triangles.collect::<Vec<_>>()) else { return };
-    let prop = Prop::new(Model { name: "prop".into(), mesh });
-    let scene =
-        Scene { control: Some(Model { name: "control".into(), mesh: cube() }), props: vec![prop], ..Scene::default() };
+    let prop = Prop::new(Model::new("prop", mesh));
+    let scene = Scene { control: Some(Model::new("control", cube())), props: vec![prop], ..Scene::default() };
     let params = Params::new(Accuracy::Draft);
     let checked = match check::run(&scene, &params) {
         Ok(checked) => checked,

@@ -10,7 +10,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_4;
 
 fn scenery(name: &str, mesh: TriMesh, friction: f64) -> StaticModel {
-    StaticModel { model: Model { name: name.into(), mesh }, friction, keys: Vec::new() }
+    StaticModel { model: Model::new(name, mesh), friction, keys: Vec::new() }
 }
 
 fn moved(mesh: TriMesh, by: DVec3) -> TriMesh {

@@ -65,7 +65,7 @@ pub fn cylinder(radius: f64, height: f64) -> TriMesh {
 }
 
 pub fn prop(name: &str, mesh: TriMesh, friction: f64) -> Prop {
-    let model = Model { name: name.into(), mesh };
+    let model = Model::new(name, mesh);
     Prop { friction, ..Prop::new(model) }
 }
 
@@ -81,7 +81,7 @@ pub fn placed(prop: Prop, poses: impl IntoIterator<Item = Pose>) -> Scene {
 
 /// A fill of a control mesh with one prop.
 pub fn filled(control: TriMesh, prop: Prop) -> Scene {
-    let control = Some(Model { name: "control".into(), mesh: control });
+    let control = Some(Model::new("control", control));
     Scene { control, props: vec![prop], ..Scene::default() }
 }
 

@@ -40,7 +40,7 @@ pub fn card_pull(engine: Engine, _: Extent) -> Outcome {
     let mut scene = cards(1.0, 0.7);
     scene.bodies.truncate(2);
     let pulled = scene.bodies.remove(0);
-    let model = Model { name: "pulled".into(), mesh: scene.props[0].model.mesh.clone() };
+    let model = Model::new("pulled", scene.props[0].model.mesh.clone());
     let out = cairn_core::geometry::pose::Pose { translation: pulled.pose.translation + DVec3::Z * 0.3, ..pulled.pose };
     let keys = vec![Keyframe { time: START, pose: pulled.pose }, Keyframe { time: START + 0.3, pose: out }];
     scene.statics.push(StaticModel { model, friction: 0.05, keys });

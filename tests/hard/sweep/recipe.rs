@@ -263,7 +263,7 @@ impl Recipe {
         }
         scene.control = self.control.as_ref().map(|target| {
             let mesh = target.mesh().scaled(self.size);
-            Model { name: "control".into(), mesh }
+            Model::new("control", mesh)
         });
         let mut params = Params::new(Accuracy::Standard);
         // It is the control that is tried, and the engine.

@@ -32,5 +32,5 @@ pub fn model(folder: &Path, name: &str) -> Result<Model, String> {
     let resolve = |relative: &str| std::fs::read(beside.join(relative)).map_err(|e| e.to_string());
     let source = Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() };
     let problems = |all: Vec<asset::AssetProblem>| all.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-    Ok(Model { name: name.to_owned(), mesh: asset::read(&source).map_err(problems)?.mesh })
+    Ok(Model::new(name.to_owned(), asset::read(&source).map_err(problems)?.mesh))
 }

@@ -14,7 +14,7 @@ mod tests;
 
 use crate::geometry::mesh::{TriMesh, bounds};
 use bvh::Bvh;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 pub use grid::DistanceGrid;
 use rand::{Rng, RngExt};
 use rayon::prelude::*;
@@ -37,6 +37,35 @@ const SAMPLE_TRIES: usize = 10_000;
 const VOLUME_BLOCKS: usize = 10;
 /// A block that the surface runs through is sampled at this many places along each axis.
 const VOLUME_SAMPLES: usize = 4;
+
+/// Where a mesh winds more than once, or less than not at all, around the points of its solid: volume (m^3), and the
+/// integrals of x and x x^T over it, times how often too much.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surplus {
+    pub volume: f64,
+    pub first: DVec3,
+    pub second: DMat3,
+}
+
+impl Surplus {
+    /// That of a closed mesh, about `origin`. Sampled: 0 where parts are apart, whatever the mesh.
+    pub fn of(mesh: &TriMesh, origin: DVec3) -> Surplus {
+        let bounds = mesh.bounds();
+        let (mesh, closed) = ray::welded(mesh, bounds.0.distance(bounds.1));
+        let triangles = (0..mesh.triangles.len()).map(|i| (i as u32, mesh.corners(i))).collect();
+        let all = Winding { tree: Bvh::new(triangles), closed };
+        let mut sum = Surplus { volume: 0.0, first: DVec3::ZERO, second: DMat3::ZERO };
+        for (place, edge, times) in samples(&all, bounds).into_iter().flatten() {
+            let (volume, p) = (times * edge.element_product(), place - origin);
+            // A cell has a moment of its own.
+            let own = DMat3::from_diagonal(edge * edge / 12.0);
+            sum.volume += volume;
+            sum.first += volume * p;
+            sum.second += (DMat3::from_cols(p * p.x, p * p.y, p * p.z) + own) * volume;
+        }
+        sum
+    }
+}
 
 /// The solid of a mesh, prepared for queries. SI metres, in the frame of the mesh.
 pub struct MeshInterior {
@@ -229,27 +258,38 @@ pub fn farthest(mesh: &TriMesh, points: &[DVec3]) -> f64 {
 /// Volume of the solid. The enclosed volume of a closed mesh counts each point as often as the mesh winds around it:
 /// the excess (or the wrong sign) at the points of a sampled grid is subtracted, and a simple mesh keeps its exact
 /// volume. The volume of an open mesh is sampled as a whole.
-fn solid_volume(all: &Winding, (lo, hi): (DVec3, DVec3), enclosed: f64) -> f64 {
-    let block = (hi - lo) / VOLUME_BLOCKS as f64;
-    let tallies: Vec<f64> = (0..VOLUME_BLOCKS.pow(3))
-        .into_par_iter()
-        .map(|i| {
-            let corner = lo + block * DVec3::from_array(lattice(i, VOLUME_BLOCKS));
-            let centre = corner + block / 2.0;
-            let distance = all.tree.nearest(centre, 0).map_or(f64::INFINITY, |h| h.squared.sqrt());
-            let uniform = all.closed && distance > block.length() / 2.0;
-            let n = if uniform { 1 } else { VOLUME_SAMPLES };
-            let cell = block / n as f64;
-            let tally = (0..n.pow(3)).map(|s| {
-                let w = all.at(corner + cell * (DVec3::from_array(lattice(s, n)) + 0.5));
-                let inside = if w > INSIDE { 1.0 } else { 0.0 };
-                if all.closed { w - inside } else { inside }
-            });
-            tally.sum::<f64>() * cell.element_product()
-        })
-        .collect();
-    let tallied: f64 = tallies.iter().sum();
+fn solid_volume(all: &Winding, bounds: (DVec3, DVec3), enclosed: f64) -> f64 {
+    let tally = |block: Vec<Sample>| -> f64 {
+        let cell = block.first().map_or(0.0, |(_, edge, _)| edge.element_product());
+        block.iter().map(|(.., times)| times).sum::<f64>() * cell
+    };
+    let tallied: f64 = samples(all, bounds).into_iter().map(tally).sum();
     if all.closed { (enclosed - tallied).max(0.0) } else { tallied }
+}
+
+/// The middle of a cell, its edges, and how often a closed mesh winds around it too often; of an open one, whether it
+/// is inside.
+type Sample = (DVec3, DVec3, f64);
+
+/// The samples of a grid over a mesh's box, in blocks of equal cells.
+fn samples(all: &Winding, (lo, hi): (DVec3, DVec3)) -> Vec<Vec<Sample>> {
+    let block = (hi - lo) / VOLUME_BLOCKS as f64;
+    let blocks = (0..VOLUME_BLOCKS.pow(3)).into_par_iter().map(|i| {
+        let corner = lo + block * DVec3::from_array(lattice(i, VOLUME_BLOCKS));
+        let centre = corner + block / 2.0;
+        let distance = all.tree.nearest(centre, 0).map_or(f64::INFINITY, |h| h.squared.sqrt());
+        let uniform = all.closed && distance > block.length() / 2.0;
+        let n = if uniform { 1 } else { VOLUME_SAMPLES };
+        let cell = block / n as f64;
+        let sample = |s: usize| {
+            let p = corner + cell * (DVec3::from_array(lattice(s, n)) + 0.5);
+            let w = all.at(p);
+            let inside = if w > INSIDE { 1.0 } else { 0.0 };
+            (p, cell, if all.closed { w - inside } else { inside })
+        };
+        (0..n.pow(3)).map(sample).collect()
+    });
+    blocks.collect()
 }
 
 fn lattice(i: usize, n: usize) -> [f64; 3] {

@@ -34,6 +34,8 @@ pub struct Topology {
     pub nonmanifold_edges: usize,
     /// Edges of two triangles that face opposite sides of the surface.
     pub misoriented_edges: usize,
+    /// Edges along which not as many triangles run one way as the other.
+    pub unbalanced_edges: usize,
     /// Parts that share no edge.
     pub components: usize,
     /// m^3: negative for a mesh that is inside out, meaningless unless `closed` and consistently oriented.
@@ -48,6 +50,11 @@ pub struct Topology {
 }
 
 impl Topology {
+    /// Every winding number is whole, so that the mesh bounds a solid: also where parts touch along edges or faces.
+    pub fn bounds_a_solid(&self) -> bool {
+        self.closed && self.unbalanced_edges == 0
+    }
+
     /// Closed, without edges of more than two triangles, and facing one way throughout.
     pub fn is_watertight(&self) -> bool {
         self.closed && self.nonmanifold_edges == 0 && self.misoriented_edges == 0
@@ -68,6 +75,7 @@ pub fn inspect(mesh: &TriMesh) -> Topology {
             _ => topology.nonmanifold_edges += 1,
         }
         odd += edge.len() % 2;
+        topology.unbalanced_edges += usize::from(2 * edge.iter().filter(|side| side.forward).count() != edge.len());
         edge.iter().for_each(|side| parts.join(edge[0].face as usize, side.face as usize));
     }
     topology.components = parts.count();

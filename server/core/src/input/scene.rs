@@ -28,6 +28,14 @@ pub struct Model {
     /// The name in messages: the file, and the node if one was chosen (`kit.glb#Brick`).
     pub name: String,
     pub mesh: TriMesh,
+    /// The file has a skin for it, which is not applied: its size may be another one than in other programs.
+    pub is_skinned: bool,
+}
+
+impl Model {
+    pub fn new(name: impl Into<String>, mesh: TriMesh) -> Model {
+        Model { name: name.into(), mesh, is_skinned: false }
+    }
 }
 
 /// A model of which bodies are copies. Its mesh is in the prop's own frame.

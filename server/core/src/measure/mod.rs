@@ -20,6 +20,7 @@ pub use overlap::{Overlap, Penetration, penetration};
 pub use shape_measurer::ShapeMeasurer;
 pub use solid::SolidSource;
 
+use crate::error::counted;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use serde::Serialize;
@@ -119,7 +120,8 @@ impl ShapeMeasures {
             ));
         }
         if iou.beyond > 0 {
-            caveats.push(format!("{} bodies lie beyond the grid of shape_iou: counted by volume", iou.beyond));
+            let bodies = counted(iou.beyond, "body lies", "bodies lie");
+            caveats.push(format!("{bodies} beyond the grid of shape_iou: counted by volume"));
         }
         for (i, solid) in self.solids.iter().enumerate() {
             let Some(solid) = solid else { continue };

@@ -4,7 +4,7 @@ mod added;
 mod narrow;
 mod shell;
 
-use crate::error::SceneProblem;
+use crate::error::{SceneProblem, counted};
 use crate::geometry::ClosedMesh;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::{self, WELD_TOLERANCE};
@@ -139,16 +139,27 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
     }
     let low = control.as_ref().map(|c| c.mesh.bounds().0.y);
     let ground = params.ground_height.or(low).unwrap_or(0.0);
-    if let (Some(model), Some(control)) = (&scene.control, &control) {
+    if let Some(model) = scene.control.as_ref().filter(|_| control.is_some()) {
         let below = ground - low.unwrap_or(ground);
         if below > 0.0 {
             let text = format!("{}: its lowest {below:.3} m lie below the ground and stay empty", model.name);
             warnings.push(text);
         }
-        warnings.extend(base(&model.name, &control.mesh, ground, params.base.height));
     }
     let shares = added::shares(scene, params);
     let diameter = median_diameter(scene, &sizes, &shares);
+    if let (Some(model), Some(control)) = (&scene.control, &control) {
+        let gap = control.mesh.bounds().0.y - ground;
+        if gap <= FLOATING * diameter {
+            warnings.extend(base(&model.name, &control.mesh, ground, params.base.height));
+        } else if scene.statics.is_empty() && params.ground {
+            warnings.push(format!(
+                "{}: it floats {gap:.3} m above the ground (ground_height), so that the pile falls before it is \
+                 released; leave ground_height out, move the control mesh down, or add scenery below it",
+                model.name
+            ));
+        }
+    }
     let core =
         control.as_ref().and_then(|control| shell::core(scene, params, control, ground, diameter, &mut warnings));
     warnings.extend(added::energy_warnings(scene, params, ground, diameter));
@@ -172,9 +183,9 @@ fn closed(field: &str, what: &str, model: &Model, found: &mut Findings) -> Optio
     if !topology.closed {
         let Some((closed, holes)) = without_holes(&mesh) else {
             let text = format!(
-                "{name}: the {what} is open: {} edges belong to one face only; fill its holes (in Blender: Mesh, Clean \
-                 Up, Fill Holes)",
-                topology.boundary_edges
+                "{name}: the {what} is open: {} to one face only; fill its holes (in Blender: Mesh, Clean Up, Fill \
+                 Holes)",
+                counted(topology.boundary_edges, "edge belongs", "edges belong")
             );
             found.problem(field, text);
             return None;
@@ -209,6 +220,9 @@ const LEAST_THICK: f64 = 0.1;
 /// The user is warned where less than this share is as thick, or less than this share of the underside lies on the
 /// ground: most of the mesh is then not what the pile needs.
 const MOST: f64 = 0.5;
+
+/// A control mesh that is farther above the ground than this, in d, does not stand on it.
+pub const FLOATING: f64 = 0.1;
 
 /// Whether the control mesh is thick enough for the props.
 fn room(scene: &Scene, params: &Params, control: Option<&ClosedMesh>, sizes: &[Size], found: &mut Findings) {
@@ -300,9 +314,13 @@ fn prop_mesh(
     room.sort_by(f64::total_cmp);
     let prop_extents = size.extents * prop.scale[1];
     if (0..3).any(|k| prop_extents[k] > room[k]) {
+        let remedy = match prop.model.is_skinned {
+            true => "its skin is not applied, so that it has the size as modelled: apply the armature before export",
+            false => "scale one of them, and check that both files are in metres",
+        };
         return Err(format!(
             "{name}: at {:.3} x {:.3} x {:.3} m the prop is larger than the control mesh ({:.3} x {:.3} x {:.3} m); \
-             scale one of them, and check that both files are in metres",
+             {remedy}",
             prop_extents.x, prop_extents.y, prop_extents.z, room[0], room[1], room[2]
         ));
     }

@@ -3,6 +3,7 @@
 use super::bake::{BakedGlue, BakedGlueDot};
 use super::inputs::{NamedFigures, ReportInputs};
 use super::warnings::bodies;
+use crate::error::counted;
 use crate::measure;
 use crate::sim::glue::Joint;
 use crate::sim::step::Simulation;
@@ -74,9 +75,8 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
         ));
     }
     if glued.bridges > 0 {
-        let (dots, widest) = (glued.bridges, glued.widest * inputs.plan.prop_diameter);
-        let dots =
-            if dots == 1 { "1 dot of glue bridges a gap".into() } else { format!("{dots} dots of glue bridge gaps") };
+        let widest = glued.widest * inputs.plan.prop_diameter;
+        let dots = counted(glued.bridges, "dot of glue bridges a gap", "dots of glue bridge gaps");
         warnings.push(format!(
             "{dots} of up to {widest:.3} m that the fill left in narrow places; smaller props fill them better"
         ));

@@ -35,8 +35,8 @@ pub fn report(
     own.shape_figures = observer.cpu_seconds() - begin - own.pictures;
     let mut measures = shape.figures;
     if let Some(first) = &shape.first {
-        if let Some((_, filled)) = filled {
-            notes.extend(warnings::fill(inputs, filled, first));
+        if let Some((container, filled)) = filled {
+            notes.extend(warnings::fill(inputs, container, filled, first));
         }
         notes.extend(first.caveats(|prop| &inputs.scene.props[prop].model.name));
     }

@@ -1,8 +1,11 @@
 //! The warnings of a report: removed bodies, empty places, bodies not at rest.
 
 use super::inputs::{NamedFigures, ReportInputs};
+use crate::error::counted;
 use crate::measure::ShapeMeasures;
+use crate::prepare::check::FLOATING;
 use crate::prepare::container::Container;
+use crate::prepare::shape::Size;
 use crate::sim::guard;
 use crate::sim::step::Simulation;
 use crate::stages::fill::{Filled, Removed};
@@ -11,8 +14,11 @@ use crate::world::BodyId;
 
 /// If more of the volume than this lies in pockets, the user is warned.
 const MOST_POCKETS: f64 = 0.02;
-/// If less of the control mesh than this is filled, the user is warned: half of what random props reach.
+/// If the props, by their outlines, fill less of the control mesh than this, the user is warned: half of what random
+/// props reach.
 const POOR_FILL: f64 = 0.2;
+/// A container whose surfaces are nearer to each other than two props are thick is narrow.
+const NARROW: f64 = 1.0;
 
 /// Warnings about the container, and about bodies that were removed from it.
 pub fn container(inputs: &ReportInputs, container: &Container, filled: &Filled) -> Vec<String> {
@@ -29,24 +35,23 @@ pub fn container(inputs: &ReportInputs, container: &Container, filled: &Filled) 
         [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")]
     {
         if count > 0 {
-            warnings.push(match count {
-                1 => format!("1 body that {why} was removed after the fill"),
-                _ => format!("{count} bodies that {why} were removed after the fill"),
-            });
+            let were = if count == 1 { "was" } else { "were" };
+            warnings.push(format!("{} that {why} {were} removed after the fill", bodies(count)));
         }
     }
     warnings
 }
 
 /// Warnings about the fill.
-pub fn fill(inputs: &ReportInputs, filled: &Filled, first: &ShapeMeasures) -> Vec<String> {
+pub fn fill(inputs: &ReportInputs, container: &Container, filled: &Filled, first: &ShapeMeasures) -> Vec<String> {
     let mut warnings = Vec::new();
-    if filled.full && first.fill_fraction < POOR_FILL {
-        warnings.push(format!(
-            "only {:.0} % of the control mesh could be filled: its parts are narrow for these props; smaller props \
-             reach farther",
-            100.0 * first.fill_fraction
-        ));
+    let floats =
+        inputs.target.is_some_and(|mesh| mesh.bounds().0.y - inputs.ground > FLOATING * inputs.plan.prop_diameter);
+    // A pile that fell before frame 0 is not where it was filled.
+    if filled.full && first.fill_fraction * outline_share(inputs) < POOR_FILL && !floats {
+        let protrusion = inputs.params.fill.protrusion;
+        let cause = poor_fill(&filled.removed, filled.bodies.len(), protrusion, crowding(inputs, container));
+        warnings.push(format!("only {:.0} % of the control mesh could be filled{cause}", 100.0 * first.fill_fraction));
     }
     if filled.full && filled.pockets > MOST_POCKETS {
         warnings.push(format!(
@@ -69,9 +74,47 @@ pub fn fill(inputs: &ReportInputs, filled: &Filled, first: &ShapeMeasures) -> Ve
     warnings
 }
 
+/// Why little of the control mesh is filled, and what helps. `left`: bodies that were not removed.
+fn poor_fill(removed: &Removed, left: usize, protrusion: f64, crowding: f64) -> String {
+    let Removed { sticking_out, overlapping, escaped } = *removed;
+    let all = sticking_out + overlapping + escaped;
+    if all > left {
+        let remedy = if sticking_out >= overlapping.max(escaped) {
+            format!("raise fill.protrusion (it is {protrusion})")
+        } else {
+            "use more accuracy, or props of a simpler shape".into()
+        };
+        return format!(": {all} of {} bodies were removed again; {remedy}", all + left);
+    }
+    let text = if crowding > NARROW {
+        ": its parts are narrow for these props; smaller props reach farther"
+    } else {
+        "; a lower fill.full_below goes on for longer, and fill.method = \"pour\" packs some props better"
+    };
+    text.to_owned()
+}
+
+/// Volume of the bodies' convex hulls over their own: 1 for solid ones, more for hollow ones, which fill a shape
+/// although they have little volume.
+fn outline_share(inputs: &ReportInputs) -> f64 {
+    let volume = |of: fn(&Size) -> f64| -> f64 {
+        inputs.pile.bodies.iter().map(|body| of(&inputs.shapes[body.prop].size) * body.scale.powi(3)).sum()
+    };
+    let own = volume(|size| size.volume);
+    if own > 0.0 { volume(|size| size.hull_volume) / own } else { 1.0 }
+}
+
+/// Share of the container that is within a prop's thickness of its surface; above 1 where the surfaces are nearer to
+/// each other.
+fn crowding(inputs: &ReportInputs, container: &Container) -> f64 {
+    let thickness = inputs.pile.bodies.iter().map(|body| inputs.shapes[body.prop].size.extents.x * body.scale);
+    let mean = thickness.sum::<f64>() / inputs.pile.bodies.len().max(1) as f64;
+    mean / inputs.plan.prop_diameter * container.area / container.volume
+}
+
 /// "1 body" or "2 bodies".
 pub fn bodies(count: usize) -> String {
-    if count == 1 { "1 body".into() } else { format!("{count} bodies") }
+    counted(count, "body", "bodies")
 }
 
 /// Warnings about the guard's actions.
@@ -79,14 +122,15 @@ fn guard(sim: &Simulation) -> Vec<String> {
     let name = |id: BodyId| format!("{id} ({})", sim.pile.scene.props[sim.pile.instances[id].prop].model.name);
     let actions = &sim.guard.actions;
     let mut warnings = guard::describe_aside(&actions.aside, name);
-    warnings.iter_mut().for_each(|text| text.push_str(" and were set aside"));
+    warnings.iter_mut().for_each(|text| text.push_str(": set aside"));
     if actions.retries > 0 {
-        warnings.push(format!("{} steps gained energy or speed and were repeated in smaller ones", actions.retries));
+        let were = if actions.retries == 1 { "was" } else { "were" };
+        let steps = counted(actions.retries as usize, "step", "steps");
+        warnings.push(format!("{steps} gained energy or speed and {were} repeated in smaller ones"));
     }
     let deep = if actions.sinks { sim.guard.still_deep(&sim.pile.world) } else { 0 };
     if deep > 0 {
-        let pairs =
-            if deep == 1 { "1 pair of bodies overlaps".into() } else { format!("{deep} pairs of bodies overlap") };
+        let pairs = counted(deep, "pair of bodies overlaps", "pairs of bodies overlap");
         let even = if actions.stiffened > 0 { ", even with stiffer contacts" } else { "" };
         warnings.push(format!("{pairs} by more than half of the thinner one's thickness in the end{even}"));
     }
@@ -96,8 +140,13 @@ fn guard(sim: &Simulation) -> Vec<String> {
 /// Warnings about the end of the bake.
 pub fn end(sim: &Simulation, held: HoldOutcome, measures: &NamedFigures) -> Vec<String> {
     let mut warnings = Vec::new();
-    if !held.at_rest {
-        warnings.push("the pile was still moving at the last frame; bake more frames, or raise hold.patience".into());
+    if !held.at_rest && held.moving > 0 {
+        let moved = counted(held.moving, "body was", "bodies were");
+        warnings.push(format!("{moved} still moving at the last frame; bake more frames, or raise hold.patience"));
+    } else if !held.at_rest {
+        let text = "no body moved at the last frame, but the pile had not been still for long enough to count as at \
+                    rest; bake more frames";
+        warnings.push(text.into());
     }
     if sim.fallen > 0 {
         let bodies = bodies(sim.fallen);
@@ -107,8 +156,31 @@ pub fn end(sim: &Simulation, held: HoldOutcome, measures: &NamedFigures) -> Vec<
     if let Some(Some(hanging)) = measures.get("hanging")
         && *hanging > 0.0
     {
-        let rest = if *hanging == 1.0 { "1 body rests".into() } else { format!("{hanging} bodies rest") };
+        let rest = counted(*hanging as usize, "body rests", "bodies rest");
         warnings.push(format!("{rest} without a chain of contacts down to the ground"));
     }
     warnings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Removed, poor_fill};
+
+    /// Each remedy is that of its cause.
+    #[test]
+    fn a_poor_fill_has_the_cause_that_it_has() {
+        let none = Removed::default();
+        let out = Removed { sticking_out: 90, overlapping: 3, escaped: 1 };
+        let deep = Removed { sticking_out: 3, overlapping: 90, escaped: 1 };
+        for (removed, left, crowding, words) in [
+            (none, 50, 2.0, "its parts are narrow for these props"),
+            (none, 50, 0.5, "a lower fill.full_below goes on for longer"),
+            (out, 50, 2.0, "94 of 144 bodies were removed again; raise fill.protrusion (it is 0)"),
+            (deep, 50, 0.5, "use more accuracy, or props of a simpler shape"),
+            (out, 500, 2.0, "its parts are narrow for these props"),
+        ] {
+            let text = poor_fill(&removed, left, 0.0, crowding);
+            assert!(text.contains(words), "{removed:?}: {text}");
+        }
+    }
 }

@@ -4,7 +4,7 @@
 use super::instance::{self, Instance};
 use super::pile::Pile;
 use super::policy::Policy;
-use crate::error::Error;
+use crate::error::{Error, counted};
 use crate::geometry::interior::MeshInterior;
 use crate::geometry::pose::Pose;
 use crate::input::params::{Params, Switch};
@@ -171,9 +171,10 @@ impl<'a> Events<'a> {
                 if self.time - since > PATIENCE * pile.world.units.time {
                     emission.given_up = true;
                     pile.notes.push(format!(
-                        "emitters.{number}: only {} of {} bodies could appear: there was no free spot left; make its \
-                         place larger, or move it away from the pile",
-                        emission.emitted, emitter.count
+                        "emitters.{number}: only {} of {} could appear: there was no free spot left; make its place \
+                         larger, or move it away from the pile",
+                        emission.emitted,
+                        counted(emitter.count as usize, "body", "bodies")
                     ));
                 }
                 break;

@@ -254,7 +254,11 @@ pub fn describe_aside(aside: &[(BodyId, AsideReason)], name: impl Fn(BodyId) -> 
         let names: Vec<String> = all.iter().take(NAMED).map(|&id| name(id)).collect();
         let more = if all.len() > NAMED { ", ..." } else { "" };
         let count = all.len();
-        (count > 0).then(|| format!("bodies {}{more} ({count} in all) {}", names.join(", "), fault.description()))
+        let (names, what) = (names.join(", "), fault.description());
+        (count > 0).then(|| match count {
+            1 => format!("body {names} {what}"),
+            _ => format!("bodies {names}{more} ({count} in all) {what}"),
+        })
     };
     AsideReason::ALL.into_iter().filter_map(sentence).collect()
 }

@@ -46,5 +46,5 @@ fn cube() -> Prop {
     let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     let mesh = TriMesh { points: (0..8).map(corner).collect(), triangles };
-    Prop::new(Model { name: "cube".into(), mesh })
+    Prop::new(Model::new("cube", mesh))
 }

@@ -42,7 +42,7 @@ pub fn stick() -> TriMesh {
 /// A scene of one prop.
 pub fn scene(control: TriMesh, prop: TriMesh) -> Scene {
     cairn_core::invariants::check_always();
-    let model = |name: &str, mesh| Model { name: name.into(), mesh };
+    let model = |name: &str, mesh| Model::new(name, mesh);
     Scene {
         control: Some(model("control", control)),
         props: vec![Prop { density: 500.0, ..Prop::new(model("stick", prop)) }],

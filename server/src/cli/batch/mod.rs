@@ -11,7 +11,7 @@ use super::{Failure, interrupt, output, print, print_error};
 use crate::batch::finished::{Assets, RequestHashes, is_finished};
 use crate::batch::{Matrix, Seeds, Span, Variant, Vary};
 use crate::failpoints;
-use crate::job::Job;
+use crate::job::{Job, Refused};
 use crate::problem::Problem;
 use overview::{BatchProgress, VariantOutcome};
 use process_pool::{BakeEnd, PoolEvent, PoolTask};
@@ -128,14 +128,14 @@ fn fail_for(mut problems: Vec<Problem>) -> Result<(), Failure> {
 /// Before any work, creates the folders and checks that every varied value can be baked.
 fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Failure> {
     let inputs: Vec<PathBuf> = args.scene.scene.iter().cloned().collect();
-    let mut problems: Vec<Problem> = Vec::new();
+    let (mut problems, mut notes) = (Vec::<Problem>::new(), Vec::new());
     let mut folders = BTreeSet::new();
     for variant in missing.iter().map(|&i| &variants[i]) {
         let folder = crate::files::folder_of(&variant.output);
         if folders.insert(folder) {
             failpoints::at("batch-folder")
                 .and_then(|()| std::fs::create_dir_all(folder))
-                .map_err(|error| Failure::write(folder, error))?;
+                .map_err(|error| Failure::write(folder, &error))?;
             output::check(&variant.output, &inputs)?;
         }
     }
@@ -146,15 +146,21 @@ fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Fai
     }
     progress::while_reading(args.progress, || {
         for variant in samples {
-            let job = Job::read_within(&variant.tree.to_message(), args.bounds.limits());
+            let job = Job::read_tree(&variant.tree, args.bounds.limits());
             let checked = job.and_then(|job| match cairn_core::plan(&job.scene, &job.params) {
-                Err(cairn_core::Error::Invalid(found)) => Err(found.into_iter().map(Problem::from).collect()),
+                Err(cairn_core::Error::Invalid(found)) => {
+                    Err(Refused { problems: found.into_iter().map(Problem::from).collect(), notes: job.notes })
+                }
                 _ => Ok(()),
             });
-            problems.extend(checked.err().into_iter().flatten());
+            if let Err(refused) = checked {
+                problems.extend(refused.problems);
+                notes.extend(refused.notes);
+            }
         }
     });
-    fail_for(problems)
+    notes.dedup();
+    fail_for(problems).map_err(|failure| failure.with_notes(&notes))
 }
 
 /// The end of each missing variant; `None`: it was not started.

@@ -27,7 +27,8 @@ use super::glue::GlueMembership;
 use super::hierarchy::{Branch, BranchFrame};
 use super::sources::Sources;
 use super::tracks::{self, Track};
-use super::{Encoded, ExportError, ExportScene, ORIGIN, glue};
+use super::{Encoded, ExportError, ExportScene, ORIGIN, Rehearsal, SourceModel, glue};
+use crate::files::FileSource;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::BakedPile;
 use cairn_gltf::INSTANCING;
@@ -38,7 +39,7 @@ use std::collections::BTreeMap;
 
 /// The bytes of the file.
 pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    let mut file = GlbFile::default();
+    let mut file = GlbFile { keeps_instancing: scene.keeps_instancing, ..GlbFile::default() };
     let pile = file.out.push("nodes", Value::Null);
     // Bodies come first, so that body `i` is node `i + 1`.
     for _ in &bake.bodies {
@@ -62,6 +63,29 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportEr
     file.finish(&tops, scene.origin).map(Encoded::single)
 }
 
+/// Copies models into nothing.
+pub fn rehearse(
+    models: &[SourceModel],
+    keeps_instancing: bool,
+    source: &dyn FileSource,
+) -> Result<Rehearsal, Vec<ExportError>> {
+    let mut file = GlbFile { out: GlbOutput::rehearsal(), keeps_instancing, ..GlbFile::default() };
+    let (mut sentences, mut errors) = (Vec::new(), Vec::new());
+    for model in models {
+        let placed = file.open(model, BranchFrame::Origin).and_then(|(source, mut branch)| {
+            file.out.left_out = std::mem::take(&mut branch.left_out);
+            file.place(source, &branch).map_err(|error| ExportError::source(model, error))
+        });
+        match placed {
+            Ok(_) => sentences.extend(std::mem::take(&mut file.out.left_out).sentences(model, source)),
+            Err(error) => errors.push(error),
+        }
+        file.nodes.clear();
+    }
+    let bytes = file.out.rehearsed.unwrap_or(0);
+    if errors.is_empty() { Ok(Rehearsal { left_out: sentences, bytes }) } else { Err(errors) }
+}
+
 /// The file and the sources that it draws from.
 #[derive(Default)]
 struct GlbFile<'a> {
@@ -69,9 +93,20 @@ struct GlbFile<'a> {
     /// Nodes whose final content is known later than their place.
     nodes: BTreeMap<usize, Value>,
     sources: Sources<'a>,
+    keeps_instancing: bool,
 }
 
 impl<'a> GlbFile<'a> {
+    /// The file of a model, and the part of it that is wanted.
+    fn open(&mut self, model: &'a SourceModel, frame: BranchFrame) -> Result<(usize, Branch), ExportError> {
+        let (source, mut branch) = self.sources.open(model, frame)?;
+        if !self.keeps_instancing {
+            let document = &self.sources.get(source).document;
+            branch.unfold_instances(document).map_err(|error| ExportError::source(model, error))?;
+        }
+        Ok((source, branch))
+    }
+
     /// Fills the bodies' nodes and gives their indices.
     fn bodies(&mut self, bake: &BakedPile, scene: &'a ExportScene, pile: usize) -> Result<Vec<usize>, ExportError> {
         let names = super::body_names(bake, scene);
@@ -80,7 +115,7 @@ impl<'a> GlbFile<'a> {
         for (i, body) in bake.bodies.iter().enumerate() {
             let model = &scene.props[body.prop];
             if let std::collections::btree_map::Entry::Vacant(slot) = props.entry(body.prop) {
-                slot.insert(self.sources.open(model, BranchFrame::Origin)?);
+                slot.insert(self.open(model, BranchFrame::Origin)?);
             }
             let (source, branch) = &props[&body.prop];
             let at = pile + 1 + i;
@@ -129,7 +164,7 @@ impl<'a> GlbFile<'a> {
     ) -> Result<Option<usize>, ExportError> {
         let mut children = Vec::new();
         for (i, model) in scene.scenery.iter().enumerate() {
-            let (source, branch) = self.sources.open(model, BranchFrame::World)?;
+            let (source, branch) = self.open(model, BranchFrame::World)?;
             let nodes = self.place(source, &branch).map_err(|error| ExportError::source(model, error))?;
             let mut node =
                 Object::from_iter([("name".to_string(), json!(model.name)), ("children".into(), json!(nodes))]);

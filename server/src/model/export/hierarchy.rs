@@ -1,8 +1,9 @@
 //! The part of a source file's node tree that is copied: the nodes that carry a mesh, and their ancestors.
 
 use super::glue;
-use cairn_gltf::document::{DocumentError, Object, Part, reference, references};
-use cairn_gltf::{Document, INSTANCING};
+use super::left_out::LeftOut;
+use cairn_gltf::document::{DocumentError, Object, Part, is_hidden, reference, references};
+use cairn_gltf::{Document, INSTANCING, VISIBILITY};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
@@ -10,17 +11,22 @@ use std::collections::BTreeSet;
 /// them may become a node of the result.
 const MOST_ANCESTORS: usize = 1_000_000;
 
+/// Copies of a node's mesh that may be written as nodes. A forest of ten thousand trees is one mesh for the programs
+/// that made it; as nodes of every body it would be larger than any viewer takes.
+const MOST_COPIES: usize = 1000;
+
 /// A forest of nodes cut out of a source file. Animations, cameras, skins and lights are left behind, and with them
-/// the branches that carry no mesh.
+/// hidden nodes and the branches that carry no mesh.
 pub struct Branch {
     pub nodes: Vec<BranchNode>,
     /// Indices into `nodes`.
     pub roots: Vec<usize>,
+    pub left_out: LeftOut,
 }
 
 /// One node of a [`Branch`].
 pub struct BranchNode {
-    /// Name, transform, morph weights, extras, and the extensions that draw geometry.
+    /// Name, transform, extras, and the extensions that draw geometry.
     pub json: Object,
     /// Index into the source's meshes.
     pub mesh: Option<usize>,
@@ -46,7 +52,18 @@ pub fn branch(document: &Document, chosen: Option<Part>, frame: BranchFrame) -> 
         None => (document.roots(), BranchFrame::World),
     };
     let parents = document.parents();
-    let mut branch = Branch { nodes: Vec::new(), roots: Vec::new() };
+    let mut branch = Branch { nodes: Vec::new(), roots: Vec::new(), left_out: LeftOut::default() };
+    branch.left_out.count("animation", document.array("animations").len());
+    if !matches!(chosen, Some(Part::Node(_))) {
+        let scene = match chosen {
+            Some(Part::Scene(scene)) => scene,
+            _ => reference(document.json(), "scene").unwrap_or(0),
+        };
+        for entry in [Some(document.json()), document.get("scenes", scene).ok()].into_iter().flatten() {
+            let extensions = entry.get("extensions").and_then(Value::as_object);
+            extensions.into_iter().flat_map(Object::keys).for_each(|name| branch.left_out.extension(name));
+        }
+    }
     let mut seen = vec![false; parents.len()];
     let starts: BTreeSet<usize> = listed.iter().copied().collect();
     let mut steps = 0;
@@ -61,7 +78,11 @@ pub fn branch(document: &Document, chosen: Option<Part>, frame: BranchFrame) -> 
         if seen[root] || above.iter().any(|a| starts.contains(a)) {
             continue;
         }
-        let Some(mut top) = cut(document, root, &mut seen, &mut branch.nodes)? else { continue };
+        // What is chosen by its name is wanted, hidden or not.
+        if is_hidden(document.get("nodes", root)?) && !matches!(chosen, Some(Part::Node(_))) {
+            continue;
+        }
+        let Some(mut top) = cut(document, root, &mut seen, &mut branch)? else { continue };
         // The linear part of a product is the product of the linear parts, so the ancestors are kept as a chain of
         // nodes: that also expresses a shear, which no single node can.
         if frame == BranchFrame::Origin {
@@ -101,8 +122,9 @@ fn cut(
     document: &Document,
     root: usize,
     seen: &mut [bool],
-    nodes: &mut Vec<BranchNode>,
+    branch: &mut Branch,
 ) -> Result<Option<usize>, DocumentError> {
+    let Branch { nodes, left_out, .. } = branch;
     let first = nodes.len();
     // Parents before children: (source node, its parent's place).
     let mut open: Vec<(usize, Option<usize>)> = vec![(root, None)];
@@ -113,9 +135,13 @@ fn cut(
             return Err(DocumentError::malformed("nodes", index, "has two parents, or is its own ancestor"));
         }
         let place = nodes.len();
-        nodes.push(BranchNode { json: kept(source), mesh: reference(source, "mesh"), children: Vec::new() });
+        nodes.push(BranchNode { json: kept(source, left_out), mesh: reference(source, "mesh"), children: Vec::new() });
         parents.push(parent);
-        open.extend(references(source, "children").into_iter().rev().map(|c| (c, Some(place))));
+        for child in references(source, "children").into_iter().rev() {
+            if !is_hidden(document.get("nodes", child)?) {
+                open.push((child, Some(place)));
+            }
+        }
     }
     let mut needed: Vec<bool> = nodes[first..].iter().map(|n| n.mesh.is_some()).collect();
     for place in (1..needed.len()).rev() {
@@ -132,9 +158,11 @@ fn cut(
 }
 
 /// The members that a copied node keeps besides mesh and children.
-fn kept(source: &Object) -> Object {
+fn kept(source: &Object, left_out: &mut LeftOut) -> Object {
     let mut json = transform_of(source);
-    for key in ["name", "weights", "extras"] {
+    left_out.count("camera", usize::from(source.contains_key("camera")));
+    left_out.weights_of(&mut source.clone());
+    for key in ["name", "extras"] {
         if let Some(value) = source.get(key) {
             json.insert(key.into(), value.clone());
         }
@@ -147,6 +175,8 @@ fn kept(source: &Object) -> Object {
         json.remove("extras");
     }
     let extensions = source.get("extensions").and_then(Value::as_object);
+    let names = extensions.into_iter().flat_map(Object::keys);
+    names.filter(|name| ![INSTANCING, VISIBILITY].contains(&name.as_str())).for_each(|name| left_out.extension(name));
     if let Some(instancing) = extensions.and_then(|e| e.get(INSTANCING)) {
         json.insert("extensions".into(), json!({ INSTANCING: instancing }));
     }
@@ -184,6 +214,38 @@ fn drop_translation(json: &mut Object) {
 }
 
 impl Branch {
+    /// Gives each copy of an instanced mesh a node of its own, which every program shows.
+    pub fn unfold_instances(&mut self, document: &Document) -> Result<(), DocumentError> {
+        for at in 0..self.nodes.len() {
+            let Some(copies) = document.instances(&self.nodes[at].json)? else { continue };
+            if copies.len() > MOST_COPIES {
+                self.left_out.instances += copies.len();
+                continue;
+            }
+            let node = &mut self.nodes[at];
+            let attributes = node.json["extensions"][INSTANCING].get("attributes").and_then(Value::as_object);
+            let own = attributes.into_iter().flat_map(Object::keys).filter(|name| name.starts_with('_'));
+            self.left_out.count("attribute of copies", own.count());
+            node.json.remove("extensions");
+            let (mesh, name) = (node.mesh.take(), node.json.get("name").and_then(Value::as_str).map(str::to_owned));
+            for (number, copy) in copies.iter().enumerate().filter(|_| mesh.is_some()) {
+                let json = json!({
+                    "translation": copy.translation.to_array(),
+                    "rotation": copy.rotation.to_array(),
+                    "scale": copy.scale.to_array(),
+                });
+                let mut json = json.as_object().map(transform_of).unwrap_or_default();
+                if let Some(name) = &name {
+                    json.insert("name".into(), json!(format!("{name}.{number:03}")));
+                }
+                self.nodes.push(BranchNode { json, mesh, children: Vec::new() });
+                let child = self.nodes.len() - 1;
+                self.nodes[at].children.push(child);
+            }
+        }
+        Ok(())
+    }
+
     /// The only node, if the branch is one mesh in the branch's own frame: then the node that places it can carry the
     /// mesh.
     pub fn lone_mesh(&self) -> Option<&BranchNode> {

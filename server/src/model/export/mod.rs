@@ -6,13 +6,13 @@ mod copy;
 mod glb;
 mod glue;
 mod hierarchy;
-mod images;
+mod left_out;
 mod sources;
 mod table;
 mod tracks;
 mod usd;
 
-use crate::files::{folder_of, write_atomically};
+use crate::files::{FileSource, folder_of, write_atomically};
 use crate::wire::proto::OutputFormat;
 use cairn_core::report::Name;
 use cairn_core::report::bake::BakedPile;
@@ -32,6 +32,9 @@ pub struct ExportScene<'a> {
     pub origin: Option<&'a serde_json::Value>,
     /// The figures of the pile, for formats that hold them.
     pub measures: Option<&'a Measures>,
+    /// A `.glb` keeps EXT_mesh_gpu_instancing where a prop has it. Otherwise each copy is a node, which every program
+    /// shows.
+    pub keeps_instancing: bool,
 }
 
 /// Figures by name, as in the report.
@@ -43,11 +46,13 @@ pub struct Encoded {
     /// Files that it names, by their paths from its folder. Results in one folder may share them: equal names have
     /// equal content.
     pub sidecars: BTreeMap<String, Vec<u8>>,
+    /// What this format leaves out besides [`Rehearsal::left_out`], one sentence each.
+    pub left_out: Vec<String>,
 }
 
 impl Encoded {
     fn single(bytes: Vec<u8>) -> Encoded {
-        Encoded { bytes, sidecars: BTreeMap::new() }
+        Encoded { bytes, sidecars: BTreeMap::new(), left_out: Vec::new() }
     }
 
     /// Writes the sidecars of a result at `path`. Unchanged ones are not written again.
@@ -254,6 +259,24 @@ pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
         Ok(document) => Some(document.json().get("asset")?.get("extras")?.get(ORIGIN)?.clone()),
         Err(_) => usd::read_origin(result),
     }
+}
+
+/// What a `.glb` of some models will be.
+pub struct Rehearsal {
+    /// Everything that it leaves out, one sentence each.
+    pub left_out: Vec<String>,
+    /// Bytes of the models' data in it.
+    pub bytes: usize,
+}
+
+/// Copies models as [`encode`] does, but into nothing; or gives the reasons why some cannot be copied. Callers do this
+/// before a long bake. `keeps_instancing`: see [`ExportScene::keeps_instancing`].
+pub fn rehearse(
+    models: &[SourceModel],
+    keeps_instancing: bool,
+    source: &dyn FileSource,
+) -> Result<Rehearsal, Vec<ExportError>> {
+    glb::rehearse(models, keeps_instancing, source)
 }
 
 /// The name of each body in the result.

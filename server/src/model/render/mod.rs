@@ -10,6 +10,7 @@ mod shade;
 mod texture;
 
 use cairn_gltf::document::DocumentError;
+use cairn_gltf::picture::uri_of;
 use cairn_gltf::{Document, Resolver};
 use camera::Camera;
 use glam::{DAffine3, DQuat, DVec3};
@@ -19,6 +20,8 @@ use library::Library;
 use nodes::PlacedMesh;
 use ray_scene::RayScene;
 use shade::RenderJob;
+use std::collections::BTreeSet;
+use texture::Material;
 
 /// Content and size of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,6 +142,21 @@ pub fn render(
         samples: settings.samples,
     };
     Ok(job.run())
+}
+
+/// Base-colour pictures of a file that cannot be had, one sentence each: a still shows the material without them.
+pub fn missing_pictures(model: &RenderModel) -> Vec<String> {
+    let Ok(document) = Document::parse(model.bytes, model.resolve) else { return Vec::new() };
+    let material = |index| Material::read(&document, index)?.texture;
+    let pictures: BTreeSet<usize> =
+        (0..document.array("materials").len()).filter_map(material).map(|texture| texture.picture).collect();
+    let sentence = |index: usize| {
+        let fault = document.picture(index, model.resolve).err()?;
+        let image =
+            document.get("images", index).ok().and_then(uri_of).map_or(index.to_string(), |uri| format!("{uri:?}"));
+        Some(format!("{}: the image {image} is not shown: {fault}", model.name))
+    };
+    pictures.into_iter().filter_map(sentence).collect()
 }
 
 impl RenderFault {

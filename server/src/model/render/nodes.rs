@@ -28,7 +28,7 @@ pub fn placed(document: &Document, seconds: f64) -> Result<Vec<PlacedMesh>, Docu
         document.roots().into_iter().rev().map(|r| (r, DAffine3::IDENTITY, false, None)).collect();
     while let Some((index, above, in_pile, body)) = open.pop() {
         let node = document.get("nodes", index)?;
-        if std::mem::replace(&mut seen[index], true) {
+        if std::mem::replace(&mut seen[index], true) || document::is_hidden(node) {
             continue;
         }
         let world = above * locals[index];

@@ -131,7 +131,7 @@ pub struct Picture {
 impl Picture {
     /// PNG or JPEG; `None` for a picture that cannot be found or decoded, or is too large.
     pub fn read(document: &Document, index: usize, resolve: &Resolver) -> Option<Picture> {
-        let bytes = document.image(index, resolve)?;
+        let bytes = document.picture(index, resolve).ok()?.bytes;
         let mut limits = image::Limits::default();
         limits.max_image_width = Some(MOST_PIXELS_PER_SIDE);
         limits.max_image_height = Some(MOST_PIXELS_PER_SIDE);

@@ -168,13 +168,13 @@ fn node_names() {
 
 #[test]
 fn uris() {
-    for uri in ["/etc/passwd", "../x.bin", "%2e%2e/x.bin", "a\\b", "http://x/y", "C:/x", "file:///x", "%ff"] {
+    for uri in ["../x.bin", "..\\x.bin", "%2e%2e/x.bin", "http://x/y", "ab:c", "~/x", "%ff"] {
         let model = tetrahedron().set("/buffers/0/uri", json!(uri));
         let text = model.json.to_string();
         let asked = |path: &str| -> Result<Vec<u8>, String> { panic!("{path} was asked for") };
         let text = messages(read_with(text.as_bytes(), None, &asked, Limits::default()));
         assert!(text.contains("/buffers/0/uri: the URI") && text.contains("is refused"), "{text}");
-        assert!(text.contains("folder or below"), "{text}");
+        assert!(text.contains("write its plain name"), "{text}");
     }
     refused("/buffers/0/uri", json!("gone.bin"), &["/buffers/0/uri", "\"gone.bin\" cannot be read: no such file"]);
     refused("/buffers/0/uri", json!("data:;base64,?"), &["/buffers/0/uri", "bad base64"]);
@@ -291,8 +291,11 @@ fn other_files_are_named() {
 
 #[test]
 fn nothing_to_read() {
-    said(&tetrahedron().set("/nodes", json!([])).set("/scenes/0/nodes", json!([])), &["1 mesh(es)", "no nodes"]);
-    said(&tetrahedron().set("/nodes/0", json!({})), &["none of the 1 node(s) read shows one"]);
+    said(
+        &tetrahedron().set("/nodes", json!([])).set("/scenes/0/nodes", json!([])),
+        &["its scene shows none of 1 mesh"],
+    );
+    said(&tetrahedron().set("/nodes/0", json!({})), &["none of the nodes read (1) shows one"]);
     said(&tetrahedron().set("/nodes/0", json!({})).set("/meshes", json!([])), &["it has no mesh at all"]);
     said(&tetrahedron().set("/meshes/0/primitives/0/attributes", json!({})), &["only primitives without positions"]);
     said(&tetrahedron().set("/accessors/1/count", json!(0)), &["it holds no triangles"]);

@@ -1,6 +1,7 @@
 //! The repairs that make a mesh face outward, and their description for a person.
 
 use super::Flat;
+use crate::error::counted;
 
 /// The repairs of [`super::oriented`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -26,18 +27,20 @@ pub struct Repair {
 impl Repair {
     /// One sentence for each thing that was done or could not be done; nothing for a clean mesh.
     pub fn describe(&self) -> Vec<String> {
-        let counted = [
-            (self.degenerate, "triangles with two equal corners were removed"),
-            (self.flat.folded + self.flat.dropped, "triangles of no area were merged with those beside them"),
-            (self.flat.left, "triangles of no area could not be taken away"),
-            (self.duplicates, "triangles that were there twice were removed"),
-            (self.turned, "triangles were turned to face the same way as those around them"),
-            (self.inside_out, "parts were inside out and were turned"),
-            (self.cavities, "parts are cavities in others"),
-            (self.unorientable, "edges cannot be made consistent: the surface has one side only"),
+        const TRIANGLES: [&str; 2] = ["triangle", "triangles"];
+        const PARTS: [&str; 2] = ["part", "parts"];
+        let found = [
+            (self.degenerate, TRIANGLES, "removed, because two corners are equal"),
+            (self.flat.folded + self.flat.dropped, TRIANGLES, "of no area merged with those beside them"),
+            (self.flat.left, TRIANGLES, "of no area left, which could not be taken away"),
+            (self.duplicates, TRIANGLES, "removed, because they were there twice"),
+            (self.turned, TRIANGLES, "turned to face the same way as those around them"),
+            (self.inside_out, PARTS, "turned, because they were inside out"),
+            (self.cavities, PARTS, "found to be a cavity in others"),
+            (self.unorientable, ["edge", "edges"], "left inconsistent: the surface has one side only"),
         ];
-        let mut sentences: Vec<String> =
-            counted.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+        let sentence = |(n, what, fate): &(usize, [&str; 2], &str)| format!("{} {fate}", counted(*n, what[0], what[1]));
+        let mut sentences: Vec<String> = found.iter().filter(|(n, ..)| *n > 0).map(sentence).collect();
         if self.cavities_not_sought {
             sentences.push("there are too many parts to look for cavities: all count as solids".to_owned());
         }

@@ -33,6 +33,7 @@ fn a_cube() {
         boundary_edges: 0,
         nonmanifold_edges: 0,
         misoriented_edges: 0,
+        unbalanced_edges: 0,
         components: 1,
         signed_volume: found.signed_volume,
         area: 24.0,
@@ -121,7 +122,7 @@ fn faces_at_random_become_consistent_and_outward() {
     mesh.triangles[3].swap(0, 1);
     let repair = repaired(&mesh, 1.0);
     assert_eq!((repair.turned, repair.inside_out), (1, 0));
-    assert_eq!(repair.describe(), ["1 triangles were turned to face the same way as those around them"]);
+    assert_eq!(repair.describe(), ["1 triangle turned to face the same way as those around them"]);
     let repair = repaired(&inside_out(&cube(1.0, DVec3::ZERO)), 1.0);
     assert_eq!((repair.turned, repair.inside_out), (0, 1));
 }

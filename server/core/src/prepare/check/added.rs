@@ -60,8 +60,10 @@ impl FieldChecks<'_> {
 }
 
 fn given(checks: &mut FieldChecks, body: &PlacedBody, scene: &Scene) {
-    if body.prop >= scene.props.len() {
-        checks.problem("prop", &format!("there is no prop {}; the scene has {}", body.prop, scene.props.len()));
+    // Without any, that is the problem.
+    if body.prop >= scene.props.len() && !scene.props.is_empty() {
+        let last = scene.props.len() - 1;
+        checks.problem("prop", &format!("there is no props.{}; the scene's last is props.{last}", body.prop));
     }
     checks.rotation(body.pose.rotation);
     checks.ranges("position", body.pose.translation, [-FARTHEST, FARTHEST]);

@@ -1,5 +1,6 @@
 //! Volume, centre of mass and inertia of a solid bounded by triangles, in f64.
 
+use crate::geometry::interior::Surplus;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::{MOST_ITERATIONS, TOLERANCE};
 use glam::{DMat3, DQuat, DVec3};
@@ -27,9 +28,35 @@ impl Moments {
     }
 }
 
+/// Those of the solid that a mesh bounds: where parts of it overlap, they count once. Exact for a mesh of one part, and
+/// for parts that are apart or only touch; what overlaps is sampled on a grid of 40 points along each axis of the box.
+pub fn of_solid(mesh: &TriMesh, has_parts: bool) -> Moments {
+    let all = integrate(mesh);
+    if !has_parts {
+        return all.moments();
+    }
+    let Surplus { volume, first, second } = Surplus::of(mesh, all.origin);
+    if volume == 0.0 && first == DVec3::ZERO {
+        return all.moments();
+    }
+    Integrals { volume: all.volume - volume, first: all.first - first, second: all.second - second, ..all }.moments()
+}
+
+/// Integrals of 1, x and x x^T about an origin.
+struct Integrals {
+    origin: DVec3,
+    volume: f64,
+    first: DVec3,
+    second: DMat3,
+}
+
 /// Integrates over the signed tetrahedra from one corner of the bounding box to each triangle (the divergence theorem;
 /// exact for a closed mesh, whatever its shape).
 pub fn moments(mesh: &TriMesh) -> Moments {
+    integrate(mesh).moments()
+}
+
+fn integrate(mesh: &TriMesh) -> Integrals {
     let origin = mesh.bounds().0;
     let (mut volume, mut first, mut second) = (0.0, DVec3::ZERO, DMat3::ZERO);
     for i in 0..mesh.triangles.len() {
@@ -41,13 +68,20 @@ pub fn moments(mesh: &TriMesh) -> Moments {
         // Integral of x x^T over the tetrahedron (0, a, b, c).
         second += (outer(a) + outer(b) + outer(c) + outer(s)) * (v / 20.0);
     }
-    if volume == 0.0 || !volume.is_finite() {
-        return Moments { volume: 0.0, center: origin, inertia: DMat3::ZERO };
+    Integrals { origin, volume, first, second }
+}
+
+impl Integrals {
+    fn moments(self) -> Moments {
+        let Integrals { origin, volume, first, second } = self;
+        if volume == 0.0 || !volume.is_finite() {
+            return Moments { volume: 0.0, center: origin, inertia: DMat3::ZERO };
+        }
+        let center = first / volume;
+        let covariance = second - outer(center) * volume;
+        let trace = covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z;
+        Moments { volume, center: center + origin, inertia: DMat3::from_diagonal(DVec3::splat(trace)) - covariance }
     }
-    let center = first / volume;
-    let covariance = second - outer(center) * volume;
-    let trace = covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z;
-    Moments { volume, center: center + origin, inertia: DMat3::from_diagonal(DVec3::splat(trace)) - covariance }
 }
 
 fn outer(v: DVec3) -> DMat3 {
@@ -90,4 +124,81 @@ fn rotate_rows(m: &mut [[f64; 3]; 3], p: usize, q: usize, c: f64, s: f64) {
     let (x, y) = (DVec3::from_array(m[p]), DVec3::from_array(m[q]));
     m[p] = (c * x - s * y).to_array();
     m[q] = (s * x + c * y).to_array();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::topology::inspect;
+    use crate::prepare::shape::Size;
+
+    /// Boxes between these corners, as one mesh.
+    fn boxes(corners: &[[DVec3; 2]]) -> TriMesh {
+        let mut mesh = TriMesh::default();
+        for &[lo, hi] in corners {
+            let corner = |i: usize| DVec3::new([lo.x, hi.x][i & 1], [lo.y, hi.y][i >> 1 & 1], [lo.z, hi.z][i >> 2]);
+            let faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+            let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+            mesh.append(&TriMesh { points: (0..8).map(corner).collect(), triangles });
+        }
+        mesh
+    }
+
+    /// As an asset is read: equal points are one.
+    fn size(mesh: &TriMesh) -> (TriMesh, Size) {
+        let welded = crate::geometry::topology::weld(mesh, 0.0);
+        let size = Size::of(&welded);
+        (welded, size)
+    }
+
+    fn corners(x: f64, y: f64) -> [DVec3; 2] {
+        [DVec3::new(x, y, 0.0), DVec3::new(x + 1.0, y + 1.0, 1.0)]
+    }
+
+    #[test]
+    fn parts_that_touch_exactly_bound_a_solid() {
+        // Along a face, along an edge, at a corner.
+        for other in [corners(1.0, 0.0), corners(1.0, 1.0), [DVec3::ONE, DVec3::splat(2.0)]] {
+            let (mesh, size) = size(&boxes(&[corners(0.0, 0.0), other]));
+            assert!(size.closed, "{:?}", inspect(&mesh));
+            assert!((size.volume - 2.0).abs() < 1e-12, "{}", size.volume);
+        }
+        // A face that hangs on an edge bounds nothing.
+        let (mut flap, _) = size(&boxes(&[corners(0.0, 0.0)]));
+        flap.points.push(DVec3::splat(2.0));
+        flap.triangles.push([0, 1, 8]);
+        assert!(!Size::of(&flap).closed);
+        // A missing face is a hole.
+        let (mut open, _) = size(&boxes(&[corners(0.0, 0.0)]));
+        open.triangles.pop();
+        assert!(!Size::of(&open).closed);
+    }
+
+    #[test]
+    fn overlapping_parts_count_once() {
+        // Two boxes that make one of 1.5 x 1 x 1 m.
+        let (mesh, size) = size(&boxes(&[corners(0.0, 0.0), corners(0.5, 0.0)]));
+        let long = moments(&boxes(&[[DVec3::ZERO, DVec3::new(1.5, 1.0, 1.0)]]));
+        let found = of_solid(&mesh, size.has_parts);
+        // The grid's cells are 1/40 of the box.
+        assert!((found.volume - 1.5).abs() < 0.04 && (size.volume - found.volume).abs() < 1e-12, "{}", found.volume);
+        assert!(found.center.distance(long.center) < 0.01, "{}", found.center);
+        let (own, expected) = (principal(found.inertia).0, principal(long.inertia).0);
+        assert!((own - expected).abs().max_element() < 0.03 * expected.max_element(), "{own} {expected}");
+        // One within another: the inner one adds nothing.
+        let inner = [DVec3::splat(0.3), DVec3::splat(0.7)];
+        let (mesh, _) = self::size(&boxes(&[corners(0.0, 0.0), inner]));
+        assert!((of_solid(&mesh, true).volume - 1.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn what_does_not_overlap_is_exact() {
+        for parts in
+            [&[corners(0.0, 0.0)][..], &[corners(0.0, 0.0), corners(1.0, 0.0)], &[corners(0.0, 0.0), corners(3.0, 0.0)]]
+        {
+            let (mesh, size) = size(&boxes(parts));
+            let (plain, found) = (moments(&mesh), of_solid(&mesh, size.has_parts));
+            assert_eq!((found.volume, found.center, found.inertia), (plain.volume, plain.center, plain.inertia));
+        }
+    }
 }

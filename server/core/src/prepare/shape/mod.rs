@@ -119,7 +119,7 @@ impl Shape {
         let Size { diameter, closed, .. } = size;
         let around = fit::oriented_box(mesh);
         let (solid, deviation) = choose::solid(mesh, &around, diameter, closed, physics);
-        let own = mass::moments(mesh);
+        let own = if closed { mass::of_solid(mesh, size.has_parts) } else { mass::moments(mesh) };
         let solid_moments = solid.moments();
         let (moments, fallback) = match no_inside(closed, &own, mesh, solid_moments.volume) {
             None => (own, None),

@@ -1,6 +1,6 @@
 //! The size of a prop, known without its collision shape.
 
-use super::{FLAT_THICKNESS, fit, hull_mesh, round};
+use super::{FLAT_THICKNESS, fit, hull_mesh, mass, round};
 use crate::geometry::HOLLOW;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology;
@@ -18,8 +18,10 @@ pub struct Size {
     pub volume: f64,
     /// Of its convex hull, m^3.
     pub hull_volume: f64,
-    /// The mesh encloses a volume.
+    /// The mesh bounds a solid.
     pub closed: bool,
+    /// The mesh has several parts, which may overlap.
+    pub has_parts: bool,
     /// The radius on which it rolls, m; `None` where it is not round.
     pub round: Option<f64>,
 }
@@ -34,13 +36,18 @@ impl Size {
         let around = fit::oriented_box(mesh);
         let mut extents = (2.0 * around.half).max(DVec3::splat(FLAT_THICKNESS * diameter)).to_array();
         extents.sort_by(f64::total_cmp);
-        let own = mesh.signed_volume();
         let bulk = extents.iter().product::<f64>();
-        let closed = topology::inspect(mesh).is_watertight() && own.abs() > HOLLOW * bulk;
-        let volume = if closed { own.abs() } else { bulk / 2.0 };
+        let topology = topology::inspect(mesh);
+        let has_parts = topology.components > 1 || topology.nonmanifold_edges > 0;
+        let own = match topology.bounds_a_solid() {
+            true => mass::of_solid(&mesh.outward(), has_parts).volume,
+            false => 0.0,
+        };
+        let closed = own > HOLLOW * bulk;
+        let volume = if closed { own } else { bulk / 2.0 };
         let hull_volume = hull_volume(mesh, center, radius).clamp(volume.min(bulk), bulk);
         let round = round::rolling_radius(mesh, &around);
-        Size { diameter, extents: DVec3::from_array(extents), volume, hull_volume, closed, round }
+        Size { diameter, extents: DVec3::from_array(extents), volume, hull_volume, closed, has_parts, round }
     }
 }
 

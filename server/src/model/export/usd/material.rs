@@ -13,13 +13,20 @@ use openusd::gf;
 use openusd::sdf::{AssetPath, Path};
 use openusd::tf::Token;
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 /// Writes materials of one source below one prim.
 pub struct Materials<'w, 'a> {
     pub layer: &'w mut Layer,
     pub textures: &'w mut Textures,
     pub source: &'w Copier<'a>,
+    /// What a preview surface does not have.
+    pub left_out: &'w mut BTreeSet<String>,
 }
+
+/// Extensions of materials that are written.
+const WRITTEN: [&str; 4] =
+    ["KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_clearcoat"];
 
 /// The use of a picture's values: `value * scale + bias`.
 struct Use {
@@ -146,6 +153,9 @@ impl Materials<'_, '_> {
     }
 
     fn extensions(&mut self, surface: &Path, json: &Object) {
+        let names = object(json, "extensions").into_iter().flat_map(Object::keys);
+        let lost = names.filter(|name| !WRITTEN.contains(&name.as_str()));
+        self.left_out.extend(lost.map(|name| format!("material extension {name}")));
         if let Some(ior) = extension(json, "KHR_materials_ior") {
             self.layer.attribute(surface, "float inputs:ior", number(ior, "ior", 1.5) as f32);
         }
@@ -160,7 +170,14 @@ impl Materials<'_, '_> {
     fn texture(&mut self, material: &Path, name: &str, info: &Object, used: &Use) -> Option<Path> {
         let source = self.source;
         let texture = source.document.get("textures", reference(info, "index")?).ok()?;
-        let file = self.textures.add(source, reference(texture, "source")?)?;
+        let image = reference(texture, "source")?;
+        let Some(file) = self.textures.add(source, image) else {
+            // Missing ones were reported before the bake.
+            if let Ok(Some(media)) = source.document.picture(image, source.resolve).map(|picture| picture.media) {
+                self.left_out.insert(format!("pictures of the type {media}, only PNG and JPEG"));
+            }
+            return None;
+        };
         let moved = extension(info, "KHR_texture_transform");
         let set = moved.and_then(|moved| reference(moved, "texCoord")).or_else(|| reference(info, "texCoord"));
 

@@ -42,13 +42,13 @@ pub use textures::FOLDER;
 
 /// The `.usdz`.
 pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    let Encoded { bytes, sidecars } = encode_crate(bake, scene)?;
+    let Encoded { bytes, sidecars, left_out } = encode_crate(bake, scene)?;
     let mut package = ArchiveWriter::new(Cursor::new(Vec::new()));
     let mut files =
         std::iter::once(("pile.usdc", &bytes)).chain(sidecars.iter().map(|(name, file)| (name.as_str(), file)));
     let packed = files.try_for_each(|(name, file)| package.add_layer(name, file));
     let bytes = packed.and_then(|()| package.finish()).map_err(|error| ExportError::Io(Error::other(error)))?;
-    Ok(Encoded::single(bytes.into_inner()))
+    Ok(Encoded { left_out, ..Encoded::single(bytes.into_inner()) })
 }
 
 /// The `.usda`, and its pictures.
@@ -91,11 +91,13 @@ fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<E
     if !scene.scenery.is_empty() {
         scenery(&mut stage, &pile, bake, scene)?;
     }
-    let UsdStage { mut layer, textures, .. } = stage;
+    let UsdStage { mut layer, textures, left_out, .. } = stage;
     if let Some(glue) = &bake.glue {
         glue::write(&mut layer, &pile, glue);
     }
-    Ok(Encoded { bytes: layer.encode()?, sidecars: textures.0 })
+    let sentence = |(model, what): (String, String)| format!("{model}: a USD result has no {what}");
+    let left_out = left_out.into_iter().map(sentence).collect();
+    Ok(Encoded { bytes: layer.encode()?, sidecars: textures.0, left_out })
 }
 
 /// The static geometry below one prim, each file below a prim of its name.

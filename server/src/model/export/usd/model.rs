@@ -13,18 +13,20 @@ use glam::{DAffine3, DMat4, DVec3};
 use openusd::gf;
 use openusd::sdf::Path;
 use openusd::tf::Token;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The stage under construction: its layer and textures, and the source files.
 pub struct UsdStage<'a> {
     pub layer: Layer,
     pub textures: Textures,
+    /// What is left out of a model, by its name.
+    pub left_out: BTreeSet<(String, String)>,
     sources: Sources<'a>,
 }
 
 impl<'a> UsdStage<'a> {
     pub fn new(layer: Layer) -> UsdStage<'a> {
-        UsdStage { layer, textures: Textures::default(), sources: Sources::default() }
+        UsdStage { layer, textures: Textures::default(), left_out: BTreeSet::new(), sources: Sources::default() }
     }
 
     /// Writes a model below an existing prim, and gives its bounding box in that prim's frame. Its materials stand
@@ -33,8 +35,11 @@ impl<'a> UsdStage<'a> {
         let (source, branch) = self.sources.open(model, frame)?;
         let source = &*self.sources.get(source);
         let (layer, textures) = (&mut self.layer, &mut self.textures);
-        let mut writer = ModelWriter { layer, textures, source, top: at, scope: None, materials: BTreeMap::new() };
-        writer.branch(&branch).map_err(|error| ExportError::source(model, error))
+        let (materials, left_out) = (BTreeMap::new(), BTreeSet::new());
+        let mut writer = ModelWriter { layer, textures, source, top: at, scope: None, materials, left_out };
+        let bounds = writer.branch(&branch).map_err(|error| ExportError::source(model, error));
+        self.left_out.extend(writer.left_out.into_iter().map(|what| (model.name.to_owned(), what)));
+        bounds
     }
 }
 
@@ -49,6 +54,7 @@ struct ModelWriter<'w, 'a> {
     scope: Option<Path>,
     /// By index, and whether they are tinted; `None` for one that the source lacks.
     materials: BTreeMap<(usize, bool), Option<Path>>,
+    left_out: BTreeSet<String>,
 }
 
 impl ModelWriter<'_, '_> {
@@ -129,6 +135,9 @@ impl ModelWriter<'_, '_> {
         let mut bounds = BoundingBox::default();
         let json = self.source.document.get("meshes", index)?;
         for primitive in self.source.document.primitives(index)? {
+            if primitive.contains_key("targets") {
+                self.left_out.insert("morph targets".into());
+            }
             let triangles = Triangles::read(&self.source.document, index, primitive)?;
             if !triangles.corners.is_empty() {
                 let prim = self.layer.prim(parent, name(json, "Mesh"), "Mesh");
@@ -195,7 +204,8 @@ impl ModelWriter<'_, '_> {
             return known.clone();
         }
         let scope = self.scope.get_or_insert_with(|| self.layer.prim(self.top, "Materials", "Scope")).clone();
-        let mut materials = Materials { layer: self.layer, textures: self.textures, source: self.source };
+        let (layer, textures, left_out) = (&mut *self.layer, &mut *self.textures, &mut self.left_out);
+        let mut materials = Materials { layer, textures, source: self.source, left_out };
         let written = materials.write(&scope, index, is_tinted);
         self.materials.insert((index, is_tinted), written.clone());
         written

@@ -3,7 +3,6 @@
 //! A picture's name is a hash of its content: results in one folder share their pictures, and none replaces another's.
 
 use super::super::copy::Copier;
-use super::super::images;
 use std::collections::BTreeMap;
 
 /// The folder that they are in, beside the layer.
@@ -17,14 +16,14 @@ impl Textures {
     /// Takes in a picture of a source, and gives its path. `None` for one that cannot be found, or that is of a kind
     /// which USD's programs do not read: they read PNG and JPEG.
     pub fn add(&mut self, source: &Copier, image: usize) -> Option<String> {
-        let bytes = source.document.image(image, source.resolve)?;
-        let ending = match images::media_type(&bytes)? {
+        let picture = source.document.picture(image, source.resolve).ok()?;
+        let ending = match picture.media? {
             "image/png" => "png",
             "image/jpeg" => "jpg",
             _ => return None,
         };
-        let path = format!("{FOLDER}/{}.{ending}", &blake3::hash(&bytes).to_hex()[..16]);
-        self.0.insert(path.clone(), bytes.into_owned());
+        let path = format!("{FOLDER}/{}.{ending}", &blake3::hash(&picture.bytes).to_hex()[..16]);
+        self.0.insert(path.clone(), picture.bytes.into_owned());
         Some(path)
     }
 }
