@@ -56,7 +56,7 @@ fn a_prop_far_from_its_origin_is_moved_to_its_center() {
     let at = text.find("positions.timeSamples").unwrap();
     let positions: Vec<&str> = text[at..].lines().skip(1).take(3).map(str::trim).collect();
     for (frame, line) in positions.iter().enumerate() {
-        assert!(line.starts_with(&format!("{frame}: [({frame}")), "{line}");
+        assert!(line.starts_with(&format!("{frame}.0: [({frame}.0")), "{line}");
     }
 }
 

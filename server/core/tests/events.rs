@@ -8,10 +8,9 @@ use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Frame, Observer, Progress, Silent, State};
 use cairn_core::input::params::{Accuracy, ContactSelection, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
 use cairn_core::input::scene::{Emitter, EmitterVolume, Keyframe, Model, PlacedBody, Prop, Scene, StaticModel};
-use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake};
-use common::{cone, scene, stick};
+use common::{block, cone, scene, stick};
 use glam::{DQuat, DVec3};
 use std::ops::ControlFlow;
 
@@ -19,13 +18,6 @@ fn params() -> Params {
     let mut params = Params::new(Accuracy::Draft);
     params.release.order = ReleaseOrder::AtOnce;
     params
-}
-
-/// A box of these edges with its middle at the origin.
-fn block(size: DVec3) -> TriMesh {
-    let stick = stick();
-    let points = stick.points.iter().map(|p| p / DVec3::new(0.5, 0.06, 0.06) * size).collect();
-    TriMesh { points, ..stick }
 }
 
 fn prop(name: &str, mesh: TriMesh) -> Prop {
@@ -190,25 +182,6 @@ fn moving_scenery_takes_along_the_bodies_on_it() {
         assert!((body.translation.x - 1.0).abs() < 0.15, "{}", body.translation);
     }
     assert!(end[1].translation.y > 0.45, "the upper one is still on the lower one");
-}
-
-#[test]
-fn fast_scenery_does_not_pass_through_bodies() {
-    // A wall of 8 mm at 4 m/s, and cubes of 20 mm.
-    let cube = |x: f64| PlacedBody::new(0, at(x, 0.01, 0.0));
-    let mut scene = bricks(vec![cube(0.03), cube(0.06), cube(0.09)]);
-    scene.props[0].model.mesh = block(DVec3::splat(0.02));
-    let wall = Model { name: "wall".into(), mesh: block(DVec3::new(0.008, 0.1, 0.2)) };
-    let key = |time: f64, x: f64| Keyframe { time, pose: at(x, 0.05, 0.0) };
-    scene.statics = vec![StaticModel { model: wall, friction: 0.7, keys: vec![key(0.5, 0.0), key(0.6, 0.4)] }];
-    let params = Params::new(Accuracy::Standard);
-    let bake = baked(&scene, &params);
-    for body in bake.pile.frames.last().unwrap() {
-        assert!(body.translation.x > 0.41, "{}", body.translation);
-    }
-    assert!(bake.report.counts[&Count::SceneryPartSteps] > 0);
-    scene.statics[0].keys[1].time = 20.0;
-    assert_eq!(baked(&scene, &params).report.counts[&Count::SceneryPartSteps], 0, "slow scenery needs no more steps");
 }
 
 #[test]
@@ -386,7 +359,9 @@ fn frames_show_how_the_control_treats_each_body() {
     bake(&scene, &params, &mut states).unwrap();
     use State::{Held, Outside, Pinned, Waiting};
     assert_eq!(states.0[0], [Waiting, Waiting, Waiting, Pinned]);
-    assert_eq!(states.0.last().unwrap()[..], [Held, Held, Held, Pinned, Outside]);
+    let is_outside = |states: &Vec<State>| states.get(4) == Some(&Outside);
+    assert!(states.0.iter().any(is_outside), "it is not judged");
+    assert_eq!(states.0.last().unwrap()[..], [Held, Held, Held, Pinned, Held], "but held once it rests");
 
     params.control.mode = ControlMode::Off;
     let mut states = States::default();

@@ -1,5 +1,5 @@
-//! Motion that nobody doubts: what touches nothing falls freely, what stands does not fall by itself, and a pile is the
-//! same wherever it stands.
+//! Motion that nobody doubts: what touches nothing falls freely, what stands does not fall by itself, nothing passes
+//! through anything, and a pile is the same wherever it stands.
 
 mod common;
 
@@ -8,10 +8,10 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params, Switch};
-use cairn_core::input::scene::{PlacedBody, Scene};
+use cairn_core::input::scene::{Keyframe, Model, PlacedBody, Scene, StaticModel};
 use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::Bake;
-use common::{cone, scene, stick};
+use common::{block, cone, scene, stick};
 use glam::{DQuat, DVec3};
 
 fn natural() -> Params {
@@ -57,6 +57,26 @@ fn frames_in_which_nothing_is_seen_are_left_out_on_request() {
     let ways = whole.pile.frames[240].iter().zip(&trimmed.pile.frames[count - 1]);
     let farthest = ways.map(|(a, b)| a.translation.distance(b.translation)).fold(0.0, f64::max);
     assert!(farthest <= 0.1 * d, "{farthest} m");
+}
+
+#[test]
+fn fast_scenery_does_not_pass_through_bodies() {
+    // A wall of 8 mm at 4 m/s, and cubes of 20 mm.
+    let at = |x: f64, y: f64| Pose { translation: DVec3::new(x, y, 0.0), rotation: DQuat::IDENTITY };
+    let mut scene = scene(cone(1.0, 1.0), block(DVec3::splat(0.02)));
+    scene.control = None;
+    scene.bodies = [0.03, 0.06, 0.09].map(|x| PlacedBody::new(0, at(x, 0.01))).to_vec();
+    let wall = Model::new("wall", block(DVec3::new(0.008, 0.1, 0.2)));
+    let key = |time: f64, x: f64| Keyframe { time, pose: at(x, 0.05) };
+    scene.statics = vec![StaticModel { model: wall, friction: 0.7, keys: vec![key(0.5, 0.0), key(0.6, 0.4)] }];
+    let params = Params::new(Accuracy::Standard);
+    let bake = baked(&scene, &params);
+    for body in bake.pile.frames.last().unwrap() {
+        assert!(body.translation.x > 0.41, "{}", body.translation);
+    }
+    assert!(bake.report.counts[&Count::SceneryPartSteps] > 0);
+    scene.statics[0].keys[1].time = 20.0;
+    assert_eq!(baked(&scene, &params).report.counts[&Count::SceneryPartSteps], 0, "slow scenery needs no more steps");
 }
 
 #[test]

@@ -96,9 +96,10 @@ impl Motion {
         touched
     }
 
-    /// How long each body has been at rest, untouched by what moves, s. Shape `[body]`; may be shorter.
-    pub fn rested(&self, world: &World) -> Vec<f64> {
-        self.stands.iter().map(|stand| stand.rested * world.units.time).collect()
+    /// How long each body has been at rest, untouched by what moves, characteristic times. Shape `[body]`; may be
+    /// shorter.
+    pub fn rested(&self) -> Vec<f64> {
+        self.stands.iter().map(|stand| stand.rested).collect()
     }
 
     /// Something hits the pile, or it is asked to move: what has stood until now may fall.

@@ -160,7 +160,7 @@ impl<'a> Simulation<'a> {
             freed.into_iter().for_each(|id| motion.disturb(id));
         }
         if control.is_due(*step) {
-            control.cycle(world, policy, &motion.rested(world));
+            control.cycle(world, policy, &motion.rested());
         }
     }
 

@@ -39,6 +39,13 @@ pub fn stick() -> TriMesh {
     TriMesh { points: (0..8).map(corner).collect(), triangles }
 }
 
+/// A block of these edges about its middle.
+pub fn block(size: DVec3) -> TriMesh {
+    let stick = stick();
+    let points = stick.points.iter().map(|p| p / DVec3::new(0.5, 0.06, 0.06) * size).collect();
+    TriMesh { points, ..stick }
+}
+
 /// A scene of one prop.
 pub fn scene(control: TriMesh, prop: TriMesh) -> Scene {
     cairn_core::invariants::check_always();

@@ -24,10 +24,10 @@ use eligibility::Eligibility;
 use impact::Impact;
 use support::{Lifetime, Support, Verdicts};
 
-/// Bodies that have rested untouched for this long are held, s. The contacts of a pile move a little all the time, and
-/// with them the verdicts: a body at the limit of its friction would be freed again long after the collapse. Shorter
-/// than what counts as standing (`sim::motion::STANDING`).
-const HELD_AFTER: f64 = 0.5;
+/// Bodies that have rested untouched for this long are held, characteristic times. The contacts of a pile move a little
+/// all the time, and with them the verdicts: a body at the limit of its friction would be freed again long after the
+/// collapse. For props of up to 4 m it is shorter than what counts as standing (`sim::motion::STANDING`).
+const HELD_AFTER: f64 = 1.5;
 
 /// The control and its memory.
 pub struct PileControl<'a> {
@@ -125,8 +125,8 @@ impl<'a> PileControl<'a> {
         freed
     }
 
-    /// One cycle: each held body is judged again. `rested`: how long each body has been at rest untouched, s; shape
-    /// `[body]`, may be shorter.
+    /// One cycle: each held body is judged again. `rested`: how long each body has been at rest untouched,
+    /// characteristic times; shape `[body]`, may be shorter.
     pub fn cycle(&mut self, world: &mut World, policy: &mut Policy, rested: &[f64]) {
         let Some(support) = &mut self.support else { return };
         self.counters.cycles += 1;
