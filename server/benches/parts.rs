@@ -109,7 +109,7 @@ fn standing(group: &mut Group, full: &Full) {
     group.bench_function("cycle", |b| {
         b.iter_batched_ref(
             || moved(full, period),
-            |sim| sim.pile.control.cycle(&mut sim.pile.world, &mut sim.pile.policy),
+            |sim| sim.pile.control.cycle(&mut sim.pile.world, &mut sim.pile.policy, &sim.pile.motion.rested()),
             BatchSize::PerIteration,
         )
     });
