@@ -206,10 +206,11 @@ def taking(context, passive=False):
     yield from extras.add_bodies(objects_of(settings.keep), objects_of(settings.impact))
     _set_parameters(v1, scene_message, settings)
     scene_message.output.fps = scene.render.fps / scene.render.fps_base
-    # Frames in which nothing is to be seen would only be in the way of the next shot.
-    scene_message.output.trim = True
     if settings.use_frame_count:
         scene_message.output.frames = settings.frame_count
+    else:
+        # Frames in which nothing is to be seen would only be in the way of the next shot.
+        scene_message.output.trim = True
 
     models = [*(prop.model for prop in props), *(model for _, model in statics), *extras.models]
     names = {}

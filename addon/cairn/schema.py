@@ -13,6 +13,7 @@ OWN = {
     ("Output", "fps"),
     ("Output", "frames"),
     ("Output", "trim"),
+    ("Output", "instancing"),
     ("Effects", "frames"),
     ("Glue", "mode"),
     ("Glue", "strength"),

@@ -123,6 +123,18 @@ def test_frame_count_and_rate(desk):
             assert low == 1 and high <= 8
 
 
+def test_the_end_of_a_bake_has_no_frames_in_which_nothing_is_seen(desk):
+    desk.add_stick()
+    trimmed = json.loads(desk.bake().cairn.report)
+    assert desk.request.spec.scene.output.trim
+    counts = trimmed["counts"]
+    assert counts["frames_trimmed"] > 0 and trimmed["frame_count"] == counts["frames"]
+    # As many as were asked for, if a number was.
+    asked = desk.bake(use_frame_count=True, frame_count=trimmed["frame_count"] + 30)
+    assert not desk.request.spec.scene.output.trim
+    assert json.loads(asked.cairn.report)["frame_count"] == trimmed["frame_count"] + 31
+
+
 def test_check_tells_what_a_bake_would_do(desk, addon):
     desk.add_stick()
     assert bpy.ops.cairn.check() == {"FINISHED"}

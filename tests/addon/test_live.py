@@ -62,6 +62,7 @@ def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
     # Neither the fill nor the motion is sent, and what is drawn is the pose that the whole bake ends with.
     assert len(asked[-1].recording.frames) == 1 and stages == {v1.STAGE_HOLD}
     asked[-1].spec.scene.effects.frames = v1.SWITCH_AUTO
+    asked[-1].spec.scene.output.trim = False
     whole = addon("job").Job(asked[-1].server, asked[-1].spec, asked[-1].contents)
     whole.start()
     while whole.messages.get(timeout=PATIENCE)[0] != "done":

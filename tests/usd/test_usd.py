@@ -100,7 +100,7 @@ def test_velocities_lead_to_the_next_frame(mixed):
     stage = opened(mixed)
     attributes = [bodies(stage).GetVelocitiesAttr(), bodies(stage).GetAngularVelocitiesAttr()]
     assert all(attribute.GetNumTimeSamples() > 10 for attribute in attributes)
-    for frame in [3, 10, 20]:
+    for frame in [3, 6, 10]:
         arrived = places(stage, frame + 1 - 1e-6, base=frame)
         assert np.abs(arrived - places(stage, frame + 1)).max() < 1e-3
         assert np.abs(arrived - places(stage, frame)).max() > 1e-2
