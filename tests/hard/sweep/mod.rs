@@ -121,6 +121,8 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     }
     let floating = bake.report.measures["ballistic_error_max"].unwrap_or(0.0);
     must(floating <= 0.01, format!("what touches nothing falls at {floating:.3} g beside g"))?;
+    let fell = bake.report.measures["second_collapse"].unwrap_or(0.0);
+    must(fell == 0.0, format!("bodies that stood for a second and fell untouched: {fell}"))?;
     let deepest = bake.report.measures["penetration_max_rel"].unwrap_or(0.0);
     let thinnest = shapes.iter().map(|s| s.thickness()).fold(f64::INFINITY, f64::min) / d;
     let limit = MOST_PENETRATION.max(MOST_DEPTH / thinnest);

@@ -4,8 +4,10 @@
 use crate::world::{BodyId, PairSide, REST_SPEED, Role, World};
 use glam::DVec3;
 
-/// A body that has been at rest for this long stands, s.
+/// A body that has been at rest for this long stands, s; of large bodies, which begin to fall slowly, for this many
+/// characteristic times.
 const STANDING: f64 = 1.0;
+const STANDING_TIMES: f64 = 2.0;
 /// A body that stood has fallen once it is this much lower, d.
 const FALLEN: f64 = 0.1;
 
@@ -50,7 +52,7 @@ impl Motion {
         self.ballistic_error = self.ballistic_error.max(world.ballistic_error(&self.before));
         let began = self.energy.unwrap_or_default();
         self.growth = self.growth.max(world.mechanical_energy() - began);
-        let standing = STANDING / world.units.time;
+        let standing = (STANDING / world.units.time).max(STANDING_TIMES);
         self.stands.resize(world.bodies().len(), Standing::default());
         let touched = self.touched(world);
         for id in world.present() {
@@ -105,6 +107,13 @@ impl Motion {
     /// Something hits the pile, or it is asked to move: what has stood until now may fall.
     pub fn expect_collapse(&mut self) {
         self.stands.iter_mut().for_each(|stand| (stand.stood, stand.left_at) = (0.0, None));
+    }
+
+    /// The hold of a body broke under its load: it may fall.
+    pub fn expect_fall(&mut self, id: BodyId) {
+        if let Some(stand) = self.stands.get_mut(id) {
+            (stand.stood, stand.left_at) = (0.0, None);
+        }
     }
 
     /// The body is about to be hit.

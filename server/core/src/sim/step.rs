@@ -176,8 +176,10 @@ impl<'a> Simulation<'a> {
     }
 
     fn break_overloaded(&mut self) {
-        let Pile { world, policy, control, glue, .. } = &mut self.pile;
-        control.break_overloaded(world, policy);
+        let Pile { world, policy, control, glue, motion, .. } = &mut self.pile;
+        for id in control.break_overloaded(world, policy) {
+            motion.expect_fall(id);
+        }
         for id in glue.break_overloaded(world, policy) {
             control.release(id);
         }

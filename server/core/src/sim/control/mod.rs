@@ -26,7 +26,7 @@ use support::{Lifetime, Support, Verdicts};
 
 /// Bodies that have rested untouched for this long are held, characteristic times. The contacts of a pile move a little
 /// all the time, and with them the verdicts: a body at the limit of its friction would be freed again long after the
-/// collapse. For props of up to 4 m it is shorter than what counts as standing (`sim::motion::STANDING`).
+/// collapse. Shorter than what counts as standing (`sim::motion`).
 const HELD_AFTER: f64 = 1.5;
 
 /// The control and its memory.
@@ -162,15 +162,16 @@ impl<'a> PileControl<'a> {
         self.analysis.remember(world, pairs);
     }
 
-    /// After each step: supports that carry more than kappa allows break.
-    pub fn break_overloaded(&mut self, world: &mut World, policy: &mut Policy) {
+    /// After each step: supports that carry more than kappa allows break. Returns the bodies that may move again.
+    pub fn break_overloaded(&mut self, world: &mut World, policy: &mut Policy) -> Vec<BodyId> {
         if !self.is_on() || !self.breaks {
-            return;
+            return Vec::new();
         }
-        let Some(support) = &mut self.support else { return };
+        let Some(support) = &mut self.support else { return Vec::new() };
         self.counters.break_checks += 1;
         let freed = support.break_overloaded(self.break_limit, world, policy, &mut self.counters);
-        freed.into_iter().for_each(|id| self.analysis.mark_moved(id));
+        freed.iter().for_each(|&id| self.analysis.mark_moved(id));
+        freed
     }
 
     /// From now on the control resists nothing, and holds no body whose center is below this height, engine units.
