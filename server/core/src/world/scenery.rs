@@ -33,7 +33,7 @@ pub(super) struct SceneryPath {
 }
 
 /// Scenery that moves by more than this share of a near body's thickness in a step passes into it, and a thin wall
-/// through it: such a step is taken in smaller ones, but in at most so many. With 0.25, thin walls stick in bodies.
+/// through it: such a step is taken in smaller ones, but in at most so many.
 const FAST: f64 = 0.1;
 const MOST_PARTS: u32 = 32;
 
