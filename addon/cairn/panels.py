@@ -239,13 +239,16 @@ def expected(accuracy):
 
 def overlap(accuracy):
     """The expected overlap of props, as a length; empty before it is known."""
-    length = running.plan.get("overlaps", {}).get(accuracy, 0.0) if running.plan else 0.0
-    if length <= 0:
-        return ""
-    units = {"μm": 1e-6, "mm": 1e-3, "cm": 1e-2}
-    unit = "μm" if length < 1e-4 else "mm" if length < 1e-2 else "cm"
+    expected = running.plan.get("overlaps", {}).get(accuracy, 0.0) if running.plan else 0.0
     # One digit: it is an estimate.
-    return f"{float(f'{length / units[unit]:.1g}'):g} {unit}"
+    return length(expected, 1) if expected > 0 else ""
+
+
+def length(metres, digits=2):
+    """A length as text, in a unit that suits it."""
+    units = {"μm": 1e-6, "mm": 1e-3, "cm": 1e-2}
+    unit = "μm" if metres < 1e-4 else "mm" if metres < 1e-2 else "cm"
+    return f"{float(f'{metres / units[unit]:.{digits}g}'):g} {unit}"
 
 
 def reliance():

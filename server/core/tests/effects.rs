@@ -66,23 +66,23 @@ fn figures_switched_off_are_not_measured() {
     let mut params = Params::new(Accuracy::Draft);
     params.fill.count = Some(20);
     params.hold.patience = 2.0;
-    let mut measured = |shape: Switch, pictures: Switch, support: Switch| {
-        params.report = Figures { shape, pictures, support };
+    let mut measured = |shape: Switch, pictures: Switch, support: Switch, visible: Switch| {
+        params.report = Figures { shape, pictures, support, visible };
         let report = bake(&scene, &params, &mut Silent).unwrap().report;
-        let counts = [Count::ShapesMeasured, Count::PicturesMeasured, Count::SupportIterations];
-        let figures = ["shape_iou", "silhouette_iou", "unsupported_fraction"];
+        let counts = [Count::ShapesMeasured, Count::PicturesMeasured, Count::SupportIterations, Count::VisiblePairs];
+        let figures = ["shape_iou", "silhouette_iou", "unsupported_fraction", "visible_cut_share"];
         (counts.map(|count| report.counts[&count] > 0), figures.map(|name| report.measures[name].is_some()))
     };
     let (auto, on, off) = (Switch::Auto, Switch::On, Switch::Off);
     for (switches, wanted) in [
-        ([auto, auto, auto], [true, false, false]),
-        ([off, auto, auto], [false; 3]),
+        ([auto, auto, auto, auto], [true, false, false, true]),
+        ([off, auto, auto, off], [false; 4]),
         // Without shape figures, there are no pictures.
-        ([off, on, on], [false, false, true]),
-        ([on, on, on], [true; 3]),
+        ([off, on, on, on], [false, false, true, true]),
+        ([on, on, on, off], [true, true, true, false]),
     ] {
-        let [shape, pictures, support] = switches;
-        assert_eq!(measured(shape, pictures, support), (wanted, wanted), "{switches:?}");
+        let [shape, pictures, support, visible] = switches;
+        assert_eq!(measured(shape, pictures, support, visible), (wanted, wanted), "{switches:?}");
     }
 }
 

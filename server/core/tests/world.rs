@@ -13,7 +13,9 @@ use glam::{DQuat, DVec3};
 /// A prop, the ground, and the prop's thickness in engine units.
 fn world_of(prop: TriMesh) -> (World, Shape, f64) {
     let scene = scene(cone(1.0, 1.0), prop);
-    let params = Params::new(Accuracy::Standard);
+    let mut params = Params::new(Accuracy::Standard);
+    // The shape is the mesh itself, without a skin: gaps are known exactly.
+    params.physics.shape_gap = 0.0;
     let size = Size::of(&scene.props[0].model.mesh);
     let shape = Shape::new(&scene.props[0], size, &params.physics).unwrap();
     let units = Units::new(size.diameter, shape.mass, params.gravity);

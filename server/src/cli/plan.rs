@@ -1,6 +1,7 @@
 //! `cairn plan`: summarizes a bake, and estimates the cost of each accuracy.
 
 use super::check::{PlanArgs, describe};
+use super::summary::length;
 use super::{Failure, print};
 use crate::wire::to_proto;
 use cairn_core::prepare::estimate::Estimate;
@@ -65,13 +66,4 @@ fn price_list(estimates: &[Estimate], own: Option<&Estimate>) -> String {
     text += "Overlaps are in percent of the thinner body's thickness; below 0.6 % they are invisible. ";
     text += "The last columns are for a pile without hold or glue.\n";
     text
-}
-
-/// A length in a suitable unit.
-fn length(metres: f64) -> String {
-    match metres {
-        m if m < 1e-4 => format!("{:.0} um", m * 1e6),
-        m if m < 1e-2 => format!("{:.1} mm", m * 1e3),
-        m => format!("{:.1} cm", m * 1e2),
-    }
 }

@@ -34,8 +34,31 @@ pub fn lines(
         };
         lines.push(format!("{state}; largest speed at the end: {:.1} mm/s", speed * 1000.0));
     }
+    lines.extend(seen(&measure));
     lines.push(format!("{} in {seconds:.1} s", output.display()));
     lines
+}
+
+/// The line about what is seen where bodies meet, if that was measured.
+fn seen(measure: impl Fn(&str) -> Option<f64>) -> Option<String> {
+    let (depth, share) = (measure("visible_depth_p95")?, measure("visible_depth_p95_rel")?);
+    let mut line = match measure("visible_cut_share")? {
+        0.0 => "seen: no mesh cuts another".to_owned(),
+        _ => format!("seen: meshes cut each other by up to {}, {:.1} % of a thickness", length(depth), share * 100.0),
+    };
+    if let Some(gap) = measure("visible_gap_p95") {
+        line += &format!("; gaps where bodies touch are up to {}", length(gap));
+    }
+    Some(line + " (95 of 100)")
+}
+
+/// A length in a suitable unit.
+pub fn length(metres: f64) -> String {
+    match metres {
+        m if m < 1e-4 => format!("{:.0} um", m * 1e6),
+        m if m < 1e-2 => format!("{:.1} mm", m * 1e3),
+        m => format!("{:.1} cm", m * 1e2),
+    }
 }
 
 /// The line about glue, if the pile may have any.

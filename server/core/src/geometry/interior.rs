@@ -6,7 +6,7 @@
 //! are no surface: distances ignore them. A face that lies inside only in part still counts, so that a distance
 //! inside may be understated near such a face, never overstated.
 
-mod bvh;
+pub(in crate::geometry) mod bvh;
 mod grid;
 mod ray;
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 pub mod closed_mesh;
 pub mod contact;
+pub mod crossing;
 pub mod interior;
 pub mod mesh;
 pub mod pose;

@@ -12,6 +12,7 @@ mod shape_measurer;
 mod solid;
 #[cfg(test)]
 mod tests;
+mod visible;
 mod volume_iou;
 mod voxels;
 
@@ -19,6 +20,7 @@ pub use extent::{bounding_sphere, outermost_points, percentile, smallest_extent}
 pub use overlap::{Overlap, Penetration, penetration};
 pub use shape_measurer::ShapeMeasurer;
 pub use solid::SolidSource;
+pub use visible::{Visible, visible};
 
 use crate::error::counted;
 use crate::geometry::mesh::TriMesh;

@@ -1,7 +1,7 @@
 //! Measures the pile, and gathers the warnings.
 
 use super::inputs::ReportInputs;
-use super::{Name, Report, contacts, counts, glue, motion, shape, tidiness, warnings};
+use super::{Name, Report, contacts, counts, glue, motion, shape, tidiness, visible, warnings};
 use crate::error::Error;
 use crate::geometry::contact::REAL_CONTACT;
 use crate::input::observer::{Observer, Stage, observe};
@@ -59,6 +59,13 @@ pub fn report(
     observe(observer, &inputs.progress(0.8))?;
     measures.extend(contacts::figures(&sim.pile.world, &pairs));
     let begin = observer.cpu_seconds();
+    let (seen, visible_pairs) = match resolved.is_on(EffectName::VisibleFigures) {
+        true => visible::figures(inputs, &sim.pile.world, &pairs),
+        false => (visible::nothing(), 0),
+    };
+    measures.extend(seen);
+    own.visible = observer.cpu_seconds() - begin;
+    let begin = observer.cpu_seconds();
     let support = match resolved.is_on(EffectName::SupportFigures) {
         true => contacts::support(&sim.pile.world, &mut || observer.progress(&inputs.progress(0.9)))?,
         false => contacts::PileSupport::default(),
@@ -86,6 +93,7 @@ pub fn report(
         (Count::ShapesMeasured, shape.shapes),
         (Count::PicturesMeasured, shape.pictures),
         (Count::SupportIterations, support.iterations),
+        (Count::VisiblePairs, visible_pairs),
     ]);
     (own.control, own.frames) = (sim.seconds.control(), sim.seconds.frames());
     spent.lap(Stage::Measure, observer);

@@ -11,6 +11,7 @@ pub mod make;
 mod motion;
 mod shape;
 mod tidiness;
+mod visible;
 mod warnings;
 
 pub use bake::{BakedGlue, BakedGlueDot};

@@ -4,7 +4,8 @@
 //! replaced by its dipole (their Eq. 8) and the next term of the Taylor series (their Eq. 9).
 
 use crate::geometry::mesh::{bounds, solid_angle};
-use glam::{DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
+use std::ops::ControlFlow;
 
 /// Triangles in a leaf. Fewer make the tree deeper, more raise the price of a visit to a leaf.
 const LEAF: usize = 4;
@@ -144,6 +145,54 @@ impl Bvh {
         true
     }
 
+    /// Visits the places of every two triangles, one of each tree, whose boxes are no farther apart than the reach; the
+    /// visitor may shorten the reach. `map`: from the other tree's frame to this one's.
+    pub fn visit_pairs(
+        &self,
+        other: &Bvh,
+        map: &DAffine3,
+        mut reach: f64,
+        mut pair: impl FnMut([u32; 2], f64) -> ControlFlow<(), f64>,
+    ) {
+        if self.nodes.is_empty() || other.nodes.is_empty() {
+            return;
+        }
+        let bend = map.matrix3;
+        let spread = DMat3::from_cols(bend.x_axis.abs(), bend.y_axis.abs(), bend.z_axis.abs());
+        let apart = |a: &Node, b: &Node| {
+            let (middle, half) = (map.transform_point3((b.lo + b.hi) / 2.0), spread * ((b.hi - b.lo) / 2.0));
+            (a.lo - middle - half).max(middle - half - a.hi).max(DVec3::ZERO).length_squared()
+        };
+        let mut stack = vec![([0u32; 2], apart(&self.nodes[0], &other.nodes[0]))];
+        while let Some(([at, beside], bound)) = stack.pop() {
+            if bound > reach * reach {
+                continue;
+            }
+            let (a, b) = (&self.nodes[at as usize], &other.nodes[beside as usize]);
+            if a.count > 0 && b.count > 0 {
+                for i in a.first..a.first + a.count {
+                    for j in b.first..b.first + b.count {
+                        match pair([i, j], reach) {
+                            ControlFlow::Continue(shorter) => reach = shorter,
+                            ControlFlow::Break(()) => return,
+                        }
+                    }
+                }
+                continue;
+            }
+            let size = |n: &Node| (n.hi - n.lo).length_squared();
+            let splits_own = b.count > 0 || a.count == 0 && size(a) >= size(b) * bend.x_axis.length_squared();
+            let next = match splits_own {
+                true => [[at + 1, beside], [a.first, beside]],
+                false => [[at, beside + 1], [at, b.first]],
+            };
+            let mut next = next.map(|[i, j]| ([i, j], apart(&self.nodes[i as usize], &other.nodes[j as usize])));
+            // The nearer one is looked at first.
+            next.sort_by(|x, y| y.1.total_cmp(&x.1));
+            stack.extend(next);
+        }
+    }
+
     /// Generalised winding number. A node farther than `accuracy` times its radius is approximated;
     /// infinity gives the exact sum.
     pub fn winding_number(&self, p: DVec3, accuracy: f64) -> f64 {
@@ -265,7 +314,7 @@ fn outer(a: DVec3, b: DVec3) -> DMat3 {
 }
 
 /// Ericson, "Real-Time Collision Detection" (2005), 5.1.5; flat triangles fall back to their edges.
-fn closest_on_triangle(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> DVec3 {
+pub(in crate::geometry) fn closest_on_triangle(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> DVec3 {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     if d1 <= 0.0 && d2 <= 0.0 {

@@ -82,6 +82,7 @@ pub enum Count {
     VerdictsStable,
     VerdictsUndecided,
     VerdictsUnstable,
+    VisiblePairs,
     WallTrianglesSaved,
 }
 

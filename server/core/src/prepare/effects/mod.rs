@@ -71,6 +71,7 @@ pub enum EffectName {
     Trim,
     ShapeFigures,
     PictureFigures,
+    VisibleFigures,
     SupportFigures,
     FreeStanding,
     FreePour,
@@ -159,6 +160,7 @@ pub struct OwnSeconds {
     pub frames: f64,
     pub shape_figures: f64,
     pub pictures: f64,
+    pub visible: f64,
     pub support: f64,
     pub free_standing: f64,
 }

@@ -225,6 +225,10 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         }
     })
     .seconds(|spent| spent.pictures),
+    row(VisibleFigures, By("report.visible", |c| c.params.report.visible), &[VisiblePairs], |_| {
+        yes("the meshes of neighbours are held against each other, as a camera sees them")
+    })
+    .seconds(|spent| spent.visible),
     row(SupportFigures, By("report.support", |c| c.params.report.support), &[SupportIterations], |c| {
         match c.params.output.free_standing {
             false if c.glues() => no("the equilibrium of the glued pile is certified already"),

@@ -1,26 +1,27 @@
-//! Convex hulls and approximate convex decomposition, each with its measured distance from the mesh.
+//! Convex hulls and approximate convex decomposition, each with its measured distance from the mesh. What is chosen is
+//! then simplified from outside.
 
+use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::input::params::{Physics, Switch};
+use crate::prepare::shape::enclose::{Margin, enclosing};
 use crate::prepare::shape::hull::Hull;
-use crate::prepare::shape::{INVISIBLE, Solid};
+use crate::prepare::shape::{INVISIBLE, SKIN, Solid};
 use glam::DVec3;
 use rapier3d::math::Vector;
 use rapier3d::parry::query::PointQuery;
 use rapier3d::parry::shape::TriMesh as EngineMesh;
 use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
 use rapier3d::parry::transformation::{convex_hull, try_convex_hull, voxelization::FillMode};
+use std::cell::OnceCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// More corners than this make contact queries slow without being seen.
-const MAX_HULL_POINTS: usize = 48;
-/// Tolerance of the hulls of a coarser shape, in prop diameters, coarsest first: the first is taken that is no farther
-/// from the mesh than may be.
-const COARSER: [f32; 3] = [1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0];
-/// A coarser shape may be farther from the mesh than the finest by this factor.
-const FARTHER: f64 = 1.1;
-/// Or it may be as far as this share of [`Physics::shape_tolerance`], in thicknesses.
-const FARTHER_SHARE: f64 = 0.5;
+/// Most corners of a prop that is one hull. The masks of a [`Hull`] have bits for 128.
+const MOST_CORNERS: usize = 96;
+/// Most corners of one of several parts. They cost more, for each pair that is near.
+const MOST_PART_CORNERS: usize = 40;
+/// Corners of a hull by which the deviation is measured.
+const SKETCH_POINTS: usize = 48;
 /// Points sampled on each surface to measure the deviation.
 const DEVIATION_SAMPLES: usize = 600;
 
@@ -29,7 +30,7 @@ const DEVIATION_SAMPLES: usize = 600;
 /// mesh and shape.
 pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
     let unit = Unit::new(mesh, diameter, closed);
-    let mut best = vec![unit.hull()];
+    let mut best = vec![Part::of(&unit.points)];
     let mut best_deviation = unit.deviation(&best);
     let tolerance = tolerance(physics);
     if physics.max_parts > 1 && best_deviation > tolerance {
@@ -44,17 +45,37 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, ph
             }
         }
     }
-    let near = FARTHER_SHARE * physics.shape_tolerance * thickness / diameter;
-    let farthest = (FARTHER * best_deviation).max(near);
-    for tolerance in COARSER {
-        let coarse: Vec<Vec<Vector>> = best.iter().map(|part| reduced(part.clone(), tolerance)).collect();
-        let found = unit.deviation(&coarse);
-        if found <= farthest && coarse.iter().all(|part| part.len() >= 4) {
-            (best, best_deviation) = (coarse, found);
-            break;
+    let gap = physics.shape_gap * thickness / diameter;
+    let most = if best.len() > 1 { MOST_PART_CORNERS } else { MOST_CORNERS };
+    let skin = SKIN * gap;
+    let margin = Margin { tolerance: gap - skin, skin, most };
+    let mut farthest = 0.0f64;
+    let mut enclosed = |part: Part| match enclosing(&part.exact, margin) {
+        Some((corners, gap)) => {
+            farthest = farthest.max(gap + margin.skin);
+            corners
         }
+        // Flat: the report states the deviation.
+        None => part.coarse,
+    };
+    let parts: Vec<Vec<Vector>> = best.into_iter().map(&mut enclosed).collect();
+    let solid = Solid::Convex(parts.into_iter().map(|part| unit.back(part)).collect());
+    (solid, best_deviation.max(farthest) * diameter)
+}
+
+/// A convex part of a mesh, in the unit frame.
+struct Part {
+    /// The corners of its hull.
+    exact: Vec<Vector>,
+    /// Those from which no other stands out by more than [`INVISIBLE`].
+    coarse: Vec<Vector>,
+}
+
+impl Part {
+    fn of(points: &[Vector]) -> Part {
+        let exact = hull_points(points);
+        Part { coarse: reduced(&exact, INVISIBLE), exact }
     }
-    (Solid::Convex(best.into_iter().map(|part| unit.back(part)).collect()), best_deviation * diameter)
 }
 
 /// The deviation allowed, in prop diameters.
@@ -69,7 +90,7 @@ fn tolerance(physics: &Physics) -> f64 {
 /// Whether one hull is close enough: known without a decomposition.
 pub fn is_one_hull(mesh: &TriMesh, diameter: f64, closed: bool, physics: &Physics) -> bool {
     let unit = Unit::new(mesh, diameter, closed);
-    physics.max_parts == 1 || unit.deviation(&[unit.hull()]) <= tolerance(physics)
+    physics.max_parts == 1 || unit.deviation(&[Part::of(&unit.points)]) <= tolerance(physics)
 }
 
 /// From coarse to fine: the first that is close enough is the cheapest to simulate.
@@ -82,6 +103,8 @@ struct Unit<'a> {
     /// `None` where the geometry library refuses the mesh.
     reference: Option<EngineMesh>,
     closed: bool,
+    /// The inside of an open mesh, where it is needed.
+    inside: OnceCell<MeshInterior>,
     origin: DVec3,
     diameter: f64,
 }
@@ -91,7 +114,7 @@ impl<'a> Unit<'a> {
         let origin = mesh.bounds().0;
         let points: Vec<Vector> = mesh.points.iter().map(|&p| ((p - origin) / diameter).as_vec3()).collect();
         let reference = EngineMesh::new(points.clone(), mesh.triangles.clone()).ok();
-        Unit { points, triangles: &mesh.triangles, reference, closed, origin, diameter }
+        Unit { points, triangles: &mesh.triangles, reference, closed, inside: OnceCell::new(), origin, diameter }
     }
 
     fn back(&self, points: Vec<Vector>) -> Vec<DVec3> {
@@ -99,17 +122,27 @@ impl<'a> Unit<'a> {
     }
 
     /// In prop diameters.
-    fn deviation(&self, parts: &[Vec<Vector>]) -> f64 {
-        self.reference.as_ref().map_or(0.0, |mesh| deviation(mesh, self.closed, parts))
+    fn deviation(&self, parts: &[Part]) -> f64 {
+        let is_inside = |mesh: &EngineMesh, p: Vector| match self.closed {
+            true => mesh_contains(mesh, p),
+            // One hull is judged by its whole surface: that of a sheet is on both sides of it.
+            false => parts.len() > 1 && self.inside().contains(p.as_dvec3()),
+        };
+        self.reference.as_ref().map_or(0.0, |mesh| deviation(mesh, |p| is_inside(mesh, p), parts))
     }
 
-    fn hull(&self) -> Vec<Vector> {
-        reduced(hull_points(&self.points), INVISIBLE)
+    /// By winding numbers, which give a hole its natural cap.
+    fn inside(&self) -> &MeshInterior {
+        let mesh = || TriMesh {
+            points: self.points.iter().map(|p| p.as_dvec3()).collect(),
+            triangles: self.triangles.to_vec(),
+        };
+        self.inside.get_or_init(|| MeshInterior::new(&mesh()))
     }
 
-    fn vhacd(&self, concavity: f32, max_parts: u32) -> Option<Vec<Vec<Vector>>> {
-        let fill_mode =
-            if self.closed { FillMode::FloodFill { detect_cavities: false } } else { FillMode::SurfaceOnly };
+    fn vhacd(&self, concavity: f32, max_parts: u32) -> Option<Vec<Part>> {
+        // The inside of an open mesh counts, too, unless a hole is wider than a voxel: then its parts are of its surface.
+        let fill_mode = FillMode::FloodFill { detect_cavities: false };
         let params = VHACDParameters { concavity, fill_mode, ..VHACDParameters::default() };
         // The library panics on some dirty meshes; one hull is then the answer, and the report states its deviation.
         let parts = catch_unwind(AssertUnwindSafe(|| {
@@ -119,8 +152,7 @@ impl<'a> Unit<'a> {
         .ok()?;
         // A part of an open mesh may have no corner at all.
         let solid = parts.into_iter().map(|(points, _)| points).filter(|points| points.len() >= 4);
-        let parts: Vec<_> =
-            solid.map(|points| reduced(hull_points(&points), INVISIBLE)).filter(|p| p.len() >= 4).collect();
+        let parts: Vec<Part> = solid.map(|points| Part::of(&points)).filter(|p| p.coarse.len() >= 4).collect();
         (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
     }
 }
@@ -136,9 +168,9 @@ fn hull_points(points: &[Vector]) -> Vec<Vector> {
     hull(points).map_or_else(|| points.to_vec(), |(corners, _)| corners)
 }
 
-/// At most [`MAX_HULL_POINTS`] of a hull's corners: from the extreme ones along the axes on, always the one farthest
+/// At most [`SKETCH_POINTS`] of a hull's corners: from the extreme ones along the axes on, always the one farthest
 /// from the hull of those before it, as far as that is more than `tolerance`.
-fn reduced(points: Vec<Vector>, tolerance: f32) -> Vec<Vector> {
+fn reduced(points: &[Vector], tolerance: f32) -> Vec<Vector> {
     let extreme = |direction: Vector| {
         let key = |&i: &usize| points[i].dot(direction);
         (0..points.len()).max_by(|a, b| key(a).total_cmp(&key(b))).unwrap_or(0)
@@ -147,7 +179,7 @@ fn reduced(points: Vec<Vector>, tolerance: f32) -> Vec<Vector> {
     let mut kept: Vec<usize> = axes.iter().flat_map(|&a| [extreme(a), extreme(-a)]).collect();
     kept.sort_unstable();
     kept.dedup();
-    while kept.len() < MAX_HULL_POINTS.min(points.len()) {
+    while kept.len() < SKETCH_POINTS.min(points.len()) {
         let corners: Vec<Vector> = kept.iter().map(|&i| points[i]).collect();
         let hull = Hull::new(&corners);
         let outside = |p: Vector| match &hull {
@@ -173,12 +205,12 @@ pub fn hull_mesh(points: &[DVec3]) -> TriMesh {
 
 /// Largest distance between sampled points of the mesh and the parts, and of the parts' outer surface and the mesh;
 /// both in the unit frame.
-fn deviation(mesh: &EngineMesh, closed: bool, parts: &[Vec<Vector>]) -> f64 {
+fn deviation(mesh: &EngineMesh, is_inside: impl Fn(Vector) -> bool, parts: &[Part]) -> f64 {
     let hulls: Vec<(Hull, EngineMesh)> = parts
         .iter()
-        .filter_map(|p| {
-            let hull = Hull::new(p)?;
-            let (points, triangles) = convex_hull(p);
+        .filter_map(|Part { coarse, .. }| {
+            let hull = Hull::new(coarse)?;
+            let (points, triangles) = convex_hull(coarse);
             Some((hull, EngineMesh::new(points, triangles).ok()?))
         })
         .collect();
@@ -194,8 +226,8 @@ fn deviation(mesh: &EngineMesh, closed: bool, parts: &[Vec<Vector>]) -> f64 {
         for p in surface_samples(surface) {
             let buried = hulls.iter().enumerate().any(|(j, h)| j != i && h.0.contains_local_point(p));
             if !buried {
-                // Outside the mesh only: inside a closed mesh, a part takes no space but the prop's.
-                let inside = closed && mesh_contains(mesh, p);
+                // Outside the mesh only: inside, a part takes no space but the prop's.
+                let inside = is_inside(p);
                 worst = worst.max(if inside { 0.0 } else { mesh.distance_to_local_point(p, false) });
             }
         }
@@ -242,4 +274,70 @@ fn surface_samples(mesh: &EngineMesh) -> Vec<Vector> {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::topology::weld;
+    use crate::input::params::{Accuracy, Params};
+    use crate::prepare::shape::Size;
+
+    /// A trough of a floor and two walls, closed or with a hole in its floor.
+    fn trough(is_open: bool) -> TriMesh {
+        let rim = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.8, 1.0), (0.8, 0.2), (0.2, 0.2), (0.2, 1.0), (0.0, 1.0)];
+        let points = [0.0, 0.7].iter().flat_map(|&z| rim.map(|(x, y)| DVec3::new(x, y, z))).collect();
+        let cap = [[0, 1, 5], [1, 4, 5], [1, 2, 4], [2, 3, 4], [0, 5, 6], [0, 6, 7]];
+        let back = cap.map(|[a, b, c]: [u32; 3]| [a, c, b]);
+        let front = cap.map(|t| t.map(|v| v + 8));
+        let sides = (0..8).flat_map(|i: u32| {
+            let j = (i + 1) % 8;
+            [[i, j, j + 8], [i, j + 8, i + 8]]
+        });
+        let mut triangles: Vec<[u32; 3]> = back.into_iter().chain(front).chain(sides).collect();
+        if is_open {
+            // Next to nothing is missing: a sliver of the back.
+            let at = triangles.len();
+            let mut mesh = TriMesh { points, triangles };
+            let [a, b, c] = mesh.triangles[0];
+            let near = mesh.points[a as usize].lerp(mesh.points[b as usize], 0.01);
+            mesh.points.push(near);
+            let new = mesh.points.len() as u32 - 1;
+            mesh.triangles[0] = [new, b, c];
+            assert_eq!(at, mesh.triangles.len());
+            return weld(&mesh, 0.0);
+        }
+        TriMesh { points, triangles }
+    }
+
+    #[test]
+    fn parts_hold_the_mesh_open_or_closed() {
+        let mut counts = Vec::new();
+        for is_open in [false, true] {
+            let mesh = trough(is_open);
+            let size = Size::of(&mesh);
+            assert_eq!(size.closed, !is_open);
+            let physics = &Params::new(Accuracy::Standard).physics;
+            let (solid, deviation) = decompose(&mesh, size.diameter, size.extents.x, size.closed, physics);
+            let Solid::Convex(parts) = &solid else { panic!("it is neither box nor ball") };
+            assert!(deviation < 0.1 * size.diameter, "{deviation}");
+            let unit = |p: DVec3| (p / size.diameter).as_vec3();
+            let hulls: Vec<Hull> = parts
+                .iter()
+                .map(|part| Hull::new(&part.iter().map(|&p| unit(p)).collect::<Vec<_>>()).expect("it has a volume"))
+                .collect();
+            let outside = |p: Vector| {
+                let beyond = |hull: &Hull| {
+                    let out = |f: &super::super::hull::Facet| (p - hull.points()[f.corners[0] as usize]).dot(f.normal);
+                    hull.facets().iter().map(out).fold(f32::NEG_INFINITY, f32::max)
+                };
+                hulls.iter().map(beyond).fold(f32::INFINITY, f32::min)
+            };
+            let surface = EngineMesh::new(mesh.points.iter().map(|&p| unit(p)).collect(), mesh.triangles.clone());
+            let worst = surface_samples(&surface.expect("it is a mesh")).into_iter().map(outside).fold(0.0, f32::max);
+            assert!(worst < 1e-5, "open: {is_open}, {worst} of the diameter is outside of {} parts", parts.len());
+            counts.push(parts.len());
+        }
+        assert!(counts[0] > 1 && counts[0] == counts[1], "{counts:?}");
+    }
 }

@@ -104,7 +104,11 @@ pub fn bounding_sphere(mesh: &TriMesh) -> (DVec3, f64) {
     best
 }
 
-/// Largest deviation of the points from a sphere, m.
-pub fn ball_deviation(mesh: &TriMesh, center: DVec3, radius: f64) -> f64 {
-    mesh.points.iter().map(|p| (p.distance(center) - radius).abs()).fold(0.0, f64::max)
+/// Distance of the nearest plane of a triangle, m: no point of the mesh is nearer to `center`.
+pub fn inner_radius(mesh: &TriMesh, center: DVec3) -> f64 {
+    let height = |i: usize| {
+        let [a, b, c] = mesh.corners(i);
+        Some((a - center).dot((b - a).cross(c - a).try_normalize()?).abs())
+    };
+    (0..mesh.triangles.len()).filter_map(height).fold(f64::INFINITY, f64::min)
 }

@@ -20,8 +20,42 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct Hull {
     solid: ConvexPolyhedron,
+    /// The same points, for the search of the outermost one.
+    lanes: Arc<[Lanes]>,
     facets: Arc<[Facet]>,
     edges: Arc<[HullEdge]>,
+}
+
+/// Some points side by side: their coordinates along each axis. The last of several is filled up with its last point.
+type Lanes = [[f32; LANES]; 3];
+/// Points that are compared in one go.
+const LANES: usize = 8;
+
+fn lanes(points: &[Vector]) -> Arc<[Lanes]> {
+    let of = |chunk: &[Vector]| {
+        let at = |k: usize| chunk[k.min(chunk.len() - 1)];
+        [std::array::from_fn(|k| at(k).x), std::array::from_fn(|k| at(k).y), std::array::from_fn(|k| at(k).z)]
+    };
+    points.chunks(LANES).map(of).collect()
+}
+
+/// The number of the first point that is outermost in a direction.
+fn outermost(lanes: &[Lanes], direction: Vector) -> usize {
+    let (mut best, mut chunk) = ([f32::NEG_INFINITY; LANES], [0u32; LANES]);
+    for (number, [x, y, z]) in lanes.iter().enumerate() {
+        for k in 0..LANES {
+            let height = x[k] * direction.x + y[k] * direction.y + z[k] * direction.z;
+            let is_higher = height > best[k];
+            best[k] = if is_higher { height } else { best[k] };
+            chunk[k] = if is_higher { number as u32 } else { chunk[k] };
+        }
+    }
+    let number = |k: usize| chunk[k] as usize * LANES + k;
+    let first = |a: usize, b: usize| {
+        let is_later = best[b] > best[a] || best[b] == best[a] && number(b) < number(a);
+        if is_later { b } else { a }
+    };
+    number((1..LANES).fold(0, first))
 }
 
 /// A convex polygon of the surface.
@@ -32,7 +66,7 @@ pub struct Facet {
     /// Unit, outwards.
     pub normal: Vector,
     /// A bit for each corner.
-    pub mask: u64,
+    pub mask: u128,
     /// For the engine, by its number.
     pub name: PackedFeatureId,
 }
@@ -45,8 +79,8 @@ impl Facet {
 }
 
 /// A corner beyond the bits sets them all.
-fn corner_mask(corners: &[u32]) -> u64 {
-    corners.iter().fold(0, |mask, &i| mask | 1u64.checked_shl(i).unwrap_or(u64::MAX))
+fn corner_mask(corners: &[u32]) -> u128 {
+    corners.iter().fold(0, |mask, &i| mask | 1u128.checked_shl(i).unwrap_or(u128::MAX))
 }
 
 /// An edge between two facets. Indices.
@@ -55,7 +89,7 @@ pub struct HullEdge {
     pub corners: [u32; 2],
     pub facets: [u32; 2],
     /// A bit for each corner.
-    pub mask: u64,
+    pub mask: u128,
     /// For the engine, by its number.
     pub name: PackedFeatureId,
 }
@@ -70,13 +104,13 @@ impl Hull {
         };
         let (facets, solid) = catch_unwind(AssertUnwindSafe(hull)).ok()??;
         let edges = edges(&facets);
-        Some(Hull { solid, facets: facets.into(), edges: edges.into() })
+        Some(Hull { lanes: lanes(solid.points()), solid, facets: facets.into(), edges: edges.into() })
     }
 
     /// The same hull, `factor` times as large, without a search.
     pub fn scaled(&self, factor: f32) -> Hull {
-        let solid = self.solid.clone().scaled(Vector::splat(factor));
-        Hull { solid: solid.unwrap_or_else(|| self.solid.clone()), ..self.clone() }
+        let solid = self.solid.clone().scaled(Vector::splat(factor)).unwrap_or_else(|| self.solid.clone());
+        Hull { lanes: lanes(solid.points()), solid, ..self.clone() }
     }
 
     pub fn points(&self) -> &[Vector] {
@@ -185,7 +219,9 @@ fn outline(triangles: impl Iterator<Item = [u32; 3]>) -> Option<Vec<u32>> {
 
 impl SupportMap for Hull {
     fn local_support_point(&self, direction: Vector) -> Vector {
-        self.solid.local_support_point(direction)
+        let number = outermost(&self.lanes, direction);
+        // The last chunk is filled up with the last point.
+        self.points()[number.min(self.points().len() - 1)]
     }
 }
 
@@ -314,6 +350,20 @@ mod tests {
         let direction = Vector::new(0.3, -0.5, 0.8);
         assert_eq!(scaled.local_support_point(direction), direct.local_support_point(direction));
         assert!((scaled.mass_properties(1.0).mass() - direct.mass_properties(1.0).mass()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_outermost_point_is_the_engines() {
+        let turn = |k: u32| f32::sin_cos(k as f32 * 0.37);
+        for count in [4, 7, 8, 9, 40] {
+            let points: Vec<Vector> =
+                (0..count).map(|k| Vector::new(turn(k).0, turn(3 * k + 1).1, turn(7 * k + 1).0)).collect();
+            let hull = Hull::new(&points).expect("it has a volume");
+            for k in 0..200 {
+                let direction = Vector::new(turn(11 * k).0, turn(5 * k).1, turn(2 * k).0);
+                assert_eq!(hull.local_support_point(direction), hull.solid.local_support_point(direction));
+            }
+        }
     }
 
     #[test]

@@ -175,10 +175,10 @@ impl SideParts {
 }
 
 /// A bit for each corner that drops no more than `reach`.
-fn near(drops: &[f32], reach: f32) -> u64 {
+fn near(drops: &[f32], reach: f32) -> u128 {
     match drops.len() {
-        0..=64 => drops.iter().rev().fold(0, |mask, &drop| mask << 1 | u64::from(drop <= reach)),
-        _ => u64::MAX,
+        0..=128 => drops.iter().rev().fold(0, |mask, &drop| mask << 1 | u128::from(drop <= reach)),
+        _ => u128::MAX,
     }
 }
 
