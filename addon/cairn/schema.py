@@ -52,6 +52,7 @@ TITLES = {
     "residual_overlap": "Overlap Left (Share)",
     "round": "Round (Share)",
     "settle": "Settle (Relative)",
+    "shape_gap": "Shape Gap (Share)",
     "shape_tolerance": "Shape Tolerance (Share)",
     "shell": "Only Near the Surface",
     "speed": "Speed (Relative)",

@@ -225,7 +225,7 @@ impl Region {
             u * libm::cos(angle) + v * libm::sin(angle)
         };
         let best = (0..16).map(|k| (extent(turned(k)), turned(k))).min_by(|a, b| a.0.total_cmp(&b.0));
-        let across = |n: DVec3, k: u32| direction.cross(n) * if k % 2 == 0 { 1.0 } else { -1.0 };
+        let across = |n: DVec3, k: u32| direction.cross(n) * if k.is_multiple_of(2) { 1.0 } else { -1.0 };
         best.map_or(0.0, |best| refined(best, &extent, across).0)
     }
 }

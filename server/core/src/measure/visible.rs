@@ -45,8 +45,8 @@ struct Neighbours {
     gap: Option<f64>,
 }
 
-/// `bodies`: index into `props`, uniform scale and pose. `thickness`: of each body, m. `touching`: pairs, the lower index first, whose collision
-/// shapes touch. `all`: every body is looked at; else at most [`LOOKED_AT`].
+/// `bodies`: index into `props`, uniform scale and pose. `thickness`: of each body, m. `touching`: pairs, the lower
+/// index first, whose collision shapes touch. `all`: every body is looked at; else at most [`LOOKED_AT`].
 pub fn visible(
     props: &[&TriMesh],
     bodies: &[(usize, f64, Pose)],
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn cuts_and_gaps_are_told_in_thicknesses() {
+    fn cuts_and_gaps_are_in_thicknesses() {
         let cube = cube();
         let bodies = row(0.2, &[-0.02, 0.01, 0.3, 0.03]);
         let touching = BTreeSet::from([[0, 1], [1, 2], [3, 4]]);

@@ -46,7 +46,7 @@ fn primitive(
     let round = radius > 0.0 && own_radius / radius > BALL_ROUNDNESS;
     // A faceted ball lies inside its sphere, farthest from it in the middle of its facets: few touch just there.
     let deviation = radius - fit::inner_radius(mesh, center);
-    (round && deviation <= 2.0 * gap).then(|| (Solid::Ball { center, radius }, deviation))
+    (round && deviation <= 2.0 * gap).then_some((Solid::Ball { center, radius }, deviation))
 }
 
 /// The kind that the solid of a closed mesh will have, without splitting it.

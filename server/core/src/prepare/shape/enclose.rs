@@ -63,6 +63,11 @@ struct Plane {
 pub fn enclosing(points: &[Vector], margin: Margin) -> Option<(Vec<Vector>, f64)> {
     let whole = Hull::new(points)?;
     let all: Vec<DVec3> = whole.points().iter().map(|p| p.as_dvec3()).collect();
+    // The first facet is of the largest triangle.
+    let widest = whole.facets().first()?.normal.as_dvec3();
+    if support(&all, widest).1 + support(&all, -widest).1 <= f64::from(SINGLE_ROUNDING) / 10.0 {
+        return None;
+    }
     let mut kept = extremes(&all);
     loop {
         let corners: Vec<Vector> = kept.iter().map(|&i| whole.points()[i]).collect();
@@ -288,16 +293,16 @@ mod tests {
     fn the_hull_holds_all_points_with_few_corners() {
         for (cloud, points) in clouds().iter().enumerate() {
             for (tolerance, skin) in [(0.02, 0.0), (0.01, 0.002), (0.004, 0.001)] {
-                let (corners, gap) = enclosing(points, Margin { tolerance, skin, most: 48 }).expect("it has a volume");
-                assert!(corners.len() <= 48);
+                let (corners, gap) = enclosing(points, Margin { tolerance, skin, most: 96 }).expect("it has a volume");
+                assert!(corners.len() <= 96);
                 let hull = Hull::new(&corners).expect("it has a volume");
                 for plane in hull.facets() {
                     let height = hull.points()[plane.corners[0] as usize].dot(plane.normal);
                     let beyond = points.iter().map(|p| p.dot(plane.normal) - height).fold(f32::NEG_INFINITY, f32::max);
                     assert!(beyond <= 1e-6, "cloud {cloud}, {tolerance}: {beyond} outside");
                 }
-                // Few smooth clouds of 48 corners are finer than this.
-                let wanted = if cloud == 0 { tolerance.max(0.02) } else { tolerance };
+                // 96 corners on an egg, 1 long, do no better than this.
+                let wanted = if cloud == 0 { tolerance.max(0.016) } else { tolerance };
                 assert!(gap <= wanted * 1.001, "cloud {cloud}, {tolerance}: {gap} with {} corners", corners.len());
             }
         }

@@ -109,7 +109,7 @@ pub enum Solid {
 /// No one sees less, in prop diameters: the thickness of a sheet of paper on a book. A mesh within it of a box is one;
 /// a hull leaves out corners that stand out by less.
 const INVISIBLE: f32 = 1.0 / 500.0;
-/// The share of [`Physics::shape_gap`] that is a skin around the shape: what the engine lets bodies overlap is not seen.
+/// The share of [`Physics::shape_gap`] that is a skin around a hull: less of what the engine lets overlap is seen.
 const SKIN: f64 = 0.25;
 /// Flat props are given this thickness, as a share of their diameter.
 const FLAT_THICKNESS: f64 = 0.01;
