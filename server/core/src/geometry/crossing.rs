@@ -4,6 +4,7 @@
 //! Whether two triangles cross is decided by exact predicates (Shewchuk 1997) on the coordinates as given. What only
 //! touches does not cross.
 
+use super::ROUNDING;
 use super::interior::bvh::{Bvh, closest_on_triangle};
 use super::mesh::TriMesh;
 use super::topology::DisjointSets;
@@ -267,23 +268,34 @@ fn crossing(t: &[DVec3; 3], u: &[DVec3; 3]) -> Vec<DVec3> {
     if of_t.iter().all(|&s| s >= 0.0) || of_t.iter().all(|&s| s <= 0.0) {
         return Vec::new();
     }
-    let mut points = Vec::new();
+    let (mut points, mut is_proper) = (Vec::new(), false);
     for (edges, sides, face) in [(u, of_u, t), (t, of_t, u)] {
         for i in 0..3 {
             let j = (i + 1) % 3;
             let (p, q, s, e) = (edges[i], edges[j], sides[i], sides[j]);
-            if (s > 0.0) != (e > 0.0) && s != 0.0 && e != 0.0 && passes_through(p, q, face) {
+            if (s > 0.0) == (e > 0.0) || s == 0.0 || e == 0.0 {
+                continue;
+            }
+            if let Some(inside) = passes_through(p, q, face) {
                 points.push(p + (q - p) * (s / (s - e)));
+                is_proper |= inside;
             }
         }
+    }
+    // Rim on rim at one place only, they touch.
+    let size = t[0].distance(t[1]).max(t[0].distance(t[2]));
+    if !is_proper && points.iter().all(|p: &DVec3| p.distance(points[0]) <= ROUNDING * size) {
+        points.clear();
     }
     points
 }
 
-/// Whether the line through two points on either side of a triangle's plane passes through the triangle or its rim.
-fn passes_through(p: DVec3, q: DVec3, [a, b, c]: &[DVec3; 3]) -> bool {
+/// Whether the line through two points on either side of a triangle's plane passes through the inside of the triangle:
+/// `Some(false)` on its rim, `None` beside it.
+fn passes_through(p: DVec3, q: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<bool> {
     let around = [side(*b, &[p, q, *a]), side(*c, &[p, q, *b]), side(*a, &[p, q, *c])];
-    around.iter().all(|&s| s >= 0.0) || around.iter().all(|&s| s <= 0.0)
+    let hits = around.iter().all(|&s| s >= 0.0) || around.iter().all(|&s| s <= 0.0);
+    hits.then(|| around.iter().all(|&s| s != 0.0))
 }
 
 fn triangle_distance(t: &[DVec3; 3], u: &[DVec3; 3]) -> f64 {
