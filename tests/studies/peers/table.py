@@ -62,7 +62,14 @@ def rows_of(folder):
         against = {other: [a["cpu"] / b["cpu"] for a, b in zip(runs, pairs[other])] for other in OURS}
         figures = next(iter((folder / "round1").glob(f"*/{variant}.figures.json")), folder / "none")
         ratios = ["1" if other == variant else spread(against[other]) for other in OURS]
-        yield ["**Cairn**", runs[0]["settings"], spread([run["cpu"] for run in runs]), *ratios, *quality(figures), *resisted(runs)]
+        yield [
+            "**Cairn**",
+            runs[0]["settings"],
+            spread([run["cpu"] for run in runs]),
+            *ratios,
+            *quality(figures),
+            *resisted(runs),
+        ]
     for name in [*BASELINES, *(peer.name for peer in PEERS)]:
         places = [place for place in sorted(folder.glob(f"round*/{name}")) if (place / "peer.json").exists()]
         if not places:
