@@ -122,6 +122,9 @@ impl World {
         let collider = mesh_collider(mesh, self.units.length, friction, TWO_SIDED, Owner::Moving(id))?;
         let rigid = RigidBodyBuilder::kinematic_position_based().pose(to_engine(&pose));
         let (handle, collider) = self.engine.insert(rigid, collider);
+        // The engine would know it from its next step on: until then, the control would not see what it carries.
+        let bounds = self.engine.colliders[collider].compute_aabb();
+        self.engine.broad_phase.set_aabb(&self.engine.integration_parameters, collider, bounds);
         let radius = mesh.points.iter().map(|p| p.length()).fold(0.0, f64::max) / self.units.length;
         self.moving.push(MovingPiece { handle, collider, pose, radius, moves: false });
         Ok(id)
