@@ -200,7 +200,7 @@ def quick(runs, claims, jobs):
     for fault in faults:
         print(f"MOVED: {fault}")
     if faults:
-        print("Mend what moved it, or change the range and say why in the claim's own `why`.")
+        print("Correct what moved it, or change the range and say why in the claim's own `why`.")
     return 1 if faults else 0
 
 

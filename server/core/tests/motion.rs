@@ -62,7 +62,7 @@ fn resistance_does_not_slow_what_falls() {
     assert!(bake.report.measures["ballistic_error_max"].unwrap() <= 0.01);
 }
 
-/// Two blocks on each other stand in the air, and are let go after 1.5 s; where there is a `hit`, a third one has
+/// Two blocks on each other stand in the air, and are released after 1.5 s; where there is a `hit`, a third one has
 /// fallen onto the upper one just before. How many fell untouched.
 fn fall_untouched(hit: bool) -> u64 {
     let scene = scene(cone(1.0, 1.0), block(DVec3::splat(0.1)));
