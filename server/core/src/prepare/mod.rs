@@ -1,4 +1,5 @@
-//! Everything before the first step: checks of the scene, collision shapes and container, the effects, the plan, the
+//! Everything before the first step: checks of the scene, the scenery around the
+//! shape, collision shapes and container, the effects, the plan, the
 //! estimate.
 
 pub mod check;
@@ -9,4 +10,5 @@ pub(crate) mod extremes;
 pub mod packing;
 pub mod plan;
 pub mod shape;
+pub mod surroundings;
 pub mod units;

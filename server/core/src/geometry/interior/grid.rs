@@ -59,6 +59,43 @@ impl DistanceGrid {
         });
     }
 
+    /// Removes the inside of a region from this one. The region's points are those of the grid times `scale`, plus
+    /// `origin`. Nodes that are farther outside than `reach` stay as they are.
+    pub fn cut_out_region(&mut self, region: &MeshInterior, (scale, origin): (f64, DVec3), reach: f64) {
+        let ([nx, ny, _], first, h) = (self.size, self.origin, self.spacing);
+        self.values.par_chunks_mut(nx).enumerate().for_each(|(row, values)| {
+            if values.iter().all(|value| *value > reach) {
+                return;
+            }
+            let start = first + DVec3::new(0.0, (row % ny) as f64, (row / ny) as f64) * h;
+            let mut cut = vec![0.0; nx];
+            fill_row(region, start * scale + origin, h * scale, &mut cut);
+            values.iter_mut().zip(cut).for_each(|(value, cut)| *value = value.max(-cut / scale));
+        });
+    }
+
+    /// Raises the values of nodes that are no farther outside than `reach`, column by column along Y. `of`: the new
+    /// values of a column, from its foot and its old values.
+    pub fn raise_columns(&mut self, reach: f64, of: impl Fn(DVec3, &[f64]) -> Vec<f64> + Sync) {
+        let ([nx, ny, nz], first, h) = (self.size, self.origin, self.spacing);
+        let values = &self.values;
+        let raised = |i: usize| {
+            let (x, z) = (i % nx, i / nx);
+            let column: Vec<f64> = (0..ny).map(|y| values[(z * ny + y) * nx + x]).collect();
+            if column.iter().all(|value| *value > reach) {
+                return None;
+            }
+            Some((x, z, of(first + DVec3::new(x as f64, 0.0, z as f64) * h, &column)))
+        };
+        let raised: Vec<_> = (0..nx * nz).into_par_iter().filter_map(raised).collect();
+        for (x, z, column) in raised {
+            for (y, value) in column.into_iter().enumerate() {
+                let at = (z * ny + y) * nx + x;
+                self.values[at] = self.values[at].max(value);
+            }
+        }
+    }
+
     /// The first node, the nodes along X, Y, Z, and the values, shape `[z][y][x]`, metres.
     pub fn nodes(&self) -> (DVec3, [usize; 3], &[f64]) {
         (self.origin, self.size, &self.values)

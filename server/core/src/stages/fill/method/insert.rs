@@ -88,6 +88,7 @@ impl Method for Insert {
             squeezed = old.into_iter().map(|pair| (pair, rounds(pair))).collect();
             let jammed = squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair);
             filling.separate(jammed.collect(), 0);
+            filling.remove_cutting(deep);
             filling.cut_to(pass.limit, first);
             filling.world.validate(pass.limit);
             let kept = filling.world.loose().filter(|&id| id >= first).count();
@@ -136,6 +137,7 @@ fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) ->
         }
         let slack = 0.1 * shape.thickness() * size + outside;
         if container.contains(corners(shape, size, &pose), slack)
+            && !container.is_solid_at(pose.translation)
             && filling.world.reserve(shape, SEED_SCALE * scale, &pose, &mut reserved)
         {
             outside_count += usize::from(is_outside);

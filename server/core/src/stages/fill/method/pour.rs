@@ -37,7 +37,9 @@ impl Method for Pour {
         let (task, container) = (filling.task, filling.task.container);
         let open = container.opened(task.params.base.height * task.height(), COLLAR).mesh;
         let floor = container.base - COLLAR;
-        let meshes = EnclosureMeshes { container: &open, outer: None, core: container.core.as_ref(), floor };
+        let scenery = container.steep_scenery();
+        let core = container.core.as_ref();
+        let meshes = EnclosureMeshes { container: &open, outer: None, core, floor, scenery: &scenery };
         let enclosure = filling.world.enclose(0, &meshes)?;
         let (mut barren, mut full) = (0, false);
         for _ in 0..MAX_BATCHES {
