@@ -231,7 +231,7 @@ fn container(
     };
     let ground = params.ground.then_some(checked.ground);
     Some(match Surroundings::new(scene, &control.mesh, ground) {
-        Some(surroundings) => container.apart_from(surroundings, scene),
+        Some(surroundings) => container.apart_from(surroundings, scene, &checked.sizes),
         None => container,
     })
 }

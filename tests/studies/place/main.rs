@@ -136,7 +136,7 @@ fn main() -> anyhow::Result<()> {
                 "| {number} | {} | {what} | {} | {} / {:.2} | {} | {fill:.3} / {void_fill:.3} | {kept:.3} / {void_kept:.3} | {:.3} | {cpu:.1} / {free_cpu:.1} |",
                 case.name, with.pile.bodies.len(), judged.cut, judged.deepest, judged.lost, figure(&with, "shape_iou_start"),
             ))?;
-            for warning in with.report.warnings.iter().filter(|text| text.contains("cut") || text.contains("slope") || text.contains("room")) {
+            for warning in with.report.warnings.iter().filter(|text| text.contains("cut") || text.contains("slope") || text.contains("room") || text.contains("removed") || text.contains("only")) {
                 println!("    {warning}");
             }
         }

@@ -143,7 +143,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
     let low = control.as_ref().map(|c| c.mesh.bounds().0.y);
     let shares = added::shares(scene, params);
     let diameter = median_diameter(scene, &sizes, &shares);
-    let standing = control.as_ref().map(|control| standing::of(scene, params, control, diameter, &shares));
+    let standing = control.as_ref().map(|control| standing::of(scene, params, control, diameter, &shares, &sizes));
     let standing = standing.unwrap_or_default();
     let ground = params.ground_height.or(standing.ground).or(low).unwrap_or(0.0);
     if let Some(model) = scene.control.as_ref().filter(|_| control.is_some()) {

@@ -12,6 +12,7 @@ use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::{self, Topology};
 use crate::geometry::{ClosedMesh, RESOLUTION};
 use crate::input::scene::Scene;
+use crate::prepare::shape::Size;
 use crate::prepare::surroundings::{self, Surroundings};
 use crate::prepare::units::Units;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
@@ -127,10 +128,10 @@ impl Container {
         self
     }
 
-    /// Leaves no room in scenery. `scene`: the one that `surroundings` are of.
-    pub fn apart_from(mut self, mut surroundings: Surroundings, scene: &Scene) -> Container {
+    /// Leaves no room in scenery. `scene`: the one that `surroundings` are of. `sizes`: of its props.
+    pub fn apart_from(mut self, mut surroundings: Surroundings, scene: &Scene, sizes: &[Size]) -> Container {
         self.shell = Some(self.distance.clone());
-        let (volume, area) = surroundings.cut(&mut self.distance, &self.units);
+        let (volume, area) = surroundings.cut(&mut self.distance, &self.units, surroundings::least_radius(scene, sizes));
         self.volume *= volume;
         self.area *= area;
         let near = |[a, b, c]: [DVec3; 3]| {

@@ -8,6 +8,7 @@ use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::geometry::topology::{self, WELD_TOLERANCE};
 use crate::input::scene::{Scene, StaticModel};
+use crate::prepare::shape::Size;
 use crate::prepare::units::Units;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -66,6 +67,8 @@ pub struct Carrier {
 const NEAR: f64 = 1.0;
 /// A closed mesh whose volume is less than this share of its area times its diagonal is a sheet with two sides.
 const FLAT: f64 = 1e-5;
+/// Props count as this much thinner than they are: a rounded one fits where its box does not.
+const ROUNDING: f64 = 0.9;
 /// Corners of the shape at which a closed piece is asked whether the shape is inside of it.
 const ASKED: usize = 64;
 /// A landscape covers the shape on so many of eight sides, this far beyond it, in its largest edge.
@@ -153,9 +156,10 @@ impl Surroundings {
         self.solid.as_ref().map_or(0.0, |solid| (-solid.signed_distance(p)).max(0.0))
     }
 
-    /// Leaves only the room in a distance grid of the shape, in engine units. Returns the shares of volume and surface
-    /// that this changes: what is left over what was there.
-    pub fn cut(&mut self, distance: &mut DistanceGrid, units: &Units) -> (f64, f64) {
+    /// Leaves only the room in a distance grid of the shape, in engine units, without what scenery makes too narrow for
+    /// a ball of this radius, m. Returns the shares of volume and surface that this changes: what is left over what was
+    /// there.
+    pub fn cut(&mut self, distance: &mut DistanceGrid, units: &Units, radius: f64) -> (f64, f64) {
         let before = distance.clone();
         let volume = |grid: &DistanceGrid| grid.nodes().2.iter().filter(|value| **value <= 0.0).count() as f64;
         self.cut_once(distance, units);
@@ -164,6 +168,7 @@ impl Surroundings {
             *distance = before.clone();
             self.cut_once(distance, units);
         }
+        distance.remove_narrow(&before, radius / units.length);
         let near = |grid: &DistanceGrid| {
             let band = -grid.spacing()..=0.0;
             grid.nodes().2.iter().filter(|value| band.contains(*value)).count() as f64
@@ -275,6 +280,13 @@ impl Surroundings {
         let extent = (self.bounds.1 - self.bounds.0).max_element();
         (p.x + ASIDE[0] * extent, p.z + ASIDE[1] * extent)
     }
+}
+
+/// Radius of a ball that is as thick as the thinnest prop that is drawn, or nearly, m.
+pub fn least_radius(scene: &Scene, sizes: &[Size]) -> f64 {
+    let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
+    let thickness = drawn.map(|(prop, size)| size.extents.x * prop.scale[0]).fold(f64::INFINITY, f64::min);
+    if thickness.is_finite() { ROUNDING * thickness / 2.0 } else { 0.0 }
 }
 
 /// A piece as it stands in the first frame.

@@ -74,6 +74,36 @@ impl DistanceGrid {
         });
     }
 
+    /// Removes the places that no ball of this radius reaches, although one would in `before`: the same grid before
+    /// something was cut out. Narrow places that it had already stay.
+    pub fn remove_narrow(&mut self, before: &DistanceGrid, radius: f64) {
+        let (now, then) = (self.reached(radius), before.reached(radius));
+        let nodes = self.values.iter_mut().zip(now.into_iter().zip(then));
+        let narrow = nodes.filter(|(value, (now, then))| **value <= 0.0 && !now && *then);
+        narrow.for_each(|(value, _)| *value = f64::MIN_POSITIVE.max(-*value));
+    }
+
+    /// The nodes that a ball of this radius inside the region reaches.
+    fn reached(&self, radius: f64) -> Vec<bool> {
+        let size = self.size.map(|n| n as i64);
+        let cells = (radius / self.spacing).ceil() as i64;
+        let index = |[x, y, z]: [i64; 3]| ((z * size[1] + y) * size[0] + x) as usize;
+        let is_reached = |i: usize| {
+            let value = self.values[i];
+            if value > 0.0 || value <= -radius {
+                return value <= 0.0;
+            }
+            let at = [i % self.size[0], i / self.size[0] % self.size[1], i / self.size[0] / self.size[1]].map(|n| n as i64);
+            let range = |k: usize| (at[k] - cells).max(0)..(at[k] + cells + 1).min(size[k]);
+            // Half a cell more: the middle of the ball need not be a node.
+            let reach = radius / self.spacing + 0.5;
+            let is_near = |p: [i64; 3]| (0..3).map(|k| ((p[k] - at[k]) as f64).powi(2)).sum::<f64>() <= reach * reach;
+            let half = self.spacing / 2.0;
+            range(2).any(|z| range(1).any(|y| range(0).any(|x| is_near([x, y, z]) && self.values[index([x, y, z])] <= half - radius)))
+        };
+        (0..self.values.len()).into_par_iter().map(is_reached).collect()
+    }
+
     /// Raises the values of nodes that are no farther outside than `reach`, column by column along Y. `of`: the new
     /// values of a column, from its foot and its old values.
     pub fn raise_columns(&mut self, reach: f64, of: impl Fn(DVec3, &[f64]) -> Vec<f64> + Sync) {

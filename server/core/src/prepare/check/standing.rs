@@ -5,7 +5,8 @@ use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::{ClosedMesh, RESOLUTION};
 use crate::input::params::Params;
 use crate::input::scene::Scene;
-use crate::prepare::surroundings::{Carrier, Surroundings};
+use crate::prepare::shape::Size;
+use crate::prepare::surroundings::{self, Carrier, Surroundings};
 use crate::prepare::units::Units;
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -37,7 +38,7 @@ const MOST: f64 = 0.5;
 const STEEP: f64 = 0.1;
 
 /// Looks at what carries the shape. `diameter`: d, m.
-pub fn of(scene: &Scene, params: &Params, control: &ClosedMesh, diameter: f64, shares: &[f64]) -> Standing {
+pub fn of(scene: &Scene, params: &Params, control: &ClosedMesh, diameter: f64, shares: &[f64], sizes: &[Size]) -> Standing {
     if scene.statics.is_empty() || !scene.is_filled(params) {
         return Standing::default();
     }
@@ -49,7 +50,7 @@ pub fn of(scene: &Scene, params: &Params, control: &ClosedMesh, diameter: f64, s
     let units = Units::new(diameter, 1.0, params.gravity);
     let region = MeshInterior::new(&units.mesh_to_engine(&control.mesh));
     let mut grid = DistanceGrid::new(&region, COARSER * RESOLUTION, MOST_NODES);
-    let room = around.cut(&mut grid, &units);
+    let room = around.cut(&mut grid, &units, surroundings::least_radius(scene, sizes));
     let columns = columns(&around, &grid, &units);
     let mut standing = Standing { room: Some(room), ..Standing::default() };
     let lowest = columns.iter().map(|column| column.foot).fold(f64::INFINITY, f64::min);
