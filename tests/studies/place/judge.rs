@@ -31,11 +31,8 @@ pub fn judge(scene: &Scene, bake: &Bake) -> Judged {
         .collect();
     let lowest = scene.statics.iter().map(|model| model.model.mesh.bounds().0.y).fold(f64::INFINITY, f64::min);
     let lowest = scene.control.iter().map(|model| model.mesh.bounds().0.y).fold(lowest, f64::min);
-    let samples: Vec<(Vec<DVec3>, f64)> = scene
-        .props
-        .iter()
-        .map(|prop| (samples(&prop.model.mesh), smallest_extent(&prop.model.mesh)))
-        .collect();
+    let samples: Vec<(Vec<DVec3>, f64)> =
+        scene.props.iter().map(|prop| (samples(&prop.model.mesh), smallest_extent(&prop.model.mesh))).collect();
     let mut judged = Judged { cut: 0, deepest: 0.0, lost: 0 };
     let Some(frame) = bake.pile.frames.last() else { return judged };
     for (body, pose) in bake.pile.bodies.iter().zip(frame) {

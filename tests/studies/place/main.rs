@@ -85,7 +85,12 @@ fn main() -> anyhow::Result<()> {
         replace_props(&mut cases, folder)?;
     }
     let accuracy = arguments.accuracy.as_deref().map(|name| {
-        let all = [("draft", Accuracy::Draft), ("preview", Accuracy::Preview), ("standard", Accuracy::Standard), ("fine", Accuracy::Fine)];
+        let all = [
+            ("draft", Accuracy::Draft),
+            ("preview", Accuracy::Preview),
+            ("standard", Accuracy::Standard),
+            ("fine", Accuracy::Fine),
+        ];
         all.into_iter().find(|(known, _)| *known == name).map(|(_, accuracy)| accuracy).context("no such accuracy")
     });
     let accuracy = accuracy.transpose()?;
@@ -126,7 +131,8 @@ fn main() -> anyhow::Result<()> {
             };
             let (free, free_cpu) = bake(&void, &void, &params)?;
             let judged = judge::judge(&case.scene, &with);
-            let figure = |bake: &Bake, name: &str| bake.report.measures.get(name).copied().flatten().unwrap_or(f64::NAN);
+            let figure =
+                |bake: &Bake, name: &str| bake.report.measures.get(name).copied().flatten().unwrap_or(f64::NAN);
             let [fill, void_fill] = [&with, &free].map(|bake| figure(bake, "fill_fraction"));
             let [kept, void_kept] = [&with, &free].map(|bake| figure(bake, "kept_shape"));
             (cut, lost, all) = (cut + judged.cut, lost + judged.lost, all + 1);
@@ -134,14 +140,27 @@ fn main() -> anyhow::Result<()> {
             slow += usize::from(cpu > 1.3 * free_cpu);
             write(&format!(
                 "| {number} | {} | {what} | {} | {} / {:.2} | {} | {fill:.3} / {void_fill:.3} | {kept:.3} / {void_kept:.3} | {:.3} | {cpu:.1} / {free_cpu:.1} |",
-                case.name, with.pile.bodies.len(), judged.cut, judged.deepest, judged.lost, figure(&with, "shape_iou_start"),
+                case.name,
+                with.pile.bodies.len(),
+                judged.cut,
+                judged.deepest,
+                judged.lost,
+                figure(&with, "shape_iou_start"),
             ))?;
-            for warning in with.report.warnings.iter().filter(|text| text.contains("cut") || text.contains("slope") || text.contains("room") || text.contains("removed") || text.contains("only")) {
+            for warning in with.report.warnings.iter().filter(|text| {
+                text.contains("cut")
+                    || text.contains("slope")
+                    || text.contains("room")
+                    || text.contains("removed")
+                    || text.contains("only")
+            }) {
                 println!("    {warning}");
             }
         }
     }
-    write(&format!("\n{all} bakes: {cut} bodies cut scenery, {lost} lost, {poor} fill less than 0.9 of the void, {slow} took more than 1.3 times the CPU time, {failed} failed"))
+    write(&format!(
+        "\n{all} bakes: {cut} bodies cut scenery, {lost} lost, {poor} fill less than 0.9 of the void, {slow} took more than 1.3 times the CPU time, {failed} failed"
+    ))
 }
 
 /// Gives the scenes the props of a folder, in turn, as large as their own.

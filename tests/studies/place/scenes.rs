@@ -5,10 +5,9 @@ use cairn_core::input::scene::{Model, Prop, Scene, StaticModel};
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 
-/// A scene with its name, and the piece of scenery that is judged.
+/// A scene with its name.
 pub struct Case {
     pub name: String,
-    pub kind: &'static str,
     pub scene: Scene,
 }
 
@@ -57,8 +56,15 @@ fn tilted(mesh: TriMesh, angle: f64) -> TriMesh {
 /// A box open at its top, of inner size `size` and with walls of this thickness; 0: sheets.
 fn bin(size: DVec3, wall: f64) -> TriMesh {
     let (w, h, d) = (size.x / 2.0, size.y, size.z / 2.0);
-    let ring = |x: f64, z: f64, y: f64| [DVec3::new(-x, y, -z), DVec3::new(x, y, -z), DVec3::new(x, y, z), DVec3::new(-x, y, z)];
-    let sides = |a: u32, b: u32| (0..4).flat_map(move |k| { let n = (k + 1) % 4; [[a + k, b + k, a + n], [a + n, b + k, b + n]] });
+    let ring = |x: f64, z: f64, y: f64| {
+        [DVec3::new(-x, y, -z), DVec3::new(x, y, -z), DVec3::new(x, y, z), DVec3::new(-x, y, z)]
+    };
+    let sides = |a: u32, b: u32| {
+        (0..4).flat_map(move |k| {
+            let n = (k + 1) % 4;
+            [[a + k, b + k, a + n], [a + n, b + k, b + n]]
+        })
+    };
     if wall == 0.0 {
         let points = [ring(w, d, 0.0), ring(w, d, h)].concat();
         let triangles = sides(0, 4).chain([[0, 1, 2], [0, 2, 3]]).collect();
@@ -66,7 +72,8 @@ fn bin(size: DVec3, wall: f64) -> TriMesh {
     }
     let (x, z) = (w + wall, d + wall);
     let points = [ring(x, z, -wall), ring(x, z, h), ring(w, d, h), ring(w, d, 0.0)].concat();
-    let triangles = sides(0, 4).chain(sides(4, 8)).chain(sides(8, 12)).chain([[0, 1, 2], [0, 2, 3], [12, 14, 13], [12, 15, 14]]);
+    let triangles =
+        sides(0, 4).chain(sides(4, 8)).chain(sides(8, 12)).chain([[0, 1, 2], [0, 2, 3], [12, 14, 13], [12, 15, 14]]);
     TriMesh { points, triangles: triangles.collect() }
 }
 
@@ -112,7 +119,13 @@ fn jar(radius: f64, height: f64, neck: f64, wall: f64) -> TriMesh {
     if wall == 0.0 {
         return turned(&inner, 32);
     }
-    let outer = [(neck + wall, height), (neck + wall, 0.85 * height), (radius + wall, 0.72 * height), (radius + wall, -wall), (0.0, -wall)];
+    let outer = [
+        (neck + wall, height),
+        (neck + wall, 0.85 * height),
+        (radius + wall, 0.72 * height),
+        (radius + wall, -wall),
+        (0.0, -wall),
+    ];
     let mut profile: Vec<(f64, f64)> = outer.iter().rev().copied().collect();
     profile.extend(inner.iter().rev());
     turned(&profile, 32)
@@ -123,21 +136,34 @@ pub fn prop(number: usize) -> (&'static str, TriMesh) {
     match number % 4 {
         0 => ("can", cylinder(0.03, -0.055, 0.055)),
         1 => ("book", block(DVec3::new(-0.07, -0.015, -0.05), DVec3::new(0.07, 0.015, 0.05))),
-        2 => ("ball", turned(&(0..=12).map(|k| (f64::from(k) / 24.0 * TAU).sin_cos()).map(|(s, c)| (0.04 * s.abs(), -0.04 * c)).collect::<Vec<_>>(), 20)),
+        2 => (
+            "ball",
+            turned(
+                &(0..=12)
+                    .map(|k| (f64::from(k) / 24.0 * TAU).sin_cos())
+                    .map(|(s, c)| (0.04 * s.abs(), -0.04 * c))
+                    .collect::<Vec<_>>(),
+                20,
+            ),
+        ),
         _ => ("stick", block(DVec3::new(-0.09, -0.012, -0.012), DVec3::new(0.09, 0.012, 0.012))),
     }
 }
 
-fn case(kind: &'static str, name: String, shape: TriMesh, scenery: Vec<(&str, TriMesh)>, number: usize) -> Case {
+fn case(kind: &str, name: String, shape: TriMesh, scenery: Vec<(&str, TriMesh)>, number: usize) -> Case {
     let (prop_name, mesh) = prop(number);
-    let statics = scenery.into_iter().map(|(name, mesh)| StaticModel { model: Model::new(name, mesh), friction: 0.7, keys: vec![] });
+    let statics = scenery.into_iter().map(|(name, mesh)| StaticModel {
+        model: Model::new(name, mesh),
+        friction: 0.7,
+        keys: vec![],
+    });
     let scene = Scene {
         control: Some(Model::new("shape", shape)),
         props: vec![Prop::new(Model::new(prop_name, mesh))],
         statics: statics.collect(),
         ..Scene::default()
     };
-    Case { name: format!("{name}, {prop_name}s"), kind, scene }
+    Case { name: format!("{kind}: {name}, {prop_name}s"), scene }
 }
 
 /// All scenes.
@@ -161,40 +187,99 @@ pub fn all() -> Vec<Case> {
     cases.push(case("pole", "leaning pole".into(), drum(), vec![("pole", leaning)], 0));
     let beam = at(tilted(cylinder(0.05, -0.8, 0.8), 90.0), DVec3::Y * 0.25);
     cases.push(case("pole", "beam".into(), drum(), vec![("beam", beam)], 1));
-    let two = vec![("left", at(cylinder(0.05, -0.1, 1.0), DVec3::X * -0.15)), ("right", at(cylinder(0.05, -0.1, 1.0), DVec3::X * 0.15))];
+    let two = vec![
+        ("left", at(cylinder(0.05, -0.1, 1.0), DVec3::X * -0.15)),
+        ("right", at(cylinder(0.05, -0.1, 1.0), DVec3::X * 0.15)),
+    ];
     cases.push(case("pole", "two poles".into(), drum(), two, 3));
     let pipe = turned(&[(0.08, -0.1), (0.08, 1.0)], 24);
     cases.push(case("pole", "pipe, a sheet".into(), drum(), vec![("pipe", pipe)], 2));
-    let mound = |sunk: f64| at(turned(&(0..=16).map(|k| (f64::from(k) / 32.0 * TAU).sin_cos()).map(|(s, c)| (0.45 * s.abs(), -0.35 * c)).collect::<Vec<_>>(), 32), DVec3::Y * (0.35 - sunk));
+    let mound = |sunk: f64| {
+        at(
+            turned(
+                &(0..=16)
+                    .map(|k| (f64::from(k) / 32.0 * TAU).sin_cos())
+                    .map(|(s, c)| (0.45 * s.abs(), -0.35 * c))
+                    .collect::<Vec<_>>(),
+                32,
+            ),
+            DVec3::Y * (0.35 - sunk),
+        )
+    };
     for (i, angle) in [10.0, 20.0, 30.0, 40.0].into_iter().enumerate() {
         let slab = tilted(block(DVec3::new(-2.0, -0.1, -2.0), DVec3::new(2.0, 0.0, 2.0)), angle);
         cases.push(case("slope", format!("slab at {angle:.0} degrees"), mound(0.15), vec![("slab", slab)], i));
-        let plane = TriMesh { points: [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]].map(|[x, z]| DVec3::new(x, 0.0, z)).to_vec(), triangles: vec![[0, 2, 1], [0, 3, 2]] };
-        cases.push(case("slope", format!("sheet at {angle:.0} degrees"), mound(0.15), vec![("sheet", tilted(plane, angle))], i + 1));
+        let plane = TriMesh {
+            points: [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]].map(|[x, z]| DVec3::new(x, 0.0, z)).to_vec(),
+            triangles: vec![[0, 2, 1], [0, 3, 2]],
+        };
+        cases.push(case(
+            "slope",
+            format!("sheet at {angle:.0} degrees"),
+            mound(0.15),
+            vec![("sheet", tilted(plane, angle))],
+            i + 1,
+        ));
     }
     for i in 0..12u32 {
         let (closed, rough) = (i % 2 == 1, 0.06 + 0.03 * f64::from(i / 2));
         let what = if closed { "closed" } else { "sheet" };
-        cases.push(case("hills", format!("hills of {rough:.2} m, {what}"), mound(0.25), vec![("hills", hills(i, rough, closed))], i as usize));
+        cases.push(case(
+            "hills",
+            format!("hills of {rough:.2} m, {what}"),
+            mound(0.25),
+            vec![("hills", hills(i, rough, closed))],
+            i as usize,
+        ));
     }
     for (i, board) in [0.0, 0.002, 0.01, 0.03].into_iter().enumerate() {
         let shelf = |y: f64| match board {
-            0.0 => TriMesh { points: [[-0.5, -0.2], [0.5, -0.2], [0.5, 0.2], [-0.5, 0.2]].map(|[x, z]| DVec3::new(x, y, z)).to_vec(), triangles: vec![[0, 2, 1], [0, 3, 2]] },
+            0.0 => TriMesh {
+                points: [[-0.5, -0.2], [0.5, -0.2], [0.5, 0.2], [-0.5, 0.2]].map(|[x, z]| DVec3::new(x, y, z)).to_vec(),
+                triangles: vec![[0, 2, 1], [0, 3, 2]],
+            },
             _ => block(DVec3::new(-0.5, y - board, -0.2), DVec3::new(0.5, y, 0.2)),
         };
         let whole = block(DVec3::new(-0.4, 0.0, -0.18), DVec3::new(0.4, 0.7, 0.18));
-        cases.push(case("shelf", format!("through two boards of {:.0} mm", board * 1e3), whole, vec![("upper", shelf(0.45)), ("lower", shelf(0.2))], i));
+        cases.push(case(
+            "shelf",
+            format!("through two boards of {:.0} mm", board * 1e3),
+            whole,
+            vec![("upper", shelf(0.45)), ("lower", shelf(0.2))],
+            i,
+        ));
         let upper = block(DVec3::new(-0.4, 0.44, -0.18), DVec3::new(0.4, 0.7, 0.18));
-        cases.push(case("shelf", format!("on a board of {:.0} mm", board * 1e3), upper, vec![("board", shelf(0.45))], i + 2));
+        cases.push(case(
+            "shelf",
+            format!("on a board of {:.0} mm", board * 1e3),
+            upper,
+            vec![("board", shelf(0.45))],
+            i + 2,
+        ));
     }
     for (i, wall) in [0.0, 0.003, 0.006, 0.012].into_iter().enumerate() {
         let wide = cylinder(0.215, 0.001, 0.3);
-        cases.push(case("jar", format!("jar, walls {:.0} mm", wall * 1e3), wide, vec![("jar", jar(0.2, 0.5, 0.2, wall))], i));
+        cases.push(case(
+            "jar",
+            format!("jar, walls {:.0} mm", wall * 1e3),
+            wide,
+            vec![("jar", jar(0.2, 0.5, 0.2, wall))],
+            i,
+        ));
         let narrow = cylinder(0.215, 0.001, 0.42);
-        cases.push(case("jar", format!("jar with a neck, walls {:.0} mm", wall * 1e3), narrow, vec![("jar", jar(0.2, 0.5, 0.1, wall))], i + 1));
+        cases.push(case(
+            "jar",
+            format!("jar with a neck, walls {:.0} mm", wall * 1e3),
+            narrow,
+            vec![("jar", jar(0.2, 0.5, 0.1, wall))],
+            i + 1,
+        ));
     }
     for i in 0..4 {
-        let table = vec![("top", block(DVec3::new(-0.6, 0.70, -0.4), DVec3::new(0.6, 0.75, 0.4))), ("leg", block(DVec3::new(-0.03, 0.0, -0.03), DVec3::new(0.03, 0.7, 0.03)))];
+        let table = vec![
+            ("top", block(DVec3::new(-0.6, 0.70, -0.4), DVec3::new(0.6, 0.75, 0.4))),
+            ("leg", block(DVec3::new(-0.03, 0.0, -0.03), DVec3::new(0.03, 0.7, 0.03))),
+        ];
         let radius = 0.3 + 0.08 * f64::from(i);
         let heap = turned(&[(0.0, 0.75), (radius, 0.75), (0.1, 1.15), (0.0, 1.15)], 32);
         cases.push(case("table", format!("heap of {radius:.2} m on a table"), heap, table, i as usize));

@@ -142,7 +142,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
     }
     let low = control.as_ref().map(|c| c.mesh.bounds().0.y);
     let shares = added::shares(scene, params);
-    let diameter = median_diameter(scene, &sizes, &shares);
+    let diameter = median_diameter(&scene.props, &sizes, &shares);
     let standing = control.as_ref().map(|control| standing::of(scene, params, control, diameter, &shares, &sizes));
     let standing = standing.unwrap_or_default();
     let ground = params.ground_height.or(standing.ground).or(low).unwrap_or(0.0);
@@ -336,8 +336,8 @@ fn prop_mesh(
 }
 
 /// By share, at the middle of each scale range.
-fn median_diameter(scene: &Scene, sizes: &[Size], shares: &[f64]) -> f64 {
-    let mut all: Vec<(f64, f64)> = (scene.props.iter().zip(sizes).zip(shares))
+pub(crate) fn median_diameter(props: &[Prop], sizes: &[Size], shares: &[f64]) -> f64 {
+    let mut all: Vec<(f64, f64)> = (props.iter().zip(sizes).zip(shares))
         .map(|((p, s), &share)| (s.diameter * (p.scale[0] + p.scale[1]) / 2.0, share))
         .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -131,7 +131,8 @@ impl Container {
     /// Leaves no room in scenery. `scene`: the one that `surroundings` are of. `sizes`: of its props.
     pub fn apart_from(mut self, mut surroundings: Surroundings, scene: &Scene, sizes: &[Size]) -> Container {
         self.shell = Some(self.distance.clone());
-        let (volume, area) = surroundings.cut(&mut self.distance, &self.units, surroundings::least_radius(scene, sizes));
+        let (volume, area) =
+            surroundings.cut(&mut self.distance, &self.units, surroundings::least_radius(scene, sizes));
         self.volume *= volume;
         self.area *= area;
         let near = |[a, b, c]: [DVec3; 3]| {
@@ -260,11 +261,16 @@ fn inward(solid: &TriMesh, inside_out: bool) -> TriMesh {
 fn surface(distance: &DistanceGrid, inset: f64) -> TriMesh {
     let (origin, size, values) = distance.nodes();
     let field: Vec<f32> = values.iter().map(|&v| (v + inset) as f32).collect();
+    net(&field, size, origin, distance.spacing())
+}
+
+/// The surface where a field on a grid is 0, facing to where it is negative. Shape `[z][y][x]`.
+pub(in crate::prepare) fn net(field: &[f32], size: [usize; 3], origin: DVec3, spacing: f64) -> TriMesh {
     let shape = RuntimeShape::<u32, 3>::new(size.map(|n| n as u32));
     debug_assert_eq!(shape.size() as usize, field.len());
     let mut net = SurfaceNetsBuffer::default();
-    surface_nets(&field, &shape, [0; 3], size.map(|n| n as u32 - 1), &mut net);
-    let point = |p: &[f32; 3]| origin + DVec3::from_array(p.map(f64::from)) * distance.spacing();
+    surface_nets(field, &shape, [0; 3], size.map(|n| n as u32 - 1), &mut net);
+    let point = |p: &[f32; 3]| origin + DVec3::from_array(p.map(f64::from)) * spacing;
     let triangles = net.indices.chunks_exact(3).map(|t| [t[0], t[2], t[1]]).collect();
     TriMesh { points: net.positions.iter().map(point).collect(), triangles }
 }

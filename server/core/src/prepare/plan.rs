@@ -66,9 +66,7 @@ pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedSce
     let filled = checked.filled(scene, params);
     let usual = Params::new(Accuracy::Standard).fill.full_below;
     let full = 1.0 - MISSING * (params.fill.full_below - usual).max(0.0);
-    filled.map_or(0, |control| {
-        expected_bodies(scene, &checked.sizes, &room(control, checked), &params.fill, full)
-    })
+    filled.map_or(0, |control| expected_bodies(scene, &checked.sizes, &room(control, checked), &params.fill, full))
 }
 
 /// The room that is to be filled.

@@ -190,7 +190,8 @@ impl Surroundings {
             let gaps = self.gaps_with(at(0), |p| {
                 let key = ((p - self.bounds.0) / block).floor().to_array().map(|n| n as i64);
                 // Computed where the block begins, so that the order of columns does not matter.
-                let place = self.bounds.0 + (DVec3::from_array(key.map(|n| n as f64)) + DVec3::new(0.5, 0.0, 0.5)) * block;
+                let place =
+                    self.bounds.0 + (DVec3::from_array(key.map(|n| n as f64)) + DVec3::new(0.5, 0.0, 0.5)) * block;
                 let known = answers.lock().unwrap_or_else(PoisonError::into_inner).get(&key).copied();
                 known.unwrap_or_else(|| {
                     let covered = self.is_covered(place);
@@ -325,7 +326,8 @@ fn holds(closed: &TriMesh, shape: &TriMesh) -> bool {
 /// The lowest point of each mesh and of all that it is joined to by touching boxes.
 fn lowest(meshes: &[TriMesh]) -> Vec<f64> {
     let boxes: Vec<(DVec3, DVec3)> = meshes.iter().map(TriMesh::bounds).collect();
-    let (low, high) = boxes.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), (l, h)| (a.min(*l), b.max(*h)));
+    let (low, high) =
+        boxes.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), (l, h)| (a.min(*l), b.max(*h)));
     let reach = JOINED * low.distance(high);
     let mut sets = topology::DisjointSets::new(boxes.len());
     for (i, a) in boxes.iter().enumerate() {

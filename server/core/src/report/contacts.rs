@@ -9,7 +9,6 @@ use crate::sim::pile::REST_SPEED;
 use crate::sim::pile_equilibrium::PileEquilibrium;
 use crate::world::{BodyId, ContactPair, PairSide, World};
 use cairn_statics::glue::GlueError;
-use glam::DVec3;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
@@ -35,7 +34,8 @@ pub fn figures(world: &World, pairs: &[ContactPair]) -> NamedFigures {
     let overlap = |pair: &ContactPair| Overlap { depth: pair.depth(), thickness: world.pair_thickness(pair) };
     let is_scenery = |pair: &&ContactPair| matches!(pair.b, PairSide::Scenery | PairSide::Moving);
     let (scenery, rest): (Vec<_>, Vec<_>) = pairs.iter().partition(is_scenery);
-    let penetration = |pairs: &[&ContactPair]| measure::penetration(&pairs.iter().copied().map(overlap).collect::<Vec<_>>());
+    let penetration =
+        |pairs: &[&ContactPair]| measure::penetration(&pairs.iter().copied().map(overlap).collect::<Vec<_>>());
     let (penetration, scenery) = (penetration(&rest), penetration(&scenery));
     BTreeMap::from([
         ("scenery_penetration_max_rel", (scenery.pairs > 0).then_some(scenery.max_rel)),
@@ -60,9 +60,9 @@ pub struct Cut {
 /// A body that reaches deeper into scenery than this, in its thickness, cuts it.
 const CUTS: f64 = 0.1;
 
-/// The bodies that cut scenery, piece by piece. `depth`: of a point in solid scenery that stands still, engine units; a
-/// body may be so deep that it meets no surface.
-pub fn cuts(world: &World, depth: impl Fn(DVec3) -> f64) -> Vec<Cut> {
+/// The bodies that cut scenery, piece by piece. `buried`: depth of a body in solid scenery that stands still, engine
+/// units: it may be so deep that it meets no surface.
+pub fn cuts(world: &World, buried: impl Fn(BodyId) -> f64) -> Vec<Cut> {
     let mut cuts = BTreeMap::<(bool, usize), Cut>::new();
     let mut add = |(moves, piece): (bool, usize), depth: f64| {
         let cut = cuts.entry((moves, piece)).or_insert(Cut { piece, moves, bodies: 0, depth: 0.0 });
@@ -71,7 +71,7 @@ pub fn cuts(world: &World, depth: impl Fn(DVec3) -> f64) -> Vec<Cut> {
     for id in world.present() {
         let thickness = world.bodies()[id].thickness;
         let met = world.scenery_overlaps(id);
-        let buried = depth(world.pose(id).translation);
+        let buried = buried(id);
         for &(piece, deep) in met.iter().filter(|met| met.1.max(buried) > CUTS * thickness) {
             add(piece, deep.max(buried));
         }

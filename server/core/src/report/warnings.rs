@@ -6,7 +6,7 @@ use crate::error::counted;
 use crate::measure::ShapeMeasures;
 use crate::prepare::check::FLOATING;
 use crate::prepare::container::Container;
-use crate::prepare::shape::Size;
+use crate::prepare::shape::{Size, corners};
 use crate::sim::guard;
 use crate::sim::step::Simulation;
 use crate::stages::fill::{Filled, Removed};
@@ -145,7 +145,14 @@ fn guard(sim: &Simulation) -> Vec<String> {
 pub fn cuts(inputs: &ReportInputs, sim: &Simulation) -> Vec<String> {
     let world = &sim.pile.world;
     let container = inputs.filled.map(|(container, _)| container);
-    let cuts = contacts::cuts(world, |p| container.map_or(0.0, |container| container.depth_in_scenery(p)));
+    let buried = |id: BodyId| {
+        let (Some(container), body) = (container.filter(|of| !of.scenery().is_empty()), &world.bodies()[id]) else {
+            return 0.0;
+        };
+        let (shape, size) = (&inputs.shapes[body.prop], body.scale / world.units.length);
+        corners(shape, size, &world.pose(id)).map(|p| container.depth_in_scenery(p)).fold(0.0, f64::max)
+    };
+    let cuts = contacts::cuts(world, buried);
     let cut = |cut: &Cut| {
         let mut of_kind = inputs.scene.statics.iter().filter(|model| model.keys.is_empty() != cut.moves);
         let name = of_kind.nth(cut.piece).map_or("the scenery", |model| &model.model.name);

@@ -93,13 +93,16 @@ impl DistanceGrid {
             if value > 0.0 || value <= -radius {
                 return value <= 0.0;
             }
-            let at = [i % self.size[0], i / self.size[0] % self.size[1], i / self.size[0] / self.size[1]].map(|n| n as i64);
+            let at =
+                [i % self.size[0], i / self.size[0] % self.size[1], i / self.size[0] / self.size[1]].map(|n| n as i64);
             let range = |k: usize| (at[k] - cells).max(0)..(at[k] + cells + 1).min(size[k]);
             // Half a cell more: the middle of the ball need not be a node.
             let reach = radius / self.spacing + 0.5;
             let is_near = |p: [i64; 3]| (0..3).map(|k| ((p[k] - at[k]) as f64).powi(2)).sum::<f64>() <= reach * reach;
             let half = self.spacing / 2.0;
-            range(2).any(|z| range(1).any(|y| range(0).any(|x| is_near([x, y, z]) && self.values[index([x, y, z])] <= half - radius)))
+            range(2).any(|z| {
+                range(1).any(|y| range(0).any(|x| is_near([x, y, z]) && self.values[index([x, y, z])] <= half - radius))
+            })
         };
         (0..self.values.len()).into_par_iter().map(is_reached).collect()
     }

@@ -38,7 +38,14 @@ const MOST: f64 = 0.5;
 const STEEP: f64 = 0.1;
 
 /// Looks at what carries the shape. `diameter`: d, m.
-pub fn of(scene: &Scene, params: &Params, control: &ClosedMesh, diameter: f64, shares: &[f64], sizes: &[Size]) -> Standing {
+pub fn of(
+    scene: &Scene,
+    params: &Params,
+    control: &ClosedMesh,
+    diameter: f64,
+    shares: &[f64],
+    sizes: &[Size],
+) -> Standing {
     if scene.statics.is_empty() || !scene.is_filled(params) {
         return Standing::default();
     }

@@ -71,7 +71,8 @@ impl World {
     /// The pieces of scenery that a body overlaps, each with the depth, engine units: whether it is one that moves, and
     /// its index among those, in the order in which they were added.
     pub fn scenery_overlaps(&self, a: BodyId) -> Vec<((bool, usize), f64)> {
-        let pieces = self.near(a, 0.0).into_iter().filter_map(|(side, handle)| Some((side, handle, self.piece(handle)?)));
+        let pieces =
+            self.near(a, 0.0).into_iter().filter_map(|(side, handle)| Some((side, handle, self.piece(handle)?)));
         let overlap = |(side, handle, piece): (PairSide, ColliderHandle, (bool, usize))| {
             let depth = self.pair(a, side, handle, 0.0)?.depth();
             (depth > 0.0).then_some((piece, depth))

@@ -26,6 +26,17 @@ impl Filling<'_> {
             .fold(0.0, f64::max)
     }
 
+    /// Depth of the deepest corner of a body in solid scenery, in its thickness.
+    fn depth_in_scenery(&self, id: BodyId) -> f64 {
+        let (placed, container) = (self.world.instance(id), self.task.container);
+        let (shape, size) = (&self.task.shapes[placed.prop], placed.scale / self.task.units.length);
+        if container.distance.signed_distance(placed.pose.translation) < -self.world.body(id).radius {
+            return 0.0;
+        }
+        let depths = corners(shape, size, &placed.pose).map(|p| container.depth_in_scenery(p));
+        depths.fold(0.0, f64::max) / self.world.body(id).thickness
+    }
+
     /// Takes out bodies from `first` on, which are equally new, until `limit` bodies are left: some from everywhere go.
     pub fn cut_to(&mut self, limit: usize, first: BodyId) {
         let beyond = self.world.loose().count().saturating_sub(limit);
@@ -87,7 +98,11 @@ impl Filling<'_> {
         if self.task.container.scenery().is_empty() {
             return 0;
         }
-        let cutting = self.world.cutting_scenery(limit);
+        let mut cutting = self.world.cutting_scenery(limit);
+        // The engine finds no contact where a long body has gone far through a face.
+        let deep = self.world.loose().filter(|id| !cutting.contains(id) && self.depth_in_scenery(*id) > limit);
+        let deep: Vec<BodyId> = deep.collect();
+        cutting.extend(deep);
         cutting.iter().for_each(|&id| self.world.remove(id));
         cutting.len()
     }

@@ -92,7 +92,7 @@ fn drop_batch(filling: &mut Filling, pass: &Pass, most: usize) -> Result<(), Err
         let depth = just_inside.max(OPENING_DEPTH * shape.thickness() * size);
         let opening = DVec3::new(at.x, container.base + depth, at.z);
         // The rim of the opening is a side of the collar: keep clear of it as far as the opening allows.
-        if container.distance.signed_distance(opening) > -shape.thickness() * size {
+        if container.shell().signed_distance(opening) > -shape.thickness() * size {
             continue;
         }
         let y = container.base - COLLAR + radius + share.y * (COLLAR - 2.0 * radius).max(0.0);
