@@ -171,6 +171,12 @@ fn slopes_that_are_too_steep_are_named_with_their_angle() {
     let is_slope = |text: &&String| text.contains("slopes that friction does not hold, of 41 degrees on slope");
     assert!(slope(41.0).iter().any(|text| is_slope(&text)), "{:?}", slope(41.0));
     assert!(!slope(20.0).iter().any(|text| text.contains("slopes")), "{:?}", slope(20.0));
+    // The steep sides of a funnel hold a pile.
+    let mut funnel = ring(1.0, 0.0, 1.2, true);
+    funnel.points.iter_mut().take(ANGLES as usize).for_each(|p| *p *= DVec3::new(0.05, 1.0, 0.05));
+    let scene = bricks(vec![piece("funnel", funnel)]);
+    let warnings = checked(&scene, &draft(FillMethod::Insert)).warnings;
+    assert!(!warnings.iter().any(|text| text.contains("slopes")), "{warnings:?}");
 }
 
 /// A shape in the air starts there and falls, and that is said.

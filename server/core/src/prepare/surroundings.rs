@@ -39,8 +39,8 @@ struct Source {
     /// Index of the piece in the scene's `statics`.
     piece: u32,
     is_sheet: bool,
-    /// Its normal's share along Y, whichever side it faces.
-    upright: f64,
+    /// Its unit normal on its upper side.
+    up: DVec3,
 }
 
 /// A stretch of a vertical line between scenery.
@@ -59,8 +59,8 @@ pub struct Carrier {
     pub height: f64,
     /// Index into the scene's `statics`.
     pub piece: usize,
-    /// Angle of its surface to the horizontal, radians.
-    pub slope: f64,
+    /// Unit normal of its surface, upward.
+    pub up: DVec3,
 }
 
 /// Scenery farther beside the shape than this, in the shape's largest edge, is left out.
@@ -125,12 +125,16 @@ impl Surroundings {
                         continue;
                     }
                     let [a, b, c] = corners;
-                    let upright = (b - a).cross(c - a).normalize_or_zero().y.abs();
+                    let normal = (b - a).cross(c - a).normalize_or_zero();
                     if is_sheet {
                         sheets.push((sheets.len() as u32, corners));
                     }
                     all.push((triangles.len() as u32, corners));
-                    triangles.push(Source { piece: piece as u32, is_sheet, upright });
+                    triangles.push(Source {
+                        piece: piece as u32,
+                        is_sheet,
+                        up: if normal.y < 0.0 { -normal } else { normal },
+                    });
                 }
             }
         }
@@ -269,7 +273,7 @@ impl Surroundings {
         let (x, z) = self.aside(p);
         let (height, name) = self.all.column(x, z).into_iter().rfind(|(y, _)| *y <= p.y)?;
         let source = self.triangles[name as usize];
-        Some(Carrier { height, piece: source.piece as usize, slope: libm::acos(source.upright.min(1.0)) })
+        Some(Carrier { height, piece: source.piece as usize, up: source.up })
     }
 
     /// Lowest point of a piece and of what it is joined to, m.

@@ -36,6 +36,8 @@ const LOWEST: f64 = 0.5;
 const MOST: f64 = 0.5;
 /// The user is warned if more than this share of the foot is too steep.
 const STEEP: f64 = 0.1;
+/// Slopes face one way if their mean direction downhill, as a vector, is at least this long.
+const ONE_WAY: f64 = 0.5;
 
 /// Looks at what carries the shape. `diameter`: d, m.
 pub fn of(
@@ -120,11 +122,13 @@ fn floats(scene: &Scene, columns: &[Column], ground: Option<f64>, most: f64) -> 
     ))
 }
 
-/// A foot that slides: on slopes that friction does not hold. `most`: what is this near below, m, carries.
+/// A foot that slides: on slopes that friction does not hold, and that do not face each other as those of a bowl do.
+/// `most`: what is this near below, m, carries.
 fn steep(scene: &Scene, columns: &[Column], ground: Option<f64>, most: f64, shares: &[f64]) -> Option<String> {
     let all: f64 = shares.iter().sum();
     let own = scene.props.iter().zip(shares).map(|(prop, share)| prop.friction * share / all).sum::<f64>();
     let mut slides = BTreeMap::<usize, Vec<f64>>::new();
+    let mut downhill = DVec3::ZERO;
     let mut touching = 0;
     for column in columns {
         let carrier = column.carrier.filter(|carrier| column.foot - carrier.height <= most);
@@ -134,12 +138,14 @@ fn steep(scene: &Scene, columns: &[Column], ground: Option<f64>, most: f64, shar
             continue;
         };
         let friction = (own + scene.statics[carrier.piece].friction) / 2.0;
-        if libm::tan(carrier.slope) > friction {
-            slides.entry(carrier.piece).or_default().push(carrier.slope);
+        let slope = libm::acos(carrier.up.y.min(1.0));
+        if libm::tan(slope) > friction {
+            slides.entry(carrier.piece).or_default().push(slope);
+            downhill += carrier.up.with_y(0.0).normalize_or_zero();
         }
     }
     let sliding: usize = slides.values().map(Vec::len).sum();
-    if sliding as f64 <= STEEP * touching as f64 {
+    if sliding as f64 <= STEEP * touching as f64 || downhill.length() < ONE_WAY * sliding as f64 {
         return None;
     }
     let (&piece, slopes) = slides.iter().max_by_key(|(_, slopes)| slopes.len())?;
