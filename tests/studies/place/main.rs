@@ -66,7 +66,8 @@ impl Observer for Clock {
     }
 }
 
-const HEADER: &str = "| # | scene | method, accuracy, seed | bodies | cut / deepest | lost | fill of the room / void | kept / void | IoU | CPU s / void |\n|---|---|---|---|---|---|---|---|---|---|";
+const HEADER: &str = "| # | scene | method, accuracy, seed | bodies | cut / deepest | lost | fill of the room / void | \
+ kept / void | IoU | CPU s / void |\n|---|---|---|---|---|---|---|---|---|---|";
 const METHODS: [FillMethod; 3] = [FillMethod::Insert, FillMethod::Stack, FillMethod::Pour];
 const ACCURACIES: [Accuracy; 4] = [Accuracy::Draft, Accuracy::Preview, Accuracy::Standard, Accuracy::Fine];
 
@@ -139,7 +140,8 @@ fn main() -> anyhow::Result<()> {
             poor += usize::from(fill < 0.9 * void_fill);
             slow += usize::from(cpu > 1.3 * free_cpu);
             write(&format!(
-                "| {number} | {} | {what} | {} | {} / {:.2} | {} | {fill:.3} / {void_fill:.3} | {kept:.3} / {void_kept:.3} | {:.3} | {cpu:.1} / {free_cpu:.1} |",
+                "| {number} | {} | {what} | {} | {} / {:.2} | {} | {fill:.3} / {void_fill:.3} | \
+                 {kept:.3} / {void_kept:.3} | {:.3} | {cpu:.1} / {free_cpu:.1} |",
                 case.name,
                 with.pile.bodies.len(),
                 judged.cut,
@@ -159,7 +161,8 @@ fn main() -> anyhow::Result<()> {
         }
     }
     write(&format!(
-        "\n{all} bakes: {cut} bodies cut scenery, {lost} lost, {poor} fill less than 0.9 of the void, {slow} took more than 1.3 times the CPU time, {failed} failed"
+        "\n{all} bakes: {cut} bodies cut scenery, {lost} lost, {poor} fill less than 0.9 of the void, {slow} took more \
+         than 1.3 times the CPU time, {failed} failed"
     ))
 }
 
