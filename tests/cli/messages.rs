@@ -102,13 +102,14 @@ fn each_message_has_the_cause_that_it_names() {
 }
 
 /// Files whose sentences are messages of the table.
-const WRITERS: [&str; 15] = [
+const WRITERS: [&str; 16] = [
     "server/core/src/geometry/topology/holes.rs",
     "server/core/src/geometry/topology/repair.rs",
     "server/core/src/measure/mod.rs",
     "server/core/src/prepare/check.rs",
     "server/core/src/prepare/check/added.rs",
     "server/core/src/prepare/check/shell.rs",
+    "server/core/src/prepare/check/standing.rs",
     "server/core/src/prepare/extremes.rs",
     "server/core/src/prepare/plan.rs",
     "server/core/src/report/glue.rs",

@@ -5,7 +5,6 @@ use crate::input::observer::Stage;
 use crate::input::params::{Accuracy, Params};
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
-use crate::prepare::container::core::Core;
 use crate::prepare::effects::{Effect, EffectName, Resolved};
 use crate::prepare::packing::{Room, expected_bodies};
 
@@ -67,15 +66,14 @@ pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedSce
     let filled = checked.filled(scene, params);
     let usual = Params::new(Accuracy::Standard).fill.full_below;
     let full = 1.0 - MISSING * (params.fill.full_below - usual).max(0.0);
-    filled.map_or(0, |control| {
-        expected_bodies(scene, &checked.sizes, &room(control, checked.core.as_ref()), &params.fill, full)
-    })
+    filled.map_or(0, |control| expected_bodies(scene, &checked.sizes, &room(control, checked), &params.fill, full))
 }
 
 /// The room that is to be filled.
-pub(crate) fn room(control: &ClosedMesh, core: Option<&Core>) -> Room {
-    let (volume, area) = core.map_or((0.0, 0.0), |core| (core.volume, core.area));
-    Room { volume: control.volume - volume, area: control.topology.area + area }
+pub(crate) fn room(control: &ClosedMesh, checked: &CheckedScene) -> Room {
+    let (volume, area) = checked.core.as_ref().map_or((0.0, 0.0), |core| (core.volume, core.area));
+    let (left, bounded) = checked.room_shares();
+    Room { volume: left * (control.volume - volume), area: bounded * (control.topology.area + area) }
 }
 
 /// Steps of release and hold, as far as they can be predicted.

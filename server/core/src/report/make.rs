@@ -79,6 +79,7 @@ pub fn report(
         measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
     }
     notes.extend(warnings::end(sim, inputs.held, &measures));
+    notes.extend(warnings::cuts(inputs, sim));
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);
     let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
     let mut counts = counts::counts(inputs, sim, freed_steps);

@@ -1,11 +1,12 @@
 //! The warnings of a report: removed bodies, empty places, bodies not at rest.
 
+use super::contacts::{self, Cut};
 use super::inputs::{NamedFigures, ReportInputs};
 use crate::error::counted;
 use crate::measure::ShapeMeasures;
 use crate::prepare::check::FLOATING;
 use crate::prepare::container::Container;
-use crate::prepare::shape::Size;
+use crate::prepare::shape::{Size, corners};
 use crate::sim::guard;
 use crate::sim::step::Simulation;
 use crate::stages::fill::{Filled, Removed};
@@ -30,10 +31,13 @@ pub fn container(inputs: &ReportInputs, container: &Container, filled: &Filled) 
             inputs.scene.control.as_ref().map_or("", |model| &model.name)
         ));
     }
-    let Removed { sticking_out, overlapping, escaped } = filled.removed;
-    for (count, why) in
-        [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")]
-    {
+    let Removed { sticking_out, overlapping, escaped, cutting } = filled.removed;
+    for (count, why) in [
+        (sticking_out, "stuck out"),
+        (overlapping, "overlapped another"),
+        (escaped, "left the container"),
+        (cutting, "reached into scenery"),
+    ] {
         if count > 0 {
             let were = if count == 1 { "was" } else { "were" };
             warnings.push(format!("{} that {why} {were} removed after the fill", bodies(count)));
@@ -76,8 +80,8 @@ pub fn fill(inputs: &ReportInputs, container: &Container, filled: &Filled, first
 
 /// Why little of the control mesh is filled, and what helps. `left`: bodies that were not removed.
 fn poor_fill(removed: &Removed, left: usize, protrusion: f64, crowding: f64) -> String {
-    let Removed { sticking_out, overlapping, escaped } = *removed;
-    let all = sticking_out + overlapping + escaped;
+    let Removed { sticking_out, overlapping, escaped, cutting } = *removed;
+    let all = sticking_out + overlapping + escaped + cutting;
     if all > left {
         let remedy = if sticking_out >= overlapping.max(escaped) {
             format!("raise fill.protrusion (it is {protrusion})")
@@ -137,6 +141,31 @@ fn guard(sim: &Simulation) -> Vec<String> {
     warnings
 }
 
+/// Warnings about bodies that cut scenery in the end.
+pub fn cuts(inputs: &ReportInputs, sim: &Simulation) -> Vec<String> {
+    let world = &sim.pile.world;
+    let container = inputs.filled.map(|(container, _)| container);
+    let buried = |id: BodyId| {
+        let (Some(container), body) = (container.filter(|of| !of.scenery().is_empty()), &world.bodies()[id]) else {
+            return 0.0;
+        };
+        let (shape, size) = (&inputs.shapes[body.prop], body.scale / world.units.length);
+        corners(shape, size, &world.pose(id)).map(|p| container.depth_in_scenery(p)).fold(0.0, f64::max)
+    };
+    let cuts = contacts::cuts(world, buried);
+    let cut = |cut: &Cut| {
+        let mut of_kind = inputs.scene.statics.iter().filter(|model| model.keys.is_empty() != cut.moves);
+        let name = of_kind.nth(cut.piece).map_or("the scenery", |model| &model.model.name);
+        let body = counted(cut.bodies, "body cuts", "bodies cut");
+        let remedy = match cut.moves {
+            true => "move it more slowly, or give it more thickness",
+            false => "use more accuracy, or smaller props, or give the scenery more thickness",
+        };
+        format!("{body} {name}, by up to {:.4} m; {remedy}", cut.depth * world.units.length)
+    };
+    cuts.iter().map(cut).collect()
+}
+
 /// Warnings about the end of the bake.
 pub fn end(sim: &Simulation, held: HoldOutcome, measures: &NamedFigures) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -170,8 +199,8 @@ mod tests {
     #[test]
     fn a_poor_fill_has_the_cause_that_it_has() {
         let none = Removed::default();
-        let out = Removed { sticking_out: 90, overlapping: 3, escaped: 1 };
-        let deep = Removed { sticking_out: 3, overlapping: 90, escaped: 1 };
+        let out = Removed { sticking_out: 90, overlapping: 3, escaped: 1, cutting: 0 };
+        let deep = Removed { sticking_out: 3, overlapping: 90, escaped: 1, cutting: 0 };
         for (removed, left, crowding, words) in [
             (none, 50, 2.0, "its parts are narrow for these props"),
             (none, 50, 0.5, "a lower fill.full_below goes on for longer"),
