@@ -67,7 +67,9 @@ impl Job {
             from_proto::params_and_problems(&proto::Scene { accuracy, ..scene.clone() }).0
         });
         let ladder = ladder.collect();
+        let given = scene;
         let scene = Scene { control, region, props: prop_models, statics: static_models, bodies, emitters };
+        reader.notes.extend(super::idle::notes(given, &effective, &params, scene.is_filled(&params)));
         if !reader.problems.is_empty() {
             reader.check_values(&scene, &params);
             return Err(Refused { problems: reader.problems, notes: reader.notes });
