@@ -45,6 +45,8 @@ pub mod prepare;
 pub mod report;
 pub mod sim;
 pub mod stages;
+#[cfg(test)]
+mod testing;
 pub mod world;
 
 pub use error::Error;

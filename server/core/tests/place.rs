@@ -269,3 +269,67 @@ fn a_bowl_keeps_what_it_is_filled_with() {
         assert!(done.pile.bodies.len() > 20, "seed {seed}: {} bodies", done.pile.bodies.len());
     }
 }
+
+/// What is said about scenery, on its cause alone.
+#[test]
+fn each_warning_about_scenery_has_its_cause() {
+    let params = draft(FillMethod::Insert);
+    let slope = |angle: f64| {
+        let turn = DQuat::from_rotation_z(f64::to_radians(angle));
+        let mesh = TriMesh { points: sheet(3.0, 0.0).points.iter().map(|&p| turn * p).collect(), ..sheet(3.0, 0.0) };
+        checked(&bricks(vec![piece("slope", mesh)]), &params).warnings
+    };
+    let beside = |ground: bool| {
+        let table = piece("table", at(block(DVec3::splat(0.3)), DVec3::X * 0.6));
+        checked(&bricks(vec![table]), &Params { ground, ..params.clone() }).warnings
+    };
+    let table = piece("table", at(block(DVec3::splat(1.0)), DVec3::Y * -1.0));
+    let cut = |keys: Vec<Keyframe>| {
+        let pole = StaticModel { keys, ..piece("pole", at(common::disc(0.1, 1.0), DVec3::Y * 0.3)) };
+        let filled =
+            cairn_core::fill_container(&bricks(vec![]), &params, &mut cairn_core::stages::cache::NoCache, &mut Silent)
+                .unwrap();
+        let bake = cairn_core::release_pile(&bricks(vec![pole]), &params, &filled, &mut Silent).unwrap();
+        bake.measured(&mut Silent).unwrap().report.warnings
+    };
+    let key = |time: f64| Keyframe { time, pose: Pose { translation: DVec3::ZERO, rotation: DQuat::IDENTITY } };
+    let holds = |piece: StaticModel| inside(&piece, &params.fill, &bricks(vec![]).props).err().into_iter().collect();
+    let bowl = piece("bowl", ring(0.3, 0.0, 0.2, true));
+    let cases: [(&str, Vec<String>, &str); 9] = [
+        ("when a slope is too steep", slope(41.0), "% of its foot is on slopes that friction does not hold, of "),
+        ("when a slope holds", slope(20.0), "-"),
+        (
+            "when it is above a table",
+            checked(&bricks(vec![table]), &params).warnings,
+            "it touches nothing: the pile starts there and falls ",
+        ),
+        (
+            "when nothing is below it",
+            beside(false),
+            "nothing is below it: the pile starts there, and falls past the scenery",
+        ),
+        ("when the ground is below it", beside(true), "-"),
+        (
+            "when bodies are in scenery",
+            cut(vec![]),
+            "use more accuracy, or smaller props, or give the scenery more thickness",
+        ),
+        (
+            "when scenery moves into bodies",
+            cut(vec![key(5.0), key(6.0)]),
+            "move it more slowly, or give it more thickness",
+        ),
+        (
+            "when a container is flat",
+            holds(piece("plate", sheet(0.3, 0.0))),
+            "holds nothing: water would run off everywhere",
+        ),
+        ("when a container is a bowl", holds(bowl), "-"),
+    ];
+    for (case, said, words) in &cases {
+        let has = |words: &str| said.iter().any(|text| text.contains(words));
+        assert!(*words == "-" || has(words), "{case}: {said:?}");
+        let others = cases.iter().map(|(_, _, other)| *other).filter(|other| other != words && *other != "-");
+        others.for_each(|other| assert!(!has(other), "{case}: {said:?}"));
+    }
+}

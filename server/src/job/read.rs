@@ -72,7 +72,9 @@ impl Job {
             Some(name) => reader.inside(name, control, &effective.statics, &static_models, (&prop_models, &params)),
             None => control,
         };
+        let given = scene;
         let scene = Scene { control, region, props: prop_models, statics: static_models, bodies, emitters };
+        reader.notes.extend(super::idle::notes(given, &effective, &params, scene.is_filled(&params)));
         if !reader.problems.is_empty() {
             reader.check_values(&scene, &params);
             return Err(Refused { problems: reader.problems, notes: reader.notes });

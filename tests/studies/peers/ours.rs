@@ -121,7 +121,7 @@ fn at_random(full: &Full, scene: &PeerScene, params: &Params) -> anyhow::Result<
     let dots = glue::joints(&sites, &placement, false, 0.0, 1.0);
     sim.pile.glue = PileGlue::new(dots, false, &mut sim.pile.world, &mut sim.pile.policy);
     let begin = ProcessTime::now();
-    release::run(&mut sim, params, params.release.order, false, &mut Cpu)?;
+    release::run(&mut sim, params, params.release.order, false, &|_| 0.0, &mut Cpu)?;
     hold::run(&mut sim, params, false, &mut Cpu)?;
     let world = &sim.pile.world;
     let poses = (0..world.bodies().len()).map(|id| world.units.pose_to_si(&world.pose(id)));

@@ -4,6 +4,8 @@ mod added;
 mod narrow;
 mod shell;
 mod standing;
+#[cfg(test)]
+mod tests;
 
 use crate::error::{SceneProblem, counted};
 use crate::geometry::ClosedMesh;
@@ -317,6 +319,7 @@ fn prop_mesh(
         ));
     }
     let filled = scene.control.as_ref().filter(|_| scene.is_filled(params) && prop.weight != 0.0);
+    let filled = filled.filter(|model| !model.mesh.triangles.is_empty());
     let Some((lo, hi)) = filled.map(|model| model.mesh.bounds()) else { return Ok(()) };
     let mut room = (hi - lo).to_array();
     room.sort_by(f64::total_cmp);

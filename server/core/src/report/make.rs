@@ -53,7 +53,7 @@ pub fn report(
     }
     if let Some(glued) = inputs.glued {
         measures.extend(glue::figures(glued, sim));
-        notes.extend(glue::warnings(inputs, glued));
+        notes.extend(glue::warnings(glued, inputs.plan.prop_diameter, inputs.resolved.glue_bound));
         own.glue_proof = glued.proof_seconds;
     }
     observe(observer, &inputs.progress(0.8))?;
