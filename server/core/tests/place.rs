@@ -289,11 +289,13 @@ fn each_warning_about_scenery_has_its_cause() {
         let filled =
             cairn_core::fill_container(&bricks(vec![]), &params, &mut cairn_core::stages::cache::NoCache, &mut Silent)
                 .unwrap();
-        let bake = cairn_core::release_pile(&bricks(vec![pole]), &params, &filled, &mut Silent).unwrap();
+        let scene = bricks(vec![pole]);
+        let bake = cairn_core::release_pile(&scene, &params, &filled, &mut Silent).unwrap();
         bake.measured(&mut Silent).unwrap().report.warnings
     };
     let key = |time: f64| Keyframe { time, pose: Pose { translation: DVec3::ZERO, rotation: DQuat::IDENTITY } };
-    let holds = |piece: StaticModel| inside(&piece, &params.fill, &bricks(vec![]).props).err().into_iter().collect();
+    let props = [Prop::new(Model::new("cube", block(DVec3::splat(0.06))))];
+    let holds = |piece: StaticModel| inside(&piece, &params.fill, &props).err().into_iter().collect();
     let bowl = piece("bowl", ring(0.3, 0.0, 0.2, true));
     let cases: [(&str, Vec<String>, &str); 9] = [
         ("when a slope is too steep", slope(41.0), "% of its foot is on slopes that friction does not hold, of "),

@@ -79,7 +79,7 @@ pub fn chain(engine: Engine, _: Extent) -> Outcome {
     let spacing = 2.0 * (ROUND - THICK) * 0.99;
     let link = |k: usize| Pose {
         translation: DVec3::Y * (1.0 - spacing * k as f64),
-        rotation: DQuat::from_rotation_y(if k % 2 == 0 { 0.0 } else { FRAC_PI_2 }),
+        rotation: DQuat::from_rotation_y(if k.is_multiple_of(2) { 0.0 } else { FRAC_PI_2 }),
     };
     let mesh = ring(ROUND, THICK);
     let mut scene = placed(prop("link", mesh.clone(), 0.5), (1..=LINKS).map(link));

@@ -1,4 +1,5 @@
-//! The warnings of a report: removed bodies, empty places, bodies not at rest.
+//! The warnings of a report: removed bodies, empty places, bodies not at rest. Long: its tests hold each against its
+//! cause and what looks alike.
 
 use super::contacts::{self, Cut};
 use super::inputs::{NamedFigures, ReportInputs};

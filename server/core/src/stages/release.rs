@@ -42,8 +42,8 @@ pub fn run(
     Ok(())
 }
 
-/// Waiting bodies by the height of their centre of mass above what carries the pile there, in slices of `thickness` from the lowest on; empty slices are
-/// left out.
+/// Waiting bodies by the height of their centre of mass above what carries the pile there, in slices of `thickness`
+/// from the lowest on; empty slices are left out.
 fn layers(world: &World, thickness: f64, order: ReleaseOrder, support: &dyn Fn(DVec3) -> f64) -> Vec<Vec<BodyId>> {
     let height = |id: BodyId| {
         let place = world.pose(id).translation;

@@ -74,8 +74,8 @@ impl FillWorld {
         self.removed += self.world.step().len();
     }
 
-    /// Adds an enclosure without friction, and its scenery, in the engine's order behind places for this number of bodies. See
-    /// [`World::add_behind`].
+    /// Adds an enclosure without friction, and its scenery, in the engine's order behind places for this number of
+    /// bodies. See [`World::add_behind`].
     pub fn enclose(&mut self, bodies: usize, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
         self.world
             .add_behind(bodies, |world| {
